@@ -166,6 +166,10 @@ class Table:
             yield Text(self.note, style="dim")
 
 
+class Verbatim(str):
+    """A line that a person may copy: it is shown whole, at any width."""
+
+
 class Shown:
     """A result that prints as its `parts`, tables and sentences, in a terminal and in a notebook."""
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,13 +11,20 @@ from typing import Any
 import numpy as np
 
 from tulip_testbed.base.errors import MOST_LISTED, InputError, listed, shortened, warn
-from tulip_testbed.base.table import Shown, Table
+from tulip_testbed.base.result import Result
+from tulip_testbed.base.table import Table
 from tulip_testbed.calibration.families import check_tolerances
 from tulip_testbed.calibration.usual_changes import usual_changes
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.removal import without
 from tulip_testbed.experiments.example import example_manifest, example_row
-from tulip_testbed.experiments.preflight_tables import advice_table, complaint_lines, finding_table
+from tulip_testbed.experiments.preflight_tables import (
+    advice_table,
+    complaint_lines,
+    counts_line,
+    finding_table,
+    skipped_lines,
+)
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.preflight import RESULTS, Finding, preflight, worst_of
 from tulip_testbed.identification.preflight.plate_checks import plate_poses
@@ -32,24 +38,53 @@ from tulip_testbed.sim.robot import Robot
 UNREADABLE = "could not read"
 
 
-@dataclass(frozen=True, repr=False)
-class Preflight(Shown):
-    """The result of a preflight as its JSON document: verdict, counts and every check."""
+@dataclass(frozen=True)
+class Complaints:
+    """What is missing or wrong in a folder that cannot be read."""
 
-    document: dict[str, Any]
+    manifest: tuple[str, ...]
+    table: tuple[str, ...]
+
+
+@dataclass(frozen=True, repr=False)
+class Preflight(Result):
+    """The result of a preflight.
+
+    Attributes:
+        verdict: "pass", "warn", "fail" or "could not read".
+        robot: model file of the nominal robot. postures, rows, placements: how many there are.
+        counts: of checks by their result. checks: all of them.
+        complaints: of a folder that could not be read; then there are no checks, but examples of a manifest
+            and of a row of the table.
+    """
+
+    verdict: str
+    robot: str
+    postures: int = 0
+    rows: int = 0
+    placements: int = 0
+    counts: dict[str, int] = field(default_factory=dict)
+    checks: tuple[Finding, ...] = ()
+    complaints: Complaints | None = None
+    example_manifest: dict[str, Any] | None = None
+    example_row: dict[str, float] | None = None
 
     @property
-    def verdict(self) -> str:
-        """ "pass", "warn", "fail" or "could not read"."""
-        return self.document["verdict"]
+    def exit_code(self) -> int:
+        """Return 0 for a pass, perhaps with warnings, 1 for a failed check, 2 for an unreadable folder."""
+        return {UNREADABLE: 2, "fail": 1}.get(self.verdict, 0)
 
-    def parts(self) -> list[Table | str]:
+    def tables(self) -> list[Table | str]:
         """Return the checks and what to do about them; of a folder that cannot be read what it lacks."""
-        if self.verdict == UNREADABLE:
-            return list(complaint_lines(self.document))
-        checks = self.document["checks"]
-        advice = advice_table(checks)
-        return [finding_table(checks), *([advice] if advice.rows else []), f"Verdict: {self.verdict}"]
+        if self.complaints is not None:
+            found, manifest, row = self.complaints, self.example_manifest or {}, self.example_row or {}
+            return list(complaint_lines(found.manifest, found.table, manifest, row))
+        parts: list[Table | str] = [finding_table(self.checks)]
+        if (advice := advice_table(self.checks)).rows:
+            parts.append(advice)
+        parts += skipped_lines(self.checks)
+        parts.append(f"{self.rows} rows of {self.postures} postures on {self.placements} placements.")
+        return [*parts, f"Verdict: {self.verdict} ({counts_line(self.counts)})"]
 
 
 def check_folder(folder: Path, robot: Robot, corrections: Sequence[EffectInstance] = ()) -> Preflight:
@@ -70,12 +105,11 @@ def check_folder(folder: Path, robot: Robot, corrections: Sequence[EffectInstanc
     wrong["manifest"] += _wrong_tolerances(folder)
     if any(wrong.values()):
         return Preflight(
-            {
-                "verdict": UNREADABLE,
-                "complaints": wrong,
-                "example_manifest": example_manifest(robot),
-                "example_row": example_row(robot),
-            }
+            UNREADABLE,
+            robot.model_file.name,
+            complaints=Complaints(tuple(wrong["manifest"]), tuple(wrong["table"])),
+            example_manifest=example_manifest(robot),
+            example_row=example_row(robot),
         )
     measurements = read_measurements(folder, likely=False)
     return check_measurements(measurements, robot, corrections, read_series(folder), str(folder))
@@ -101,19 +135,14 @@ def check_measurements(
     nominal = nominal_robot(robot)
     if not corrections:
         findings = preflight(measurements, nominal, series, partial(usual_changes, measurements, nominal))
-        return Preflight(findings_document(measurements, nominal, findings))
+        return preflight_of(measurements, nominal, findings)
     check_robot(nominal.parameters, measurements, robot, source)
     corrected, _ = without(measurements, nominal, corrections)
     findings = preflight(corrected, nominal, series, partial(usual_changes, corrected, nominal))
     # Of the records of the plates: corrected ones hold what moves the centre of pressure otherwise.
     recorded = plate_poses(measurements)
-    return Preflight(
-        findings_document(
-            corrected,
-            nominal,
-            [recorded if finding.name == recorded.name else finding for finding in findings],
-        )
-    )
+    findings = [recorded if finding.name == recorded.name else finding for finding in findings]
+    return preflight_of(corrected, nominal, findings)
 
 
 def _wrong_tolerances(folder: Path) -> list[str]:
@@ -181,16 +210,15 @@ def _refuse_other_robot(folder: Path, nominal: Nominal) -> None:
         )
 
 
-def findings_document(
-    measurements: Measurements, nominal: Nominal, findings: list[Finding]
-) -> dict[str, Any]:
+def preflight_of(measurements: Measurements, nominal: Nominal, findings: Sequence[Finding]) -> Preflight:
+    """Summarise the findings of a preflight."""
     results = [finding.result for finding in findings]
-    return {
-        "verdict": worst_of([result for result in results if result != "not evaluated"]),
-        "robot": nominal.robot.model_file.name,
-        "postures": len(np.unique(measurements.posture)),
-        "rows": len(measurements),
-        "placements": len(np.unique(measurements.placement)),
-        "counts": {result: results.count(result) for result in RESULTS},
-        "checks": [dataclasses.asdict(finding) for finding in findings],
-    }
+    return Preflight(
+        verdict=worst_of([result for result in results if result != "not evaluated"]),
+        robot=nominal.robot.model_file.name,
+        postures=len(np.unique(measurements.posture)),
+        rows=len(measurements),
+        placements=len(np.unique(measurements.placement)),
+        counts={result: results.count(result) for result in RESULTS},
+        checks=tuple(findings),
+    )

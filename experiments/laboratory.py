@@ -27,6 +27,7 @@ from tulip_testbed.effects.instance import (
     several,
 )
 from tulip_testbed.effects.true_robot import true_base_parameters, true_model
+from tulip_testbed.experiments.defaults import DEFAULT_SEED
 from tulip_testbed.identification.base_parameters import (
     BaseParameters,
     base_parameters,
@@ -46,7 +47,6 @@ from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
 
 ENGINES = ("dynamics", "statics")
-DEFAULT_SEED = 1
 
 
 @dataclass(frozen=True)

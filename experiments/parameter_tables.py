@@ -191,46 +191,6 @@ def standard_table(model: str, links: list[dict[str, Any]], visible: str) -> Tab
     return Table("Masses and centres of mass of the links", tuple(columns), rows, note)
 
 
-def robot_finding_table(rows: list[dict[str, str]]) -> Table:
-    """Return what a robot lacks for the laboratory, as `tulip model` has it in its JSON."""
-    columns = (Column("about"), Column("found"), Column("what goes wrong"), Column("what is done"))
-    names = ("name", "found", "consequence", "assumed")
-    return Table(
-        "Items that this robot lacks for the laboratory", columns, [[r[n] for n in names] for r in rows]
-    )
-
-
-def nominal_link_table(rows: list[dict[str, Any]]) -> Table:
-    """Return the standard parameters of the links, as `tulip model` has them in its JSON."""
-    columns = (
-        Column("link"),
-        Column("mass", "kg", ".3f"),
-        *(Column(f"m c_{axis}", "kg m", ".4f") for axis in "xyz"),
-    )
-    names = ("link", "mass", "mcx", "mcy", "mcz")
-    return Table("Standard parameters (eq. 5)", columns, [[row[name] for name in names] for row in rows])
-
-
-def nominal_base_table(rows: list[dict[str, Any]], mass: float) -> Table:
-    """Return the base parameters and what they are of, as `tulip model` has them in its JSON.
-
-    Args:
-        mass: total mass [kg].
-    """
-    columns = (
-        Column("no.", format="d"),
-        Column("parameter"),
-        _millimetres("value"),
-        Column("terms", format="d"),
-        Column("largest term"),
-        Column("sum of"),
-    )
-    names = ("number", "name", "value", "terms", "largest", "meaning")
-    lines = [[row[name] for name in names] for row in rows]
-    note = "A base parameter is the sum over the total mass; --json holds every term."
-    return Table(f"Base parameters; the total mass is {mass:.3f} kg", columns, lines, note)
-
-
 def weak_directions(estimate: Estimate, parameters: BaseParameters) -> str:
     """Describe which parameters the postures hardly distinguish: those with an error beyond the longest link.
 

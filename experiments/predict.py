@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
@@ -12,7 +11,8 @@ from scipy.optimize import minimize
 from tulip_testbed.base.column import Column
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.numbers import number
-from tulip_testbed.base.table import Shown, Table
+from tulip_testbed.base.result import Result
+from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.posture_splits import Split, by_blocks, by_halves, clusters, stated
 from tulip_testbed.experiments.prediction_problem import SMALLEST, Problem, problem_of
 from tulip_testbed.identification.base_parameters import (
@@ -37,89 +37,76 @@ RANK = 1e-9  # of the largest singular value
 
 
 @dataclass(frozen=True)
+class Axes:
+    """A value in x and one in y [mm]."""
+
+    x: float
+    y: float
+
+
+@dataclass(frozen=True)
 class Score:
     """How well a model predicts.
 
     Attributes:
         name: of the model. split: see `Split`.
-        rms: of the residuals in x and y, (2,) [m]. interval: 95 %, by blocks, (2, 2) [m]: low and high by
-            axis; None with too few blocks.
+        rms_mm: of the residuals [mm].
+        low95, high95: their 95 % interval, by blocks [mm]; None: too few blocks.
         beats_cad: whether the mean squared residual is less than that of CAD; None: undecided.
     """
 
     name: str
     split: str
-    rms: np.ndarray
-    interval: np.ndarray | None
+    rms_mm: Axes
+    low95: Axes | None
+    high95: Axes | None
     beats_cad: bool | None
 
-    def plain(self) -> dict[str, Any]:
-        """Return the JSON object."""
-        low, high = (None, None) if self.interval is None else (_axes(end) for end in self.interval)
-        return {
-            "name": self.name,
-            "split": self.split,
-            "rms_mm": _axes(self.rms),
-            "low95": low,
-            "high95": high,
-            "beats_cad": self.beats_cad,
-        }
 
-
-def _axes(values: np.ndarray) -> dict[str, float]:
-    return {axis: round(1e3 * float(value), 4) for axis, value in zip("xy", values, strict=True)}
+def _axes(values: np.ndarray) -> Axes:
+    """Return lengths [m] in millimetres."""
+    x, y = (round(1e3 * float(value), 4) for value in values)
+    return Axes(x, y)
 
 
 @dataclass(frozen=True, repr=False)
-class Prediction(Shown):
+class Prediction(Result):
     """How well the models predict postures that took no part.
 
     Attributes:
-        scores: of every model and split.
+        models: scores of every model and split.
         beats_cad: whether the identified model beats CAD on the first split; None: undecided or not possible.
         notes: what could not be done and why, and how the prior was weighed.
     """
 
-    scores: tuple[Score, ...]
+    models: tuple[Score, ...]
     beats_cad: bool | None
     notes: tuple[str, ...]
-
-    def plain(self) -> dict[str, Any]:
-        """Return the JSON document."""
-        models = [score.plain() for score in self.scores]
-        return {"models": models, "beats_cad": self.beats_cad, "notes": list(self.notes)}
 
     @property
     def verdict(self) -> str:
         """Return the answer in a sentence."""
         if self.beats_cad is None:
-            known = any(score.name == IDENTIFIED for score in self.scores)
+            known = any(score.name == IDENTIFIED for score in self.models)
             why = "these postures do not decide it" if known else "there is no identified model"
             return f"Identified beats CAD: undecided; {why}."
         if self.beats_cad:
             return "Identified beats CAD: yes."
         return "Identified beats CAD: no, the CAD masses predict better."
 
-    def parts(self) -> list[Table | str]:
-        """Return the scores, the verdict and the notes."""
+    def tables(self) -> list[Table | str]:
+        """Return the scores, the notes and the verdict."""
         columns = (Column("model"), Column("postures left out by"))
-        columns += tuple(Column(f"r.m.s. {axis} (95 %)", "mm", ".2f", 1e3) for axis in "xy")
+        columns += tuple(Column(f"r.m.s. {axis} (95 %)", "mm", ".2f") for axis in "xy")
         columns += (Column("beats CAD"),)
         rows = [
             [
                 score.name,
                 score.split,
-                *(
-                    (rms, *ends)
-                    for rms, ends in zip(
-                        score.rms.tolist(),
-                        [(np.nan, np.nan)] * 2 if score.interval is None else score.interval.T.tolist(),
-                        strict=True,
-                    )
-                ),
+                *(_with_interval(score, axis) for axis in "xy"),
                 "" if score.name == CAD else {True: "yes", False: "no", None: "undecided"}[score.beats_cad],
             ]
-            for score in self.scores
+            for score in self.models
         ]
         note = "Intervals: bootstrap over blocks; beats CAD: Student's t over the same blocks, 95 %."
         return [
@@ -127,6 +114,12 @@ class Prediction(Shown):
             *self.notes,
             self.verdict,
         ]
+
+
+def _with_interval(score: Score, axis: str) -> tuple[float, float, float]:
+    ends = (np.nan if end is None else getattr(end, axis) for end in (score.low95, score.high95))
+    low, high = ends
+    return getattr(score.rms_mm, axis), low, high
 
 
 def predict(
@@ -208,7 +201,8 @@ def _score(problem: Problem, split: Split, scores: list[Score], notes: list[str]
         residual = np.concatenate(parts)
         beats = None if name == CAD else _beats(cad, residual, block)
         rms = np.sqrt((residual**2).mean(axis=0))
-        scores.append(Score(name, split.name, rms, _interval(residual, block), beats))
+        low, high = _interval(residual, block)
+        scores.append(Score(name, split.name, _axes(rms), low, high, beats))
 
 
 def _sums(values: np.ndarray, block: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -219,14 +213,15 @@ def _sums(values: np.ndarray, block: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return sums, np.bincount(number)
 
 
-def _interval(residual: np.ndarray, block: np.ndarray) -> np.ndarray | None:
-    """Return the 95 % interval of the r.m.s. by a bootstrap over blocks, (2, 2) [m]; None with too few."""
+def _interval(residual: np.ndarray, block: np.ndarray) -> tuple[Axes | None, Axes | None]:
+    """Return the ends of the 95 % interval of the r.m.s. by a bootstrap over blocks; None with too few."""
     sums, counts = _sums(residual**2, block)
     if len(counts) < LEAST_BLOCKS:
-        return None
+        return None, None
     drawn = np.random.default_rng(SEED).integers(len(counts), size=(RESAMPLES, len(counts)))
     rms = np.sqrt(sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1)[:, None])
-    return np.quantile(rms, [0.025, 0.975], axis=0)
+    low, high = np.quantile(rms, [0.025, 0.975], axis=0)
+    return _axes(low), _axes(high)
 
 
 def _beats(cad: np.ndarray, residual: np.ndarray, block: np.ndarray) -> bool | None:

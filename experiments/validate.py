@@ -27,10 +27,11 @@ from tulip_testbed.experiments.checks import (
     skipped,
     verdict,
 )
+from tulip_testbed.experiments.defaults import DEFAULT_SEED
 from tulip_testbed.experiments.estimate_report import model_report
 from tulip_testbed.experiments.identify import ESTIMATORS, Identification, identify
 from tulip_testbed.experiments.imperfections import check_ordinary, default_estimator, drawn, single_stream
-from tulip_testbed.experiments.laboratory import DEFAULT_SEED, Laboratory, Run
+from tulip_testbed.experiments.laboratory import Laboratory, Run
 from tulip_testbed.experiments.parameter_tables import parameter_table
 from tulip_testbed.experiments.usable_plan import identifiable_regressor
 from tulip_testbed.identification.base_parameters import BaseParameters, renumbered

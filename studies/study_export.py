@@ -52,7 +52,7 @@ def one(seed: int) -> tuple[float, float, float, float, float]:
     truth = compile_spec(spec, "true robot")
     found = tt.identify(outcome.measurements, robot)
     with tempfile.TemporaryDirectory() as folder:
-        made = tt.export_model(found, Path(folder) / "robot.xml", robot, samples=0)
+        made = tt.export_model(found, robot, out=Path(folder) / "robot.xml", samples=0)
         exported = mujoco.MjModel.from_xml_path(str(made.files[0]))
     plan = random_plan(robot, PLACEMENTS, POSTURES, seed)
     true = pressure(truth, robot, plan.joint_angles)
@@ -60,9 +60,9 @@ def one(seed: int) -> tuple[float, float, float, float, float]:
         float(np.sqrt(((pressure(model, robot, plan.joint_angles) - true) ** 2).sum(axis=1).mean()))
         for model in (robot.model, exported)
     ]
-    off = made.robot.value - base_parameters(robot).values(outcome.truth.standard)
+    off = made.base_parameters - base_parameters(robot).values(outcome.truth.standard)
     square = float(off @ np.linalg.solve(found.full.covariance, off))
-    return rms[0], rms[1], square, made.robot.misfit, made.mass - outcome.truth.mass
+    return rms[0], rms[1], square, made.misfit_in_standard_errors, made.total_mass.value - outcome.truth.mass
 
 
 def study(settings: Settings) -> Iterator[str]:

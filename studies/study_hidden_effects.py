@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 from pydantic import TypeAdapter
-from tulip_testbed.effects.catalogue import effects_on
 
 from studies.hidden_effects.hiding import (
     CLEAR,
@@ -35,6 +34,7 @@ from studies.hidden_effects.outside_faults import FAULTS
 from studies.runner import Settings, header, row, share, shipped_plan
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import write_text
+from tulip_testbed.effects.catalogue import effects_on
 from tulip_testbed.sim.robot import load_robot
 
 ARMS = {

@@ -14,7 +14,8 @@ import pytest
 import tulip_testbed as tt
 from tests.documented import blocks
 from tests.test_architecture import FLOW
-from tulip_testbed.cli.main import COMMANDS
+from tulip_testbed.cli.commands import COMMANDS
+from tulip_testbed.cli.main import MODULES
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim import robot as robot_module
@@ -220,14 +221,14 @@ def test_every_command_has_its_function():
         "atlas": tt.atlas,
         "view": tt.view,
         "report": tt.report,
-        "robot": tt.load_robot,
+        "robot": tt.describe_robot,
         "import": tt.import_table,
         "predict": tt.predict,
         "export": tt.export_model,
         "watch": tt.watch,
     }
     assert all(callable(function) for function in offered.values())
-    assert set(COMMANDS) - set(offered) == {"model", "tolerance", "compare"}
+    assert {*COMMANDS, *MODULES} - set(offered) == {"tolerance", "compare"}
 
 
 def test_a_plan_is_searched_for(robot):

@@ -175,7 +175,7 @@ def test_an_incomplete_folder_hears_everything_at_once(robot, tmp_path, capsys):
     (folder / "postures.csv").write_text(
         "posture,placement,q.right_knee,cell.right.front_left,cell.right.frontright\n1,1.5,bent,20.5,3\n"
     )
-    found = check_folder(folder, robot).document["complaints"]
+    found = check_folder(folder, robot).to_json()["complaints"]
     text = " ".join(found["manifest"] + found["table"])
     for part in (
         "keys missing: robot, joints, plates, weighed_mass, sensors",
@@ -195,10 +195,10 @@ def test_the_printed_example_can_be_read(robot, tmp_path):
     """Copied into an empty folder it is a measurement, of one posture that lies over its plates."""
     folder = tmp_path / "mine"
     folder.mkdir()
-    document = check_folder(folder, robot).document
+    document = check_folder(folder, robot).to_json()
     (folder / "manifest.json").write_text(json.dumps(document["example_manifest"]))
     row = document["example_row"]
     (folder / "postures.csv").write_text(",".join(row) + "\n" + ",".join(map(str, row.values())) + "\n")
-    checks = {check["name"]: check["result"] for check in check_folder(folder, robot).document["checks"]}
+    checks = {check["name"]: check["result"] for check in check_folder(folder, robot).to_json()["checks"]}
     assert {name for name, result in checks.items() if result == "fail"} == {"identifiable"}
     assert checks["feet on plates"] == "pass"

@@ -105,7 +105,7 @@ def test_measurements_in_memory_are_held_against_the_contract(measured, robot, t
 
 def test_the_preflight_reads_on_to_say_which_unit_was_meant(measured, robot):
     degrees = changed(measured, joint_angles=np.rad2deg)
-    (units,) = [c for c in tt.check(degrees, robot).document["checks"] if c["name"] == "units"]
+    (units,) = [c for c in tt.check(degrees, robot).to_json()["checks"] if c["name"] == "units"]
     assert units["result"] == "fail"
     assert "degrees?" in units["seen"]
     with pytest.raises(tt.InputError, match="found nan, expected a finite number"):
@@ -119,7 +119,7 @@ def test_what_identify_refuses_the_preflight_explains(measured, robot, tmp_path,
     wrong = WRONG[name][0](measured)
     write_measurements(tmp_path / "data", wrong, likely=False)
     for given in (wrong, tmp_path / "data"):
-        failed = [c["name"] for c in tt.check(given, robot).document["checks"] if c["result"] == "fail"]
+        failed = [c.name for c in tt.check(given, robot).checks if c.result == "fail"]
         assert check in failed
     with pytest.raises(tt.InputError):
         read_measurements(tmp_path / "data")

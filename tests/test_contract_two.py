@@ -486,7 +486,7 @@ def test_contacts_in_memory_are_held_against_the_contract(write, change, message
 
 def test_check_lists_what_a_folder_of_version_two_lacks(write, robot):
     folder = write(pair(), drop=("wrench.left.fz", "q.right_knee"))
-    told = check_folder(folder, robot).document
+    told = check_folder(folder, robot).to_json()
     assert told["verdict"] == "could not read"
     assert "columns missing: q.right_knee, wrench.left.fz" in " ".join(told["complaints"]["table"])
     assert not told["complaints"]["manifest"]

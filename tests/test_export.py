@@ -43,7 +43,7 @@ def found(run, robot):
 @pytest.fixture(scope="module")
 def exported(found, robot, tmp_path_factory):
     path = tmp_path_factory.mktemp("export") / "identified.xml"
-    return tt.export_model(found, path, robot, samples=5)
+    return tt.export_model(found, robot, out=path, samples=5)
 
 
 def imagined(found, robot, standard, error=1e-4):
@@ -88,7 +88,7 @@ def test_mujoco_reads_the_stated_base_parameters(exported, found, robot):
     model = mujoco.MjModel.from_xml_path(str(exported.files[0]))
     parameters = base_parameters(robot, model)
     assert np.abs(parameters.values(standard_parameters(model)) - found.full.value).max() < 1e-9
-    assert model.body_mass.sum() == pytest.approx(exported.mass, abs=1e-9)
+    assert model.body_mass.sum() == pytest.approx(exported.total_mass.value, abs=1e-9)
     moments = np.sort(model.body_inertia[1:], axis=1)
     assert (moments > 0).all()
     assert (moments[:, 0] + moments[:, 1] > moments[:, 2]).all()
@@ -96,7 +96,7 @@ def test_mujoco_reads_the_stated_base_parameters(exported, found, robot):
 
 def test_only_the_inertias_change(exported, robot):
     path = robot.model_file
-    before, after = path.read_bytes(), exported.files[0].read_bytes()
+    before, after = path.read_bytes(), Path(exported.files[0]).read_bytes()
     assert before != after
     assert outside(before, path) == outside(after, path)
     assert len(inertial_spans(after, path)) == robot.model.nbody - 1
@@ -121,7 +121,7 @@ def test_the_exported_robot_moves_its_center_of_mass_as_estimated(exported, foun
 
 
 def test_the_document(exported, robot):
-    told = exported.plain()
+    told = exported.to_json()
     json.dumps(told)
     assert {row["link"] for row in told["links"]} == {
         robot.model.body(k).name for k in range(1, robot.model.nbody)
@@ -153,7 +153,7 @@ def test_samples(exported, found, robot):
 def test_samples_depend_on_the_seed_alone(found, robot, tmp_path):
     archives = []
     for name, seed in (("a", 3), ("b", 3), ("c", 4)):
-        made = tt.export_model(found, tmp_path / f"{name}.xml", robot, samples=2, seed=seed)
+        made = tt.export_model(found, robot, out=tmp_path / f"{name}.xml", samples=2, seed=seed)
         with np.load(made.files[1]) as samples:
             archives.append(samples["mass"])
     assert np.array_equal(archives[0], archives[1])
@@ -208,7 +208,8 @@ def test_a_published_urdf_gets_the_inertias(published, found, tmp_path):
     links = published_links(tmp_path / "new.urdf", robot)
     sums = links.by_link(robot.model.nbody - 1)
     assert np.abs(wanted.parameters.values(sums[:, 3, [3, 0, 1, 2]]) - wanted.full.value).max() < 1e-9
-    assert np.abs(sums - made.robot.pseudo).max() < 1e-9
+    written = [pseudo_inertia(one.mass, one.center, one.inertia) for one in made.links]
+    assert np.abs(sums - np.array(written)).max() < 1e-9
     assert np.linalg.eigvalsh(links.pseudo).min() > 0
     assert links.names == published_links(urdf, robot).names
     assert any("meshes/torso.stl" in note for note in made.notes)
@@ -227,7 +228,7 @@ def test_an_inconsistent_estimate_is_told(found, robot, tmp_path):
     wanted.full.value[7] += 0.05
     with pytest.warns(InputWarning, match="No physically consistent robot") as warned:
         made = export_model(wanted, robot, Export(tmp_path / "a.xml", samples=0))
-    far = made.plain()["misfit_in_standard_errors"]
+    far = made.misfit_in_standard_errors
     assert 5 < far < 50
     assert f"{far:.3g} standard errors" in str(warned[0].message)
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "a.xml"))
@@ -320,11 +321,11 @@ def test_a_validation_is_exported_as_its_report_says(run, robot, tmp_path):
 
     judged = judge(run)
     write_validation(tmp_path / "run", validation_record(judged))
-    by_folder = tt.export_model(tmp_path / "run", tmp_path / "a.xml", robot, samples=0)
-    in_memory = tt.export_model(judged, tmp_path / "b.xml", robot, samples=0)
-    assert np.array_equal(by_folder.robot.value, judged.identification.full.value)
+    by_folder = tt.export_model(tmp_path / "run", robot, out=tmp_path / "a.xml", samples=0)
+    in_memory = tt.export_model(judged, robot, out=tmp_path / "b.xml", samples=0)
+    assert np.array_equal(by_folder.base_parameters, judged.identification.full.value)
     assert (tmp_path / "a.xml").read_bytes() == (tmp_path / "b.xml").read_bytes()
-    assert in_memory.mass_source == by_folder.mass_source == "weighed"
+    assert in_memory.total_mass.source == by_folder.total_mass.source == "weighed"
 
 
 def test_adopted_lengths_on_request(run, found, robot, tmp_path):
@@ -377,5 +378,5 @@ def test_a_source_whose_compiler_overrules_the_inertias_is_refused(setting, foun
     source.write_text(text.replace("<compiler ", f"<compiler {setting} ", 1))
     assert setting in source.read_text()
     with pytest.raises(InputError, match=setting.partition("=")[0]):
-        tt.export_model(found, tmp_path / "out.xml", robot, source=source, samples=0)
+        tt.export_model(found, robot, out=tmp_path / "out.xml", source=source, samples=0)
     assert not (tmp_path / "out.xml").exists()

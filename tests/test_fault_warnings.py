@@ -28,7 +28,7 @@ def test_healthy_measurements_are_identified_without_a_word(wii, precise, robot,
 @pytest.mark.parametrize("name", ["forces of two postures interchanged", "one encoder's sign wrong"])
 def test_whatever_fails_the_preflight_is_said(precise, robot, name):
     wrong = FAULTS[name](precise, np.random.default_rng(0))
-    failed = [c["name"] for c in tt.check(wrong, robot).document["checks"] if c["result"] == "fail"]
+    failed = [c["name"] for c in tt.check(wrong, robot).to_json()["checks"] if c["result"] == "fail"]
     assert failed
     with pytest.warns(InputWarning, match=repr(failed[-1])):
         warn_of_faults(wrong, robot)

@@ -14,6 +14,7 @@ import tulip_testbed as tt
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.table_import.column_names import propose, read_name
 from tulip_testbed.experiments.table_import.import_map import ImportMap, read_map, with_unknowns
+from tulip_testbed.experiments.table_import.table_import import MappedColumn
 from tulip_testbed.measurements import read_measurements
 from tulip_testbed.measurements.contacts import VERTICAL
 
@@ -102,8 +103,8 @@ def test_names_say_what_a_column_is():
 
 def test_a_table_of_its_own_names_is_imported(table, stated, measured, tmp_path):
     path = table()
-    found = tt.import_table(path, tmp_path / "data", stated=[stated(WRENCHES)])
-    assert found.folder == tmp_path / "data"
+    found = tt.import_table(path, out=tmp_path / "data", map=[stated(WRENCHES)])
+    assert found.folder == str(tmp_path / "data")
     assert (tmp_path / "data" / "postures.csv").read_bytes() == path.read_bytes()
     m = read_measurements(tmp_path / "data")
     assert m.contacts is not None
@@ -111,15 +112,15 @@ def test_a_table_of_its_own_names_is_imported(table, stated, measured, tmp_path)
     assert m.joint_angles == pytest.approx(measured.joint_angles, abs=1e-12)
     assert m.plate_poses == pytest.approx(measured.plate_poses)
     knee = found.mapped["q.right_knee"]
-    assert knee == {
-        "column": "RKnee [deg]",
-        "unit": "deg",
-        "sign": 1,
-        "by": "words of the name",
-        "checked": "range of the joint",
-    }
-    assert "closed legs" in {one["checked"] for one in found.mapped.values()}
-    assert found.mapped["wrench.left.fz"]["checked"] == "weight"
+    assert knee == MappedColumn(
+        column="RKnee [deg]",
+        unit="deg",
+        sign=1,
+        by="words of the name",
+        checked="range of the joint",
+    )
+    assert "closed legs" in {one.checked for one in found.mapped.values()}
+    assert found.mapped["wrench.left.fz"].checked == "weight"
     assert found.problems == ()
     assert any(text.startswith("signs +1, which nothing here has checked: ") for text in found.assumed)
     assert "RKnee [deg]" in repr(found)
@@ -127,16 +128,16 @@ def test_a_table_of_its_own_names_is_imported(table, stated, measured, tmp_path)
 
 def test_a_turned_sign_is_noticed_and_can_be_stated(table, stated, measured, tmp_path):
     path = table(turned=("left_knee",))
-    found = tt.import_table(path, tmp_path / "wrong", stated=[stated(WRENCHES)])
+    found = tt.import_table(path, out=tmp_path / "wrong", map=[stated(WRENCHES)])
     named = [text for text in found.problems if text.startswith("q.left_knee: ")]
     assert len(named) >= 1
     assert "q.left_knee: the soles would be level within" in " ".join(named)
     assert not any(text.startswith("q.right_knee") for text in found.problems)
     entry = "q.left_knee=LKnee [deg]:deg:-1"
-    found = tt.import_table(path, tmp_path / "data", stated=[stated(WRENCHES), entry])
+    found = tt.import_table(path, out=tmp_path / "data", map=[stated(WRENCHES), entry])
     assert found.problems == ()
-    assert found.mapped["q.left_knee"]["sign"] == -1
-    assert found.mapped["q.left_knee"]["by"] == "statement"
+    assert found.mapped["q.left_knee"].sign == -1
+    assert found.mapped["q.left_knee"].by == "statement"
     assert read_measurements(tmp_path / "data").joint_angles == pytest.approx(measured.joint_angles)
 
 
@@ -145,7 +146,7 @@ def test_a_moment_of_the_wrong_sign_is_noticed(table, stated, tmp_path):
         for side in "RL":
             columns[f"{side} plate my (N m)"] = -columns[f"{side} plate my (N m)"]
 
-    found = tt.import_table(table(change=turn), tmp_path / "data", stated=[stated(WRENCHES)])
+    found = tt.import_table(table(change=turn), out=tmp_path / "data", map=[stated(WRENCHES)])
     assert any("centre of pressure" in text for text in found.problems), found.problems
 
 
@@ -154,14 +155,14 @@ def test_a_unit_that_is_not_written_has_to_be_stated(table, stated, tmp_path):
         columns["RKnee"] = columns.pop("RKnee [deg]")
 
     path = table(change=strip)
-    found = tt.import_table(path, tmp_path / "data", stated=[stated(WRENCHES)])
+    found = tt.import_table(path, out=tmp_path / "data", map=[stated(WRENCHES)])
     assert found.folder is None
     assert not (tmp_path / "data").exists()
     assert found.problems == (
         "q.right_knee: column 'RKnee' has no unit in its name; state one of rad, mrad, deg",
     )
-    found = tt.import_table(path, tmp_path / "data", stated=[stated(WRENCHES), "q.right_knee=RKnee:deg"])
-    assert found.folder == tmp_path / "data"
+    found = tt.import_table(path, out=tmp_path / "data", map=[stated(WRENCHES), "q.right_knee=RKnee:deg"])
+    assert found.folder == str(tmp_path / "data")
     assert found.problems == ()
 
 
@@ -170,12 +171,12 @@ def test_what_is_missing_is_named_at_once(table, stated, tmp_path):
         del columns["RKnee [deg]"], columns["L plate fz (N)"], columns["placement"]
 
     path = table(change=drop)
-    found = tt.import_table(path, tmp_path / "data", stated=[stated(WRENCHES)])
+    found = tt.import_table(path, out=tmp_path / "data", map=[stated(WRENCHES)])
     assert found.folder is None
     assert "no column for q.right_knee; state one, or a constant in [constant_joints]" in found.problems
     assert "no column for wrench.left.fz; state one" in found.problems
     assert "a new placement begins where a plate's recorded pose changes" in found.assumed
-    nothing = tt.import_table(path, tmp_path / "data")
+    nothing = tt.import_table(path, out=tmp_path / "data")
     assert any(text.startswith("contacts: not stated") for text in nothing.problems)
 
 
@@ -184,18 +185,18 @@ def test_a_joint_may_be_constant_and_a_placement_be_found(table, stated, measure
         del columns["LAnkleRoll [deg]"], columns["placement"]
 
     text = WRENCHES + "[constant_joints]\nleft_ankle_roll = {value = 0.1, sd = 0.05}\n"
-    found = tt.import_table(table(change=drop), tmp_path / "data", stated=[stated(text)])
+    found = tt.import_table(table(change=drop), out=tmp_path / "data", map=[stated(text)])
     m = read_measurements(tmp_path / "data")
     assert m.constant_joints == {"left_ankle_roll": 0.05}
     assert m.placement.tolist() == measured.placement.tolist()
-    assert found.mapped["placement"]["by"] == "added"
+    assert found.mapped["placement"].by == "added"
 
 
 def test_columns_that_could_be_the_same_are_not_chosen_from(table, stated, tmp_path):
     def twice(columns):
         columns["knee right deg [deg]"] = columns["right knee angle [deg]"] = columns["RKnee [deg]"]
 
-    found = tt.import_table(table(change=twice), tmp_path / "data", stated=[stated(WRENCHES)])
+    found = tt.import_table(table(change=twice), out=tmp_path / "data", map=[stated(WRENCHES)])
     assert found.folder is not None  # the words of one are exactly the joint's
     proposal = propose(["a knee pos [deg]", "knee a angle [deg]"], ["q.a_knee"], ["q.a_knee"], {})
     assert proposal.undecided == [
@@ -207,7 +208,7 @@ def test_a_folder_that_would_break_the_contract_is_not_left(table, stated, tmp_p
     def radians(columns):
         columns["RKnee [rad]"] = columns.pop("RKnee [deg]")
 
-    found = tt.import_table(table(change=radians), tmp_path / "data", stated=[stated(WRENCHES)])
+    found = tt.import_table(table(change=radians), out=tmp_path / "data", map=[stated(WRENCHES)])
     assert found.folder is None
     assert not list(tmp_path.glob("*data*"))
     assert "column 'q.right_knee', row 1: found" in found.problems[0]
@@ -233,7 +234,7 @@ def test_a_folder_that_would_break_the_contract_is_not_left(table, stated, tmp_p
 )
 def test_wrong_statements_are_named(table, stated, tmp_path, text, entries, message):
     with pytest.raises(tt.InputError) as error:
-        tt.import_table(table(), tmp_path / "data", stated=[stated(text), *entries])
+        tt.import_table(table(), out=tmp_path / "data", map=[stated(text), *entries])
     assert message in str(error.value)
     assert len(str(error.value).splitlines()) == 1
 
@@ -257,7 +258,7 @@ def test_the_command_prints_one_document(table, stated, tmp_path, capsys):
     arguments = ["import", str(table()), "--out", str(tmp_path / "data"), "--json", "--map"]
     assert main([*arguments, stated(WRENCHES)]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert list(document) == ["mapped", "assumed", "problems", "folder"]
+    assert list(document) == ["mapped", "assumed", "problems", "unused", "folder"]
     assert document["folder"] == str(tmp_path / "data")
     assert document["mapped"]["q.left_hip_yaw"]["column"] == "LHipYaw [deg]"
     assert main(["import", str(table()), "--out", str(tmp_path / "other")]) == 1
@@ -276,7 +277,7 @@ def test_a_file_and_a_single_column_are_both_heard(table, stated, tmp_path, caps
 
 
 def test_what_is_assumed_of_the_contact_sensors_is_said(table, stated, tmp_path):
-    found = tt.import_table(table(), tmp_path / "data", stated=[stated(WRENCHES)])
+    found = tt.import_table(table(), out=tmp_path / "data", map=[stated(WRENCHES)])
     assert any(
         text.startswith(
             "the contact sensors' `covariance` is unknown: every averaged reading is taken to err by 1 N"
@@ -286,12 +287,12 @@ def test_what_is_assumed_of_the_contact_sensors_is_said(table, stated, tmp_path)
     assert not any("`below`" in text for text in found.assumed)
     sheet = "covariance = [[1.0, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 0.01]]"
     known = WRENCHES.replace('zero = "tared"', f'zero = "tared"\n{sheet}')
-    found = tt.import_table(table(), tmp_path / "known", stated=[stated(known)])
+    found = tt.import_table(table(), out=tmp_path / "known", map=[stated(known)])
     assert not any("covariance" in text for text in found.assumed)
     feet = WRENCHES.replace(
         "top_height = 0.05", "pose = {x=0.0, y=0.0, z=-0.1, roll=0.0, pitch=0.0, yaw=0.0}"
     )
-    found = tt.import_table(table(), tmp_path / "feet", stated=[stated(feet.replace('"ground"', '"foot"'))])
+    found = tt.import_table(table(), out=tmp_path / "feet", map=[stated(feet.replace('"ground"', '"foot"'))])
     assert any(text.startswith("no `below` is stated") for text in found.assumed)
 
 
@@ -300,12 +301,12 @@ def test_messages_speak_of_the_table_and_the_map(table, stated, tmp_path):
         columns["RKnee [rad]"] = columns.pop("RKnee [deg]")
 
     path = table(change=radians)
-    found = tt.import_table(path, tmp_path / "data", stated=[stated(WRENCHES)])
+    found = tt.import_table(path, out=tmp_path / "data", map=[stated(WRENCHES)])
     (problem,) = [text for text in found.problems if "row 1: found" in text]
     assert problem.startswith(f"{path}: column 'q.right_knee'")
     assert problem.endswith("q.right_knee is column 'RKnee [rad]'")
     with pytest.raises(tt.InputError, match=r"^map: key 'columns\.q\.right_knee\.unit': found 'furlong'"):
-        tt.import_table(path, tmp_path / "data", stated=["q.right_knee=RKnee [rad]:furlong"])
+        tt.import_table(path, out=tmp_path / "data", map=["q.right_knee=RKnee [rad]:furlong"])
 
 
 def test_a_unit_in_the_header_need_not_be_stated_again(table, stated, measured, tmp_path):
@@ -314,16 +315,16 @@ def test_a_unit_in_the_header_need_not_be_stated_again(table, stated, measured, 
         columns["Posture no."], columns["Stance"] = columns.pop("posture"), columns.pop("placement")
 
     text = WRENCHES + '[columns]\ntime = {column = "t (ms)"}\n'
-    found = tt.import_table(table(change=change), tmp_path / "data", stated=[stated(text)])
-    assert found.mapped["time"] == {
-        "column": "t (ms)",
-        "unit": "ms",
-        "sign": 1,
-        "by": "statement",
-        "checked": None,
-    }
-    assert found.mapped["posture"]["column"] == "Posture no."
-    assert found.mapped["placement"]["column"] == "Stance"
+    found = tt.import_table(table(change=change), out=tmp_path / "data", map=[stated(text)])
+    assert found.mapped["time"] == MappedColumn(
+        column="t (ms)",
+        unit="ms",
+        sign=1,
+        by="statement",
+        checked=None,
+    )
+    assert found.mapped["posture"].column == "Posture no."
+    assert found.mapped["placement"].column == "Stance"
     m = read_measurements(tmp_path / "data")
     assert m.time == pytest.approx(measured.time)
     assert m.placement.tolist() == measured.placement.tolist()

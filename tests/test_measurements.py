@@ -347,6 +347,6 @@ def test_tolerances_of_unknown_families_are_refused(folder, robot):
     message = r"measurements: key 'tolerances': unknown family 'encoder-ofset'; did you mean 'encoder-offset'"
     with pytest.raises(InputError, match=message):
         identify(read_measurements(folder), robot)
-    told = " ".join(check_folder(folder, robot).document["complaints"]["manifest"])
+    told = " ".join(check_folder(folder, robot).to_json()["complaints"]["manifest"])
     for part in ("unknown family 'encoder-ofset'", "unknown family 'magic'", "tilt: found 50.0, expected"):
         assert part in told

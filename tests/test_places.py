@@ -149,7 +149,7 @@ def test_a_path_that_no_file_can_have_is_one_message(run, robot, tmp_path, monke
         *(("simulate", "--out", name), ("simulate", "--out", "data", "--truth", name)),
         *(("validate", "--out", name), ("montecarlo", "--runs", "10", "--out", name)),
         *(
-            ("model", "--robot", name),
+            ("robot", name),
             ("postures", "--draw", name),
             ("view", name, "--save", "a.rrd"),
         ),
@@ -227,7 +227,7 @@ def test_below_a_folder_that_may_not_be_searched_everything_is_one_message(data,
                     ["identify", str(data), "--rig", str(new)],
                     ["postures", str(data)],
                     ["simulate", "--statics", "--out", str(new)],
-                    ["model", "--robot", str(data / "tulip.toml")],
+                    ["robot", str(data / "tulip.toml")],
                 )
             ]
         assert codes == [2] * 5
@@ -251,7 +251,7 @@ def test_a_full_disk_gives_no_stump_of_a_view(run, tmp_path):
 @pytest.mark.parametrize("more", [(), ("--json",)])
 def test_a_reader_that_has_seen_enough_is_no_fault(data, more):
     """The pipe's other end is closed before anything is written."""
-    for command in (("identify", str(data)), ("model",), ("check", str(data))):
+    for command in (("identify", str(data)), ("robot",), ("check", str(data))):
         reading, writing = os.pipe()
         os.close(reading)
         done = subprocess.run(

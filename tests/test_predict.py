@@ -44,11 +44,16 @@ def predicted(heavier, robot):
 
 
 def score(found, name, split="blocks"):
-    return next(one for one in found.scores if (one.name, one.split) == (name, split))
+    return next(one for one in found.models if (one.name, one.split) == (name, split))
+
+
+def rms(one):
+    """Of the residuals in x and y, (2,) [m]."""
+    return 1e-3 * np.array([one.rms_mm.x, one.rms_mm.y])
 
 
 def total(found, name, split="blocks"):
-    return float(np.linalg.norm(score(found, name, split).rms))
+    return float(np.hypot(*rms(score(found, name, split))))
 
 
 def test_a_robot_unlike_its_cad_is_predicted_better_by_identification(predicted):
@@ -86,20 +91,22 @@ def test_residuals_of_cad_are_those_of_the_measurements(predicted, heavier, robo
         turn = foot.xmat.reshape(3, 3)
         center = turn.T @ (data.subtree_com[1] - foot.xpos) - sole_point(model, robot.stance_foot)
         off.append(cop[row] - center[:2])
-    rms = np.sqrt(np.mean(np.square(off), axis=0))
-    assert score(predicted, CAD).rms == pytest.approx(
-        rms, abs=1e-6
+    off_rms = np.sqrt(np.mean(np.square(off), axis=0))
+    assert rms(score(predicted, CAD)) == pytest.approx(
+        off_rms, abs=1e-6
     )  # soles of measured angles are not quite level
 
 
 def test_the_interval_is_as_wide_as_the_scatter_between_placements(predicted, heavier):
     """By the delta method: the r.m.s. of the placements' own mean squares."""
     found, placements = score(predicted, CONSTANT), np.unique(heavier.placement)
-    assert found.interval is not None
-    half = (found.interval[1] - found.interval[0]) / 2
-    assert ((found.interval[0] < found.rms) & (found.rms < found.interval[1])).all()
+    assert found.low95 is not None
+    assert found.high95 is not None
+    low, high = (1e-3 * np.array([end.x, end.y]) for end in (found.low95, found.high95))
+    assert ((low < rms(found)) & (rms(found) < high)).all()
     # A mean square of k normal numbers has a relative s.d. of sqrt(2 / k): placements' errors are common.
-    expected = 1.96 * found.rms / 2 * np.sqrt(2 / len(placements))
+    expected = 1.96 * rms(found) / 2 * np.sqrt(2 / len(placements))
+    half = (high - low) / 2
     assert ((half > expected / 3) & (half < 2 * expected)).all()
 
 
@@ -149,7 +156,7 @@ def test_stated_parts_and_what_is_wrong_with_them(heavier, robot):
     assert set(heavier.placement[test]) == set(numbers[-3:])
     assert len(train) + len(test) == len(heavier)
     found = tt.predict(heavier, robot, test=[f"placement:{numbers[-3]}-{numbers[-1]}"])
-    assert {one.split for one in found.scores} == {"stated"}
+    assert {one.split for one in found.models} == {"stated"}
     for train_texts, message in (
         (["first"], "train: found 'first', expected postures such as 1-40"),
         (["9000-9001"], "train: found no row of 9000-9001"),

@@ -253,5 +253,5 @@ def test_the_command(urdf, tmp_path, capsys):
     assert main(["robot", str(urdf)]) == 0
     assert "rotor inertia" in capsys.readouterr().out
     assert main(["robot", str(urdf), "--out", str(tmp_path / "out")]) == 2
-    assert main(["model", "--robot", str(urdf)]) == 2
+    assert main(["identify", "data", "--robot", str(urdf)]) == 2
     assert "`tulip robot` makes one of it" in capsys.readouterr().err

@@ -269,12 +269,12 @@ def test_findings_are_warned_of_once(own, plan):
 
 def test_the_command_shows_them(own, capsys):
     robot = own((DRIVE, SOFT_DRIVE))
-    assert main(["model", "--robot", str(robot.path), "--json"]) == 0
+    assert main(["robot", str(robot.path), "--json"]) == 0
     findings = json.loads(capsys.readouterr().out)["findings"]
     assert [finding["name"] for finding in findings] == ["armature", "friction"]
-    assert main(["model", "--robot", str(robot.path)]) == 0
+    assert main(["robot", str(robot.path)]) == 0
     assert "Items that this robot lacks for the laboratory" in capsys.readouterr().out
-    assert main(["model", "--json"]) == 0
+    assert main(["robot", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["findings"] == []
 
 
@@ -325,7 +325,7 @@ def test_a_robot_of_the_same_file_name_but_other_joints_is_another_one(robot, fo
 def test_the_preflight_guesses_no_units_by_another_robots_ranges(own, plan, robot):
     run = tt.Laboratory(robot).run(planned(plan, robot, 1), 1, "statics", 1)
     stiff = own(('range="0 120"', 'range="0 5"'))
-    checks = {check["name"]: check for check in tt.check(run.measurements, stiff).document["checks"]}
+    checks = {check["name"]: check for check in tt.check(run.measurements, stiff).to_json()["checks"]}
     assert checks["robot"]["result"] == "fail"
     assert checks["units"]["result"] == "not evaluated"
     assert checks["units"]["seen"].startswith("correct the robot first")

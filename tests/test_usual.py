@@ -17,7 +17,7 @@ from tulip_testbed.sim.rig import preset_rig
 
 
 def results(measured, robot):
-    return {one["name"]: one["result"] for one in check_measurements(measured, robot).document["checks"]}
+    return {one.name: one.result for one in check_measurements(measured, robot).checks}
 
 
 @pytest.mark.parametrize(("preset", "seed"), [("wii", 900), ("force-plate", 901), ("force-plate", 902)])
@@ -41,7 +41,7 @@ def test_an_imperfection_of_almost_four_tolerances_is_a_warning_that_names_it(ro
     run = Laboratory(robot, "force-plate", hidden=(offset,)).run(plan, 3, "statics", workers=1)
     (legs,) = [
         one
-        for one in check_measurements(run.measurements, robot).document["checks"]
+        for one in check_measurements(run.measurements, robot).to_json()["checks"]
         if one["name"] == "legs close"
     ]
     assert legs["result"] == "warn"

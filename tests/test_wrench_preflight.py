@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tulip_testbed.experiments.check_folder import check_measurements
-from tulip_testbed.experiments.preflight_tables import counts_line, preflight_report
+from tulip_testbed.experiments.preflight_tables import counts_line
 from tulip_testbed.measurements import read_measurements
 from tulip_testbed.measurements.contacts import VERTICAL, WRENCH, Contacts
 
@@ -67,7 +67,7 @@ def standing(robot):
 
 
 def checks(m, robot):
-    return {one["name"]: one for one in check_measurements(m, robot).document["checks"]}
+    return {one["name"]: one for one in check_measurements(m, robot).to_json()["checks"]}
 
 
 def with_contacts(m, **fields):
@@ -160,13 +160,11 @@ def test_a_dead_channel_is_told_but_not_a_constant_joint(standing, robot):
 
 
 def test_a_pass_says_what_was_not_evaluated_and_why(standing, robot):
-    document = check_measurements(standing, robot).document
-    counts = document["counts"]
+    found = check_measurements(standing, robot)
+    counts = found.counts
     evaluated = sum(counts.values()) - counts["not evaluated"]
     assert counts["not evaluated"] > 5
-    assert counts_line(document).startswith(f"{evaluated} of {sum(counts.values())} checks evaluated: ")
-    (line,) = [
-        part for part in preflight_report(document) if isinstance(part, str) and "Not evaluated" in part
-    ]
+    assert counts_line(counts).startswith(f"{evaluated} of {sum(counts.values())} checks evaluated: ")
+    (line,) = [part for part in found.tables() if isinstance(part, str) and "Not evaluated" in part]
     assert "(needs the readings of vertical cells; there are wrench sensors" in line
     assert sum(map(int, re.findall(r"(?:: |; )(\d+) \(", line))) == counts["not evaluated"]

@@ -13,7 +13,15 @@ A name is loaded when it is first used: `import tulip_testbed` alone loads neith
 from importlib import import_module
 
 FUNCTIONS = (
-    *("load_robot", "read_measurements", "write_measurements", "identify", "Laboratory", "discover"),
+    *(
+        "load_robot",
+        "describe_robot",
+        "read_measurements",
+        "write_measurements",
+        "identify",
+        "Laboratory",
+        "discover",
+    ),
     *(
         "validate",
         "monte_carlo",

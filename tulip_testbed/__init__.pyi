@@ -6,6 +6,7 @@ from tulip_testbed.api import InputError as InputError
 from tulip_testbed.api import Laboratory as Laboratory
 from tulip_testbed.api import atlas as atlas
 from tulip_testbed.api import check as check
+from tulip_testbed.api import describe_robot as describe_robot
 from tulip_testbed.api import discover as discover
 from tulip_testbed.api import export_model as export_model
 from tulip_testbed.api import identify as identify

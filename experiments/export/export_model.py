@@ -15,7 +15,8 @@ from tulip_testbed.base.errors import InputError, at_least, at_most, listed, sho
 from tulip_testbed.base.files import check_new, present, read_bytes, write_bytes
 from tulip_testbed.effects.instance import EffectInstance, injected
 from tulip_testbed.effects.true_robot import true_model
-from tulip_testbed.experiments.export.exported_model import ExportedModel
+from tulip_testbed.experiments.defaults import SAMPLES
+from tulip_testbed.experiments.export.exported_model import ExportedModel, TotalMass, exported_links
 from tulip_testbed.experiments.export.inertial_text import with_inertias, with_places
 from tulip_testbed.experiments.export.published_links import PublishedLinks, published_links
 from tulip_testbed.experiments.export.robot_samples import robot_samples
@@ -52,7 +53,7 @@ OVERRULING = {  # settings of an MJCF's <compiler> that change inertias, and wha
     "settotalmass": "-1",
 }
 ALIKE = 1e-6  # of a pseudo-inertia, in its own metric
-SAMPLES, MOST_SAMPLES = 200, 100_000
+MOST_SAMPLES = 100_000
 
 
 @dataclass(frozen=True)
@@ -104,14 +105,13 @@ def export_model(
     target = Target(parameters.from_standard[full.numbers - 1], full.value, full.covariance, mass)
     consistent = consistent_robot(reference, ellipsoids, target)
     content, notes = _content(robot, model, export, source, parameters, consistent)
+    shares = data_shares(consistent.pseudo, target.from_standard)
     result = ExportedModel(
-        links=parameters.tree.links,
-        cad=cad,
-        robot=consistent,
-        shares=data_shares(consistent.pseudo, target.from_standard),
-        mass=mass,
-        mass_source="weighed" if weighed else "by the measured forces",
-        files=(export.path, *([samples_path] if export.samples else [])),
+        links=exported_links(parameters.tree.links, cad, consistent.pseudo, shares),
+        base_parameters=consistent.value,
+        misfit_in_standard_errors=float(consistent.misfit),
+        total_mass=TotalMass(float(mass), "weighed" if weighed else "by the measured forces"),
+        files=tuple(map(str, (export.path, *([samples_path] if export.samples else [])))),
         notes=(*notes, *_not_in_the_file(export)),
     )
     archive = b""

@@ -15,7 +15,8 @@ import pyarrow.csv
 from tulip_testbed.base.column import Column
 from tulip_testbed.base.errors import InputError, listed, look_up
 from tulip_testbed.base.files import new_folder, read_bytes, sha256, write_bytes
-from tulip_testbed.base.table import Shown, Table
+from tulip_testbed.base.result import Result
+from tulip_testbed.base.table import Table
 from tulip_testbed.base.table_files import Table as Read
 from tulip_testbed.base.table_files import software, write_json
 from tulip_testbed.experiments.table_import.column_names import Proposal, propose, with_units
@@ -36,35 +37,50 @@ AS_WRITTEN = ("time", "window", "samples", "speed", "acceleration")  # exact nam
 LIFTED = 0.05  # of the weight, below which a foot may be in the air
 
 
+@dataclass(frozen=True)
+class MappedColumn:
+    """What a column of the contract is read from.
+
+    Attributes:
+        column: of the table. unit: None: the contract's. sign: 1 or -1.
+        by: how it was found. checked: what confirmed its sign; None: nothing.
+    """
+
+    column: str
+    unit: str | None
+    sign: int
+    by: str
+    checked: str | None
+
+
 @dataclass(frozen=True, repr=False)
-class ImportedTable(Shown):
+class ImportedTable(Result):
     """The result of importing a table.
 
     Attributes:
-        mapped: by column of the contract: {"column", "unit", "sign", "by", "checked"}.
+        mapped: by column of the contract.
         assumed: what neither the table nor the user says. problems: what the user has to decide or look at.
         unused: columns of the table that are not read.
         folder: the measurement folder; None if something necessary is missing.
     """
 
-    mapped: dict[str, dict[str, Any]]
+    mapped: dict[str, MappedColumn]
     assumed: tuple[str, ...]
     problems: tuple[str, ...]
     unused: tuple[str, ...]
-    folder: Path | None
+    folder: str | None
 
-    def plain(self) -> dict[str, Any]:
-        """Return the JSON document."""
-        folder = None if self.folder is None else str(self.folder)
-        lists = {"assumed": list(self.assumed), "problems": list(self.problems)}
-        return {"mapped": self.mapped, **lists, "folder": folder}
+    @property
+    def exit_code(self) -> int:
+        """Return 0 if the folder was written, though perhaps with problems to look at, or else 1."""
+        return int(self.folder is None)
 
-    def parts(self) -> list[Table | str]:
+    def tables(self) -> list[Table | str]:
         """Return the mapping, and what was assumed and is to be decided."""
         columns = (Column("of the contract"), Column("of the table"), Column("unit"), Column("sign"))
         columns = (*columns, Column("found by"), Column("sign checked by"))
         rows = [
-            [name, one["column"], one["unit"] or "", f"{one['sign']:+d}", one["by"], one["checked"] or ""]
+            [name, one.column, one.unit or "", f"{one.sign:+d}", one.by, one.checked or ""]
             for name, one in self.mapped.items()
         ]
         parts: list[Table | str] = [Table("Columns", columns, rows)]
@@ -73,7 +89,9 @@ class ImportedTable(Shown):
         for title, lines in (("Assumed", self.assumed), ("Problems", self.problems)):
             if lines:
                 parts += [f"{title}:", *(f"- {line}" for line in lines)]
-        return parts
+        if self.folder is None:
+            return [*parts, "No folder was written; state what is missing with `map`."]
+        return [*parts, f"Measurement folder: {self.folder}"]
 
 
 @dataclass
@@ -145,7 +163,7 @@ def import_table(table: Path, robot: Robot, folder: Path, stated: ImportMap) -> 
         assumed=tuple(work.assumed),
         problems=(*work.missing, *work.problems, *signs.doubtful),
         unused=tuple(found.unused),
-        folder=None if work.missing else Path(folder),
+        folder=None if work.missing else str(folder),
     )
 
 
@@ -319,29 +337,26 @@ def _tell_lifted(work: _Work, measurements: Any) -> None:
         )
 
 
-def _mapped(found: Proposal, stated: ImportMap, signs: SignCheck, work: _Work) -> dict[str, dict[str, Any]]:
+def _mapped(found: Proposal, stated: ImportMap, signs: SignCheck, work: _Work) -> dict[str, MappedColumn]:
     rows = {}
     for name in (*found.exact, *found.mapping):
         entry = found.mapping.get(name)
-        by = "name" if entry is None else "statement" if name in stated.columns else "words of the name"
-        rows[name] = {
-            "column": name if entry is None else entry.column,
-            "unit": None if entry is None else entry.unit,
-            "sign": 1 if entry is None else entry.sign,
-            "by": by,
-            "checked": signs.confirmed.get(name) or signs.confirmed.get(name.rpartition(".")[0]),
-        }
-    return rows | {
-        name: {"column": name, "unit": None, "sign": 1, "by": "added", "checked": None} for name in work.added
-    }
+        rows[name] = MappedColumn(
+            column=name if entry is None else entry.column,
+            unit=None if entry is None else entry.unit,
+            sign=1 if entry is None else entry.sign,
+            by="name" if entry is None else "statement" if name in stated.columns else "words of the name",
+            checked=signs.confirmed.get(name) or signs.confirmed.get(name.rpartition(".")[0]),
+        )
+    return rows | {name: MappedColumn(name, None, 1, "added", None) for name in work.added}
 
 
 SIGNED = ("q.", "wrench.", "cop.", "plate.", "motor.", "q_command.")
 
 
-def _tell_signs(work: _Work, mapped: Mapping[str, Mapping[str, Any]]) -> None:
+def _tell_signs(work: _Work, mapped: Mapping[str, MappedColumn]) -> None:
     """Say which signs are assumed and which of them nothing has checked."""
-    signed = [name for name in mapped if name.startswith(SIGNED) and mapped[name]["by"] != "statement"]
-    unchecked = [name for name in signed if not mapped[name]["checked"]]
+    signed = [name for name in mapped if name.startswith(SIGNED) and mapped[name].by != "statement"]
+    unchecked = [name for name in signed if not mapped[name].checked]
     if unchecked:
         work.assumed.append(f"signs +1, which nothing here has checked: {listed(unchecked)}")

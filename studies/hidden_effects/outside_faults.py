@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
-from tulip_testbed.effects.ropes import FAR, hook, tie
 
 from tulip_testbed.effects.injection import edited, misreading
 from tulip_testbed.effects.laws.grammar import joints_of_leg
+from tulip_testbed.effects.ropes import FAR, hook, tie
 from tulip_testbed.effects.targets import plate_of
 from tulip_testbed.identification.observation import fraction_of_time
 from tulip_testbed.measurements import Measurements

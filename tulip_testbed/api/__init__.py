@@ -3,7 +3,13 @@
 Every function uses one thread for linear algebra, so that a notebook and the command line give the same bits.
 """
 
-from tulip_testbed.api.inputs import import_table, load_robot, read_measurements, write_measurements
+from tulip_testbed.api.inputs import (
+    describe_robot,
+    import_table,
+    load_robot,
+    read_measurements,
+    write_measurements,
+)
 from tulip_testbed.api.measured import check, discover, export_model, identify, next_experiment, predict
 from tulip_testbed.api.planned import atlas, plan, protocol, watch
 from tulip_testbed.api.shown import report, view
@@ -16,6 +22,7 @@ __all__ = [
     "Laboratory",
     "atlas",
     "check",
+    "describe_robot",
     "discover",
     "export_model",
     "identify",

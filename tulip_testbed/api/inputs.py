@@ -9,10 +9,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from tulip_testbed.base.arguments import checked
+from tulip_testbed.base.errors import InputError, warn
+from tulip_testbed.base.files import check_new
+from tulip_testbed.base.threads import one_blas_thread
+from tulip_testbed.drawings import standing_picture
 from tulip_testbed.effects.instance import EffectInstance, Effects, check_different, instances_of
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.laboratory import Run
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
+from tulip_testbed.experiments.robot_report import RobotReport, report_robot
 from tulip_testbed.experiments.table_import.import_map import read_map
 from tulip_testbed.experiments.table_import.table_import import ImportedTable
 from tulip_testbed.experiments.table_import.table_import import import_table as _import_table
@@ -49,6 +54,47 @@ def load_robot(path: str | Path = TULIP) -> Robot:
 
 
 @checked
+@one_blas_thread
+def describe_robot(
+    file: str | Path = TULIP,
+    *,
+    support: str = "double",
+    feet: tuple[str, str] | None = None,
+    sole: tuple[float, float, float, float] | None = None,
+    out: str | Path | None = None,
+) -> RobotReport:
+    """Prepare a published MJCF or URDF, or describe a robot.
+
+    Feet, soles, front, drives and a standing posture are found; what the file does not say is assumed and
+    listed. The file is not changed. The standard parameters and the base parameters of the robot follow.
+
+    Args:
+        file: MJCF or URDF as published, or a description (TOML).
+        support: of the base parameters: "double", "right" or "left".
+        feet: links of the right and the left foot, if their geometry does not tell.
+        sole: how far a sole reaches before and behind the ankle, its width, the ankle's height [m].
+        out: new folder for the description of a published robot, which can be edited: robot.toml, robot.xml,
+            robot.png.
+
+    Raises:
+        InputError: a file that cannot be read, no robot on two legs, or a folder that exists.
+    """
+    if out is not None:
+        check_new(Path(out))
+    return report_robot(
+        Path(file), support, feet or (), sole or (), None if out is None else Path(out), _picture
+    )
+
+
+def _picture(robot: Robot) -> bytes | None:
+    try:
+        return standing_picture(robot)
+    except InputError as problem:
+        warn(f"no picture of the robot: {problem}")
+        return None
+
+
+@checked
 def read_measurements(folder: str | Path) -> Measurements:
     """Read and check a measurement folder.
 
@@ -70,16 +116,24 @@ def write_measurements(folder: str | Path, measurements: Measurements) -> None:
 
 @checked
 def import_table(
-    table: str | Path, folder: str | Path, robot: Robot | None = None, stated: Sequence[str] = ()
+    table: str | Path,
+    robot: Robot | None = None,
+    *,
+    out: str | Path,
+    map: Sequence[str] = (),  # noqa: A002  a table's map
 ) -> ImportedTable:
-    """Make a measurement folder of a laboratory's own table, which keeps its names, units and signs.
+    """Make a measurement folder of your own table.
+
+    The table keeps its names, units and signs; the manifest maps them to the contract's. Columns are found by
+    their names, units in brackets. Units that no column name gives have to be stated. Signs are +1 unless
+    stated, and are checked against the robot where closed legs, weight and centre of pressure determine them.
 
     Args:
-        table: CSV or Parquet, one row a held posture.
-        folder: a new one.
+        table: CSV or Parquet file, one row a held posture.
         robot: that was measured; TULip if None.
-        stated: what the table does not say: the path of a TOML file, and entries such as
-            "q.right_knee=RKnee [deg]:deg:-1".
+        out: new measurement folder.
+        map: what the table does not say: the path of a TOML file (contacts, columns, units, signs, constant
+            joints), and entries such as "q.right_knee=RKnee [deg]:deg:-1".
 
     Returns:
         what was mapped, assumed and is to be decided; its `folder` is None if something necessary is missing.
@@ -87,7 +141,8 @@ def import_table(
     Raises:
         InputError: a table or a statement that cannot be read, or a folder that exists.
     """
-    return _import_table(Path(table), robot or load_robot(), Path(folder), read_map(stated))
+    check_new(Path(out))
+    return _import_table(Path(table), robot or load_robot(), Path(out), read_map(map))
 
 
 def corrections_of(corrections: Effects, robot: Robot) -> tuple[EffectInstance, ...]:

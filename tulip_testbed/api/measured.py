@@ -21,15 +21,15 @@ from tulip_testbed.base.threads import one_blas_thread, processes
 from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING
 from tulip_testbed.effects.instance import Effects
 from tulip_testbed.experiments.check_folder import Preflight, check_folder, check_measurements, warn_of_faults
+from tulip_testbed.experiments.defaults import DEFAULT_SEED, SAMPLES
 from tulip_testbed.experiments.discovering import Discovered, discover_effects
 from tulip_testbed.experiments.discovery_record import read_discovery
-from tulip_testbed.experiments.export.export_model import SAMPLES, Export
+from tulip_testbed.experiments.export.export_model import Export
 from tulip_testbed.experiments.export.export_model import export_model as _export_model
 from tulip_testbed.experiments.export.exported_model import ExportedModel
 from tulip_testbed.experiments.export.identified_run import identified_run
 from tulip_testbed.experiments.identify import Identification, warn_of_unrest
 from tulip_testbed.experiments.identify import identify as _identify
-from tulip_testbed.experiments.laboratory import DEFAULT_SEED
 from tulip_testbed.experiments.predict import Prediction
 from tulip_testbed.experiments.predict import predict as _predict
 from tulip_testbed.experiments.proposed_experiment import Proposals, write_experiment_plan
@@ -37,18 +37,24 @@ from tulip_testbed.experiments.validate import Validation
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.robot import Robot
 
+Exportable = Identification | Validation | Discovered | str | Path
+
 
 @checked
 @one_blas_thread
 def check(
     measurements: Measured,
     robot: Robot | None = None,
+    *,
     corrections: Effects = (),
 ) -> Preflight:
-    """Check measurements for faults: weights, drift, plates, legs, units and more.
+    """Check measurements for faults.
+
+    Weights, drift, plates, legs, units and more are checked. If a folder is incomplete, the missing parts are
+    listed with an example to copy.
 
     Args:
-        measurements: or a run, or their folder, whose complaints about missing columns are listed too.
+        measurements: or a run, or their folder.
         robot: the nominal robot; TULip if None.
         corrections: effects that the measurements are corrected for before.
 
@@ -178,10 +184,14 @@ def next_experiment(
 def predict(
     measurements: Measured,
     robot: Robot | None = None,
+    *,
     train: Sequence[str] = (),
     test: Sequence[str] = (),
 ) -> Prediction:
     """Ask whether the identified model predicts better than CAD.
+
+    Models are the robot's own masses (CAD), CAD and a constant, the identified one, and the identified one
+    with a prior at CAD. Each predicts the centre of pressure of postures that took no part in its training.
 
     Args:
         measurements: or their folder, or a run.
@@ -203,26 +213,28 @@ def predict(
 @checked
 @one_blas_thread
 def export_model(
-    found: Identification | Validation | Discovered | str | Path,
-    path: str | Path,
+    run: Exportable,
     robot: Robot | None = None,
+    *,
+    out: str | Path,
     source: str | Path | None = None,
     samples: int = SAMPLES,
     seed: int = DEFAULT_SEED,
     lengths: bool = False,
 ) -> ExportedModel:
-    """Write the identified robot as a model file for MuJoCo or Pinocchio.
+    """Write the identified robot as a model file (MJCF or URDF).
 
     Base parameters and total mass are the identified ones; what statics cannot see is as near to CAD as
     physical consistency allows. Only the <inertial> elements of the robot's own file change.
 
     Args:
-        found: an identification, a validation or a discovery, or the folder of a validation, a discovery or
+        run: an identification, a validation or a discovery, or the folder of a validation, a discovery or
             measurements.
-        path: of a new file, .xml or .urdf.
         robot: the nominal robot, whose masses are CAD's; TULip if None.
+        out: new model file, .xml or .urdf.
         source: published MJCF or URDF of which the robot was made: its inertias are replaced instead.
-        samples: random robots that the measurements allow, written next to the model as NAME-samples.npz.
+        samples: random robots that the measurements allow, written next to the model as NAME-samples.npz; 0:
+            none.
         seed: of the samples.
         lengths: put the link lengths that a discovery or a folder adopted into the file.
 
@@ -234,16 +246,19 @@ def export_model(
         InputError: a folder without an estimate, another robot, a file that exists or has another ending, or
             one whose settings overrule its inertias.
     """
-    robot = robot or load_robot()
+    robot, file = robot or load_robot(), Path(out)
+    check_new(file)
     weighed, adopted = None, ()
-    if isinstance(found, str | Path):
-        found, measurements, adopted = identified_run(Path(found), robot)
+    if isinstance(run, str | Path):
+        found, measurements, adopted = identified_run(Path(run), robot)
         weighed = measurements.weighed_mass
-    elif isinstance(found, Validation):
-        adopted = found.run.laboratory.known
-        weighed, found = found.run.measurements.weighed_mass, found.identification
-    elif isinstance(found, Discovered):
-        adopted = found.discovery.corrections
-        weighed, found = found.discovery.observed.measurements.weighed_mass, found.after or found.before
+    elif isinstance(run, Validation):
+        adopted = run.run.laboratory.known
+        weighed, found = run.run.measurements.weighed_mass, run.identification
+    elif isinstance(run, Discovered):
+        adopted = run.discovery.corrections
+        weighed, found = run.discovery.observed.measurements.weighed_mass, run.after or run.before
+    else:
+        found = run
     place = None if source is None else Path(source)
-    return _export_model(found, robot, Export(Path(path), place, samples, seed, adopted, lengths), weighed)
+    return _export_model(found, robot, Export(file, place, samples, seed, adopted, lengths), weighed)

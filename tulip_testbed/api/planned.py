@@ -14,7 +14,7 @@ from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.experiments.atlases.effect_atlas import Atlas
 from tulip_testbed.experiments.atlases.effect_atlas import atlas as _atlas
 from tulip_testbed.experiments.atlases.planned_experiment import planned
-from tulip_testbed.experiments.laboratory import DEFAULT_SEED
+from tulip_testbed.experiments.defaults import DEFAULT_SEED
 from tulip_testbed.experiments.planning_run import PlanSettings, optimal_plan
 from tulip_testbed.experiments.protocols.motion import SPEED
 from tulip_testbed.experiments.protocols.protocol_run import (

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from tulip_testbed.base.arguments import checked
 from tulip_testbed.base.threads import one_blas_thread, processes
+from tulip_testbed.experiments.defaults import DEFAULT_SEED
 from tulip_testbed.experiments.imperfections import default_estimator
-from tulip_testbed.experiments.laboratory import DEFAULT_SEED, Laboratory
+from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.montecarlo_run import MonteCarlo, Place, montecarlo
 from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.validate import Validation

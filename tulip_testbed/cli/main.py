@@ -22,24 +22,18 @@ from pathlib import Path
 from typing import Any
 
 from tulip_testbed.base.errors import InputError, InputWarning, choices, listed, shortened
+from tulip_testbed.cli.commands import COMMANDS
 
-# The command NAME is the function NAME_command of the module NAME_command; its summary is the first line of
-# the function's docstring.
-COMMANDS: dict[str, str] = {
+# Commands that are still functions of their own: NAME is NAME_command of the module NAME_command.
+MODULES: dict[str, str] = {
     "validate": "Simulate a plan, identify the robot and compare with the truth.",
     "simulate": "Simulate an experiment and write a measurement folder.",
     "montecarlo": "Repeat a simulated experiment and test the stated standard errors.",
     "watch": "Check postures while they are measured, and tell when to stop.",
-    "check": "Check a measurement folder for faults.",
     "identify": "Identify the robot's base parameters from a measurement folder.",
-    "export": "Write the identified robot as a model file (MJCF or URDF).",
-    "predict": "Ask whether the identified model predicts better than CAD.",
     "postures": "Draw random feasible postures, or describe a plan.",
     "plan": "Search for optimal postures (section IV of the paper).",
     "protocol": "Write what a laboratory needs to carry a plan out.",
-    "import": "Make a measurement folder of your own table.",
-    "robot": "Prepare a published MJCF or URDF for every other command.",
-    "model": "Show a model's standard parameters and its base parameters.",
     "discover": "Find physical effects that the model lacks.",
     "next": "Rank the experiments that would settle an ambiguous discovery.",
     "effects": "List the physical effects that can be simulated, or explain one.",
@@ -93,8 +87,9 @@ def main(arguments: list[str] | None = None, loaded: Callable[[], object] = lamb
 
 def usage() -> str:
     """Describe the command line: every command with its summary."""
-    width = max(map(len, COMMANDS))
-    lines = (f"  {name:{width}}  {summary}" for name, summary in COMMANDS.items())
+    summaries = MODULES | {name: one.summary for name, one in COMMANDS.items()}
+    width = max(map(len, summaries))
+    lines = (f"  {name:{width}}  {summary}" for name, summary in summaries.items())
     return "\n".join(
         [
             "usage: tulip COMMAND [OPTIONS]",
@@ -115,14 +110,17 @@ def command_of(name: str | None) -> Command:
     Raises:
         InputError: there is no such command.
     """
+    names = [*MODULES, *COMMANDS]
     if name is None:
-        raise InputError(f"found no command; valid: {listed(COMMANDS)}; `tulip --help` explains them")
-    if name not in COMMANDS:
+        raise InputError(f"found no command; valid: {listed(names)}; `tulip --help` explains them")
+    if name not in names:
         if name.startswith("-"):
             raise InputError(
                 f"unknown option '{shortened(name)}'; valid: --help, --version, or a command first"
             )
-        raise InputError(f"unknown command '{shortened(name)}'; {choices(name, COMMANDS)}")
+        raise InputError(f"unknown command '{shortened(name)}'; {choices(name, names)}")
+    if name in COMMANDS:
+        return COMMANDS[name].load()
     return getattr(import_module(f"tulip_testbed.cli.{name}_command"), f"{name}_command")
 
 

@@ -25,11 +25,12 @@ from rich.status import Status
 from rich.text import Text
 
 from tulip_testbed.base.column import printable
-from tulip_testbed.base.table import STYLES, Table
+from tulip_testbed.base.table import STYLES, Table, Verbatim
 from tulip_testbed.base.table_files import finite
 
 ERR = Console(stderr=True)
 PIPE_WIDTH = 150
+VERDICT = "Verdict: "  # what the line begins with whose rest has the colour of the verdict
 
 
 def show(*parts: Table | str) -> None:
@@ -40,7 +41,11 @@ def show(*parts: Table | str) -> None:
     before: Table | str = ""
     for part in parts:
         if isinstance(part, str):
-            _console().print(Text(printable(part)))
+            head, name, verdict = part.partition(VERDICT)
+            text = Text(printable(part))
+            if name and not head:
+                text.stylize(STYLES.get(verdict.split(" (")[0], "bold"), len(VERDICT))
+            _console().print(text, soft_wrap=isinstance(part, Verbatim))
         else:
             gap = [""] if isinstance(before, str) and before else []
             _console(part.whole_width).print(*gap, part, "", sep="\n", crop=False)

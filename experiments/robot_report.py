@@ -1,0 +1,222 @@
+"""What is known of a robot: what its file says and lacks, its standard parameters and its base parameters."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.errors import InputError, listed
+from tulip_testbed.base.result import Result
+from tulip_testbed.base.table import Table
+from tulip_testbed.experiments.base_parameter_words import base_parameter_words
+from tulip_testbed.experiments.description import described_robot
+from tulip_testbed.experiments.robot_import.robot_import import import_robot
+from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
+from tulip_testbed.sim.robot import PUBLISHED, Robot
+from tulip_testbed.sim.robot_check import RobotFinding, robot_findings
+
+
+@dataclass(frozen=True)
+class StandardParameters:
+    """Standard parameters of a link (eq. 5): mass [kg] and first moments [kg m]."""
+
+    link: str
+    mass: float
+    mcx: float
+    mcy: float
+    mcz: float
+
+
+@dataclass(frozen=True)
+class BaseParameter:
+    """A base parameter.
+
+    Attributes:
+        value: of the model [m]. columns: of the regressor that it unites, as text.
+        standard: its terms, as a sum of standard parameters. terms: their number.
+        largest: the largest term. meaning: what is summed, in words.
+    """
+
+    number: int
+    name: str
+    value: float
+    columns: str
+    standard: str
+    terms: int
+    largest: str
+    meaning: str
+
+
+@dataclass(frozen=True, repr=False)
+class RobotReport(Result):
+    """What is known of a robot.
+
+    Attributes:
+        name: of the robot. model: its MJCF file. support: of the base parameters.
+        total_mass: [kg]. counts: of parameters: standard, columns, joined, base.
+        standard, base: the parameters. findings: what it lacks for the laboratory.
+        found, assumed, problems: of a published file: what it says, what it does not, what may go wrong.
+        description: file that was written for the other commands; None: none was.
+    """
+
+    name: str
+    model: str
+    support: str
+    total_mass: float
+    counts: dict[str, int]
+    standard: tuple[StandardParameters, ...]
+    base: tuple[BaseParameter, ...]
+    findings: tuple[RobotFinding, ...]
+    found: dict[str, Any] | None = None
+    assumed: tuple[str, ...] = ()
+    problems: tuple[str, ...] = ()
+    description: str | None = None
+
+    def tables(self) -> list[Table | str]:
+        """Return what a published file says, the parameters, and what the robot lacks."""
+        count = self.counts
+        parts: list[Table | str] = [] if self.found is None else [_found_table(self.name, self.found)]
+        for title, lines in (("Assumed", self.assumed), ("Problems", self.problems)):
+            if lines:
+                parts += [f"{title}:", *(f"- {line}" for line in lines)]
+        parts += [
+            f"{self.model}: {count['standard']} standard parameters -> {count['columns']} columns -> "
+            f"{count['joined']} -> {count['base']} base parameters in {self.support} support",
+            "",
+            _standard_table(self.standard),
+            _base_table(self.base, self.total_mass),
+        ]
+        if self.findings:
+            parts.append(_finding_table(self.findings))
+        return [*parts, *([f"Description: {self.description}"] if self.description else [])]
+
+
+def report_robot(
+    file: Path,
+    support: str = "double",
+    feet: Sequence[str] = (),
+    sole: Sequence[float] = (),
+    out: Path | None = None,
+    picture: Callable[[Robot], bytes | None] | None = None,
+) -> RobotReport:
+    """Report on a description, or prepare a published model for every other command.
+
+    Args:
+        file: description (TOML), MJCF or URDF.
+        support: "double", "right" or "left": of the base parameters.
+        feet, sole: see `import_robot`; of a published model alone.
+        out: new folder for the description of a published model.
+        picture: draws it, see `ImportedRobot.write`.
+
+    Raises:
+        InputError: a file that cannot be read, or no robot on two legs; statements about a description.
+    """
+    if file.suffix.lower() not in PUBLISHED:
+        if feet or sole or out is not None:
+            raise InputError(
+                f"{file}: found a description, expected a published MJCF or URDF with feet, sole or out"
+            )
+        return _report(described_robot(file), support)
+    imported = import_robot(file, feet, sole)
+    more: dict[str, Any] = {
+        "found": imported.found,
+        "assumed": imported.assumed,
+        "problems": imported.problems,
+    }
+    if out is not None:
+        robot = imported.write(out, picture)
+        return _report(robot, support, **more, description=str(out / robot.path.name))
+    with tempfile.TemporaryDirectory() as folder:
+        return _report(imported.write(Path(folder) / imported.name), support, **more)
+
+
+def _report(robot: Robot, support: str, **more: Any) -> RobotReport:
+    parameters = base_parameters(robot, robot.model, support)
+    standard = standard_parameters(robot.model)
+    values = parameters.values(standard)
+    return RobotReport(
+        name=robot.name,
+        model=robot.model_file.name,
+        support=support,
+        total_mass=float(standard[:, 0].sum()),
+        counts={
+            "standard": standard.size,
+            "columns": 3 * len(parameters.tree.frames),
+            "joined": parameters.merged_columns,
+            "base": len(parameters.names),
+        },
+        standard=tuple(
+            StandardParameters(link, *row)
+            for link, row in zip(parameters.tree.links, standard.tolist(), strict=True)
+        ),
+        base=tuple(
+            BaseParameter(
+                number=k,
+                name=name,
+                value=float(value),
+                columns=group,
+                standard=parameters.grouping(k - 1),
+                **base_parameter_words(parameters, k - 1, standard),
+            )
+            for k, (name, value, group) in enumerate(
+                zip(parameters.names, values, parameters.groups, strict=True), 1
+            )
+        ),
+        findings=tuple(robot_findings(robot)),
+        **more,
+    )
+
+
+def _found_table(name: str, found: dict[str, Any]) -> Table:
+    length, width = np.ptp(np.array(found["soles"][0])[:, :2], axis=0)
+    torque = sorted(found["torque"].values())
+    rows = [
+        ("links, joints", f"{found['links']}, {found['joints']}"),
+        ("mass", f"{found['mass']:.2f} kg"),
+        ("free body", found["root"]),
+        ("stance foot (right), swing foot (left)", listed(found["feet"])),
+        ("sole", f"{1e3 * length:.0f} mm long, {1e3 * width:.0f} mm wide"),
+        ("leg, hip to sole", f"{found['leg']:.3f} m"),
+        ("joints between the feet", str(len(found["between_feet"]))),
+        ("other joints (arms, head)", str(len(found["others"]))),
+        ("torque limits", f"{torque[0]:.3g} to {torque[-1]:.3g} Nm"),
+        ("standing posture", f"free body {found['height']:.3f} m above the soles"),
+    ]
+    return Table(name, (Column("found"), Column("value")), rows)
+
+
+def _standard_table(rows: Sequence[StandardParameters]) -> Table:
+    columns = (
+        Column("link"),
+        Column("mass", "kg", ".3f"),
+        *(Column(f"m c_{axis}", "kg m", ".4f") for axis in "xyz"),
+    )
+    return Table(
+        "Standard parameters (eq. 5)", columns, [[r.link, r.mass, r.mcx, r.mcy, r.mcz] for r in rows]
+    )
+
+
+def _base_table(rows: Sequence[BaseParameter], mass: float) -> Table:
+    columns = (
+        Column("no.", format="d"),
+        Column("parameter"),
+        Column("value", "mm", ".2f", 1e3),
+        Column("terms", format="d"),
+        Column("largest term"),
+        Column("sum of"),
+    )
+    lines = [[r.number, r.name, r.value, r.terms, r.largest, r.meaning] for r in rows]
+    note = "A base parameter is the sum over the total mass; --json holds every term."
+    return Table(f"Base parameters; the total mass is {mass:.3f} kg", columns, lines, note)
+
+
+def _finding_table(rows: Sequence[RobotFinding]) -> Table:
+    columns = (Column("about"), Column("found"), Column("what goes wrong"), Column("what is done"))
+    lines = [[r.name, r.found, r.consequence, r.assumed] for r in rows]
+    return Table("Items that this robot lacks for the laboratory", columns, lines)

@@ -1,0 +1,47 @@
+"""The commands of the command line: which function of the library each of them calls."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from tulip_testbed.cli.signatures import public_function, summary_of
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command made from a function of `tulip_testbed.api`.
+
+    Attributes:
+        function: its name there. examples: command lines for the help.
+        saved: whether it has an option --out for a result that the function does not write itself.
+    """
+
+    function: str
+    examples: tuple[str, ...]
+    saved: bool = False
+
+    @property
+    def summary(self) -> str:
+        """Return the first line of the function's docstring."""
+        return summary_of(self.function)
+
+    def load(self) -> Callable[..., int]:
+        """Return the function that tyro calls with the options."""
+        from tulip_testbed.cli.generated import command_of
+
+        return command_of(public_function(self.function), self.examples, self.saved)
+
+
+COMMANDS: dict[str, Command] = {
+    "check": Command("check", ("tulip check data/first",)),
+    "export": Command("export_model", ("tulip export runs/first --out identified.xml",)),
+    "import": Command(
+        "import_table",
+        ("tulip import standing.csv --robot my/robot/robot.toml --map contacts.toml --out data/standing",),
+    ),
+    "predict": Command("predict", ("tulip predict data/first", "tulip predict data/first --train 1-40")),
+    "robot": Command(
+        "describe_robot", ("tulip robot g1_29dof.urdf --out my/g1", "tulip robot my/g1/robot.toml")
+    ),
+}

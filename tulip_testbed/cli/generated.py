@@ -1,0 +1,127 @@
+"""Make a command of a function of the library: its options are the function's parameters.
+
+A command adds --json, progress and, where a result can be kept and the function writes none itself, --out.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterator, Sequence
+from inspect import Parameter, Signature
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from tulip_testbed.cli.readers import READERS, read_robot
+from tulip_testbed.cli.signatures import REQUIRED, Argument, PublicFunction
+
+OUT, JSON, ROBOT, VALUE, PROGRESS = "out", "json", "robot", "value", "progress"
+AS_JSON = Annotated[bool, tyro.conf.arg(help="print one JSON document on stdout instead of tables")]
+SAVED = Annotated[Path | None, tyro.conf.arg(help="new folder for the result; none if left out")]
+
+
+def command_of(
+    function: PublicFunction, examples: Sequence[str] = (), saved: bool = False
+) -> Callable[..., int]:
+    """Return the function that tyro calls with a command's options.
+
+    Args:
+        function: of the library.
+        examples: command lines for the help.
+        saved: whether the command has an option --out, for a result that the function does not write itself.
+    """
+    options: dict[str, Parameter] = {}
+    for argument in function.arguments:
+        for option in _options(argument):
+            options.setdefault(option.name, option)
+    if saved:
+        options[OUT] = Parameter(OUT, Parameter.KEYWORD_ONLY, default=None, annotation=SAVED)
+    options[JSON] = Parameter(JSON, Parameter.KEYWORD_ONLY, default=False, annotation=AS_JSON)
+
+    def command(**given: Any) -> int:
+        return _carry_out(function, given, given.pop(OUT) if saved else None)
+
+    command.__signature__ = Signature(list(options.values()))  # type: ignore[attr-defined]
+    command.__annotations__ = {name: option.annotation for name, option in options.items()}
+    command.__doc__ = "\n\n".join([function.explanation, *(f"Example: {line}" for line in examples)])
+    return command
+
+
+def _carry_out(function: PublicFunction, given: dict[str, Any], out: Path | None) -> int:
+    """Call the library's function and show its result; returns the exit code."""
+    import tulip_testbed.api as api
+    from tulip_testbed.base.files import check_new
+    from tulip_testbed.cli.terminal import print_json, say, show
+
+    as_json = given.pop(JSON)
+    if out is not None:
+        check_new(out)
+    result = getattr(api, function.name)(**_arguments(function, given))
+    if out is not None:
+        result.save(out)
+    if as_json:
+        print_json(result.to_json())
+    else:
+        show(*result.tables())
+    if out is not None:
+        say(f"Folder: {out}")
+    return result.exit_code
+
+
+def _options(argument: Argument) -> Iterator[Parameter]:
+    """Yield the options of one parameter of the library; the command line shows progress itself."""
+    if argument.name == PROGRESS:
+        return
+    reader = READERS.get(argument.annotation)
+    if reader is None:
+        yield _option(
+            argument.name, _kind(argument.annotation), argument.default, argument, argument.by_place
+        )
+        return
+    for one in inspect.signature(reader).parameters.values():
+        if one.name == ROBOT and reader is not read_robot:
+            yield from _options(Argument(ROBOT, "Robot | None", None, False, ""))
+            continue
+        kind = eval(one.annotation, reader.__globals__)
+        default = REQUIRED if one.default is Parameter.empty else one.default
+        name = argument.name if one.name == VALUE else one.name
+        yield _option(name, kind, default, argument, argument.by_place and one.name == VALUE)
+
+
+def _kind(annotation: str) -> Any:
+    """Return the type that tyro reads for a plain parameter."""
+    kind = eval(
+        annotation.replace("str | Path", "Path").replace("Sequence[str]", "tuple[str, ...]"), {"Path": Path}
+    )
+    return Annotated[kind, tyro.conf.UseAppendAction] if kind == tuple[str, ...] else kind
+
+
+def _option(name: str, kind: Any, default: Any, argument: Argument, by_place: bool) -> Parameter:
+    if argument.text and argument.annotation not in READERS:
+        kind = Annotated[kind, tyro.conf.arg(help=argument.text)]
+    if by_place:
+        kind = Annotated[kind, tyro.conf.Positional]
+    default = Parameter.empty if default is REQUIRED else default
+    return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
+
+
+def _arguments(function: PublicFunction, given: dict[str, Any]) -> dict[str, Any]:
+    """Return what the library's function is called with."""
+    from tulip_testbed.cli.terminal import progress
+
+    robot = read_robot(given[ROBOT]) if ROBOT in given else None
+    arguments: dict[str, Any] = {}
+    for argument in function.arguments:
+        name, reader = argument.name, READERS.get(argument.annotation)
+        if name == PROGRESS:
+            arguments[name] = progress
+        elif reader is None:
+            arguments[name] = given[name]
+        elif reader is read_robot:
+            arguments[name] = robot
+        else:
+            wanted = inspect.signature(reader).parameters
+            options = {one: given[name if one == VALUE else one] for one in wanted if one != ROBOT}
+            arguments[name] = reader(**options, **({ROBOT: robot} if ROBOT in wanted else {}))
+    return arguments
