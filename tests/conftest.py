@@ -6,7 +6,9 @@ import dataclasses
 import fcntl
 import os
 import pickle
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("MUJOCO_GL", "disable")
@@ -20,6 +22,7 @@ os.environ.pop("COLUMNS", None)
 import numpy as np
 import pytest
 
+from tests.drawing import WHEN, decide, obstacle_to, unreachable
 from tests.effect_changes import SEED, first
 from tests.foreign_robots import ROBOTS, write_robot
 from tests.synthetic import Bench, synthetic_bench
@@ -43,6 +46,16 @@ from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.scene import nominal_plates
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    help_ = "tests that draw: where possible, always (or fail), never (drivers are made unreachable)"
+    parser.addoption("--draw", choices=WHEN, default="possible", help=help_)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("draw") == "never":
+        os.environ.update(unreachable(Path(tempfile.mkdtemp(prefix="no-drivers-"))))
+
+
 @pytest.fixture(scope="session")
 def once(tmp_path_factory, worker_id) -> Callable[[str, Callable[[], Any]], Any]:
     """Make something once for all processes of pytest-xdist: (name, function) -> its result."""
@@ -58,6 +71,28 @@ def once(tmp_path_factory, worker_id) -> Callable[[str, Callable[[], Any]], Any]
         return pickle.loads(path.read_bytes())
 
     return made
+
+
+@pytest.fixture(scope="session")
+def drawing(once, pytestconfig) -> Callable[[str], None]:
+    """Skip what asks for a program that cannot draw here; each program draws once a test run."""
+    when = pytestconfig.getoption("draw")
+    return lambda program: decide(program, once(f"obstacle-{program}", lambda: obstacle_to(program)), when)
+
+
+@pytest.fixture(scope="session")
+def vulkan(drawing) -> None:
+    drawing("vulkan")
+
+
+@pytest.fixture(scope="session")
+def opengl(drawing) -> None:
+    drawing("opengl")
+
+
+@pytest.fixture(scope="session")
+def chromium(drawing) -> None:
+    drawing("chromium")
 
 
 @pytest.fixture(scope="session")

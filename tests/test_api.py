@@ -13,6 +13,7 @@ import pytest
 
 import tulip_testbed as tt
 from tests.documented import blocks
+from tests.drawing import draws_with
 from tests.test_architecture import FLOW
 from tulip_testbed.cli.main import COMMANDS
 from tulip_testbed.effects.instance import EffectInstance
@@ -104,6 +105,7 @@ def test_the_block_in_statics_without_a_screen(notebook):
 
 
 @pytest.mark.slow
+@draws_with("vulkan")
 def test_the_block_letter_by_letter(notebook, screen):
     names: dict = {}
     exec(FIRST_HALF + SECOND_HALF, names)

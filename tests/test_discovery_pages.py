@@ -10,10 +10,10 @@ from html import unescape
 import numpy as np
 import pytest
 
+from tests.drawing import draws_with
 from tests.looking import browse
 from tests.test_cli import refused
-from tests.test_report import needs_chromium
-from tests.test_view import cpu_seconds, look, needs_vulkan, not_blank
+from tests.test_view import cpu_seconds, look, not_blank
 from tulip_testbed.base.document import flattened
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import sha256
@@ -71,7 +71,7 @@ def test_what_is_left_is_noise_and_what_was_there_is_not(saved):
     assert ratio["sum of the vertical forces"] < 1.4
 
 
-@needs_vulkan
+@draws_with("vulkan")
 def test_rerun_draws_every_view(found, saved, tmp_path):
     began = cpu_seconds()
     assert main(["view", str(found), "--save", str(tmp_path / "d.rrd")]) == 0
@@ -85,7 +85,7 @@ def test_rerun_draws_every_view(found, saved, tmp_path):
     not_blank(tmp_path / "d.png")
 
 
-@needs_chromium
+@draws_with("chromium")
 def test_a_browser_has_nothing_to_complain_of(found, tmp_path):
     began = cpu_seconds()
     page = tmp_path / "d.html"

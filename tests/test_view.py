@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import time
-from ctypes.util import find_library
 from pathlib import Path
 
 import mujoco
@@ -18,6 +17,7 @@ import rerun.blueprint as rrb
 from PIL import Image
 
 from studies.study_check import rows_of
+from tests.drawing import draws_with
 from tests.looking import headless_viewer
 from tests.test_cli import refused
 from tests.test_series import raw_series, write_series
@@ -49,17 +49,6 @@ def cpu_seconds() -> float:
     kinds = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
     used = [resource.getrusage(kind) for kind in kinds]
     return sum(usage.ru_utime + usage.ru_stime for usage in used)
-
-
-def vulkan() -> bool:
-    """Whether there is any Vulkan driver: rerun draws with nothing else."""
-    return any(Path(folder).glob("*.json") for folder in ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d"))
-
-
-needs_opengl = pytest.mark.skipif(
-    not (find_library("OSMesa") or find_library("EGL")), reason="no OpenGL without a screen (libosmesa6)"
-)
-needs_vulkan = pytest.mark.skipif(not vulkan(), reason="no Vulkan (mesa-vulkan-drivers)")
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +93,7 @@ def not_blank(picture: Path) -> None:
             assert len(np.unique(part)) > 3
 
 
-@needs_vulkan
+@draws_with("vulkan")
 def test_rerun_draws_every_view_of_a_run(run, robot, tmp_path, monkeypatch):
     subject = validated(read_validation(run, robot))
     monkeypatch.setattr(postures, "laid_out", side_by_side)
@@ -117,7 +106,7 @@ def test_rerun_draws_every_view_of_a_run(run, robot, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-@needs_vulkan
+@draws_with("vulkan")
 def test_rerun_draws_every_view_of_a_montecarlo(calibration, robot, tmp_path, monkeypatch):
     saved = read_montecarlo(calibration, robot)
     monkeypatch.setattr(montecarlo, "laid_out", side_by_side)
@@ -206,7 +195,7 @@ def with_series(wii, tmp_path_factory):
     return folder
 
 
-@needs_vulkan
+@draws_with("vulkan")
 def test_a_series_has_a_time_line_of_its_own(with_series, robot, tmp_path):
     assert main(["view", str(with_series), "--save", str(tmp_path / "s.rrd")]) == 0
     with headless_viewer(tmp_path / "s.rrd") as viewer:
