@@ -1,8 +1,8 @@
 """Record the processor time of every test of the default suite (`make durations`), and read the record.
 
-Loaded as a plugin of pytest (`-p tests.durations`) it writes `tests/durations.csv`: seconds of processor time, of
-the test and of the processes that it started, summed over its parameters. What the test processes use outside tests
-(imports, collection) is a row of its own.
+Loaded as a plugin of pytest (`-p tests.durations`) it writes `tests/durations.csv`: seconds of processor time
+of a test and of the processes that it started, summed over its parameters. What the test processes use outside
+tests (imports, collection) is a row of its own.
 """
 
 from __future__ import annotations

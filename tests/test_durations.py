@@ -1,4 +1,4 @@
-"""The default suite takes a few minutes: its recorded processor time is limited, and the record is current."""
+"""The default suite takes a few minutes: its recorded processor time is limited, the record is current."""
 
 from tests.durations import OUTSIDE, default_tests, read_durations
 
