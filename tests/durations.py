@@ -1,7 +1,7 @@
 """Record the processor time of every test of the default suite (`make durations`), and read the record.
 
 Loaded as a plugin of pytest (`-p tests.durations`) it writes `tests/durations.csv`: seconds of processor time
-of a test and of the processes that it started, summed over its parameters. What the test processes use outside
+of a test and of the processes that it started, summed over its parameters. What test processes use outside of
 tests (imports, collection) is a row of its own.
 """
 
