@@ -98,9 +98,9 @@ def test_shown_figures_are_the_documents_rounded(page, run):  # noqa: F811
         assert float(figure) == pytest.approx(1e3 * expected[key], abs=0.0051)
 
 
-def test_the_marked_correlations_are_the_verdicts(page, wii):
+def test_the_marked_correlations_are_the_verdicts(page, moved_wii):
     text = page.read_text(encoding="utf-8")
-    checks = {check.name: check.value for check in wii.checks}
+    checks = {check.name: check.value for check in moved_wii.checks}
     for pair in ("12, 13", "15, 16"):
         assert f"{pair}: {checks[f'correlation ({pair})']:.4f}" in text
 

@@ -52,9 +52,9 @@ def cpu_seconds() -> float:
 
 
 @pytest.fixture(scope="module")
-def run(wii, tmp_path_factory):
+def run(moved_wii, tmp_path_factory):
     folder = tmp_path_factory.mktemp("view") / "run"
-    write_validation(folder, validation_record(wii))
+    write_validation(folder, validation_record(moved_wii))
     return folder
 
 
@@ -117,7 +117,9 @@ def test_rerun_draws_every_view_of_a_montecarlo(calibration, robot, tmp_path, mo
     not_blank(tmp_path / "m.png")
 
 
-def test_a_view_of_150_postures_is_small_and_soon_there(run, tmp_path, capsys):
+def test_a_view_of_150_postures_is_small_and_soon_there(wii, tmp_path, capsys):
+    run = tmp_path / "run"
+    write_validation(run, validation_record(wii))
     for name, folder in {"run": run, "data": run / "measurements", "plan": DEFAULT_PLAN}.items():
         began = cpu_seconds()
         assert main(["view", str(folder), "--save", str(tmp_path / f"{name}.rrd")]) == 0
@@ -156,11 +158,11 @@ def test_links_are_drawn_where_mujoco_has_them(run, robot, model):
             assert rotations[row, frame] == pytest.approx(turn @ data.xmat[body].reshape(3, 3), abs=1e-9)
 
 
-def test_residual_and_truth_are_the_runs_own(run, wii, robot):
+def test_residual_and_truth_are_the_runs_own(run, moved_wii, robot):
     subject = validated(read_validation(run, robot))
-    residual = wii.identification.full.residual.reshape(-1, 2)
+    residual = moved_wii.identification.full.residual.reshape(-1, 2)
     assert subject.residual == pytest.approx(residual, abs=1e-9)
-    assert subject.com["truth"] == pytest.approx(np.array([held.com for held in wii.run.truth.held]))
+    assert subject.com["truth"] == pytest.approx(np.array([held.com for held in moved_wii.run.truth.held]))
     # The noise is of millimetres: truth, estimate and CoP lie together.
     assert np.abs(subject.com["truth"] - subject.cop).max() < 0.03
     factor = balance.magnification(subject)
