@@ -181,6 +181,7 @@ def test_a_knee_that_yields_by_degrees_is_sized_through_the_laboratory(robot, pl
     assert interval(found, 0)[0] < 8e-4 < interval(found, 0)[1]
 
 
+@pytest.mark.slow
 def test_a_change_in_time_is_found_between_two_postures(robot, plan):
     data = measured(robot, plan, "wii", ("encoder-slip", "right_knee", (0.004, 0.47)))
     found = discover(data, robot, hold_out=False)

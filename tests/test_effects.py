@@ -74,7 +74,8 @@ DYNAMICS = {
 # Left out: link lengths, which also change base parameters that two placements cannot identify, and play in
 # an ankle, which takes its own load away (cosine 0.89, 1.00 and, here, 0.74, slope 0.71: no close bound).
 LEFT_OUT = ("link-length:right_lower_leg", "link-length:left_hip", "backlash:left_ankle_roll")
-SLOWLY = {k: v for k, v in PHYSICS.items() if k not in DYNAMICS and k not in LEFT_OUT}
+QUICKLY = ("lifted-corner:left_foot.front_left", "payload-step:torso")
+SLOWLY = {k: v for k, v in (PHYSICS | DYNAMICS).items() if k not in (*QUICKLY, *LEFT_OUT)}
 SLOWLY["backlash:left_hip_pitch"] = ((0.005,), 0.9)  # friction decides where in its play a joint rests
 
 
@@ -188,7 +189,7 @@ def test_predict_undoes_any_misreading(text, data, noiseless, robot, base, nomin
         assert getattr(cleaned, name) == pytest.approx(getattr(base, name), abs=1e-9)
 
 
-@pytest.mark.parametrize("text", [*DYNAMICS, *(pytest.param(t, marks=pytest.mark.slow) for t in SLOWLY)])
+@pytest.mark.parametrize("text", [*QUICKLY, *(pytest.param(t, marks=pytest.mark.slow) for t in SLOWLY)])
 def test_predict_points_where_the_full_dynamics_goes(text, noiseless, two, moved, nominal):
     effect, target = split(text)
     values, least = (DYNAMICS | SLOWLY)[text]

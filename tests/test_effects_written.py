@@ -48,7 +48,7 @@ def instances(draw, name):
 
 
 @pytest.mark.parametrize("name", catalogue())
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(data=st.data())
 def test_what_is_written_is_read_exactly(name, data):
     found, robot = data.draw(instances(name)), load_robot()

@@ -92,6 +92,7 @@ def pair_of_robots(own):
     return own(name="plain"), own(('<body name="right_ankle"', FRAME), name="framed")
 
 
+@pytest.mark.slow
 def test_a_frame_without_mass_changes_no_result(pair_of_robots, plan):
     results = []
     for robot in pair_of_robots:
