@@ -10,18 +10,19 @@ from __future__ import annotations
 import ast
 import csv
 import os
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 
 TESTS = Path(__file__).resolve().parent
 TABLE = TESTS / "durations.csv"
 OUTSIDE = "(outside tests)"
 
-_spent: Counter[str] = Counter()
+_spent: defaultdict[str, float] = defaultdict(float)
 _collected: dict[str, float] = {}  # by pytest-xdist's controller
 
 
@@ -34,19 +35,25 @@ def read_durations() -> dict[str, float]:
 def default_tests() -> set[str]:
     """Return the names of the tests that are not marked slow, as the source shows them."""
     names = set()
-    for path in sorted(TESTS.glob("test_*.py")):
+    for path in sorted(TESTS.rglob("test_*.py")):
         module = ast.parse(path.read_text(encoding="utf-8"))
         for node in module.body:
             if isinstance(node, ast.FunctionDef) and node.name.startswith("test_"):
                 marks = [ast.unparse(mark) for mark in node.decorator_list]
                 if "pytest.mark.slow" not in marks:
-                    names.add(f"tests/{path.name}::{node.name}")
+                    names.add(f"tests/{path.relative_to(TESTS).as_posix()}::{node.name}")
     return names
 
 
 def cpu_seconds() -> float:
     """Return the processor time of this process and of its children that have ended [s]."""
     return sum(os.times()[:4])
+
+
+def outside_tests() -> float:
+    """Return the processor time that no test was charged with: also that of workers that still wait [s]."""
+    waiting = psutil.Process().children(recursive=True)
+    return cpu_seconds() + sum(sum(one.cpu_times()[:4]) for one in waiting) - sum(_spent.values())
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
@@ -58,18 +65,17 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[Any]:
 
 
 def pytest_testnodedown(node: Any) -> None:
-    for name, seconds in node.workeroutput["durations"].items():
+    for name, seconds in getattr(node, "workeroutput", {}).get("durations", {}).items():
         _collected[name] = _collected.get(name, 0.0) + seconds
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
     config: Any = session.config
-    spent = dict(_spent)
     if hasattr(config, "workeroutput"):
-        config.workeroutput["durations"] = spent | {OUTSIDE: cpu_seconds() - sum(spent.values())}
+        config.workeroutput["durations"] = {**_spent, OUTSIDE: outside_tests()}
         return
-    if not _collected:  # no worker
-        _collected.update(spent | {OUTSIDE: cpu_seconds() - sum(spent.values())})
+    if not _collected:  # no pytest-xdist
+        _collected.update(_spent, **{OUTSIDE: outside_tests()})
     rows = sorted(_collected.items(), key=lambda row: (-round(row[1], 2), row[0]))
     lines = ["test,seconds", *(f"{name},{seconds:.2f}" for name, seconds in rows)]
     path = Path(os.environ.get("DURATIONS", TABLE))
