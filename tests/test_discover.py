@@ -85,6 +85,7 @@ def test_no_gap_no_name(robot, plan, preset):
     assert "No gap" in story(found, [])[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("preset", "name", "target", "value"),
     [
@@ -199,6 +200,7 @@ def test_exchanged_cells_are_found_and_undone(robot, plan):
     assert after(found)["AFTC"] < 1.1
 
 
+@pytest.mark.slow
 def test_twins_are_not_named_and_an_experiment_is_proposed(robot, plan):
     tare = measured(robot, plan, "wii", ("cell-tare", "left.rear_left", (4.0,)))
     found = discover(tare, robot, tolerances=EXACT)
