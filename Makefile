@@ -3,11 +3,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 ORACLE := .venv-oracle
 
-# Measured on two cores: 9.5 minutes with a process each. More than four repeat too much.
-SHARED := --numprocesses auto --maxprocesses 4 --dist worksteal
+# Tests that draw are skipped where that is not possible; with DRAW=always they fail there.
+DRAW ?= possible
+# More than four processes repeat too much.
+SHARED := --numprocesses auto --maxprocesses 4 --dist worksteal --durations 10 --draw $(DRAW)
 STUDIES := $(subst _,-,$(patsubst studies/study_%.py,study-%,$(wildcard studies/study_*.py)))
 
-.PHONY: setup validate demo test test-all test-docs lint docs bench oracle studies $(STUDIES) study-plan teaching pictures constraints clean
+.PHONY: setup validate demo test test-all test-without-drivers durations test-docs lint docs bench oracle studies $(STUDIES) study-plan teaching pictures constraints clean
 
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
 	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)
@@ -27,11 +29,17 @@ $(VENV)/.done: constraints.txt pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
 
-test: setup  ## the tests (10 minutes or so on two cores)
+test: setup  ## the tests (some four minutes on two cores)
 	$(BIN)/python -m pytest -q $(SHARED)
 
-test-all: setup  ## the tests that take ten seconds and more too
+test-all: setup  ## the slow tests too (below forty minutes on two cores)
 	$(BIN)/python -m pytest -q $(SHARED) -m 'slow or not slow'
+
+test-without-drivers: setup  ## the tests that draw, with every driver and browser out of reach: all are skipped
+	$(BIN)/python -m pytest -q -rs -m draws --draw never
+
+durations: setup  ## record the processor time of every test of `make test` (tests/durations.csv)
+	$(BIN)/python -m pytest -q $(SHARED) -p tests.durations
 
 test-docs: setup  ## every command of the tutorials, compared with what the page shows (three minutes)
 	$(BIN)/python -m pytest -q tests/test_documented.py -m slow

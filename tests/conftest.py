@@ -6,7 +6,9 @@ import dataclasses
 import fcntl
 import os
 import pickle
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("MUJOCO_GL", "disable")
@@ -17,13 +19,14 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.pop("COLUMNS", None)
 
 
-import numpy as np
 import pytest
 
+from tests.drawing import WHEN, decide, obstacle_to, unreachable
 from tests.effect_changes import SEED, first
 from tests.foreign_robots import ROBOTS, write_robot
 from tests.synthetic import Bench, synthetic_bench
-from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.experiments.discovering import Discovered, discover_effects
+from tulip_testbed.experiments.laboratory import Laboratory, Run
 from tulip_testbed.experiments.protocols.protocol_run import (
     LaboratoryProtocol,
     ProtocolSettings,
@@ -35,12 +38,24 @@ from tulip_testbed.identification.base_parameters import BaseParameters, base_pa
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.measurements import Measurements, PlateGeometry, PosturePlan
 from tulip_testbed.plans import optimal
-from tulip_testbed.sim.dynamics.dynamic_run import read_again, run_dynamics
+from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.outcome import Outcome
 from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.scene import nominal_plates
+
+DISCOVERED_SEED = 141
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    help_ = "tests that draw: where possible, always (or fail), never (drivers are made unreachable)"
+    parser.addoption("--draw", choices=WHEN, default="possible", help=help_)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("draw") == "never":
+        os.environ.update(unreachable(Path(tempfile.mkdtemp(prefix="no-drivers-"))))
 
 
 @pytest.fixture(scope="session")
@@ -58,6 +73,28 @@ def once(tmp_path_factory, worker_id) -> Callable[[str, Callable[[], Any]], Any]
         return pickle.loads(path.read_bytes())
 
     return made
+
+
+@pytest.fixture(scope="session")
+def drawing(once, pytestconfig) -> Callable[[str], None]:
+    """Skip what asks for a program that cannot draw here; each program draws once a test run."""
+    when = pytestconfig.getoption("draw")
+    return lambda program: decide(program, once(f"obstacle-{program}", lambda: obstacle_to(program)), when)
+
+
+@pytest.fixture(scope="session")
+def vulkan(drawing) -> None:
+    drawing("vulkan")
+
+
+@pytest.fixture(scope="session")
+def opengl(drawing) -> None:
+    drawing("opengl")
+
+
+@pytest.fixture(scope="session")
+def chromium(drawing) -> None:
+    drawing("chromium")
 
 
 @pytest.fixture(scope="session")
@@ -111,8 +148,28 @@ def ideal(once, robot, plan) -> Validation:
 
 @pytest.fixture(scope="session")
 def wii(once, robot, plan) -> Validation:
-    """The whole default plan at preset wii, in the full dynamics."""
-    return once("wii", lambda: validate(Laboratory(robot, "wii"), plan, 102, workers=2))
+    """The whole default plan at preset wii, by statics."""
+    return once("wii", lambda: validate(Laboratory(robot, "wii"), plan, 102, engine="statics"))
+
+
+@pytest.fixture(scope="session")
+def static_run(robot, plan) -> Run:
+    """An experiment of the statics engine with an encoder's offset, in memory."""
+    laboratory = Laboratory(robot, "force-plate").with_effects("encoder-offset:right_knee=0.01")
+    return laboratory.run(plan, DISCOVERED_SEED, "statics")
+
+
+@pytest.fixture(scope="session")
+def discovered(once, static_run, robot) -> Discovered:
+    """The offset found again."""
+    return once("discovered", lambda: discover_effects(static_run.measurements, robot, check=False))
+
+
+@pytest.fixture(scope="session")
+def moved_wii(once, robot, plan) -> Validation:
+    """Twelve placements at preset wii, in the full dynamics."""
+    few = plan.take(plan.placement <= 12)
+    return once("moved-wii", lambda: validate(Laboratory(robot, "wii"), few, 102, workers=2))
 
 
 @pytest.fixture(scope="session")
@@ -121,9 +178,9 @@ def nominal(robot) -> Nominal:
 
 
 @pytest.fixture(scope="session")
-def precise(wii, robot, plan) -> Measurements:
-    """The postures of the wii experiment, read on force plates."""
-    return read_again(preset_rig("force-plate", robot), plan, wii.run, np.random.default_rng(110))
+def precise(robot, plan) -> Measurements:
+    """The whole default plan on force plates, by statics."""
+    return Laboratory(robot, "force-plate").run(plan, 110, "statics").measurements
 
 
 @pytest.fixture(scope="session")

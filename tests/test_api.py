@@ -13,6 +13,7 @@ import pytest
 
 import tulip_testbed as tt
 from tests.documented import blocks
+from tests.drawing import draws_with
 from tests.test_architecture import FLOW
 from tulip_testbed.cli.commands import COMMANDS
 from tulip_testbed.cli.main import MODULES
@@ -85,12 +86,32 @@ def test_the_python_of_a_page_runs(page, monkeypatch):
     exec("".join(blocks(page, "python")), {})
 
 
-def test_the_block_in_statics_without_a_screen(notebook):
+@pytest.fixture
+def loads(monkeypatch) -> dict[str, list[str]]:
+    """Names of the robot's files that are read, and of the models of a robot alone that are compiled."""
+    seen: dict[str, list[str]] = {"read": [], "compiled": []}
+    sha256, compile_spec = robot_module.sha256, robot_module.compile_spec
+    monkeypatch.setattr(robot_module, "sha256", lambda p: seen["read"].append(Path(p).name) or sha256(p))
+
+    def counted(spec, where):
+        seen["compiled"].append(spec.modelname)
+        return compile_spec(spec, where)
+
+    monkeypatch.setattr(robot_module, "compile_spec", counted)
+    return seen
+
+
+def test_the_block_in_statics_without_a_screen(notebook, loads):
     quick = SECOND_HALF.replace("seed=3)  ", 'seed=3, engine="statics")  ').replace("runs=1000", "runs=20")
     quick = quick.replace("seed=1).verdict", 'seed=1, engine="statics").verdict')
     quick = quick.replace("tt.view(run)", 'tt.view(run, save="first.rrd")')
+    found, _, rest = quick.partition("tt.identify(run")
     names: dict = {}
-    exec(FIRST_HALF + quick, names)
+    exec(FIRST_HALF + found, names)
+    robot = names["robot"]
+    assert loads["compiled"].count(robot.model_file.stem) <= 1
+    assert all(loads["read"].count(path.name) <= 1 for path in robot.files)
+    exec("tt.identify(run" + rest, names)
     assert names["found"].verdict == "named"
     assert [str(effect).partition("=")[0] for effect in names["found"].adopted] == [
         "encoder-offset:right_knee"
@@ -98,13 +119,12 @@ def test_the_block_in_statics_without_a_screen(notebook):
     assert names["fit"]["torso.x"].value == pytest.approx(names["fit"].full.value[0])
     for file in ("first.html", "first.rrd"):
         assert (notebook / file).stat().st_size > 1e5
-    # A second time: no subpackage takes the place of a function.
-    for k in range(2):
-        tt.report(names["run"], f"again{k}.html")
-        tt.view(names["run"], save=f"again{k}.rrd")
+    # No subpackage has taken the place of a function.
+    assert all(inspect.isfunction(function) for function in (tt.report, tt.view, tt.plan, tt.watch))
 
 
 @pytest.mark.slow
+@draws_with("vulkan")
 def test_the_block_letter_by_letter(notebook, screen):
     names: dict = {}
     exec(FIRST_HALF + SECOND_HALF, names)
@@ -162,29 +182,6 @@ def test_no_error_of_the_library_names_a_flag():
         for path in (ROOT / room).rglob("*.py"):
             for raised in re.findall(r"raise \w+\((.*?)\)\n", path.read_text(), re.DOTALL):
                 assert not re.search(r"(?<![\w-])--[a-z]", raised), f"{path}: {raised[:120]}"
-
-
-def test_one_discovery_reads_and_compiles_the_robot_once(monkeypatch):
-    """Counts compilations of the robot alone and reads of each of its files."""
-    plan = tt.plans.random  # which reads the shipped robot, once a process
-    read, compiled = [], []
-    sha256, compile_spec = robot_module.sha256, robot_module.compile_spec
-    monkeypatch.setattr(robot_module, "sha256", lambda p: read.append(Path(p).name) or sha256(p))
-
-    def counted(spec, where):
-        compiled.append(spec.modelname)
-        return compile_spec(spec, where)
-
-    monkeypatch.setattr(robot_module, "compile_spec", counted)
-    robot = tt.load_robot()
-    run = (
-        tt.Laboratory(robot, "force-plate")
-        .with_effects("encoder-offset:right_knee=0.01")
-        .run(plan, seed=3, engine="statics")
-    )
-    tt.discover(run.measurements, robot)
-    assert compiled.count(robot.model_file.stem) <= 1
-    assert all(read.count(path.name) <= 1 for path in robot.files)
 
 
 def test_effects_are_written_as_they_are_read(robot):

@@ -54,6 +54,7 @@ def changed(plan, candidate, sizes):
     return solve_plan(rig, plan.solved_plan.plan)
 
 
+@pytest.mark.slow
 def test_detectable_sizes_are_found_by_nine_of_ten_simulated_experiments(plan, found):
     runs, hits = 16, []
     for label in ("cell-gain:left.rear_left", "encoder-offset:right_knee", "sole-compliance"):

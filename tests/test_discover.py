@@ -75,7 +75,7 @@ def test_a_pattern_tells_the_reading_that_errs(robot, plan, nominal):
     assert clearest.words.startswith("the reading of right_knee errs with")
 
 
-@pytest.mark.parametrize("preset", ["force-plate", "wii"])
+@pytest.mark.parametrize("preset", ["wii", pytest.param("force-plate", marks=pytest.mark.slow)])
 def test_no_gap_no_name(robot, plan, preset):
     found = discover(measured(robot, plan, preset), robot)
     assert found.verdict == "none"
@@ -84,6 +84,7 @@ def test_no_gap_no_name(robot, plan, preset):
     assert "No gap" in story(found, [])[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("preset", "name", "target", "value"),
     [
@@ -107,6 +108,7 @@ def test_a_hidden_effect_is_named_sized_and_predicts(robot, plan, preset, name, 
     assert "channel T" in " ".join(_reasons(found.selection, found.patterns[0], worse))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("preset", "name", "target", "value"),
     [
@@ -178,6 +180,7 @@ def test_a_knee_that_yields_by_degrees_is_sized_through_the_laboratory(robot, pl
     assert interval(found, 0)[0] < 8e-4 < interval(found, 0)[1]
 
 
+@pytest.mark.slow
 def test_a_change_in_time_is_found_between_two_postures(robot, plan):
     data = measured(robot, plan, "wii", ("encoder-slip", "right_knee", (0.004, 0.47)))
     found = discover(data, robot, hold_out=False)
@@ -195,6 +198,7 @@ def test_exchanged_cells_are_found_and_undone(robot, plan):
     assert after(found)["AFTC"] < 1.1
 
 
+@pytest.mark.slow
 def test_twins_are_not_named_and_an_experiment_is_proposed(robot, plan):
     tare = measured(robot, plan, "wii", ("cell-tare", "left.rear_left", (4.0,)))
     found = discover(tare, robot, tolerances=EXACT)
@@ -255,6 +259,7 @@ def test_a_calibration_that_does_not_converge_is_refused_in_one_sentence(robot, 
         discover(run.measurements, robot)
 
 
+@pytest.mark.slow
 def test_a_change_at_the_end_of_the_catalogue_s_times_is_found_there(robot, plan):
     """It lies between two postures, of which one is beyond the last time that a search tries."""
     data = measured(robot, plan, "force-plate", ("encoder-slip", "left_ankle_pitch", (0.0028, 0.9)))
@@ -265,6 +270,7 @@ def test_a_change_at_the_end_of_the_catalogue_s_times_is_found_there(robot, plan
     check_instances(found.adopted, robot, "adopted")
 
 
+@pytest.mark.slow
 def test_two_of_one_family_do_not_hide_one_another(robot, plan):
     hidden = (("link-length", "left_lower_leg", (0.006,)), ("link-length", "right_ankle", (0.005,)))
     found = discover(measured(robot, plan, "force-plate", *hidden), robot, hold_out=False)
@@ -288,6 +294,7 @@ def test_a_member_is_an_effect_if_it_is_surely_unusual(robot, plan, nominal, siz
     assert stands_out(selection, term, np.array([error * tolerance])) == outside
 
 
+@pytest.mark.slow
 def test_a_family_far_wider_than_usual_is_not_calibrated(robot, plan):
     """Vertical cells do not tell which plate lies 15 mm off; it is no ordinary imperfection."""
     hidden = ("plate-translation", "right", (0.012, -0.010))

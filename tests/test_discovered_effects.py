@@ -13,6 +13,7 @@ from tulip_testbed.effects.instance import EffectInstance
 SEED = 7501  # no development seed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "text",
     [

@@ -10,16 +10,16 @@ from html import unescape
 import numpy as np
 import pytest
 
+from tests.drawing import draws_with
 from tests.looking import browse
 from tests.test_cli import refused
-from tests.test_report import needs_chromium
-from tests.test_view import cpu_seconds, look, needs_vulkan, not_blank
+from tests.test_view import cpu_seconds, look, not_blank
 from tulip_testbed.base.document import flattened
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import sha256
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.comparison import compare
-from tulip_testbed.experiments.discovery_record import read_discovery
+from tulip_testbed.experiments.discovery_record import discovery_record, read_discovery, write_discovery
 from tulip_testbed.experiments.discovery_report import DiscoveryReport
 from tulip_testbed.experiments.residual_curves import residual_curves
 from tulip_testbed.experiments.rig_folder import DIFF
@@ -29,21 +29,16 @@ from tulip_testbed.pages.page import html
 from tulip_testbed.viewer import window
 from tulip_testbed.viewer.discovery_view import discovery_text, log_discovery
 
-SEED = "104"
 ADOPTED = ("named", "described", "calibrated")
 MOST_SECONDS, MOST_VIEW, MOST_PAGE = 20, 60e6, 12e6
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory):
-    """An encoder's offset, hidden and found again."""
-    folder = tmp_path_factory.mktemp("discovery")
-    data, truth = folder / "data", folder / "truth.json"
-    effect = ["--effect", "encoder-offset:right_knee=0.01", "--truth", str(truth)]
-    what = ["--preset", "force-plate", "--seed", SEED, "--statics", *effect, "--out", str(data)]
-    assert main(["simulate", *what, "--json"]) == 0
-    assert main(["discover", str(data), "--no-check", "--out", str(folder / "found"), "--json"]) == 0
-    return folder / "found"
+def found(discovered, tmp_path_factory):
+    """The folder of an encoder's offset, hidden and found again."""
+    folder = tmp_path_factory.mktemp("discovery") / "found"
+    write_discovery(folder, discovery_record(discovered))
+    return folder
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +66,7 @@ def test_what_is_left_is_noise_and_what_was_there_is_not(saved):
     assert ratio["sum of the vertical forces"] < 1.4
 
 
-@needs_vulkan
+@draws_with("vulkan")
 def test_rerun_draws_every_view(found, saved, tmp_path):
     began = cpu_seconds()
     assert main(["view", str(found), "--save", str(tmp_path / "d.rrd")]) == 0
@@ -85,7 +80,7 @@ def test_rerun_draws_every_view(found, saved, tmp_path):
     not_blank(tmp_path / "d.png")
 
 
-@needs_chromium
+@draws_with("chromium")
 def test_a_browser_has_nothing_to_complain_of(found, tmp_path):
     began = cpu_seconds()
     page = tmp_path / "d.html"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from functools import cache
 
 import pytest
 from hypothesis import given, settings
@@ -26,6 +27,12 @@ PLACEMENTS = (1, 2, 30)
 OFFSET = "encoder-offset:right_knee=0.01"
 
 
+@cache
+def tulip():
+    """Load the robot once; a strategy has no fixtures."""
+    return load_robot()
+
+
 def value(parameter):
     """Any value that a parameter may have."""
     if parameter.choices:
@@ -39,7 +46,7 @@ def value(parameter):
 @st.composite
 def instances(draw, name):
     effect = catalogue()[name]
-    target = draw(st.sampled_from(effect.targets.of(load_robot(), PLACEMENTS)))
+    target = draw(st.sampled_from(effect.targets.of(tulip(), PLACEMENTS)))
     values = tuple(draw(value(parameter)) for parameter in effect.parameters)
     chosen = [v for v, p in zip(values, effect.parameters, strict=True) if p.choices]
     if len(set(chosen)) < len(chosen):
@@ -51,10 +58,10 @@ def instances(draw, name):
 
 
 @pytest.mark.parametrize("name", catalogue())
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(data=st.data())
 def test_what_is_written_is_read_exactly(name, data):
-    found, robot = data.draw(instances(name)), load_robot()
+    found, robot = data.draw(instances(name)), tulip()
     plain = EffectInstance(found.effect, found.target, found.values)
     read = EffectInstance.parse(str(found), robot, PLACEMENTS)
     assert read == plain

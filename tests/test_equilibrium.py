@@ -46,6 +46,7 @@ LABORATORIES = [
     "soft soles",
     "soft cells",
 ]
+QUICK = ("pulled by ropes", "flexible drives", "soft cells")
 LEVEL = 0.01
 
 
@@ -59,7 +60,9 @@ def solved_plan(rig, plan):
     return solve_plan(rig, plan)
 
 
-@pytest.mark.parametrize("name", LABORATORIES)
+@pytest.mark.parametrize(
+    "name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in LABORATORIES]
+)
 def test_the_dynamics_come_to_rest_in_it(rig, plan, name):
     one = plan.take(np.flatnonzero(plan.placement == 2))
     changed = laboratories(rig)[name]

@@ -116,6 +116,7 @@ def test_placement_errors_are_estimated_over_four_decades(placement_sd):
     assert estimate.placement_sd[0] < 0.2 * max(placement_sd, 0.2)
 
 
+@pytest.mark.slow
 def test_without_placement_errors_clustering_costs_nothing():
     plain, clustered = repeat(seed=6, placement_sd=0.0)
     assert np.abs(plain - 1).max() < 0.20

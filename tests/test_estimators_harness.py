@@ -111,7 +111,7 @@ def calibrated(bench, name, runs, first, **errors):
     return ratio, (np.abs(error) < limit * reported).mean(axis=0), error.mean(axis=0) / error.std(axis=0)
 
 
-@pytest.mark.parametrize("sheet", [1.0, 2.0, 0.5])
+@pytest.mark.parametrize("sheet", [1.0, *(pytest.param(s, marks=pytest.mark.slow) for s in (2.0, 0.5))])
 def test_the_default_is_right_about_its_errors(bench, sheet):
     """60 runs, 25 parameters. A ratio's own s.d. is 9 %, so 4 of them bound all 25 (0.2 % false alarms); mean
     ratio and overall coverage are sharper (parameters correlate: about 8 independent ones)."""
@@ -135,6 +135,7 @@ def test_eq_14_is_too_optimistic_where_placements_err(bench):
     assert 0.92 < held.mean() < 0.98
 
 
+@pytest.mark.slow
 def test_encoder_errors_bias_least_squares_and_not_the_corrected(bench):
     """Encoders far worse than the other sensors deserve: the bias in its own Monte Carlo errors."""
     errors = {"cell": 0.1, "placement": 1e-4, "mark": 1e-4, "encoder": 3e-3}

@@ -160,7 +160,7 @@ def test_samples_depend_on_the_seed_alone(found, robot, tmp_path):
     assert not np.array_equal(archives[0], archives[2])
 
 
-@pytest.mark.parametrize("name", ["tulip", "humanoid", "humanoid_CMU"])
+@pytest.mark.parametrize("name", ["tulip", "humanoid", pytest.param("humanoid_CMU", marks=pytest.mark.slow)])
 def test_urdf_of_an_mjcf(name, robot, foreign, found, tmp_path):
     """MuJoCo moves the centre of mass of the URDF as that of the exported MJCF."""
     described = robot if name == "tulip" else foreign[name]

@@ -230,7 +230,15 @@ def test_a_sensor_carries_all_that_hangs_on_its_foot():
 
 
 @pytest.mark.parametrize(
-    "name", ["as it is", "pulled by ropes", "soft soles", "flexible drives", "heavy foot"]
+    "name",
+    [
+        "pulled by ropes",
+        "heavy foot",
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("as it is", "soft soles", "flexible drives")
+        ),
+    ],
 )
 def test_statics_reads_what_the_dynamics_read(robot, plan, name):
     """Every channel, for sensors that are mounted askew, without the joints' dry friction."""

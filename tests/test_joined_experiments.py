@@ -13,7 +13,6 @@ from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.effects.lasting import acting, arranged, epochs, targets_over
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import (
     packed,
@@ -148,12 +147,11 @@ def test_a_fault_moves_with_the_turned_plate_in_the_readings(lab, few):
         ("payload-step:torso=0.5,0.5", MASS),
     ],
 )
-def test_an_effect_is_removed_from_both_experiments(robot, lab, few, effect, manipulation):
+def test_an_effect_is_removed_from_both_experiments(nominal, lab, few, effect, manipulation):
     """Removal of the joint effect leaves what each experiment leaves by itself."""
     faulty = lab.with_effects(effect)
     both = [measured(faulty, few), measured(faulty, few, manipulation, seed=4)]
     whole = joined(both)
-    nominal = nominal_robot(robot)
     instance = faulty.hidden[0]
     if "re-zeroed" in manipulation:
         instance = dataclasses.replace(instance, target="right_knee@1")
@@ -176,12 +174,11 @@ def keys_of(m):
     return [(*pair, pairs[:k].count(pair)) for k, pair in enumerate(pairs)]
 
 
-def test_a_known_mass_is_part_of_the_model(robot, lab, few):
+def test_a_known_mass_is_part_of_the_model(robot, nominal, lab, few):
     """The loaded robot is simulated as a robot with another torso; its own parameters are found again."""
     loaded = joined([measured(lab, few), measured(lab, few, MASS, seed=4)])
     assert loaded.weighed_mass is not None
     assert loaded.weighed_mass[0] == pytest.approx(robot.model.body_mass.sum(), abs=1e-6)
-    nominal = nominal_robot(robot)
     observed = observe(loaded, nominal)
     found = residuals(observed, nominal.value)
     alone = residuals(observe(joined([measured(lab, few)]), nominal), nominal.value)
@@ -193,8 +190,7 @@ def test_a_known_mass_is_part_of_the_model(robot, lab, few):
     assert np.abs(residuals(observe(unknown, nominal), nominal.value)[rows, :2]).max() > 5e-3
 
 
-def test_derivatives_know_the_mass(robot, lab, few):
-    nominal = nominal_robot(robot)
+def test_derivatives_know_the_mass(nominal, lab, few):
     observed = observe(joined([measured(lab, few, MASS)]), nominal)
     slope, values = sensitivity(observed, nominal.value), packed(observed)
     for column in (3, 8, 14, 19, 21, 22, 25, 31):

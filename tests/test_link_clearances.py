@@ -104,6 +104,7 @@ def test_random_postures_and_paths_are_free_of_collisions(humanoid, random_plan,
     assert collisions.deepest(ways(humanoid, random_plan)) < PENETRATION
 
 
+@pytest.mark.slow
 def test_optimal_postures_and_paths_are_free_of_collisions(humanoid, problem, optimal_plan, collisions):
     assert optimal_plan.made["final_objective"] < 0.6 * optimal_plan.made["initial_objective"]
     assert collisions.deepest(optimal_plan.joint_angles) < PENETRATION

@@ -9,6 +9,12 @@ import pytest
 from nbclient import NotebookClient
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
+# A discovery takes long; tests/test_api.py runs the same one.
+SLOW = ("hidden_effect",)
+NOTEBOOKS = [
+    pytest.param(path, id=path.stem, marks=[pytest.mark.slow] if path.stem in SLOW else [])
+    for path in sorted(EXAMPLES.glob("*.ipynb"))
+]
 
 
 def printed(notebook):
@@ -21,7 +27,7 @@ def printed(notebook):
 
 
 @pytest.mark.filterwarnings("default")  # jupyter's own
-@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.ipynb")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", NOTEBOOKS)
 def test_a_notebook_prints_what_is_committed(path, tmp_path, monkeypatch):
     monkeypatch.setenv("PYDEVD_DISABLE_FILE_VALIDATION", "1")
     committed = nbformat.read(path, as_version=4)

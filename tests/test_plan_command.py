@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.drawing import draws_with
 from tests.test_cli import refused
-from tests.test_view import needs_opengl
 from tulip_testbed import drawings, rendering
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
@@ -172,7 +172,7 @@ def test_polygons_are_drawn_as_svg(robot, plan):
     assert {str(number) for number in range(1, 16)} <= set(texts)
 
 
-@needs_opengl
+@draws_with("opengl")
 def test_postures_are_rendered(robot, plan):
     sheet = contact_sheet(robot, plan.take(np.array([0, 1, 7])))
     image = np.asarray(Image.open(io.BytesIO(sheet)))

@@ -217,6 +217,7 @@ def test_ipopt_goes_on_from_a_plan(problem, goal, plan):
     assert after.found.inequalities.min() > -0.1
 
 
+@pytest.mark.slow
 def test_taken_up_again_it_ends_in_the_same_bits(problem, goal, small):
     whole = []
     optimize_plan(problem, goal, 5, 3, 211, hops=1, progress=whole.append)

@@ -12,7 +12,8 @@ import pytest
 import yaml
 
 import tulip_testbed as tt
-from tests.test_report import needs_chromium
+from tests.drawing import draws_with
+from tests.looking import browse
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.protocols.measurement_start import empty_measurements, rows_to_fill_in
 from tulip_testbed.experiments.protocols.protocol_run import REPEATS, ProtocolSettings
@@ -175,7 +176,7 @@ def strokes(pdf, number):
     return [np.array(one) * 25.4 / 72 for one in found]
 
 
-@needs_chromium
+@draws_with("chromium")
 def test_drawings_measure_right_on_paper(folder, robot, tmp_path):
     path, small_protocol = folder
     pdf = tmp_path / "protocol.pdf"
@@ -213,10 +214,8 @@ def test_drawings_measure_right_on_paper(folder, robot, tmp_path):
             assert any(s == pytest.approx(sole, abs=0.1) for s in sides)
 
 
-@needs_chromium
+@draws_with("chromium")
 def test_pages_ask_the_network_for_nothing(folder):
-    from tests.looking import browse
-
     path, _ = folder
     seen = browse(path / "protocol.html", path.parent / "protocol.png", size=(800, 1100))
     assert seen.requests == []

@@ -15,10 +15,9 @@ from tulip_testbed.base.document import Document
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import sha256
 from tulip_testbed.discovery.dynamics_check import DynamicsCheck
-from tulip_testbed.experiments.discovering import Discovered, discover_effects
 from tulip_testbed.experiments.discovery_record import discovery_record, read_discovery, write_discovery
 from tulip_testbed.experiments.estimate_report import ParameterRow
-from tulip_testbed.experiments.laboratory import Laboratory, Run
+from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
 from tulip_testbed.experiments.montecarlo.montecarlo_run import Place, montecarlo
 from tulip_testbed.experiments.montecarlo.settings import Settings
@@ -122,20 +121,8 @@ def test_outputs_lie_in_the_folder(run, robot, tmp_path):  # noqa: F811
 
 
 @pytest.fixture(scope="module")
-def static_run(robot, plan) -> Run:
-    """An experiment of the statics engine with an effect, in memory."""
-    laboratory = Laboratory(robot, "force-plate").with_effects("encoder-offset:right_knee=0.01")
-    return laboratory.run(plan, SEED, "statics")
-
-
-@pytest.fixture(scope="module")
 def static(static_run) -> ValidationRecord:
     return validation_record(judge(static_run))
-
-
-@pytest.fixture(scope="module")
-def discovered(static_run, robot) -> Discovered:
-    return discover_effects(static_run.measurements, robot, check=False)
 
 
 def same(first, second) -> bool:
@@ -160,8 +147,8 @@ def same_page(first, second) -> bool:
     return first.sections[:-1] == second.sections[:-1] and first.facts == second.facts
 
 
-def test_a_validation_in_memory_is_the_one_in_its_folder(wii, robot, tmp_path):
-    memory = validation_record(wii)
+def test_a_validation_in_memory_is_the_one_in_its_folder(moved_wii, robot, tmp_path):
+    memory = validation_record(moved_wii)
     written = write_validation(tmp_path / "run", memory)
     read = read_validation(tmp_path / "run", robot)
     assert same(memory, read)
@@ -188,9 +175,9 @@ def key_paths(value, path=""):
     return {path}
 
 
-def test_the_keys_on_disk_are_those_of_version_1(wii, discovered, robot, plan, tmp_path):
+def test_the_keys_on_disk_are_those_of_version_1(moved_wii, discovered, robot, plan, tmp_path):
     """Whoever renames a field in memory does not rename a key in everybody's files."""
-    write_validation(tmp_path / "validation", validation_record(wii))
+    write_validation(tmp_path / "validation", validation_record(moved_wii))
     checked = dataclasses.replace(discovered, check=DynamicsCheck(2, 3, 0.1, (1.0, 0.5), ""))
     write_discovery(tmp_path / "discovery", discovery_record(checked))
     settings = Settings(30, SEED, "mixed-model", None)
@@ -207,7 +194,7 @@ def test_the_keys_on_disk_are_those_of_version_1(wii, discovered, robot, plan, t
 def test_the_same_run_gives_the_same_bytes(static, static_run, tmp_path):
     """All but what is a time: of the work and of the manifest."""
     first = write_validation(tmp_path / "first", static).document.outputs
-    again = static_run.laboratory.run(static_run.plan, SEED, "statics")
+    again = static_run.laboratory.run(static_run.plan, static_run.seed, "statics")
     second = write_validation(tmp_path / "second", validation_record(judge(again))).document.outputs
     assert first.keys() == second.keys()
     timed = ("report.json", "measurements/manifest.json")

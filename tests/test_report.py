@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.drawing import draws_with
 from tests.looking import browse, browser
 from tests.test_cli import refused
-from tests.test_view import calibration, cpu_seconds, needs_opengl, not_blank, run  # noqa: F401
+from tests.test_view import calibration, cpu_seconds, not_blank, run  # noqa: F401
 from tulip_testbed import rendering
 from tulip_testbed.base.document import flattened
 from tulip_testbed.cli.main import main
@@ -19,7 +20,6 @@ from tulip_testbed.experiments.validation_record import read_validation, validat
 from tulip_testbed.pages import page as pages
 
 MOST_SECONDS, MOST_BYTES = 20, 12e6
-needs_chromium = pytest.mark.skipif(shutil.which("chromium") is None, reason="no Chromium (chromium)")
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def calibration_page(calibration, tmp_path_factory):  # noqa: F811
     return path
 
 
-@needs_chromium
+@draws_with("chromium")
 def test_a_browser_has_nothing_to_complain_of(page, run, tmp_path):  # noqa: F811
     """Wide and light, narrow and dark."""
     expected = flattened(json.loads((run / "report.json").read_text()))
@@ -61,7 +61,7 @@ def test_a_browser_has_nothing_to_complain_of(page, run, tmp_path):  # noqa: F81
 
 
 @pytest.mark.slow
-@needs_chromium
+@draws_with("chromium")
 def test_a_browser_shows_a_montecarlo(calibration_page, calibration, tmp_path):  # noqa: F811
     observed = browse(calibration_page, tmp_path / "page.png")
     assert observed.complaints == []
@@ -77,7 +77,7 @@ def test_a_browser_shows_a_montecarlo(calibration_page, calibration, tmp_path): 
     not_blank(tmp_path / "page.png")
 
 
-@needs_chromium
+@draws_with("chromium")
 def test_the_browser_test_notices_requests_and_errors(tmp_path):
     page = tmp_path / "bad.html"
     page.write_text(
@@ -98,9 +98,9 @@ def test_shown_figures_are_the_documents_rounded(page, run):  # noqa: F811
         assert float(figure) == pytest.approx(1e3 * expected[key], abs=0.0051)
 
 
-def test_the_marked_correlations_are_the_verdicts(page, wii):
+def test_the_marked_correlations_are_the_verdicts(page, moved_wii):
     text = page.read_text(encoding="utf-8")
-    checks = {check.name: check.value for check in wii.checks}
+    checks = {check.name: check.value for check in moved_wii.checks}
     for pair in ("12, 13", "15, 16"):
         assert f"{pair}: {checks[f'correlation ({pair})']:.4f}" in text
 
@@ -115,7 +115,7 @@ def test_every_picture_has_words(page):
     assert "http://" not in re.sub(r"<script>.*?</script>", "", text, flags=re.S)
 
 
-@needs_opengl
+@draws_with("opengl")
 def test_postures_are_drawn(page):
     assert page.read_text(encoding="utf-8").count('<img src="data:image/png;base64,') == pages.PICTURES
 

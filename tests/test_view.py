@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import time
-from ctypes.util import find_library
 from pathlib import Path
 
 import mujoco
@@ -17,6 +16,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from PIL import Image
 
+from tests.drawing import draws_with
 from tests.looking import headless_viewer
 from tests.test_cli import refused
 from tests.test_series import raw_series, write_series
@@ -50,21 +50,10 @@ def cpu_seconds() -> float:
     return sum(usage.ru_utime + usage.ru_stime for usage in used)
 
 
-def vulkan() -> bool:
-    """Whether there is any Vulkan driver: rerun draws with nothing else."""
-    return any(Path(folder).glob("*.json") for folder in ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d"))
-
-
-needs_opengl = pytest.mark.skipif(
-    not (find_library("OSMesa") or find_library("EGL")), reason="no OpenGL without a screen (libosmesa6)"
-)
-needs_vulkan = pytest.mark.skipif(not vulkan(), reason="no Vulkan (mesa-vulkan-drivers)")
-
-
 @pytest.fixture(scope="module")
-def run(wii, tmp_path_factory):
+def run(moved_wii, tmp_path_factory):
     folder = tmp_path_factory.mktemp("view") / "run"
-    write_validation(folder, validation_record(wii))
+    write_validation(folder, validation_record(moved_wii))
     return folder
 
 
@@ -103,7 +92,7 @@ def not_blank(picture: Path) -> None:
             assert len(np.unique(part)) > 3
 
 
-@needs_vulkan
+@draws_with("vulkan")
 def test_rerun_draws_every_view_of_a_run(run, robot, tmp_path, monkeypatch):
     subject = validated(read_validation(run, robot))
     monkeypatch.setattr(postures, "laid_out", side_by_side)
@@ -116,7 +105,7 @@ def test_rerun_draws_every_view_of_a_run(run, robot, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-@needs_vulkan
+@draws_with("vulkan")
 def test_rerun_draws_every_view_of_a_montecarlo(calibration, robot, tmp_path, monkeypatch):
     saved = read_montecarlo(calibration, robot)
     monkeypatch.setattr(montecarlo, "laid_out", side_by_side)
@@ -127,7 +116,9 @@ def test_rerun_draws_every_view_of_a_montecarlo(calibration, robot, tmp_path, mo
     not_blank(tmp_path / "m.png")
 
 
-def test_a_view_of_150_postures_is_small_and_soon_there(run, tmp_path, capsys):
+def test_a_view_of_150_postures_is_small_and_soon_there(wii, tmp_path, capsys):
+    run = tmp_path / "run"
+    write_validation(run, validation_record(wii))
     for name, folder in {"run": run, "data": run / "measurements", "plan": DEFAULT_PLAN}.items():
         began = cpu_seconds()
         assert main(["view", str(folder), "--save", str(tmp_path / f"{name}.rrd")]) == 0
@@ -166,11 +157,11 @@ def test_links_are_drawn_where_mujoco_has_them(run, robot, model):
             assert rotations[row, frame] == pytest.approx(turn @ data.xmat[body].reshape(3, 3), abs=1e-9)
 
 
-def test_residual_and_truth_are_the_runs_own(run, wii, robot):
+def test_residual_and_truth_are_the_runs_own(run, moved_wii, robot):
     subject = validated(read_validation(run, robot))
-    residual = wii.identification.full.residual.reshape(-1, 2)
+    residual = moved_wii.identification.full.residual.reshape(-1, 2)
     assert subject.residual == pytest.approx(residual, abs=1e-9)
-    assert subject.com["truth"] == pytest.approx(np.array([held.com for held in wii.run.truth.held]))
+    assert subject.com["truth"] == pytest.approx(np.array([held.com for held in moved_wii.run.truth.held]))
     # The noise is of millimetres: truth, estimate and CoP lie together.
     assert np.abs(subject.com["truth"] - subject.cop).max() < 0.03
     factor = balance.magnification(subject)
@@ -205,7 +196,7 @@ def with_series(wii, tmp_path_factory):
     return folder
 
 
-@needs_vulkan
+@draws_with("vulkan")
 def test_a_series_has_a_time_line_of_its_own(with_series, robot, tmp_path):
     assert main(["view", str(with_series), "--save", str(tmp_path / "s.rrd")]) == 0
     with headless_viewer(tmp_path / "s.rrd") as viewer:

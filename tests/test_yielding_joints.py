@@ -33,7 +33,7 @@ def one_effect(robot, plan, label, size, preset="force-plate", seed=1002):
         ("rocking:left.rear_left", 0.0003),
     ],
 )
-@pytest.mark.parametrize("preset", ["force-plate", "wii"])
+@pytest.mark.parametrize("preset", ["force-plate", pytest.param("wii", marks=pytest.mark.slow)])
 def test_what_yields_is_sized(robot, plan, label, size, preset):
     effect, observed = one_effect(robot, plan, label, size, preset)
     found = self_calibrate(observed, effects=[effect])
