@@ -10,7 +10,7 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from tulip_testbed.base.alone import alone_in
+from tulip_testbed.base.alone import alone_on
 from tulip_testbed.base.document import Count, Document, Figure, Seed
 from tulip_testbed.base.errors import InputError, shortened
 from tulip_testbed.base.files import check_new, new_folder, present
@@ -163,7 +163,7 @@ def open_campaign(
         with new_folder(folder) as working:
             write_plan(working / PLAN_FOLDER, plan)
             document.write(working / CAMPAIGN_FILE)
-    with alone_in(folder, CAMPAIGN_FILE):
+    with alone_on(folder):
         yield _done(folder)
 
 
