@@ -86,6 +86,9 @@ STRICT: dict[Any, Any] = {
 }
 
 
+GENERIC: tuple[Any, ...] = (Sequence, tuple, list)
+
+
 def _strict(hint: Any) -> Any:
     """Return the type that accepts instances alone: no text for a number, no dictionary for a dataclass."""
     origin: Any = get_origin(hint)
@@ -93,6 +96,6 @@ def _strict(hint: Any) -> Any:
     if origin in (Union, UnionType):
         either = reduce(or_, map(_strict, arguments))
         return Annotated[either, AfterValidator(_checked_path)] if Path in arguments else either
-    if origin in (Sequence, tuple, list):
+    if origin in GENERIC:
         return origin[tuple(one if one is ... else _strict(one) for one in arguments)]
     return hint if origin is Literal else STRICT.get(hint) or InstanceOf[origin or hint]
