@@ -15,7 +15,7 @@ from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.targets import links
 from tulip_testbed.measurements.manipulations import Experiment, needs_cells
-from tulip_testbed.sim.procedure import constants
+from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import joint_names
 
@@ -61,9 +61,9 @@ def check_experiment(rig: Rig, experiment: Experiment) -> None:
     Raises:
         InputError: names the manipulation, and what is valid.
     """
-    known, state = constants(rig), experiment.arrangement
+    header, state = header_of(rig), experiment.arrangement
     for text in experiment.manipulations:
-        if known["contacts"] is not None and needs_cells(text):
+        if header.contacts is not None and needs_cells(text):
             raise InputError(
                 f"manipulations: found '{shortened(text)}' with wrench sensors, expected plates on cells"
             )

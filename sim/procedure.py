@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.measurements import Measurements, PosturePlan, SensorSheet
+from tulip_testbed.measurements import MeasurementHeader, Measurements, PosturePlan, SensorSheet
 from tulip_testbed.measurements.contacts import COP, VERTICAL, Contacts, covariance_of_cops, wrenches_of_cops
 from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.sim.rig import Rig
+from tulip_testbed.sim.robot import joint_names
 from tulip_testbed.sim.scene import nominal_plates
 from tulip_testbed.sim.sensors import (
     ANKLE,
@@ -99,8 +100,8 @@ def weigh(rig: Rig, mass: float, rng: np.random.Generator) -> tuple[float, float
     return mass + rig.sensors.weighed_mass_sd * rng.standard_normal(), rig.sensors.weighed_mass_sd
 
 
-def constants(rig: Rig) -> dict[str, Any]:
-    """Return the fields of `Measurements` that are the same for all postures."""
+def header_of(rig: Rig) -> MeasurementHeader:
+    """Return what a rig's user knows before measuring."""
     s = rig.sensors
     plates = nominal_plates(rig.robot)
     samples = _samples(rig)
@@ -117,19 +118,20 @@ def constants(rig: Rig) -> dict[str, Any]:
             cell_sd=averaged_sd(s.cell_repeatability, s.cell_noise, s.cell_resolution, samples),
             cell_resolution=s.cell_resolution,
         )
-    return {
-        "cells": np.array([plate.cells for plate in plates]) if s.wrench is None else np.zeros((2, 0, 2)),
-        "top_height": np.array([plate.top_height if on_ground else 0.0 for plate in plates]),
-        "contacts": None if s.wrench is None else contacts_of(rig, s.wrench),
-        "gravity": float(-rig.robot.model.opt.gravity[2]),
-        "sensors": sheet,
-        "robot": {
+    return MeasurementHeader(
+        robot={
             "model": rig.robot.model_file.name,
             "sha256": rig.robot.model_hash,
             "stance_foot": rig.robot.stance_foot,
             "swing_foot": rig.robot.swing_foot,
         },
-    }
+        joints=joint_names(rig.robot.model),
+        cells=np.array([plate.cells for plate in plates]) if s.wrench is None else np.zeros((2, 0, 2)),
+        top_height=np.array([plate.top_height if on_ground else 0.0 for plate in plates]),
+        gravity=float(-rig.robot.model.opt.gravity[2]),
+        sensors=sheet,
+        contacts=None if s.wrench is None else contacts_of(rig, s.wrench),
+    )
 
 
 def contacts_of(rig: Rig, sensors: WrenchSensors) -> Contacts:
@@ -191,39 +193,38 @@ def read_sensors(
 
 def make_measurements(
     rig: Rig,
-    fixed: dict[str, Any],
+    header: MeasurementHeader,
     reading: dict[str, np.ndarray],
     weighed_mass: tuple[float, float],
-    **columns: Any,
+    **rows: Any,
 ) -> Measurements:
     """Assemble the measurements of m held postures and apply the rig's `misread`.
 
     Args:
-        fixed: see `constants`.
+        header: see `header_of`.
         reading: see `read_sensors`, of m rows.
-        columns: the other fields of `Measurements`.
+        rows: the other values of the rows.
     """
-    m, sensors = len(reading["q"]), rig.sensors.wrench
+    m, sensors, contacts = len(reading["q"]), rig.sensors.wrench, header.contacts
     if sensors is not None and sensors.place != PLATE:  # the plates are only the ground that it stands on
-        columns["plate_poses"] = np.zeros((m, 2, 3))
-    if sensors is not None and sensors.channels == COP:
-        stands = feet_in_contact(columns["support"])
+        del rows["plate_poses"]
+    if sensors is not None and sensors.channels == COP and contacts is not None:
+        stands = feet_in_contact(rows["support"])
         cops = np.where(stands[..., None], reading["wrench"], np.nan)  # nothing presses in the air
-        covariance = covariance_of_cops(cops, fixed["contacts"].cop_sd, stands)
-        fixed = fixed | {"contacts": replace(fixed["contacts"], covariance=covariance)}
+        assert contacts.cop_sd is not None
+        contacts = replace(contacts, covariance=covariance_of_cops(cops, contacts.cop_sd, stands))
         reading = reading | {"wrench": wrenches_of_cops(cops), "wrench_std": np.full(cops.shape, np.nan)}
-    measured = Measurements(
+    measured = Measurements.from_arrays(
+        replace(header, weighed_mass=weighed_mass, contacts=contacts),
         window=np.full(m, rig.protocol.window),
         samples=np.full(m, _samples(rig)),
         joint_angles=reading["q"],
         joint_angles_sd=reading["q_std"],
         motor=reading["motor"],
-        cell_forces=reading.get("cell", np.zeros((m, 0))),
-        cell_forces_sd=reading.get("cell_std", np.zeros((m, 0))),
+        cell_forces=reading.get("cell"),
+        cell_forces_sd=reading.get("cell_std"),
         wrenches=reading.get("wrench"),
         wrenches_sd=reading.get("wrench_std"),
-        weighed_mass=weighed_mass,
-        **fixed,
-        **columns,
+        **rows,
     )
     return measured if rig.misread is None else rig.misread(measured)

@@ -51,7 +51,7 @@ from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import residuals
 from tulip_testbed.measurements import Measurements, PosturePlan
-from tulip_testbed.sim.procedure import constants
+from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.random_robots import draw_robot, edit_of
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
@@ -341,7 +341,7 @@ def _bias(
     """
 
     def estimate(rig: Rig, adopted: Sequence[EffectInstance] = ()) -> np.ndarray:
-        quiet = replace(simulated(without_noise(rig), plan), sensors=constants(rig)["sensors"])
+        quiet = replace(simulated(without_noise(rig), plan), sensors=header_of(rig).sensors)
         try:
             value = identify(quiet, robot, estimator=DEFAULT, adopted=adopted).full.value
         except InputError:  # a placement that stands no more

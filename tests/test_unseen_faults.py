@@ -16,7 +16,7 @@ from tulip_testbed.experiments.benchmark.second_unseen_faults import SECOND
 from tulip_testbed.experiments.benchmark.unseen_faults import ANSWERS as FIRST_ANSWERS
 from tulip_testbed.experiments.benchmark.unseen_faults import UNSEEN
 from tulip_testbed.measurements.cells import CELLS, PLATES
-from tulip_testbed.sim.procedure import constants
+from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.rig import preset_rig, stages
 from tulip_testbed.sim.robot import joint_names
 from tulip_testbed.sim.scene import laboratory_scene
@@ -60,7 +60,7 @@ def plain(exact, few):
 @pytest.fixture(scope="module")
 def readings(robot, few, exact, plain):
     """Return the function from a fault and an amplitude to what it changes, by posture, in s.d."""
-    sheet = constants(preset_rig("force-plate", robot))["sensors"]
+    sheet = header_of(preset_rig("force-plate", robot)).sensors
 
     def table(m):
         parts = (

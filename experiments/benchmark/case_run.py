@@ -28,7 +28,7 @@ from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.estimators import DEFAULT
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
-from tulip_testbed.sim.procedure import constants
+from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.random_robots import draw_robot
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.statics.solved_plan import SolvedPlan, solve_plan
@@ -212,4 +212,4 @@ def _without_noise(rig: Rig, board: Board) -> Measurements:
     measured = run_statics(
         _prepared(without_noise(rig), board.quiet), [np.random.SeedSequence(0)], all_solved=True
     )[0].measurements
-    return replace(measured, sensors=constants(board.rig)["sensors"])
+    return replace(measured, sensors=header_of(board.rig).sensors)

@@ -294,10 +294,9 @@ def _read_outcome(
         truth = replace(truth, wrenches=wrenches, zeros=zeros)
     measured = make_measurements(
         rig,
-        solved_plan.constants,
+        solved_plan.header,
         reading,
         weigh(rig, truth.mass, rng),
-        joints=plan.joints,
         posture=plan.posture[row[used]],
         support=plan.support[row[used]],
         placement=plan.placement[row[used]],
