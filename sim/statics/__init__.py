@@ -8,7 +8,8 @@ from tulip_testbed.sim.statics.forces import (
     servo_torques,
     sole_poses,
 )
-from tulip_testbed.sim.statics.mechanism import Mechanism, mechanism
+from tulip_testbed.sim.statics.mechanism import Mechanism
+from tulip_testbed.sim.statics.read_mechanism import read_mechanism
 from tulip_testbed.sim.statics.sensed_wrenches import foot_wrenches, plate_wrenches, sole_wrenches
 from tulip_testbed.sim.statics.solve import Reference, cell_forces, faults, solve_by_chord, solve_by_newton
 
@@ -22,8 +23,8 @@ __all__ = [
     "faults",
     "foot_wrenches",
     "friction_at_rest",
-    "mechanism",
     "plate_wrenches",
+    "read_mechanism",
     "residual",
     "servo_torques",
     "sole_poses",

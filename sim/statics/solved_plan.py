@@ -14,7 +14,7 @@ from tulip_testbed.sim.plan_folder import check_support
 from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.rig import Rig, stages
 from tulip_testbed.sim.scene import boards_under
-from tulip_testbed.sim.statics import Load, Mechanism, Reference, State, mechanism, solve_by_newton
+from tulip_testbed.sim.statics import Load, Mechanism, Reference, State, read_mechanism, solve_by_newton
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def solve_plan(rig: Rig, plan: PosturePlan) -> SolvedPlan:
 
 def _solve_plan(rig: Rig, plan: PosturePlan) -> SolvedPlan:
     check_support("plan", plan)
-    m, model = mechanism(rig), rig.robot.model
+    m, model = read_mechanism(rig), rig.robot.model
     placements, placement = np.unique(plan.placement, return_inverse=True)
     first = [int(np.flatnonzero(plan.placement == number)[0]) for number in placements]
     boards = boards_under(rig, plan.foot_poses[first])
