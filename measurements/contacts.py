@@ -10,7 +10,6 @@ WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")  # N, Nm; of the ground on the foo
 VERTICAL = ("fz", "mx", "my")  # all that the centre of pressure on level ground needs
 COP = ("x", "y", "fz")  # m, m, N: a point of the sensor's frame and the vertical force
 CHANNEL_SETS = (WRENCH, VERTICAL)
-MOUNTS = ("ground", "foot")
 POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 
 

@@ -19,8 +19,7 @@ from tulip_testbed.sim.sensors import (
     Sampling,
     WrenchSensors,
     averaged_sd,
-    read_cells,
-    read_encoders,
+    cell_gains,
     read_wrenches,
     sample,
 )
@@ -106,7 +105,7 @@ def header_of(rig: Rig) -> MeasurementHeader:
     plates = nominal_plates(rig.robot)
     samples = _samples(rig)
     sheet = SensorSheet(
-        encoder_sd=averaged_sd(s.encoder_repeatability, s.encoder_noise, s.encoder_resolution, samples),
+        encoder_sd=averaged_sd(*s.encoder, samples),
         encoder_resolution=s.encoder_resolution,
     )
     on_ground = s.wrench is None or s.wrench.place == PLATE
@@ -115,7 +114,7 @@ def header_of(rig: Rig) -> MeasurementHeader:
     if s.wrench is None:
         sheet = replace(
             sheet,
-            cell_sd=averaged_sd(s.cell_repeatability, s.cell_noise, s.cell_resolution, samples),
+            cell_sd=averaged_sd(*s.cell, samples),
             cell_resolution=s.cell_resolution,
         )
     return MeasurementHeader(
@@ -179,13 +178,14 @@ def read_sensors(
         joints, motors: true angles, (..., n) [rad]. forces: of the cells, (..., 8) [N].
         wrenches, zeros: true wrenches and zeros of the wrench sensors, (..., 2, 6) and (2, c) [N, Nm]; not
             read without such sensors.
-        sample: see `read_encoders`.
+        sample: `sample` to draw every sample, or `sample_mean`.
     """
     samples, sensors = _samples(rig), rig.sensors.wrench
-    angles, angles_sd, motor = read_encoders(rig.sensors, joints, motors, samples, rng, sample)
+    angles, angles_sd = sample(joints, *rig.sensors.encoder, samples, rng)
+    motor, _ = sample(motors, *rig.sensors.motor, samples, rng)
     reading = {"q": angles, "q_std": angles_sd, "motor": motor}
     if sensors is None or wrenches is None or zeros is None:
-        mean, sd = read_cells(rig.sensors, forces, samples, rng, sample)
+        mean, sd = sample(cell_gains(rig.sensors) * forces, *rig.sensors.cell, samples, rng)
         return reading | {"cell": mean, "cell_std": sd}
     mean, sd = read_wrenches(sensors, wrenches, zeros, samples, rng, sample)
     return reading | {"wrench": mean, "wrench_std": sd}

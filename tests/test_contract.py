@@ -127,10 +127,10 @@ def test_what_identify_refuses_the_preflight_explains(measured, robot, tmp_path,
 
 def test_what_a_simulator_measured_is_fine_and_quickly_checked(measured, robot, tmp_path):
     write_measurements(tmp_path / "data", measured)
-    began = time.perf_counter()
+    began = time.process_time()
     for _ in range(10):
         check_contract(measured)
-    assert time.perf_counter() - began < 0.5  # 50 ms each
+    assert time.process_time() - began < 0.5  # 50 ms each
     loose = dataclasses.replace(measured, gravity=np.float32(9.81), weighed_mass=None)
     assert len(tt.identify(loose, robot)) == 25
 
