@@ -23,7 +23,7 @@ from tulip_testbed.identification.residual_channels import ROWS, residuals, swin
 from tulip_testbed.measurements import Experiment, Measurements, PosturePlan
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.sensors import ANKLE, PLATE, PRESETS, WrenchSensors
-from tulip_testbed.sim.statics import read_mechanism
+from tulip_testbed.sim.statics.read_mechanism import read_mechanism
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
 

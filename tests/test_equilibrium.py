@@ -27,8 +27,9 @@ from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.scene import laboratory_scene
 from tulip_testbed.sim.sensors import PRESETS, averaged_sd, sample, sample_mean
-from tulip_testbed.sim.statics import Load, State, faults, read_mechanism, residual, solve_by_newton
-from tulip_testbed.sim.statics.forces import rotation_matrix
+from tulip_testbed.sim.statics.forces import Load, State, residual, rotation_matrix
+from tulip_testbed.sim.statics.read_mechanism import read_mechanism
+from tulip_testbed.sim.statics.solve import faults, solve_by_newton
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
 

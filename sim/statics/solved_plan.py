@@ -14,7 +14,10 @@ from tulip_testbed.sim.plan_folder import check_support
 from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.rig import Rig, stages
 from tulip_testbed.sim.scene import boards_under
-from tulip_testbed.sim.statics import Load, Mechanism, Reference, State, read_mechanism, solve_by_newton
+from tulip_testbed.sim.statics.forces import Load, State
+from tulip_testbed.sim.statics.mechanism import Mechanism
+from tulip_testbed.sim.statics.read_mechanism import read_mechanism
+from tulip_testbed.sim.statics.solve import Reference, solve_by_newton
 
 
 @dataclass(frozen=True)
