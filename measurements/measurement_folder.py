@@ -196,8 +196,8 @@ def _measurements(manifest: Manifest, table: MappedTable, where: Path) -> Measur
         readings = read_contacts(manifest.contacts, table, support, manifest.sensors.cell_sd)
         of_sensors = {key: readings.pop(key) for key in OF_SENSORS if key in readings}
         header = header_in(manifest, where, of_sensors)
-    return Measurements(
-        **header.stated,
+    return Measurements.from_arrays(
+        header,
         posture=table.integers("posture"),
         placement=table.integers("placement"),
         support=support,
