@@ -84,8 +84,6 @@ STRICT: dict[Any, Any] = {
     float: Annotated[float, Strict(), BeforeValidator(_plain)],
     Path: Annotated[InstanceOf[Path], AfterValidator(_checked_path)],
 }
-
-
 GENERIC: tuple[Any, ...] = (Sequence, tuple, list)
 
 
