@@ -2,39 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import cache, wraps
+from collections.abc import Callable, Sequence
+from functools import cache, reduce, wraps
 from inspect import Parameter, signature
-from numbers import Integral, Real
+from operator import or_
 from pathlib import Path
-from types import NoneType, UnionType
-from typing import Any, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
+from types import UnionType
+from typing import Annotated, Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
+from pydantic import AfterValidator, BeforeValidator, InstanceOf, Strict, TypeAdapter, ValidationError
 
-from tulip_testbed.base.errors import InputError, shortened
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import check_path
+from tulip_testbed.base.validation_message import argument_message
 
 P = ParamSpec("P")
 R = TypeVar("R")
-
-WORDS = {
-    int: "a whole number",
-    float: "a number",
-    bool: "True or False",
-    str: "a text",
-    Path: "a path",
-    Sequence: "a list of them",
-    Mapping: "a dictionary",
-    NoneType: "None",
-}
-NUMBERS: dict[Any, type] = {int: Integral, float: Real}  # NumPy's too
 
 
 def checked(function: Callable[P, R]) -> Callable[P, R]:
     """Return the function behind a door that checks its arguments against its annotations.
 
-    NumPy's whole numbers become Python's, which documents can hold.
+    NumPy's numbers become Python's, which documents can hold.
     """
     shape = signature(function)
     hints = cache(lambda: get_type_hints(function))  # names that stand further down exist by the first call
@@ -43,59 +33,67 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
     def door(*args: P.args, **kwargs: P.kwargs) -> R:
         given = shape.bind(*args, **kwargs)
         for name, value in given.arguments.items():
+            hint = hints().get(name, Any)
             many = shape.parameters[name].kind is Parameter.VAR_POSITIONAL
-            for one in value if many else [value]:
-                expect(name, one, hints().get(name, object))
-            if isinstance(value, np.integer):
-                given.arguments[name] = int(value)
+            given.arguments[name] = (
+                tuple(expect(name, one, hint) for one in value) if many else expect(name, value, hint)
+            )
         return function(*given.args, **given.kwargs)
 
     return door
 
 
-def expect(name: str, value: object, hint: Any) -> None:
-    """Refuse a value that is not what an annotation says.
+def expect(name: str, value: Any, hint: Any) -> Any:
+    """Return a value that is what an annotation says, with NumPy's numbers as Python's.
 
     Args:
         name: of the value, for the message.
-        hint: a type, or a union of types and sequences of them.
 
     Raises:
         InputError: with the type that was found and those that are valid.
     """
-    options = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
-    kinds = [get_origin(option) or option for option in options]
-    fits = [option for option, kind in zip(options, kinds, strict=True) if _is(value, kind)]
-    if not fits:
-        raise InputError(
-            f"{name}: found {_found(value)}, expected {_either([_words(kind) for kind in kinds])}"
-        )
-    if Path in kinds and isinstance(value, str | Path):
+    try:
+        return _adapter(hint).validate_python(value)
+    except ValidationError as error:
+        for problem in error.errors():
+            if problem["type"] == "value_error":  # a path that cannot be one
+                raise problem["ctx"]["error"] from None
+        raise InputError(argument_message(name, error)) from None
+
+
+@cache
+def _adapter(hint: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(_strict(hint))
+
+
+def _plain(value: Any) -> Any:
+    return value.item() if isinstance(value, np.number) else value
+
+
+def _checked_path(value: Any) -> Any:
+    if isinstance(value, str | Path):
         check_path(value)
-    if get_args(fits[0]) and isinstance(value, Sequence):
-        for k, one in enumerate(value):
-            expect(f"{name}[{k}]", one, get_args(fits[0])[0])
+    return value
 
 
-def _is(value: object, kind: Any) -> bool:
-    """Return whether a value is of a kind; a text is no sequence, and neither True nor False a number."""
-    if kind is Sequence:
-        return isinstance(value, Sequence) and not isinstance(value, str)
-    return isinstance(value, NUMBERS.get(kind, kind)) and (kind not in NUMBERS or not isinstance(value, bool))
+STRICT: dict[Any, Any] = {
+    Any: Any,
+    str: Annotated[str, Strict()],
+    bool: Annotated[bool, Strict()],
+    int: Annotated[int, Strict(), BeforeValidator(_plain)],
+    float: Annotated[float, Strict(), BeforeValidator(_plain)],
+    Path: Annotated[InstanceOf[Path], AfterValidator(_checked_path)],
+}
+GENERIC: tuple[Any, ...] = (Sequence, tuple, list)
 
 
-def _found(value: object) -> str:
-    """Name the type of a value, and the value itself if it is short."""
-    if value is None:
-        return "None"
-    name = type(value).__name__
-    return f"the {name} {shortened(repr(value), 40)}" if isinstance(value, str | Real) else name
-
-
-def _words(kind: Any) -> str:
-    return WORDS.get(kind) or kind.__name__
-
-
-def _either(words: list[str]) -> str:
-    *others, last = words
-    return f"{', '.join(others)} or {last}" if others else last
+def _strict(hint: Any) -> Any:
+    """Return the type that accepts instances alone: no text for a number, no dictionary for a dataclass."""
+    origin: Any = get_origin(hint)
+    arguments = get_args(hint)
+    if origin in (Union, UnionType):
+        either = reduce(or_, map(_strict, arguments))
+        return Annotated[either, AfterValidator(_checked_path)] if Path in arguments else either
+    if origin in GENERIC:
+        return origin[tuple(one if one is ... else _strict(one) for one in arguments)]
+    return hint if origin is Literal else STRICT.get(hint) or InstanceOf[origin or hint]

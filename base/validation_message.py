@@ -1,6 +1,8 @@
-"""The wording of pydantic's complaints."""
+"""The wording of pydantic's complaints, about documents and about arguments."""
 
 from __future__ import annotations
+
+from numbers import Real
 
 from pydantic import ValidationError
 
@@ -30,6 +32,16 @@ EXPECTED = {
     "union_tag_not_found": "a key {discriminator}",
     "value_error": "{error}",
 }
+# The same of an argument, which is not written in JSON.
+OF_ARGUMENTS = EXPECTED | {
+    "bool_type": "True or False",
+    "list_type": "a list of them",
+    "tuple_type": "a tuple of them",
+    "sequence_str": "a list of them",
+    "missing": "more values",
+    "is_instance_of": "{class}",
+}
+CLASSES = {"Sequence": "a list of them", "Mapping": "a dictionary", "Path": "a path", "NoneType": "None"}
 
 
 def validation_message(error: ValidationError) -> str:
@@ -38,6 +50,31 @@ def validation_message(error: ValidationError) -> str:
         keys = "key" if len(missing) == 1 else "keys"
         return f"{keys} {shortened(listed(map(repr, missing)), 400)}: found nothing"
     return wrong_values(error)[0]
+
+
+def argument_message(name: str, error: ValidationError) -> str:
+    """Describe what was found for an argument, where in it, and what was expected.
+
+    Args:
+        error: if the argument may be of several types, that of each; those that went deepest are meant.
+    """
+    problems = error.errors(include_url=False)
+    places = [[part for part in problem["loc"] if isinstance(part, int)] for problem in problems]
+    deepest = max(places, key=len)
+    meant = [problem for problem, place in zip(problems, places, strict=True) if place == deepest]
+    words = [OF_ARGUMENTS.get(one["type"], one["msg"]).format(**one.get("ctx", {})) for one in meant]
+    words = list(dict.fromkeys(CLASSES.get(word, word) for word in words))
+    expected = f"{', '.join(words[:-1])} or {words[-1]}" if len(words) > 1 else words[0]
+    place = "".join(f"[{number}]" for number in deepest)
+    return f"{name}{place}: found {_found(meant[0]['input'])}, expected {expected}"
+
+
+def _found(value: object) -> str:
+    """Name the type of a value, and the value itself if it is short."""
+    if value is None:
+        return "None"
+    name = type(value).__name__
+    return f"the {name} {shortened(repr(value), 40)}" if isinstance(value, str | Real) else name
 
 
 def missing_keys(error: ValidationError) -> list[str]:

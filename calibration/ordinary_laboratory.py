@@ -9,7 +9,7 @@ import numpy as np
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.families import Family, families_of, tolerances_of
 from tulip_testbed.effects.instance import EffectInstance
-from tulip_testbed.sim.procedure import constants
+from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.rig import Rig
 
 SPREADS = (0.1, 1.0)  # tolerances
@@ -34,8 +34,8 @@ def ordinary_members(rig: Rig, rng: np.random.Generator, scale: float = 1.0) -> 
     Args:
         rig: the laboratory. scale: of all members.
     """
-    known = constants(rig)
-    families = families_of(rig.robot, tolerances_of(known["sensors"]), contacts=known["contacts"])
+    header = header_of(rig)
+    families = families_of(rig.robot, tolerances_of(header.sensors), contacts=header.contacts)
     values, _ = draw_members(families, rng, scale)
     return tuple(i for family, v in zip(families, values, strict=True) for i in family.instances(v))
 

@@ -24,7 +24,7 @@ from tulip_testbed.identification.residual_channels import ROWS, SIZE, residuals
 from tulip_testbed.measurements import Experiment, Measurements, PosturePlan
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.sensors import ANKLE, PLATE, PRESETS, WrenchSensors
-from tulip_testbed.sim.statics import mechanism
+from tulip_testbed.sim.statics.read_mechanism import read_mechanism
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
 
@@ -63,7 +63,7 @@ def measured_plan(observed: Observation) -> PosturePlan:
     that, because it contains the plan's feed-forward.
     """
     m = observed.measurements
-    gain = mechanism(exact_rig(observed)).gain
+    gain = read_mechanism(exact_rig(observed)).gain
     pose, rows = swing_pose(observed)[:, [0, 1, 5]], observed.geometry.on_swing_foot
     pose[rows] = observed.nominal.other_sole(observed.joint_angles, m.support)[rows]
     first = np.array([np.flatnonzero(observed.stance == number)[0] for number in observed.stance])

@@ -12,7 +12,7 @@ from tulip_testbed.base.errors import InputError, look_up, shortened
 from tulip_testbed.effects.targets import links
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.manipulations import Experiment, needs_cells
-from tulip_testbed.sim.procedure import constants, new_set_up
+from tulip_testbed.sim.procedure import new_set_up
 from tulip_testbed.sim.rig import Rig, stages
 from tulip_testbed.sim.robot import joint_names
 from tulip_testbed.sim.scene import laboratory_scene
@@ -117,9 +117,9 @@ def check_experiment(rig: Rig, experiment: Experiment) -> None:
     Raises:
         InputError: names the manipulation, and what is valid.
     """
-    known, state = constants(rig), experiment.arrangement
+    header, state = header_of(rig), experiment.arrangement
     for text in experiment.manipulations:
-        if known["contacts"] is not None and needs_cells(text):
+        if header.contacts is not None and needs_cells(text):
             raise InputError(
                 f"manipulations: found '{shortened(text)}' with wrench sensors, expected plates on cells"
             )

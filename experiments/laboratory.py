@@ -37,7 +37,7 @@ from tulip_testbed.measurements import Experiment, Measurements, PosturePlan
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.outcome import Outcome, Truth
 from tulip_testbed.sim.plan_folder import check_fits
-from tulip_testbed.sim.procedure import constants
+from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.robot_check import warn_of_robot
@@ -194,7 +194,7 @@ class Laboratory:
         placements = np.unique(plan.placement).tolist()
         for effect in (*self.known, *self.hidden):
             check_laboratory(effect, engine == "statics", str(effect))
-            check_instrument(effect.effect, constants(self.rig)["contacts"], str(effect))
+            check_instrument(effect.effect, header_of(self.rig).contacts, str(effect))
             check_instance(effect, self.robot, placements, str(effect))
 
     def true_base_parameters(self, plan: PosturePlan) -> np.ndarray:

@@ -32,7 +32,7 @@ from tulip_testbed.identification.statistics import (
 )
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.measurements.data import base_foot, feet_in_contact
-from tulip_testbed.sim.procedure import constants
+from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, joint_names, sole_point
 from tulip_testbed.sim.scene import boards_under, nominal_plates
@@ -121,24 +121,17 @@ def planned_readings(rig: Rig, plan: PosturePlan, com: np.ndarray) -> Measuremen
         if not on.all():
             share, cop = on.astype(float), np.where(on[:, None], point, board[:, :2])
         cells.append(predicted_cell_loads(share, cop, board, plate, weight))
-    count, unknown = len(plan), np.full(len(plan), np.nan)
-    return Measurements(
-        joints=plan.joints,
+    count = len(plan)
+    return Measurements.from_arrays(
+        header_of(rig),
         posture=plan.posture,
         placement=plan.placement,
         support=plan.support,
-        time=unknown,
         window=np.full(count, rig.protocol.window),
         samples=np.full(count, round(rig.protocol.window * rig.sensors.sample_rate)),
         joint_angles=plan.joint_angles,
-        joint_angles_sd=np.full_like(plan.joint_angles, np.nan),
-        command=None,
-        motor=None,
         cell_forces=np.array(cells),
-        cell_forces_sd=np.full((count, 8), np.nan),
         plate_poses=boards,
-        weighed_mass=None,
-        **constants(rig),
     )
 
 

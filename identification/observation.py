@@ -300,7 +300,7 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
 def _each(measurements: Measurements, of_rows: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
     """Compute something of the rows of each experiment by itself, (m, ...)."""
     number = measurements.of_experiment
-    parts = [np.flatnonzero(number == k) for k in np.unique(number)]
+    parts = [np.flatnonzero(number == k) for k in np.unique(number)] or [np.arange(0)]
     out = np.concatenate([of_rows(rows) for rows in parts])
     return out[np.argsort(np.concatenate(parts), kind="stable")]
 
@@ -342,5 +342,5 @@ def _on_four_cells(forces: np.ndarray, margin: float, share: np.ndarray) -> np.n
 
 def fraction_of_time(time: np.ndarray) -> np.ndarray:
     """Return time as a fraction of the experiment's, 0 at the first posture and 1 at the last, (m,)."""
-    span = float(np.ptp(time))
+    span = float(np.ptp(time)) if len(time) else 0.0
     return (time - time.min()) / span if span > 0 else np.zeros(len(time))

@@ -1,6 +1,8 @@
 """The data contract between a laboratory, simulated or real, and the identification."""
 
-from tulip_testbed.measurements.data import Measurements, PlateGeometry, PosturePlan, SensorSheet, lay_boards
+from tulip_testbed.measurements.cells import PlateGeometry, lay_boards
+from tulip_testbed.measurements.data import Measurements, PosturePlan
+from tulip_testbed.measurements.header import MeasurementHeader, SensorSheet
 from tulip_testbed.measurements.joined import as_joined, joined, read_experiments
 from tulip_testbed.measurements.manipulations import Experiment
 from tulip_testbed.measurements.measurement_folder import read_measurements, write_measurements
@@ -8,6 +10,7 @@ from tulip_testbed.measurements.series import Series, read_series
 
 __all__ = [
     "Experiment",
+    "MeasurementHeader",
     "Measurements",
     "PlateGeometry",
     "PosturePlan",

@@ -15,6 +15,7 @@ from tulip_testbed.measurements.contacts import COP, VERTICAL, Contacts, covaria
 
 Entries = Sequence[WrenchEntry | CopEntry | CellsEntry]
 POSE_AXES = ("x", "y", "yaw")
+NO_CELLS = np.zeros((2, 0, 2))  # places of the cells of plates that have none
 
 
 def reading_columns(entries: Entries, prefix_end: str = "") -> list[str]:
@@ -57,11 +58,10 @@ def read_contacts(
     Raises:
         InputError: a reading is missing that a foot on the ground must have.
     """
-    m, on_ground = len(table), entries[0].mount == "ground"
-    place = {
-        "plate_poses": read_poses(table) if on_ground else np.zeros((m, 2, 3)),
-        "top_height": np.array([entry.top_height if on_ground else 0.0 for entry in entries], float),
-    }
+    on_ground = entries[0].mount == "ground"
+    place = {"top_height": np.array([entry.top_height if on_ground else 0.0 for entry in entries], float)}
+    if on_ground:
+        place["plate_poses"] = read_poses(table)
     loaded = np.stack([support != other for other in ("left", "right")])  # by the support that lifts it
     wrenches = [entry for entry in entries if isinstance(entry, WrenchEntry)]
     cops = [entry for entry in entries if isinstance(entry, CopEntry)]
@@ -78,7 +78,8 @@ def _read_wrenches(entries: list[WrenchEntry], table: MappedTable, loaded: np.nd
         for entry, stands in zip(entries, loaded, strict=True)
     ]
     spreads = [table.matrix(f"wrench_std.{entry.name}", channels, True) for entry in entries]
-    return _no_cells(len(table)) | {
+    return {
+        "cells": NO_CELLS,
         "contacts": contacts_of(entries),
         "wrenches": np.stack(readings, axis=1),
         "wrenches_sd": np.stack(spreads, axis=1),
@@ -144,8 +145,7 @@ def _vertical(
         cop_sd=cop_sd,
         depth=depth,
     )
-    read = {"contacts": contacts, "wrenches": readings, "wrenches_sd": np.full(readings.shape, np.nan)}
-    return _no_cells(len(readings)) | read
+    return {"cells": NO_CELLS, "contacts": contacts, "wrenches": readings}
 
 
 def _present(
@@ -183,8 +183,3 @@ def _corner_cells(entries: list[CellsEntry], table: MappedTable) -> dict[str, np
         "cell_forces_sd": table.matrix("cell_std", CELLS, True),
         "cells": np.array(cells, float),
     }
-
-
-def _no_cells(m: int) -> dict[str, np.ndarray]:
-    empty = np.zeros((m, 0))
-    return {"cell_forces": empty, "cell_forces_sd": empty, "cells": np.zeros((2, 0, 2))}

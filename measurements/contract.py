@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,10 +20,11 @@ from tulip_testbed.measurements.bounds import (
     MOST_LENGTH,
     MOST_SPEED,
 )
-from tulip_testbed.measurements.cells import CELLS, PLATES
+from tulip_testbed.measurements.cells import PLATES
 from tulip_testbed.measurements.contact_entries import wrong_contacts
 from tulip_testbed.measurements.contacts import Contacts
-from tulip_testbed.measurements.data import Measurements, SensorSheet
+from tulip_testbed.measurements.data import Measurements
+from tulip_testbed.measurements.header import SensorSheet
 from tulip_testbed.measurements.manifest import RobotEntry, manifest_of
 
 WHOLE = ("posture", "placement")  # columns of whole numbers
@@ -147,43 +148,11 @@ def _check_shapes(m: Measurements, where: str) -> None:
         )
         if wrong:
             raise InputError(f"{where}: contacts: {wrong}")
-    rows = m.posture.shape if isinstance(m.posture, np.ndarray) and m.posture.ndim == 1 else ("rows",)
-    for name, kinds, shape in _shapes(m, rows):
-        found = getattr(m, name)
-        if not isinstance(found, np.ndarray) or found.dtype.kind not in kinds or found.shape != shape:
-            seen = f"{found.dtype} {found.shape}" if isinstance(found, np.ndarray) else type(found).__name__
-            size = ", ".join(map(str, shape))
-            raise InputError(f"{where}: {name}: found {seen}, expected an array of {KINDS[kinds]} ({size})")
+    if wrong := m.wrong_shape():
+        raise InputError(f"{where}: {wrong}")
     if not len(m):
         raise InputError(f"{where}: found no rows, expected one per posture")
     _refuse(where, "support", ~np.isin(m.support, SUPPORTS), m.support, f"one of {', '.join(SUPPORTS)}")
-
-
-KINDS = {"iu": "whole numbers", "iuf": "numbers", "U": "texts"}
-
-
-def _shapes(m: Measurements, rows: tuple) -> Iterator[tuple[str, str, tuple]]:
-    """Yield name, kinds of numbers and shape of every array."""
-    for name in WHOLE:
-        yield name, "iu", rows
-    yield "support", "U", rows
-    for name in ("time", "window", "samples"):
-        yield name, "iuf", rows
-    for name in ("joint_angles", "joint_angles_sd", "command", "motor"):
-        if getattr(m, name) is not None or name.startswith("joint"):
-            yield name, "iuf", (*rows, len(m.joints))
-    cells = len(CELLS) if m.contacts is None else 0
-    for name in ("cell_forces", "cell_forces_sd"):
-        yield name, "iuf", (*rows, cells)
-    yield "plate_poses", "iuf", (*rows, len(PLATES), 3)
-    yield "cells", "iuf", (len(PLATES), cells // len(PLATES), 2)
-    yield "top_height", "iuf", (len(PLATES),)
-    for name in ("wrenches", "wrenches_sd"):
-        if m.contacts is not None and (name == "wrenches" or m.wrenches_sd is not None):
-            yield name, "iuf", (*rows, len(PLATES), len(m.contacts.channels))
-    for name in ("speed", "acceleration"):
-        if getattr(m, name) is not None:
-            yield name, "iuf", rows
 
 
 def _check_constants(m: Measurements, where: str) -> None:

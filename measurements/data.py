@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, listed, look_up
 from tulip_testbed.measurements.cells import CELLS, PLATES
-from tulip_testbed.measurements.contacts import COP, Contacts, cops_of_wrenches
-from tulip_testbed.measurements.manipulations import Experiment
+from tulip_testbed.measurements.contacts import COP, cops_of_wrenches
+from tulip_testbed.measurements.header import MeasurementHeader
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,30 +70,21 @@ class PosturePlan:
         return replace(self, torques=torques, **{name: getattr(self, name)[rows] for name in names})
 
 
-@dataclass(frozen=True)
-class SensorSheet:
-    """Data-sheet s.d. and resolution of a posture's averaged readings; None means unknown."""
-
-    encoder_sd: float | None = None
-    encoder_resolution: float | None = None
-    cell_sd: float | None = None
-    cell_resolution: float | None = None
-    placement_sd: tuple[float, float, float] | None = None
-
-
 OF_ROWS = (  # fields of `Measurements` with a value for every row
     *("posture", "placement", "support", "time", "window", "samples"),
     *("joint_angles", "joint_angles_sd", "command", "motor", "cell_forces", "cell_forces_sd"),
     *("plate_poses", "wrenches", "wrenches_sd", "speed", "acceleration", "experiment"),
 )
+KINDS = {"posture": "iu", "placement": "iu", "support": "U"}  # of numbers, where they are not any
+OF_KIND = {"iu": "whole numbers", "iuf": "numbers", "U": "texts"}
+MAY_BE_NONE = ("command", "motor", "wrenches_sd", "speed", "acceleration")
 
 
-@dataclass(frozen=True, eq=False)
-class Measurements:
-    """Measurements, one row per held posture; they do not contain a simulation's truth.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Measurements(MeasurementHeader):
+    """A header and its rows, one per held posture; they do not contain a simulation's truth.
 
     Attributes:
-        joints: joint names.
         posture, placement: numbers, (m,); a repeated posture repeats its number.
         support: "double", "right" or "left", (m,).
         time: start of the averaged window since the start of the experiment, (m,) [s].
@@ -102,32 +93,16 @@ class Measurements:
         joint_angles, joint_angles_sd: mean and s.d. over the window, (m, n_joints) [rad].
         command: commanded angles, (m, n_joints) [rad], or None.
         motor: motor encoders over gear ratio, (m, n_joints) [rad], or None.
-        cell_forces, cell_forces_sd: in the order of `CELLS`, (m, 8) [N].
+        cell_forces, cell_forces_sd: in the order of `CELLS`, (m, 8) [N]; (m, 0) with wrench sensors.
         plate_poses: recorded poses of the right and left plate in the base frame, (m, 2, 3)
-            [m, m, rad]; in "left" support it is the frame of the left foot.
-        cells: the cells' positions in their plate's frame, (2, 4, 2) [m].
-        top_height: height of the plates' top surface over the floor, (2,) [m].
-        weighed_mass: value and s.d. [kg], or None.
-        gravity: acceleration of gravity [m/s2].
-        sensors: data-sheet figures.
-        robot: {"model", "sha256", "stance_foot", "swing_foot"} of the nominal robot; sha256 may be None.
-        gains: of the joints' servos, torque per error of the angle, by joint [Nm/rad]; one that is not
-            stated is in proportion to the torque limit.
-        tolerances: of families of ordinary imperfections by name, where they are known better than by the
-            sensors [SI]; zero: exact.
-        contacts: wrench sensors in place of the plates' cells; None: cells. With them there are no cells:
-            `cell_forces` is (m, 0) and `cells` (2, 0, 2); in the feet, `plate_poses` and `top_height` are 0.
+            [m, m, rad]; in "left" support it is the frame of the left foot; 0 with sensors in the feet.
         wrenches, wrenches_sd: readings of the wrench sensors, right and left, mean and s.d. over the window,
             (m, 2, c) [N, Nm]; NaN for a foot in the air that was not recorded; None: cells.
-        constant_joints: s.d. of joints that are not logged but known to stand still, by name [rad].
         speed: largest speed of a joint in the window, (m,) [rad/s], or None.
         acceleration: of the robot's base in the window, (m,) [m/s2], or None.
-        experiments: session and manipulations of each of several experiments that were joined, or of this
-            one where they are stated; empty: nothing is stated.
         experiment: index of every row's experiment, (m,); None: there is at most one.
     """
 
-    joints: tuple[str, ...]
     posture: np.ndarray
     placement: np.ndarray
     support: np.ndarray
@@ -136,27 +111,100 @@ class Measurements:
     samples: np.ndarray
     joint_angles: np.ndarray
     joint_angles_sd: np.ndarray
-    command: np.ndarray | None
-    motor: np.ndarray | None
+    command: np.ndarray | None = None
+    motor: np.ndarray | None = None
     cell_forces: np.ndarray
     cell_forces_sd: np.ndarray
     plate_poses: np.ndarray
-    cells: np.ndarray
-    top_height: np.ndarray
-    weighed_mass: tuple[float, float] | None
-    gravity: float
-    sensors: SensorSheet
-    robot: dict[str, str | None]
-    gains: Mapping[str, float] = field(default_factory=dict)
-    tolerances: Mapping[str, float] = field(default_factory=dict)
-    contacts: Contacts | None = None
     wrenches: np.ndarray | None = None
     wrenches_sd: np.ndarray | None = None
-    constant_joints: Mapping[str, float] = field(default_factory=dict)
     speed: np.ndarray | None = None
     acceleration: np.ndarray | None = None
-    experiments: tuple[Experiment, ...] = ()
     experiment: np.ndarray | None = None
+
+    @classmethod
+    def from_arrays(cls, header: MeasurementHeader, **rows: Any) -> Measurements:
+        """Return measurements that were made in memory.
+
+        Args:
+            header: robot, joints and sensors.
+            rows: values of every row by the name of their field. Needed are `joint_angles`, `placement`, and
+                the readings: `cell_forces` or `wrenches`, and `plate_poses` for plates. Without the others,
+                postures are numbered, stand on both feet, and times, windows and s.d. are unknown.
+
+        Raises:
+            InputError: names the field that is unknown, missing, or of another shape.
+        """
+        for name in rows:
+            look_up("field", name, OF_ROWS, "measurements")
+        readings = ["cell_forces" if header.contacts is None else "wrenches"]
+        needed = ["joint_angles", "placement", *readings, *["plate_poses"] * header.on_plates]
+        if missing := [name for name in needed if rows.get(name) is None]:
+            raise InputError(f"measurements: found no {listed(missing)}, expected values of every row")
+        try:
+            given = {name: np.asarray(value) for name, value in rows.items() if value is not None}
+        except ValueError as error:
+            raise InputError(f"measurements: found no array of numbers ({error})") from None
+        m = len(np.atleast_1d(given["joint_angles"]))
+        usual: dict[str, Any] = {
+            "posture": np.arange(1, m + 1),
+            "support": np.full(m, "double"),
+            **{name: np.full(m, np.nan) for name in ("time", "window", "samples")},
+            "cell_forces": np.zeros((m, 0)),
+            "plate_poses": np.zeros((m, 2, 3)),
+        } | given
+        for name in ("joint_angles", "cell_forces", "wrenches"):
+            if name in usual:
+                usual.setdefault(f"{name}_sd", np.full(usual[name].shape, np.nan))
+        made = cls(**header.stated, **usual)
+        if wrong := made.wrong_shape():
+            raise InputError(f"measurements: {wrong}")
+        return made
+
+    @classmethod
+    def without_rows(cls, header: MeasurementHeader) -> Measurements:
+        """Return measurements to which rows are to be appended."""
+        channels = 0 if header.contacts is None else len(header.contacts.channels)
+        rows: dict[str, Any] = {
+            "placement": np.zeros(0, int),
+            "joint_angles": np.zeros((0, len(header.joints))),
+            "cell_forces": np.zeros((0, 0 if channels else len(CELLS))),
+            "plate_poses": np.zeros((0, len(PLATES), 3)),
+            "wrenches": np.zeros((0, len(PLATES), channels)) if channels else None,
+        }
+        return cls.from_arrays(header, **rows)
+
+    @property
+    def header(self) -> MeasurementHeader:
+        """Return the header alone."""
+        return MeasurementHeader(**self.stated)
+
+    def wrong_shape(self) -> str:
+        """Say which array has another type or shape than the contract's; "" if none has."""
+        rows: tuple[Any, ...] = np.shape(self.posture) if np.ndim(self.posture) == 1 else ("rows",)
+        joints, sides = (*rows, len(self.joints)), (*rows, len(PLATES))
+        cells = len(CELLS) if self.contacts is None else 0
+        channels = 0 if self.contacts is None else len(self.contacts.channels)
+        shapes = {
+            **dict.fromkeys(("posture", "placement", "support", "time", "window", "samples"), rows),
+            **dict.fromkeys(("joint_angles", "joint_angles_sd", "command", "motor"), joints),
+            **dict.fromkeys(("cell_forces", "cell_forces_sd"), (*rows, cells)),
+            "plate_poses": (*sides, 3),
+            "cells": (len(PLATES), cells // len(PLATES), 2),
+            "top_height": (len(PLATES),),
+            **dict.fromkeys(("wrenches", "wrenches_sd") if channels else (), (*sides, channels)),
+            **dict.fromkeys(("speed", "acceleration"), rows),
+        }
+        for name, shape in shapes.items():
+            array, kind = getattr(self, name), KINDS.get(name, "iuf")
+            if array is None and name in MAY_BE_NONE:
+                continue
+            if not isinstance(array, np.ndarray) or array.dtype.kind not in kind or array.shape != shape:
+                there = isinstance(array, np.ndarray)
+                seen = f"{array.dtype} {array.shape}" if there else type(array).__name__
+                size = ", ".join(map(str, shape))
+                return f"{name}: found {seen}, expected an array of {OF_KIND[kind]} ({size})"
+        return ""
 
     def __len__(self) -> int:
         return len(self.posture)
@@ -196,7 +244,7 @@ class Measurements:
             if values is not None:
                 columns |= {f"{prefix}.{self.joints[k]}": values[:, k] for k in logged}
         columns |= self._contact_columns()
-        if self.contacts is None or self.contacts.mount == "ground":
+        if self.on_plates:
             for p, plate in enumerate(PLATES):
                 for k, axis in enumerate(("x", "y", "yaw")):
                     columns[f"plate.{plate}.{axis}"] = self.plate_poses[:, p, k]
@@ -243,38 +291,3 @@ def _described(rows: PosturePlan | Measurements) -> str:
     """Count postures and placements, and name the supports."""
     counts = f"{len(np.unique(rows.posture))} postures on {len(np.unique(rows.placement))} placements"
     return f"{counts}, support {', '.join(np.unique(rows.support).tolist())}"
-
-
-@dataclass(frozen=True)
-class PlateGeometry:
-    """Geometry of a plate as on its data sheet.
-
-    Attributes:
-        cells: positions of the four cells in the plate's frame, in the order of `CORNERS`, (4, 2) [m].
-        size: extent of the board in x and y, (2,) [m].
-        top_height: height of the top surface over the floor [m].
-        mass: mass of the board [kg].
-    """
-
-    cells: np.ndarray
-    size: np.ndarray
-    top_height: float
-    mass: float
-
-
-def lay_boards(soles: np.ndarray, size: np.ndarray, gap: float) -> np.ndarray:
-    """Place two parallel boards, each under its sole and as central to it as the other board allows.
-
-    Args:
-        soles: corners of the right and the left sole in the base frame, (2, 4, 2) [m].
-        size: extent of a board in x and y, (2,) [m].
-        gap: smallest distance between the boards' long edges [m].
-
-    Returns:
-        Poses of the right and the left board in the base frame, (2, 3) [m, m, rad].
-    """
-    centres = (soles.min(axis=1) + soles.max(axis=1)) / 2
-    lack = max(0.0, size[1] + gap - (centres[1, 1] - centres[0, 1]))
-    return np.array(
-        [[centres[0, 0], centres[0, 1] - lack / 2, 0.0], [centres[1, 0], centres[1, 1] + lack / 2, 0.0]]
-    )

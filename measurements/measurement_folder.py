@@ -26,8 +26,9 @@ from tulip_testbed.measurements.contact_columns import (
     reading_columns,
 )
 from tulip_testbed.measurements.contract import SUPPORTS, WHOLE, check_contract
-from tulip_testbed.measurements.data import Measurements, SensorSheet
+from tulip_testbed.measurements.data import Measurements
 from tulip_testbed.measurements.folder_kind import check_kind
+from tulip_testbed.measurements.header import MeasurementHeader, SensorSheet
 from tulip_testbed.measurements.manifest import (
     ConstantEntry,
     Manifest,
@@ -41,6 +42,9 @@ MAY_LACK = (
     *("support", "time", "window", "samples", "q_std", "q_command", "motor", "cell_std"),
     *("wrench_std", "speed", "acceleration"),
 )
+
+
+OF_SENSORS = ("cells", "top_height", "contacts")  # fields of a header that contact sensors determine
 
 
 def required_columns(
@@ -178,17 +182,22 @@ def read_manifest(folder: Path) -> Manifest:
 
 
 def _measurements(manifest: Manifest, table: MappedTable, where: Path) -> Measurements:
-    joints = tuple(manifest.joints)
-    angles = _Angles(table, joints, manifest.constant_joints or {}, where)
+    angles = _Angles(table, tuple(manifest.joints), manifest.constant_joints or {}, where)
     support = table.texts("support", SUPPORTS) if table.has("support") else np.full(len(table), SUPPORTS[0])
-    mass, sheet = manifest.weighed_mass, manifest.sensors
-    read: dict[str, Any] = (
-        _plate_cells(manifest, table)
-        if manifest.contacts is None
-        else read_contacts(manifest.contacts, table, support, sheet.cell_sd)
-    )
-    return Measurements(
-        joints=joints,
+    readings: dict[str, Any]
+    if manifest.contacts is None:
+        header = header_in(manifest, where)
+        readings = {
+            "cell_forces": table.matrix("cell", CELLS),
+            "cell_forces_sd": table.matrix("cell_std", CELLS, True),
+            "plate_poses": read_poses(table),
+        }
+    else:
+        readings = read_contacts(manifest.contacts, table, support, manifest.sensors.cell_sd)
+        of_sensors = {key: readings.pop(key) for key in OF_SENSORS if key in readings}
+        header = header_in(manifest, where, of_sensors)
+    return Measurements.from_arrays(
+        header,
         posture=table.integers("posture"),
         placement=table.integers("placement"),
         support=support,
@@ -199,18 +208,47 @@ def _measurements(manifest: Manifest, table: MappedTable, where: Path) -> Measur
         joint_angles_sd=angles.spreads(),
         command=angles.optional("q_command"),
         motor=angles.optional("motor"),
-        weighed_mass=None if mass is None else (mass.value, mass.sd),
-        gravity=manifest.gravity,
-        sensors=SensorSheet(**{f.name: getattr(sheet, f.name) for f in dataclasses.fields(SensorSheet)}),
-        robot={key: getattr(manifest.robot, key) for key in ("model", "sha256", "stance_foot", "swing_foot")},
-        gains=manifest.gains or {},
-        tolerances=manifest.tolerances or {},
-        constant_joints={joint: entry.sd for joint, entry in (manifest.constant_joints or {}).items()},
         speed=table.numbers("speed", True) if table.has("speed") else None,
         acceleration=table.numbers("acceleration", True) if table.has("acceleration") else None,
-        experiments=_experiments(manifest, where),
-        **read,
+        **readings,
     )
+
+
+def header_in(
+    manifest: Manifest, where: Path, of_sensors: Mapping[str, Any] | None = None
+) -> MeasurementHeader:
+    """Return the header of measurements that a manifest states.
+
+    Args:
+        where: path of the manifest, for messages.
+        of_sensors: `cells`, `top_height` and `contacts` of the sensors of version 2, which follow from their
+            readings too.
+
+    Raises:
+        InputError: manipulations that cannot be read.
+    """
+    mass, sheet, constant = manifest.weighed_mass, manifest.sensors, manifest.constant_joints or {}
+    return MeasurementHeader(
+        robot={key: getattr(manifest.robot, key) for key in ("model", "sha256", "stance_foot", "swing_foot")},
+        joints=tuple(manifest.joints),
+        gravity=manifest.gravity,
+        sensors=SensorSheet(**{f.name: getattr(sheet, f.name) for f in dataclasses.fields(SensorSheet)}),
+        weighed_mass=None if mass is None else (mass.value, mass.sd),
+        gains=manifest.gains or {},
+        tolerances=manifest.tolerances or {},
+        constant_joints={joint: entry.sd for joint, entry in constant.items()},
+        experiments=_experiments(manifest, where),
+        **(of_sensors or _plates(manifest)),
+    )
+
+
+def _plates(manifest: Manifest) -> dict[str, Any]:
+    assert manifest.plates is not None
+    plates = [manifest.plates.right, manifest.plates.left]
+    return {
+        "cells": np.array([[getattr(plate.cells, corner) for corner in CORNERS] for plate in plates]),
+        "top_height": np.array([plate.top_height for plate in plates]),
+    }
 
 
 def _experiments(manifest: Manifest, where: Path) -> tuple[Experiment, ...]:
@@ -257,16 +295,3 @@ class _Angles:
         """Return the angles, or None without any of their columns."""
         given = any(self.table.has(f"{prefix}.{joint}") for joint in self.joints)
         return self.read(prefix) if given else None
-
-
-def _plate_cells(manifest: Manifest, table: MappedTable) -> dict[str, np.ndarray]:
-    """Read the fields of `Measurements` that the plates of version 1 give."""
-    assert manifest.plates is not None
-    plates = [manifest.plates.right, manifest.plates.left]
-    return {
-        "cell_forces": table.matrix("cell", CELLS),
-        "cell_forces_sd": table.matrix("cell_std", CELLS, True),
-        "plate_poses": read_poses(table),
-        "cells": np.array([[getattr(plate.cells, corner) for corner in CORNERS] for plate in plates]),
-        "top_height": np.array([plate.top_height for plate in plates]),
-    }

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from tulip_testbed.base.errors import InputError, listed
-from tulip_testbed.sim.model_features import check_compiler, check_features
+from tulip_testbed.sim.model_features import check_features
 
 MOST_BODIES = 100
 MOST_LENGTH = 20.0  # m, from a body to the next or to its centre of mass
@@ -77,7 +77,11 @@ def check_before_compiling(spec: mujoco.MjSpec, where: str) -> None:
     Raises:
         InputError: names the joint and its range, in the units of the file, or the mass.
     """
-    check_compiler(spec, where)
+    if spec.compiler.settotalmass > 0:  # in a scene, it would be that of the robot and of the plates
+        raise InputError(
+            f"{where}: <compiler>: found settotalmass {spec.compiler.settotalmass:g}, expected none; "
+            "scale the masses of the bodies"
+        )
     for joint in spec.joints:
         low, high = joint.range
         given = joint.limited != mujoco.mjtLimited.mjLIMITED_FALSE and (low, high) != (0.0, 0.0)

@@ -32,19 +32,6 @@ def check_features(model: mujoco.MjModel, where: str) -> None:
         raise InputError(f"{where}: found {found}, expected {expected}")
 
 
-def check_compiler(spec: mujoco.MjSpec, where: str) -> None:
-    """Refuse a total mass: in a scene, it would be that of the robot and of the plates.
-
-    Raises:
-        InputError: the compiler shall scale all masses.
-    """
-    if spec.compiler.settotalmass > 0:
-        raise InputError(
-            f"{where}: <compiler>: found settotalmass {spec.compiler.settotalmass:g}, expected none; "
-            "scale the masses of the bodies"
-        )
-
-
 def _unknown_features(model: mujoco.MjModel) -> Iterator[tuple[str, str]]:
     """Yield what is found and what is expected."""
     option = model.opt

@@ -6,8 +6,7 @@ import mujoco
 import numpy as np
 
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.measurements.cells import CORNERS, PLATES
-from tulip_testbed.measurements.data import PlateGeometry
+from tulip_testbed.measurements.cells import CORNERS, PLATES, PlateGeometry
 
 
 def plate_geometry(spec: mujoco.MjSpec, plate: str) -> PlateGeometry:

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.measurements import Measurements, PosturePlan, SensorSheet
+from tulip_testbed.measurements import MeasurementHeader, Measurements, PosturePlan, SensorSheet
 from tulip_testbed.measurements.contacts import COP, VERTICAL, Contacts, covariance_of_cops, wrenches_of_cops
 from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.sim.rig import Rig
+from tulip_testbed.sim.robot import joint_names
 from tulip_testbed.sim.scene import nominal_plates
 from tulip_testbed.sim.sensors import (
     ANKLE,
@@ -18,8 +19,7 @@ from tulip_testbed.sim.sensors import (
     Sampling,
     WrenchSensors,
     averaged_sd,
-    read_cells,
-    read_encoders,
+    cell_gains,
     read_wrenches,
     sample,
 )
@@ -99,13 +99,13 @@ def weigh(rig: Rig, mass: float, rng: np.random.Generator) -> tuple[float, float
     return mass + rig.sensors.weighed_mass_sd * rng.standard_normal(), rig.sensors.weighed_mass_sd
 
 
-def constants(rig: Rig) -> dict[str, Any]:
-    """Return the fields of `Measurements` that are the same for all postures."""
+def header_of(rig: Rig) -> MeasurementHeader:
+    """Return what a rig's user knows before measuring."""
     s = rig.sensors
     plates = nominal_plates(rig.robot)
     samples = _samples(rig)
     sheet = SensorSheet(
-        encoder_sd=averaged_sd(s.encoder_repeatability, s.encoder_noise, s.encoder_resolution, samples),
+        encoder_sd=averaged_sd(*s.encoder, samples),
         encoder_resolution=s.encoder_resolution,
     )
     on_ground = s.wrench is None or s.wrench.place == PLATE
@@ -114,22 +114,23 @@ def constants(rig: Rig) -> dict[str, Any]:
     if s.wrench is None:
         sheet = replace(
             sheet,
-            cell_sd=averaged_sd(s.cell_repeatability, s.cell_noise, s.cell_resolution, samples),
+            cell_sd=averaged_sd(*s.cell, samples),
             cell_resolution=s.cell_resolution,
         )
-    return {
-        "cells": np.array([plate.cells for plate in plates]) if s.wrench is None else np.zeros((2, 0, 2)),
-        "top_height": np.array([plate.top_height if on_ground else 0.0 for plate in plates]),
-        "contacts": None if s.wrench is None else contacts_of(rig, s.wrench),
-        "gravity": float(-rig.robot.model.opt.gravity[2]),
-        "sensors": sheet,
-        "robot": {
+    return MeasurementHeader(
+        robot={
             "model": rig.robot.model_file.name,
             "sha256": rig.robot.model_hash,
             "stance_foot": rig.robot.stance_foot,
             "swing_foot": rig.robot.swing_foot,
         },
-    }
+        joints=joint_names(rig.robot.model),
+        cells=np.array([plate.cells for plate in plates]) if s.wrench is None else np.zeros((2, 0, 2)),
+        top_height=np.array([plate.top_height if on_ground else 0.0 for plate in plates]),
+        gravity=float(-rig.robot.model.opt.gravity[2]),
+        sensors=sheet,
+        contacts=None if s.wrench is None else contacts_of(rig, s.wrench),
+    )
 
 
 def contacts_of(rig: Rig, sensors: WrenchSensors) -> Contacts:
@@ -177,13 +178,14 @@ def read_sensors(
         joints, motors: true angles, (..., n) [rad]. forces: of the cells, (..., 8) [N].
         wrenches, zeros: true wrenches and zeros of the wrench sensors, (..., 2, 6) and (2, c) [N, Nm]; not
             read without such sensors.
-        sample: see `read_encoders`.
+        sample: `sample` to draw every sample, or `sample_mean`.
     """
     samples, sensors = _samples(rig), rig.sensors.wrench
-    angles, angles_sd, motor = read_encoders(rig.sensors, joints, motors, samples, rng, sample)
+    angles, angles_sd = sample(joints, *rig.sensors.encoder, samples, rng)
+    motor, _ = sample(motors, *rig.sensors.motor, samples, rng)
     reading = {"q": angles, "q_std": angles_sd, "motor": motor}
     if sensors is None or wrenches is None or zeros is None:
-        mean, sd = read_cells(rig.sensors, forces, samples, rng, sample)
+        mean, sd = sample(cell_gains(rig.sensors) * forces, *rig.sensors.cell, samples, rng)
         return reading | {"cell": mean, "cell_std": sd}
     mean, sd = read_wrenches(sensors, wrenches, zeros, samples, rng, sample)
     return reading | {"wrench": mean, "wrench_std": sd}
@@ -191,39 +193,38 @@ def read_sensors(
 
 def make_measurements(
     rig: Rig,
-    fixed: dict[str, Any],
+    header: MeasurementHeader,
     reading: dict[str, np.ndarray],
     weighed_mass: tuple[float, float],
-    **columns: Any,
+    **rows: Any,
 ) -> Measurements:
     """Assemble the measurements of m held postures and apply the rig's `misread`.
 
     Args:
-        fixed: see `constants`.
+        header: see `header_of`.
         reading: see `read_sensors`, of m rows.
-        columns: the other fields of `Measurements`.
+        rows: the other values of the rows.
     """
-    m, sensors = len(reading["q"]), rig.sensors.wrench
+    m, sensors, contacts = len(reading["q"]), rig.sensors.wrench, header.contacts
     if sensors is not None and sensors.place != PLATE:  # the plates are only the ground that it stands on
-        columns["plate_poses"] = np.zeros((m, 2, 3))
-    if sensors is not None and sensors.channels == COP:
-        stands = feet_in_contact(columns["support"])
+        del rows["plate_poses"]
+    if sensors is not None and sensors.channels == COP and contacts is not None:
+        stands = feet_in_contact(rows["support"])
         cops = np.where(stands[..., None], reading["wrench"], np.nan)  # nothing presses in the air
-        covariance = covariance_of_cops(cops, fixed["contacts"].cop_sd, stands)
-        fixed = fixed | {"contacts": replace(fixed["contacts"], covariance=covariance)}
+        assert contacts.cop_sd is not None
+        contacts = replace(contacts, covariance=covariance_of_cops(cops, contacts.cop_sd, stands))
         reading = reading | {"wrench": wrenches_of_cops(cops), "wrench_std": np.full(cops.shape, np.nan)}
-    measured = Measurements(
+    measured = Measurements.from_arrays(
+        replace(header, weighed_mass=weighed_mass, contacts=contacts),
         window=np.full(m, rig.protocol.window),
         samples=np.full(m, _samples(rig)),
         joint_angles=reading["q"],
         joint_angles_sd=reading["q_std"],
         motor=reading["motor"],
-        cell_forces=reading.get("cell", np.zeros((m, 0))),
-        cell_forces_sd=reading.get("cell_std", np.zeros((m, 0))),
+        cell_forces=reading.get("cell"),
+        cell_forces_sd=reading.get("cell_std"),
         wrenches=reading.get("wrench"),
         wrenches_sd=reading.get("wrench_std"),
-        weighed_mass=weighed_mass,
-        **fixed,
-        **columns,
+        **rows,
     )
     return measured if rig.misread is None else rig.misread(measured)

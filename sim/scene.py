@@ -8,8 +8,7 @@ import mujoco
 import numpy as np
 
 from tulip_testbed.base.errors import InputError, listed
-from tulip_testbed.measurements.cells import CORNERS, PLATES
-from tulip_testbed.measurements.data import PlateGeometry, lay_boards
+from tulip_testbed.measurements.cells import CORNERS, PLATES, PlateGeometry, lay_boards
 from tulip_testbed.sim.compliance import Compliance, add_compliance
 from tulip_testbed.sim.control import add_servos
 from tulip_testbed.sim.drive_needs import supply_drives

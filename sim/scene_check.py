@@ -19,6 +19,9 @@ from tulip_testbed.sim.scene import laboratory_scene
 from tulip_testbed.sim.scene_options import check_pairs
 from tulip_testbed.sim.specs import compile_spec
 
+# Attribute of the model that counts elements of a kind.
+COUNTS = {"body": "nbody", "geom": "ngeom", "site": "nsite", "sensor": "nsensor", "joint": "njnt"}
+
 
 def check_scene(rig: Rig) -> None:
     """Refuse a scene in which the robot cannot be held.
@@ -46,7 +49,9 @@ def check_scene(rig: Rig) -> None:
         ("sensor", cell_names()),
         ("joint", joint_names(nominal)),
     ):
-        _require_names(where, kind, names, (getattr(model, kind)(i).name for i in range(_count(model, kind))))
+        _require_names(
+            where, kind, names, (getattr(model, kind)(i).name for i in range(getattr(model, COUNTS[kind])))
+        )
     for name in cell_names():
         if (found := mujoco.mjtSensor(int(model.sensor(name).type[0]))) != mujoco.mjtSensor.mjSENS_TOUCH:
             raise InputError(f"{where}: sensor '{name}': found {found.name}, expected a touch sensor")
@@ -81,13 +86,3 @@ def _require_names(where: str, kind: str, wanted: Iterable[str], names: Iterable
         raise InputError(
             f"{where}: found no {kind} '{missing[0]}' ({len(missing)} missing: {listed(missing)})"
         )
-
-
-def _count(model: mujoco.MjModel, kind: str) -> int:
-    return {
-        "body": model.nbody,
-        "geom": model.ngeom,
-        "site": model.nsite,
-        "sensor": model.nsensor,
-        "joint": model.njnt,
-    }[kind]

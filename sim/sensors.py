@@ -108,6 +108,21 @@ class Sensors:
     cell_gain: dict[str, float] = field(default_factory=dict)
     wrench: WrenchSensors | None = None
 
+    @property
+    def encoder(self) -> tuple[float, float, float]:
+        """Return repeatability, noise and resolution of a joint's encoder [rad]."""
+        return self.encoder_repeatability, self.encoder_noise, self.encoder_resolution
+
+    @property
+    def motor(self) -> tuple[float, float, float]:
+        """Return the same of a motor's encoder [rad]."""
+        return self.motor_repeatability, self.motor_noise, self.motor_resolution
+
+    @property
+    def cell(self) -> tuple[float, float, float]:
+        """Return the same of a load cell [N]."""
+        return self.cell_repeatability, self.cell_noise, self.cell_resolution
+
 
 UNTARED: Six = (5.0, 5.0, 5.0, 0.2, 0.2, 0.2)  # N, Nm, s.d. of the zeros of a mounted sensor, assumed
 
@@ -245,43 +260,6 @@ def sample_mean(
     spread = np.sqrt(noise**2 + resolution**2 / 12)
     scale = 1 + rng.standard_normal(truth.shape) / np.sqrt(2 * samples)
     return truth + sd * rng.standard_normal(truth.shape), spread * scale
-
-
-def read_encoders(
-    sensors: Sensors,
-    angles: np.ndarray,
-    motors: np.ndarray,
-    samples: int,
-    rng: np.random.Generator,
-    sample: Sampling = sample,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Read the encoders: mean and s.d. of the joints' and mean of the motors', each (n,) [rad].
-
-    Args:
-        angles, motors: true angles of the joints and of the motors over the gear ratio, (n,).
-        sample: `sample` to draw every sample, or `sample_mean`.
-    """
-    mean, sd = sample(
-        angles, sensors.encoder_repeatability, sensors.encoder_noise, sensors.encoder_resolution, samples, rng
-    )
-    motor, _ = sample(
-        motors, sensors.motor_repeatability, sensors.motor_noise, sensors.motor_resolution, samples, rng
-    )
-    return mean, sd, motor
-
-
-def read_cells(
-    sensors: Sensors, forces: np.ndarray, samples: int, rng: np.random.Generator, sample: Sampling = sample
-) -> tuple[np.ndarray, np.ndarray]:
-    """Read the cells: mean and s.d. over a window, each (8,) [N]."""
-    return sample(
-        cell_gains(sensors) * forces,
-        sensors.cell_repeatability,
-        sensors.cell_noise,
-        sensors.cell_resolution,
-        samples,
-        rng,
-    )
 
 
 def draw_zeros(sensors: WrenchSensors, rng: np.random.Generator) -> np.ndarray:

@@ -21,10 +21,18 @@ from tulip_testbed.sim.outcome import Attempt
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
-from tulip_testbed.sim.statics import Load, State, cell_forces, residual, sole_poses, solve_by_newton
-from tulip_testbed.sim.statics.forces import contact_deflection, rotation_matrix
+from tulip_testbed.sim.statics.forces import (
+    Load,
+    State,
+    contact_deflection,
+    residual,
+    rotation_matrix,
+    sole_poses,
+)
+from tulip_testbed.sim.statics.sensed_wrenches import sensed_wrenches
+from tulip_testbed.sim.statics.solve import cell_forces, solve_by_newton
 from tulip_testbed.sim.statics.solved_plan import SolvedPlan, feet_in_base, solve_plan
-from tulip_testbed.sim.statics.static_run import Tries, run_statics, sensor_wrenches, solve_tries
+from tulip_testbed.sim.statics.static_run import Tries, run_statics, solve_tries
 
 # A foot whose centre of pressure is nearer to its sole's edge may have begun to tip (up to 20 um of gap).
 EDGE = 2e-3  # m
@@ -154,7 +162,7 @@ def compare(solved_plan: SolvedPlan, attempts: list[Attempt]) -> Comparison:
         solved.state.angles[:, m.joints] - angles,
         forces - actual,
         np.linalg.norm(centers[0] - centers[1], axis=1),
-        sensor_wrenches(solved_plan, solved.state, load)
+        sensed_wrenches(solved_plan, solved.state, load)
         - np.array([a.held.wrenches for a in held if a.held]),
     )
 
@@ -270,7 +278,7 @@ def excess_wrenches(
     """
     actual = -compare(without(solved_plan), held).wrenches
     drawn = [
-        sensor_wrenches(solved_plan, still, loads) - sensor_wrenches(solved_plan, loose, loads)
+        sensed_wrenches(solved_plan, still, loads) - sensed_wrenches(solved_plan, loose, loads)
         for still, loose, loads in _drawn(solved_plan, held, rng, draws)
     ]
     return actual, np.concatenate(drawn)

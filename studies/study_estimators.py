@@ -21,7 +21,7 @@ from tulip_testbed.identification.statistics import standard_errors
 from tulip_testbed.measurements import Measurements, SensorSheet
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.outcome import Outcome
-from tulip_testbed.sim.procedure import constants
+from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import load_robot
 
@@ -83,7 +83,7 @@ def redrawn(rig: Rig, experiment: Outcome, rng: np.random.Generator) -> Measurem
     forces = np.array([held.cell_forces for held in experiment.truth.held])
     return dataclasses.replace(
         m,
-        sensors=constants(rig)["sensors"],
+        sensors=header_of(rig).sensors,
         joint_angles=averaged(
             angles, s.encoder_repeatability, s.encoder_noise, s.encoder_resolution, samples, rng
         ),

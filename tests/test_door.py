@@ -3,7 +3,7 @@
 import pickle
 import warnings
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -28,6 +28,11 @@ def asked(
     return count, size, names, more
 
 
+@checked
+def chosen(engine: Literal["statics", "dynamics"], pair: tuple[float, float] | None = None) -> tuple:
+    return engine, pair
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [
@@ -43,6 +48,21 @@ def asked(
 def test_an_argument_of_another_type_is_refused(given, message):
     with pytest.raises(InputError, match=f"^{message}$"):
         asked(*given)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (("static",), "engine: found the str 'static', expected 'statics' or 'dynamics'"),
+        (("statics", 3), "pair: found the int 3, expected a tuple of them or None"),
+        (("statics", (1.0, "2")), r"pair\[1\]: found the str '2', expected a number"),
+        (("statics", (1.0,)), r"pair\[1\]: found tuple, expected more values"),
+    ],
+)
+def test_choices_and_items_are_checked_too(given, message):
+    with pytest.raises(InputError, match=f"^{message}$"):
+        chosen(*given)
+    assert chosen("statics", (np.float64(1), 2)) == ("statics", (1.0, 2.0))
 
 
 def test_what_fits_passes_and_numbers_of_numpy_become_plain():

@@ -27,8 +27,9 @@ from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.scene import laboratory_scene
 from tulip_testbed.sim.sensors import PRESETS, averaged_sd, sample, sample_mean
-from tulip_testbed.sim.statics import Load, State, faults, mechanism, residual, solve_by_newton
-from tulip_testbed.sim.statics.forces import rotation_matrix
+from tulip_testbed.sim.statics.forces import Load, State, residual, rotation_matrix
+from tulip_testbed.sim.statics.read_mechanism import read_mechanism
+from tulip_testbed.sim.statics.solve import faults, solve_by_newton
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
 
@@ -105,7 +106,7 @@ def test_gravity_and_ropes_are_what_mujoco_says(rig, seed):
     """The generalised forces against `qfrc_bias` and `qfrc_passive` at rest, anywhere."""
     rng = np.random.default_rng(seed)
     roped = dataclasses.replace(rig, edit=pulled)
-    m = mechanism(roped)
+    m = read_mechanism(roped)
     model = laboratory_scene(roped, np.zeros((2, 3))).compile()
     data = mujoco.MjData(model)
     free = int(np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)[0])
@@ -208,7 +209,7 @@ def test_what_it_does_not_know_is_refused(rig):
         tendon.wrap_site("b")
 
     with pytest.raises(InputError, match="tendon 'between': expected joints, or one site on the robot"):
-        mechanism(dataclasses.replace(rig, edit=odd))
+        read_mechanism(dataclasses.replace(rig, edit=odd))
 
 
 def test_small_turns_are_rotations():

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from tulip_testbed.base.alone import alone_on
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import new_folder, present, read_bytes, read_text, scratch_folder, write_text
 
@@ -193,3 +194,36 @@ def test_a_file_system_that_takes_no_files_is_refused():
     """Linux says of every new file in /proc that it does not exist, as if another process had removed it."""
     with pytest.raises(InputError, match="/proc/x: cannot write"):
         write_text(Path("/proc/x"), "x")
+
+
+WORKING = """
+import pathlib, time
+from tulip_testbed.base.alone import alone_on
+
+with alone_on(pathlib.Path("run")):
+    print("at work", flush=True)
+    time.sleep(60)
+"""
+
+
+def test_another_process_at_work_is_refused_until_it_is_killed(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "run").mkdir()
+    with subprocess.Popen([sys.executable, "-c", WORKING], stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == "at work\n"
+        with (
+            pytest.raises(InputError, match=r"^run: another process is at work in it$"),
+            alone_on(Path("run")),
+        ):
+            pass
+        other.kill()
+    assert (tmp_path / ".run.lock").exists()
+    with alone_on(Path("run")):
+        pass
+    assert os.listdir(tmp_path) == ["run"]
+
+
+def test_a_folder_that_cannot_be_written_to_has_no_lock():
+    with pytest.raises(InputError, match=r"^/proc/none/run: cannot write"), alone_on(Path("/proc/none/run")):
+        pass

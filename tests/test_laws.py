@@ -39,7 +39,7 @@ from tulip_testbed.identification.residual_noise import noise_of
 from tulip_testbed.measurements import read_measurements
 from tulip_testbed.pages.discovery_page import discovery_page
 from tulip_testbed.pages.page import html
-from tulip_testbed.sim.procedure import constants
+from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import load_robot
 
@@ -239,7 +239,7 @@ def test_a_described_law_takes_the_bias_away(described, robot, plan):
     """Without noise, so that nothing else is left in the estimate."""
     plain = preset_rig("force-plate", robot)
     faulty = injected(plain, [EffectInstance.parse(HIDDEN, robot)])
-    data = replace(simulated(without_noise(faulty), plan), sensors=constants(plain)["sensors"])
+    data = replace(simulated(without_noise(faulty), plan), sensors=header_of(plain).sensors)
     true, spread = true_base_parameters(plain), None
     bias = []
     for adopted in ((), read_rig(described / "found" / "rig", robot)):

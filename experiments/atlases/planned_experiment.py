@@ -16,7 +16,7 @@ from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.identification.regressor import regression
 from tulip_testbed.identification.residual_noise import Noise, noise_of
 from tulip_testbed.measurements import Measurements, PosturePlan
-from tulip_testbed.sim.procedure import constants
+from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.statics.solved_plan import SolvedPlan, solve_plan
@@ -72,7 +72,7 @@ def planned(plan: PosturePlan, preset: str, robot: Robot, seed: int) -> Planned:
     weighed = smooth.weighed_mass
     smooth = replace(
         smooth,
-        sensors=constants(rig)["sensors"],
+        sensors=header_of(rig).sensors,
         weighed_mass=weighed and (weighed[0], rig.sensors.weighed_mass_sd),
     )
     observed = observe(smooth, nominal)

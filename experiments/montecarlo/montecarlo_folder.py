@@ -12,7 +12,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from pydantic import Field
 
-from tulip_testbed.base.alone import alone_in
+from tulip_testbed.base.alone import alone_on
 from tulip_testbed.base.errors import InputError, shortened
 from tulip_testbed.base.files import check_new, new_folder, present
 from tulip_testbed.base.machine import machine
@@ -134,7 +134,7 @@ def raise_runs(folder: Path, document: RunsFile[MonteCarloSettings]) -> None:
     same = raised.model_copy(update={"machine": document.machine}).plain() == document.plain()
     if settings.runs >= asked.runs or not same:
         return
-    with alone_in(folder, RUN_FILE):
+    with alone_on(folder):
         if left := settings.runs % settings.chunk:
             chunks = Chunks(folder / CHUNK_FOLDER, settings.runs, settings.chunk)
             chunks.path((settings.runs - left) // settings.chunk).unlink(missing_ok=True)
@@ -153,5 +153,5 @@ def open_folder(folder: Path, document: RunsFile[Any], plan: PosturePlan) -> Ite
             (working / CHUNK_FOLDER).mkdir()
             write_plan(working / PLAN_FOLDER, plan)
             document.write(working / RUN_FILE)
-    with alone_in(folder, RUN_FILE):
+    with alone_on(folder):
         yield folder / CHUNK_FOLDER

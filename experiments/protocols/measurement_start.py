@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 
-import numpy as np
-
 from tulip_testbed.measurements import Measurements, PosturePlan, SensorSheet
-from tulip_testbed.measurements.cells import CELLS
-from tulip_testbed.sim.procedure import constants
+from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import Robot, joint_names
+from tulip_testbed.sim.robot import Robot
 
 KNOWN = ("posture", "placement", "support")  # columns that the protocol fills in
 
@@ -21,34 +18,10 @@ def empty_measurements(robot: Robot, sensors: str | None) -> Measurements:
     Args:
         sensors: preset; None: four cells under each foot, without a data sheet.
     """
-    known = constants(preset_rig(sensors or "ideal", robot))
+    header = header_of(preset_rig(sensors or "ideal", robot))
     if sensors is None:
-        known["sensors"] = SensorSheet()
-    contacts, joints = known["contacts"], len(joint_names(robot.model))
-    channels = 0 if contacts is None else len(contacts.channels)
-    cells = np.zeros((0, len(CELLS) if contacts is None else 0))
-    none = np.zeros(0)
-    angles, wrenches = np.zeros((0, joints)), None if contacts is None else np.zeros((0, 2, channels))
-    return Measurements(
-        joints=joint_names(robot.model),
-        posture=none,
-        placement=none,
-        support=none,
-        time=none,
-        window=none,
-        samples=none,
-        joint_angles=angles,
-        joint_angles_sd=angles,
-        command=None,
-        motor=None,
-        cell_forces=cells,
-        cell_forces_sd=cells,
-        plate_poses=np.zeros((0, 2, 3)),
-        weighed_mass=None,
-        wrenches=wrenches,
-        wrenches_sd=wrenches,
-        **known,
-    )
+        header = dataclasses.replace(header, sensors=SensorSheet())
+    return Measurements.without_rows(header)
 
 
 def rows_to_fill_in(empty: Measurements, plan: PosturePlan) -> str:

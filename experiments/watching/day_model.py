@@ -25,7 +25,7 @@ from tulip_testbed.identification.base_parameters import common_support, standar
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.observation import LEAST_LOAD, Observation, observe
 from tulip_testbed.identification.residual_noise import ASSUMED_CELL, ASSUMED_ENCODER, Noise, noise_of
-from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.measurements import MeasurementHeader, Measurements, PosturePlan
 from tulip_testbed.sim.plan_folder import check_fits
 from tulip_testbed.sim.robot import Robot
 
@@ -140,22 +140,22 @@ class DayModel:
         return replace(seen, cell_sd=self.noise.cell, time_fraction=progress, on_four_cells=loaded)
 
 
-def day_model(plan: PosturePlan, robot: Robot, head: Measurements) -> DayModel:
+def day_model(plan: PosturePlan, robot: Robot, header: MeasurementHeader) -> DayModel:
     """Prepare the watch of a day.
 
     Args:
-        head: any row or rows of the day, for what the manifest states.
+        header: of the day's measurements.
 
     Raises:
         InputError: a plan of another robot, or contact sensors other than plates on four cells.
     """
     check_fits("plan", plan, robot)
-    if head.contacts is not None:
+    if header.contacts is not None:
         raise InputError(
-            f"watch: found {head.contacts.mount} sensors of wrenches, expected plates on four cells each"
+            f"watch: found {header.contacts.mount} sensors of wrenches, expected plates on four cells each"
         )
     nominal = nominal_robot(robot, common_support(plan.support))
-    observed = observe(head.take(np.arange(1)), nominal)
+    observed = observe(Measurements.without_rows(header), nominal)
     noise = _noise(observed)
     families = families_in(observed, usual_tolerances(observed, None))
     mixing, _ = mixing_of(families)

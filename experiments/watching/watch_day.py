@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -33,10 +33,9 @@ from tulip_testbed.experiments.watching.state_file import (
 )
 from tulip_testbed.experiments.watching.watch_row import Verdict, watch_row
 from tulip_testbed.experiments.watching.watch_state import WatchState, first_state
-from tulip_testbed.measurements import Measurements, PosturePlan, SensorSheet
-from tulip_testbed.measurements.cells import CELLS, CORNERS
+from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.measurements.manifest import Manifest
-from tulip_testbed.measurements.measurement_folder import read_manifest
+from tulip_testbed.measurements.measurement_folder import header_in, read_manifest
 from tulip_testbed.sim.plan_folder import check_model
 from tulip_testbed.sim.robot import Robot, joint_names
 
@@ -233,36 +232,4 @@ def _model(settings: WatchSettings, manifest: Manifest, where: Path) -> DayModel
             f"{where}: key 'contacts': found sensors of wrenches, expected plates on four cells each: a "
             "watch reads no others yet"
         )
-    return day_model(settings.plan, robot, _first_planned(settings.plan, manifest))
-
-
-def _first_planned(plan: PosturePlan, manifest: Manifest) -> Measurements:
-    """Return what the manifest states, as measurements of the plan's first posture with equal cell forces."""
-    assert manifest.plates is not None
-    mass, sheet = manifest.weighed_mass, manifest.sensors
-    plates = [manifest.plates.right, manifest.plates.left]
-    one, n = np.full(1, np.nan), len(plan.joints)
-    return Measurements(
-        joints=plan.joints,
-        posture=plan.posture[:1],
-        placement=plan.placement[:1],
-        support=plan.support[:1],
-        time=np.zeros(1),
-        window=one,
-        samples=one,
-        joint_angles=plan.joint_angles[:1],
-        joint_angles_sd=np.full((1, n), np.nan),
-        command=None,
-        motor=None,
-        cell_forces=np.full((1, len(CELLS)), 10.0),
-        cell_forces_sd=np.full((1, len(CELLS)), np.nan),
-        plate_poses=np.array([[[0.0, 0.0, 0.0], [0.0, 0.3, 0.0]]]),
-        cells=np.array([[getattr(plate.cells, corner) for corner in CORNERS] for plate in plates]),
-        top_height=np.array([plate.top_height for plate in plates]),
-        weighed_mass=None if mass is None else (mass.value, mass.sd),
-        gravity=manifest.gravity,
-        sensors=SensorSheet(**{f.name: getattr(sheet, f.name) for f in fields(SensorSheet)}),
-        robot={key: getattr(manifest.robot, key) for key in ("model", "sha256", "stance_foot", "swing_foot")},
-        gains=manifest.gains or {},
-        tolerances=manifest.tolerances or {},
-    )
+    return day_model(settings.plan, robot, header_in(manifest, where))

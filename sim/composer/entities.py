@@ -36,12 +36,8 @@ class RobotEntity(composer.Entity):
         self.torso = part.root.worldbody.body[0]
         self.soles = [[part.root.find("geom", f"{foot}_{c}") for c in CORNERS] for foot in robot.feet]
         ones = np.ones(len(names))
-        self.joint_channel = Channel(
-            ones, sensors.encoder_repeatability, sensors.encoder_noise, sensors.encoder_resolution
-        )
-        self.motor_channel = Channel(
-            ones, sensors.motor_repeatability, sensors.motor_noise, sensors.motor_resolution
-        )
+        self.joint_channel = Channel(ones, *sensors.encoder)
+        self.motor_channel = Channel(ones, *sensors.motor)
         self.interval = interval
 
     def _build_observables(self) -> RobotObservables:

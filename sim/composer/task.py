@@ -140,7 +140,7 @@ def _plates(scene: SceneParts, rig: Rig, empty: np.ndarray, interval: int) -> tu
             scene.parts[f"{plate}_plate"],
             names[k].tolist(),
             empty.reshape(2, 4)[k],
-            Channel(gains[k], sensors.cell_repeatability, sensors.cell_noise, sensors.cell_resolution),
+            Channel(gains[k], *sensors.cell),
             interval,
         )
         for k, plate in enumerate(PLATES)

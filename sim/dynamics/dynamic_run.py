@@ -19,7 +19,7 @@ from tulip_testbed.sim.outcome import Attempt, Outcome, Truth, dropped_postures
 from tulip_testbed.sim.plan_folder import check_support
 from tulip_testbed.sim.procedure import (
     choose_repeats,
-    constants,
+    header_of,
     make_measurements,
     order_of_tries,
     read_sensors,
@@ -198,10 +198,9 @@ def _measurements(
         raise InputError(f"none of {len(attempts)} postures could be measured: {'; '.join(reasons)}")
     return make_measurements(
         rig,
-        constants(rig),
+        header_of(rig),
         {key: np.array([a.reading[key] for a, _ in used]) for key in used[0][0].reading},
         weigh(rig, mass, rng),
-        joints=plan.joints,
         posture=np.array([a.posture for a, _ in used]),
         support=support_of(plan, np.array([a.posture for a, _ in used])),
         placement=np.array([a.placement for a, _ in used]),

@@ -75,19 +75,9 @@ class Load:
 
     def take(self, which: np.ndarray) -> Load:
         """Select items of a flat batch; shared arrays stay unchanged."""
-        shapes = {
-            "command": 1,
-            "friction": 1,
-            "feet": 2,
-            "plates": 2,
-            "mass": 1,
-            "center": 2,
-            "foot_contact": 1,
-        }
-        parts = {name: getattr(self, name) for name in shapes}
-        return Load(
-            **{name: part[which] if part.ndim > shapes[name] else part for name, part in parts.items()}
-        )
+        planes = ("feet", "plates", "center")  # arrays of two dimensions for every item
+        parts = {name: (part, 2 if name in planes else 1) for name, part in vars(self).items()}
+        return Load(**{name: part[which] if part.ndim > own else part for name, (part, own) in parts.items()})
 
 
 def residual(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:

@@ -4,19 +4,34 @@ from __future__ import annotations
 
 import numpy as np
 
+from tulip_testbed.sim.sensors import ANKLE, PLATE
 from tulip_testbed.sim.statics.forces import Load, State, body_frames, body_loads, cross, rotation_matrix
 from tulip_testbed.sim.statics.mechanism import Mechanism
-from tulip_testbed.sim.wrench_sensors import in_frame
+from tulip_testbed.sim.statics.solved_plan import SolvedPlan
+from tulip_testbed.sim.wrench_sensors import in_frame, in_sensor_frame, mountings
 
 
-def foot_wrenches(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
+def sensed_wrenches(solved_plan: SolvedPlan, state: State, load: Load) -> np.ndarray:
+    """Return the true wrenches at the wrench sensors, (..., 2, 6) [N, Nm]; (..., 0, 6) without any."""
+    m, sensors = solved_plan.mechanism, solved_plan.rig.sensors.wrench
+    if sensors is None:
+        return np.zeros((*state.angles.shape[:-1], 0, 6))
+    frames, _, _ = body_frames(m, state)
+    if sensors.place == PLATE:
+        return _on_plates(load, _ground_wrenches(m, state, frames))
+    in_feet = _of_feet(m, state, load, frames) if sensors.place == ANKLE else _on_soles(m, state, frames)
+    poses = mountings(sensors, solved_plan.rig.robot)
+    sides = [in_sensor_frame(pose, in_feet[..., side, :]) for side, pose in enumerate(poses)]
+    return np.stack(sides, axis=-2)
+
+
+def _of_feet(m: Mechanism, state: State, load: Load, frames: list) -> np.ndarray:
     """Return what the feet pass on to the legs: the ground's wrench and their weight, (..., 2, 6) [N, Nm].
 
     The moment is about the foot's origin, and both are in the foot's axes.
     """
-    m, sides = mechanism, []
-    frames, _, _ = body_frames(m, state)
     force, moment = body_loads(m, state, load, frames)
+    sides = []
     for foot in m.feet:
         (place, rotation), below = frames[foot], m.subtree(foot)
         push = sum(force[k] for k in below) + np.zeros_like(place)
@@ -26,21 +41,15 @@ def foot_wrenches(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
     return np.stack(sides, axis=-2)
 
 
-def sole_wrenches(mechanism: Mechanism, state: State) -> np.ndarray:
+def _on_soles(m: Mechanism, state: State, frames: list) -> np.ndarray:
     """Return the ground's wrench about each foot's origin in the foot's axes, (..., 2, 6) [N, Nm]."""
-    frames, _, _ = body_frames(mechanism, state)
-    ground = _ground_wrenches(mechanism, state, frames)
-    sides = [
-        in_frame(frames[foot][1], frames[foot][0], ground[..., side, :])
-        for side, foot in enumerate(mechanism.feet)
-    ]
+    ground = _ground_wrenches(m, state, frames)
+    sides = [in_frame(frames[foot][1], frames[foot][0], ground[..., k, :]) for k, foot in enumerate(m.feet)]
     return np.stack(sides, axis=-2)
 
 
-def plate_wrenches(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
+def _on_plates(load: Load, ground: np.ndarray) -> np.ndarray:
     """Return the wrench of each level plate on its foot in the frame of its top, (..., 2, 6) [N, Nm]."""
-    frames, _, _ = body_frames(mechanism, state)
-    ground = _ground_wrenches(mechanism, state, frames)
     plates = np.broadcast_to(load.plates, (*ground.shape[:-1], 3))
     upright = rotation_matrix(plates[..., 2:] * [0.0, 0.0, 1.0])
     at = plates * [1.0, 1.0, 0.0]  # z = 0 is the boards' top

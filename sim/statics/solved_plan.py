@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import mujoco
 import numpy as np
 
-from tulip_testbed.measurements import PosturePlan
+from tulip_testbed.measurements import MeasurementHeader, PosturePlan
 from tulip_testbed.measurements.data import base_foot, feet_in_contact
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.plan_folder import check_support
-from tulip_testbed.sim.procedure import constants
+from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.rig import Rig, stages
 from tulip_testbed.sim.scene import boards_under
-from tulip_testbed.sim.statics import Load, Mechanism, Reference, State, mechanism, solve_by_newton
+from tulip_testbed.sim.statics.forces import Load, State
+from tulip_testbed.sim.statics.mechanism import Mechanism
+from tulip_testbed.sim.statics.read_mechanism import read_mechanism
+from tulip_testbed.sim.statics.solve import Reference, solve_by_newton
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,7 @@ class SolvedPlan:
         boards: intended poses of the boards, by placement, (placements, 2, 3) [m, m, rad].
         placement: index of every posture's placement, (postures,).
         links: indices of the robot's bodies in the mechanism, in MJCF order, (n_links,).
-        constants: see `sim.procedure.constants`.
+        header: of the measurements.
         later: start, as a fraction of the experiment's time, and solved plan of each later rig.
     """
 
@@ -38,7 +40,7 @@ class SolvedPlan:
     boards: np.ndarray
     placement: np.ndarray
     links: np.ndarray
-    constants: dict[str, Any]
+    header: MeasurementHeader
     later: tuple[tuple[float, SolvedPlan], ...] = ()
 
 
@@ -55,7 +57,7 @@ def solve_plan(rig: Rig, plan: PosturePlan) -> SolvedPlan:
 
 def _solve_plan(rig: Rig, plan: PosturePlan) -> SolvedPlan:
     check_support("plan", plan)
-    m, model = mechanism(rig), rig.robot.model
+    m, model = read_mechanism(rig), rig.robot.model
     placements, placement = np.unique(plan.placement, return_inverse=True)
     first = [int(np.flatnonzero(plan.placement == number)[0]) for number in placements]
     boards = boards_under(rig, plan.foot_poses[first])
@@ -71,7 +73,7 @@ def _solve_plan(rig: Rig, plan: PosturePlan) -> SolvedPlan:
     reference = solve_by_newton(m, _start(rig, m, plan), load)
     names = [body.name for body in m.bodies]
     links = np.array([names.index(model.body(k).name) for k in range(1, model.nbody)])
-    return SolvedPlan(rig, plan, m, reference, boards, placement, links, constants(rig))
+    return SolvedPlan(rig, plan, m, reference, boards, placement, links, header_of(rig))
 
 
 def feet_in_base(poses: np.ndarray, support: np.ndarray) -> np.ndarray:

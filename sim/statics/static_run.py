@@ -25,23 +25,12 @@ from tulip_testbed.sim.procedure import (
     start_times,
     weigh,
 )
-from tulip_testbed.sim.sensors import ANKLE, PLATE, draw_zeros, sample_mean
-from tulip_testbed.sim.statics import (
-    Load,
-    State,
-    approach_displacements,
-    cell_forces,
-    faults,
-    foot_wrenches,
-    friction_at_rest,
-    plate_wrenches,
-    sole_poses,
-    sole_wrenches,
-    solve_by_chord,
-    sway_displacements,
-)
+from tulip_testbed.sim.sensors import draw_zeros, sample_mean
+from tulip_testbed.sim.statics.approach import approach_displacements, friction_at_rest, sway_displacements
+from tulip_testbed.sim.statics.forces import Load, State, sole_poses
+from tulip_testbed.sim.statics.sensed_wrenches import sensed_wrenches
+from tulip_testbed.sim.statics.solve import cell_forces, faults, solve_by_chord
 from tulip_testbed.sim.statics.solved_plan import SolvedPlan, feet_in_base, standard_parameters_of
-from tulip_testbed.sim.wrench_sensors import in_sensor_frame, mountings
 
 NO_EQUILIBRIUM = "tipped"
 
@@ -132,21 +121,8 @@ def _outcome(solved_plan: SolvedPlan, tries: Tries, standard: np.ndarray | None)
     mass, center = _bodies(solved_plan, standard, tries.run)
     state, load, reason = solve_tries(solved_plan, tries, mass, center)
     forces = cell_forces(m, state, load)
-    wrenches = sensor_wrenches(solved_plan, state, load)
+    wrenches = sensed_wrenches(solved_plan, state, load)
     return Equilibria(state.angles[:, m.joints], state.angles[:, m.motors], forces, wrenches, reason)
-
-
-def sensor_wrenches(solved_plan: SolvedPlan, state: State, load: Load) -> np.ndarray:
-    """Return the true wrenches at the wrench sensors, (..., 2, 6) [N, Nm]; (..., 0, 6) without any."""
-    m, rig, sensors = solved_plan.mechanism, solved_plan.rig, solved_plan.rig.sensors.wrench
-    if sensors is None:
-        return np.zeros((*state.angles.shape[:-1], 0, 6))
-    if sensors.place == PLATE:
-        return plate_wrenches(m, state, load)
-    wrenches = foot_wrenches(m, state, load) if sensors.place == ANKLE else sole_wrenches(m, state)
-    poses = mountings(sensors, rig.robot)
-    sides = [in_sensor_frame(pose, wrenches[..., side, :]) for side, pose in enumerate(poses)]
-    return np.stack(sides, axis=-2)
 
 
 def _in_time(
@@ -294,10 +270,9 @@ def _read_outcome(
         truth = replace(truth, wrenches=wrenches, zeros=zeros)
     measured = make_measurements(
         rig,
-        solved_plan.constants,
+        solved_plan.header,
         reading,
         weigh(rig, truth.mass, rng),
-        joints=plan.joints,
         posture=plan.posture[row[used]],
         support=plan.support[row[used]],
         placement=plan.placement[row[used]],

@@ -14,7 +14,7 @@ from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.rig_folder import read_rig
 from tulip_testbed.experiments.usable_plan import plan_for
 from tulip_testbed.measurements import PosturePlan
-from tulip_testbed.sim.procedure import constants
+from tulip_testbed.sim.procedure import header_of
 
 
 def laboratory_and_plan(
@@ -42,7 +42,7 @@ def laboratory_and_plan(
     laboratory = Laboratory(described, preset)
     if rig is not None:
         laboratory = laboratory.with_known(*read_rig(rig, described))
-    contacts = constants(laboratory.rig)["contacts"]
+    contacts = header_of(laboratory.rig).contacts
     hidden = read_effects(effects, described, placements, seed, statics, contacts=contacts)
     for text, instance in zip(effects, hidden, strict=True):
         try:
