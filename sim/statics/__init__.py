@@ -10,7 +10,7 @@ from tulip_testbed.sim.statics.forces import (
 )
 from tulip_testbed.sim.statics.mechanism import Mechanism, mechanism
 from tulip_testbed.sim.statics.sensed_wrenches import foot_wrenches, plate_wrenches, sole_wrenches
-from tulip_testbed.sim.statics.solve import Reference, cell_forces, faults, solve_by_chord, solve_by_newton
+from tulip_testbed.sim.statics.solve import Reference, cell_forces, faults, solve_by_chord, solve_by_newton, solve_near
 
 __all__ = [
     "Load",
@@ -30,5 +30,6 @@ __all__ = [
     "sole_wrenches",
     "solve_by_chord",
     "solve_by_newton",
+    "solve_near",
     "sway_displacements",
 ]
