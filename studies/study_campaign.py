@@ -98,7 +98,7 @@ def carry_out(number: int, seed: int, folder: Path) -> dict[str, Any]:
     rng = np.random.default_rng([seed, number])
     made = drawn_laboratory(robot, rng, ordinary=number % 2 == 0)
     hidden = made.hidden[0]
-    settings = CampaignSettings(seed=number, engine="statics", experiments=3, minutes=None, ordinary=None)
+    settings = CampaignSettings(seed=number, engine="statics", experiments=3, minutes=None, imperfections=0.0)
     place = folder / f"campaign-{number}"
     try:
         ended = place / "run.json"

@@ -32,6 +32,7 @@ from tulip_testbed.experiments.protocols.protocol_run import (
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.experiments.validate import Validation, validate
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters
+from tulip_testbed.identification.estimators import DEFAULT
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.measurements import Measurements, PlateGeometry, PosturePlan
 from tulip_testbed.plans import optimal
@@ -106,13 +107,17 @@ def foreign(tmp_path_factory) -> dict[str, Robot]:
 @pytest.fixture(scope="session")
 def ideal(once, robot, plan) -> Validation:
     """The whole default plan without sensor noise, in the full dynamics."""
-    return once("ideal", lambda: validate(Laboratory(robot, "ideal"), plan, 101, workers=2))
+    return once(
+        "ideal", lambda: validate(Laboratory(robot, "ideal"), plan, 101, DEFAULT, workers=2, imperfections=0)
+    )
 
 
 @pytest.fixture(scope="session")
 def wii(once, robot, plan) -> Validation:
-    """The whole default plan at preset wii, in the full dynamics."""
-    return once("wii", lambda: validate(Laboratory(robot, "wii"), plan, 102, workers=2))
+    """The whole default plan at preset wii, exact but for noise, in the full dynamics, by the mixed model."""
+    return once(
+        "wii", lambda: validate(Laboratory(robot, "wii"), plan, 102, DEFAULT, workers=2, imperfections=0)
+    )
 
 
 @pytest.fixture(scope="session")

@@ -44,7 +44,7 @@ class CampaignSettings(Document):
     engine: str
     experiments: Count
     minutes: float | None
-    ordinary: float | None
+    imperfections: float
 
 
 class CampaignConfiguration(Configuration):

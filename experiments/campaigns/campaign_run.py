@@ -37,7 +37,7 @@ from tulip_testbed.experiments.campaigns.campaign_tables import campaign_parts
 from tulip_testbed.experiments.discovering import Discovered, discover_effects
 from tulip_testbed.experiments.discovery_record import discovery_record, read_discovery, write_discovery
 from tulip_testbed.experiments.identify import identify
-from tulip_testbed.experiments.imperfections import check_ordinary, drawn, single_stream
+from tulip_testbed.experiments.imperfections import check_imperfections, drawn, single_stream
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.montecarlo_folder import plan_hash
 from tulip_testbed.experiments.proposed_experiment import next_of, read_experiment, write_experiment_plan
@@ -52,7 +52,7 @@ AMBIGUOUS = "ambiguous"
 
 
 def campaign_settings(
-    seed: int, engine: str, experiments: int, minutes: float | None, ordinary: float | None
+    seed: int, engine: str, experiments: int, minutes: float | None, imperfections: float
 ) -> CampaignSettings:
     """Return what is asked of a campaign.
 
@@ -68,7 +68,7 @@ def campaign_settings(
         engine=engine,
         experiments=experiments,
         minutes=None if minutes is None else float(minutes),
-        ordinary=ordinary,
+        imperfections=float(imperfections),
     )
 
 
@@ -117,15 +117,15 @@ def campaign(
     Raises:
         InputError: what cannot be run, or a folder that holds something else.
     """
-    check_ordinary(laboratory, settings.ordinary)
+    check_imperfections(laboratory, settings.imperfections)
     first = minutes_of(Experiment(), *_size(plan))
     if settings.minutes is not None and settings.minutes < first:
         raise InputError(
             f"minutes: found {settings.minutes:g}, expected {first:g} or more for the first experiment"
         )
-    inside = drawn(laboratory, settings.ordinary, single_stream(settings.seed))
+    inside = drawn(laboratory, settings.imperfections, single_stream(settings.seed))
     inside.check(plan, settings.engine)
-    made = configuration_of(laboratory, plan, settings.seed, settings.engine, settings.ordinary).plain()
+    made = configuration_of(laboratory, plan, settings.seed, settings.engine, settings.imperfections).plain()
     hidden = [str(one) for one in laboratory.hidden]
     configuration = CampaignConfiguration.model_validate(
         made | {"settings": settings.plain(), "effects": hidden}

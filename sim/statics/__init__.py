@@ -10,7 +10,14 @@ from tulip_testbed.sim.statics.forces import (
 )
 from tulip_testbed.sim.statics.mechanism import Mechanism, mechanism
 from tulip_testbed.sim.statics.sensed_wrenches import foot_wrenches, plate_wrenches, sole_wrenches
-from tulip_testbed.sim.statics.solve import Reference, cell_forces, faults, solve_by_chord, solve_by_newton, solve_near
+from tulip_testbed.sim.statics.solve import (
+    Reference,
+    cell_forces,
+    faults,
+    solve_by_chord,
+    solve_by_newton,
+    solve_near,
+)
 
 __all__ = [
     "Load",

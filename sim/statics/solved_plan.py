@@ -15,7 +15,15 @@ from tulip_testbed.sim.plan_folder import check_support
 from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.rig import Rig, stages
 from tulip_testbed.sim.scene import boards_under
-from tulip_testbed.sim.statics import Load, Mechanism, Reference, State, mechanism, solve_by_newton, solve_near
+from tulip_testbed.sim.statics import (
+    Load,
+    Mechanism,
+    Reference,
+    State,
+    mechanism,
+    solve_by_newton,
+    solve_near,
+)
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ import tyro
 
 from tulip_testbed.cli.options import (
     DEFAULT_SEED,
+    Imperfections,
     Json,
-    Ordinary,
     Plan,
     RigFolder,
     RobotFile,
@@ -33,7 +33,7 @@ def campaign_command(
         float | None, tyro.conf.arg(help="minutes of laboratory time at most (assumed times)")
     ] = None,
     effect: Effects = (),
-    ordinary: Ordinary = None,
+    imperfections: Imperfections = 0.0,
     rig: RigFolder = None,
     dynamics: Annotated[
         bool, tyro.conf.arg(help="hold every posture in the full dynamics instead of its equilibrium")
@@ -56,7 +56,7 @@ def campaign_command(
 
     laboratory, made = laboratory_and_plan(robot, preset, plan, rig, effect, seed, not dynamics)
     engine = "dynamics" if dynamics else "statics"
-    settings = campaign_settings(seed, engine, experiments, minutes, ordinary)
+    settings = campaign_settings(seed, engine, experiments, minutes, imperfections)
     found = campaign(laboratory, made, settings, out, lambda what: say(f"{what[0].upper()}{what[1:]}"))
     if as_json:
         print_json({"verdict": found.verdict, "steps": [step.plain() for step in found.steps]})
