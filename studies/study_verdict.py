@@ -72,8 +72,8 @@ def study(settings: Settings) -> Iterator[str]:
             found = settings.parallel(f"{laboratory.sensors}, {imperfections:g}", judged, calls)
             rates = [share([name in one.failed for one in found]) for name in KINDS.values()]
             rates.append(share([bool(one.failed) for one in found]))
-            for values in ([one.sigma for one in found], [one.least_squares for one in found]):
-                rates.append(f"{np.mean(values):.3f} ± {np.std(values):.3f}")
+            sigmas = ([one.sigma for one in found], [one.least_squares for one in found])
+            rates += [f"{np.mean(values):.3f} ± {np.std(values):.3f}" for values in sigmas]
             yield row(laboratory.sensors, f"{imperfections:g}", *rates)
     yield "\n" + header(
         "cell 10 % high", *(f"{p}: {k}" for p in PRESETS for k in ("all errors", "any check"))

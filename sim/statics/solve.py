@@ -9,6 +9,7 @@ import numpy as np
 from tulip_testbed.measurements.cells import CELLS, CORNERS
 from tulip_testbed.sim.statics.forces import Load, State, board_wrench, residual
 from tulip_testbed.sim.statics.mechanism import Mechanism
+from tulip_testbed.sim.statics.slope import closed_slope, has_closed_slope
 
 STEP = 1e-6  # rad or m, of finite differences
 NEWTON_STEPS = 25
@@ -94,10 +95,10 @@ def _newton(mechanism: Mechanism, start: State, load: Load) -> Reference:
     count, n = start.position.shape[0], start.angles.shape[-1]
     state = start.take(np.arange(count))
     slope = np.zeros((count, 18 + n, 18 + n))
-    inverse, left = slope.copy(), np.arange(count)
+    inverse, left, closed = slope.copy(), np.arange(count), has_closed_slope(mechanism)
     for _ in range(NEWTON_STEPS):
         part, loads = state.take(left), load.take(left)
-        slope[left] = derivative(mechanism, part, loads)
+        slope[left] = (closed_slope if closed else derivative)(mechanism, part, loads)
         inverse[left] = inverted(slope[left])
         change = -(inverse[left] @ residual(mechanism, part, loads)[..., None])[..., 0]
         moves = np.abs(change[..., : 6 + n]).max(axis=-1)
