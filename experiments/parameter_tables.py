@@ -135,7 +135,8 @@ def parameter_table(
         columns += _paper_columns(model, (least_squares or document)["parameters"], paper)
     columns.append((Column("links", extra=True), [united_links(parameters, row["number"]) for row in rows]))
     title = f"{model.capitalize()} model{', compared with Table II' if beside else ''}"
-    note = f"{residual_line(least_squares or document, model, paper)} {placements_line(document)}"
+    shown = least_squares or document
+    note = f"{residual_line(shown, model, paper)} {placements_line(shown)}"
     if least_squares:
         note = f"By least squares: {note[0].lower()}{note[1:]}"
     if not at_rest:

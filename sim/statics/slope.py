@@ -1,8 +1,8 @@
 """The derivative of the residual by the state, in closed form where the mechanism allows it.
 
 A hinge turns all bodies behind it about its axis w through its anchor o. The forces keep their direction, so
-that the moment of the loads behind a body changes by sum (w x (c - o)) x f = B w - w tr B, B = sum (c - o) f'.
-The sums of c f' are taken from the leaves to the torso, as those of the loads are.
+that the moment of the loads behind a body changes by sum (w x (c - o)) x f = B w - w tr B with
+B = sum (c - o) f'. The sums of c f' are taken from the leaves to the torso, as those of the loads are.
 """
 
 from __future__ import annotations
