@@ -19,12 +19,12 @@ def check_scale(scale: float) -> None:
     """Refuse a scale by which no laboratory can be drawn.
 
     Raises:
-        InputError: it is not above 0, or not finite.
+        InputError: it is negative or not finite.
     """
-    if not 0 < scale < np.inf:
+    if not 0 <= scale < np.inf:
         raise InputError(
-            f"ordinary: found {scale}, expected a finite number above 0 (1: spreads "
-            f"of {SPREADS[0]:g} to {SPREADS[1]:g} tolerance)"
+            f"imperfections: found {scale}, expected 0 (an exact laboratory) or a finite number above (1: "
+            f"spreads of {SPREADS[0]:g} to {SPREADS[1]:g} tolerance)"
         )
 
 

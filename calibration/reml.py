@@ -207,6 +207,11 @@ def _noise(problem: Problem, log_scale: np.ndarray) -> _Noise:
 
 def _without_negative(information: np.ndarray) -> np.ndarray:
     """Return a matrix of information without the negative parts that rounding gave it."""
+    try:
+        np.linalg.cholesky(information)
+        return information
+    except np.linalg.LinAlgError:  # a direction without information
+        pass
     values, axes = np.linalg.eigh(information)
     if not len(values) or values[0] >= 0:
         return information

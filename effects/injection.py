@@ -12,7 +12,7 @@ from tulip_testbed.base.errors import InputError, look_up, shortened
 from tulip_testbed.effects.targets import links
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.manipulations import Experiment, needs_cells
-from tulip_testbed.sim.procedure import new_set_up
+from tulip_testbed.sim.procedure import header_of, new_set_up
 from tulip_testbed.sim.rig import Rig, stages
 from tulip_testbed.sim.robot import joint_names
 from tulip_testbed.sim.scene import laboratory_scene

@@ -34,7 +34,7 @@ def main(folder: Path) -> int:
     data, truth, found = folder / "data", folder / "truth.json", folder / "found"
     _say("1. Every encoder, cell, link and plate is a little off, as everywhere. One encoder is off by")
     _say("   1.15 deg, and nobody notices. 150 postures on two plates.")
-    _run("simulate", "--out", data, "--truth", truth, *SETTING, "--ordinary", "--effect", EFFECT)
+    _run("simulate", "--out", data, "--truth", truth, *SETTING, "--imperfections", "1", "--effect", EFFECT)
     _say("2. The robot is identified as if the laboratory were exact. Its standard errors are small ...")
     wrong = _errors(_run("identify", data, *NAIVE, "--json"), truth)
     _say(f"   ... and its parameters are wrong: {_judged(wrong)}.")

@@ -51,6 +51,7 @@ from tulip_testbed.measurements import Measurements, as_joined
 from tulip_testbed.sim.robot import Robot
 
 MODELS = ("full", "simplified")
+DEFAULT_ESTIMATOR = SELF_CALIBRATING  # of everything that identifies
 CLEARLY = 3.0  # standard errors
 MOST_EXTENTS = 2.0  # of the robot's model, by MuJoCo's measure
 # What each estimator does, by its name.
@@ -98,7 +99,7 @@ class Identification(Shown, Mapping[str, IdentifiedParameter]):
     full: Estimate
     simplified: Estimate
     mass: tuple[float, float]
-    estimator: str = SELF_CALIBRATING
+    estimator: str = DEFAULT_ESTIMATOR
     calibration: SelfCalibration | None = None
     confounded: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
@@ -189,7 +190,7 @@ def identify(
     measurements: Measurements,
     robot: Robot,
     source: str = "measurements",
-    estimator: str = SELF_CALIBRATING,
+    estimator: str = DEFAULT_ESTIMATOR,
     parameters: BaseParameters | None = None,
     adopted: Sequence[EffectInstance] = (),
     tolerances: Mapping[str, float] | None = None,

@@ -97,6 +97,7 @@ def parameter_table(
     parameters: BaseParameters,
     paper: Reported | None = None,
     at_rest: bool = True,
+    least_squares: dict[str, Any] | None = None,
 ) -> Table:
     """Return a model's parameters, with the truth and the paper's Table II where these are known.
 
@@ -104,6 +105,7 @@ def parameter_table(
         model: "full" or "simplified". document: a `ModelReport` as plain JSON.
         paper: see `read_reported`; None: without.
         at_rest: whether the estimator's iteration ended; otherwise no parameter is well identified.
+        least_squares: the paper's estimate from the same data, likewise; compared with Table II.
     """
     rows = document["parameters"]
 
@@ -127,14 +129,31 @@ def parameter_table(
         columns.insert(3, (_millimetres("error", "+.2f"), [row["estimate"] - row["truth"] for row in rows]))
         columns.insert(2, (_millimetres("truth"), values("truth")))
     beside = paper is not None and bool(paper.parameters)
+    if least_squares:
+        columns += _least_squares_columns(model, least_squares)
     if paper and beside:
-        columns += _paper_columns(model, rows, paper)
+        columns += _paper_columns(model, (least_squares or document)["parameters"], paper)
     columns.append((Column("links", extra=True), [united_links(parameters, row["number"]) for row in rows]))
     title = f"{model.capitalize()} model{', compared with Table II' if beside else ''}"
-    note = f"{residual_line(document, model, paper)} {placements_line(document)}"
+    shown = least_squares or document
+    note = f"{residual_line(shown, model, paper)} {placements_line(shown)}"
+    if least_squares:
+        note = f"By least squares: {note[0].lower()}{note[1:]}"
     if not at_rest:
         note = f"{NOT_AT_REST} {note}"
     return Table(title, tuple(c for c, _ in columns), list(zip(*(v for _, v in columns), strict=True)), note)
+
+
+def _least_squares_columns(model: str, document: dict[str, Any]) -> list[tuple[Column, list[Any]]]:
+    columns = (("least squares", "estimate"), ("its s.e.", "standard_error"))
+    where = f"least_squares.{model}.parameters"
+    return [
+        (
+            _millimetres(title),
+            [Cell(row[name], f"{where}.{k}.{name}", "aside") for k, row in enumerate(document["parameters"])],
+        )
+        for title, name in columns
+    ]
 
 
 def _millimetres(name: str, spec: str = ".2f") -> Column:

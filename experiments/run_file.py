@@ -55,13 +55,13 @@ class RunFile(Head, Generic[Made]):
 
 
 def configuration_of(
-    laboratory: Laboratory, plan: PosturePlan, seed: int, engine: str, ordinary: float | None = None
+    laboratory: Laboratory, plan: PosturePlan, seed: int, engine: str, imperfections: float = 0.0
 ) -> Configuration:
     """List everything that was set, for run folders and truth files.
 
     Args:
         seed, engine: see `Laboratory.run`.
-        ordinary: scale of the imperfections that were drawn for the laboratory; None: there were none.
+        imperfections: scale of those that were drawn for the laboratory; 0: it is exact.
     """
     rig = laboratory.rig
     sensors: dict[str, Any] = dict(dataclasses.asdict(rig.sensors))
@@ -80,7 +80,7 @@ def configuration_of(
         "adopted": [found.document() for found in laboratory.known],
         "statics": engine == "statics",
         "plan": {"robot": plan.robot, "made": plan.made, "postures": len(plan)},
-    } | ({} if ordinary is None else {"ordinary": ordinary})
+    } | ({"imperfections": float(imperfections)} if imperfections else {})
     return Configuration.model_validate(finite(content))  # with lists for tuples, as it will be read again
 
 

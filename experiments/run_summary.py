@@ -11,6 +11,11 @@ from tulip_testbed.calibration.ordinary_laboratory import SPREADS
 from tulip_testbed.experiments.laboratory import Run
 from tulip_testbed.sim.outcome import Truth
 
+EXACT = (
+    "Exact laboratory: the default estimator allows for imperfections that are not there, so its standard "
+    "errors are too large."
+)
+
 
 def usable_postures(run: Run, paper: dict[str, Any], reasons: bool = True) -> list[str]:
     """Describe how many postures could be used.
@@ -36,12 +41,14 @@ def usable_postures(run: Run, paper: dict[str, Any], reasons: bool = True) -> li
     ]
 
 
-def ordinary_line(scale: float, several: bool = False) -> str:
+def imperfections_line(scale: float, several: bool = False) -> str:
     """Describe the imperfections that were drawn.
 
     Args:
-        several: whether every run drew its own.
+        scale: 0: there were none. several: whether every run drew its own.
     """
+    if not scale:
+        return EXACT
     low, high = (number(scale * spread, "g") for spread in SPREADS)
     whose = "laboratories, drawn again in every run" if several else "laboratory"
     return f"Ordinary {whose}: imperfections of all families, with spreads of {low} to {high} tolerances."

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.base.errors import at_least, look_up
+from tulip_testbed.base.errors import InputError, at_least, look_up
 from tulip_testbed.base.table import Shown, Table
 from tulip_testbed.experiments.checks import (
     Check,
@@ -29,13 +29,13 @@ from tulip_testbed.experiments.checks import (
 )
 from tulip_testbed.experiments.defaults import DEFAULT_SEED
 from tulip_testbed.experiments.estimate_report import model_report
-from tulip_testbed.experiments.identify import ESTIMATORS, Identification, identify
-from tulip_testbed.experiments.imperfections import check_ordinary, default_estimator, drawn, single_stream
+from tulip_testbed.experiments.identify import DEFAULT_ESTIMATOR, ESTIMATORS, Identification, identify
+from tulip_testbed.experiments.imperfections import ORDINARY, check_imperfections, drawn, single_stream
 from tulip_testbed.experiments.laboratory import Laboratory, Run
 from tulip_testbed.experiments.parameter_tables import parameter_table
 from tulip_testbed.experiments.usable_plan import identifiable_regressor
 from tulip_testbed.identification.base_parameters import BaseParameters, renumbered
-from tulip_testbed.identification.estimators import DEFAULT, solve_least_squares
+from tulip_testbed.identification.estimators import solve_least_squares
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.identification.statistics import correlations
 from tulip_testbed.measurements import PosturePlan
@@ -43,6 +43,7 @@ from tulip_testbed.sim.outcome import Truth
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.sensors import Sensors
 
+LEAST_SQUARES = "least-squares"  # the paper's estimator
 NEGLIGIBLE = 1e-6  # m: a parameter that the simplified model may drop without bias
 
 
@@ -51,18 +52,20 @@ class Validation(Shown):
     """A run compared with its truth; prints its checks and the verdict.
 
     Attributes:
-        run: the experiment. identification: the estimates from its measurements.
+        run: the experiment. identification: the estimates from its measurements, which are judged.
+        least_squares: the paper's estimates from the same measurements; None where they cannot be used.
         truth: base parameters of the robot that stood there, (p,) [m].
         checks: what was judged. wall_s: wall time [s].
-        ordinary: scale of the imperfections that were drawn for the laboratory; None: there were none.
+        imperfections: scale of those that were drawn for the laboratory; 0: it is exact.
     """
 
     run: Run
     identification: Identification
+    least_squares: Identification | None
     truth: np.ndarray
     checks: tuple[Check, ...]
     wall_s: float
-    ordinary: float | None = None
+    imperfections: float = 0.0
 
     @property
     def verdict(self) -> str:
@@ -91,38 +94,36 @@ def validate(
     laboratory: Laboratory,
     plan: PosturePlan,
     seed: int = DEFAULT_SEED,
-    estimator: str | None = None,
+    estimator: str = DEFAULT_ESTIMATOR,
     engine: str = "dynamics",
     workers: int | None = None,
     progress: Callable[[int], None] = lambda count: None,
-    ordinary: float | None = None,
+    imperfections: float = ORDINARY,
 ) -> Validation:
     """Run an experiment and hold the estimates against its truth.
 
     Args:
         plan: postures to measure. seed: of everything random.
-        estimator: a name of `experiments.identify.ESTIMATORS`; None: see `default_estimator`.
+        estimator: a name of `experiments.identify.ESTIMATORS`.
         engine, workers, progress: see `Laboratory.run`.
-        ordinary: scale of ordinary imperfections that are drawn and hidden in the laboratory; None: none.
+        imperfections: scale of ordinary ones that are drawn and hidden in the laboratory; 0: it is exact.
 
     Raises:
         InputError: a plan whose postures would not identify the robot; nothing could be measured, or too
             little to identify; imperfections that cannot be drawn or simulated.
     """
     began = time.perf_counter()
-    estimator = look_up(
-        "estimator", default_estimator(estimator, ordinary, laboratory), ESTIMATORS, "estimator"
-    )
-    check_ordinary(laboratory, ordinary)
+    look_up("estimator", estimator, ESTIMATORS, "estimator")
+    check_imperfections(laboratory, imperfections)
     at_least("seed", seed, 0)
     laboratory.check(plan, engine)
     identifiable_regressor("plan", laboratory.robot, plan)
-    laboratory = drawn(laboratory, ordinary, single_stream(seed))
+    laboratory = drawn(laboratory, imperfections, single_stream(seed))
     result = judge(laboratory.run(plan, seed, engine, workers, progress), estimator)
-    return dataclasses.replace(result, wall_s=time.perf_counter() - began, ordinary=ordinary)
+    return dataclasses.replace(result, wall_s=time.perf_counter() - began, imperfections=imperfections)
 
 
-def judge(run: Run, estimator: str = DEFAULT) -> Validation:
+def judge(run: Run, estimator: str = DEFAULT_ESTIMATOR) -> Validation:
     """Identify the robot from a run and hold the estimates against its truth.
 
     Raises:
@@ -132,7 +133,16 @@ def judge(run: Run, estimator: str = DEFAULT) -> Validation:
     laboratory = run.laboratory
     found = identify(run.measurements, laboratory.robot, estimator=estimator, adopted=laboratory.known)
     truth = laboratory.true_base_parameters(run.plan)
-    return Validation(run, found, truth, tuple(evaluate(run, found, truth)), time.perf_counter() - began)
+    checks = tuple(evaluate(run, found, truth))
+    return Validation(run, found, _least_squares(run), truth, checks, time.perf_counter() - began)
+
+
+def _least_squares(run: Run) -> Identification | None:
+    laboratory = run.laboratory
+    try:
+        return identify(run.measurements, laboratory.robot, estimator=LEAST_SQUARES, adopted=laboratory.known)
+    except InputError:  # unknown zeros of wrench sensors or masses on the robot, which it does not know of
+        return None
 
 
 def evaluate(run: Run, found: Identification, truth: np.ndarray) -> list[Check]:

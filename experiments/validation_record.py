@@ -74,10 +74,18 @@ class TotalMass(Document):
     standard_error: float
 
 
+class LeastSquares(Document):
+    """The paper's estimates from the same measurements."""
+
+    full: ModelReport
+    simplified: ModelReport
+
+
 class Report(Document):
     """report.json; books: the largest imbalance of any hold, null in statics.
 
-    ordinary: scale of the imperfections that were drawn for the laboratory; absent: there were none.
+    least_squares: null where it cannot be used, see `Validation`.
+    imperfections: scale of those that were drawn for the laboratory; 0: it is exact.
     """
 
     verdict: Literal["pass", "fail"]
@@ -91,9 +99,10 @@ class Report(Document):
     total_mass: TotalMass
     full: ModelReport
     simplified: ModelReport
+    least_squares: LeastSquares | None
     books: dict[str, float] | None
     wall_s: float
-    ordinary: float | None = None
+    imperfections: float
 
     @property
     def models(self) -> dict[str, ModelReport]:
@@ -124,7 +133,7 @@ class ValidationRecord:
 
 def report_of(result: Validation) -> Report:
     """Report a validation."""
-    found, run = result.identification, result.run
+    found, plain, run = result.identification, result.least_squares, result.run
     dropped = run.truth.dropped
     return Report.model_validate(
         {
@@ -143,10 +152,11 @@ def report_of(result: Validation) -> Report:
             },
             "full": model_report(found.full, result.truth),
             "simplified": model_report(found.simplified, result.truth),
+            "least_squares": plain and {m: model_report(getattr(plain, m), result.truth) for m in MODELS},
             "books": worst_balance(run),
             "wall_s": result.wall_s,
+            "imperfections": float(result.imperfections),
         }
-        | ({} if result.ordinary is None else {"ordinary": result.ordinary})
     )
 
 
@@ -158,7 +168,9 @@ def validation_record(result: Validation) -> ValidationRecord:
             format="tulip-run",
             version=VERSION,
             command="validate",
-            configuration=configuration_of(run.laboratory, run.plan, run.seed, run.engine, result.ordinary),
+            configuration=configuration_of(
+                run.laboratory, run.plan, run.seed, run.engine, result.imperfections
+            ),
             software=software(),
             machine=machine(),
             inputs=run.laboratory.robot.hashes,

@@ -13,7 +13,7 @@ from tulip_testbed.experiments.parameter_tables import (
     parameter_table,
     read_reported,
 )
-from tulip_testbed.experiments.run_summary import balance_line, ordinary_line, sag_line, usable_postures
+from tulip_testbed.experiments.run_summary import balance_line, imperfections_line, sag_line, usable_postures
 from tulip_testbed.experiments.validate import Validation
 
 
@@ -26,17 +26,23 @@ def validation_report(result: Validation, document: dict[str, Any]) -> list[Tabl
     run, parameters = result.run, result.identification.parameters
     robot, angles = run.laboratory.robot, run.measurements.joint_angles
     parts: list[Table | str] = []
+    plain = document["least_squares"] or {}
     for model in models(robot):
-        pairs = document[model]["correlations"]
+        # Eq. 15 is of least squares: priors of imperfections would hide what the postures do not distinguish.
+        pairs = plain.get(model, document[model])["correlations"]
         parts += [
-            parameter_table(model, document[model], parameters, read_reported(robot)),
+            parameter_table(
+                model, document[model], parameters, read_reported(robot), least_squares=plain.get(model)
+            ),
             correlation_table(model, pairs, parameters, angles) if pairs else NO_CORRELATION,
             "",
         ]
-    if result.ordinary is not None:
-        parts.append(ordinary_line(result.ordinary))
     mass = document["total_mass"]
-    parts += [LEGEND, *usable_postures(run, robot.settings.get("paper", {}))]
+    parts += [
+        LEGEND,
+        imperfections_line(result.imperfections),
+        *usable_postures(run, robot.settings.get("paper", {})),
+    ]
     parts.append(mass_line(mass["estimate"], mass["standard_error"], mass["truth"]))
     if document["books"] is not None:
         parts += [sag_line(run.truth), balance_line(document["books"])]

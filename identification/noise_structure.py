@@ -171,13 +171,15 @@ class Weights:
         left = self.of_postures.copy()
         for first in range(0, len(left), POSTURES):
             some = across[first : first + POSTURES]
-            left[first : first + POSTURES] -= (some @ covariance) @ some.mT
+            weighted = (some.reshape(-1, some.shape[2]) @ covariance).reshape(some.shape)
+            left[first : first + POSTURES] -= weighted @ some.mT
         out = [
             square * float(np.vdot(kernel, left))
             for square, kernel in zip(self.square, structure.own, strict=False)
         ]
         seen = structure.placement.sums(self.levers.mT @ across)
-        each = np.diagonal(self.of_levers, axis1=1, axis2=2) - ((seen @ covariance) * seen).sum(axis=2)
+        weighted = (seen.reshape(-1, seen.shape[2]) @ covariance).reshape(seen.shape)
+        each = np.diagonal(self.of_levers, axis1=1, axis2=2) - (weighted * seen).sum(axis=2)
         size = each.sum(axis=0)
         return np.array(
             out + [size[structure.owner == k].sum() for k in range(len(structure.own), len(structure))]

@@ -105,7 +105,7 @@ def carry_out(arm: Arm, seed: int, settings: Settings) -> tuple[dict[str, Any], 
         job = Job(wrong, robot, parameters, layout, arm.estimator, seed)
         with engine(settings.workers, None), progress(arm.name, runs) as advance:
             collect(chunks, job, advance)
-    return report(summarise(chunks, layout), layout, arm.estimator).plain(), place, layout
+    return report(summarise(chunks, layout), layout, arm.estimator, imperfections=0).plain(), place, layout
 
 
 def extremes(rows: list[dict[str, Any]]) -> list[str]:

@@ -8,6 +8,7 @@ import os
 import pickle
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,7 @@ from tulip_testbed.experiments.protocols.protocol_run import (
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.experiments.validate import Validation, validate
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters
+from tulip_testbed.identification.estimators import DEFAULT
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.measurements import Measurements, PlateGeometry, PosturePlan
 from tulip_testbed.plans import optimal
@@ -143,13 +145,16 @@ def foreign(tmp_path_factory) -> dict[str, Robot]:
 @pytest.fixture(scope="session")
 def ideal(once, robot, plan) -> Validation:
     """The whole default plan without sensor noise, in the full dynamics."""
-    return once("ideal", lambda: validate(Laboratory(robot, "ideal"), plan, 101, workers=2))
+    return once(
+        "ideal", lambda: validate(Laboratory(robot, "ideal"), plan, 101, DEFAULT, workers=2, imperfections=0)
+    )
 
 
 @pytest.fixture(scope="session")
 def wii(once, robot, plan) -> Validation:
-    """The whole default plan at preset wii, by statics."""
-    return once("wii", lambda: validate(Laboratory(robot, "wii"), plan, 102, engine="statics"))
+    """The whole default plan at preset wii, exact but for noise, by statics and the mixed model."""
+    exact = partial(validate, estimator=DEFAULT, engine="statics", imperfections=0)
+    return once("wii", lambda: exact(Laboratory(robot, "wii"), plan, 102))
 
 
 @pytest.fixture(scope="session")
@@ -167,9 +172,10 @@ def discovered(once, static_run, robot) -> Discovered:
 
 @pytest.fixture(scope="session")
 def moved_wii(once, robot, plan) -> Validation:
-    """Twelve placements at preset wii, in the full dynamics."""
+    """Twelve placements at preset wii, exact but for noise, in the full dynamics, by the mixed model."""
     few = plan.take(plan.placement <= 12)
-    return once("moved-wii", lambda: validate(Laboratory(robot, "wii"), few, 102, workers=2))
+    exact = partial(validate, estimator=DEFAULT, workers=2, imperfections=0)
+    return once("moved-wii", lambda: exact(Laboratory(robot, "wii"), few, 102))
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,5 @@
 """The command line as a user meets it: exit codes, one message, nothing half-written."""
 
-import inspect
 import json
 import re
 import shutil
@@ -20,10 +19,9 @@ from tulip_testbed.cli import options
 from tulip_testbed.cli.commands import COMMANDS
 from tulip_testbed.cli.main import MODULES, command_of, main, usage
 from tulip_testbed.cli.terminal import PIPE_WIDTH
-from tulip_testbed.experiments import identify, laboratory
+from tulip_testbed.experiments import identify, imperfections, laboratory
 from tulip_testbed.experiments.montecarlo import engine
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
-from tulip_testbed.identification import estimators
 from tulip_testbed.identification.planning import interior_point, search
 from tulip_testbed.measurements import read_measurements, write_measurements
 from tulip_testbed.sim import sensors
@@ -138,8 +136,8 @@ def test_help_and_version_load_no_simulator():
 
 def test_the_options_are_the_librarys():
     assert list(options.ESTIMATORS) == list(identify.ESTIMATORS)
-    assert options.DEFAULT_ESTIMATOR == estimators.DEFAULT
-    assert inspect.signature(identify.identify).parameters["estimator"].default == options.ORDINARY_ESTIMATOR
+    assert options.DEFAULT_ESTIMATOR == identify.DEFAULT_ESTIMATOR
+    assert options.ORDINARY == imperfections.ORDINARY
     assert set(get_args(options.Preset)) == set(sensors.PRESETS)
     plates = {name for name, preset in sensors.PRESETS.items() if preset.wrench is None}
     assert set(get_args(options.PlatePreset)) == plates

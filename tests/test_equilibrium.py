@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import ks_2samp
 
+import tulip_testbed as tt
 from studies.study_equilibrium import (
     EDGE,
     centers_at,
@@ -21,7 +22,10 @@ from studies.study_equilibrium import (
     pulled,
 )
 from tulip_testbed.base.errors import InputError
+from tulip_testbed.experiments.imperfections import drawn
+from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.rig import preset_rig
@@ -29,7 +33,8 @@ from tulip_testbed.sim.scene import laboratory_scene
 from tulip_testbed.sim.sensors import PRESETS, averaged_sd, sample, sample_mean
 from tulip_testbed.sim.statics.forces import Load, State, residual, rotation_matrix
 from tulip_testbed.sim.statics.read_mechanism import read_mechanism
-from tulip_testbed.sim.statics.solve import faults, solve_by_newton
+from tulip_testbed.sim.statics.slope import closed_slope, has_closed_slope
+from tulip_testbed.sim.statics.solve import derivative, faults, solve_by_newton
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
 
@@ -275,3 +280,23 @@ def test_the_feet_stay_when_the_last_posture_is_measured_again(rig, plan):
     place = nominal.swing_sole(measured.measurements.joint_angles)[:, [0, 1, 5]]
     assert len(place) == 2
     np.testing.assert_allclose(place[1], place[0], atol=1e-9)
+
+
+@pytest.mark.parametrize("imperfections", [0.0, 1.0])
+def test_the_closed_slope_is_the_derivative(robot, plan, imperfections):
+    """By central differences of the residual, with sole and joint springs and with one foot in the air."""
+    several = tt.plans.mixed.take(np.arange(12))
+    rig = drawn(Laboratory(robot, "wii"), imperfections, np.random.SeedSequence(5)).rig
+    solved, m = solve_plan(rig, several), read_mechanism(rig)
+    assert has_closed_slope(m)
+    load = Load(
+        command=several.joint_angles,
+        friction=np.zeros(len(m.names)),
+        feet=several.foot_poses,
+        plates=solved.boards[solved.placement],
+        mass=m.mass,
+        center=m.center,
+        foot_contact=feet_in_contact(several.support),
+    )
+    found = closed_slope(m, solved.reference.state, load)
+    assert found == pytest.approx(derivative(m, solved.reference.state, load), rel=1e-6, abs=1e-5)

@@ -35,7 +35,8 @@ def small(plan, tmp_path_factory) -> Path:
 
 def tulip(plan: Path, out: Path, *more: str) -> list[str]:
     options = ["--out", str(out), "--runs", str(RUNS), "--seed", "107", "--workers", "1", "--json"]
-    return [*TULIP, "montecarlo", str(plan), *options, *more]
+    quick = ["--estimator", DEFAULT, "--imperfections", "0"]
+    return [*TULIP, "montecarlo", str(plan), *options, *quick, *more]
 
 
 def stop(command: list[str], folder: Path, chunks: int, how: signal.Signals) -> subprocess.Popen[str]:
@@ -121,7 +122,7 @@ def test_bad_options_are_refused_before_the_work(tmp_path, capsys):
     assert "expected one with engine dask only" in refused(
         capsys, *asked, 5, "--address", "tcp://127.0.0.1:9"
     )
-    assert "--random-robots: found 2.0" in refused(capsys, *asked, 5, "--random-robots", 2.0)
+    assert "--robot-spread: found 2.0" in refused(capsys, *asked, 5, "--robot-spread", 2.0)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -19,7 +19,7 @@ from tulip_testbed.experiments.montecarlo.montecarlo_folder import (
 from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.usable_plan import random_plan
 
-SETTINGS = Settings(runs=100, seed=5, estimator="mixed-model", spread=None)
+SETTINGS = Settings(runs=100, seed=5, estimator="mixed-model", robot_spread=None, imperfections=0)
 
 
 @pytest.fixture
@@ -56,7 +56,7 @@ def test_begun_and_resumed(scenario, tmp_path):
             {"estimator": "least-squares"},
             "settings.estimator is 'mixed-model' there and 'least-squares' here",
         ),
-        ({"spread": 0.1, "engine": "dynamics"}, "settings.random_robots is None there and 0.1 here"),
+        ({"robot_spread": 0.1, "engine": "dynamics"}, "settings.robot_spread is None there and 0.1 here"),
     ],
 )
 def test_other_settings_are_refused(scenario, tmp_path, change, message):

@@ -26,7 +26,7 @@ RUNS = 5000
 
 def judged(folder, runs, **changes):
     work = Regressions(seed=111, **changes)
-    return report(summarise(run_regressions(folder, runs, 500, work), LAYOUT), LAYOUT, "stand-in").plain()
+    return report(summarise(run_regressions(folder, runs, 500, work), LAYOUT), LAYOUT, "stand-in", 0).plain()
 
 
 def failed(document):
@@ -46,7 +46,7 @@ def test_a_true_estimator_is_shown_to_be_right(tmp_path):
 @pytest.mark.parametrize("runs", [1, 2])
 def test_a_pass_of_few_runs_prints_and_is_not_conclusive(tmp_path, runs):
     chunks = run_regressions(tmp_path, runs, 500, Regressions(seed=111))
-    found = report(summarise(chunks, LAYOUT), LAYOUT, "stand-in")
+    found = report(summarise(chunks, LAYOUT), LAYOUT, "stand-in", 0)
     assert (found.verdict, found.conclusive) == ("pass", False)
     text = "\n".join(map(str, calibration_report(found.plain())))
     assert ("± - g, found over stated s.e. -," in text) == (runs == 1)
@@ -150,7 +150,7 @@ def test_a_robot_outside_of_the_simplified_model_is_reported_and_not_judged(tmp_
     (tmp_path / "other").mkdir()
     changed = Chunks(tmp_path / "other", 40, 40)
     changed.write(columns)
-    document = report(summarise(changed, LAYOUT), LAYOUT, "stand-in").plain()
+    document = report(summarise(changed, LAYOUT), LAYOUT, "stand-in", 0).plain()
     results = {check["name"]: check["result"] for check in document["checks"]}
     assert results["simplified model"] == "not evaluated"
     assert len(document["simplified"]["parameters"]) == 2

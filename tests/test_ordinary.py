@@ -1,6 +1,7 @@
 """Experiments in ordinary laboratories: drawn by a stream of their own, judged against their own truth."""
 
 import dataclasses
+import inspect
 import json
 
 import numpy as np
@@ -12,30 +13,39 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.families import families_of, tolerances_of
 from tulip_testbed.calibration.ordinary_laboratory import draw_members
 from tulip_testbed.calibration.self_calibration import self_calibrate
+from tulip_testbed.cli.identify_command import identify_command
+from tulip_testbed.cli.montecarlo_command import montecarlo_command
+from tulip_testbed.cli.simulate_command import simulate_command
+from tulip_testbed.cli.validate_command import validate_command
 from tulip_testbed.experiments.checks import correlation_checks, data_correlation_checks
-from tulip_testbed.experiments.imperfections import drawn, single_stream
+from tulip_testbed.experiments.identify import DEFAULT_ESTIMATOR
+from tulip_testbed.experiments.imperfections import ORDINARY, drawn, single_stream
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.laboratory_runs import OrdinaryOutcome, source_of, stream_of
 from tulip_testbed.experiments.montecarlo.montecarlo_folder import montecarlo_file, open_folder
 from tulip_testbed.experiments.montecarlo.montecarlo_record import read_montecarlo
 from tulip_testbed.experiments.montecarlo.montecarlo_run import Place, montecarlo
 from tulip_testbed.experiments.montecarlo.settings import Settings
-from tulip_testbed.experiments.validate import validate
+from tulip_testbed.experiments.validate import evaluate, judge, validate
 from tulip_testbed.experiments.validation_record import (
     read_validation,
+    report_of,
     validation_record,
     write_validation,
 )
+from tulip_testbed.experiments.validation_tables import validation_report
 from tulip_testbed.identification.observation import observe
-from tulip_testbed.measurements import SensorSheet
+from tulip_testbed.measurements import SensorSheet, write_measurements
 from tulip_testbed.sim.outcome import Outcome
+from tulip_testbed.sim.statics.solved_plan import solve_plan
+from tulip_testbed.sim.statics.static_run import run_statics
 
 SEED = 140
 
 
 @pytest.fixture(scope="module")
 def validated(robot, plan):
-    return validate(Laboratory(robot, "wii"), plan, SEED, engine="statics", ordinary=1.0)
+    return validate(Laboratory(robot, "wii"), plan, SEED, engine="statics")
 
 
 def test_members_are_drawn_for_all_families(robot):
@@ -107,16 +117,20 @@ def test_a_validation_in_an_ordinary_laboratory(validated, plan, robot, tmp_path
     assert "correlation (12, 13)" in names
     assert "correlation (12, 13), estimate" in names
     write_validation(tmp_path / "run", validation_record(validated))
-    assert json.loads((tmp_path / "run" / "run.json").read_text())["configuration"]["ordinary"] == 1.0
-    assert json.loads((tmp_path / "run" / "report.json").read_text())["ordinary"] == 1.0
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["configuration"]["imperfections"] == 1.0
+    assert json.loads((tmp_path / "run" / "report.json").read_text())["imperfections"] == 1.0
     effects = json.loads((tmp_path / "run" / "truth.json").read_text())["effects"]
     assert len(effects) == len(hidden)
-    assert read_validation(tmp_path / "run", robot).report.ordinary == 1.0
+    assert read_validation(tmp_path / "run", robot).report.imperfections == 1.0
     again = drawn(Laboratory(robot, "wii"), 1.0, single_stream(SEED))
     assert [str(i) for i in again.hidden] == [str(i) for i in hidden]
-    plain = validate(Laboratory(robot, "wii"), plan, SEED, engine="statics")
-    assert plain.identification.estimator == "mixed-model"
-    assert "ordinary" not in validation_record(plain).report.plain()
+    plain = validated.least_squares
+    assert plain is not None
+    assert plain.estimator == "least-squares"
+    text = "\n".join(map(str, validation_report(validated, report_of(validated).plain())))
+    assert "least" in text
+    text = " ".join(text.split())
+    assert f"sigma per axis (eq. 14) {1e3 * plain.full.sigma:.3f} mm" in text
 
 
 def test_the_mass_comes_from_the_calibration(validated):
@@ -161,37 +175,89 @@ def test_a_monte_carlo_does_not_depend_on_workers_and_records_its_setting(robot,
     settings = Settings(3, SEED, "self-calibrating", None, "statics", 0.5)
     for workers in (1, 2):
         found = montecarlo(laboratory, part, settings, Place(tmp_path / f"{workers}", workers, None))
-        assert found.report.plain()["ordinary"] == 0.5
+        assert found.report.plain()["imperfections"] == 0.5
     one, two = (
         {p.name: p.read_bytes() for p in (tmp_path / name).rglob("*") if p.is_file()} for name in "12"
     )
     assert one == two
-    assert json.loads(one["run.json"])["settings"]["ordinary"] == 0.5
-    assert read_montecarlo(tmp_path / "1", robot).report.ordinary == 0.5
+    assert json.loads(one["run.json"])["settings"]["imperfections"] == 0.5
+    assert read_montecarlo(tmp_path / "1", robot).report.imperfections == 0.5
     assert read_montecarlo(tmp_path / "1", robot).document.settings.asked == settings
-    for other, there, here in ((None, 0.5, None), (1.0, 0.5, 1.0)):
-        document = montecarlo_file(laboratory, part, dataclasses.replace(settings, ordinary=other))
+    for other, there, here in ((0.0, 0.5, 0.0), (1.0, 0.5, 1.0)):
+        document = montecarlo_file(laboratory, part, dataclasses.replace(settings, imperfections=other))
         with (
-            pytest.raises(InputError, match=f"settings.ordinary is {there} there and {here} here"),
+            pytest.raises(InputError, match=f"settings.imperfections is {there} there and {here} here"),
             open_folder(tmp_path / "1", document, part),
         ):
             pass
 
 
 def test_impossible_scales_are_refused(robot, plan, tmp_path, capsys):
-    asked = ("montecarlo", "--out", tmp_path / "run", "--runs", 1)
-    assert "--ordinary: found 0.0, expected a finite number above 0" in refused(
-        capsys, *asked, "--ordinary", 0
-    )
-    assert "--ordinary: found nan" in refused(capsys, *asked, "--ordinary", "nan")
-    asked = ("validate", "--out", tmp_path / "run", "--ordinary")
-    assert "--ordinary: found sensors ideal" in refused(capsys, *asked, "--preset", "ideal")
+    asked = ("montecarlo", "--out", tmp_path / "run", "--runs", 1, "--imperfections")
+    assert "--imperfections: found -1.0, expected 0 (an exact laboratory)" in refused(capsys, *asked, -1)
+    assert "--imperfections: found nan" in refused(capsys, *asked, "nan")
+    asked = ("validate", "--out", tmp_path / "run", "--preset", "ideal")
+    assert "--imperfections: found 1 with sensors ideal" in refused(capsys, *asked)
     assert list(tmp_path.iterdir()) == []
     for scale in (-1.0, np.inf):
-        with pytest.raises(InputError, match=r"ordinary: found .*, expected a finite number above 0"):
-            tt.monte_carlo(tt.Laboratory(robot), plan, 1, ordinary=scale)
-        with pytest.raises(InputError, match=r"ordinary: found .*, expected a finite number above 0"):
-            tt.validate(tt.Laboratory(robot), plan, ordinary=scale)
+        with pytest.raises(InputError, match=r"imperfections: found .*, expected 0"):
+            tt.monte_carlo(tt.Laboratory(robot), plan, 1, imperfections=scale)
+        with pytest.raises(InputError, match=r"imperfections: found .*, expected 0"):
+            tt.validate(tt.Laboratory(robot), plan, imperfections=scale)
+
+
+def test_the_manifest_says_nothing_about_what_is_imperfect(validated, robot, plan, tmp_path):
+    """Exact or not, laboratories state one data sheet, and no tolerances."""
+    write_measurements(tmp_path / "ordinary", validated.run.measurements)
+    exact = Laboratory(robot, "wii").run(plan, SEED, "statics")
+    write_measurements(tmp_path / "exact", exact.measurements)
+    one, other = (
+        json.loads((tmp_path / name / "manifest.json").read_text()) for name in ("ordinary", "exact")
+    )
+    assert one.keys() == other.keys()
+    assert "tolerances" not in one
+    drawn_anew = ("weighed_mass", "created", "tables")
+    assert [key for key in one if key not in drawn_anew and one[key] != other[key]] == []
+    assert one["weighed_mass"]["sd"] == other["weighed_mass"]["sd"]
+
+
+def test_all_that_identifies_has_one_default():
+    """What is validated is what users get, in the laboratories that it is for."""
+    verbs = (tt.identify, tt.validate, tt.monte_carlo, judge, validate)
+    commands = (identify_command, validate_command, montecarlo_command)
+    parameters = [inspect.signature(verb).parameters for verb in (*verbs, *commands)]
+    assert {one["estimator"].default for one in parameters} == {DEFAULT_ESTIMATOR}
+    scales = [one["imperfections"].default for one in parameters if "imperfections" in one]
+    assert scales == [ORDINARY] * 5
+    assert Settings(1, 1, DEFAULT_ESTIMATOR, None).imperfections == ORDINARY
+    assert inspect.signature(simulate_command).parameters["imperfections"].default == 0
+
+
+def test_the_verdict_fails_wrong_estimates(validated):
+    """Estimates that are off by five standard errors, and standard errors of a third of their size."""
+    found = validated.identification
+    for change in (
+        {"value": found.full.value + 5 * np.sqrt(np.diag(found.full.covariance))},
+        {"clustered_covariance": found.full.clustered_covariance / 9},
+    ):
+        wrong = dataclasses.replace(found, full=dataclasses.replace(found.full, **change))
+        checks = evaluate(validated.run, wrong, validated.truth)
+        assert "full model: all errors" in {check.name for check in checks if check.result == "fail"}
+
+
+def test_a_run_is_solved_the_same_from_a_similar_laboratory(robot, plan):
+    """The search for equilibria begins elsewhere and ends where it always does."""
+    part, laboratory = plan.take(plan.placement <= 4), Laboratory(robot, "wii")
+    near = solve_plan(drawn(laboratory, 1.0, np.random.SeedSequence(0)).rig, part)
+    for number in range(2):
+        rig = drawn(laboratory, 1.0, single_stream(number)).rig
+        one, other = solve_plan(rig, part, near), solve_plan(rig, part)
+        assert one.reference.state.angles == pytest.approx(other.reference.state.angles, abs=1e-9)
+        assert one.reference.slope == pytest.approx(other.reference.slope, rel=1e-6, abs=1e-5)
+        forces = [
+            run_statics(solved, [single_stream(1)])[0].measurements.cell_forces for solved in (one, other)
+        ]
+        assert forces[0] == pytest.approx(forces[1], abs=1e-6)
 
 
 @pytest.mark.slow

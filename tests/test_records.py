@@ -180,7 +180,7 @@ def test_the_keys_on_disk_are_those_of_version_1(moved_wii, discovered, robot, p
     write_validation(tmp_path / "validation", validation_record(moved_wii))
     checked = dataclasses.replace(discovered, check=DynamicsCheck(2, 3, 0.1, (1.0, 0.5), ""))
     write_discovery(tmp_path / "discovery", discovery_record(checked))
-    settings = Settings(30, SEED, "mixed-model", None)
+    settings = Settings(30, SEED, "mixed-model", None, imperfections=0)
     montecarlo(Laboratory(robot, "wii"), plan, settings, Place(tmp_path / "montecarlo", 1, None))
     expected: dict[str, set[str]] = {}
     for line in (DATA / "record_keys.txt").read_text().splitlines():
@@ -216,7 +216,7 @@ def test_a_discovery_in_memory_is_the_one_in_its_folder(discovered, robot, tmp_p
 
 
 def test_a_monte_carlo_in_memory_is_the_one_in_its_folder(robot, plan, tmp_path):
-    laboratory, settings = Laboratory(robot, "wii"), Settings(30, SEED, "mixed-model", None)
+    laboratory, settings = Laboratory(robot, "wii"), Settings(30, SEED, "mixed-model", None, imperfections=0)
     memory = record_of(montecarlo(laboratory, plan, settings, Place(tmp_path / "runs", 1, None)))
     read = read_record(tmp_path / "runs", robot)
     assert same(memory, read)
@@ -226,7 +226,7 @@ def test_a_monte_carlo_in_memory_is_the_one_in_its_folder(robot, plan, tmp_path)
 
 
 def test_any_result_in_memory_has_a_page_and_a_view(static_run, discovered, robot, plan, tmp_path):
-    settings = Settings(10, SEED, "mixed-model", None)
+    settings = Settings(10, SEED, "mixed-model", None, imperfections=0)
     repeated = montecarlo(Laboratory(robot, "wii"), plan, settings, Place(tmp_path / "runs", 1, None))
     for kind, result in {"validation": static_run, "discovery": discovered, "Monte Carlo": repeated}.items():
         record = record_of(result)
@@ -386,7 +386,10 @@ def test_a_monte_carlo_with_another_plan_or_more_runs_than_anybody_makes_is_refu
     """run.json lists no hashes of the runs' files: the plan has its own, and a number of runs is bounded."""
     folder = tmp_path / "runs"
     montecarlo(
-        Laboratory(robot, "wii"), plan, Settings(2, SEED, "least-squares", None), Place(folder, 1, None)
+        Laboratory(robot, "wii"),
+        plan,
+        Settings(2, SEED, "least-squares", None, imperfections=0),
+        Place(folder, 1, None),
     )
     shutil.copytree(folder, tmp_path / "more")
     document = json.loads((folder / "run.json").read_text())

@@ -339,7 +339,7 @@ def test_the_whole_verdict_has_the_balance(moved_wii):
 
 def test_a_monte_carlo_counts_a_run_out_of_balance_as_failed(robot, two, monkeypatch):
     """A bound that no hold keeps stands for a hold that keeps no bound."""
-    source = source_of(tt.Laboratory(robot), two.take(np.arange(2)), None, "dynamics", None)
+    source = source_of(tt.Laboratory(robot), two.take(np.arange(2)), None, "dynamics")
     monkeypatch.setattr("tulip_testbed.experiments.checks.IMBALANCE", 1e-30)
     (failure,) = source([np.random.SeedSequence(1)])
     assert isinstance(failure, str)

@@ -94,13 +94,13 @@ class CalibrationCheckRow(Document):
 class _Runs(Document):
     runs: int
     estimator: str
-    ordinary: float | None = None
+    imperfections: float
 
 
 class CalibrationReport(ModelCalibration, _Runs):  # the keys come in the reverse order of the bases
     """report.json of a Monte Carlo; the full model's keys are the report's own.
 
-    ordinary: scale of the imperfections of every run's laboratory; absent: there were none.
+    imperfections: their scale in every run's laboratory; 0: it is exact.
     """
 
     correlations: dict[str, Distribution]
@@ -125,13 +125,11 @@ class CalibrationReport(ModelCalibration, _Runs):  # the keys come in the revers
         return {"full": self} | ({"simplified": self.simplified} if self.simplified.parameters else {})
 
 
-def report(
-    summary: Summary, layout: Layout, estimator: str, ordinary: float | None = None
-) -> CalibrationReport:
+def report(summary: Summary, layout: Layout, estimator: str, imperfections: float) -> CalibrationReport:
     """Report what the runs say; the same bits for the same runs.
 
     Args:
-        estimator, ordinary: see `Settings`.
+        estimator, imperfections: see `Settings`.
     """
     found = checks(summary)
     models = {
@@ -149,7 +147,7 @@ def report(
     content = {
         "runs": summary.runs,
         "estimator": estimator,
-        **({} if ordinary is None else {"ordinary": float(ordinary)}),
+        "imperfections": float(imperfections),
         **models["full"],
         "correlations": correlations,
         "simplified": models.get("simplified", {"parameters": []}),

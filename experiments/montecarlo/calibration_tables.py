@@ -8,7 +8,7 @@ from tulip_testbed.base.column import Column
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.experiments.montecarlo.calibration_verdict import BIAS, COVERAGE, LEVEL, RATIO
-from tulip_testbed.experiments.run_summary import ordinary_line
+from tulip_testbed.experiments.run_summary import imperfections_line
 
 LEGEND = (
     "bias: mean error, ± its Monte Carlo standard error; stated s.e.: by the estimator; found s.e.: s.d. of "
@@ -126,7 +126,7 @@ def calibration_check_table(checks: list[dict[str, Any]]) -> Table:
 
 def calibration_lines(report: dict[str, Any]) -> list[str]:
     """Describe the total mass, the errors of all parameters together, and the runs that failed."""
-    lines = [] if report.get("ordinary") is None else [ordinary_line(report["ordinary"], several=True)]
+    lines = [imperfections_line(report["imperfections"], several=True)]
     for model, found in (("full", report), ("simplified", report["simplified"])):
         if beyond := found.get("beyond_95"):
             low, high = (100 * end for end in beyond["interval"])

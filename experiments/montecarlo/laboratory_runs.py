@@ -49,25 +49,34 @@ def source_of(
     plan: PosturePlan,
     spread: float | None,
     engine: str,
-    ordinary: float | None = None,
+    imperfections: float = 0.0,
 ) -> Source:
     """Make what gives the runs, so that it can travel to the workers.
 
     Args:
         spread: of random true robots, see `sim.random_robots`; None: the nominal robot.
         engine: see `Laboratory.run`.
-        ordinary: scale of the ordinary imperfections of every run's laboratory; None: there are none.
+        imperfections: scale of the ordinary imperfections of every run's laboratory; 0: it is exact.
 
     Raises:
         InputError: a plan or a scene that this laboratory cannot stand on.
     """
     rig = laboratory.rig
     model = true_model(rig) if laboratory.known else rig.robot.model
-    if ordinary is not None:
-        return partial(_ordinary, laboratory, plan, model, spread, engine, ordinary)
+    if imperfections:
+        near = _similar(laboratory, plan, imperfections) if engine == "statics" else None
+        return partial(_ordinary, laboratory, plan, model, spread, engine, imperfections, near)
     if engine == "dynamics":
         return partial(_hold, rig, plan, model, spread)
     return partial(_solve, solve_plan(rig, plan), model, spread)
+
+
+def _similar(laboratory: Laboratory, plan: PosturePlan, scale: float) -> SolvedPlan | None:
+    """Solve the plan in one ordinary laboratory, from whose equilibria those of all runs are near."""
+    try:
+        return solve_plan(drawn(laboratory, scale, np.random.SeedSequence(0)).rig, plan)
+    except InputError:  # no laboratory can be built at such a scale: every run says so itself
+        return None
 
 
 def _robots(
@@ -133,6 +142,7 @@ def _ordinary(
     spread: float | None,
     engine: str,
     scale: float,
+    near: SolvedPlan | None,
     streams: Sequence[np.random.SeedSequence],
 ) -> list[Outcome | str]:
     of_robot, of_laboratory, of_members = _split(streams, 3)
@@ -141,7 +151,7 @@ def _ordinary(
     for standard, stream, members in runs:
         try:
             edit = None if spread is None else edit_of(model, standard)
-            found.append(_ordinary_one(drawn(laboratory, scale, members), plan, edit, engine, stream))
+            found.append(_ordinary_one(drawn(laboratory, scale, members), plan, edit, engine, near, stream))
         except InputError as error:
             found.append(str(error))
     return found
@@ -152,6 +162,7 @@ def _ordinary_one(
     plan: PosturePlan,
     edit: Callable[[mujoco.MjSpec], None] | None,
     engine: str,
+    near: SolvedPlan | None,
     stream: np.random.SeedSequence,
 ) -> OrdinaryOutcome:
     """Carry out one experiment in a laboratory of its own.
@@ -165,7 +176,7 @@ def _ordinary_one(
         outcome = run_dynamics(rig, plan, _number_of(stream))
         _check_balance(outcome, rig)
     else:
-        (outcome,) = run_statics(solve_plan(rig, plan), [stream])
+        (outcome,) = run_statics(solve_plan(rig, plan, near), [stream])
     base = true_base_parameters(rig, common_support(plan.support))
     return OrdinaryOutcome(outcome.measurements, outcome.truth, base)
 

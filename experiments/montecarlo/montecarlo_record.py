@@ -77,5 +77,5 @@ def read_montecarlo(folder: Path, robot: Robot) -> MonteCarloRecord:
             f"{folder}: holds {settings.runs - missing} of {settings.runs} runs; the command that made it "
             "does the rest"
         )
-    found = report(summarise(chunks, layout), layout, settings.estimator, settings.ordinary)
+    found = report(summarise(chunks, layout), layout, settings.estimator, settings.imperfections)
     return MonteCarloRecord(document, found, plan, errors_mm(chunks, layout), robot, folder)

@@ -13,7 +13,7 @@ import numpy as np
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.table import Shown, Table
 from tulip_testbed.base.threads import processes
-from tulip_testbed.experiments.imperfections import check_ordinary
+from tulip_testbed.experiments.imperfections import check_imperfections
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.calibration_report import CalibrationReport, report
 from tulip_testbed.experiments.montecarlo.calibration_tables import calibration_check_table, calibration_table
@@ -125,14 +125,14 @@ def montecarlo(
         Interrupted: by Ctrl-C, after the folder was begun.
     """
     check_settings(settings)
-    check_ordinary(laboratory, settings.ordinary)
-    processes(place.workers)
-    laboratory.check(plan, settings.engine)
-    warn_of_robot(laboratory.robot)
     if laboratory.sensors == "ideal":
         raise InputError(
             "sensors ideal: found no noise, so no standard errors to judge; valid: wii, force-plate"
         )
+    check_imperfections(laboratory, settings.imperfections)
+    processes(place.workers)
+    laboratory.check(plan, settings.engine)
+    warn_of_robot(laboratory.robot)
     identifiable_regressor("plan", laboratory.robot, plan)
     parameters = laboratory.parameters(plan)
     layout = layout_of(laboratory.robot, parameters)
@@ -142,7 +142,7 @@ def montecarlo(
     if not check_folder(place.folder, document) or chunks.missing():
         with engine(place.workers, place.address):
             job = Job(
-                source_of(laboratory, plan, settings.spread, settings.engine, settings.ordinary),
+                source_of(laboratory, plan, settings.robot_spread, settings.engine, settings.imperfections),
                 laboratory.robot,
                 parameters,
                 layout,
@@ -152,7 +152,7 @@ def montecarlo(
             )
             with open_folder(place.folder, document, plan):
                 collect_missing(chunks, job, place.folder if place.stays else None, progress)
-    found = report(summarise(chunks, layout), layout, settings.estimator, settings.ordinary)
+    found = report(summarise(chunks, layout), layout, settings.estimator, settings.imperfections)
     found.write(place.folder / REPORT_FILE)
     return MonteCarlo(laboratory, plan, settings, found, errors_mm(chunks, layout), place.folder)
 

@@ -10,6 +10,7 @@ from pydantic import Field
 from tulip_testbed.base.document import Document, Seed
 from tulip_testbed.base.errors import InputError, at_least, at_most, look_up
 from tulip_testbed.experiments.identify import ESTIMATORS
+from tulip_testbed.experiments.imperfections import ORDINARY
 from tulip_testbed.experiments.laboratory import ENGINES
 
 CHUNK = 25  # runs a file: some seconds of work
@@ -23,16 +24,16 @@ class MonteCarloSettings(Document):
     runs: Annotated[int, Field(ge=1, le=MOST_RUNS)]
     seed: Seed
     estimator: str
-    random_robots: Annotated[float, Field(gt=0, le=1)] | None
+    robot_spread: Annotated[float, Field(gt=0, le=1)] | None
     dynamics: bool
     chunk: Annotated[int, Field(ge=1, le=CHUNK)]
-    ordinary: Annotated[float, Field(gt=0)] | None = None
+    imperfections: Annotated[float, Field(ge=0)]
 
     @property
     def asked(self) -> Settings:
         """The settings that were asked for."""
         engine = "dynamics" if self.dynamics else "statics"
-        return Settings(self.runs, self.seed, self.estimator, self.random_robots, engine, self.ordinary)
+        return Settings(self.runs, self.seed, self.estimator, self.robot_spread, engine, self.imperfections)
 
 
 @dataclass(frozen=True)
@@ -40,17 +41,17 @@ class Settings:
     """Everything except laboratory and plan that the results depend on.
 
     Attributes:
-        spread: of random true robots (`sim.random_robots`); None: the nominal robot.
+        robot_spread: of random true robots (`sim.random_robots`); None: the nominal robot.
         engine: "statics", or "dynamics": every run is held in the full dynamics.
-        ordinary: scale of the ordinary imperfections of every run's laboratory; None: there are none.
+        imperfections: scale of the ordinary imperfections of every run's laboratory; 0: it is exact.
     """
 
     runs: int
     seed: int
     estimator: str
-    spread: float | None
+    robot_spread: float | None
     engine: str = "statics"
-    ordinary: float | None = None
+    imperfections: float = ORDINARY
 
     @property
     def chunk(self) -> int:
@@ -62,10 +63,10 @@ class Settings:
             runs=self.runs,
             seed=self.seed,
             estimator=self.estimator,
-            random_robots=self.spread,
+            robot_spread=self.robot_spread,
             dynamics=self.engine == "dynamics",
             chunk=self.chunk,
-            **({} if self.ordinary is None else {"ordinary": float(self.ordinary)}),
+            imperfections=float(self.imperfections),
         )
 
 
@@ -80,8 +81,8 @@ def check_settings(settings: Settings) -> None:
     at_least("seed", settings.seed, 0)
     look_up("estimator", settings.estimator, ESTIMATORS, "estimator")
     look_up("engine", settings.engine, ENGINES, "engine")
-    if settings.spread is not None and not 0 < settings.spread <= 1:
+    if settings.robot_spread is not None and not 0 < settings.robot_spread <= 1:
         raise InputError(
-            f"random_robots: found {settings.spread}, expected more than 0 and at most 1 "
+            f"robot_spread: found {settings.robot_spread}, expected more than 0 and at most 1 "
             "(s.d. of the logarithm of a link's mass, and of its centre of mass in half edges of its box)"
         )

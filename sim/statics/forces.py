@@ -107,7 +107,7 @@ def residual(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
             else:
                 component = _dot(axis, force[number])
             out[..., 6 + joint.column] = component
-    out[..., 6 : 6 + n] += _drives(m, state, load)
+    out[..., 6 : 6 + n] += drives(m, state, load)
     # A foot in the air bears no load, at any pose.
     closure = np.where(
         load.foot_contact[..., None], _closure(m, state, load, frames), state.wrench / WRENCH_UNIT
@@ -229,7 +229,7 @@ def body_loads(m: Mechanism, state: State, load: Load, frames: list) -> tuple[li
     return force, moment
 
 
-def _drives(m: Mechanism, state: State, load: Load) -> np.ndarray:
+def drives(m: Mechanism, state: State, load: Load) -> np.ndarray:
     """Return the torques of servos, springs and dry friction on the coordinates, (..., n)."""
     out = load.friction - m.stiffness * (state.angles - m.rest) + stop_torques(m.stops, state.angles)
     out[..., m.motors] += servo_torques(m, state.angles, load.command)

@@ -9,6 +9,7 @@ import numpy as np
 from tulip_testbed.measurements.cells import CELLS, CORNERS
 from tulip_testbed.sim.statics.forces import Load, State, board_wrench, residual
 from tulip_testbed.sim.statics.mechanism import Mechanism
+from tulip_testbed.sim.statics.slope import closed_slope, has_closed_slope
 
 STEP = 1e-6  # rad or m, of finite differences
 NEWTON_STEPS = 25
@@ -17,6 +18,7 @@ FREE_PLAY = (0.0, 0.25, 0.5, 0.75)
 TOGETHER = 1000  # states in one evaluation, so that they fit the processor's cache
 LARGEST_STEP = 0.1  # rad or m, of Newton's method
 TOLERANCE = 1e-9  # rad or m, of the last change
+LARGEST_CONDITION = 1e12  # beyond it a derivative counts as singular
 
 
 @dataclass(frozen=True)
@@ -55,15 +57,49 @@ def solve_by_newton(mechanism: Mechanism, start: State, load: Load) -> Reference
     return _newton(mechanism, start, load)
 
 
+def solve_near(
+    mechanism: Mechanism, near: Reference, softer: np.ndarray, start: State, load: Load
+) -> Reference:
+    """Solve for equilibria that lie near those of a similar mechanism; the derivative is taken once.
+
+    Where a spring has free play or a board rocks there may be several equilibria: then, and for postures that
+    the chord method does not solve, the way is that of `solve_by_newton`.
+
+    Args:
+        near: equilibria of the similar mechanism, batch (k,).
+        softer: by how much stiffer its springs in single coordinates are, (n,) [Nm/rad or N/m].
+        start: where the search begins otherwise.
+    """
+    alike = near.state.angles.shape == start.angles.shape
+    kinked = any(mechanism.rocking) or any(low < high for _, (low, high), _ in mechanism.springs)
+    if not alike or kinked:
+        return solve_by_newton(mechanism, start, load)
+    every, n = np.arange(len(start.position)), start.angles.shape[-1]
+    # A spring may be many times as stiff as the other one: without this the chord method would diverge.
+    slope, own = near.slope.copy(), np.arange(6, 6 + n)
+    slope[:, own, own] += softer
+    state, solved = _chord(mechanism, replace(near, slope=slope, inverse=inverted(slope)), every, load)
+    inside, left = np.flatnonzero(solved), np.flatnonzero(~solved)
+    parts = [(inside, _newton(mechanism, state.take(inside), load.take(inside)))]
+    if len(left):
+        parts.append((left, solve_by_newton(mechanism, start.take(left), load.take(left))))
+    slope = np.empty((len(every), *parts[0][1].slope.shape[1:]))
+    inverse = np.empty_like(slope)
+    for which, found in parts:
+        state.put(which, found.state)
+        slope[which], inverse[which], solved[which] = found.slope, found.inverse, found.solved
+    return Reference(state, inverse, slope, solved)
+
+
 def _newton(mechanism: Mechanism, start: State, load: Load) -> Reference:
     count, n = start.position.shape[0], start.angles.shape[-1]
     state = start.take(np.arange(count))
     slope = np.zeros((count, 18 + n, 18 + n))
-    inverse, left = slope.copy(), np.arange(count)
+    inverse, left, closed = slope.copy(), np.arange(count), has_closed_slope(mechanism)
     for _ in range(NEWTON_STEPS):
         part, loads = state.take(left), load.take(left)
-        slope[left] = derivative(mechanism, part, loads)
-        inverse[left] = np.linalg.pinv(slope[left])  # singular where a posture cannot be held
+        slope[left] = (closed_slope if closed else derivative)(mechanism, part, loads)
+        inverse[left] = inverted(slope[left])
         change = -(inverse[left] @ residual(mechanism, part, loads)[..., None])[..., 0]
         moves = np.abs(change[..., : 6 + n]).max(axis=-1)
         # Converged items stay unchanged, so that no item depends on the others.
@@ -72,6 +108,18 @@ def _newton(mechanism: Mechanism, start: State, load: Load) -> Reference:
         if not len(left := left[moves >= TOLERANCE]):
             break
     return Reference(state, inverse, slope, ~np.isin(np.arange(count), left))
+
+
+def inverted(slope: np.ndarray) -> np.ndarray:
+    """Invert derivatives, (b, s, s); pseudo-inverses of those that are singular: no such posture is held."""
+    try:
+        inverse = np.linalg.inv(slope)
+    except np.linalg.LinAlgError:
+        return np.linalg.pinv(slope)
+    size = np.linalg.norm(slope, axis=(1, 2)) * np.linalg.norm(inverse, axis=(1, 2))
+    if len(singular := np.flatnonzero(~(size < LARGEST_CONDITION))):
+        inverse[singular] = np.linalg.pinv(slope[singular])
+    return inverse
 
 
 def derivative(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
@@ -106,25 +154,31 @@ def solve_by_chord(
     Returns:
         The states, batch (b,), and whether each has converged, (b,) bool.
     """
-    r, n = reference.state, reference.state.angles.shape[-1]
-    state = State(r.position[which], r.rotation[which], r.angles[which], r.wrench[which])
-    moves = np.full(len(which), np.inf)
-    left = np.arange(len(which))
+    state, solved = _chord(mechanism, reference, which, load)
+    if len(left := np.flatnonzero(~solved)):
+        # The derivative differs where a torque limit or a joint's stop becomes active.
+        last = solve_by_newton(mechanism, reference.state.take(which[left]), load.take(left))
+        state.put(left, last.state)
+        solved[left] = last.solved
+    return state, solved
+
+
+def _chord(
+    mechanism: Mechanism, reference: Reference, which: np.ndarray, load: Load
+) -> tuple[State, np.ndarray]:
+    n = reference.state.angles.shape[-1]
+    state = reference.state.take(which)
+    solved, left = np.zeros(len(which), bool), np.arange(len(which))
     for _ in range(CHORD_STEPS):
         part, loads = state.take(left), load.take(left)
         inverse = reference.inverse[which[left]]
-        with np.errstate(over="ignore", invalid="ignore"):  # diverging items start again below
+        with np.errstate(over="ignore", invalid="ignore"):  # diverging items are not solved here
             change = -(inverse @ residual(mechanism, part, loads)[..., None])[..., 0]
             state.put(left, part.moved(change))
-        moves[left] = np.abs(change[..., : 6 + n]).max(axis=-1)
-        if not len(left := np.flatnonzero(~(moves <= TOLERANCE))):
-            return state, moves <= TOLERANCE
-    # The derivative differs where a torque limit or a joint's stop becomes active.
-    start = State(r.position[which], r.rotation[which], r.angles[which], r.wrench[which]).take(left)
-    last = solve_by_newton(mechanism, start, load.take(left))
-    state.put(left, last.state)
-    moves[left] = np.where(last.solved, 0.0, np.inf)
-    return state, moves <= TOLERANCE
+        solved[left] = np.abs(change[..., : 6 + n]).max(axis=-1) <= TOLERANCE
+        if not len(left := np.flatnonzero(~solved)):
+            break
+    return state, solved
 
 
 LEAST_LOAD = 1e-6  # N

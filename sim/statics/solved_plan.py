@@ -17,7 +17,7 @@ from tulip_testbed.sim.scene import boards_under
 from tulip_testbed.sim.statics.forces import Load, State
 from tulip_testbed.sim.statics.mechanism import Mechanism
 from tulip_testbed.sim.statics.read_mechanism import read_mechanism
-from tulip_testbed.sim.statics.solve import Reference, solve_by_newton
+from tulip_testbed.sim.statics.solve import Reference, solve_by_newton, solve_near
 
 
 @dataclass(frozen=True)
@@ -44,18 +44,22 @@ class SolvedPlan:
     later: tuple[tuple[float, SolvedPlan], ...] = ()
 
 
-def solve_plan(rig: Rig, plan: PosturePlan) -> SolvedPlan:
+def solve_plan(rig: Rig, plan: PosturePlan, near: SolvedPlan | None = None) -> SolvedPlan:
     """Solve every posture of a plan once, as planned.
+
+    Args:
+        near: the same plan in a similar rig, from whose equilibria the search begins; the result is the same
+            but for rounding.
 
     Raises:
         InputError: a placement has two base frames, or the scene is not supported by statics.
     """
     first, *others = stages(rig)
-    later = tuple((start, _solve_plan(one, plan)) for start, one in others)
-    return replace(_solve_plan(first[1], plan), rig=rig, later=later)
+    later = tuple((start, _solve_plan(one, plan, near)) for start, one in others)
+    return replace(_solve_plan(first[1], plan, near), rig=rig, later=later)
 
 
-def _solve_plan(rig: Rig, plan: PosturePlan) -> SolvedPlan:
+def _solve_plan(rig: Rig, plan: PosturePlan, near: SolvedPlan | None) -> SolvedPlan:
     check_support("plan", plan)
     m, model = read_mechanism(rig), rig.robot.model
     placements, placement = np.unique(plan.placement, return_inverse=True)
@@ -70,7 +74,11 @@ def _solve_plan(rig: Rig, plan: PosturePlan) -> SolvedPlan:
         center=m.center,
         foot_contact=feet_in_contact(plan.support),
     )
-    reference = solve_by_newton(m, _start(rig, m, plan), load)
+    start = _start(rig, m, plan)
+    if near is None or near.mechanism.names != m.names:
+        reference = solve_by_newton(m, start, load)
+    else:
+        reference = solve_near(m, near.reference, near.mechanism.stiffness - m.stiffness, start, load)
     names = [body.name for body in m.bodies]
     links = np.array([names.index(model.body(k).name) for k in range(1, model.nbody)])
     return SolvedPlan(rig, plan, m, reference, boards, placement, links, header_of(rig))

@@ -154,7 +154,7 @@ CONFLICTS: Lines = (
     (*SIMULATE, "--truth", "MADE"),
     (*MONTECARLO, "--preset", "ideal"),
     (*MONTECARLO, "--address", "tcp://127.0.0.1:1"),
-    (*MONTECARLO, "--random-robots", "0.1", "--ordinary", "--rig", "BASE/gone"),
+    (*MONTECARLO, "--robot-spread", "0.1", "--rig", "BASE/gone"),
     ("montecarlo", PLAN, "--out", MADE),
     ("simulate", PLAN),
     ("compare", RUN),
@@ -258,9 +258,11 @@ ARGUMENT_KINDS: dict[str, Change] = {
     "large sizes": line(REFUSED, with_value(SIZES, HUGE)),
     "no workers": line(REFUSED, with_value(WORKERS, ("0", *NO_WHOLE))),
     "many workers": line(EITHER, with_value(WORKERS[:2], HUGE)),
-    "ordinary": line(REFUSED, with_value([(SIMULATE, "--ordinary"), (MONTECARLO, "--ordinary")], NO_NUMBER)),
-    "random robots": line(
-        REFUSED, with_value([(MONTECARLO, "--random-robots")], (*NO_NUMBER, "0", "2", "1e-400"))
+    "imperfections": line(
+        REFUSED, with_value([(SIMULATE, "--imperfections"), (MONTECARLO, "--imperfections")], NO_NUMBER)
+    ),
+    "robot spread": line(
+        REFUSED, with_value([(MONTECARLO, "--robot-spread")], (*NO_NUMBER, "0", "2", "1e-400"))
     ),
     "no choices": line(REFUSED, with_value(CHOICES, NO_NAMES)),
     "no effects": line(REFUSED, with_value([(SIMULATE, "--effect")], EFFECT_TEXTS)),

@@ -18,7 +18,6 @@ from tulip_testbed.base.arguments import checked
 from tulip_testbed.base.errors import at_least
 from tulip_testbed.base.files import check_new
 from tulip_testbed.base.threads import one_blas_thread, processes
-from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING
 from tulip_testbed.effects.instance import Effects
 from tulip_testbed.experiments.check_folder import Preflight, check_folder, check_measurements, warn_of_faults
 from tulip_testbed.experiments.defaults import DEFAULT_SEED, SAMPLES
@@ -28,7 +27,7 @@ from tulip_testbed.experiments.export.export_model import Export
 from tulip_testbed.experiments.export.export_model import export_model as _export_model
 from tulip_testbed.experiments.export.exported_model import ExportedModel
 from tulip_testbed.experiments.export.identified_run import identified_run
-from tulip_testbed.experiments.identify import Identification, warn_of_unrest
+from tulip_testbed.experiments.identify import DEFAULT_ESTIMATOR, Identification, warn_of_unrest
 from tulip_testbed.experiments.identify import identify as _identify
 from tulip_testbed.experiments.predict import Prediction
 from tulip_testbed.experiments.predict import predict as _predict
@@ -73,7 +72,7 @@ def check(
 def identify(
     measurements: Several,
     robot: Robot | None = None,
-    estimator: str = SELF_CALIBRATING,
+    estimator: str = DEFAULT_ESTIMATOR,
     corrections: Effects = (),
     tolerances: Mapping[str, float] | None = None,
 ) -> Identification:

@@ -8,7 +8,8 @@ from pathlib import Path
 from tulip_testbed.base.arguments import checked
 from tulip_testbed.base.threads import one_blas_thread, processes
 from tulip_testbed.experiments.defaults import DEFAULT_SEED
-from tulip_testbed.experiments.imperfections import default_estimator
+from tulip_testbed.experiments.identify import DEFAULT_ESTIMATOR
+from tulip_testbed.experiments.imperfections import ORDINARY
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.montecarlo_run import MonteCarlo, Place, montecarlo
 from tulip_testbed.experiments.montecarlo.settings import Settings
@@ -23,26 +24,26 @@ def validate(
     laboratory: Laboratory,
     plan: PosturePlan,
     seed: int = DEFAULT_SEED,
-    estimator: str | None = None,
+    estimator: str = DEFAULT_ESTIMATOR,
     engine: str = "dynamics",
     workers: int | None = None,
-    ordinary: float | None = None,
+    imperfections: float = ORDINARY,
 ) -> Validation:
     """Simulate a plan, identify the robot, compare with the truth and give a verdict.
 
     Args:
         plan: postures to measure, e.g. `plans.random`.
         seed: of everything random.
-        estimator: see `identify`; None: "mixed-model", or "self-calibrating" in an ordinary laboratory.
+        estimator: see `identify`.
         engine: "dynamics", half a minute, or "statics", a second.
         workers: processes; None: one per core. Results do not depend on it.
-        ordinary: scale of ordinary imperfections of all families that are drawn and hidden in the laboratory,
-            1: spreads of 0.1 to 1 tolerance; None: there are none.
+        imperfections: scale of ordinary imperfections of all families, which are drawn and hidden in the
+            laboratory; 1: spreads of 0.1 to 1 tolerance; 0: an exact laboratory.
 
     Raises:
         InputError: a plan that does not fit the robot or would not identify it.
     """
-    return _validate(laboratory, plan, seed, estimator, engine, workers, ordinary=ordinary)
+    return _validate(laboratory, plan, seed, estimator, engine, workers, imperfections=imperfections)
 
 
 @checked
@@ -52,32 +53,31 @@ def monte_carlo(
     plan: PosturePlan,
     runs: int,
     seed: int = DEFAULT_SEED,
-    estimator: str | None = None,
-    random_robots: float | None = None,
+    estimator: str = DEFAULT_ESTIMATOR,
+    robot_spread: float | None = None,
     engine: str = "statics",
     workers: int | None = None,
     folder: str | Path | None = None,
     scheduler: str | None = None,
-    ordinary: float | None = None,
+    imperfections: float = ORDINARY,
 ) -> MonteCarlo:
     """Repeat an experiment with known truth and ask whether the estimator is right about its own errors.
 
     Args:
         runs: how many.
         estimator: see `validate`.
-        random_robots: s.d. of the logarithm of each link's mass, and of its centre of mass in half edges of
+        robot_spread: s.d. of the logarithm of each link's mass, and of its centre of mass in half edges of
             its inertia box: a random true robot in every run; None: the nominal one.
         engine: "statics", or "dynamics": about a minute a run.
         workers: processes; None: one per core. Results do not depend on it.
         folder: keeps the runs; the same call resumes what was stopped. None: a temporary one.
         scheduler: address of a Dask scheduler, "tcp://HOST:PORT"; None: processes of this machine.
-        ordinary: see `validate`; every run draws a laboratory of its own.
+        imperfections: see `validate`; every run draws a laboratory of its own.
 
     Raises:
         InputError: what cannot be run; a folder that holds another Monte Carlo.
     """
-    chosen = default_estimator(estimator, ordinary, laboratory)
-    settings = Settings(runs, seed, chosen, random_robots, engine, ordinary)
+    settings = Settings(runs, seed, estimator, robot_spread, engine, imperfections)
     with tempfile.TemporaryDirectory() as scratch:
         kept = Path(scratch) / "runs" if folder is None else Path(folder)
         return montecarlo(

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from tulip_testbed.cli.options import FOLDERS, ORDINARY_ESTIMATOR, EstimatorName, Json, RigFolder, RobotFile
+from tulip_testbed.cli.options import DEFAULT_ESTIMATOR, FOLDERS, EstimatorName, Json, RigFolder, RobotFile
 from tulip_testbed.sim.shipped import TULIP
 
 TolerancesOf = Annotated[
@@ -24,7 +24,7 @@ def identify_command(
     folder: Annotated[tuple[Path, ...], tyro.conf.Positional, FOLDERS],
     /,
     *,
-    estimator: EstimatorName = ORDINARY_ESTIMATOR,
+    estimator: EstimatorName = DEFAULT_ESTIMATOR,
     rig: RigFolder = None,
     tolerance: TolerancesOf = (),
     robot: RobotFile = TULIP,

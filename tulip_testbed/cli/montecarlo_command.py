@@ -8,12 +8,14 @@ import tyro
 
 from tulip_testbed.cli.options import (
     CORES,
+    DEFAULT_ESTIMATOR,
     DEFAULT_SEED,
+    ORDINARY,
     Address,
     EngineName,
-    EstimatorChoice,
+    EstimatorName,
+    Imperfections,
     Json,
-    Ordinary,
     Plan,
     RigFolder,
     RobotFile,
@@ -42,14 +44,14 @@ def montecarlo_command(
     out: RunFolder,
     runs: int,
     preset: Sensors = "wii",
-    estimator: EstimatorChoice = None,
-    ordinary: Ordinary = None,
+    estimator: EstimatorName = DEFAULT_ESTIMATOR,
+    imperfections: Imperfections = ORDINARY,
     rig: RigFolder = None,
     engine: EngineName = "loky",
     address: Address = None,
     workers: Workers = CORES,
     seed: Seed = DEFAULT_SEED,
-    random_robots: Spread = None,
+    robot_spread: Spread = None,
     dynamics: Dynamics = False,
     robot: RobotFile = TULIP,
     as_json: Json = False,
@@ -57,19 +59,19 @@ def montecarlo_command(
     """Repeat a simulated experiment and test the stated standard errors.
 
     With --rig RIG the laboratory has the rig's effects, and the measurements are corrected for them.
-    With --ordinary every run draws a laboratory that is a little wrong in every ordinary way.
+    Every run draws a laboratory that is a little wrong in every ordinary way; with --imperfections 0 it is
+    exact.
     The same command resumes a run that was stopped, and reports again on a finished one.
     Exit code 0: every check passed; 1: a check failed; 2: could not run; 130: interrupted.
 
     Example: tulip montecarlo --out runs/calibration --runs 1000
 
-    Example: tulip montecarlo --out runs/ordinary --runs 200 --ordinary
+    Example: tulip montecarlo --out runs/exact --runs 200 --imperfections 0
     """
     import time
 
     from tulip_testbed.cli.laboratory_options import laboratory_and_plan
     from tulip_testbed.cli.terminal import print_json, progress, say, show, show_verdict
-    from tulip_testbed.experiments.imperfections import default_estimator
     from tulip_testbed.experiments.montecarlo.calibration_tables import TOO_FEW, calibration_report
     from tulip_testbed.experiments.montecarlo.engine import check_engine
     from tulip_testbed.experiments.montecarlo.montecarlo_run import Interrupted, Place, montecarlo
@@ -78,8 +80,8 @@ def montecarlo_command(
     began = time.perf_counter()
     check_engine(engine, address)
     laboratory, made = laboratory_and_plan(robot, preset, plan, rig)
-    where, chosen = "dynamics" if dynamics else "statics", default_estimator(estimator, ordinary, laboratory)
-    settings = Settings(runs, seed, chosen, random_robots, where, ordinary)
+    where = "dynamics" if dynamics else "statics"
+    settings = Settings(runs, seed, estimator, robot_spread, where, imperfections)
     try:
         report = montecarlo(laboratory, made, settings, Place(out, workers, address), progress).report.plain()
     except Interrupted as stopped:

@@ -24,17 +24,11 @@ ESTIMATORS = (
     "consistent",
     "self-calibrating",
 )
-DEFAULT_ESTIMATOR, ORDINARY_ESTIMATOR = ESTIMATORS[0], ESTIMATORS[-1]
+DEFAULT_ESTIMATOR = ESTIMATORS[-1]
+ORDINARY = 1.0
 SOLVERS = ("slsqp", "ipopt")
 HOPS = 60
 ENGINES = ("loky", "dask")
-
-
-def _scale(texts: list[str]) -> float:
-    """Read the value of `--ordinary`."""
-    if len(texts) > 1:
-        raise ValueError(f"found {len(texts)} numbers, expected one at most")
-    return float(texts[0]) if texts else 1.0
 
 
 Preset = Literal[
@@ -72,26 +66,11 @@ Json = Annotated[bool, tyro.conf.arg(name="json", help="print one JSON document 
 Seed = Annotated[int, tyro.conf.arg(help="seed of everything random")]
 Workers = Annotated[int, tyro.conf.arg(help="processes; results do not depend on it")]
 EstimatorName = Annotated[str, tyro.conf.arg(help=f"one of {', '.join(ESTIMATORS)}")]
-EstimatorChoice = Annotated[
-    str | None,
+Imperfections = Annotated[
+    float,
     tyro.conf.arg(
-        metavar="STR",
-        help=f"one of {', '.join(ESTIMATORS)}; if left out {DEFAULT_ESTIMATOR}, with --ordinary or "
-        f"sensors other than cells {ORDINARY_ESTIMATOR}",
-    ),
-]
-Ordinary = Annotated[
-    float | None,
-    tyro.conf.arg(
-        help="draw ordinary imperfections of all families and hide them in the laboratory; SCALE 1, if left "
-        "out: spreads of 0.1 to 1 tolerance",
-    ),
-    tyro.constructors.PrimitiveConstructorSpec(
-        nargs="*",
-        metavar="[SCALE]",
-        instance_from_str=_scale,
-        is_instance=lambda value: value is None or isinstance(value, float),
-        str_from_instance=lambda value: [str(value)],
+        help="scale of ordinary imperfections of all families, which are drawn and hidden in the laboratory "
+        "(1: spreads of 0.1 to 1 tolerance; 0: an exact laboratory)",
     ),
 ]
 RigFolder = Annotated[

@@ -10,8 +10,8 @@ import tyro
 from tulip_testbed.cli.options import (
     CORES,
     DEFAULT_SEED,
+    Imperfections,
     Json,
-    Ordinary,
     Plan,
     RigFolder,
     RobotFile,
@@ -51,7 +51,7 @@ def simulate_command(
     seed: Seed = DEFAULT_SEED,
     truth: Annotated[Path | None, tyro.conf.arg(help="new file for the truth")] = None,
     effect: Effects = (),
-    ordinary: Ordinary = None,
+    imperfections: Imperfections = 0.0,
     rig: RigFolder = None,
     experiment: ExperimentFolder = None,
     session: Annotated[
@@ -65,11 +65,11 @@ def simulate_command(
     """Simulate an experiment and write a measurement folder.
 
     The folder does not contain the truth; --truth FILE writes it to another file. Only that file names the
-    effect that `--effect random` draws, and the imperfections of --ordinary.
+    effect that `--effect random` draws, and the imperfections.
 
     Example: tulip simulate --out data/first --effect encoder-offset:right_knee=0.01 --truth first-truth.json
 
-    Example: tulip simulate --out data/real --ordinary --truth real-truth.json
+    Example: tulip simulate --out data/real --imperfections 1 --truth real-truth.json
 
     Example: tulip simulate --experiment plans/next --out data/second --effect encoder-offset:right_knee=0.01
     """
@@ -80,7 +80,7 @@ def simulate_command(
     from tulip_testbed.cli.laboratory_options import laboratory_and_plan
     from tulip_testbed.cli.terminal import print_json, progress, say, show
     from tulip_testbed.effects.random_effects import RANDOM
-    from tulip_testbed.experiments.imperfections import check_ordinary, drawn, single_stream
+    from tulip_testbed.experiments.imperfections import check_imperfections, drawn, single_stream
     from tulip_testbed.experiments.laboratory import tries
     from tulip_testbed.experiments.proposed_experiment import EXPERIMENT_FILE, read_experiment
     from tulip_testbed.experiments.run_summary import usable_postures
@@ -99,8 +99,8 @@ def simulate_command(
             "manipulations out"
         )
     laboratory, made = laboratory_and_plan(robot, preset, plan or experiment, rig, effect, seed, statics)
-    check_ordinary(laboratory, ordinary)
-    laboratory = drawn(laboratory, ordinary, single_stream(seed))
+    check_imperfections(laboratory, imperfections)
+    laboratory = drawn(laboratory, imperfections, single_stream(seed))
     if wanted is not None or session is not None:
         texts = () if wanted is None else wanted.manipulations
         there = "" if wanted is None else wanted.session

@@ -140,7 +140,11 @@ def validation_page(run: ValidationRecord) -> Page:
     shown = models(robot)
     missing: list[str] = []
     com = run.truth.com
-    tables = [parameter_table(model, content[model], parameters, paper) for model in shown]
+    plain = content["least_squares"] or {}
+    tables = [
+        parameter_table(model, content[model], parameters, paper, least_squares=plain.get(model))
+        for model in shown
+    ]
     norms = {model: run.residual_mm[model] for model in shown}
     means = {model: report.models[model].residual_mm.mean for model in shown}
     z = {model: _z(report.models[model]) for model in shown}
@@ -150,9 +154,9 @@ def validation_page(run: ValidationRecord) -> Page:
     ]
     matrix = correlations_at(parameters, measured.joint_angles, measured.support)
     high = tuple(
-        correlation_table(model, content[model]["correlations"], parameters, measured.joint_angles)
+        correlation_table(model, pairs_of_model, parameters, measured.joint_angles)
         for model in shown
-        if content[model]["correlations"]
+        if (pairs_of_model := plain.get(model, content[model])["correlations"])
     )
     sections = (
         Section("Checks", tables=(check_table(content["checks"]),)),
@@ -177,7 +181,7 @@ def validation_page(run: ValidationRecord) -> Page:
         ("sensors", run.document.configuration.preset),
         ("seed", str(run.document.configuration.seed)),
         ("estimator", report.estimator),
-        *_ordinary_fact(report.ordinary),
+        *_imperfections_fact(report.imperfections),
         ("postures used", f"{report.postures_used} of {report.postures_planned}"),
         ("total mass, kg", f"{mass.estimate:.3f} ± {mass.standard_error:.3f} (truth {mass.truth:.3f})"),
     )
@@ -213,7 +217,7 @@ def montecarlo_page(run: MonteCarloRecord) -> Page:
         ("sensors", run.document.configuration.preset),
         ("seed", str(run.document.settings.seed)),
         ("estimator", report.estimator),
-        *_ordinary_fact(report.ordinary),
+        *_imperfections_fact(report.imperfections),
         ("runs identified", f"{report.identified} of {report.runs}"),
         ("postures planned", str(size)),
     )
@@ -228,8 +232,8 @@ def how_it_was_made(run: Record) -> Section:
     return Section("How it was made", folded=tuple((f"{t.title} ({len(t.rows)} values)", t) for t in tables))
 
 
-def _ordinary_fact(scale: float | None) -> tuple[tuple[str, str], ...]:
-    return () if scale is None else (("ordinary imperfections, scale", f"{scale:g}"),)
+def _imperfections_fact(scale: float) -> tuple[tuple[str, str], ...]:
+    return (("imperfections", f"scale {scale:g}" if scale else "none: an exact laboratory"),)
 
 
 def _calibration_figures(rows: dict[str, list[CalibrationRow]]) -> tuple[Figure, ...]:

@@ -64,7 +64,7 @@ def cop_clouds(run: MonteCarloRecord) -> tuple[dict[int, np.ndarray], str]:
     if other is not None and not other[0].startswith("software"):
         return {}, f"No CoP clouds: {other[0]} is {other[1]!r} in the run and {other[2]!r} here."
     count = min(CLOUD_RUNS, settings.runs)
-    simulate = source_of(made, run.plan, settings.spread, settings.engine)
+    simulate = source_of(made, run.plan, settings.robot_spread, settings.engine, settings.imperfections)
     points: dict[int, list[np.ndarray]] = {}
     nominal = nominal_robot(run.robot, common_support(run.plan.support))
     for outcome in simulate([stream_of(settings.seed, k) for k in range(count)]):
