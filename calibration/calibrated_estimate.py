@@ -45,7 +45,7 @@ def calibrated_estimates(
     try:
         return _estimates(observed, data, kept, tolerances, calibrate)
     except np.linalg.LinAlgError:
-        excess = _in_excess(observed, data, kept, tolerances)
+        excess = _in_excess(observed, data, kept, tolerances, calibrate)
         families = "" if not excess else f" with all families; leave out {listed(excess)} (tolerance 0), or"
         raise InputError(
             f"{data.source}: found {len(observed)} postures, too few or too much alike (or a stated noise "
@@ -69,7 +69,11 @@ def _estimates(
 
 
 def _in_excess(
-    observed: Observation, data: Regression, kept: Sequence[int], tolerances: Mapping[str, float] | None
+    observed: Observation,
+    data: Regression,
+    kept: Sequence[int],
+    tolerances: Mapping[str, float] | None,
+    calibrate: Calibrate,
 ) -> tuple[str, ...]:
     """Find families without which the estimate succeeds: one if that suffices, the least determined first.
 
@@ -80,7 +84,7 @@ def _in_excess(
     several = [tuple(names[: k + 1]) for k in range(1, len(names))]
     for chosen in [*((name,) for name in names), *several]:
         try:
-            _estimates(observed, data, kept, {**(tolerances or {}), **dict.fromkeys(chosen, 0.0)})
+            _estimates(observed, data, kept, {**(tolerances or {}), **dict.fromkeys(chosen, 0.0)}, calibrate)
         except np.linalg.LinAlgError:
             continue
         return chosen

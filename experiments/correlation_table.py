@@ -21,12 +21,14 @@ def correlation_table(
     pairs: list[dict[str, Any]],
     parameters: BaseParameters,
     joint_angles: np.ndarray | None = None,
+    where: str = "",
 ) -> Table:
     """Return every high correlation with the joints that distinguish the two parameters.
 
     Args:
         model: "full" or "simplified". pairs: `a`, `b` and `rho` of each, as in a model's part of a report.
         joint_angles: of the postures, (m, n_joints) [rad], whose ranges are shown; None: they are not.
+        where: what the model's path in the run's JSON begins with.
     """
     columns = (
         Column("no.", format="d"),
@@ -45,7 +47,7 @@ def correlation_table(
             names = [f"the {len(names)} joints between them"]
         rows.append(
             [
-                *(Cell(pair[name], f"{model}.correlations.{k}.{name}") for name in ("a", "b", "rho")),
+                *(Cell(pair[name], f"{where}{model}.correlations.{k}.{name}") for name in ("a", "b", "rho")),
                 " and ".join(meaning(parameters, pair[name]) for name in ("a", "b")),
                 ", ".join(names) or "no joint: both are of one link",
             ]

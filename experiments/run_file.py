@@ -20,7 +20,7 @@ from tulip_testbed.sim.robot import Robot
 
 RUN_FILE, PLAN_FOLDER, MEASUREMENT_FOLDER = "run.json", "plan", "measurements"
 FORMATS = ("tulip-run", "tulip-montecarlo")
-VERSION = 1
+VERSION = 2
 RunKind = Literal["validation", "discovery", "Monte Carlo"]
 
 

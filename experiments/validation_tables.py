@@ -27,6 +27,7 @@ def validation_report(result: Validation, document: dict[str, Any]) -> list[Tabl
     robot, angles = run.laboratory.robot, run.measurements.joint_angles
     parts: list[Table | str] = []
     plain = document["least_squares"] or {}
+    where = "least_squares." if plain else ""
     for model in models(robot):
         # Eq. 15 is of least squares: priors of imperfections would hide what the postures do not distinguish.
         pairs = plain.get(model, document[model])["correlations"]
@@ -34,7 +35,7 @@ def validation_report(result: Validation, document: dict[str, Any]) -> list[Tabl
             parameter_table(
                 model, document[model], parameters, read_reported(robot), least_squares=plain.get(model)
             ),
-            correlation_table(model, pairs, parameters, angles) if pairs else NO_CORRELATION,
+            correlation_table(model, pairs, parameters, angles, where) if pairs else NO_CORRELATION,
             "",
         ]
     mass = document["total_mass"]

@@ -174,5 +174,5 @@ def test_check_with_a_rig(tmp_path, robot, capsys):
     capsys.readouterr()
     assert main(["check", str(tmp_path / "data"), "--json"]) == 1
     assert json.loads(capsys.readouterr().out)["verdict"] == "fail"
-    assert main(["check", str(tmp_path / "data"), "--rig", str(tmp_path / "rig"), "--json"]) == 0
+    assert main(["check", str(tmp_path / "data"), "--corrections", str(tmp_path / "rig"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["counts"]["fail"] == 0

@@ -226,8 +226,10 @@ def test_a_crash_and_an_endless_compilation_are_survived(robot_folder, monkeypat
 
 def test_an_unknown_key_in_planning_is_refused_at_load(robot_folder, capsys):
     replace(robot_folder / "tulip.toml", "swing_x =", "swing_q =")
-    for command in (["model"], ["identify", "nowhere"], ["postures"], ["simulate", "--out", "x"]):
-        message = refusal(capsys, *command, "--robot", robot_folder / "tulip.toml")
+    toml = robot_folder / "tulip.toml"
+    others = (["identify", "nowhere"], ["postures"], ["simulate", "--out", "x"])
+    for command in (["robot", toml], *([*one, "--robot", toml] for one in others)):
+        message = refusal(capsys, *command)
         assert "tulip.toml: [planning]: unknown key 'swing_q'; did you mean" in message
 
 

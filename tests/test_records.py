@@ -175,7 +175,7 @@ def key_paths(value, path=""):
     return {path}
 
 
-def test_the_keys_on_disk_are_those_of_version_1(moved_wii, discovered, robot, plan, tmp_path):
+def test_the_keys_on_disk_are_those_of_version_2(moved_wii, discovered, robot, plan, tmp_path):
     """Whoever renames a field in memory does not rename a key in everybody's files."""
     write_validation(tmp_path / "validation", validation_record(moved_wii))
     checked = dataclasses.replace(discovered, check=DynamicsCheck(2, 3, 0.1, (1.0, 0.5), ""))

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.stats import t as student
 
 from tests.effect_changes import DISCOVERY_SEED as SEED
 from tests.effect_changes import measured
@@ -129,14 +130,15 @@ def test_what_an_instrument_does_leaves_the_noise_as_it_was(solved_plan, nominal
 
 
 def test_columns_hold_no_noise_of_the_residuals(solved_plan, nominal):
-    """Scores of every candidate over noise alone: no systematic pull on any (z of the mean over 20 runs)."""
+    """Sizes of every candidate over noise alone: no systematic pull on any (t over 20 runs, 0.05 %)."""
     pulls = []
     for run in run_statics(solved_plan["wii"], [np.random.SeedSequence([SEED, 100 + k]) for k in range(20)]):
         observed = observe(run.measurements, nominal)
         plain = linear_model(observed, noise_of(observed))
         columns = candidate_columns(plain, [c for c in candidates(observed) if c.effect.name == "cell-gain"])
-        pulls.append([one.sizes[0] / np.sqrt(one.covariance[0, 0]) for one in _in_order(columns, plain)])  # pyrefly: ignore
-    assert (np.abs(np.mean(pulls, axis=0)) * np.sqrt(20) < 3.5).all()
+        pulls.append([one.sizes[0] for one in _in_order(columns, plain)])
+    t = np.mean(pulls, axis=0) / np.std(pulls, axis=0, ddof=1) * np.sqrt(len(pulls))
+    assert (np.abs(t) < student.ppf(1 - 0.00025, len(pulls) - 1)).all()
 
 
 def _in_order(columns, plain):

@@ -228,7 +228,7 @@ def test_identify_reports_families_members_and_budget(ordinary):
 
 
 @pytest.mark.parametrize("most", [12, 11, 0])
-def test_too_few_postures_name_the_families_to_leave_out(ordinary, robot, nominal, monkeypatch, most):
+def test_too_few_postures_name_the_families_to_leave_out(ordinary, robot, nominal, most):
     """With more families than `most` nothing can be estimated; the least determined go first."""
     observed = observe(ordinary[0].measurements, nominal)
     order = least_determined(observed)
@@ -241,9 +241,8 @@ def test_too_few_postures_name_the_families_to_leave_out(ordinary, robot, nomina
             raise np.linalg.LinAlgError
         return self_calibrate(observed, tolerances, rounds=1)
 
-    monkeypatch.setattr("tulip_testbed.calibration.calibrated_estimate.self_calibrate", limited)
     with pytest.raises(InputError) as refusal:
-        identify(ordinary[0].measurements, robot, estimator="self-calibrating")
+        identify(ordinary[0].measurements, robot, calibrate=limited)
     named = {12: order[:1], 11: order[:2]}.get(most)
     advice = f"; leave out {', '.join(named)} (tolerance 0), or choose" if named else "calibrating; choose"
     assert advice in str(refusal.value)
@@ -252,7 +251,7 @@ def test_too_few_postures_name_the_families_to_leave_out(ordinary, robot, nomina
     )
     if named:
         stated = dict.fromkeys(named, 0.0)
-        identify(ordinary[0].measurements, robot, estimator="self-calibrating", tolerances=stated)
+        identify(ordinary[0].measurements, robot, tolerances=stated, calibrate=limited)
 
 
 def test_an_estimate_that_does_not_come_to_rest_is_warned_of(ordinary, robot):

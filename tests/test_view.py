@@ -265,7 +265,7 @@ def test_a_run_of_another_version_or_robot_or_one_that_was_changed(run, foreign,
     other = tmp_path / "other"
     shutil.copytree(run, other)
     text = (other / "run.json").read_text()
-    (other / "run.json").write_text(text.replace('"version": 1', '"version": 2', 1))
+    (other / "run.json").write_text(text.replace('"version": 2', '"version": 3', 1))
     assert "key 'version': found 2, expected 1" in refused(capsys, "view", other, *save)
     (other / "run.json").write_text(text)
     (other / "report.json").write_text("{}")

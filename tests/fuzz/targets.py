@@ -164,7 +164,7 @@ def commands(target: str, folder: Path, made: Path, intact: Intact) -> list[list
     several = [] if target == "robot" else [["postures", plan, *robot], ["identify", data, *robot]]
     enough = few if target == "robot" else SHAPE[:4]
     return [
-        *(["model", *robot, "--json"], ["model", *robot]),
+        *(["robot", *robot[1:], "--json"], ["robot", *robot[1:]]),
         ["postures", "--random", "--out", plan, *enough, "--seed", "107", *robot],
         ["simulate", plan, "--out", data, "--workers", "1", "--preset", "ideal", *robot]
         if target == "robot"

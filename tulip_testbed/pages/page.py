@@ -154,7 +154,9 @@ def validation_page(run: ValidationRecord) -> Page:
     ]
     matrix = correlations_at(parameters, measured.joint_angles, measured.support)
     high = tuple(
-        correlation_table(model, pairs_of_model, parameters, measured.joint_angles)
+        correlation_table(
+            model, pairs_of_model, parameters, measured.joint_angles, "least_squares." if plain else ""
+        )
         for model in shown
         if (pairs_of_model := plain.get(model, content[model])["correlations"])
     )
