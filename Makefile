@@ -9,7 +9,7 @@ DRAW ?= possible
 SHARED := --numprocesses auto --maxprocesses 4 --dist worksteal --durations 10 --draw $(DRAW)
 STUDIES := $(subst _,-,$(patsubst studies/study_%.py,study-%,$(wildcard studies/study_*.py)))
 
-.PHONY: setup validate demo test test-all test-without-drivers durations test-docs lint docs bench oracle studies $(STUDIES) study-plan teaching pictures constraints clean
+.PHONY: setup validate demo test test-slow test-all test-without-drivers durations test-docs lint docs bench oracle studies $(STUDIES) study-plan teaching pictures constraints clean
 
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
 	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)
@@ -32,8 +32,10 @@ $(VENV)/.done: constraints.txt pyproject.toml
 test: setup  ## the tests (some four minutes on two cores)
 	$(BIN)/python -m pytest -q $(SHARED)
 
-test-all: setup  ## the slow tests too (below forty minutes on two cores)
-	$(BIN)/python -m pytest -q $(SHARED) -m 'slow or not slow'
+test-slow: setup  ## the slow tests alone
+	$(BIN)/python -m pytest -q $(SHARED) -m slow
+
+test-all: test test-slow  ## all tests (below forty minutes on two cores)
 
 test-without-drivers: setup  ## the tests that draw, with every driver and browser out of reach: all are skipped
 	$(BIN)/python -m pytest -q -rs -m draws --draw never

@@ -22,6 +22,7 @@ os.environ.pop("COLUMNS", None)
 
 import pytest
 
+import tulip_testbed as tt
 from tests.drawing import WHEN, decide, obstacle_to, unreachable
 from tests.effect_changes import SEED, first
 from tests.foreign_robots import ROBOTS, write_robot
@@ -176,6 +177,19 @@ def moved_wii(once, robot, plan) -> Validation:
     few = plan.take(plan.placement <= 12)
     exact = partial(validate, estimator=DEFAULT, workers=2, imperfections=0)
     return once("moved-wii", lambda: exact(Laboratory(robot, "wii"), few, 102))
+
+
+@pytest.fixture(scope="session")
+def calibration(once, robot, plan, tmp_path_factory) -> Path:
+    """The folder of a Monte Carlo of two chunks in exact laboratories, by the quickest estimator."""
+
+    def make() -> Path:
+        folder = tmp_path_factory.mktemp("calibration") / "montecarlo"
+        exact = {"estimator": DEFAULT, "imperfections": 0.0, "workers": 1}
+        tt.monte_carlo(Laboratory(robot), plan, runs=40, seed=103, folder=folder, **exact)
+        return folder
+
+    return once("calibration", make)
 
 
 @pytest.fixture(scope="session")

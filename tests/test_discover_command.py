@@ -6,11 +6,14 @@ import csv
 import dataclasses
 import json
 
+import pytest
+
 from tests.effect_changes import measured
 from tulip_testbed.cli.main import main
 from tulip_testbed.measurements import read_measurements, write_measurements
 
 
+@pytest.mark.slow
 def test_the_command_reads_a_foreign_folder_and_its_rig_is_the_new_nominal(robot, plan, tmp_path, capsys):
     """A folder as another program may write it: CSV, no commands, no motors, unknown noise of the cells."""
     hidden = ("encoder-offset", "right_knee", (0.01,))

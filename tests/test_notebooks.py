@@ -9,12 +9,7 @@ import pytest
 from nbclient import NotebookClient
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
-# A discovery takes long; tests/test_api.py runs the same one.
-SLOW = ("hidden_effect",)
-NOTEBOOKS = [
-    pytest.param(path, id=path.stem, marks=[pytest.mark.slow] if path.stem in SLOW else [])
-    for path in sorted(EXAMPLES.glob("*.ipynb"))
-]
+NOTEBOOKS = [pytest.param(path, id=path.stem) for path in sorted(EXAMPLES.glob("*.ipynb"))]
 
 
 def printed(notebook):
@@ -26,6 +21,7 @@ def printed(notebook):
     ]
 
 
+@pytest.mark.slow  # test_api.py calls the same functions
 @pytest.mark.filterwarnings("default")  # jupyter's own
 @pytest.mark.parametrize("path", NOTEBOOKS)
 def test_a_notebook_prints_what_is_committed(path, tmp_path, monkeypatch):

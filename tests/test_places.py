@@ -248,15 +248,12 @@ def test_a_full_disk_gives_no_stump_of_a_view(run, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("more", [(), ("--json",)])
-def test_a_reader_that_has_seen_enough_is_no_fault(data, more):
+def test_a_reader_that_has_seen_enough_is_no_fault(data):
     """The pipe's other end is closed before anything is written."""
-    for command in (("identify", str(data)), ("robot",), ("check", str(data))):
+    for command in (("identify", str(data)), ("robot", "--json")):
         reading, writing = os.pipe()
         os.close(reading)
-        done = subprocess.run(
-            [*TULIP_COMMAND, *command, *more], stdout=writing, stderr=subprocess.PIPE, check=False
-        )
+        done = subprocess.run([*TULIP_COMMAND, *command], stdout=writing, stderr=subprocess.PIPE, check=False)
         os.close(writing)
         assert (done.returncode, done.stderr) == (0, b""), command
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.test_view import calibration, run  # noqa: F401
+from tests.test_view import run  # noqa: F401
 from tulip_testbed.base.document import Document
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import sha256

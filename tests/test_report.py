@@ -12,7 +12,7 @@ from PIL import Image
 from tests.drawing import draws_with
 from tests.looking import browse, browser
 from tests.test_cli import refused
-from tests.test_view import calibration, cpu_seconds, not_blank, run  # noqa: F401
+from tests.test_view import cpu_seconds, not_blank, run  # noqa: F401
 from tulip_testbed import rendering
 from tulip_testbed.base.document import flattened
 from tulip_testbed.cli.main import main
@@ -33,7 +33,7 @@ def page(run, tmp_path_factory):  # noqa: F811
 
 
 @pytest.fixture(scope="module")
-def calibration_page(calibration, tmp_path_factory):  # noqa: F811
+def calibration_page(calibration, tmp_path_factory):
     path = tmp_path_factory.mktemp("report") / "montecarlo.html"
     assert main(["report", str(calibration), "--out", str(path)]) == 0
     assert path.stat().st_size < MOST_BYTES
@@ -62,7 +62,7 @@ def test_a_browser_has_nothing_to_complain_of(page, run, tmp_path):  # noqa: F81
 
 @pytest.mark.slow
 @draws_with("chromium")
-def test_a_browser_shows_a_montecarlo(calibration_page, calibration, tmp_path):  # noqa: F811
+def test_a_browser_shows_a_montecarlo(calibration_page, calibration, tmp_path):
     observed = browse(calibration_page, tmp_path / "page.png")
     assert observed.complaints == []
     assert observed.requests == []
@@ -150,7 +150,7 @@ def test_bad_input(run, tmp_path, capsys):  # noqa: F811
     assert not (tmp_path / "x.html").exists()
 
 
-def test_an_unfinished_montecarlo_is_not_reported(calibration, tmp_path, capsys):  # noqa: F811
+def test_an_unfinished_montecarlo_is_not_reported(calibration, tmp_path, capsys):
     shutil.copytree(calibration, tmp_path / "part")
     (tmp_path / "part" / "runs" / "chunk-000001.parquet").unlink()
     message = refused(capsys, "report", tmp_path / "part", "--out", tmp_path / "x.html")

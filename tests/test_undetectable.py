@@ -41,6 +41,7 @@ def found(armed):
     return tt.discover(run, robot, check=False, workers=1)
 
 
+@pytest.mark.slow
 def test_an_offset_that_the_base_parameters_absorb_is_listed_by_its_joint(found):
     assert found.verdict == "none"
     hidden = {u.candidate.label for u in found.discovery.undetectable}
@@ -53,6 +54,7 @@ def test_an_offset_that_the_base_parameters_absorb_is_listed_by_its_joint(found)
     assert "right_knee" not in group
 
 
+@pytest.mark.slow
 def test_every_effect_is_shown_or_hides_or_shows_weakly(found):
     """What is in no list is found at a plausible size with nine in ten."""
     selection = found.discovery.selection
@@ -65,6 +67,7 @@ def test_every_effect_is_shown_or_hides_or_shows_weakly(found):
     assert "encoder-offset:right_knee" in everything - hidden - set(weak)
 
 
+@pytest.mark.slow
 def test_kinds_without_targets_are_those_of_which_no_target_shows(found):
     kinds = by_kind([one.candidate for one in found.discovery.undetectable], found.discovery.observed)
     assert kinds["payload"] == []
@@ -72,6 +75,7 @@ def test_kinds_without_targets_are_those_of_which_no_target_shows(found):
     assert set(kinds["encoder-offset"]) >= ARMS
 
 
+@pytest.mark.slow
 def test_the_report_has_them_by_target_and_reads_without(found):
     document = discovery_report(found).plain()
     entries = document["weakly_detectable"]
@@ -92,11 +96,13 @@ def test_the_report_has_them_by_target_and_reads_without(found):
     assert DiscoveryReport.model_validate(older).weakly_detectable == []
 
 
+@pytest.mark.slow
 def test_a_notebook_lists_what_may_hide_where_there_is_no_gap(found):
     titles = [part.title for part in found.parts() if not isinstance(part, str)]
     assert titles == ["Effects that show only if larger than plausible"]
 
 
+@pytest.mark.slow
 def test_the_least_size_is_found_nine_times_in_ten(found):
     """By the test's own distribution: a shift of the residuals by that size, in many draws of the noise."""
     one = found.discovery.selection.weak[0]

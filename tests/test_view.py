@@ -57,14 +57,6 @@ def run(moved_wii, tmp_path_factory):
     return folder
 
 
-@pytest.fixture(scope="module")
-def calibration(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("view") / "montecarlo"
-    arguments = ["--runs", "40", "--seed", "103", "--workers", "1", "--out", str(folder)]
-    main(["montecarlo", *arguments, "--json"])
-    return folder
-
-
 def side_by_side(views: layout.Views) -> rrb.Blueprint:
     """All views at once: rerun reports nothing of a view that it does not draw."""
     grid = rrb.Grid(*views.space, *views.ground, *views.curves, *views.text)
@@ -266,7 +258,7 @@ def test_a_run_of_another_version_or_robot_or_one_that_was_changed(run, foreign,
     shutil.copytree(run, other)
     text = (other / "run.json").read_text()
     (other / "run.json").write_text(text.replace('"version": 2', '"version": 3', 1))
-    assert "key 'version': found 2, expected 1" in refused(capsys, "view", other, *save)
+    assert "key 'version': found 3, expected 2" in refused(capsys, "view", other, *save)
     (other / "run.json").write_text(text)
     (other / "report.json").write_text("{}")
     assert "report.json: hash mismatch" in refused(capsys, "view", other, *save)
