@@ -36,8 +36,8 @@ from tulip_testbed.identification.base_parameters import (
 )
 from tulip_testbed.identification.contact_pressure import contact_pressure
 from tulip_testbed.identification.distributions import t_ppf
-from tulip_testbed.identification.estimators import DEFAULT, Estimate, estimate_by
 from tulip_testbed.identification.estimators import ESTIMATORS as OF_REGRESSION
+from tulip_testbed.identification.estimators import Estimate, estimate_by
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.rank import describe_combinations, labels
@@ -165,15 +165,6 @@ class Identification(Shown, Mapping[str, IdentifiedParameter]):
         if self.calibration is not None:
             added += calibration_report(self.calibration, self.full.names)
         return [self.table(), *self.correlations.above().parts(), *added, mass_line(*self.mass)]
-
-
-def plain_estimator(measurements: Measurements) -> str:
-    """Return the estimator for a first look: the usual one, or the one that estimates zeros of wrenches.
-
-    It is also the one that knows of masses on the robot.
-    """
-    loaded = known_weight(measurements).any()
-    return DEFAULT if measurements.contacts is None and not loaded else SELF_CALIBRATING
 
 
 def warn_of_unrest(found: Identification, source: str) -> None:

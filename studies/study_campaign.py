@@ -24,7 +24,7 @@ from tulip_testbed.discovery.discover import AMBIGUOUS, NAMED
 from tulip_testbed.experiments.discovering import discover_effects
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.identification.estimators import DEFAULT
+from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.identification.statistics import standard_errors
 from tulip_testbed.measurements import Experiment, joined
 from tulip_testbed.measurements.cells import CELLS
@@ -146,7 +146,7 @@ def carry_out(laboratory: Laboratory, seed: int, placements: int = PLACEMENTS) -
     adopted = found.discovery.adopted
     errors = []
     for effects in ((), adopted):
-        full = identify(joined(every[:1]), robot, estimator=DEFAULT, adopted=effects).full
+        full = identify(joined(every[:1]), robot, estimator=MIXED_MODEL, adopted=effects).full
         off = (full.value - laboratory.true_base_parameters(pool)) / standard_errors(full.covariance)
         errors.append(float(np.sqrt((off**2).mean())))
     return Campaign(

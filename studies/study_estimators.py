@@ -14,7 +14,7 @@ import numpy as np
 from scipy.stats import t as t_distribution
 
 from studies.runner import Settings, header, row, shipped_plan
-from tulip_testbed.identification.estimators import DEFAULT, ESTIMATORS, Estimate
+from tulip_testbed.identification.estimators import ESTIMATORS, MIXED_MODEL, Estimate
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.regressor import regression
 from tulip_testbed.identification.statistics import standard_errors
@@ -174,8 +174,8 @@ def study(settings: Settings) -> Iterator[str]:
     kinds = ("bias / s.d.", "s.d. / s.e.", "95 % coverage", "mean", "s.d. / clustered s.e.", "coverage by it")
     yield header("preset", "data sheet", "estimator", "model", "runs", *kinds, "median rms error, mm")
     runs = settings.count(RUNS)
-    arms = [(DEFAULT, sheet, runs) for sheet in SHEETS]
-    arms += [(name, "right", max(1, runs // 4)) for name in ESTIMATORS if name != DEFAULT]
+    arms = [(MIXED_MODEL, sheet, runs) for sheet in SHEETS]
+    arms += [(name, "right", max(1, runs // 4)) for name in ESTIMATORS if name != MIXED_MODEL]
     times = {}
     for preset in settings.only:
         rig = preset_rig(preset, robot)

@@ -29,7 +29,7 @@ from tulip_testbed.experiments.montecarlo.laboratory_runs import Source, source_
 from tulip_testbed.experiments.montecarlo.run_columns import Job, Layout, layout_of
 from tulip_testbed.experiments.montecarlo.summary import summarise
 from tulip_testbed.identification.base_parameters import base_parameters
-from tulip_testbed.identification.estimators import DEFAULT
+from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.sim.outcome import Outcome
 from tulip_testbed.sim.robot import load_robot
 
@@ -50,7 +50,7 @@ class Arm:
     name: str
     preset: str
     runs: int
-    estimator: str = DEFAULT
+    estimator: str = MIXED_MODEL
     sheet: float = 1.0
     engine: str = "statics"
     spread: float | None = None

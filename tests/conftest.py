@@ -37,7 +37,7 @@ from tulip_testbed.experiments.protocols.protocol_run import (
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.experiments.validate import Validation, validate
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters
-from tulip_testbed.identification.estimators import DEFAULT
+from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.measurements import Measurements, PlateGeometry, PosturePlan
 from tulip_testbed.plans import optimal
@@ -147,14 +147,15 @@ def foreign(tmp_path_factory) -> dict[str, Robot]:
 def ideal(once, robot, plan) -> Validation:
     """The whole default plan without sensor noise, in the full dynamics."""
     return once(
-        "ideal", lambda: validate(Laboratory(robot, "ideal"), plan, 101, DEFAULT, workers=2, imperfections=0)
+        "ideal",
+        lambda: validate(Laboratory(robot, "ideal"), plan, 101, MIXED_MODEL, workers=2, imperfections=0),
     )
 
 
 @pytest.fixture(scope="session")
 def wii(once, robot, plan) -> Validation:
     """The whole default plan at preset wii, exact but for noise, by statics and the mixed model."""
-    exact = partial(validate, estimator=DEFAULT, engine="statics", imperfections=0)
+    exact = partial(validate, estimator=MIXED_MODEL, engine="statics", imperfections=0)
     return once("wii", lambda: exact(Laboratory(robot, "wii"), plan, 102))
 
 
@@ -175,7 +176,7 @@ def discovered(once, static_run, robot) -> Discovered:
 def moved_wii(once, robot, plan) -> Validation:
     """Twelve placements at preset wii, exact but for noise, in the full dynamics, by the mixed model."""
     few = plan.take(plan.placement <= 12)
-    exact = partial(validate, estimator=DEFAULT, workers=2, imperfections=0)
+    exact = partial(validate, estimator=MIXED_MODEL, workers=2, imperfections=0)
     return once("moved-wii", lambda: exact(Laboratory(robot, "wii"), few, 102))
 
 
@@ -185,7 +186,7 @@ def calibration(once, robot, plan, tmp_path_factory) -> Path:
 
     def make() -> Path:
         folder = tmp_path_factory.mktemp("calibration") / "montecarlo"
-        exact = {"estimator": DEFAULT, "imperfections": 0.0, "workers": 1}
+        exact = {"estimator": MIXED_MODEL, "imperfections": 0.0, "workers": 1}
         tt.monte_carlo(Laboratory(robot), plan, runs=40, seed=103, folder=folder, **exact)
         return folder
 

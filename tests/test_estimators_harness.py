@@ -9,7 +9,7 @@ from scipy.stats import t as t_distribution
 
 from tests.synthetic import WII
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.identification.estimators import DEFAULT, ESTIMATORS, estimate_by
+from tulip_testbed.identification.estimators import ESTIMATORS, MIXED_MODEL, estimate_by
 from tulip_testbed.identification.statistics import standard_errors
 from tulip_testbed.measurements import SensorSheet
 
@@ -115,7 +115,7 @@ def calibrated(bench, name, runs, first, **errors):
 def test_the_default_is_right_about_its_errors(bench, sheet):
     """60 runs, 25 parameters. A ratio's own s.d. is 9 %, so 4 of them bound all 25 (0.2 % false alarms); mean
     ratio and overall coverage are sharper (parameters correlate: about 8 independent ones)."""
-    ratio, held, bias = calibrated(bench, DEFAULT, 60, 0, **WII, sheet=sheet)
+    ratio, held, bias = calibrated(bench, MIXED_MODEL, 60, 0, **WII, sheet=sheet)
     assert np.abs(ratio - 1).max() < 0.36
     assert abs(ratio.mean() - 1) < 0.12
     assert held.min() >= binom.ppf(1e-4, 60, 0.95) / 60
@@ -130,7 +130,7 @@ def test_eq_14_is_too_optimistic_where_placements_err(bench):
     plain, held, _ = calibrated(bench, "least-squares", 60, 100, **errors)
     assert plain.max() > 1.35
     assert held.min() < 0.85
-    right, held, _ = calibrated(bench, DEFAULT, 60, 100, **errors)
+    right, held, _ = calibrated(bench, MIXED_MODEL, 60, 100, **errors)
     assert np.abs(right - 1).max() < 0.36
     assert 0.92 < held.mean() < 0.98
 
@@ -141,9 +141,9 @@ def test_encoder_errors_bias_least_squares_and_not_the_corrected(bench):
     errors = {"cell": 0.1, "placement": 1e-4, "mark": 1e-4, "encoder": 3e-3}
     bias = {
         name: np.abs(calibrated(bench, name, 60, 200, **errors)[2]).max() * np.sqrt(60)
-        for name in ("least-squares", "placement", "errors-in-variables", DEFAULT)
+        for name in ("least-squares", "placement", "errors-in-variables", MIXED_MODEL)
     }
     assert bias["least-squares"] > 6
     assert bias["placement"] > 6
     assert bias["errors-in-variables"] < 4
-    assert bias[DEFAULT] < 4
+    assert bias[MIXED_MODEL] < 4

@@ -10,7 +10,7 @@ from scipy.optimize import linprog
 from tests.synthetic import WII
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
-from tulip_testbed.identification.estimators import DEFAULT, estimate_by
+from tulip_testbed.identification.estimators import MIXED_MODEL, estimate_by
 from tulip_testbed.identification.estimators.consistent import corner_parameters
 from tulip_testbed.identification.estimators.errors_in_variables import bounded_excess
 from tulip_testbed.identification.estimators.prior import CENTER_SD, MASS_SD
@@ -117,7 +117,7 @@ def test_consistent_estimates_are_reachable_and_nearer(bench):
     better = []
     for seed in range(10):
         data = bench.draw(np.random.default_rng([134, seed]), **WII)
-        free, found = estimate_by(data, DEFAULT), estimate_by(data, "consistent")
+        free, found = estimate_by(data, MIXED_MODEL), estimate_by(data, "consistent")
         reachable = corner_parameters(data)
         rows = np.vstack([reachable, np.ones(reachable.shape[1])])
         program = linprog(
@@ -131,7 +131,7 @@ def test_consistent_estimates_are_reachable_and_nearer(bench):
 
 def test_a_feasible_estimate_is_left_alone(bench):
     data = bench.draw(np.random.default_rng(135), cell=1e-3, placement=1e-6, mark=1e-6, encoder=0.0)
-    free, found = estimate_by(data, DEFAULT), estimate_by(data, "consistent")
+    free, found = estimate_by(data, MIXED_MODEL), estimate_by(data, "consistent")
     assert np.abs((found.value - free.value) / standard_errors(free.covariance)).max() < 1e-3
 
 

@@ -32,7 +32,7 @@ from tulip_testbed.experiments.discovery_record import read_discovery
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.law_curves import law_curves
 from tulip_testbed.experiments.rig_folder import read_rig
-from tulip_testbed.identification.estimators import DEFAULT
+from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_noise import noise_of
@@ -243,7 +243,7 @@ def test_a_described_law_takes_the_bias_away(described, robot, plan):
     true, spread = true_base_parameters(plain), None
     bias = []
     for adopted in ((), read_rig(described / "found" / "rig", robot)):
-        full = identify(data, robot, estimator=DEFAULT, adopted=adopted).full
+        full = identify(data, robot, estimator=MIXED_MODEL, adopted=adopted).full
         spread = np.sqrt(np.diag(full.covariance)) if spread is None else spread
         bias.append(np.sqrt((((full.value - true) / spread) ** 2).mean()))
     before, after = bias

@@ -17,7 +17,7 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of, stream_of
 from tulip_testbed.identification.base_parameters import standard_parameters
-from tulip_testbed.identification.estimators import DEFAULT
+from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.sim.outcome import Outcome
 from tulip_testbed.sim.plan_folder import write_plan
 from tulip_testbed.sim.statics.static_run import run_statics
@@ -35,7 +35,7 @@ def small(plan, tmp_path_factory) -> Path:
 
 def tulip(plan: Path, out: Path, *more: str) -> list[str]:
     options = ["--out", str(out), "--runs", str(RUNS), "--seed", "107", "--workers", "1", "--json"]
-    quick = ["--estimator", DEFAULT, "--imperfections", "0"]
+    quick = ["--estimator", MIXED_MODEL, "--imperfections", "0"]
     return [*TULIP, "montecarlo", str(plan), *options, *quick, *more]
 
 
@@ -92,7 +92,7 @@ def test_interrupted_and_killed_it_ends_as_if_undisturbed(small, tmp_path):
 
 def check_document(found):
     assert found["runs"] == RUNS
-    assert found["estimator"] == DEFAULT
+    assert found["estimator"] == MIXED_MODEL
     assert [row["number"] for row in found["parameters"]] == list(range(1, 26))
     assert len(found["simplified"]["parameters"]) == 13
     wanted = {"number", "bias", "bias_mc_error", "standard_error_ratio", "coverage95"}

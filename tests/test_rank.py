@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.identify import identify
-from tulip_testbed.identification.estimators import DEFAULT
+from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.identification.rank import (
     describe_combinations,
     reduced_basis,
@@ -103,7 +103,7 @@ def test_identify_and_the_simplified_model_say_so(wii, robot):
 def test_an_unknown_encoder_has_a_usual_one_s_error(wii, robot):
     measured = wii.run.measurements
     sheet = dataclasses.replace(measured.sensors, encoder_sd=None)
-    found = identify(dataclasses.replace(measured, sensors=sheet), robot, estimator=DEFAULT)
+    found = identify(dataclasses.replace(measured, sensors=sheet), robot, estimator=MIXED_MODEL)
     assert np.array_equal(found.full.value, wii.identification.full.value)
     poor = dataclasses.replace(measured.sensors, encoder_sd=0.02)
     with pytest.raises(InputError, match="not determined separately"):

@@ -22,7 +22,7 @@ from tulip_testbed.experiments.rig_folder import (
     read_rig,
     write_rig,
 )
-from tulip_testbed.identification.estimators import DEFAULT
+from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.measurements import read_measurements
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import load_spec
@@ -51,7 +51,7 @@ def measured(robot, plan, found):
 
 @pytest.fixture(scope="module")
 def plain(robot, plan):
-    return identify(measured(robot, plan, ()), robot, estimator=DEFAULT).full
+    return identify(measured(robot, plan, ()), robot, estimator=MIXED_MODEL).full
 
 
 def test_what_is_written_is_read(rig, found, robot):
@@ -91,8 +91,8 @@ def test_an_adopted_encoder_offset_gives_back_the_parameters_of_the_data_without
 ):
     hidden = measured(robot, plan, found[:1])
     error = np.sqrt(np.diag(plain.covariance))
-    biased = identify(hidden, robot, estimator=DEFAULT).full
-    mended = identify(hidden, robot, estimator=DEFAULT, adopted=found[:1]).full
+    biased = identify(hidden, robot, estimator=MIXED_MODEL).full
+    mended = identify(hidden, robot, estimator=MIXED_MODEL, adopted=found[:1]).full
     assert np.abs((biased.value - plain.value) / error).max() > 2
     assert mended.value == pytest.approx(plain.value, abs=1e-9)
     assert mended.covariance == pytest.approx(plain.covariance, rel=1e-6)
@@ -103,9 +103,9 @@ def test_an_adopted_effect_of_the_physics_takes_its_bias_away(robot, plan, plain
     effects = tuple(EffectInstance.parse(text, robot, range(30)) for text in texts)
     hidden = measured(robot, plan, effects)
     truth = np.sqrt(np.diag(plain.covariance))
-    biased = np.abs((identify(hidden, robot, estimator=DEFAULT).full.value - plain.value) / truth)
+    biased = np.abs((identify(hidden, robot, estimator=MIXED_MODEL).full.value - plain.value) / truth)
     mended = np.abs(
-        (identify(hidden, robot, estimator=DEFAULT, adopted=effects).full.value - plain.value) / truth
+        (identify(hidden, robot, estimator=MIXED_MODEL, adopted=effects).full.value - plain.value) / truth
     )
     # A few postures are lost to the effect, so the estimates differ by chance.
     assert np.sqrt((biased**2).mean()) > 3
@@ -263,8 +263,8 @@ def test_validate_in_the_adopted_laboratory(found, robot, tmp_path, capsys):
     report = json.loads(capsys.readouterr().out)
     estimates = [row["estimate"] for row in report["full"]["parameters"]]
     handed_over = read_measurements(tmp_path / "run" / "measurements")
-    mended = identify(handed_over, robot, estimator=DEFAULT, adopted=found[:1]).full.value
+    mended = identify(handed_over, robot, estimator=MIXED_MODEL, adopted=found[:1]).full.value
     assert estimates == pytest.approx(mended, abs=1e-12)
-    assert np.abs(estimates - identify(handed_over, robot, estimator=DEFAULT).full.value).max() > 1e-4
+    assert np.abs(estimates - identify(handed_over, robot, estimator=MIXED_MODEL).full.value).max() > 1e-4
     configuration = json.loads((tmp_path / "run" / "run.json").read_text())["configuration"]
     assert configuration["adopted"][0]["target"] == "right_knee"

@@ -16,7 +16,7 @@ from tulip_testbed.effects.instance import removed
 from tulip_testbed.experiments.identify import identify, warn_of_unrest
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.base_parameters import standard_parameters
-from tulip_testbed.identification.estimators import DEFAULT
+from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.identification.noise_structure import NoiseStructure, groups
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import (
@@ -61,7 +61,7 @@ def test_members_and_base_parameters_are_recovered(ordinary, found, plan):
         assert inside.all() or one.family.positive
     error = found.theta - run.laboratory.true_base_parameters(plan)
     assert error @ np.linalg.solve(found.covariance, error) < 52.6  # 99.9 % of chi-square with 25
-    plain = identify(run.measurements, run.laboratory.robot, estimator=DEFAULT).full
+    plain = identify(run.measurements, run.laboratory.robot, estimator=MIXED_MODEL).full
     wrong = plain.value - run.laboratory.true_base_parameters(plan)
     assert wrong @ np.linalg.solve(plain.covariance, wrong) > 500
 

@@ -14,7 +14,7 @@ from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.validate import validate
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
 from tulip_testbed.identification.center_of_pressure import center_of_pressure, load_shares
-from tulip_testbed.identification.estimators import DEFAULT
+from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.preflight import preflight
 from tulip_testbed.measurements import PosturePlan, read_measurements, write_measurements
@@ -108,7 +108,7 @@ def test_on_both_feet_the_26th_parameter_has_no_effect(robot, plan, model):
 @pytest.mark.slow
 def test_the_whole_job_in_full_dynamics(robot, plan, balanced):
     mixed = joined(plan.take(plan.placement <= 8), balanced.take(np.arange(5)))
-    result = validate(Laboratory(robot, "ideal"), mixed, 4, DEFAULT, workers=2, imperfections=0)
+    result = validate(Laboratory(robot, "ideal"), mixed, 4, MIXED_MODEL, workers=2, imperfections=0)
     by_name = {check.name: check.result for check in result.checks}
     assert len(result.identification.full.value) == 26
     assert by_name["full model: largest error (mm)"] == "pass"

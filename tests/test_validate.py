@@ -14,7 +14,7 @@ from tulip_testbed.experiments.validate import evaluate
 from tulip_testbed.experiments.validation_record import report_of, validation_record, write_validation
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
-from tulip_testbed.identification.estimators import DEFAULT
+from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.measurements import read_measurements
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.rig import preset_rig
@@ -94,7 +94,7 @@ def test_a_laboratory_with_one_cell_10_percent_high_fails(wii):
     measured = wii.run.measurements
     forces = measured.cell_forces * np.where(np.arange(8) == 0, 1.1, 1.0)
     run = dataclasses.replace(wii.run, measurements=dataclasses.replace(measured, cell_forces=forces))
-    checks = evaluate(run, identify(run.measurements, run.laboratory.robot, estimator=DEFAULT), wii.truth)
+    checks = evaluate(run, identify(run.measurements, run.laboratory.robot, estimator=MIXED_MODEL), wii.truth)
     failed = {check.name for check in checks if check.result == "fail"}
     assert "full model: all errors" in failed
     assert "total mass" in failed
@@ -144,7 +144,7 @@ def test_run_folder_holds_everything_and_is_not_overwritten(wii, tmp_path):
     for secret in ("seed", "preset", "truth", "command_sd", "plate_sd"):
         assert secret not in manifest
     measured, robot = read_measurements(folder / "measurements"), wii.run.laboratory.rig.robot
-    again = identify(measured, robot, estimator=DEFAULT)
+    again = identify(measured, robot, estimator=MIXED_MODEL)
     assert again.full.value == pytest.approx(wii.identification.full.value, abs=1e-15)
     with pytest.raises(InputError, match="exists already"):
         write_validation(folder, validation_record(wii))

@@ -10,7 +10,7 @@ import numpy as np
 from tulip_testbed.base.errors import at_least
 from tulip_testbed.discovery.refit import without_noise
 from tulip_testbed.identification.base_parameters import common_support
-from tulip_testbed.identification.estimators import DEFAULT, estimate_by
+from tulip_testbed.identification.estimators import MIXED_MODEL, estimate_by
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.identification.regressor import regression
@@ -79,7 +79,7 @@ def planned(plan: PosturePlan, preset: str, robot: Robot, seed: int) -> Planned:
     solved_plan = solve_plan(rig, stands)
     runs = noisy(solved_plan, streams(seed, RUNS))
     variance = [
-        np.diag(estimate_by(regression(nominal.parameters, run, robot, "plan"), DEFAULT).covariance)
+        np.diag(estimate_by(regression(nominal.parameters, run, robot, "plan"), MIXED_MODEL).covariance)
         for run in runs
     ]
     errors = np.sqrt(np.mean(variance, axis=0))
@@ -105,7 +105,7 @@ def estimates(runs: Sequence[Measurements], nominal: Nominal) -> np.ndarray:
     """Return the base parameters of every run by the default estimator, (runs, p) [m]."""
     return np.array(
         [
-            estimate_by(regression(nominal.parameters, run, nominal.robot, "plan"), DEFAULT).value
+            estimate_by(regression(nominal.parameters, run, nominal.robot, "plan"), MIXED_MODEL).value
             for run in runs
         ]
     )

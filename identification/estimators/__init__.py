@@ -35,16 +35,17 @@ ESTIMATORS: dict[str, Estimator] = {
     ),
     "robust": Estimator(huber, "Huber's M-estimator, which gives outlying postures less weight."),
     "prior": Estimator(
-        with_prior, "The default combined with the robot's own model, for link masses and centres of mass."
+        with_prior,
+        "The mixed model combined with the robot's own model, for link masses and centres of mass.",
     ),
     "consistent": Estimator(
-        physically_consistent, "The default projected on robots with positive masses inside their links."
+        physically_consistent, "The mixed model projected on robots with positive masses inside their links."
     ),
 }
-DEFAULT = "mixed-model"
+MIXED_MODEL = "mixed-model"
 
 
-def estimate_by(data: Regression, name: str = DEFAULT) -> Estimate:
+def estimate_by(data: Regression, name: str = MIXED_MODEL) -> Estimate:
     """Run an estimator by its name.
 
     Raises:
@@ -54,8 +55,8 @@ def estimate_by(data: Regression, name: str = DEFAULT) -> Estimate:
 
 
 __all__ = [
-    "DEFAULT",
     "ESTIMATORS",
+    "MIXED_MODEL",
     "Estimate",
     "Estimator",
     "StandardEstimate",

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.experiments.identify import identify, plain_estimator
+from tulip_testbed.experiments.identify import DEFAULT_ESTIMATOR, identify
 from tulip_testbed.experiments.validation_record import ValidationRecord
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.contact_pressure import contact_pressure
@@ -128,12 +128,12 @@ def measured(
     check_model(f"{source}: manifest.json", model["model"], model["sha256"], robot)
     subject = replace(of_measurements(measurements, robot, source), series=series)
     try:
-        found = identify(measurements, robot, source, estimator := plain_estimator(measurements))
+        found = identify(measurements, robot, source)
     except InputError as error:
         return replace(subject, notes=(f"No estimate: {error}.",))
     estimated = replace(subject.nominal, parameters=found.parameters, value=found.full.value)
     com = estimated.center_of_mass(measurements.joint_angles, measurements.support)
-    note = f"Estimate: full model, {estimator}."
+    note = f"Estimate: full model, {DEFAULT_ESTIMATOR}."
     return replace(subject, com=subject.com | {"estimate": com}, notes=(note,))
 
 
