@@ -86,7 +86,7 @@ pictures: teaching  ## the README's pictures too (needs libosmesa6, mesa-vulkan-
 
 constraints: setup  ## pin the dependencies anew
 	$(BIN)/python -m pip install --quiet uv
-	$(BIN)/uv pip compile pyproject.toml --extra dev --universal --generate-hashes --no-header \
+	$(BIN)/uv pip compile pyproject.toml --extra dev --universal --no-strip-extras --generate-hashes --no-header \
 	  --python-version 3.11 -o constraints.txt
 
 clean:
