@@ -100,10 +100,11 @@ def fit(problem: Problem, start: tuple[np.ndarray, np.ndarray] | None = None) ->
     noise = _noise(problem, first[0])
     spread = best_spreads(problem, noise.reduced, noise.moment, first[1])
     for _ in range(MOST_STEPS):
-        gradient, hessian, _ = _joint(problem, noise, spread)
+        gradient, hessian, _ = joint = _joint(problem, noise, spread)
         step = newton_step(gradient, hessian)
         if abs(gradient @ step) < CONVERGED:
-            break
+            return _result(problem, noise, spread, joint)
+        del joint
         at, value = noise.log_scale, noise.value + spread.value
         del noise  # it is large: one at a time
         found = _on_the_way(problem, at, spread.log_spread, step, value)
@@ -114,7 +115,7 @@ def fit(problem: Problem, start: tuple[np.ndarray, np.ndarray] | None = None) ->
         del found
         if value - noise.value - spread.value < CONVERGED:
             break
-    return _result(problem, noise, spread)
+    return _result(problem, noise, spread, _joint(problem, noise, spread))
 
 
 def _on_the_way(
@@ -137,7 +138,8 @@ def _on_the_way(
 def given(problem: Problem, scales: np.ndarray, spreads: np.ndarray) -> Fit:
     """Return the estimate with known scales (k,) and spreads (f,)."""
     noise = _noise(problem, np.log(scales))
-    found = _result(problem, noise, at_spread(problem, noise.reduced, noise.moment, np.log(spreads)))
+    spread = at_spread(problem, noise.reduced, noise.moment, np.log(spreads))
+    found = _result(problem, noise, spread, _joint(problem, noise, spread))
     return replace(found, scale_covariance=0 * found.scale_covariance, covariance=found.conditional)
 
 
@@ -157,12 +159,12 @@ def parts_of_variance(problem: Problem, found: Fit) -> np.ndarray:
     They are due to known information, fixed noise, each sigma_k and each tau_f. Without `excess` their sum is
     that covariance.
     """
-    noise, p = _noise(problem, np.log(found.scales)), problem.flat
+    weights, p = problem.noise.weights(np.log(found.scales)), problem.flat
     # C Z' V_0^-1 K_k V_0^-1 Z C times sigma_k^2, in the rows of nu.
     of_nu = found.conditional[:p]
-    across = noise.weighted @ np.column_stack([of_nu, np.zeros(p)]).T
+    across = weights(problem.whole @ np.column_stack([of_nu, np.zeros(p)]).T)
     flat = across.reshape(-1, p)
-    pushed = chain([problem.noise.fixed @ across], noise.weights.parts(across))
+    pushed = chain([problem.noise.fixed @ across], weights.parts(across))
     parts = [of_nu[:, :p] @ problem.information @ of_nu[:, :p].T]
     parts += [flat.T @ one.reshape(-1, p) for one in pushed]
     for part, one, size in zip(problem.parts, problem.roots, found.spreads, strict=True):
@@ -185,9 +187,10 @@ def _noise(problem: Problem, log_scale: np.ndarray) -> _Noise:
     if problem.excess.any():
         least = np.exp(-2 * WIDEST) * np.eye(len(rest) - 1)  # of the prior at the largest spread
         bounded = _bounded(problem.excess, rest[:-1, :-1] + least)
-        noisy = np.column_stack([np.eye(len(rest) - 1), problem.about])
-        gram[p:, p:] -= noisy.T @ bounded @ noisy
-        rest = rest - noisy.T @ bounded @ noisy
+        at_about = bounded @ problem.about
+        noisy = np.block([[bounded, at_about[:, None]], [at_about, problem.about @ at_about]])
+        gram[p:, p:] -= noisy
+        rest = rest - noisy
     inverse_root = np.linalg.inv(root) * size
     flat = inverse_root.T @ inverse_root
     logs = weights.log_volume + np.log(np.diag(root) / size).sum()
@@ -220,6 +223,11 @@ def _without_negative(information: np.ndarray) -> np.ndarray:
 
 def _bounded(excess: np.ndarray, information: np.ndarray) -> np.ndarray:
     """Return the excess, in every direction at most half of the information (Fuller 1987, ch. 2.5)."""
+    try:
+        np.linalg.cholesky(MOST_CORRECTION * information - excess)
+        return excess
+    except np.linalg.LinAlgError:  # it is more somewhere
+        pass
     values, axes = np.linalg.eigh(information)
     size = np.sqrt(np.maximum(values, ROUNDING * values[-1]))
     half = axes / size
@@ -266,7 +274,7 @@ def _joint(
     pushed = np.concatenate([pushed, problem.members @ each], axis=2)
     solved = noise.weights(pushed).reshape(-1, pushed.shape[2])
     q = pushed.reshape(-1, pushed.shape[2])
-    on_columns = (noise.weighted.reshape(-1, width).T @ q)[:-1]
+    on_columns = (problem.whole.reshape(-1, width).T @ solved)[:-1]
     hessian = 2 * (q.T @ solved - on_columns.T @ covariance @ on_columns)
     hessian[:k, :k] += np.diag(problem.doubt**-2.0)
     known = [k + number for number in problem.known]
@@ -287,8 +295,18 @@ def _joint(
     )
 
 
-def _result(problem: Problem, noise: _Noise, spread: Spread) -> Fit:
-    _, hessian, (estimate, conditional, slope) = _joint(problem, noise, spread)
+def _result(
+    problem: Problem,
+    noise: _Noise,
+    spread: Spread,
+    joint: tuple[np.ndarray, np.ndarray, tuple[np.ndarray, ...]],
+) -> Fit:
+    """Return the estimate at scales and spreads.
+
+    Args:
+        joint: what `_joint` returns there.
+    """
+    _, hessian, (estimate, conditional, slope) = joint
     values, turn = np.linalg.eigh(hessian)
     doubt = (turn / np.maximum(values, LEAST_CURVATURE)) @ turn.T
     # The sum of squares by the residuals themselves: far from where the columns hold, the difference of two
