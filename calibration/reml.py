@@ -43,6 +43,7 @@ from tulip_testbed.identification.noise_structure import Weights
 QUIETEST = np.log(0.05)  # of a scale of the noise: less leaves residuals without any
 CONVERGED = 1e-3  # of the log-likelihood: a step of less than a twentieth of a standard deviation
 ROUNDING = 1e-14  # of the largest information, that is lost where columns N are projected out
+UNNOTICED = 1e-9  # of the information about a member whose prior s.d. is 1
 
 
 @dataclass(frozen=True)
@@ -210,10 +211,10 @@ def _noise(problem: Problem, log_scale: np.ndarray) -> _Noise:
 
 def _without_negative(information: np.ndarray) -> np.ndarray:
     """Return a matrix of information without the negative parts that rounding gave it."""
-    try:
-        np.linalg.cholesky(information)
+    try:  # less than this no prior of a member notices
+        np.linalg.cholesky(information + UNNOTICED * np.eye(len(information)))
         return information
-    except np.linalg.LinAlgError:  # a direction without information
+    except np.linalg.LinAlgError:
         pass
     values, axes = np.linalg.eigh(information)
     if not len(values) or values[0] >= 0:
@@ -222,18 +223,26 @@ def _without_negative(information: np.ndarray) -> np.ndarray:
 
 
 def _bounded(excess: np.ndarray, information: np.ndarray) -> np.ndarray:
-    """Return the excess, in every direction at most half of the information (Fuller 1987, ch. 2.5)."""
+    """Return the excess, in every direction at most half of the information (Fuller 1987, ch. 2.5).
+
+    With S the unit vectors of the members that have an excess, S E S', and T T' = S' I^-1 S, the share of the
+    excess in the information has the eigenvalues of T' E T.
+    """
+    noisy = np.flatnonzero(excess.any(axis=0))
+    own = excess[np.ix_(noisy, noisy)]
     try:
-        np.linalg.cholesky(MOST_CORRECTION * information - excess)
+        root = np.linalg.cholesky(np.linalg.inv(information)[np.ix_(noisy, noisy)])
+    except np.linalg.LinAlgError:  # a direction with so little information that rounding hides it
+        values, axes = np.linalg.eigh(information)
+        inverse = (axes / np.maximum(values, ROUNDING * values[-1])) @ axes.T
+        root = np.linalg.cholesky(inverse[np.ix_(noisy, noisy)])
+    share, turn = np.linalg.eigh(root.T @ own @ root)
+    if share[-1] <= MOST_CORRECTION:
         return excess
-    except np.linalg.LinAlgError:  # it is more somewhere
-        pass
-    values, axes = np.linalg.eigh(information)
-    size = np.sqrt(np.maximum(values, ROUNDING * values[-1]))
-    half = axes / size
-    share, turn = np.linalg.eigh(half.T @ excess @ half)
-    back = (axes * size) @ turn
-    return (back * np.minimum(share, MOST_CORRECTION)) @ back.T
+    back = np.linalg.solve(root.T, turn)
+    out = np.zeros_like(excess)
+    out[np.ix_(noisy, noisy)] = (back * np.minimum(share, MOST_CORRECTION)) @ back.T
+    return out
 
 
 def _posterior(problem: Problem, noise: _Noise, spread: Spread) -> tuple[np.ndarray, np.ndarray]:
