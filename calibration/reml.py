@@ -268,19 +268,21 @@ def _joint(
     """
     k, p = len(problem.noise), problem.flat
     estimate, covariance = _posterior(problem, noise, spread)
-    weighted = noise.weighted @ np.append(-estimate, 1.0)
-    width = noise.weighted.shape[2]
+    shape, width = noise.weighted.shape[:2], noise.weighted.shape[2]
+    weighted = (noise.weighted.reshape(-1, width) @ np.append(-estimate, 1.0)).reshape(shape)
     pushed = np.concatenate(
         [np.zeros((*weighted.shape, 0)), *noise.weights.parts(weighted[..., None])], axis=2
     )
-    score = noise.weights.traces(noise.weighted[..., :-1], covariance)
+    score = noise.weights.traces(noise.weighted, np.pad(covariance, (0, 1)))
     score -= np.tensordot(weighted, pushed, axes=2)
     score += noise.log_scale / problem.doubt**2
     phi = estimate[p:]
-    each = np.zeros((len(phi), len(problem.roots)))
-    for j, part in enumerate(problem.parts):
-        each[part, j] = phi[part]
-    pushed = np.concatenate([pushed, problem.members @ each], axis=2)
+    parts = [slice(p + part.start, p + part.stop) for part in problem.parts]
+    each = np.zeros((width, len(parts)))
+    for j, part in enumerate(parts):
+        each[part, j] = estimate[part]
+    by_spreads = (problem.whole.reshape(-1, width) @ each).reshape(*shape, -1)
+    pushed = np.concatenate([pushed, by_spreads], axis=2)
     solved = noise.weights(pushed).reshape(-1, pushed.shape[2])
     q = pushed.reshape(-1, pushed.shape[2])
     on_columns = (problem.whole.reshape(-1, width).T @ solved)[:-1]
