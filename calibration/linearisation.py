@@ -240,11 +240,12 @@ def _excess(
     out = (spread * (slope.mT @ precision @ slope)).sum(axis=0)
     # What a plate's error changes, the postures of a placement share.
     left = _left(noise.plates, placement.sums(by_plates.mT @ weights(by_plates)))[placement.number]
+    m, rows, size = slope.shape
     pushed, spread = (
-        (slope[:, :, None] * part.mT[:, None]).reshape(*slope.shape[:2], -1)
+        (slope[:, :, None] * part.mT[:, None]).reshape(m, rows, PLATES * size)
         for part in (rate[..., count:], rate[..., count:] @ left)
     )
-    pushed, spread = (part.reshape(-1, PLATES, slope.shape[2]) for part in (weights(pushed), spread))
+    pushed, spread = (part.reshape(m * rows, PLATES, size) for part in (weights(pushed), spread))
     return out + (pushed.transpose(1, 2, 0) @ spread.transpose(1, 0, 2)).sum(axis=0)
 
 
