@@ -187,9 +187,9 @@ def _noise(problem: Problem, log_scale: np.ndarray) -> _Noise:
     rest = gram[p:, p:] - half.T @ half
     if problem.excess.any():
         least = np.exp(-2 * WIDEST) * np.eye(len(rest) - 1)  # of the prior at the largest spread
-        bounded = _bounded(problem.excess, rest[:-1, :-1] + least)
-        at_about = bounded @ problem.about
-        noisy = np.block([[bounded, at_about[:, None]], [at_about, problem.about @ at_about]])
+        excess = bounded(problem.excess, rest[:-1, :-1] + least)
+        at_about = excess @ problem.about
+        noisy = np.block([[excess, at_about[:, None]], [at_about, problem.about @ at_about]])
         gram[p:, p:] -= noisy
         rest = rest - noisy
     inverse_root = np.linalg.inv(root) * size
@@ -222,7 +222,7 @@ def _without_negative(information: np.ndarray) -> np.ndarray:
     return (axes * np.maximum(values, 0.0)) @ axes.T
 
 
-def _bounded(excess: np.ndarray, information: np.ndarray) -> np.ndarray:
+def bounded(excess: np.ndarray, information: np.ndarray) -> np.ndarray:
     """Return the excess, in every direction at most half of the information (Fuller 1987, ch. 2.5).
 
     With S the unit vectors of the members that have an excess, S E S', and T T' = S' I^-1 S, the share of the
