@@ -105,7 +105,7 @@ class Family:
             for parameter in self.effect.parameters
         )
 
-    @property
+    @cached_property
     def parts(self) -> tuple[np.ndarray, ...]:
         """Return how the numbers arise from independent deviates of s.d. 1 at spread 1, (n, k) each [SI].
 

@@ -111,7 +111,7 @@ def linearised(state: State, families: Families, noise: Noise) -> tuple[Problem,
     found = state.covariance
     if found is None:
         reach = slope[..., : at["plates"].stop].copy()
-        reach[..., at["cells"].start :] += slope[..., yields.field] @ (
+        reach[..., at["cells"].start :] += slope.take(yields.field, axis=2) @ (
             phi[yields.member][:, None] * yields.rate
         )
         # The mean square: with that of an estimate that is too small, the estimate would seem too certain.
@@ -128,7 +128,7 @@ def linearised(state: State, families: Families, noise: Noise) -> tuple[Problem,
     pull = weights(used * unexplained[..., None])[..., 0]
     scaled = scaled_noise(noise, state.scales)
     smooth = without_noise(clean, pull, reach, scaled)
-    at_loads = slope[..., yields.field]
+    at_loads = slope.take(yields.field, axis=2)
     slope = sensitivity(smooth, theta)
     base = -nuisances(smooth, CHANNELS)
     members = np.concatenate(
@@ -233,21 +233,20 @@ def _excess(
     """
     placement = weights.structure.placement
     count = rate.shape[2] - PLATES
-    cells, plates = np.arange(count), np.arange(count, rate.shape[2])
     precision = weights.of_postures
-    by_cells = reach[..., cells]
+    by_cells, by_plates = reach[..., :count], reach[..., count:]
     left = _left(np.full(count, noise.cell), by_cells.mT @ precision @ by_cells)
-    spread = rate[..., cells] @ left @ rate[..., cells].mT
+    spread = rate[..., :count] @ left @ rate[..., :count].mT
     out = (spread * (slope.mT @ precision @ slope)).sum(axis=0)
     # What a plate's error changes, the postures of a placement share.
-    by_plates = reach[..., plates]
     left = _left(noise.plates, placement.sums(by_plates.mT @ weights(by_plates)))[placement.number]
-    spread = rate[..., plates] @ left
-    for k, plate in enumerate(plates):
-        out += np.tensordot(
-            weights(slope * rate[:, None, :, plate]), slope * spread[:, None, :, k], axes=((0, 1), (0, 1))
-        )
-    return out
+    m, rows, size = slope.shape
+    pushed, spread = (
+        (slope[:, :, None] * part.mT[:, None]).reshape(m, rows, PLATES * size)
+        for part in (rate[..., count:], rate[..., count:] @ left)
+    )
+    pushed, spread = (part.reshape(m * rows, PLATES, size) for part in (weights(pushed), spread))
+    return out + (pushed.transpose(1, 2, 0) @ spread.transpose(1, 0, 2)).sum(axis=0)
 
 
 def _left(sd: np.ndarray, information: np.ndarray) -> np.ndarray:

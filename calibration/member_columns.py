@@ -27,7 +27,6 @@ def member_columns(
         theta: base parameters, (p,) [m].
         sensitivity: derivative of the residuals by the fields of `packed`, (m, 11, k).
     """
-    columns = []
     if isinstance(family, FreeEffect):
         without = _removed(observed, family.start)
         observed = unpacked(observed, 2 * packed(observed) - packed(without)).changed(
@@ -36,16 +35,21 @@ def member_columns(
         before = _removed(observed, family.start)
     else:
         before = observed
+    sizes = STEP * family.steps
+    out = np.zeros((len(observed), SIZE, len(sizes)))
+    changes, linear = np.zeros((len(observed), len(sizes), sensitivity.shape[2])), []
     plain: np.ndarray | None = None
-    for number, size in enumerate(STEP * family.steps):
-        after = _removed(observed, family.one(number, float(size)))
+    for number, size in enumerate(sizes.tolist()):
+        after = _removed(observed, family.one(number, size))
         if after.tree is before.tree and after.cells is before.cells:
-            change = difference(before, after)
-            columns.append(-(sensitivity @ change[..., None])[..., 0] / size)
+            changes[:, number] = difference(before, after)
+            linear.append(number)
         else:
             plain = residuals(before, theta) if plain is None else plain
-            columns.append((plain - residuals(after, theta)) / size)
-    return np.stack(columns, axis=-1) if columns else np.zeros((len(observed), SIZE, 0))
+            out[..., number] = (plain - residuals(after, theta)) / size
+    if linear:
+        out[..., linear] = -(sensitivity @ changes[:, linear].mT) / sizes[linear]
+    return out
 
 
 def _removed(observed: Observation, one: EffectInstance) -> Observation:

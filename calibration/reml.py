@@ -43,6 +43,7 @@ from tulip_testbed.identification.noise_structure import Weights
 QUIETEST = np.log(0.05)  # of a scale of the noise: less leaves residuals without any
 CONVERGED = 1e-3  # of the log-likelihood: a step of less than a twentieth of a standard deviation
 ROUNDING = 1e-14  # of the largest information, that is lost where columns N are projected out
+UNNOTICED = 1e-9  # of the information about a member whose prior s.d. is 1
 
 
 @dataclass(frozen=True)
@@ -100,10 +101,11 @@ def fit(problem: Problem, start: tuple[np.ndarray, np.ndarray] | None = None) ->
     noise = _noise(problem, first[0])
     spread = best_spreads(problem, noise.reduced, noise.moment, first[1])
     for _ in range(MOST_STEPS):
-        gradient, hessian, _ = _joint(problem, noise, spread)
+        gradient, hessian, _ = joint = _joint(problem, noise, spread)
         step = newton_step(gradient, hessian)
         if abs(gradient @ step) < CONVERGED:
-            break
+            return _result(problem, noise, spread, joint)
+        del joint
         at, value = noise.log_scale, noise.value + spread.value
         del noise  # it is large: one at a time
         found = _on_the_way(problem, at, spread.log_spread, step, value)
@@ -114,7 +116,7 @@ def fit(problem: Problem, start: tuple[np.ndarray, np.ndarray] | None = None) ->
         del found
         if value - noise.value - spread.value < CONVERGED:
             break
-    return _result(problem, noise, spread)
+    return _result(problem, noise, spread, _joint(problem, noise, spread))
 
 
 def _on_the_way(
@@ -137,7 +139,8 @@ def _on_the_way(
 def given(problem: Problem, scales: np.ndarray, spreads: np.ndarray) -> Fit:
     """Return the estimate with known scales (k,) and spreads (f,)."""
     noise = _noise(problem, np.log(scales))
-    found = _result(problem, noise, at_spread(problem, noise.reduced, noise.moment, np.log(spreads)))
+    spread = at_spread(problem, noise.reduced, noise.moment, np.log(spreads))
+    found = _result(problem, noise, spread, _joint(problem, noise, spread))
     return replace(found, scale_covariance=0 * found.scale_covariance, covariance=found.conditional)
 
 
@@ -157,12 +160,12 @@ def parts_of_variance(problem: Problem, found: Fit) -> np.ndarray:
     They are due to known information, fixed noise, each sigma_k and each tau_f. Without `excess` their sum is
     that covariance.
     """
-    noise, p = _noise(problem, np.log(found.scales)), problem.flat
+    weights, p = problem.noise.weights(np.log(found.scales)), problem.flat
     # C Z' V_0^-1 K_k V_0^-1 Z C times sigma_k^2, in the rows of nu.
     of_nu = found.conditional[:p]
-    across = noise.weighted @ np.column_stack([of_nu, np.zeros(p)]).T
+    across = weights(problem.whole @ np.column_stack([of_nu, np.zeros(p)]).T)
     flat = across.reshape(-1, p)
-    pushed = chain([problem.noise.fixed @ across], noise.weights.parts(across))
+    pushed = chain([problem.noise.fixed @ across], weights.parts(across))
     parts = [of_nu[:, :p] @ problem.information @ of_nu[:, :p].T]
     parts += [flat.T @ one.reshape(-1, p) for one in pushed]
     for part, one, size in zip(problem.parts, problem.roots, found.spreads, strict=True):
@@ -184,10 +187,11 @@ def _noise(problem: Problem, log_scale: np.ndarray) -> _Noise:
     rest = gram[p:, p:] - half.T @ half
     if problem.excess.any():
         least = np.exp(-2 * WIDEST) * np.eye(len(rest) - 1)  # of the prior at the largest spread
-        bounded = _bounded(problem.excess, rest[:-1, :-1] + least)
-        noisy = np.column_stack([np.eye(len(rest) - 1), problem.about])
-        gram[p:, p:] -= noisy.T @ bounded @ noisy
-        rest = rest - noisy.T @ bounded @ noisy
+        excess = bounded(problem.excess, rest[:-1, :-1] + least)
+        at_about = excess @ problem.about
+        noisy = np.block([[excess, at_about[:, None]], [at_about, problem.about @ at_about]])
+        gram[p:, p:] -= noisy
+        rest = rest - noisy
     inverse_root = np.linalg.inv(root) * size
     flat = inverse_root.T @ inverse_root
     logs = weights.log_volume + np.log(np.diag(root) / size).sum()
@@ -207,10 +211,10 @@ def _noise(problem: Problem, log_scale: np.ndarray) -> _Noise:
 
 def _without_negative(information: np.ndarray) -> np.ndarray:
     """Return a matrix of information without the negative parts that rounding gave it."""
-    try:
-        np.linalg.cholesky(information)
+    try:  # less than this no prior of a member notices
+        np.linalg.cholesky(information + UNNOTICED * np.eye(len(information)))
         return information
-    except np.linalg.LinAlgError:  # a direction without information
+    except np.linalg.LinAlgError:
         pass
     values, axes = np.linalg.eigh(information)
     if not len(values) or values[0] >= 0:
@@ -218,14 +222,27 @@ def _without_negative(information: np.ndarray) -> np.ndarray:
     return (axes * np.maximum(values, 0.0)) @ axes.T
 
 
-def _bounded(excess: np.ndarray, information: np.ndarray) -> np.ndarray:
-    """Return the excess, in every direction at most half of the information (Fuller 1987, ch. 2.5)."""
-    values, axes = np.linalg.eigh(information)
-    size = np.sqrt(np.maximum(values, ROUNDING * values[-1]))
-    half = axes / size
-    share, turn = np.linalg.eigh(half.T @ excess @ half)
-    back = (axes * size) @ turn
-    return (back * np.minimum(share, MOST_CORRECTION)) @ back.T
+def bounded(excess: np.ndarray, information: np.ndarray) -> np.ndarray:
+    """Return the excess, in every direction at most half of the information (Fuller 1987, ch. 2.5).
+
+    With S the unit vectors of the members that have an excess, S E S', and T T' = S' I^-1 S, the share of the
+    excess in the information has the eigenvalues of T' E T.
+    """
+    noisy = np.flatnonzero(excess.any(axis=0))
+    own = excess[np.ix_(noisy, noisy)]
+    try:
+        root = np.linalg.cholesky(np.linalg.inv(information)[np.ix_(noisy, noisy)])
+    except np.linalg.LinAlgError:  # a direction with so little information that rounding hides it
+        values, axes = np.linalg.eigh(information)
+        inverse = (axes / np.maximum(values, ROUNDING * values[-1])) @ axes.T
+        root = np.linalg.cholesky(inverse[np.ix_(noisy, noisy)])
+    share, turn = np.linalg.eigh(root.T @ own @ root)
+    if share[-1] <= MOST_CORRECTION:
+        return excess
+    back = np.linalg.solve(root.T, turn)
+    out = np.zeros_like(excess)
+    out[np.ix_(noisy, noisy)] = (back * np.minimum(share, MOST_CORRECTION)) @ back.T
+    return out
 
 
 def _posterior(problem: Problem, noise: _Noise, spread: Spread) -> tuple[np.ndarray, np.ndarray]:
@@ -251,22 +268,24 @@ def _joint(
     """
     k, p = len(problem.noise), problem.flat
     estimate, covariance = _posterior(problem, noise, spread)
-    weighted = noise.weighted @ np.append(-estimate, 1.0)
-    width = noise.weighted.shape[2]
+    shape, width = noise.weighted.shape[:2], noise.weighted.shape[2]
+    weighted = (noise.weighted.reshape(-1, width) @ np.append(-estimate, 1.0)).reshape(shape)
     pushed = np.concatenate(
         [np.zeros((*weighted.shape, 0)), *noise.weights.parts(weighted[..., None])], axis=2
     )
-    score = noise.weights.traces(noise.weighted[..., :-1], covariance)
+    score = noise.weights.traces(noise.weighted, np.pad(covariance, (0, 1)))
     score -= np.tensordot(weighted, pushed, axes=2)
     score += noise.log_scale / problem.doubt**2
     phi = estimate[p:]
-    each = np.zeros((len(phi), len(problem.roots)))
-    for j, part in enumerate(problem.parts):
-        each[part, j] = phi[part]
-    pushed = np.concatenate([pushed, problem.members @ each], axis=2)
+    parts = [slice(p + part.start, p + part.stop) for part in problem.parts]
+    each = np.zeros((width, len(parts)))
+    for j, part in enumerate(parts):
+        each[part, j] = estimate[part]
+    by_spreads = (problem.whole.reshape(-1, width) @ each).reshape(*shape, -1)
+    pushed = np.concatenate([pushed, by_spreads], axis=2)
     solved = noise.weights(pushed).reshape(-1, pushed.shape[2])
     q = pushed.reshape(-1, pushed.shape[2])
-    on_columns = (noise.weighted.reshape(-1, width).T @ q)[:-1]
+    on_columns = (problem.whole.reshape(-1, width).T @ solved)[:-1]
     hessian = 2 * (q.T @ solved - on_columns.T @ covariance @ on_columns)
     hessian[:k, :k] += np.diag(problem.doubt**-2.0)
     known = [k + number for number in problem.known]
@@ -287,8 +306,18 @@ def _joint(
     )
 
 
-def _result(problem: Problem, noise: _Noise, spread: Spread) -> Fit:
-    _, hessian, (estimate, conditional, slope) = _joint(problem, noise, spread)
+def _result(
+    problem: Problem,
+    noise: _Noise,
+    spread: Spread,
+    joint: tuple[np.ndarray, np.ndarray, tuple[np.ndarray, ...]],
+) -> Fit:
+    """Return the estimate at scales and spreads.
+
+    Args:
+        joint: what `_joint` returns there.
+    """
+    _, hessian, (estimate, conditional, slope) = joint
     values, turn = np.linalg.eigh(hessian)
     doubt = (turn / np.maximum(values, LEAST_CURVATURE)) @ turn.T
     # The sum of squares by the residuals themselves: far from where the columns hold, the difference of two

@@ -30,7 +30,7 @@ from tulip_testbed.calibration.linearisation import (
     linearised,
     mixing_of,
 )
-from tulip_testbed.calibration.member_removal import instances_of_members, members_removed
+from tulip_testbed.calibration.member_removal import members_removed
 from tulip_testbed.calibration.reml import Fit, fit, given
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.identification.observation import Observation
@@ -80,7 +80,7 @@ def self_calibrate(
     phi, variance = _first(families, start)
     deviates = np.linalg.pinv(mixing) @ phi
     if start is None:
-        clean = removed(observed, instances_of_members(families, phi))
+        clean = removed(observed, effects)  # members at zero change nothing
         smooth, nu = clean, np.append(_least_squares(clean), 0.0)
     else:
         nu, scales, spreads = start.solved.estimate[: p + 1], start.solved.scales, _spreads(families, start)

@@ -57,7 +57,7 @@ def _with_true_length(observed: Observation, target: str, values: Values) -> Obs
     anchor[0] += values[0] * way / np.linalg.norm(way)
     edges = list(observed.tree.edges)
     edges[number] = replace(edge, anchor=anchor)
-    return replace(observed, tree=replace(observed.tree, edges=tuple(edges)))
+    return observed.changed(tree=observed.tree.with_lengths(tuple(edges)))
 
 
 EFFECTS = (

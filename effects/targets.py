@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -37,6 +38,7 @@ def links(robot: Robot) -> tuple[str, ...]:
     return tuple(model.body(k).name for k in range(1, model.nbody) if model.body_mass[k] > 0)
 
 
+@lru_cache(maxsize=8)
 def leg_links(robot: Robot) -> tuple[str, ...]:
     """Return the links between the feet that carry exactly one more joint, at a distance from their own."""
     tree = tree_of(robot.model)
@@ -80,6 +82,7 @@ def plate_of(robot: Robot, joint: str) -> str:
     return beyond[0] if len(beyond) == 1 else ""
 
 
+@lru_cache(maxsize=8)
 def leg_joints(robot: Robot) -> tuple[str, ...]:
     """Return the joints between the torso and one foot, in the order of the joints."""
     return tuple(name for name in joint_names(robot.model) if plate_of(robot, name))

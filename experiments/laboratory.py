@@ -191,11 +191,20 @@ class Laboratory:
         look_up("engine", engine, ENGINES, "engine")
         check_fits("plan", plan, self.robot)
         check_scene(preset_rig(self.sensors, self.robot) if self.nominal is None else self.nominal)
-        placements = np.unique(plan.placement).tolist()
+        self.check_effects(plan, engine)
+
+    def check_effects(self, plan: PosturePlan, engine: str) -> None:
+        """Refuse effects that this laboratory cannot have.
+
+        Raises:
+            InputError: names what was found and what is valid.
+        """
+        placements, contacts = np.unique(plan.placement).tolist(), header_of(self.rig).contacts
         for effect in (*self.known, *self.hidden):
-            check_laboratory(effect, engine == "statics", str(effect))
-            check_instrument(effect.effect, header_of(self.rig).contacts, str(effect))
-            check_instance(effect, self.robot, placements, str(effect))
+            where = str(effect)
+            check_laboratory(effect, engine == "statics", where)
+            check_instrument(effect.effect, contacts, where)
+            check_instance(effect, self.robot, placements, where)
 
     def true_base_parameters(self, plan: PosturePlan) -> np.ndarray:
         """Compute the base parameters of the robot that stands here, as a plan can tell them, (p,) [m]."""

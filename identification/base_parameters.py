@@ -115,6 +115,27 @@ class BaseParameters:
         Args:
             joint_angles, support, rotations: see `regressor`.
         """
+        return self._turned(joint_angles, support, rotations) @ self.combination
+
+    def slope_along(
+        self,
+        theta: np.ndarray,
+        joint_angles: np.ndarray,
+        support: np.ndarray | None = None,
+        rotations: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Compute the derivative of the regressor times theta by every joint angle, (m, 2, n_joints) [m/rad].
+
+        Args:
+            theta: base parameters, (p,) [m].
+            joint_angles, support, rotations: see `regressor`.
+        """
+        return self._turned(joint_angles, support, rotations) @ (self.combination @ theta)
+
+    def _turned(
+        self, joint_angles: np.ndarray, support: np.ndarray | None, rotations: np.ndarray | None
+    ) -> np.ndarray:
+        """Differentiate the axes of the frames that the parameters combine, (m, 2, n_joints, k) [1/rad]."""
         if rotations is None:
             rotations = self.rotations(joint_angles, support)
         frames, axes = np.divmod(self.columns, 3)
@@ -123,7 +144,7 @@ class BaseParameters:
         x = turn[:, 1] * vector[:, 2] - turn[:, 2] * vector[:, 1]
         y = turn[:, 2] * vector[:, 0] - turn[:, 0] * vector[:, 2]
         moved = self.moved(support)[:, None, :, frames]
-        return (np.stack([x, y], axis=1) * moved) @ self.combination
+        return np.stack([x, y], axis=1) * moved
 
     def moved(self, support: np.ndarray | None = None) -> np.ndarray:
         """Return how each joint turns the frames as seen from the base, (m, n_joints, n_frames).

@@ -5,7 +5,7 @@ The kinematics are in closed form on purpose: MuJoCo generates the data and must
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import mujoco
@@ -79,6 +79,12 @@ class Tree:
                 terms[1:, edge.child] = edge.placement @ cross, edge.placement @ cross @ cross
                 column[edge.child], zero[edge.child] = edge.joint, edge.zero
         return terms[0], terms[1], terms[2], column, zero
+
+    def with_lengths(self, edges: tuple[Edge, ...]) -> Tree:
+        """Return the tree with edges of other lengths, which leave its turns as they are."""
+        other = replace(self, edges=edges)
+        other.__dict__["turns"] = self.turns
+        return other
 
     def frame(self, link: str) -> int:
         """Return the frame number of a link.
@@ -187,7 +193,7 @@ def walk(tree: Tree, base: int) -> list[Step]:
 
 def alike_in_turns(one: Tree, other: Tree) -> bool:
     """Whether two trees of the same links differ in their lengths only."""
-    return one is other or all(map(np.array_equal, one.turns, other.turns))
+    return one.turns is other.turns or all(map(np.array_equal, one.turns, other.turns))
 
 
 def link_rotations(tree: Tree, base: int, joint_angles: np.ndarray) -> np.ndarray:

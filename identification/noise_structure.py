@@ -19,7 +19,7 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_array
 
-AT_ONCE, POSTURES = 32, 1000  # columns and postures, for the sake of memory
+LEAST_AT_ONCE, MOST_NUMBERS, POSTURES = 32, 300_000, 1000  # columns, numbers, postures: for memory's sake
 
 
 @dataclass(frozen=True)
@@ -137,13 +137,20 @@ class Weights:
     def __call__(self, columns: np.ndarray) -> np.ndarray:
         """Return W times columns, (m, r, n)."""
         stance, placement = self.structure.stance, self.structure.placement
+        m, rows, count = columns.shape
+        ends, across = self.on_free.shape[2], np.concatenate([self.on_free, self.on_levers], axis=2).mT
+        back = np.concatenate([self.inverse, -self.free_weights, -self.lever_weights], axis=2)
         out = np.empty_like(columns)
-        for first in range(0, columns.shape[2], AT_ONCE):
-            some = columns[..., first : first + AT_ONCE]
-            part = self.inverse @ some
-            part -= self.free_weights @ stance.sums(self.on_free.mT @ some)[stance.number]
-            part -= self.lever_weights @ placement.sums(self.on_levers.mT @ some)[placement.number]
-            out[..., first : first + AT_ONCE] = part
+        at_once = max(LEAST_AT_ONCE, MOST_NUMBERS // (m * rows))
+        for first in range(0, count, at_once):
+            some = columns[..., first : first + at_once]
+            seen = across @ some
+            shared = [
+                some,
+                stance.sums(seen[:, :ends])[stance.number],
+                placement.sums(seen[:, ends:])[placement.number],
+            ]
+            np.matmul(back, np.concatenate(shared, axis=1), out=out[..., first : first + at_once])
         return out
 
     @cached_property

@@ -146,6 +146,15 @@ class PostureGeometry:
         """
         return self.nominal.parameters.slope(self.joint_angles, self.support, self._nominal_rotations)
 
+    def slope_along(self, theta: np.ndarray) -> np.ndarray:
+        """Differentiate the regressor times theta by the joint angles, (m, 2, n_joints) [m/rad].
+
+        Args:
+            theta: base parameters, (p,) [m].
+        """
+        parameters = self.nominal.parameters
+        return parameters.slope_along(theta, self.joint_angles, self.support, self._nominal_rotations)
+
     @property
     def _nominal_rotations(self) -> np.ndarray | None:
         return self.rotations if alike_in_turns(self.tree, self.nominal.parameters.tree) else None

@@ -236,7 +236,7 @@ def sensitivity(observed: Observation, theta: np.ndarray) -> np.ndarray:
         out[:, 4, at["cells"].start + 4 : at["cells"].stop] = TWIST
     by_pose = _by_contact_poses(observed, forces.reshape(m, 2, -1) / total[:, None, None])
     rates = _foot_rates(observed)
-    out[:, 0:2, at["angles"]] = -observed.geometry.slope @ theta
+    out[:, 0:2, at["angles"]] = -observed.geometry.slope_along(theta)
     if (rows := observed.geometry.on_swing_foot).any():
         out[rows, 0:2, at["angles"]] -= observed.geometry.stance_sole_slope[rows, :2]
     if observed.in_feet:
@@ -259,7 +259,7 @@ def sensitivity(observed: Observation, theta: np.ndarray) -> np.ndarray:
     out[:, 0, at["shift"].start] = out[:, 1, at["shift"].start + 1] = -1.0
     out[:, :3, at["lift"].start] = by_weight(observed)
     if (ballast := observed.ballast) is not None:
-        plain = -observed.geometry.slope @ theta  # the regressor's: the masses are not in it
+        plain = -observed.geometry.slope_along(theta)  # the regressor's: the masses are not in it
         out[:, 0:2] *= (1 + ballast.ratio)[:, None, None]
         out[:, 0:2, at["angles"]] -= ballast.ratio[:, None, None] * plain + ballast.slope
     return out

@@ -1,11 +1,13 @@
 """Our closed-form kinematics against MuJoCo's."""
 
+import dataclasses
+
 import mujoco
 import numpy as np
 import pytest
 
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
-from tulip_testbed.identification.kinematics import frame_positions, link_rotations
+from tulip_testbed.identification.kinematics import frame_positions, link_rotations, tree_of
 from tulip_testbed.sim.robot import sole_point
 
 
@@ -58,3 +60,12 @@ def test_regressor_derivative_agrees_with_mujocos_jacobian(robot, model):
     arm = data.subtree_com[1] - origin
     relative = of_com - linear + np.cross(arm, angular, axisa=0, axisb=0, axisc=0)
     assert numeric == pytest.approx((base.T @ relative)[:2, 6:], abs=1e-8)
+
+
+def test_lengths_leave_the_turns_of_a_tree(robot):
+    tree = tree_of(robot.model)
+    edges = tuple(dataclasses.replace(edge, anchor=2 * edge.anchor) for edge in tree.edges)
+    longer, anew = tree.with_lengths(edges), dataclasses.replace(tree, edges=edges)
+    assert longer.turns is tree.turns
+    for one, other in zip(longer.turns, anew.turns, strict=True):
+        np.testing.assert_array_equal(one, other)

@@ -9,7 +9,7 @@ from scipy.optimize import approx_fprime, minimize
 from scipy.stats import multivariate_normal
 
 from tulip_testbed.calibration.linear_problem import Problem
-from tulip_testbed.calibration.reml import fit, objective, parts_of_variance
+from tulip_testbed.calibration.reml import bounded, fit, objective, parts_of_variance
 from tulip_testbed.calibration.reml import given as fit_with
 from tulip_testbed.identification.noise_structure import NoiseStructure, groups
 
@@ -293,3 +293,20 @@ def test_the_evidence_does_not_depend_on_what_flat_parameters_take_up():
     near, found = (fit_with(dataclasses.replace(given, whole=whole), np.ones(2), np.ones(3))
                    for whole in (given.whole, far))  # fmt: skip
     assert found.log_evidence == pytest.approx(near.log_evidence, abs=1e-3)
+
+
+def test_the_excess_is_bounded_in_every_direction():
+    """By square roots of the whole information, of an excess of both signs in some of the members."""
+    rng = np.random.default_rng(0)
+    root = rng.standard_normal((6, 6))
+    information, excess = root @ root.T, np.zeros((6, 6))
+    part = rng.standard_normal((3, 3))
+    excess[np.ix_([1, 2, 4], [1, 2, 4])] = part + part.T
+    values, axes = np.linalg.eigh(information)
+    half = (axes * np.sqrt(values)) @ axes.T
+    share, turn = np.linalg.eigh(np.linalg.solve(half, np.linalg.solve(half, excess).T))
+    assert share[-1] > 0.5
+    expected = half @ (turn * np.minimum(share, 0.5)) @ turn.T @ half
+    np.testing.assert_allclose(bounded(excess, information), expected, atol=1e-12)
+    small = 0.4 / share[-1] * excess
+    np.testing.assert_array_equal(bounded(small, information), small)

@@ -53,7 +53,8 @@ def test_slopes_are_those_of_finite_differences(robot, angles):
     geometry = PostureGeometry(
         nominal, nominal.parameters.tree, angles, SUPPORT, standard_parameters(robot.model)
     )
-    by_angle = geometry.slope @ nominal.value + geometry.stance_sole_slope[:, :2]
+    by_angle = geometry.slope_along(nominal.value) + geometry.stance_sole_slope[:, :2]
+    assert geometry.slope_along(nominal.value) == pytest.approx(geometry.slope @ nominal.value, abs=1e-14)
     expected = jacobian(lambda q: nominal.center_of_mass(q, SUPPORT), angles)
     np.testing.assert_allclose(by_angle, expected, atol=1e-8)
     np.testing.assert_allclose(geometry.center[:, :2], nominal.center_of_mass(angles, SUPPORT), atol=1e-12)

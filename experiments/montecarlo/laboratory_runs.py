@@ -64,6 +64,7 @@ def source_of(
     rig = laboratory.rig
     model = true_model(rig) if laboratory.known else rig.robot.model
     if imperfections:
+        laboratory.check(plan, engine)
         near = _similar(laboratory, plan, imperfections) if engine == "statics" else None
         return partial(_ordinary, laboratory, plan, model, spread, engine, imperfections, near)
     if engine == "dynamics":
@@ -170,7 +171,7 @@ def _ordinary_one(
     Raises:
         InputError: a laboratory in which nothing can be measured.
     """
-    laboratory.check(plan, engine)
+    laboratory.check_effects(plan, engine)
     rig = laboratory.rig if edit is None else edited(laboratory.rig, edit)
     if engine == "dynamics":
         outcome = run_dynamics(rig, plan, _number_of(stream))

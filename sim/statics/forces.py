@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tulip_testbed.sim.statics.mechanism import HINGE, Mechanism
+from tulip_testbed.sim.statics.mechanism import HINGE, Joint, Mechanism
 from tulip_testbed.sim.statics.soft_constraints import stop_torques
 
 WRENCH_UNIT = 100.0  # N or Nm that count as one metre in the closure residual of an unloaded foot
@@ -88,26 +88,18 @@ def residual(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
     pose errors of both soles, or the wrench on a foot in the air.
     """
     m = mechanism
-    frames, axes, anchors = body_frames(m, state)
-    force, moment = body_loads(m, state, load, frames)
-    for number in range(len(m.bodies) - 1, 0, -1):
-        parent = m.bodies[number].parent
-        force[parent] = force[parent] + force[number]
-        moment[parent] = moment[parent] + moment[number]
+    frames = body_frames(m, state)
+    force, moment = (m.sums_behind(part) for part in body_loads(m, state, load, frames))
     n = state.angles.shape[-1]
     shape = np.broadcast_shapes(state.angles.shape[:-1], load.command.shape[:-1], load.mass.shape[:-1])
     out = np.empty((*shape, 6 + n + 12))
     out[..., :3] = force[0]
     out[..., 3:6] = moment[0] - cross(state.position, force[0])
-    for number, body in enumerate(m.bodies):
-        for joint in body.joints:
-            axis, anchor = axes[joint.column], anchors[joint.column]
-            if joint.kind == HINGE:
-                component = _dot(axis, moment[number] - cross(anchor, force[number]))
-            else:
-                component = _dot(axis, force[number])
-            out[..., 6 + joint.column] = component
-    out[..., 6 : 6 + n] += drives(m, state, load)
+    behind, twist = force[m.owner], moment[m.owner]
+    component = _dot(frames.axis, twist - cross(frames.anchor, behind))
+    if m.slides.any():
+        component[m.slides] = _dot(frames.axis, behind)[m.slides]
+    out[..., 6 : 6 + n] = np.moveaxis(component, 0, -1) + drives(m, state, load)
     # A foot in the air bears no load, at any pose.
     closure = np.where(
         load.foot_contact[..., None], _closure(m, state, load, frames), state.wrench / WRENCH_UNIT
@@ -118,10 +110,10 @@ def residual(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
 
 def sole_poses(mechanism: Mechanism, state: State) -> np.ndarray:
     """Return the planar poses of both soles in the world, (..., 2, 3) [m, m, rad]."""
-    frames, _, _ = body_frames(mechanism, state)
+    frames = body_frames(mechanism, state)
     poses = []
     for sole, point in zip(mechanism.soles, mechanism.sole_points, strict=True):
-        place, rotation = frames[sole]
+        place, rotation = frames.place[sole], frames.rotation[sole]
         yaw = np.arctan2(rotation[..., 1, 0], rotation[..., 0, 0])
         poses.append(np.concatenate([(place + rotation @ point)[..., :2], yaw[..., None]], axis=-1))
     return np.stack(poses, axis=-2)
@@ -163,70 +155,92 @@ def axial_vector(rotation: np.ndarray) -> np.ndarray:
     )
 
 
-def body_frames(m: Mechanism, state: State) -> tuple[list, list, list]:
+@dataclass(frozen=True)
+class Frames:
+    """Bodies and coordinates in the world; the dimension of these comes before the batch.
+
+    Attributes:
+        place, rotation: of every body, (nb, ..., 3) [m] and (nb, ..., 3, 3).
+        axis, anchor: of every coordinate, (n, ..., 3) [-], [m].
+    """
+
+    place: np.ndarray
+    rotation: np.ndarray
+    axis: np.ndarray
+    anchor: np.ndarray
+
+
+def body_frames(m: Mechanism, state: State) -> Frames:
     """Return place and rotation of every body, and axis and anchor of every coordinate, in the world."""
-    frames = [(state.position, state.rotation)]
-    axes: list = [None] * state.angles.shape[-1]
-    anchors: list = [None] * state.angles.shape[-1]
-    for body in m.bodies[1:]:
-        place, rotation = frames[body.parent]
+    batch, count, n = state.angles.shape[:-1], len(m.bodies), state.angles.shape[-1]
+    places, rotations = np.empty((count, *batch, 3)), np.empty((count, *batch, 3, 3))
+    axes, anchors = np.empty((n, *batch, 3)), np.empty((n, *batch, 3))
+    places[0], rotations[0] = state.position, state.rotation
+    for number, body in enumerate(m.bodies[1:], start=1):
+        place, rotation = places[body.parent], rotations[body.parent]
         place = place + rotation @ body.position
-        if not np.array_equal(body.rotation, np.eye(3)):
+        if body.turned:
             rotation = rotation @ body.rotation
         for joint in body.joints:
             value = state.angles[..., joint.column]
             value = value - joint.zero if joint.zero else value
             axis = rotation @ joint.axis
             if joint.kind == HINGE:
-                anchor = place + rotation @ joint.anchor if joint.anchor.any() else place
-                rotation = _turned(rotation, joint.axis, value)
-                place = anchor - rotation @ joint.anchor if joint.anchor.any() else place
+                anchor = place + rotation @ joint.anchor if joint.off_origin else place
+                rotation = _turned(rotation, joint, value)
+                place = anchor - rotation @ joint.anchor if joint.off_origin else place
             else:
                 anchor = place
                 place = place + axis * value[..., None]
             axes[joint.column], anchors[joint.column] = axis, anchor
-        frames.append((place, rotation))
-    return frames, axes, anchors
+        places[number], rotations[number] = place, rotation
+    return Frames(places, rotations, axes, anchors)
 
 
-def _turned(rotation: np.ndarray, axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Rotate matrices by an angle about a fixed axis of their own."""
+def _turned(rotation: np.ndarray, joint: Joint, angle: np.ndarray) -> np.ndarray:
+    """Rotate matrices by an angle about the axis of a joint."""
     cosine, sine = np.cos(angle), np.sin(angle)
-    along = np.flatnonzero(axis)
-    if len(along) == 1 and axis[along[0]] == 1.0:  # two columns mix, the third stays
-        k = int(along[0])
+    if (k := joint.along) is not None:  # two columns mix, the third stays
         i, j = (k + 1) % 3, (k + 2) % 3
-        out = np.empty(np.broadcast_shapes(rotation.shape, (*angle.shape, 3, 3)))
+        out = np.empty((*angle.shape, 3, 3))
         first, second = rotation[..., i], rotation[..., j]
         c, s = cosine[..., None], sine[..., None]
         out[..., k] = rotation[..., k]
         out[..., i] = c * first + s * second
         out[..., j] = c * second - s * first
         return out
-    return rotation @ rotation_matrix(angle[..., None] * axis)
+    return rotation @ rotation_matrix(angle[..., None] * joint.axis)
 
 
-def body_loads(m: Mechanism, state: State, load: Load, frames: list) -> tuple[list, list]:
-    """Return force and moment about the world's origin on every body, by weight, feet and ropes."""
-    force: list = [np.zeros(3)] * len(m.bodies)
-    moment: list = [np.zeros(3)] * len(m.bodies)
-    for number, (place, rotation) in enumerate(frames):
-        weight = load.mass[..., number, None] * m.gravity
-        center = place + (rotation @ load.center[..., number, :, None])[..., 0]
-        force[number], moment[number] = weight, cross(center, weight)
+def body_loads(m: Mechanism, state: State, load: Load, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
+    """Return force and moment about the world's origin on every body, by weight, feet and ropes.
+
+    Returns:
+        (nb, ..., 3) each [N], [Nm].
+    """
+    batch = state.angles.ndim - 1
+    weight = _by_body(load.mass[..., None], batch) * m.gravity
+    center = frames.place + (frames.rotation @ _by_body(load.center, batch)[..., None])[..., 0]
+    force, moment = np.broadcast_to(weight, center.shape).copy(), cross(center, weight)
     for side, (sole, point) in enumerate(zip(m.soles, m.sole_points, strict=True)):
-        at = frames[sole][0] + frames[sole][1] @ point
+        at = frames.place[sole] + frames.rotation[sole] @ point
         push, twist = state.wrench[..., side, :3], state.wrench[..., side, 3:]
         force[sole] = force[sole] + push
         moment[sole] = moment[sole] + twist + cross(at, push)
     for rope in m.ropes:
-        at = frames[rope.body][0] + frames[rope.body][1] @ rope.point
+        at = frames.place[rope.body] + frames.rotation[rope.body] @ rope.point
         line = rope.anchor - at
         length = np.sqrt(_dot(line, line))
         pull = (rope.stiffness * _beyond(length, *rope.length) / length)[..., None] * line
         force[rope.body] = force[rope.body] + pull
         moment[rope.body] = moment[rope.body] + cross(at, pull)
     return force, moment
+
+
+def _by_body(values: np.ndarray, batch: int) -> np.ndarray:
+    """Return vectors of bodies (..., nb, k) with the bodies first and `batch` dimensions after them."""
+    first = np.moveaxis(values, -2, 0)
+    return first.reshape(len(first), *[1] * (batch + 2 - first.ndim), *first.shape[1:])
 
 
 def drives(m: Mechanism, state: State, load: Load) -> np.ndarray:
@@ -243,11 +257,11 @@ def _beyond(length: np.ndarray, low: float, high: float) -> np.ndarray:
     return length - np.clip(length, low, high)
 
 
-def _closure(m: Mechanism, state: State, load: Load, frames: list) -> np.ndarray:
+def _closure(m: Mechanism, state: State, load: Load, frames: Frames) -> np.ndarray:
     """Return the pose errors of both soles against flat on their compliant plates, (..., 2, 6)."""
     rows = []
     for side, (sole, point) in enumerate(zip(m.soles, m.sole_points, strict=True)):
-        place, rotation = frames[sole]
+        place, rotation = frames.place[sole], frames.rotation[sole]
         foot = load.feet[..., side, :]
         upright = rotation_matrix(foot[..., 2:] * np.array([0.0, 0.0, 1.0]))
         wanted = np.concatenate([foot[..., :2], np.zeros_like(foot[..., :1])], axis=-1)
@@ -311,4 +325,8 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the cross product, faster than numpy.cross."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+    out = np.empty(np.broadcast(a, b).shape)
+    np.subtract(ay * bz, az * by, out=out[..., 0])
+    np.subtract(az * bx, ax * bz, out=out[..., 1])
+    np.subtract(ax * by, ay * bx, out=out[..., 2])
+    return out

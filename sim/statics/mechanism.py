@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -29,6 +30,17 @@ class Joint:
     anchor: np.ndarray
     zero: float
 
+    @cached_property
+    def along(self) -> int | None:
+        """Return which of its body's axes it turns about or slides along, None if none of them."""
+        nonzero = np.flatnonzero(self.axis)
+        return int(nonzero[0]) if len(nonzero) == 1 and self.axis[nonzero[0]] == 1.0 else None
+
+    @cached_property
+    def off_origin(self) -> bool:
+        """Return whether its axis does not pass through its body's origin."""
+        return bool(self.anchor.any())
+
 
 @dataclass(frozen=True)
 class Body:
@@ -39,6 +51,11 @@ class Body:
     position: np.ndarray
     rotation: np.ndarray
     joints: tuple[Joint, ...]
+
+    @cached_property
+    def turned(self) -> bool:
+        """Return whether its axes at rest are not those of its parent."""
+        return not np.array_equal(self.rotation, np.eye(3))
 
 
 @dataclass(frozen=True)
@@ -120,13 +137,39 @@ class Mechanism:
         ]
         return replace(self, springs=tuple(springs))
 
-    def subtree(self, body: int) -> list[int]:
-        """List a body and all that hang on it."""
-        members = [body]
-        for number in range(body + 1, len(self.bodies)):
-            if self.bodies[number].parent in members:
-                members.append(number)
-        return members
+    @cached_property
+    def behind(self) -> np.ndarray:
+        """Return whether the second body hangs on the first or is it, (nb, nb) bool."""
+        out = np.eye(len(self.bodies), dtype=bool)
+        for number in range(len(self.bodies) - 1, 0, -1):
+            out[self.bodies[number].parent] |= out[number]
+        return out
+
+    def sums_behind(self, values: np.ndarray) -> np.ndarray:
+        """Sum over each body and all that hang on it, (nb, ...)."""
+        return (self.behind.astype(float) @ values.reshape(len(values), -1)).reshape(values.shape)
+
+    @cached_property
+    def owner(self) -> np.ndarray:
+        """Return the body of each coordinate, (n,)."""
+        return self._by_coordinate([number for number, body in enumerate(self.bodies) for _ in body.joints])
+
+    @cached_property
+    def order(self) -> np.ndarray:
+        """Return the place of each coordinate's joint among those of its body, (n,)."""
+        return self._by_coordinate([place for body in self.bodies for place in range(len(body.joints))])
+
+    @cached_property
+    def slides(self) -> np.ndarray:
+        """Return which coordinates are displacements, (n,) bool."""
+        kinds = [joint.kind == SLIDE for body in self.bodies for joint in body.joints]
+        return self._by_coordinate(kinds).astype(bool)
+
+    def _by_coordinate(self, of_joints: list) -> np.ndarray:
+        columns = [joint.column for body in self.bodies for joint in body.joints]
+        out = np.zeros(len(self.names), int)
+        out[columns] = of_joints
+        return out
 
     @property
     def balanced(self) -> Mechanism:

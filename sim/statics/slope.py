@@ -13,6 +13,7 @@ import numpy as np
 
 from tulip_testbed.sim.statics.forces import (
     WRENCH_UNIT,
+    Frames,
     Load,
     State,
     body_frames,
@@ -40,93 +41,107 @@ def closed_slope(m: Mechanism, state: State, load: Load) -> np.ndarray:
         state: a flat batch, (b,).
     """
     count, n = state.angles.shape
-    frames, axis_list, anchor_list = body_frames(m, state)
-    force, moment = body_loads(m, state, load, frames)
-    shape = (count, 3)
-    force, moment = (np.stack([np.broadcast_to(one, shape) for one in part], 1) for part in (force, moment))
-    at = [frames[s][0] + frames[s][1] @ point for s, point in zip(m.soles, m.sole_points, strict=True)]
-    spread = np.zeros((count, len(m.bodies), 3, 3))
-    for number, (place, rotation) in enumerate(frames):
-        center = place + (rotation @ load.center[..., number, :, None])[..., 0]
-        weight = load.mass[..., number, None] * m.gravity
-        spread[:, number] = center[..., :, None] * weight[..., None, :]
-    for side, sole in enumerate(m.soles):
-        spread[:, sole] += at[side][:, :, None] * state.wrench[:, side, None, :3]
-    for number in range(len(m.bodies) - 1, 0, -1):
-        parent = m.bodies[number].parent
-        for part in (force, moment, spread):
-            part[:, parent] += part[:, number]
-
-    owner, order = np.zeros(n, int), np.zeros(n, int)
-    for number, body in enumerate(m.bodies):
-        for place_in_body, joint in enumerate(body.joints):
-            owner[joint.column], order[joint.column] = number, place_in_body
-    behind = np.zeros((len(m.bodies), len(m.bodies)), bool)  # [a, b]: body b hangs on a, or is it
-    for number in range(len(m.bodies)):
-        behind[number, m.subtree(number)] = True
-    axes, anchors = np.stack(axis_list, 1), np.stack(anchor_list, 1)
-    own_force, own_moment = force[:, owner], moment[:, owner] - cross(anchors, force[:, owner])
+    frames = body_frames(m, state)
+    at = [
+        frames.place[s] + frames.rotation[s] @ point for s, point in zip(m.soles, m.sole_points, strict=True)
+    ]
+    force, moment, spread = _sums_behind(m, state, load, frames, at)
+    # The torso's rotation about the world's axes, then the coordinates.
+    position = np.broadcast_to(state.position[:, None], (count, 3, 3))
+    axes = np.concatenate([np.broadcast_to(np.eye(3), (count, 3, 3)), frames.axis.swapaxes(0, 1)], axis=1)
+    anchors = np.concatenate([position, frames.anchor.swapaxes(0, 1)], axis=1)
+    body = np.concatenate([np.zeros(3, int), m.owner])
+    order = np.concatenate([np.full(3, -1), m.order])
+    moved = m.behind[np.ix_(body, m.owner)] & ((body[:, None] != m.owner) | (order[:, None] < m.order))
+    before = m.behind[np.ix_(m.owner, body)].T & ~moved
 
     out = np.zeros((count, 18 + n, 18 + n))
+    turning, own = slice(3, 6 + n), slice(6, 6 + n)
+    trace = np.trace(spread, axis1=2, axis2=3)
+    f, o, w = force[:, body], anchors, axes
+    change = (
+        (spread[:, body] @ w[..., None])[..., 0] - o * _dot(f, w) - w * (trace[:, body, None] - _dot(o, f))
+    )
+    out[:, 3:6, turning] = change.mT
+    a, f, o = axes[:, 3:], f[:, 3:], anchors[:, 3:]  # of the coordinates whose torque changes
+    twist, across = moment[:, m.owner] - cross(o, f), cross(f, a)
+    turned = cross(a, twist) + (spread[:, m.owner].mT @ a[..., None])[..., 0]
+    turned -= a * trace[:, m.owner, None] + cross(o, across)
+    own_change = axes @ turned.mT + cross(axes, anchors) @ across.mT
+    own_change += (axes @ a.mT) * (anchors @ f.mT) - (anchors @ a.mT) * (axes @ f.mT)
+    out[:, own, turning] = np.where(moved, own_change, np.where(before, change @ a.mT, 0.0)).mT
     closure = out[:, 6 + n :].reshape(count, 2, 6, 18 + n)
     closure[:, :, np.arange(3), np.arange(3)] = 1.0
-    turned = _turned_soles(m, load, frames)
-    torso = [(np.broadcast_to(row, (count, 3)), state.position, 0, -1) for row in np.eye(3)]
-    joints = [(axes[:, j], anchors[:, j], int(owner[j]), int(order[j])) for j in range(n)]
-    for column, (axis, anchor, body, number) in enumerate([*torso, *joints], start=3):
-        change = _change(spread[:, body], force[:, body], axis, anchor)
-        out[:, 3:6, column] = change
-        moved = behind[body, owner] & ((owner != body) | (order > number))
-        before = behind[owner, body] & ~moved
-        out[:, 6 : 6 + n, column][:, before] = (axes[:, before] * change[:, None]).sum(axis=-1)
-        a, o, f = axes[:, moved], anchors[:, moved], own_force[:, moved]
-        w = axis[:, None]
-        own = _change(spread[:, owner[moved]], f, w, anchor[:, None])
-        own -= cross(cross(w, o - anchor[:, None]), f)
-        out[:, 6 : 6 + n, column][:, moved] = (cross(w, a) * own_moment[:, moved] + a * own).sum(axis=-1)
-        for side, sole in enumerate(m.soles):
-            if behind[body, sole]:
-                closure[:, side, :3, column] = cross(axis, at[side] - anchor)
-                closure[:, side, 3:, column] = (turned[side] @ axis[..., None])[..., 0]
+    soles = _turned_soles(m, load, frames)
     for side, sole in enumerate(m.soles):
-        carries = behind[owner, sole]
-        for k, unit in enumerate(np.eye(3)):
-            push, twist = (6 + n + 6 * side + part + k for part in (0, 3))
-            out[:, k, push] = 1.0
-            out[:, 3:6, push] = cross(at[side] - state.position, unit)
-            out[:, 3 + k, twist] = 1.0
-            arm = cross(at[side][:, None] - anchors[:, carries], unit)
-            out[:, 6 : 6 + n, push][:, carries] = (axes[:, carries] * arm).sum(axis=-1)
-            out[:, 6 : 6 + n, twist][:, carries] = axes[:, carries, k]
+        carries = m.behind[body, sole, None]
+        lever = np.where(carries, cross(axes, at[side][:, None] - anchors), 0.0)
+        closure[:, side, :3, turning] = lever.mT
+        closure[:, side, 3:, turning] = soles[side] @ np.where(carries, axes, 0.0).mT
+        push, torque = (slice(first, first + 3) for first in (6 + n + 6 * side, 9 + n + 6 * side))
+        out[:, :3, push] = out[:, 3:6, torque] = np.eye(3)
+        out[:, 3:6, push] = cross((at[side] - state.position)[:, None], np.eye(3)).mT
+        out[:, own, push] = lever[:, 3:]
+        out[:, own, torque] = np.where(carries[3:], a, 0.0)
         feet = load.feet[..., side, :], load.plates[..., side, :]
-        still = contact_deflection(m, side, np.zeros((count, 6)), *feet)
-        for k, unit in enumerate(np.eye(6)):
-            pressed = contact_deflection(m, side, np.broadcast_to(unit, (count, 6)), *feet) - still
-            closure[:, side, 2:5, 6 + n + 6 * side + k] -= pressed
-    own = np.arange(6)
+        units = np.concatenate([np.zeros((1, 6)), np.eye(6)])[:, None]
+        still, *pressed = contact_deflection(m, side, np.broadcast_to(units, (7, count, 6)), *feet)
+        closure[:, side, 2:5, 6 + n + 6 * side : 12 + n + 6 * side] -= (
+            np.stack(pressed, -1) - still[..., None]
+        )
+    each = np.arange(6)
     lifted = np.zeros((2, 6, 18 + n))
     for side in range(2):
-        lifted[side, own, 6 + n + 6 * side + own] = 1 / WRENCH_UNIT
+        lifted[side, each, 6 + n + 6 * side + each] = 1 / WRENCH_UNIT
     closure[:] = np.where(load.foot_contact[..., None, None], closure, lifted)
-    for j, step in enumerate(STEP * np.eye(n)):
-        ahead, behind_it = (drives(m, replace(state, angles=state.angles + s * step), load) for s in (1, -1))
-        out[:, 6 : 6 + n, 6 + j] += (ahead - behind_it) / (2 * STEP)
+    out[:, own, own] += _of_drives(m, state, load)
     return out
 
 
-def _change(spread: np.ndarray, force: np.ndarray, axis: np.ndarray, anchor: np.ndarray) -> np.ndarray:
-    """Return the change of moment of forces whose points turn about an axis, (..., 3)."""
-    about = spread - anchor[..., :, None] * force[..., None, :]
-    trace = np.trace(about, axis1=-2, axis2=-1)
-    return (about @ axis[..., None])[..., 0] - axis * trace[..., None]
+def _sums_behind(
+    m: Mechanism, state: State, load: Load, frames: Frames, soles: list[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Sum over each body and all behind it the forces, the moments and c f' of the loads.
+
+    Args:
+        soles: sole points in the world, (b, 3) each.
+
+    Returns:
+        (b, nb, 3) [N], (b, nb, 3) [Nm], (b, nb, 3, 3) [Nm].
+    """
+    force, moment = body_loads(m, state, load, frames)
+    center = np.moveaxis(load.center, -2, 0).reshape(len(m.bodies), -1, 3)
+    mass = np.moveaxis(load.mass, -1, 0).reshape(len(m.bodies), -1, 1)
+    center = frames.place + (frames.rotation @ center[..., None])[..., 0]
+    spread = center[..., :, None] * (mass * m.gravity)[..., None, :]
+    for side, sole in enumerate(m.soles):
+        spread[sole] += soles[side][:, :, None] * state.wrench[:, side, None, :3]
+    force, moment, spread = (m.sums_behind(part).swapaxes(0, 1) for part in (force, moment, spread))
+    return force, moment, spread
 
 
-def _turned_soles(m: Mechanism, load: Load, frames: list) -> list[np.ndarray]:
+def _of_drives(m: Mechanism, state: State, load: Load) -> np.ndarray:
+    """Return the derivative of `drives` by the coordinates, by central differences, (b, n, n)."""
+    n = state.angles.shape[-1]
+    if m.springs:
+        steps = STEP * np.eye(n)[:, None]
+        ahead, behind = (drives(m, replace(state, angles=state.angles + s * steps), load) for s in (1, -1))
+        return np.moveaxis(ahead - behind, 0, -1) / (2 * STEP)
+    # Without springs of several coordinates the torque on each depends on itself alone.
+    ahead, behind = (drives(m, replace(state, angles=state.angles + s * STEP), load) for s in (1, -1))
+    return ((ahead - behind) / (2 * STEP))[..., None] * np.eye(n)
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return (a * b).sum(axis=-1, keepdims=True)
+
+
+def _turned_soles(m: Mechanism, load: Load, frames: Frames) -> list[np.ndarray]:
     """Return the derivative of the soles' error of rotation by a rotation, (b, 3, 3) each."""
     out = []
     for side, sole in enumerate(m.soles):
         upright = rotation_matrix(load.feet[..., side, 2:] * np.array([0.0, 0.0, 1.0]))
-        error = frames[sole][1] @ np.swapaxes(upright, -1, -2)
+        error = frames.rotation[sole] @ np.swapaxes(upright, -1, -2)
         trace = np.trace(error, axis1=-2, axis2=-1)[..., None, None]
         out.append((trace * np.eye(3) - error) / 2)
     return out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from tulip_testbed.sim.statics.slope import closed_slope, has_closed_slope
 
 STEP = 1e-6  # rad or m, of finite differences
 NEWTON_STEPS = 25
+NEAR_STEPS = 8  # of Newton's method from equilibria of a similar mechanism
 CHORD_STEPS = 10
 FREE_PLAY = (0.0, 0.25, 0.5, 0.75)
 TOGETHER = 1000  # states in one evaluation, so that they fit the processor's cache
@@ -57,48 +59,55 @@ def solve_by_newton(mechanism: Mechanism, start: State, load: Load) -> Reference
     return _newton(mechanism, start, load)
 
 
-def solve_near(
-    mechanism: Mechanism, near: Reference, softer: np.ndarray, start: State, load: Load
-) -> Reference:
-    """Solve for equilibria that lie near those of a similar mechanism; the derivative is taken once.
+def solve_near(mechanism: Mechanism, near: Reference, start: State, load: Load) -> Reference:
+    """Solve for equilibria that lie near those of a similar mechanism.
 
     Where a spring has free play or a board rocks there may be several equilibria: then, and for postures that
-    the chord method does not solve, the way is that of `solve_by_newton`.
+    Newton's method does not solve from there, the way is that of `solve_by_newton`.
 
     Args:
         near: equilibria of the similar mechanism, batch (k,).
-        softer: by how much stiffer its springs in single coordinates are, (n,) [Nm/rad or N/m].
         start: where the search begins otherwise.
     """
     alike = near.state.angles.shape == start.angles.shape
     kinked = any(mechanism.rocking) or any(low < high for _, (low, high), _ in mechanism.springs)
     if not alike or kinked:
         return solve_by_newton(mechanism, start, load)
-    every, n = np.arange(len(start.position)), start.angles.shape[-1]
-    # A spring may be many times as stiff as the other one: without this the chord method would diverge.
-    slope, own = near.slope.copy(), np.arange(6, 6 + n)
-    slope[:, own, own] += softer
-    state, solved = _chord(mechanism, replace(near, slope=slope, inverse=inverted(slope)), every, load)
-    inside, left = np.flatnonzero(solved), np.flatnonzero(~solved)
-    parts = [(inside, _newton(mechanism, state.take(inside), load.take(inside)))]
-    if len(left):
-        parts.append((left, solve_by_newton(mechanism, start.take(left), load.take(left))))
-    slope = np.empty((len(every), *parts[0][1].slope.shape[1:]))
-    inverse = np.empty_like(slope)
-    for which, found in parts:
-        state.put(which, found.state)
-        slope[which], inverse[which], solved[which] = found.slope, found.inverse, found.solved
+    n, slope_of = start.angles.shape[-1], _slope_of(mechanism)
+    state, slope = near.state.take(np.arange(len(start.position))), near.slope.copy()
+    solved, left = np.zeros(len(start.position), bool), np.flatnonzero(near.solved)
+    for _ in range(NEAR_STEPS):
+        part, loads = state.take(left), load.take(left)
+        slope[left] = slope_of(mechanism, part, loads)
+        try:  # without the inverses, which take longer
+            change = -np.linalg.solve(slope[left], residual(mechanism, part, loads)[..., None])[..., 0]
+        except np.linalg.LinAlgError:
+            break
+        state.put(left, part.moved(change))
+        moves = np.abs(change[..., : 6 + n]).max(axis=-1)
+        solved[left] = moves < TOLERANCE
+        if not len(left := left[(moves >= TOLERANCE) & (moves < LARGEST_STEP)]):
+            break
+    inverse = inverted(slope)
+    if len(rest := np.flatnonzero(~solved)):
+        found = solve_by_newton(mechanism, start.take(rest), load.take(rest))
+        state.put(rest, found.state)
+        slope[rest], inverse[rest], solved[rest] = found.slope, found.inverse, found.solved
     return Reference(state, inverse, slope, solved)
+
+
+def _slope_of(mechanism: Mechanism) -> Callable[[Mechanism, State, Load], np.ndarray]:
+    return closed_slope if has_closed_slope(mechanism) else derivative
 
 
 def _newton(mechanism: Mechanism, start: State, load: Load) -> Reference:
     count, n = start.position.shape[0], start.angles.shape[-1]
     state = start.take(np.arange(count))
     slope = np.zeros((count, 18 + n, 18 + n))
-    inverse, left, closed = slope.copy(), np.arange(count), has_closed_slope(mechanism)
+    inverse, left, slope_of = slope.copy(), np.arange(count), _slope_of(mechanism)
     for _ in range(NEWTON_STEPS):
         part, loads = state.take(left), load.take(left)
-        slope[left] = (closed_slope if closed else derivative)(mechanism, part, loads)
+        slope[left] = slope_of(mechanism, part, loads)
         inverse[left] = inverted(slope[left])
         change = -(inverse[left] @ residual(mechanism, part, loads)[..., None])[..., 0]
         moves = np.abs(change[..., : 6 + n]).max(axis=-1)
@@ -171,7 +180,7 @@ def _chord(
     solved, left = np.zeros(len(which), bool), np.arange(len(which))
     for _ in range(CHORD_STEPS):
         part, loads = state.take(left), load.take(left)
-        inverse = reference.inverse[which[left]]
+        inverse = reference.inverse if _are_all(which[left], reference) else reference.inverse[which[left]]
         with np.errstate(over="ignore", invalid="ignore"):  # diverging items are not solved here
             change = -(inverse @ residual(mechanism, part, loads)[..., None])[..., 0]
             state.put(left, part.moved(change))
@@ -179,6 +188,11 @@ def _chord(
         if not len(left := np.flatnonzero(~solved)):
             break
     return state, solved
+
+
+def _are_all(which: np.ndarray, reference: Reference) -> bool:
+    """Return whether these are all reference postures in order, so that no large array is copied."""
+    return np.array_equal(which, np.arange(len(reference.inverse)))
 
 
 LEAST_LOAD = 1e-6  # N

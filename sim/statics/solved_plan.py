@@ -78,7 +78,7 @@ def _solve_plan(rig: Rig, plan: PosturePlan, near: SolvedPlan | None) -> SolvedP
     if near is None or near.mechanism.names != m.names:
         reference = solve_by_newton(m, start, load)
     else:
-        reference = solve_near(m, near.reference, near.mechanism.stiffness - m.stiffness, start, load)
+        reference = solve_near(m, near.reference, start, load)
     names = [body.name for body in m.bodies]
     links = np.array([names.index(model.body(k).name) for k in range(1, model.nbody)])
     return SolvedPlan(rig, plan, m, reference, boards, placement, links, header_of(rig))
