@@ -49,7 +49,7 @@ def main(folder: Path) -> int:
     _say("4. What was found is added to the model, and the robot is identified again.")
     if not document["effects"]:
         return 1
-    after = _run("identify", data, "--rig", found / "rig", "--json")
+    after = _run("identify", data, "--corrections", found / "rig", "--json")
     right = _errors(after, truth)
     _say(f"   Now {_judged(right)}.")
     _say(f"   The standard errors are {_ratio(after, before):.2f} times as large as before.")

@@ -27,10 +27,11 @@ from tulip_testbed.experiments.checks import (
     skipped,
     verdict,
 )
-from tulip_testbed.experiments.defaults import DEFAULT_SEED
+from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, DEFAULT_SEED, ORDINARY
 from tulip_testbed.experiments.estimate_report import model_report
-from tulip_testbed.experiments.identify import DEFAULT_ESTIMATOR, ESTIMATORS, Identification, identify
-from tulip_testbed.experiments.imperfections import ORDINARY, check_imperfections, drawn, single_stream
+from tulip_testbed.experiments.identification_result import ESTIMATORS, Identification
+from tulip_testbed.experiments.identify import identify
+from tulip_testbed.experiments.imperfections import check_imperfections, drawn, single_stream
 from tulip_testbed.experiments.laboratory import Laboratory, Run
 from tulip_testbed.experiments.parameter_tables import parameter_table
 from tulip_testbed.experiments.usable_plan import identifiable_regressor

@@ -14,12 +14,13 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import tulip_testbed as tt
 from tulip_testbed.base.errors import InputError
+from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING
 from tulip_testbed.cli import main as command_line
 from tulip_testbed.cli import options
 from tulip_testbed.cli.commands import COMMANDS
 from tulip_testbed.cli.main import MODULES, command_of, main, usage
 from tulip_testbed.cli.terminal import PIPE_WIDTH
-from tulip_testbed.experiments import identify, imperfections, laboratory
+from tulip_testbed.experiments import defaults, identification_result, laboratory
 from tulip_testbed.experiments.montecarlo import engine
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.identification.planning import interior_point, search
@@ -135,9 +136,9 @@ def test_help_and_version_load_no_simulator():
 
 
 def test_the_options_are_the_librarys():
-    assert list(options.ESTIMATORS) == list(identify.ESTIMATORS)
-    assert options.DEFAULT_ESTIMATOR == identify.DEFAULT_ESTIMATOR
-    assert options.ORDINARY == imperfections.ORDINARY
+    assert list(options.ESTIMATORS) == list(identification_result.ESTIMATORS)
+    assert options.DEFAULT_ESTIMATOR == defaults.DEFAULT_ESTIMATOR == SELF_CALIBRATING
+    assert options.ORDINARY == defaults.ORDINARY
     assert set(get_args(options.Preset)) == set(sensors.PRESETS)
     plates = {name for name, preset in sensors.PRESETS.items() if preset.wrench is None}
     assert set(get_args(options.PlatePreset)) == plates

@@ -158,13 +158,13 @@ def test_a_rig_is_the_new_nominal_laboratory(tmp_path, robot, capsys):
     assert len(plain) == len(hidden)
     capsys.readouterr()
     documents = []
-    for arguments in (["plain"], ["hidden", "--rig", str(tmp_path / "rig")]):
+    for arguments in (["plain"], ["hidden", "--corrections", str(tmp_path / "rig")]):
         assert main(["identify", str(tmp_path / arguments[0]), *arguments[1:], "--json"]) == 0
         documents.append(json.loads(capsys.readouterr().out))
     estimates = [[row["estimate"] for row in d["full"]["parameters"]] for d in documents]
     assert estimates[1] == pytest.approx(estimates[0], abs=1e-9)
-    assert documents[1]["rig"] == str(tmp_path / "rig")
-    assert main(["identify", str(tmp_path / "hidden"), "--rig", str(tmp_path / "rig")]) == 0
+    assert documents[1]["corrections"] == [OFFSET]
+    assert main(["identify", str(tmp_path / "hidden"), "--corrections", str(tmp_path / "rig")]) == 0
     assert "Corrected: The right knee encoder reads 0.573 deg too high." in capsys.readouterr().out
 
 
@@ -174,5 +174,5 @@ def test_check_with_a_rig(tmp_path, robot, capsys):
     capsys.readouterr()
     assert main(["check", str(tmp_path / "data"), "--json"]) == 1
     assert json.loads(capsys.readouterr().out)["verdict"] == "fail"
-    assert main(["check", str(tmp_path / "data"), "--rig", str(tmp_path / "rig"), "--json"]) == 0
+    assert main(["check", str(tmp_path / "data"), "--corrections", str(tmp_path / "rig"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["counts"]["fail"] == 0

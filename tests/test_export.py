@@ -37,7 +37,7 @@ def run(robot):
 
 @pytest.fixture(scope="module")
 def found(run, robot):
-    return tt.identify(run.measurements, robot, "mixed-model")
+    return tt.identify(run.measurements, robot, estimator="mixed-model")
 
 
 @pytest.fixture(scope="module")

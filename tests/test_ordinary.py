@@ -13,13 +13,12 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.families import families_of, tolerances_of
 from tulip_testbed.calibration.ordinary_laboratory import draw_members
 from tulip_testbed.calibration.self_calibration import self_calibrate
-from tulip_testbed.cli.identify_command import identify_command
 from tulip_testbed.cli.montecarlo_command import montecarlo_command
 from tulip_testbed.cli.simulate_command import simulate_command
 from tulip_testbed.cli.validate_command import validate_command
 from tulip_testbed.experiments.checks import correlation_checks, data_correlation_checks
-from tulip_testbed.experiments.identify import DEFAULT_ESTIMATOR
-from tulip_testbed.experiments.imperfections import ORDINARY, drawn, single_stream
+from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, ORDINARY
+from tulip_testbed.experiments.imperfections import drawn, single_stream
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.laboratory_runs import OrdinaryOutcome, source_of, stream_of
 from tulip_testbed.experiments.montecarlo.montecarlo_folder import montecarlo_file, open_folder
@@ -224,7 +223,7 @@ def test_the_manifest_says_nothing_about_what_is_imperfect(validated, robot, pla
 def test_all_that_identifies_has_one_default():
     """What is validated is what users get, in the laboratories that it is for."""
     verbs = (tt.identify, tt.validate, tt.monte_carlo, judge, validate)
-    commands = (identify_command, validate_command, montecarlo_command)
+    commands = (validate_command, montecarlo_command)
     parameters = [inspect.signature(verb).parameters for verb in (*verbs, *commands)]
     assert {one["estimator"].default for one in parameters} == {DEFAULT_ESTIMATOR}
     scales = [one["imperfections"].default for one in parameters if "imperfections" in one]

@@ -145,7 +145,11 @@ def test_a_path_that_no_file_can_have_is_one_message(run, robot, tmp_path, monke
     monkeypatch.chdir(tmp_path)
     for command in (
         *(("check", name), ("identify", name), ("discover", name), ("postures", name), ("view", name)),
-        *(("report", name, "--out", "a.html"), ("compare", name, name), ("identify", "data", "--rig", name)),
+        *(
+            ("report", name, "--out", "a.html"),
+            ("compare", name, name),
+            ("identify", "data", "--corrections", name),
+        ),
         *(("simulate", "--out", name), ("simulate", "--out", "data", "--truth", name)),
         *(("validate", "--out", name), ("montecarlo", "--runs", "10", "--out", name)),
         *(
@@ -224,7 +228,7 @@ def test_below_a_folder_that_may_not_be_searched_everything_is_one_message(data,
                 main(command)
                 for command in (
                     ["check", str(data)],
-                    ["identify", str(data), "--rig", str(new)],
+                    ["identify", str(data), "--corrections", str(new)],
                     ["postures", str(data)],
                     ["simulate", "--statics", "--out", str(new)],
                     ["robot", str(data / "tulip.toml")],

@@ -145,7 +145,7 @@ def commands(target: str, folder: Path, made: Path, intact: Intact) -> list[list
     if target == "resume":
         return [montecarlo(intact("plan"), folder)]
     if target == "rig":
-        return [["identify", str(folder.with_name("data")), "--rig", base, *identify]]
+        return [["identify", str(folder.with_name("data")), "--corrections", base, *identify]]
     if target == "state":
         number = {"placements": 5, "postures-per-placement": 6, "hops": 1, "seed": 311}
         options = [word for name, value in number.items() for word in (f"--{name}", str(value))]

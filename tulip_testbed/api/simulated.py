@@ -7,9 +7,7 @@ from pathlib import Path
 
 from tulip_testbed.base.arguments import checked
 from tulip_testbed.base.threads import one_blas_thread, processes
-from tulip_testbed.experiments.defaults import DEFAULT_SEED
-from tulip_testbed.experiments.identify import DEFAULT_ESTIMATOR
-from tulip_testbed.experiments.imperfections import ORDINARY
+from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, DEFAULT_SEED, ORDINARY
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.montecarlo_run import MonteCarlo, Place, montecarlo
 from tulip_testbed.experiments.montecarlo.settings import Settings

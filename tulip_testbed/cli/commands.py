@@ -36,6 +36,14 @@ class Command:
 COMMANDS: dict[str, Command] = {
     "check": Command("check", ("tulip check data/first",)),
     "export": Command("export_model", ("tulip export runs/first --out identified.xml",)),
+    "identify": Command(
+        "identify",
+        (
+            "tulip identify data/first",
+            "tulip identify data/monday data/tuesday",
+            "tulip identify data/first --tolerances encoder-offset=0.001",
+        ),
+    ),
     "import": Command(
         "import_table",
         ("tulip import standing.csv --robot my/robot/robot.toml --map contacts.toml --out data/standing",),

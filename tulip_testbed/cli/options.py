@@ -77,6 +77,14 @@ RigFolder = Annotated[
     Path | None,
     tyro.conf.arg(name="rig", metavar="RIG", help="rig folder: effects that the laboratory is known to have"),
 ]
+TolerancesOf = Annotated[
+    tuple[str, ...],
+    tyro.conf.UseAppendAction,
+    tyro.conf.arg(
+        metavar="FAMILY=VALUE",
+        help="what is usual for a family of ordinary imperfections of this laboratory (SI units; 0: exact)",
+    ),
+]
 
 EngineName = Annotated[
     str, tyro.conf.arg(metavar="{" + ",".join(ENGINES) + "}", help="where the work is done")
