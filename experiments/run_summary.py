@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -64,11 +65,23 @@ def sag_line(truth: Truth) -> str:
     )
 
 
+def worst_balance(truth: Truth) -> dict[str, float] | None:
+    """Find the worst of every balance kept in the dynamics, over all held postures; None in statics."""
+    books = [dataclasses.asdict(held.balance) for held in truth.held]
+    if not books:
+        return None
+    worst = {
+        name: max(abs(b[name]) for b in books)
+        for name in ("weight", "moments", "torques", "centre", "kinetic")
+    }
+    return worst | {"least_dissipated": min(b["dissipated"] for b in books)}
+
+
 def balance_line(books: dict[str, float]) -> str:
     """Describe the largest imbalance of forces in any hold.
 
     Args:
-        books: of a report, see `validate.worst_balance`.
+        books: of a report, see `worst_balance`.
     """
     shown = {name: number(value, ".2g") for name, value in books.items()}
     return (

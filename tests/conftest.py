@@ -34,7 +34,8 @@ from tulip_testbed.experiments.protocols.protocol_run import (
     protocol_of,
 )
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
-from tulip_testbed.experiments.validate import Validation, validate
+from tulip_testbed.experiments.validate import validate
+from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters
 from tulip_testbed.identification.estimators import DEFAULT
 from tulip_testbed.identification.nominal import Nominal, nominal_robot

@@ -27,7 +27,8 @@ from tulip_testbed.experiments.plan_state import state_file
 from tulip_testbed.experiments.planning_run import PlanSettings, carry_out, set_up_search
 from tulip_testbed.experiments.rig_folder import write_rig
 from tulip_testbed.experiments.validate import judge
-from tulip_testbed.experiments.validation_record import validation_record, write_validation
+from tulip_testbed.experiments.validation_record import write_validation
+from tulip_testbed.experiments.validation_result import validation_record
 from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.robot import load_robot
 from tulip_testbed.sim.shipped import ASSETS

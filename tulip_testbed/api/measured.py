@@ -33,7 +33,7 @@ from tulip_testbed.experiments.identify import warn_of_unrest
 from tulip_testbed.experiments.predict import Prediction
 from tulip_testbed.experiments.predict import predict as _predict
 from tulip_testbed.experiments.proposed_experiment import Proposals, write_experiment_plan
-from tulip_testbed.experiments.validate import Validation
+from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.robot import Robot
 

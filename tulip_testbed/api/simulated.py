@@ -6,13 +6,14 @@ import tempfile
 from pathlib import Path
 
 from tulip_testbed.base.arguments import checked
+from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.threads import one_blas_thread, processes
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, DEFAULT_SEED, ORDINARY
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.montecarlo_run import MonteCarlo, Place, montecarlo
 from tulip_testbed.experiments.montecarlo.settings import Settings
-from tulip_testbed.experiments.validate import Validation
 from tulip_testbed.experiments.validate import validate as _validate
+from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.measurements import PosturePlan
 
 
@@ -21,27 +22,35 @@ from tulip_testbed.measurements import PosturePlan
 def validate(
     laboratory: Laboratory,
     plan: PosturePlan,
+    *,
     seed: int = DEFAULT_SEED,
     estimator: str = DEFAULT_ESTIMATOR,
     engine: str = "dynamics",
     workers: int | None = None,
     imperfections: float = ORDINARY,
+    progress: Progress = silent,
 ) -> Validation:
-    """Simulate a plan, identify the robot, compare with the truth and give a verdict.
+    """Simulate a plan, identify the robot and compare with the truth.
+
+    The measurements are corrected for the effects that the laboratory is known to have. The laboratory is a
+    little wrong in every ordinary way, unless its imperfections are 0. The verdict is "fail" if a check
+    fails.
 
     Args:
         plan: postures to measure, e.g. `plans.random`.
         seed: of everything random.
-        estimator: see `identify`.
+        estimator: "self-calibrating", "mixed-model", "least-squares", "placement", "errors-in-variables",
+            "robust", "prior" or "consistent".
         engine: "dynamics", half a minute, or "statics", a second.
         workers: processes; None: one per core. Results do not depend on it.
         imperfections: scale of ordinary imperfections of all families, which are drawn and hidden in the
             laboratory; 1: spreads of 0.1 to 1 tolerance; 0: an exact laboratory.
+        progress: shows how far the work is.
 
     Raises:
         InputError: a plan that does not fit the robot or would not identify it.
     """
-    return _validate(laboratory, plan, seed, estimator, engine, workers, imperfections=imperfections)
+    return _validate(laboratory, plan, seed, estimator, engine, workers, progress, imperfections)
 
 
 @checked

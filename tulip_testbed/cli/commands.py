@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 from tulip_testbed.cli.signatures import public_function, summary_of
+
+Saved = bool | Literal["required"]
 
 
 @dataclass(frozen=True)
@@ -14,12 +17,13 @@ class Command:
 
     Attributes:
         function: its name there. examples: command lines for the help.
-        saved: whether it has an option --out for a result that the function does not write itself.
+        saved: whether it has an option --out for a result that the function does not write itself, and
+            whether that is required.
     """
 
     function: str
     examples: tuple[str, ...]
-    saved: bool = False
+    saved: Saved = False
 
     @property
     def summary(self) -> str:
@@ -51,5 +55,10 @@ COMMANDS: dict[str, Command] = {
     "predict": Command("predict", ("tulip predict data/first", "tulip predict data/first --train 1-40")),
     "robot": Command(
         "describe_robot", ("tulip robot g1_29dof.urdf --out my/g1", "tulip robot my/g1/robot.toml")
+    ),
+    "validate": Command(
+        "validate",
+        ("tulip validate --out runs/first", "tulip validate --out runs/exact --imperfections 0"),
+        saved="required",
     ),
 }

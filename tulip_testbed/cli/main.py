@@ -26,7 +26,6 @@ from tulip_testbed.cli.commands import COMMANDS
 
 # Commands that are still functions of their own: NAME is NAME_command of the module NAME_command.
 MODULES: dict[str, str] = {
-    "validate": "Simulate a plan, identify the robot and compare with the truth.",
     "simulate": "Simulate an experiment and write a measurement folder.",
     "montecarlo": "Repeat a simulated experiment and test the stated standard errors.",
     "watch": "Check postures while they are measured, and tell when to stop.",
