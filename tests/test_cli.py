@@ -21,7 +21,6 @@ from tulip_testbed.cli.commands import COMMANDS
 from tulip_testbed.cli.main import MODULES, command_of, main, usage
 from tulip_testbed.cli.terminal import PIPE_WIDTH
 from tulip_testbed.experiments import defaults, identification_result, laboratory
-from tulip_testbed.experiments.montecarlo import engine
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.identification.planning import interior_point, search
 from tulip_testbed.measurements import read_measurements, write_measurements
@@ -145,7 +144,6 @@ def test_the_options_are_the_librarys():
     assert set(get_args(options.Noisy)) == plates - {"ideal"}
     assert options.SOLVERS == interior_point.SOLVERS
     assert options.HOPS == search.HOPS
-    assert options.ENGINES == engine.ENGINES
     assert options.DEFAULT_SEED == laboratory.DEFAULT_SEED
 
 

@@ -13,7 +13,6 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.families import families_of, tolerances_of
 from tulip_testbed.calibration.ordinary_laboratory import draw_members
 from tulip_testbed.calibration.self_calibration import self_calibrate
-from tulip_testbed.cli.montecarlo_command import montecarlo_command
 from tulip_testbed.cli.simulate_command import simulate_command
 from tulip_testbed.experiments.checks import correlation_checks, data_correlation_checks
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, ORDINARY
@@ -194,7 +193,7 @@ def test_impossible_scales_are_refused(robot, plan, tmp_path, capsys):
     assert list(tmp_path.iterdir()) == []
     for scale in (-1.0, np.inf):
         with pytest.raises(InputError, match=r"imperfections: found .*, expected 0"):
-            tt.monte_carlo(tt.Laboratory(robot), plan, 1, imperfections=scale)
+            tt.monte_carlo(tt.Laboratory(robot), plan, runs=1, imperfections=scale)
         with pytest.raises(InputError, match=r"imperfections: found .*, expected 0"):
             tt.validate(tt.Laboratory(robot), plan, imperfections=scale)
 
@@ -217,11 +216,10 @@ def test_the_manifest_says_nothing_about_what_is_imperfect(validated, robot, pla
 def test_all_that_identifies_has_one_default():
     """What is validated is what users get, in the laboratories that it is for."""
     verbs = (tt.identify, tt.validate, tt.monte_carlo, judge, validate)
-    commands = (montecarlo_command,)
-    parameters = [inspect.signature(verb).parameters for verb in (*verbs, *commands)]
+    parameters = [inspect.signature(verb).parameters for verb in verbs]
     assert {one["estimator"].default for one in parameters} == {DEFAULT_ESTIMATOR}
     scales = [one["imperfections"].default for one in parameters if "imperfections" in one]
-    assert scales == [ORDINARY] * 5
+    assert scales == [ORDINARY] * 3
     assert Settings(1, 1, DEFAULT_ESTIMATOR, None).imperfections == ORDINARY
     assert inspect.signature(simulate_command).parameters["imperfections"].default == 0
 

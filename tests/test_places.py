@@ -171,7 +171,7 @@ def test_a_path_that_no_file_can_have_is_one_message(run, robot, tmp_path, monke
         lambda: tt.view(run, save=f"{name}.rrd"),
         lambda: tt.report(run, f"{name}.html"),
         lambda: tt.report(name, "a.html"),
-        lambda: tt.monte_carlo(run.laboratory, run.plan, 2, folder=name),
+        lambda: tt.monte_carlo(run.laboratory, run.plan, runs=2, out=name),
     ):
         with pytest.raises(InputError, match=message):
             call()
@@ -211,7 +211,7 @@ def test_below_a_folder_that_may_not_be_searched_everything_is_one_message(data,
         lambda: tt.load_robot(data / "tulip.toml"),
         lambda: tt.report(run, new.with_suffix(".html")),
         lambda: tt.view(run, save=new.with_suffix(".rrd")),
-        lambda: tt.monte_carlo(run.laboratory, run.plan, 2, folder=new),
+        lambda: tt.monte_carlo(run.laboratory, run.plan, runs=2, out=new),
         lambda: check_new(new),
         lambda: write_bytes(new, b""),
     ]
@@ -273,7 +273,7 @@ def test_pipes_in_the_place_of_files_are_refused_at_once(data, tmp_path, robot):
         with pytest.raises(InputError, match="found a named pipe, expected a file"):
             (tt.check if name.startswith("series") else tt.read_measurements)(folder)
     done = tmp_path / "mc"
-    tt.monte_carlo(tt.Laboratory(robot), tt.plans.random, runs=2, workers=1, folder=done)
+    tt.monte_carlo(tt.Laboratory(robot), tt.plans.random, runs=2, workers=1, out=done)
     for path in (done / "runs" / "chunk-000000.parquet", done / "run.json", done / "plan" / "plan.json"):
         content = read_bytes(path)
         path.unlink()

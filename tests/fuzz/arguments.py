@@ -50,7 +50,7 @@ WORKERS = tuple((line, "--workers") for line in (SIMULATE, MONTECARLO, VALIDATE,
 CHOICES = (
     *((line, "--preset") for line in (SIMULATE, MONTECARLO, VALIDATE, SEARCH, TOLERANCE, ATLAS)),
     *((line, "--estimator") for line in (IDENTIFY, MONTECARLO, VALIDATE)),
-    *((MONTECARLO, "--engine"), (MONTECARLO, "--address"), (SEARCH, "--objective"), (SEARCH, "--solver")),
+    *((MONTECARLO, "--engine"), (MONTECARLO, "--scheduler"), (SEARCH, "--objective"), (SEARCH, "--solver")),
     *((SIMULATE, "--effect"), (IDENTIFY, "--tolerances"), (DISCOVER, "--tolerance")),
 )
 EFFECT_TEXTS = (
@@ -153,7 +153,7 @@ CONFLICTS: Lines = (
     (*SIMULATE, "--truth", MADE),
     (*SIMULATE, "--truth", "MADE"),
     (*MONTECARLO, "--preset", "ideal"),
-    (*MONTECARLO, "--address", "tcp://127.0.0.1:1"),
+    (*MONTECARLO, "--scheduler", "127.0.0.1"),
     (*MONTECARLO, "--robot-spread", "0.1", "--rig", "BASE/gone"),
     ("montecarlo", PLAN, "--out", MADE),
     ("simulate", PLAN),

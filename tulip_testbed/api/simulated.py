@@ -58,35 +58,45 @@ def validate(
 def monte_carlo(
     laboratory: Laboratory,
     plan: PosturePlan,
+    *,
     runs: int,
     seed: int = DEFAULT_SEED,
     estimator: str = DEFAULT_ESTIMATOR,
     robot_spread: float | None = None,
     engine: str = "statics",
     workers: int | None = None,
-    folder: str | Path | None = None,
+    out: str | Path | None = None,
     scheduler: str | None = None,
     imperfections: float = ORDINARY,
+    progress: Progress = silent,
 ) -> MonteCarlo:
-    """Repeat an experiment with known truth and ask whether the estimator is right about its own errors.
+    """Repeat a simulated experiment and test the stated standard errors.
+
+    The measurements are corrected for the effects that the laboratory is known to have. Every run draws a
+    laboratory that is a little wrong in every ordinary way, unless its imperfections are 0. The same call
+    resumes runs that were stopped, and reports again on finished ones. The verdict is "fail" if a check
+    fails.
 
     Args:
         runs: how many.
-        estimator: see `validate`.
+        seed: of everything random.
+        estimator: "self-calibrating", "mixed-model", "least-squares", "placement", "errors-in-variables",
+            "robust", "prior" or "consistent".
         robot_spread: s.d. of the logarithm of each link's mass, and of its centre of mass in half edges of
             its inertia box: a random true robot in every run; None: the nominal one.
         engine: "statics", or "dynamics": about a minute a run.
         workers: processes; None: one per core. Results do not depend on it.
-        folder: keeps the runs; the same call resumes what was stopped. None: a temporary one.
+        out: run folder, new or with a part of these runs; None: a temporary one.
         scheduler: address of a Dask scheduler, "tcp://HOST:PORT"; None: processes of this machine.
-        imperfections: see `validate`; every run draws a laboratory of its own.
+        imperfections: scale of ordinary imperfections of all families, which are drawn and hidden in the
+            laboratory of each run; 1: spreads of 0.1 to 1 tolerance; 0: an exact laboratory.
+        progress: shows how far the work is.
 
     Raises:
         InputError: what cannot be run; a folder that holds another Monte Carlo.
     """
     settings = Settings(runs, seed, estimator, robot_spread, engine, imperfections)
     with tempfile.TemporaryDirectory() as scratch:
-        kept = Path(scratch) / "runs" if folder is None else Path(folder)
-        return montecarlo(
-            laboratory, plan, settings, Place(kept, processes(workers), scheduler, folder is not None)
-        )
+        kept = Path(scratch) / "runs" if out is None else Path(out)
+        place = Place(kept, processes(workers), scheduler, out is not None)
+        return montecarlo(laboratory, plan, settings, place, progress)

@@ -17,8 +17,7 @@ class Command:
 
     Attributes:
         function: its name there. examples: command lines for the help.
-        saved: whether it has an option --out for a result that the function does not write itself, and
-            whether that is required.
+        saved: whether it has an option --out for its result, and whether that is required.
     """
 
     function: str
@@ -51,6 +50,14 @@ COMMANDS: dict[str, Command] = {
     "import": Command(
         "import_table",
         ("tulip import standing.csv --robot my/robot/robot.toml --map contacts.toml --out data/standing",),
+    ),
+    "montecarlo": Command(
+        "monte_carlo",
+        (
+            "tulip montecarlo --out runs/coverage --runs 1000",
+            "tulip montecarlo --out runs/exact --runs 200 --imperfections 0",
+        ),
+        saved="required",
     ),
     "predict": Command("predict", ("tulip predict data/first", "tulip predict data/first --train 1-40")),
     "robot": Command(

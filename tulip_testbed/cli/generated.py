@@ -30,13 +30,13 @@ def command_of(
     Args:
         function: of the library.
         examples: command lines for the help.
-        saved: whether the command has an option --out, for a result that the function does not write itself,
-            and whether that is required.
+        saved: whether the command has an option --out for its result, and whether that is required.
     """
     options: dict[str, Parameter] = {}
     for argument in function.arguments:
         for option in _options(argument):
             options.setdefault(option.name, option)
+    writes = OUT in options  # itself
     if saved:
         default = Parameter.empty if saved == "required" else None
         kind = RUN_FOLDER if saved == "required" else SAVED
@@ -44,7 +44,7 @@ def command_of(
     options[JSON] = Parameter(JSON, Parameter.KEYWORD_ONLY, default=False, annotation=AS_JSON)
 
     def command(**given: Any) -> int:
-        return _carry_out(function, given, given.pop(OUT) if saved else None)
+        return _carry_out(function, given, given.pop(OUT) if saved and not writes else None)
 
     command.__signature__ = Signature(list(options.values()))  # type: ignore[attr-defined]
     command.__annotations__ = {name: option.annotation for name, option in options.items()}

@@ -27,7 +27,6 @@ from tulip_testbed.cli.commands import COMMANDS
 # Commands that are still functions of their own: NAME is NAME_command of the module NAME_command.
 MODULES: dict[str, str] = {
     "simulate": "Simulate an experiment and write a measurement folder.",
-    "montecarlo": "Repeat a simulated experiment and test the stated standard errors.",
     "watch": "Check postures while they are measured, and tell when to stop.",
     "postures": "Draw random feasible postures, or describe a plan.",
     "plan": "Search for optimal postures (section IV of the paper).",
@@ -76,10 +75,10 @@ def main(arguments: list[str] | None = None, loaded: Callable[[], object] = lamb
 
         refuse(f"{error.filename}: cannot be used ({error.strerror})")
         return 2
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stopped:
         from tulip_testbed.cli.terminal import say
 
-        say("tulip: interrupted; no unfinished result was left")
+        say(f"tulip: {str(stopped) or 'interrupted; no unfinished result was left'}")
         return 130
 
 
