@@ -98,6 +98,7 @@ class Validation(Result):
         robot, angles = run.laboratory.robot, run.measurements.joint_angles
         parts: list[Table | str] = []
         plain = document["least_squares"] or {}
+        dropped = [reason for _, reason in run.truth.dropped]
         for model in models(robot):
             # Eq. 15 is of least squares: priors of imperfections would hide what postures do not distinguish.
             pairs = plain.get(model, document[model])["correlations"]
@@ -112,7 +113,7 @@ class Validation(Result):
         parts += [
             LEGEND,
             imperfections_line(self.imperfections),
-            *usable_postures(run, robot.settings.get("paper", {})),
+            *usable_postures(len(run.plan), len(run.measurements), dropped, robot.settings.get("paper")),
         ]
         parts.append(mass_line(mass["estimate"], mass["standard_error"], mass["truth"]))
         if document["books"] is not None:

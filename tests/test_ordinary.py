@@ -13,7 +13,6 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.families import families_of, tolerances_of
 from tulip_testbed.calibration.ordinary_laboratory import draw_members
 from tulip_testbed.calibration.self_calibration import self_calibrate
-from tulip_testbed.cli.simulate_command import simulate_command
 from tulip_testbed.experiments.checks import correlation_checks, data_correlation_checks
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, ORDINARY
 from tulip_testbed.experiments.imperfections import drawn, single_stream
@@ -221,7 +220,7 @@ def test_all_that_identifies_has_one_default():
     scales = [one["imperfections"].default for one in parameters if "imperfections" in one]
     assert scales == [ORDINARY] * 3
     assert Settings(1, 1, DEFAULT_ESTIMATOR, None).imperfections == ORDINARY
-    assert inspect.signature(simulate_command).parameters["imperfections"].default == 0
+    assert inspect.signature(tt.simulate).parameters["imperfections"].default == 0
 
 
 def test_the_verdict_fails_wrong_estimates(validated):

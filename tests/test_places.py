@@ -112,20 +112,20 @@ def test_nothing_is_written_into_a_measurement_folder(data, run, tmp_path, capsy
     before = sorted(data.iterdir())
     inside = "lies inside the measurement folder"
     for place in (data / "more", data / "deep" / "more"):
-        assert inside in refused(capsys, "simulate", "--statics", "--out", place)
+        assert inside in refused(capsys, "simulate", "--engine", "statics", "--out", place)
         assert inside in refused(capsys, "validate", "--out", place)
         assert inside in refused(capsys, "postures", "--random", "--out", place)
         with pytest.raises(InputError, match=inside):
             tt.write_measurements(place, run.measurements)
     message = refused(
-        capsys, "simulate", "--statics", "--out", tmp_path / "b", "--truth", data / "truth.json"
+        capsys, "simulate", "--engine", "statics", "--out", tmp_path / "b", "--truth", data / "truth.json"
     )
     assert inside in message
     with pytest.raises(InputError, match=r"truth\.json: lies inside the measurement folder"):
         write_experiment(tmp_path / "c", data / "truth.json", run)
     link = tmp_path / "link"
     link.symlink_to(data)
-    assert inside in refused(capsys, "simulate", "--statics", "--out", link / "more")
+    assert inside in refused(capsys, "simulate", "--engine", "statics", "--out", link / "more")
     assert sorted(data.iterdir()) == before
     (tmp_path / "manifest.json").write_text('{"name": "another program\'s"}')
     check_new(tmp_path / "fine")
@@ -230,7 +230,7 @@ def test_below_a_folder_that_may_not_be_searched_everything_is_one_message(data,
                     ["check", str(data)],
                     ["identify", str(data), "--corrections", str(new)],
                     ["postures", str(data)],
-                    ["simulate", "--statics", "--out", str(new)],
+                    ["simulate", "--engine", "statics", "--out", str(new)],
                     ["robot", str(data / "tulip.toml")],
                 )
             ]

@@ -82,7 +82,7 @@ class Intact:
 
     def _measurements(self, path: Path) -> None:
         plan = str(self("plan"))
-        self.tulip(["simulate", plan, "--statics", "--workers", "1", "--out", str(path)])
+        self.tulip(["simulate", plan, "--engine", "statics", "--workers", "1", "--out", str(path)])
 
     def _run(self, path: Path) -> None:
         plan = self("plan")
@@ -96,7 +96,9 @@ class Intact:
     def _discovery(self, path: Path) -> None:
         data = str(self.place / "with an effect")
         plan, effect = str(self("plan")), "encoder-offset:right_knee=0.03"
-        self.tulip(["simulate", plan, "--statics", "--workers", "1", "--out", data, "--effect", effect])
+        self.tulip(
+            ["simulate", plan, "--engine", "statics", "--workers", "1", "--out", data, "--effects", effect]
+        )
         self.tulip(["discover", data, "--no-check", "--workers", "1", "--out", str(path)])
 
     def _montecarlo(self, path: Path) -> None:
@@ -156,7 +158,16 @@ def commands(target: str, folder: Path, made: Path, intact: Intact) -> list[list
         own, run = str(inside / "data"), str(inside / "run")
         return [
             *(["identify", own, *identify], ["identify", own], ["compare", run, str(intact("run"))]),
-            ["simulate", f"{run}/plan", "--statics", "--workers", "1", "--out", str(made / inside.name)],
+            [
+                "simulate",
+                f"{run}/plan",
+                "--engine",
+                "statics",
+                "--workers",
+                "1",
+                "--out",
+                str(made / inside.name),
+            ],
             ["report", run, "--out", f"{made / 'of'}{inside.name[:99]}.html"],
         ]
     if target == "arguments":
@@ -167,8 +178,8 @@ def commands(target: str, folder: Path, made: Path, intact: Intact) -> list[list
     return [
         *(["model", *robot, "--json"], ["model", *robot]),
         ["postures", "--random", "--out", plan, *enough, "--seed", "107", *robot],
-        ["simulate", plan, "--out", data, "--workers", "1", "--preset", "ideal", *robot]
+        ["simulate", plan, "--out", data, "--workers", "1", "--sensors", "ideal", *robot]
         if target == "robot"
-        else ["simulate", plan, "--out", data, "--workers", "1", "--statics", *robot],
+        else ["simulate", plan, "--out", data, "--workers", "1", "--engine", "statics", *robot],
         *several,
     ]

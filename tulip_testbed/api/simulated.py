@@ -1,8 +1,9 @@
-"""Functions of a virtual laboratory: validate and Monte Carlo."""
+"""Functions of a virtual laboratory: simulate, validate and Monte Carlo."""
 
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 from tulip_testbed.base.arguments import checked
@@ -12,9 +13,62 @@ from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, DEFAULT_SEED, 
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.montecarlo_run import MonteCarlo, Place, montecarlo
 from tulip_testbed.experiments.montecarlo.settings import Settings
+from tulip_testbed.experiments.simulate import Simulation
+from tulip_testbed.experiments.simulate import simulate as _simulate
 from tulip_testbed.experiments.validate import validate as _validate
 from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.measurements import PosturePlan
+
+PlainLaboratory = Laboratory  # in which the function hides effects itself: the command line adds none
+
+
+Planned = PosturePlan | str | Path | None
+
+
+@checked
+@one_blas_thread
+def simulate(
+    laboratory: PlainLaboratory,
+    plan: Planned = None,
+    *,
+    out: str | Path,
+    seed: int = DEFAULT_SEED,
+    truth: str | Path | None = None,
+    effects: Sequence[str] = (),
+    imperfections: float = 0.0,
+    experiment: str | Path | None = None,
+    session: str | None = None,
+    engine: str = "dynamics",
+    workers: int | None = None,
+    progress: Progress = silent,
+) -> Simulation:
+    """Simulate an experiment and write a measurement folder.
+
+    The folder does not contain the truth, which can be written to another file. Only that file names a
+    random effect and the imperfections. `Laboratory.run` does the same in memory.
+
+    Args:
+        plan: postures to measure, their folder, or the name of a shipped plan; None: the shipped one.
+        out: new measurement folder.
+        seed: of everything random.
+        truth: new file for the truth.
+        effects: physical effects to hide, NAME[:TARGET]=VALUE[,VALUE] in SI units, or "random" for one that
+            is not told.
+        imperfections: scale of ordinary imperfections of all families, which are drawn and hidden in the
+            laboratory; 1: spreads of 0.1 to 1 tolerance; 0: an exact laboratory.
+        experiment: plan folder of a proposed experiment: its postures after its manipulations.
+        session: name of the session; its experiments share tares, floor and survey.
+        engine: "dynamics", half a minute, or "statics", a second.
+        workers: processes; None: one per core. Results do not depend on it.
+        progress: shows how far the work is.
+
+    Raises:
+        InputError: what cannot be simulated, or a place that cannot be written.
+    """
+    made = Path(plan) if isinstance(plan, str) else plan
+    file, proposed = (None if one is None else Path(one) for one in (truth, experiment))
+    how = (imperfections, proposed, session, engine, workers, progress)
+    return _simulate(laboratory, made, Path(out), seed, file, effects, *how)
 
 
 @checked

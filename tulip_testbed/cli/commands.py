@@ -63,6 +63,14 @@ COMMANDS: dict[str, Command] = {
     "robot": Command(
         "describe_robot", ("tulip robot g1_29dof.urdf --out my/g1", "tulip robot my/g1/robot.toml")
     ),
+    "simulate": Command(
+        "simulate",
+        (
+            "tulip simulate --out data/first --effects encoder-offset:right_knee=0.01 --truth truth.json",
+            "tulip simulate --out data/real --imperfections 1 --truth real.json",
+            "tulip simulate --experiment plans/next --out data/second",
+        ),
+    ),
     "validate": Command(
         "validate",
         ("tulip validate --out runs/first", "tulip validate --out runs/exact --imperfections 0"),

@@ -26,7 +26,6 @@ from tulip_testbed.cli.commands import COMMANDS
 
 # Commands that are still functions of their own: NAME is NAME_command of the module NAME_command.
 MODULES: dict[str, str] = {
-    "simulate": "Simulate an experiment and write a measurement folder.",
     "watch": "Check postures while they are measured, and tell when to stop.",
     "postures": "Draw random feasible postures, or describe a plan.",
     "plan": "Search for optimal postures (section IV of the paper).",
