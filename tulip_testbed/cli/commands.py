@@ -37,31 +37,10 @@ class Command:
 
 
 COMMANDS: dict[str, Command] = {
-    "check": Command("check", ("tulip check data/first",)),
-    "export": Command("export_model", ("tulip export runs/first --out identified.xml",)),
-    "identify": Command(
-        "identify",
-        (
-            "tulip identify data/first",
-            "tulip identify data/monday data/tuesday",
-            "tulip identify data/first --tolerances encoder-offset=0.001",
-        ),
-    ),
-    "import": Command(
-        "import_table",
-        ("tulip import standing.csv --robot my/robot/robot.toml --map contacts.toml --out data/standing",),
-    ),
-    "montecarlo": Command(
-        "monte_carlo",
-        (
-            "tulip montecarlo --out runs/coverage --runs 1000",
-            "tulip montecarlo --out runs/exact --runs 200 --imperfections 0",
-        ),
+    "validate": Command(
+        "validate",
+        ("tulip validate --out runs/first", "tulip validate --out runs/exact --imperfections 0"),
         saved="required",
-    ),
-    "predict": Command("predict", ("tulip predict data/first", "tulip predict data/first --train 1-40")),
-    "robot": Command(
-        "describe_robot", ("tulip robot g1_29dof.urdf --out my/g1", "tulip robot my/g1/robot.toml")
     ),
     "simulate": Command(
         "simulate",
@@ -71,9 +50,30 @@ COMMANDS: dict[str, Command] = {
             "tulip simulate --experiment plans/next --out data/second",
         ),
     ),
-    "validate": Command(
-        "validate",
-        ("tulip validate --out runs/first", "tulip validate --out runs/exact --imperfections 0"),
+    "montecarlo": Command(
+        "monte_carlo",
+        (
+            "tulip montecarlo --out runs/coverage --runs 1000",
+            "tulip montecarlo --out runs/exact --runs 200 --imperfections 0",
+        ),
         saved="required",
+    ),
+    "check": Command("check", ("tulip check data/first",)),
+    "identify": Command(
+        "identify",
+        (
+            "tulip identify data/first",
+            "tulip identify data/monday data/tuesday",
+            "tulip identify data/first --tolerances encoder-offset=0.001",
+        ),
+    ),
+    "predict": Command("predict", ("tulip predict data/first", "tulip predict data/first --train 1-40")),
+    "export": Command("export_model", ("tulip export runs/first --out identified.xml",)),
+    "import": Command(
+        "import_table",
+        ("tulip import standing.csv --robot my/robot/robot.toml --map contacts.toml --out data/standing",),
+    ),
+    "robot": Command(
+        "describe_robot", ("tulip robot g1_29dof.urdf --out my/g1", "tulip robot my/g1/robot.toml")
     ),
 }

@@ -83,7 +83,7 @@ def main(arguments: list[str] | None = None, loaded: Callable[[], object] = lamb
 
 def usage() -> str:
     """Describe the command line: every command with its summary."""
-    summaries = MODULES | {name: one.summary for name, one in COMMANDS.items()}
+    summaries = {name: one.summary for name, one in COMMANDS.items()} | MODULES
     width = max(map(len, summaries))
     lines = (f"  {name:{width}}  {summary}" for name, summary in summaries.items())
     return "\n".join(
@@ -106,7 +106,7 @@ def command_of(name: str | None) -> Command:
     Raises:
         InputError: there is no such command.
     """
-    names = [*MODULES, *COMMANDS]
+    names = [*COMMANDS, *MODULES]
     if name is None:
         raise InputError(f"found no command; valid: {listed(names)}; `tulip --help` explains them")
     if name not in names:
