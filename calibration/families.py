@@ -167,7 +167,7 @@ def tolerances_of(sheet: SensorSheet, given: Mapping[str, float] | None = None) 
     return Tolerances(found | dict(given), text if not given else f"{text}, and as stated")
 
 
-def check_tolerances(given: Mapping[str, float], where: str = "tolerance") -> None:
+def check_tolerances(given: Mapping[str, float], where: str = "tolerances") -> None:
     """Refuse tolerances that no family can have.
 
     Args:
@@ -199,14 +199,14 @@ def read_tolerances(texts: Sequence[str]) -> dict[str, float]:
     found: dict[str, float] = {}
     for text in texts:
         name, _, value = text.partition("=")
-        look_up("family", name, TOLERANCES, "tolerance")
+        look_up("family", name, TOLERANCES, "tolerances")
         if name in found:
-            raise InputError(f"tolerance: {name}: found two values, expected one")
+            raise InputError(f"tolerances: {name}: found two values, expected one")
         try:
             found[name] = float(value)
         except ValueError:
             raise InputError(
-                f"tolerance: {name}: found {shortened(repr(text))}, expected {name}=VALUE (SI units)"
+                f"tolerances: {name}: found {shortened(repr(text))}, expected {name}=VALUE (SI units)"
             ) from None
     check_tolerances(found)
     return found

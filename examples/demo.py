@@ -21,7 +21,7 @@ from tulip_testbed.cli.main import main as tulip
 
 SIZE = 0.02  # rad
 EFFECT = f"encoder-offset:right_ankle_roll={SIZE}"
-SETTING = ("--preset", "force-plate", "--seed", "3")
+SETTING = ("--sensors", "force-plate", "--seed", "3")
 NAIVE = ("--estimator", "mixed-model")
 ODD = 3.0  # standard errors that one parameter in 370 exceeds by chance
 SOURCES = 4  # parts of the budget that are shown
@@ -34,7 +34,7 @@ def main(folder: Path) -> int:
     data, truth, found = folder / "data", folder / "truth.json", folder / "found"
     _say("1. Every encoder, cell, link and plate is a little off, as everywhere. One encoder is off by")
     _say("   1.15 deg, and nobody notices. 150 postures on two plates.")
-    _run("simulate", "--out", data, "--truth", truth, *SETTING, "--imperfections", "1", "--effect", EFFECT)
+    _run("simulate", "--out", data, "--truth", truth, *SETTING, "--imperfections", "1", "--effects", EFFECT)
     _say("2. The robot is identified as if the laboratory were exact. Its standard errors are small ...")
     wrong = _errors(_run("identify", data, *NAIVE, "--json"), truth)
     _say(f"   ... and its parameters are wrong: {_judged(wrong)}.")
@@ -49,7 +49,7 @@ def main(folder: Path) -> int:
     _say("4. What was found is added to the model, and the robot is identified again.")
     if not document["effects"]:
         return 1
-    after = _run("identify", data, "--rig", found / "rig", "--json")
+    after = _run("identify", data, "--corrections", found / "rig", "--json")
     right = _errors(after, truth)
     _say(f"   Now {_judged(right)}.")
     _say(f"   The standard errors are {_ratio(after, before):.2f} times as large as before.")

@@ -208,7 +208,7 @@ def balance_check(worst: dict[str, float], weight: float, whole: bool) -> Check:
     """Compare the forces and moments that every hold leaves over with a bound that no real hold comes near.
 
     Args:
-        worst: see `validate.worst_balance`. weight: of the robot [N].
+        worst: see `run_summary.worst_balance`. weight: of the robot [N].
         whole: judge cells and centre of mass as well, which a known or hidden effect may set apart.
     """
     force = IMBALANCE * weight

@@ -1,4 +1,6 @@
 """Defaults of public functions; this module loads nothing, so that the command line's help is quick."""
 
 DEFAULT_SEED = 1
+DEFAULT_ESTIMATOR = "self-calibrating"  # of everything that identifies
+ORDINARY = 1.0  # scale of the imperfections of an ordinary laboratory
 SAMPLES = 200  # random robots beside an exported model

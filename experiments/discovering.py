@@ -18,7 +18,8 @@ from tulip_testbed.discovery.next_experiment import NextExperiment
 from tulip_testbed.discovery.story import story
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.discovery_tables import weak_table
-from tulip_testbed.experiments.identify import Identification, identify
+from tulip_testbed.experiments.identification_result import Identification
+from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.proposed_experiment import Proposals, propose_experiments
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.preflight.units import units

@@ -16,7 +16,7 @@ from tulip_testbed.effects.instance import EffectDocument, EffectInstance, Param
 from tulip_testbed.effects.laws import Sentence, sentence_of
 from tulip_testbed.experiments.discovering import Discovered
 from tulip_testbed.experiments.family_tables import family_documents
-from tulip_testbed.experiments.identify import Identification
+from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.proposed_experiment import ProposedExperiment, proposed
 from tulip_testbed.measurements.bounds import MOST_FORCE
 

@@ -11,7 +11,6 @@ from tulip_testbed.calibration.ordinary_laboratory import check_scale, ordinary_
 from tulip_testbed.experiments.laboratory import Laboratory
 
 STREAM = 2**32 - 1  # spawn key of the members of a single experiment: no placement has this number
-ORDINARY = 1.0  # scale of the imperfections of an ordinary laboratory
 NO_NOISE = ("ideal",)  # sensors that have neither noise nor tolerances
 
 

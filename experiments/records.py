@@ -15,8 +15,9 @@ from tulip_testbed.experiments.montecarlo.montecarlo_record import (
 )
 from tulip_testbed.experiments.montecarlo.montecarlo_run import MonteCarlo
 from tulip_testbed.experiments.run_file import run_kind
-from tulip_testbed.experiments.validate import Validation, judge
-from tulip_testbed.experiments.validation_record import ValidationRecord, read_validation, validation_record
+from tulip_testbed.experiments.validate import judge
+from tulip_testbed.experiments.validation_record import ValidationRecord, read_validation
+from tulip_testbed.experiments.validation_result import Validation, validation_record
 from tulip_testbed.sim.robot import Robot
 
 Record = ValidationRecord | MonteCarloRecord | DiscoveryRecord

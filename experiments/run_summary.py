@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from tulip_testbed.base.numbers import number
 from tulip_testbed.calibration.ordinary_laboratory import SPREADS
-from tulip_testbed.experiments.laboratory import Run
 from tulip_testbed.sim.outcome import Truth
 
 EXACT = (
@@ -17,23 +18,24 @@ EXACT = (
 )
 
 
-def usable_postures(run: Run, paper: dict[str, Any], reasons: bool = True) -> list[str]:
+def usable_postures(
+    planned: int, rows: int, dropped: Sequence[str | None], paper: Mapping[str, Any] | None = None
+) -> list[str]:
     """Describe how many postures could be used.
 
     Args:
-        paper: the part `paper` of the robot's description, or {}.
-        reasons: whether to tell why the others could not.
+        planned: how many there were. rows: of the measurements.
+        dropped: why each of the others could not be used; None is not told.
+        paper: the part `paper` of the robot's description.
     """
-    dropped, planned = run.truth.dropped, len(run.plan)
     beside = f" (paper {paper['postures_used']} of {paper['postures_planned']})" if paper else ""
     tally: dict[str, int] = {}
-    for _, reason in dropped if reasons else ():
+    for reason in filter(None, dropped):
         key = reason.rsplit(" ", 1)[0] if reason.startswith(("lost", "lifted")) else reason
         key = "slipped" if reason.startswith("slipped") else key
         tally[key] = tally.get(key, 0) + 1
     return [
-        f"Usable postures: {planned - len(dropped)} of {planned}{beside}; "
-        f"{len(run.measurements)} rows with repeats.",
+        f"Usable postures: {planned - len(dropped)} of {planned}{beside}; {rows} rows with repeats.",
         *(
             f"  dropped {count}: {reason}"
             for reason, count in sorted(tally.items(), key=lambda item: -item[1])
@@ -64,11 +66,23 @@ def sag_line(truth: Truth) -> str:
     )
 
 
+def worst_balance(truth: Truth) -> dict[str, float] | None:
+    """Find the worst of every balance kept in the dynamics, over all held postures; None in statics."""
+    books = [dataclasses.asdict(held.balance) for held in truth.held]
+    if not books:
+        return None
+    worst = {
+        name: max(abs(b[name]) for b in books)
+        for name in ("weight", "moments", "torques", "centre", "kinetic")
+    }
+    return worst | {"least_dissipated": min(b["dissipated"] for b in books)}
+
+
 def balance_line(books: dict[str, float]) -> str:
     """Describe the largest imbalance of forces in any hold.
 
     Args:
-        books: of a report, see `validate.worst_balance`.
+        books: of a report, see `worst_balance`.
     """
     shown = {name: number(value, ".2g") for name, value in books.items()}
     return (

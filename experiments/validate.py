@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from tulip_testbed.base.errors import InputError, at_least, look_up
-from tulip_testbed.base.table import Shown, Table
+from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.experiments.checks import (
     Check,
     balance_check,
     below,
-    check_table,
     correlation_checks,
     data_correlation_checks,
     ideal_error_check,
@@ -25,15 +21,15 @@ from tulip_testbed.experiments.checks import (
     mass_check,
     sigma_check,
     skipped,
-    verdict,
 )
-from tulip_testbed.experiments.defaults import DEFAULT_SEED
-from tulip_testbed.experiments.estimate_report import model_report
-from tulip_testbed.experiments.identify import DEFAULT_ESTIMATOR, ESTIMATORS, Identification, identify
-from tulip_testbed.experiments.imperfections import ORDINARY, check_imperfections, drawn, single_stream
-from tulip_testbed.experiments.laboratory import Laboratory, Run
-from tulip_testbed.experiments.parameter_tables import parameter_table
+from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, DEFAULT_SEED, ORDINARY
+from tulip_testbed.experiments.identification_result import ESTIMATORS, Identification
+from tulip_testbed.experiments.identify import identify
+from tulip_testbed.experiments.imperfections import check_imperfections, drawn, single_stream
+from tulip_testbed.experiments.laboratory import Laboratory, Run, tries
+from tulip_testbed.experiments.run_summary import worst_balance
 from tulip_testbed.experiments.usable_plan import identifiable_regressor
+from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.identification.base_parameters import BaseParameters, renumbered
 from tulip_testbed.identification.estimators import solve_least_squares
 from tulip_testbed.identification.regressor import stacked_regressor
@@ -47,49 +43,6 @@ LEAST_SQUARES = "least-squares"  # the paper's estimator
 NEGLIGIBLE = 1e-6  # m: a parameter that the simplified model may drop without bias
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Validation(Shown):
-    """A run compared with its truth; prints its checks and the verdict.
-
-    Attributes:
-        run: the experiment. identification: the estimates from its measurements, which are judged.
-        least_squares: the paper's estimates from the same measurements; None where they cannot be used.
-        truth: base parameters of the robot that stood there, (p,) [m].
-        checks: what was judged. wall_s: wall time [s].
-        imperfections: scale of those that were drawn for the laboratory; 0: it is exact.
-    """
-
-    run: Run
-    identification: Identification
-    least_squares: Identification | None
-    truth: np.ndarray
-    checks: tuple[Check, ...]
-    wall_s: float
-    imperfections: float = 0.0
-
-    @property
-    def verdict(self) -> str:
-        """ "pass", or "fail" if any check fails."""
-        return verdict(list(self.checks))
-
-    def table(self) -> Table:
-        """Return the checks, one per row."""
-        return check_table([dataclasses.asdict(check) for check in self.checks])
-
-    def to_frame(self) -> Any:
-        """Return a pandas DataFrame with one row per parameter of the full model, with its truth.
-
-        The checks are plain records: `pandas.DataFrame(validation.checks)`.
-        """
-        found = self.identification
-        table = parameter_table("full", model_report(found.full, self.truth).plain(), found.parameters)
-        return table.frame().set_index("parameter")
-
-    def parts(self) -> list[Table | str]:
-        """Return the checks and the verdict."""
-        return [self.table(), f"Verdict: {self.verdict}"]
-
-
 def validate(
     laboratory: Laboratory,
     plan: PosturePlan,
@@ -97,7 +50,7 @@ def validate(
     estimator: str = DEFAULT_ESTIMATOR,
     engine: str = "dynamics",
     workers: int | None = None,
-    progress: Callable[[int], None] = lambda count: None,
+    progress: Progress = silent,
     imperfections: float = ORDINARY,
 ) -> Validation:
     """Run an experiment and hold the estimates against its truth.
@@ -105,7 +58,7 @@ def validate(
     Args:
         plan: postures to measure. seed: of everything random.
         estimator: a name of `experiments.identify.ESTIMATORS`.
-        engine, workers, progress: see `Laboratory.run`.
+        engine, workers: see `Laboratory.run`.
         imperfections: scale of ordinary ones that are drawn and hidden in the laboratory; 0: it is exact.
 
     Raises:
@@ -119,7 +72,9 @@ def validate(
     laboratory.check(plan, engine)
     identifiable_regressor("plan", laboratory.robot, plan)
     laboratory = drawn(laboratory, imperfections, single_stream(seed))
-    result = judge(laboratory.run(plan, seed, engine, workers, progress), estimator)
+    with progress("holding postures", tries(laboratory, plan), 0) as advance:
+        run = laboratory.run(plan, seed, engine, workers, advance)
+    result = judge(run, estimator)
     return dataclasses.replace(result, wall_s=time.perf_counter() - began, imperfections=imperfections)
 
 
@@ -200,7 +155,7 @@ def held_balance(truth: Truth, rig: Rig, whole: bool) -> list[Check]:
     Args:
         whole: see `balance_check`.
     """
-    worst = _worst_balance(truth)
+    worst = worst_balance(truth)
     if worst is None or not np.isfinite(rig.protocol.speed_gate):
         return []
     weight = float(truth.mass * -rig.robot.model.opt.gravity[2])
@@ -218,19 +173,3 @@ def correlations_at(parameters: BaseParameters, joint_angles: np.ndarray, suppor
     """Compute eq. 15 by the regressor of these angles, for any estimator, (p, p)."""
     matrix = stacked_regressor(parameters, joint_angles, support)
     return correlations(solve_least_squares(matrix, np.zeros(len(matrix)))[1])
-
-
-def worst_balance(run: Run) -> dict[str, float] | None:
-    """Find the worst of every balance kept in the dynamics, over all held postures; None in statics."""
-    return _worst_balance(run.truth)
-
-
-def _worst_balance(truth: Truth) -> dict[str, float] | None:
-    books = [dataclasses.asdict(held.balance) for held in truth.held]
-    if not books:
-        return None
-    worst = {
-        name: max(abs(b[name]) for b in books)
-        for name in ("weight", "moments", "torques", "centre", "kinetic")
-    }
-    return worst | {"least_dissipated": min(b["dissipated"] for b in books)}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import dataclasses
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,25 +14,21 @@ from pydantic import AfterValidator
 from tulip_testbed.base.document import Document, Figure, Pair
 from tulip_testbed.base.errors import InputError, shortened
 from tulip_testbed.base.files import new_folder, read_bytes
-from tulip_testbed.base.machine import machine
-from tulip_testbed.base.table_files import Table, software
-from tulip_testbed.experiments.estimate_report import ModelReport, model_report
+from tulip_testbed.base.table_files import Table
+from tulip_testbed.experiments.estimate_report import ModelReport
 from tulip_testbed.experiments.run_file import (
     MEASUREMENT_FOLDER,
     PLAN_FOLDER,
     RUN_FILE,
-    VERSION,
     Configuration,
     RunFile,
     check_outputs,
     check_parameters,
     check_robot,
     check_rows,
-    configuration_of,
     write_run_file,
 )
-from tulip_testbed.experiments.truth_record import Truth, truth_of
-from tulip_testbed.experiments.validate import Validation, worst_balance
+from tulip_testbed.experiments.truth_record import Truth
 from tulip_testbed.identification.base_parameters import base_parameters, common_support, simplified_numbers
 from tulip_testbed.measurements import Measurements, PosturePlan, read_measurements, write_measurements
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
@@ -129,62 +124,6 @@ class ValidationRecord:
     residual_mm: dict[str, np.ndarray]
     robot: Robot
     folder: Path | None = None
-
-
-def report_of(result: Validation) -> Report:
-    """Report a validation."""
-    found, plain, run = result.identification, result.least_squares, result.run
-    dropped = run.truth.dropped
-    return Report.model_validate(
-        {
-            "verdict": result.verdict,
-            "estimator": found.estimator,
-            "checks": [dataclasses.asdict(check) for check in result.checks],
-            "postures_planned": run.plan.postures,
-            "postures_used": run.plan.postures - len(dropped),
-            "rows_measured": len(run.measurements),
-            "dropped": [{"posture": posture, "reason": reason} for posture, reason in dropped],
-            "condition_number": found.full.condition_number,
-            "total_mass": {
-                "truth": run.truth.mass,
-                "estimate": found.mass[0],
-                "standard_error": found.mass[1],
-            },
-            "full": model_report(found.full, result.truth),
-            "simplified": model_report(found.simplified, result.truth),
-            "least_squares": plain and {m: model_report(getattr(plain, m), result.truth) for m in MODELS},
-            "books": worst_balance(run),
-            "wall_s": result.wall_s,
-            "imperfections": float(result.imperfections),
-        }
-    )
-
-
-def validation_record(result: Validation) -> ValidationRecord:
-    """Make the record of a validation that has just been carried out."""
-    run, found = result.run, result.identification
-    return ValidationRecord(
-        document=RunFile[Configuration](
-            format="tulip-run",
-            version=VERSION,
-            command="validate",
-            configuration=configuration_of(
-                run.laboratory, run.plan, run.seed, run.engine, result.imperfections
-            ),
-            software=software(),
-            machine=machine(),
-            inputs=run.laboratory.robot.hashes,
-        ),
-        report=report_of(result),
-        truth=truth_of(run),
-        plan=run.plan,
-        measurements=run.measurements,
-        residual_mm={
-            model: 1e3 * np.linalg.norm(getattr(found, model).residual.reshape(-1, 2), axis=1)
-            for model in MODELS
-        },
-        robot=run.laboratory.robot,
-    )
 
 
 def write_validation(folder: Path, record: ValidationRecord) -> ValidationRecord:

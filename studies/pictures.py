@@ -58,17 +58,17 @@ def _postures() -> Image.Image:
 def _discovery(scratch: Path) -> Path:
     data, found = Path("hidden"), scratch / "found"
     hidden = [
-        "--preset",
+        "--sensors",
         "force-plate",
         "--seed",
         SEED,
-        "--effect",
+        "--effects",
         EFFECT,
         "--truth",
         f"{scratch}/truth.json",
     ]
     with chdir(scratch), redirect_stdout(io.StringIO()):
-        tulip(["simulate", "--statics", *hidden, "--out", str(data), "--json"])
+        tulip(["simulate", "--engine", "statics", *hidden, "--out", str(data), "--json"])
         tulip(["discover", str(data), "--no-check", "--out", str(found), "--json"])
     return found
 

@@ -35,7 +35,8 @@ from tulip_testbed.experiments.protocols.protocol_run import (
     protocol_of,
 )
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
-from tulip_testbed.experiments.validate import Validation, validate
+from tulip_testbed.experiments.validate import validate
+from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters
 from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
@@ -187,7 +188,7 @@ def calibration(once, robot, plan, tmp_path_factory) -> Path:
     def make() -> Path:
         folder = tmp_path_factory.mktemp("calibration") / "montecarlo"
         exact = {"estimator": MIXED_MODEL, "imperfections": 0.0, "workers": 1}
-        tt.monte_carlo(Laboratory(robot), plan, runs=40, seed=103, folder=folder, **exact)
+        tt.monte_carlo(Laboratory(robot), plan, runs=40, seed=103, out=folder, **exact)
         return folder
 
     return once("calibration", make)

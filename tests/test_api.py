@@ -205,7 +205,7 @@ def test_every_command_has_its_function():
     """What a command does, a notebook can do."""
     offered = {
         "validate": tt.validate,
-        "simulate": tt.Laboratory.run,
+        "simulate": tt.simulate,
         "montecarlo": tt.monte_carlo,
         "check": tt.check,
         "identify": tt.identify,

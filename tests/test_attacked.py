@@ -118,7 +118,7 @@ def test_another_robots_run_has_a_page(own, tmp_path):
     edit(own.with_name("tulip.xml"), 'mass="10.7"', 'mass="10.9"')
     robot = tt.load_robot(own)
     plan = dataclasses.replace(tt.plans.random, robot={"model": "tulip.xml", "sha256": robot.model_hash})
-    tt.monte_carlo(tt.Laboratory(robot), plan, runs=2, folder=tmp_path / "mc", workers=1)
+    tt.monte_carlo(tt.Laboratory(robot), plan, runs=2, out=tmp_path / "mc", workers=1)
     with pytest.raises(tt.InputError, match="give the robot that the run was made with"):
         tt.report(tmp_path / "mc", tmp_path / "mc.html")
     tt.report(tmp_path / "mc", tmp_path / "mc.html", robot=robot)

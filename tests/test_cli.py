@@ -14,13 +14,13 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import tulip_testbed as tt
 from tulip_testbed.base.errors import InputError
+from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING
 from tulip_testbed.cli import main as command_line
 from tulip_testbed.cli import options
 from tulip_testbed.cli.commands import COMMANDS
 from tulip_testbed.cli.main import MODULES, command_of, main, usage
 from tulip_testbed.cli.terminal import PIPE_WIDTH
-from tulip_testbed.experiments import identify, imperfections, laboratory
-from tulip_testbed.experiments.montecarlo import engine
+from tulip_testbed.experiments import defaults, laboratory
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.identification.planning import interior_point, search
 from tulip_testbed.measurements import read_measurements, write_measurements
@@ -135,16 +135,13 @@ def test_help_and_version_load_no_simulator():
 
 
 def test_the_options_are_the_librarys():
-    assert list(options.ESTIMATORS) == list(identify.ESTIMATORS)
-    assert options.DEFAULT_ESTIMATOR == identify.DEFAULT_ESTIMATOR
-    assert options.ORDINARY == imperfections.ORDINARY
+    assert defaults.DEFAULT_ESTIMATOR == SELF_CALIBRATING
     assert set(get_args(options.Preset)) == set(sensors.PRESETS)
     plates = {name for name, preset in sensors.PRESETS.items() if preset.wrench is None}
     assert set(get_args(options.PlatePreset)) == plates
     assert set(get_args(options.Noisy)) == plates - {"ideal"}
     assert options.SOLVERS == interior_point.SOLVERS
     assert options.HOPS == search.HOPS
-    assert options.ENGINES == engine.ENGINES
     assert options.DEFAULT_SEED == laboratory.DEFAULT_SEED
 
 
@@ -272,7 +269,7 @@ def test_missing_plan_and_existing_run(tmp_path, capsys):
 def test_a_shipped_plan_has_a_name(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     out = tmp_path / "data"
-    assert main(["simulate", "mixed", "--statics", "--preset", "ideal", "--out", str(out)]) == 0
+    assert main(["simulate", "mixed", "--engine", "statics", "--sensors", "ideal", "--out", str(out)]) == 0
     assert set(read_measurements(out).support) == {"double", "right", "left"}
     assert len(tt.plans.read("optimal")) == len(tt.plans.optimal)
     capsys.readouterr()
@@ -387,8 +384,9 @@ def test_the_installed_script_runs_whole(tmp_path):
             plan,
             "--out",
             data,
-            "--statics",
-            "--preset",
+            "--engine",
+            "statics",
+            "--sensors",
             "force-plate",
             "--seed",
             "5",
@@ -410,7 +408,7 @@ def test_the_installed_script_runs_whole(tmp_path):
 
 def test_the_parser_repeats_no_control_or_direction_character(capsys):
     for hostile in ("\u202ewii", "\x1b[2J", "\x9b31m"):
-        for arguments in (["identify", "x", "--robot", "y", hostile], ["validate", "--preset", hostile]):
+        for arguments in (["identify", "x", "--robot", "y", hostile], ["validate", "--workers", hostile]):
             with pytest.raises(SystemExit) as end:
                 main(arguments)
             said = capsys.readouterr()

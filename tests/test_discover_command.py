@@ -31,7 +31,7 @@ def test_the_command_reads_a_foreign_folder_and_its_rig_is_the_new_nominal(robot
     assert (effect["name"], effect["target"]) == hidden[:2]
     assert set(document["gap"]) == {"A", "F", "T", "C", "all", "heldout_rms_mm"}
     assert document == json.loads((run / "discovery.json").read_text())
-    assert main(["identify", str(folder), "--rig", document["rig"], "--json"]) == 0
+    assert main(["identify", str(folder), "--corrections", document["rig"], "--json"]) == 0
     freed = json.loads(capsys.readouterr().out)
     plain = tmp_path / "plain"
     write_measurements(plain, dataclasses.replace(measured(robot, plan, "wii"), command=None, motor=None))

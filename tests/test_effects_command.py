@@ -20,7 +20,9 @@ GROSS = "encoder-offset:right_knee=0.03"  # eleven tolerances
 
 
 def simulated(folder, *more):
-    assert main(["simulate", "--statics", "--seed", "241", "--out", str(folder), *map(str, more)]) == 0
+    assert (
+        main(["simulate", "--engine", "statics", "--seed", "241", "--out", str(folder), *map(str, more)]) == 0
+    )
     return read_measurements(folder)
 
 
@@ -37,7 +39,7 @@ def test_all_effects_are_listed(capsys):
 def test_one_effect_is_explained(capsys):
     assert main(["effects", "encoder-offset"]) == 0
     out = capsys.readouterr().out
-    assert "--effect encoder-offset:JOINT=OFFSET" in out
+    assert "--effects encoder-offset:JOINT=OFFSET" in out
     assert "OFFSET [rad]: s.d. 1 deg" in out
     assert "has a wrong zero" in out
     assert "left_knee" in out
@@ -47,14 +49,14 @@ def test_one_effect_is_explained(capsys):
 
 
 def test_what_is_wrong_is_named_and_nothing_is_written(tmp_path, capsys):
-    message = refused(capsys, "simulate", "--out", tmp_path / "data", "--effect", "random=3")
-    assert "--effect random=3: found a target or values, expected `random` alone" in message
+    message = refused(capsys, "simulate", "--out", tmp_path / "data", "--effects", "random=3")
+    assert "--effects random=3: found a target or values, expected `random` alone" in message
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_hidden_effect_leaves_the_noise_and_the_folder_as_they_are(tmp_path):
     plain = simulated(tmp_path / "plain")
-    hidden = simulated(tmp_path / "data", "--effect", OFFSET, "--truth", tmp_path / "truth.json")
+    hidden = simulated(tmp_path / "data", "--effects", OFFSET, "--truth", tmp_path / "truth.json")
     column = plain.joints.index("right_knee")
     change = hidden.joint_angles - plain.joint_angles
     assert change[:, column] == pytest.approx(np.full(len(plain), 0.01), abs=1e-12)
@@ -77,20 +79,27 @@ def test_a_hidden_effect_leaves_the_noise_and_the_folder_as_they_are(tmp_path):
 
 
 def test_what_is_far_beyond_plausible_is_doubted(tmp_path, capsys):
-    simulated(tmp_path / "data", "--effect", "encoder-offset:right_knee=0.5")
+    simulated(tmp_path / "data", "--effects", "encoder-offset:right_knee=0.5")
     warned = " ".join(capsys.readouterr().err.split())
     assert "encoder-offset:right_knee: offset 0.5 rad (28.6 deg) is 29 times what is plausible" in warned
 
 
 def test_who_takes_more_than_there_is_is_named(tmp_path, capsys):
     text = "payload-step:torso=-20,0.5"
-    message = refused(capsys, "simulate", "--out", tmp_path / "data", "--effect", text)
+    message = refused(capsys, "simulate", "--out", tmp_path / "data", "--effects", text)
     assert f"effect {text}: found a laboratory that cannot be built" in message
     assert list(tmp_path.iterdir()) == []
 
 
 def test_several_effects(tmp_path):
-    more = ("--effect", OFFSET, "--effect", "cell-gain:left.front_left=0.05", "--truth", tmp_path / "t.json")
+    more = (
+        "--effects",
+        OFFSET,
+        "--effects",
+        "cell-gain:left.front_left=0.05",
+        "--truth",
+        tmp_path / "t.json",
+    )
     simulated(tmp_path / "data", *more)
     effects = json.loads((tmp_path / "t.json").read_text())["effects"]
     assert [effect["name"] for effect in effects] == ["encoder-offset", "cell-gain"]
@@ -102,7 +111,7 @@ def everything_in(folder: Path) -> bytes:
 
 @pytest.mark.parametrize("style", [(), ("--json",)])
 def test_a_random_effect_tells_the_truth_file_alone(style, tmp_path, capsys):
-    simulated(tmp_path / "data", "--effect", "random", "--truth", tmp_path / "truth.json", *style)
+    simulated(tmp_path / "data", "--effects", "random", "--truth", tmp_path / "truth.json", *style)
     (effect,) = json.loads((tmp_path / "truth.json").read_text())["effects"]
     assert effect["name"] in catalogue()
     assert all(parameter["value"] != 0 for parameter in effect["parameters"])
@@ -117,8 +126,8 @@ def test_a_random_effect_tells_the_truth_file_alone(style, tmp_path, capsys):
 
 
 def test_a_random_effect_wants_a_truth_file(tmp_path, capsys):
-    message = refused(capsys, "simulate", "--out", tmp_path / "data", "--effect", "random")
-    assert "--effect random: found no --truth FILE" in message
+    message = refused(capsys, "simulate", "--out", tmp_path / "data", "--effects", "random")
+    assert "--effects random: found no file for the truth, expected `--truth FILE`" in message
 
 
 def test_a_random_effect_that_cannot_be_simulated_is_not_named(tmp_path, capsys, monkeypatch):
@@ -126,9 +135,9 @@ def test_a_random_effect_that_cannot_be_simulated_is_not_named(tmp_path, capsys,
         raise InputError("joint-compliance at left_knee is too soft")
 
     monkeypatch.setattr("tulip_testbed.experiments.laboratory.run_statics", fail)
-    more = ("--statics", "--effect", "random", "--truth", tmp_path / "truth.json")
+    more = ("--engine", "statics", "--effects", "random", "--truth", tmp_path / "truth.json")
     message = refused(capsys, "simulate", "--out", tmp_path / "data", *more)
-    assert "give another --seed" in message
+    assert "give another seed" in message
     assert "knee" not in message
     assert list(tmp_path.iterdir()) == []
 
@@ -148,8 +157,10 @@ def test_draws_are_valid_and_of_all_kinds(statics, robot):
 
 def test_a_rig_is_the_new_nominal_laboratory(tmp_path, robot, capsys):
     write_rig(tmp_path / "rig", robot, [EffectInstance.parse(OFFSET, robot, [1])])
-    hidden = simulated(tmp_path / "hidden", "--effect", OFFSET)
-    adopted = simulated(tmp_path / "adopted", "--rig", tmp_path / "rig", "--truth", tmp_path / "t.json")
+    hidden = simulated(tmp_path / "hidden", "--effects", OFFSET)
+    adopted = simulated(
+        tmp_path / "adopted", "--corrections", tmp_path / "rig", "--truth", tmp_path / "t.json"
+    )
     assert np.array_equal(hidden.joint_angles, adopted.joint_angles)
     truth = json.loads((tmp_path / "t.json").read_text())
     assert truth["effects"] == []
@@ -158,19 +169,19 @@ def test_a_rig_is_the_new_nominal_laboratory(tmp_path, robot, capsys):
     assert len(plain) == len(hidden)
     capsys.readouterr()
     documents = []
-    for arguments in (["plain"], ["hidden", "--rig", str(tmp_path / "rig")]):
+    for arguments in (["plain"], ["hidden", "--corrections", str(tmp_path / "rig")]):
         assert main(["identify", str(tmp_path / arguments[0]), *arguments[1:], "--json"]) == 0
         documents.append(json.loads(capsys.readouterr().out))
     estimates = [[row["estimate"] for row in d["full"]["parameters"]] for d in documents]
     assert estimates[1] == pytest.approx(estimates[0], abs=1e-9)
-    assert documents[1]["rig"] == str(tmp_path / "rig")
-    assert main(["identify", str(tmp_path / "hidden"), "--rig", str(tmp_path / "rig")]) == 0
+    assert documents[1]["corrections"] == [OFFSET]
+    assert main(["identify", str(tmp_path / "hidden"), "--corrections", str(tmp_path / "rig")]) == 0
     assert "Corrected: The right knee encoder reads 0.573 deg too high." in capsys.readouterr().out
 
 
 def test_check_with_a_rig(tmp_path, robot, capsys):
     write_rig(tmp_path / "rig", robot, [EffectInstance.parse(GROSS, robot, [1])])
-    simulated(tmp_path / "data", "--effect", GROSS, "--preset", "force-plate")
+    simulated(tmp_path / "data", "--effects", GROSS, "--sensors", "force-plate")
     capsys.readouterr()
     assert main(["check", str(tmp_path / "data"), "--json"]) == 1
     assert json.loads(capsys.readouterr().out)["verdict"] == "fail"

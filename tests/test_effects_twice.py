@@ -61,7 +61,7 @@ def test_a_rig_with_an_effect_twice_is_refused(rig, robot, run, tmp_path, capsys
     with pytest.raises(tt.InputError, match=rf"rig\.json: key 'effects': {TWICE}"):
         read_rig(rig, robot)
     tt.write_measurements(tmp_path / "data", run.measurements)
-    assert "right_knee twice" in refused(capsys, "identify", tmp_path / "data", "--rig", rig)
+    assert "right_knee twice" in refused(capsys, "identify", tmp_path / "data", "--corrections", rig)
 
 
 def test_a_value_outside_of_its_interval_is_refused(rig, robot):

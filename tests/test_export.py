@@ -37,7 +37,7 @@ def run(robot):
 
 @pytest.fixture(scope="module")
 def found(run, robot):
-    return tt.identify(run.measurements, robot, "mixed-model")
+    return tt.identify(run.measurements, robot, estimator="mixed-model")
 
 
 @pytest.fixture(scope="module")
@@ -317,7 +317,8 @@ def test_folders_of_every_kind(run, robot, tmp_path, capsys):
 
 def test_a_validation_is_exported_as_its_report_says(run, robot, tmp_path):
     from tulip_testbed.experiments.validate import judge
-    from tulip_testbed.experiments.validation_record import validation_record, write_validation
+    from tulip_testbed.experiments.validation_record import write_validation
+    from tulip_testbed.experiments.validation_result import validation_record
 
     judged = judge(run)
     write_validation(tmp_path / "run", validation_record(judged))

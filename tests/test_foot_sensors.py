@@ -414,7 +414,7 @@ def test_the_composer_refuses_them(robot, plan):
 
 def test_a_folder_holds_what_they_read_and_not_the_truth(tmp_path, robot):
     folder, truth = tmp_path / "data", tmp_path / "truth.json"
-    arguments = ["--statics", "--preset", "foot-ft", "--seed", "4", "--out", str(folder)]
+    arguments = ["--engine", "statics", "--sensors", "foot-ft", "--seed", "4", "--out", str(folder)]
     assert main(["simulate", *arguments, "--truth", str(truth)]) == 0
     read: Any = read_measurements(folder, robot)
     known = json.loads(truth.read_text())

@@ -126,7 +126,7 @@ def test_the_main_job_on_a_foreign_robot(foreign, tmp_path, capsys):
     drawing = ["--random", "--placements", "7", "--per-placement", "5", "--seed", "112", "--out", plan]
     assert main(["postures", *drawing, "--robot", str(robot.path), "--json"]) == 0
     options = [
-        "--preset",
+        "--sensors",
         "ideal",
         "--imperfections",
         "0",

@@ -186,7 +186,7 @@ def test_laws_that_disagree_about_the_base_parameters_are_told_and_not_adopted(r
 def described(tmp_path_factory):
     """An eccentric encoder, hidden, described and taken out; the folder of all of it."""
     folder = tmp_path_factory.mktemp("described")
-    what = ["--preset", "force-plate", "--seed", "3", "--statics", "--effect", HIDDEN]
+    what = ["--sensors", "force-plate", "--seed", "3", "--engine", "statics", "--effects", HIDDEN]
     assert main(["simulate", *what, "--out", str(folder / "data"), "--json"]) == 0
     run = ["--no-check", "--out", str(folder / "found"), "--json"]
     assert main(["discover", str(folder / "data"), *run]) == 0

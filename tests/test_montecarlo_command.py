@@ -117,11 +117,7 @@ def test_bad_options_are_refused_before_the_work(tmp_path, capsys):
     for name in ("magic", ""):
         message = refused(capsys, *asked, 5, "--estimator", name)
         assert f"unknown estimator '{name}'; valid: mixed-model, least-squares" in message
-    assert "unknown engine 'ray'; valid: loky, dask" in refused(capsys, *asked, 5, "--engine", "ray")
-    assert "engine dask: found no address" in refused(capsys, *asked, 5, "--engine", "dask")
-    assert "expected one with engine dask only" in refused(
-        capsys, *asked, 5, "--address", "tcp://127.0.0.1:9"
-    )
+    assert "unknown engine 'ray'; valid: dynamics, statics" in refused(capsys, *asked, 5, "--engine", "ray")
     assert "--robot-spread: found 2.0" in refused(capsys, *asked, 5, "--robot-spread", 2.0)
     assert list(tmp_path.iterdir()) == []
 
@@ -130,7 +126,7 @@ def test_bad_options_are_refused_before_the_work(tmp_path, capsys):
 def test_an_unreachable_cluster_leaves_nothing(small, tmp_path, capsys, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr("tulip_testbed.experiments.montecarlo.engine.PATIENCE", 1)
-    options = ("--out", tmp_path / "run", "--runs", 5, "--engine", "dask", "--address", "tcp://127.0.0.1:9")
+    options = ("--out", tmp_path / "run", "--runs", 5, "--scheduler", "tcp://127.0.0.1:9")
     assert "no Dask scheduler within 1 s" in refused(capsys, "montecarlo", small, *options)
     assert not (tmp_path / "run").exists()
 

@@ -107,9 +107,9 @@ def test_the_processor_is_recorded_and_another_one_may_go_on(scenario, tmp_path)
 
 def test_more_runs_than_anybody_waits_for_are_refused(scenario, tmp_path):
     with pytest.raises(InputError, match="runs: found 10000000000000, expected 1000000 or less"):
-        tt.monte_carlo(*scenario, runs=10**13, folder=tmp_path / "run")
+        tt.monte_carlo(*scenario, runs=10**13, out=tmp_path / "run")
     with pytest.raises(InputError, match="workers: found 100000, expected 1000 or less"):
-        tt.monte_carlo(*scenario, runs=100, workers=10**5, folder=tmp_path / "run")
+        tt.monte_carlo(*scenario, runs=100, workers=10**5, out=tmp_path / "run")
     with pytest.raises(InputError, match=r"placements, per_placement: found 50000000, expected 10000"):
         random_plan(scenario[0].robot, placements=10**7)
     assert not (tmp_path / "run").exists()
@@ -149,7 +149,7 @@ def test_more_runs_in_the_same_folder(robot, plan, tmp_path):
     laboratory, few = Laboratory(robot, "wii"), plan.take(plan.placement <= 8)
 
     def carried_out(name, runs):
-        return tt.monte_carlo(laboratory, few, runs, folder=tmp_path / name, workers=1)
+        return tt.monte_carlo(laboratory, few, runs=runs, out=tmp_path / name, workers=1)
 
     carried_out("raised", 1)
     found, straight = carried_out("raised", 2), carried_out("straight", 2)

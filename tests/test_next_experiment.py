@@ -151,7 +151,14 @@ def test_the_plan_folder_holds_postures_manipulations_and_steps(robot, lab, rank
 
 def test_simulate_carries_an_experiment_out(ranked, tmp_path, capsys):
     write_experiment_plan(tmp_path / "next", Proposals("ambiguous", tuple(ranked), 2, "one"))
-    options = ["--preset", "force-plate", "--statics", "--effect", "cell-tare:right.front_left=50"]
+    options = [
+        "--sensors",
+        "force-plate",
+        "--engine",
+        "statics",
+        "--effects",
+        "cell-tare:right.front_left=50",
+    ]
     command = ["simulate", "--experiment", str(tmp_path / "next"), *options]
     assert main([*command, "--out", str(tmp_path / "second")]) == 0
     found = tt.read_measurements(tmp_path / "second")

@@ -13,13 +13,9 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.families import families_of, tolerances_of
 from tulip_testbed.calibration.ordinary_laboratory import draw_members
 from tulip_testbed.calibration.self_calibration import self_calibrate
-from tulip_testbed.cli.identify_command import identify_command
-from tulip_testbed.cli.montecarlo_command import montecarlo_command
-from tulip_testbed.cli.simulate_command import simulate_command
-from tulip_testbed.cli.validate_command import validate_command
 from tulip_testbed.experiments.checks import correlation_checks, data_correlation_checks
-from tulip_testbed.experiments.identify import DEFAULT_ESTIMATOR
-from tulip_testbed.experiments.imperfections import ORDINARY, drawn, single_stream
+from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, ORDINARY
+from tulip_testbed.experiments.imperfections import drawn, single_stream
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.laboratory_runs import OrdinaryOutcome, source_of, stream_of
 from tulip_testbed.experiments.montecarlo.montecarlo_folder import montecarlo_file, open_folder
@@ -27,13 +23,8 @@ from tulip_testbed.experiments.montecarlo.montecarlo_record import read_montecar
 from tulip_testbed.experiments.montecarlo.montecarlo_run import Place, montecarlo
 from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.validate import evaluate, judge, validate
-from tulip_testbed.experiments.validation_record import (
-    read_validation,
-    report_of,
-    validation_record,
-    write_validation,
-)
-from tulip_testbed.experiments.validation_tables import validation_report
+from tulip_testbed.experiments.validation_record import read_validation, write_validation
+from tulip_testbed.experiments.validation_result import validation_record
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.measurements import SensorSheet, write_measurements
 from tulip_testbed.sim.outcome import Outcome
@@ -127,7 +118,7 @@ def test_a_validation_in_an_ordinary_laboratory(validated, plan, robot, tmp_path
     plain = validated.least_squares
     assert plain is not None
     assert plain.estimator == "least-squares"
-    text = "\n".join(map(str, validation_report(validated, report_of(validated).plain())))
+    text = "\n".join(map(str, validated.tables()))
     assert "least" in text
     text = " ".join(text.split())
     assert f"sigma per axis (eq. 14) {1e3 * plain.full.sigma:.3f} mm" in text
@@ -196,12 +187,12 @@ def test_impossible_scales_are_refused(robot, plan, tmp_path, capsys):
     asked = ("montecarlo", "--out", tmp_path / "run", "--runs", 1, "--imperfections")
     assert "--imperfections: found -1.0, expected 0 (an exact laboratory)" in refused(capsys, *asked, -1)
     assert "--imperfections: found nan" in refused(capsys, *asked, "nan")
-    asked = ("validate", "--out", tmp_path / "run", "--preset", "ideal")
+    asked = ("validate", "--out", tmp_path / "run", "--sensors", "ideal")
     assert "--imperfections: found 1 with sensors ideal" in refused(capsys, *asked)
     assert list(tmp_path.iterdir()) == []
     for scale in (-1.0, np.inf):
         with pytest.raises(InputError, match=r"imperfections: found .*, expected 0"):
-            tt.monte_carlo(tt.Laboratory(robot), plan, 1, imperfections=scale)
+            tt.monte_carlo(tt.Laboratory(robot), plan, runs=1, imperfections=scale)
         with pytest.raises(InputError, match=r"imperfections: found .*, expected 0"):
             tt.validate(tt.Laboratory(robot), plan, imperfections=scale)
 
@@ -224,13 +215,12 @@ def test_the_manifest_says_nothing_about_what_is_imperfect(validated, robot, pla
 def test_all_that_identifies_has_one_default():
     """What is validated is what users get, in the laboratories that it is for."""
     verbs = (tt.identify, tt.validate, tt.monte_carlo, judge, validate)
-    commands = (identify_command, validate_command, montecarlo_command)
-    parameters = [inspect.signature(verb).parameters for verb in (*verbs, *commands)]
+    parameters = [inspect.signature(verb).parameters for verb in verbs]
     assert {one["estimator"].default for one in parameters} == {DEFAULT_ESTIMATOR}
     scales = [one["imperfections"].default for one in parameters if "imperfections" in one]
-    assert scales == [ORDINARY] * 5
+    assert scales == [ORDINARY] * 3
     assert Settings(1, 1, DEFAULT_ESTIMATOR, None).imperfections == ORDINARY
-    assert inspect.signature(simulate_command).parameters["imperfections"].default == 0
+    assert inspect.signature(tt.simulate).parameters["imperfections"].default == 0
 
 
 def test_the_verdict_fails_wrong_estimates(validated):

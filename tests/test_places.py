@@ -112,20 +112,20 @@ def test_nothing_is_written_into_a_measurement_folder(data, run, tmp_path, capsy
     before = sorted(data.iterdir())
     inside = "lies inside the measurement folder"
     for place in (data / "more", data / "deep" / "more"):
-        assert inside in refused(capsys, "simulate", "--statics", "--out", place)
+        assert inside in refused(capsys, "simulate", "--engine", "statics", "--out", place)
         assert inside in refused(capsys, "validate", "--out", place)
         assert inside in refused(capsys, "postures", "--random", "--out", place)
         with pytest.raises(InputError, match=inside):
             tt.write_measurements(place, run.measurements)
     message = refused(
-        capsys, "simulate", "--statics", "--out", tmp_path / "b", "--truth", data / "truth.json"
+        capsys, "simulate", "--engine", "statics", "--out", tmp_path / "b", "--truth", data / "truth.json"
     )
     assert inside in message
     with pytest.raises(InputError, match=r"truth\.json: lies inside the measurement folder"):
         write_experiment(tmp_path / "c", data / "truth.json", run)
     link = tmp_path / "link"
     link.symlink_to(data)
-    assert inside in refused(capsys, "simulate", "--statics", "--out", link / "more")
+    assert inside in refused(capsys, "simulate", "--engine", "statics", "--out", link / "more")
     assert sorted(data.iterdir()) == before
     (tmp_path / "manifest.json").write_text('{"name": "another program\'s"}')
     check_new(tmp_path / "fine")
@@ -145,7 +145,11 @@ def test_a_path_that_no_file_can_have_is_one_message(run, robot, tmp_path, monke
     monkeypatch.chdir(tmp_path)
     for command in (
         *(("check", name), ("identify", name), ("discover", name), ("postures", name), ("view", name)),
-        *(("report", name, "--out", "a.html"), ("compare", name, name), ("identify", "data", "--rig", name)),
+        *(
+            ("report", name, "--out", "a.html"),
+            ("compare", name, name),
+            ("identify", "data", "--corrections", name),
+        ),
         *(("simulate", "--out", name), ("simulate", "--out", "data", "--truth", name)),
         *(("validate", "--out", name), ("montecarlo", "--runs", "10", "--out", name)),
         *(
@@ -167,7 +171,7 @@ def test_a_path_that_no_file_can_have_is_one_message(run, robot, tmp_path, monke
         lambda: tt.view(run, save=f"{name}.rrd"),
         lambda: tt.report(run, f"{name}.html"),
         lambda: tt.report(name, "a.html"),
-        lambda: tt.monte_carlo(run.laboratory, run.plan, 2, folder=name),
+        lambda: tt.monte_carlo(run.laboratory, run.plan, runs=2, out=name),
     ):
         with pytest.raises(InputError, match=message):
             call()
@@ -207,7 +211,7 @@ def test_below_a_folder_that_may_not_be_searched_everything_is_one_message(data,
         lambda: tt.load_robot(data / "tulip.toml"),
         lambda: tt.report(run, new.with_suffix(".html")),
         lambda: tt.view(run, save=new.with_suffix(".rrd")),
-        lambda: tt.monte_carlo(run.laboratory, run.plan, 2, folder=new),
+        lambda: tt.monte_carlo(run.laboratory, run.plan, runs=2, out=new),
         lambda: check_new(new),
         lambda: write_bytes(new, b""),
     ]
@@ -224,9 +228,9 @@ def test_below_a_folder_that_may_not_be_searched_everything_is_one_message(data,
                 main(command)
                 for command in (
                     ["check", str(data)],
-                    ["identify", str(data), "--rig", str(new)],
+                    ["identify", str(data), "--corrections", str(new)],
                     ["postures", str(data)],
-                    ["simulate", "--statics", "--out", str(new)],
+                    ["simulate", "--engine", "statics", "--out", str(new)],
                     ["robot", str(data / "tulip.toml")],
                 )
             ]
@@ -266,7 +270,7 @@ def test_pipes_in_the_place_of_files_are_refused_at_once(data, tmp_path, robot):
         with pytest.raises(InputError, match="found a named pipe, expected a file"):
             (tt.check if name.startswith("series") else tt.read_measurements)(folder)
     done = tmp_path / "mc"
-    tt.monte_carlo(tt.Laboratory(robot), tt.plans.random, runs=2, workers=1, folder=done)
+    tt.monte_carlo(tt.Laboratory(robot), tt.plans.random, runs=2, workers=1, out=done)
     for path in (done / "runs" / "chunk-000000.parquet", done / "run.json", done / "plan" / "plan.json"):
         content = read_bytes(path)
         path.unlink()

@@ -25,12 +25,8 @@ from tulip_testbed.experiments.records import read_record, record_of
 from tulip_testbed.experiments.run_file import kind_of
 from tulip_testbed.experiments.settings_table import settings_tables
 from tulip_testbed.experiments.validate import judge
-from tulip_testbed.experiments.validation_record import (
-    ValidationRecord,
-    read_validation,
-    validation_record,
-    write_validation,
-)
+from tulip_testbed.experiments.validation_record import ValidationRecord, read_validation, write_validation
+from tulip_testbed.experiments.validation_result import validation_record
 from tulip_testbed.pages.report_page import page_of, write_page
 from tulip_testbed.pages.words import NO_TRUE_COM
 from tulip_testbed.sim.plan_folder import write_plan

@@ -16,7 +16,8 @@ from tests.test_view import cpu_seconds, not_blank, run  # noqa: F401
 from tulip_testbed import rendering
 from tulip_testbed.base.document import flattened
 from tulip_testbed.cli.main import main
-from tulip_testbed.experiments.validation_record import read_validation, validation_record, write_validation
+from tulip_testbed.experiments.validation_record import read_validation, write_validation
+from tulip_testbed.experiments.validation_result import validation_record
 from tulip_testbed.pages import page as pages
 
 MOST_SECONDS, MOST_BYTES = 20, 12e6

@@ -11,7 +11,7 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.estimate_report import model_report
 from tulip_testbed.experiments.parameter_tables import parameter_table, read_reported
-from tulip_testbed.experiments.validation_record import report_of
+from tulip_testbed.experiments.validation_result import report_of
 from tulip_testbed.identification.statistics import high_correlations, standard_errors
 
 

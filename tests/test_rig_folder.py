@@ -216,10 +216,10 @@ def test_nothing_half_written(found, robot, tmp_path, monkeypatch):
 def test_commands_refuse_a_broken_rig_before_the_work(rig, tmp_path, capsys):
     edit(rig / RIG_FILE, '"right_knee"', '"right_kne"')
     for command in ("simulate", "validate"):
-        message = refused(capsys, command, "--out", tmp_path / "out", "--rig", rig)
+        message = refused(capsys, command, "--out", tmp_path / "out", "--corrections", rig)
         assert "unknown target 'right_kne'" in message
     run = ("montecarlo", "--out", tmp_path / "out", "--runs", 2)
-    assert "unknown target 'right_kne'" in refused(capsys, *run, "--rig", rig)
+    assert "unknown target 'right_kne'" in refused(capsys, *run, "--corrections", rig)
     assert not (tmp_path / "out").exists()
 
 
@@ -237,9 +237,9 @@ def test_a_rig_of_a_placement_that_is_not_there(robot, plan, tmp_path):
 
 def test_a_monte_carlo_in_the_adopted_laboratory_is_freed_of_it(rig, robot, tmp_path, capsys):
     numbers = []
-    for more in ((), ("--rig", str(rig))):
+    for more in ((), ("--corrections", str(rig))):
         out = tmp_path / f"run{len(more)}"
-        run = ["montecarlo", "--preset", "force-plate", "--runs", "4", "--workers", "1", "--seed", "232"]
+        run = ["montecarlo", "--sensors", "force-plate", "--runs", "4", "--workers", "1", "--seed", "232"]
         assert main([*run, "--out", str(out), "--json", *more]) == 0
         report = json.loads(capsys.readouterr().out)
         assert report["verdict"] == "pass"
@@ -258,8 +258,8 @@ def test_validate_in_the_adopted_laboratory(found, robot, tmp_path, capsys):
     draw = ["postures", "--random", "--placements", "5", "--per-placement", "4", "--seed", "233"]
     assert main([*draw, "--out", str(tmp_path / "plan")]) == 0
     capsys.readouterr()
-    run = ["validate", str(tmp_path / "plan"), "--preset", "force-plate", "--seed", "234", "--json"]
-    main([*run, "--out", str(tmp_path / "run"), "--rig", str(tmp_path / "rig")])
+    run = ["validate", str(tmp_path / "plan"), "--sensors", "force-plate", "--seed", "234", "--json"]
+    main([*run, "--out", str(tmp_path / "run"), "--corrections", str(tmp_path / "rig")])
     report = json.loads(capsys.readouterr().out)
     estimates = [row["estimate"] for row in report["full"]["parameters"]]
     handed_over = read_measurements(tmp_path / "run" / "measurements")

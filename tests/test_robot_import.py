@@ -133,7 +133,7 @@ def test_it_goes_through_the_laboratory(urdf):
     robot = tt.load_robot(urdf)
     plan = random_plan(robot, 12, 5, seed=1)
     run = tt.Laboratory(robot, "ideal").run(plan, seed=1, engine="statics")
-    found = tt.identify(run, robot, "least-squares").full
+    found = tt.identify(run, robot, estimator="least-squares").full
     parameters = base_parameters(robot)
     true = parameters.values(standard_parameters(robot.model))
     assert np.abs(found.value - true).max() < 1e-3  # m

@@ -113,26 +113,26 @@ def test_identify_takes_tolerances(ordinary, robot):
     measurements = ordinary[0].measurements
     exact = dict.fromkeys(TOLERANCES, 0.0)
     with pytest.warns(InputWarning, match="found faults in 'legs close'"):  # if everything were exact
-        found = tt.identify(measurements, robot, "self-calibrating", tolerances=exact)
+        found = tt.identify(measurements, robot, estimator="self-calibrating", tolerances=exact)
     assert found.calibration is not None
     assert not found.calibration.families
     stated = {"encoder-offset": 0.01}
-    with pytest.raises(InputError, match="tolerance: encoder-offset: found with estimator mixed-model"):
-        tt.identify(measurements, robot, "mixed-model", tolerances=stated)
+    with pytest.raises(InputError, match="tolerances: encoder-offset: found with estimator mixed-model"):
+        tt.identify(measurements, robot, estimator="mixed-model", tolerances=stated)
     with pytest.raises(InputError, match=r"tolerances: found list, expected a dictionary or None"):
         tt.identify(measurements, robot, tolerances=["tilt=0"])  # pyrefly: ignore
-    with pytest.raises(InputError, match=r"tolerance: tilt: found 'small', expected 0"):
+    with pytest.raises(InputError, match=r"tolerances: tilt: found 'small', expected 0"):
         tt.identify(measurements, robot, tolerances={"tilt": "small"})  # pyrefly: ignore
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("encoder-ofset=1", "tolerance: unknown family 'encoder-ofset'; did you mean 'encoder-offset'"),
-        ("tilt", "tolerance: tilt: found 'tilt', expected tilt=VALUE"),
-        ("tilt=nan", r"tolerance: tilt: found nan, expected 0 \(exact\) or a number within"),
-        ("tilt=-1", "tolerance: tilt: found -1.0, expected"),
-        ("tilt=1e-300", "tolerance: tilt: found 1e-300, expected"),
+        ("encoder-ofset=1", "tolerances: unknown family 'encoder-ofset'; did you mean 'encoder-offset'"),
+        ("tilt", "tolerances: tilt: found 'tilt', expected tilt=VALUE"),
+        ("tilt=nan", r"tolerances: tilt: found nan, expected 0 \(exact\) or a number within"),
+        ("tilt=-1", "tolerances: tilt: found -1.0, expected"),
+        ("tilt=1e-300", "tolerances: tilt: found 1e-300, expected"),
         ("cell-tare=1000", r"within \[1e-12, 100\] N"),
     ],
 )
@@ -140,7 +140,7 @@ def test_tolerances_that_cannot_be_read_are_named(text, message):
     assert read_tolerances(["tilt=0", "cell-tare=0.1"]) == {"tilt": 0.0, "cell-tare": 0.1}
     with pytest.raises(InputError, match=message):
         read_tolerances([text])
-    with pytest.raises(InputError, match="tolerance: tilt: found two values, expected one"):
+    with pytest.raises(InputError, match="tolerances: tilt: found two values, expected one"):
         read_tolerances(["tilt=0", "tilt=1"])
 
 

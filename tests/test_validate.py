@@ -11,7 +11,8 @@ from tulip_testbed.effects.true_robot import true_base_parameters, true_model
 from tulip_testbed.experiments.checks import within
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.validate import evaluate
-from tulip_testbed.experiments.validation_record import report_of, validation_record, write_validation
+from tulip_testbed.experiments.validation_record import write_validation
+from tulip_testbed.experiments.validation_result import report_of, validation_record
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.estimators import MIXED_MODEL

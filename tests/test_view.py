@@ -27,7 +27,8 @@ from tulip_testbed.experiments.montecarlo.montecarlo_folder import CHUNK_FOLDER
 from tulip_testbed.experiments.montecarlo.montecarlo_record import read_montecarlo
 from tulip_testbed.experiments.montecarlo.settings import CHUNK
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
-from tulip_testbed.experiments.validation_record import read_validation, validation_record, write_validation
+from tulip_testbed.experiments.validation_record import read_validation, write_validation
+from tulip_testbed.experiments.validation_result import validation_record
 from tulip_testbed.identification.feasibility import stability_margin
 from tulip_testbed.measurements import read_measurements, read_series, write_measurements
 from tulip_testbed.polygons import inset, nearest_on

@@ -52,8 +52,10 @@ def test_the_main_job_in_a_clean_environment(wheel, tmp_path):
         return json.loads(subprocess.run(command, cwd=empty, capture_output=True, check=True).stdout)
 
     assert tulip("validate", "--out", "validated", "--seed", "1")["verdict"] == "pass"
-    hidden = ["--effect", "encoder-offset:right_knee=0.01"]
-    tulip("simulate", "--statics", "--preset", "force-plate", "--seed", "3", *hidden, "--out", "data")
+    hidden = ["--effects", "encoder-offset:right_knee=0.01"]
+    tulip(
+        "simulate", "--engine", "statics", "--sensors", "force-plate", "--seed", "3", *hidden, "--out", "data"
+    )
     assert tulip("discover", "data", "--out", "found")["verdict"] == "named"
     for run in ("validated", "found"):
         assert tulip("report", run, "--out", f"{run}.html")["bytes"] > 1e6

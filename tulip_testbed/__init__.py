@@ -23,6 +23,7 @@ FUNCTIONS = (
         "discover",
     ),
     *(
+        "simulate",
         "validate",
         "monte_carlo",
         "next_experiment",

@@ -19,6 +19,7 @@ from tulip_testbed.api import predict as predict
 from tulip_testbed.api import protocol as protocol
 from tulip_testbed.api import read_measurements as read_measurements
 from tulip_testbed.api import report as report
+from tulip_testbed.api import simulate as simulate
 from tulip_testbed.api import validate as validate
 from tulip_testbed.api import view as view
 from tulip_testbed.api import watch as watch

@@ -102,7 +102,7 @@ def _effect(effect: Effect, robot: Robot, folder: str) -> Iterator[str]:
     yield f"\n## {effect.name}\n\n{_escaped(effect.sentence)}\n"
     if (SIGNATURES / f"{effect.name}.svg").exists():
         yield f"![Signature of {effect.name}]({folder}/pictures/signatures/{effect.name}.svg)\n"
-    yield f"```\n--effect {effect.usage}\n```\n"
+    yield f"```\n--effects {effect.usage}\n```\n"
     yield "| parameter | unit | plausible |\n|---|---|---|"
     for p in effect.parameters:
         yield f"| `{p.placeholder}` | {p.unit or '-'} | {_cell(p.plausible)} |"

@@ -21,7 +21,7 @@ from tulip_testbed.experiments.export.inertial_text import with_inertias, with_p
 from tulip_testbed.experiments.export.published_links import PublishedLinks, published_links
 from tulip_testbed.experiments.export.robot_samples import robot_samples
 from tulip_testbed.experiments.export.written_urdf import written_urdf
-from tulip_testbed.experiments.identify import Identification
+from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.robot_import.skeleton import LEAST_MASS
 from tulip_testbed.experiments.robot_import.urdf import find_mesh
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters

@@ -10,7 +10,8 @@ from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING
 from tulip_testbed.discovery.discover import AMBIGUOUS, UNKNOWN
 from tulip_testbed.effects.instance import EffectDocument, EffectInstance
 from tulip_testbed.experiments.discovery_record import read_discovery
-from tulip_testbed.experiments.identify import Identification, identify
+from tulip_testbed.experiments.identification_result import Identification
+from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.rig_folder import RIG, read_rig
 from tulip_testbed.experiments.run_file import kind_of
 from tulip_testbed.experiments.validation_record import read_validation

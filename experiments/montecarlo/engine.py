@@ -10,10 +10,9 @@ from typing import Any
 
 import joblib
 
-from tulip_testbed.base.errors import InputError, look_up, shortened
+from tulip_testbed.base.errors import InputError, shortened
 from tulip_testbed.base.workers import deaf_to_interruptions, watched
 
-ENGINES = ("loky", "dask")
 PATIENCE = 10  # s, for a scheduler that does not answer and for its first worker
 
 Work = Callable[[Sequence[int]], Any]
@@ -40,42 +39,28 @@ def engine(workers: int, address: str | None) -> Iterator[None]:
         yield
 
 
-def check_engine(name: str, address: str | None) -> None:
-    """Refuse an engine that does not exist, or an address without one.
-
-    Raises:
-        InputError: names what was found and what is valid.
-    """
-    look_up("engine", name, ENGINES, "engine")
-    if (name == "dask") != (address is not None):
-        found, expected = (
-            ("no address", "the scheduler's, tcp://HOST:PORT")
-            if name == "dask"
-            else ("an address", "one with engine dask only")
-        )
-        raise InputError(f"engine {name}: found {found}, expected {expected}")
-
-
 def _client(address: str) -> Any:
     try:
         from distributed import Client
     except ModuleNotFoundError:
         raise InputError(
-            "engine dask: Dask is not installed; install the extra: pip install 'tulip-testbed[cluster]'"
+            "scheduler: Dask is not installed; install the extra: pip install 'tulip-testbed[cluster]'"
         ) from None
     if not re.fullmatch(r"(tcp|tls|ws|wss|ucx)://.+:\d+", address):
-        raise InputError(f"address: found '{address}', expected the scheduler's, such as tcp://10.0.0.5:8786")
+        raise InputError(
+            f"scheduler: found '{address}', expected the scheduler's, such as tcp://10.0.0.5:8786"
+        )
     try:
         client = Client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
         what = " ".join(str(error).split())[:200] or type(error).__name__
-        raise InputError(f"address {address}: no Dask scheduler within {PATIENCE} s ({what})") from None
+        raise InputError(f"scheduler {address}: no Dask scheduler within {PATIENCE} s ({what})") from None
     try:
         client.wait_for_workers(1, timeout=PATIENCE)
     except TimeoutError:
         client.close()
         raise InputError(
-            f"address {address}: the scheduler has no worker (waited {PATIENCE} s); "
+            f"scheduler {address}: the scheduler has no worker (waited {PATIENCE} s); "
             f"start one: dask worker {address}"
         ) from None
     return client

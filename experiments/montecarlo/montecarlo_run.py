@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,12 +10,18 @@ from typing import Any
 import numpy as np
 
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.base.table import Shown, Table
+from tulip_testbed.base.progress import Progress, silent
+from tulip_testbed.base.result import Result
+from tulip_testbed.base.table import Table
 from tulip_testbed.base.threads import processes
 from tulip_testbed.experiments.imperfections import check_imperfections
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.calibration_report import CalibrationReport, report
-from tulip_testbed.experiments.montecarlo.calibration_tables import calibration_check_table, calibration_table
+from tulip_testbed.experiments.montecarlo.calibration_tables import (
+    TOO_FEW,
+    calibration_report,
+    calibration_table,
+)
 from tulip_testbed.experiments.montecarlo.chunks import Chunks
 from tulip_testbed.experiments.montecarlo.collect import collect
 from tulip_testbed.experiments.montecarlo.engine import Work, engine
@@ -35,13 +40,6 @@ from tulip_testbed.experiments.montecarlo.summary import errors_mm, summarise
 from tulip_testbed.experiments.usable_plan import identifiable_regressor
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.robot_check import warn_of_robot
-
-Progress = Callable[[str, int, int], AbstractContextManager[Callable[[int], None]]]
-
-
-def no_progress(what: str, total: int, done: int) -> AbstractContextManager[Callable[[int], None]]:
-    """Show nothing."""
-    return nullcontext(lambda count: None)
 
 
 class Interrupted(KeyboardInterrupt):
@@ -66,14 +64,14 @@ class Place:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MonteCarlo(Shown):
+class MonteCarlo(Result):
     """Many runs of one experiment, and what they say of the estimator.
 
     Attributes:
         laboratory, plan, settings: what was repeated.
         report: bias, ratio of standard errors, coverage and checks, as in the run folder's report.json.
         errors_mm: estimate minus truth of every identified run by model, (runs, p) [mm].
-        folder: of the runs; gone if it was a temporary one.
+        folder: of the runs; gone if it was a temporary one. wall_s: wall time of the last part [s].
     """
 
     laboratory: Laboratory
@@ -82,6 +80,7 @@ class MonteCarlo(Shown):
     report: CalibrationReport
     errors_mm: dict[str, np.ndarray]
     folder: Path
+    wall_s: float
 
     @property
     def verdict(self) -> str:
@@ -101,11 +100,22 @@ class MonteCarlo(Shown):
         """Return a pandas DataFrame with one row per parameter of the full model, indexed by name."""
         return self.table().frame().set_index("parameter")
 
-    def parts(self) -> list[Table | str]:
-        """Return the parameters, the checks and the verdict."""
-        checks = calibration_check_table(self.report.plain()["checks"])
-        enough = "" if self.conclusive else ", inconclusive: too few runs"
-        return [self.table(), checks, f"Verdict after {self.report.runs} runs: {self.verdict}{enough}"]
+    @property
+    def exit_code(self) -> int:
+        """Return 0 for a pass, 1 for a failed check."""
+        return 0 if self.verdict == "pass" else 1
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON document, which `--json` prints: report.json and the wall time."""
+        return self.report.plain() | {"wall_s": self.wall_s}
+
+    def tables(self) -> list[Table | str]:
+        """Return the parameters, how residuals vary, the checks and the verdict."""
+        report = self.report
+        enough = {True: ", shown", False: ", inconclusive"}[report.shown] if self.verdict == "pass" else ""
+        said = f"Verdict: {self.verdict}{enough}; estimator {report.estimator}, {report.runs} runs"
+        few = [TOO_FEW] if self.verdict == "pass" and not report.shown else []
+        return [*calibration_report(report.plain()), said, *few]
 
 
 def montecarlo(
@@ -113,7 +123,7 @@ def montecarlo(
     plan: PosturePlan,
     settings: Settings,
     place: Place,
-    progress: Progress = no_progress,
+    progress: Progress = silent,
 ) -> MonteCarlo:
     """Carry out what is missing in the folder and report on all runs.
 
@@ -124,6 +134,7 @@ def montecarlo(
         InputError: what cannot be run, written or read; runs that were written stay.
         Interrupted: by Ctrl-C, after the folder was begun.
     """
+    began = time.perf_counter()
     check_settings(settings)
     if laboratory.sensors == "ideal":
         raise InputError(
@@ -154,11 +165,12 @@ def montecarlo(
                 collect_missing(chunks, job, place.folder if place.stays else None, progress)
     found = report(summarise(chunks, layout), layout, settings.estimator, settings.imperfections)
     found.write(place.folder / REPORT_FILE)
-    return MonteCarlo(laboratory, plan, settings, found, errors_mm(chunks, layout), place.folder)
+    errors, wall = errors_mm(chunks, layout), time.perf_counter() - began
+    return MonteCarlo(laboratory, plan, settings, found, errors, place.folder, wall)
 
 
 def collect_missing(
-    chunks: Chunks, job: Work, folder: Path | None, progress: Progress = no_progress, what: str = "runs"
+    chunks: Chunks, job: Work, folder: Path | None, progress: Progress = silent, what: str = "runs"
 ) -> None:
     """Compute the missing chunks.
 

@@ -9,8 +9,8 @@ from pydantic import Field
 
 from tulip_testbed.base.document import Document, Seed
 from tulip_testbed.base.errors import InputError, at_least, at_most, look_up
-from tulip_testbed.experiments.identify import ESTIMATORS
-from tulip_testbed.experiments.imperfections import ORDINARY
+from tulip_testbed.experiments.defaults import ORDINARY
+from tulip_testbed.experiments.identification_result import ESTIMATORS
 from tulip_testbed.experiments.laboratory import ENGINES
 
 CHUNK = 25  # runs a file: some seconds of work

@@ -11,7 +11,7 @@ from tests.fuzz.changes import EITHER, REFUSED, SAME, Change, Draw, Expected, on
 
 COMMAND, DATA, PLAN, RUN, MADE = "command.json", "BASE/data", "BASE/plan", "BASE/run", "MADE/x"
 IDENTIFY = ("identify", DATA, "--estimator", "least-squares", "--json")
-SIMULATE = ("simulate", PLAN, "--statics", "--workers", "1", "--json", "--out", MADE)
+SIMULATE = ("simulate", PLAN, "--engine", "statics", "--workers", "1", "--json", "--out", MADE)
 MONTECARLO = ("montecarlo", PLAN, "--runs", "2", "--workers", "1", "--json", "--out", MADE)
 RANDOM = ("postures", "--random", "--placements", "6", "--per-placement", "5", "--json", "--out", MADE)
 SEARCH = (
@@ -48,10 +48,11 @@ SIZES = (
 )
 WORKERS = tuple((line, "--workers") for line in (SIMULATE, MONTECARLO, VALIDATE, DISCOVER))
 CHOICES = (
-    *((line, "--preset") for line in (SIMULATE, MONTECARLO, VALIDATE, SEARCH, TOLERANCE, ATLAS)),
+    *((line, "--sensors") for line in (SIMULATE, MONTECARLO, VALIDATE)),
+    *((line, "--preset") for line in (SEARCH, TOLERANCE, ATLAS)),
     *((line, "--estimator") for line in (IDENTIFY, MONTECARLO, VALIDATE)),
-    *((MONTECARLO, "--engine"), (MONTECARLO, "--address"), (SEARCH, "--objective"), (SEARCH, "--solver")),
-    *((SIMULATE, "--effect"), (IDENTIFY, "--tolerance"), (DISCOVER, "--tolerance")),
+    *((MONTECARLO, "--engine"), (MONTECARLO, "--scheduler"), (SEARCH, "--objective"), (SEARCH, "--solver")),
+    *((SIMULATE, "--effects"), (IDENTIFY, "--tolerances"), (DISCOVER, "--tolerance")),
 )
 EFFECT_TEXTS = (
     *("encoder-offset", "encoder-offset:right_knee", "encoder-offset:nose=0.01", "encoder-offset=0.01"),
@@ -84,7 +85,7 @@ DESCRIBE, VIEW = ("postures", PLAN, "--json"), ("view", RUN, "--save", f"{MADE}.
 OF_A_ROBOT = (IDENTIFY, SIMULATE, MONTECARLO, MODEL, COMPARE, REPORT, CHECK, RANDOM, EXPORT, PROTOCOL, WATCH)
 NAMED = (
     *((line, "--robot") for line in OF_A_ROBOT),
-    *((line, "--rig") for line in (IDENTIFY, SIMULATE, MONTECARLO, VALIDATE)),
+    *((line, "--corrections") for line in (IDENTIFY, SIMULATE, MONTECARLO, VALIDATE)),
     *((line, "--after") for line in (SEARCH, DESCRIBE)),
 )
 READ = (
@@ -152,9 +153,9 @@ CONFLICTS: Lines = (
     (*SIMULATE, "--truth", f"{MADE}/truth.json"),
     (*SIMULATE, "--truth", MADE),
     (*SIMULATE, "--truth", "MADE"),
-    (*MONTECARLO, "--preset", "ideal"),
-    (*MONTECARLO, "--address", "tcp://127.0.0.1:1"),
-    (*MONTECARLO, "--robot-spread", "0.1", "--rig", "BASE/gone"),
+    (*MONTECARLO, "--sensors", "ideal"),
+    (*MONTECARLO, "--scheduler", "127.0.0.1"),
+    (*MONTECARLO, "--robot-spread", "0.1", "--corrections", "BASE/gone"),
     ("montecarlo", PLAN, "--out", MADE),
     ("simulate", PLAN),
     ("compare", RUN),
@@ -265,9 +266,9 @@ ARGUMENT_KINDS: dict[str, Change] = {
         REFUSED, with_value([(MONTECARLO, "--robot-spread")], (*NO_NUMBER, "0", "2", "1e-400"))
     ),
     "no choices": line(REFUSED, with_value(CHOICES, NO_NAMES)),
-    "no effects": line(REFUSED, with_value([(SIMULATE, "--effect")], EFFECT_TEXTS)),
+    "no effects": line(REFUSED, with_value([(SIMULATE, "--effects")], EFFECT_TEXTS)),
     "no tolerances": line(
-        REFUSED, with_value([(IDENTIFY, "--tolerance"), (DISCOVER, "--tolerance")], TOLERANCE_TEXTS)
+        REFUSED, with_value([(IDENTIFY, "--tolerances"), (DISCOVER, "--tolerance")], TOLERANCE_TEXTS)
     ),
     "no targets": line(REFUSED, with_value([(WATCH, "--target")], TARGET_TEXTS)),
     "no samples": line(REFUSED, with_value([(EXPORT, "--samples")], NO_WHOLE)),

@@ -27,7 +27,8 @@ from tulip_testbed.experiments.plan_state import state_file
 from tulip_testbed.experiments.planning_run import PlanSettings, carry_out, set_up_search
 from tulip_testbed.experiments.rig_folder import write_rig
 from tulip_testbed.experiments.validate import judge
-from tulip_testbed.experiments.validation_record import validation_record, write_validation
+from tulip_testbed.experiments.validation_record import write_validation
+from tulip_testbed.experiments.validation_result import validation_record
 from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.robot import load_robot
 from tulip_testbed.sim.shipped import ASSETS
@@ -81,7 +82,7 @@ class Intact:
 
     def _measurements(self, path: Path) -> None:
         plan = str(self("plan"))
-        self.tulip(["simulate", plan, "--statics", "--workers", "1", "--out", str(path)])
+        self.tulip(["simulate", plan, "--engine", "statics", "--workers", "1", "--out", str(path)])
 
     def _run(self, path: Path) -> None:
         plan = self("plan")
@@ -95,7 +96,9 @@ class Intact:
     def _discovery(self, path: Path) -> None:
         data = str(self.place / "with an effect")
         plan, effect = str(self("plan")), "encoder-offset:right_knee=0.03"
-        self.tulip(["simulate", plan, "--statics", "--workers", "1", "--out", data, "--effect", effect])
+        self.tulip(
+            ["simulate", plan, "--engine", "statics", "--workers", "1", "--out", data, "--effects", effect]
+        )
         self.tulip(["discover", data, "--no-check", "--workers", "1", "--out", str(path)])
 
     def _montecarlo(self, path: Path) -> None:
@@ -145,7 +148,7 @@ def commands(target: str, folder: Path, made: Path, intact: Intact) -> list[list
     if target == "resume":
         return [montecarlo(intact("plan"), folder)]
     if target == "rig":
-        return [["identify", str(folder.with_name("data")), "--rig", base, *identify]]
+        return [["identify", str(folder.with_name("data")), "--corrections", base, *identify]]
     if target == "state":
         number = {"placements": 5, "postures-per-placement": 6, "hops": 1, "seed": 311}
         options = [word for name, value in number.items() for word in (f"--{name}", str(value))]
@@ -155,7 +158,16 @@ def commands(target: str, folder: Path, made: Path, intact: Intact) -> list[list
         own, run = str(inside / "data"), str(inside / "run")
         return [
             *(["identify", own, *identify], ["identify", own], ["compare", run, str(intact("run"))]),
-            ["simulate", f"{run}/plan", "--statics", "--workers", "1", "--out", str(made / inside.name)],
+            [
+                "simulate",
+                f"{run}/plan",
+                "--engine",
+                "statics",
+                "--workers",
+                "1",
+                "--out",
+                str(made / inside.name),
+            ],
             ["report", run, "--out", f"{made / 'of'}{inside.name[:99]}.html"],
         ]
     if target == "arguments":
@@ -166,8 +178,8 @@ def commands(target: str, folder: Path, made: Path, intact: Intact) -> list[list
     return [
         *(["robot", *robot[1:], "--json"], ["robot", *robot[1:]]),
         ["postures", "--random", "--out", plan, *enough, "--seed", "107", *robot],
-        ["simulate", plan, "--out", data, "--workers", "1", "--preset", "ideal", *robot]
+        ["simulate", plan, "--out", data, "--workers", "1", "--sensors", "ideal", *robot]
         if target == "robot"
-        else ["simulate", plan, "--out", data, "--workers", "1", "--statics", *robot],
+        else ["simulate", plan, "--out", data, "--workers", "1", "--engine", "statics", *robot],
         *several,
     ]

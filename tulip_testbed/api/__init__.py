@@ -13,7 +13,7 @@ from tulip_testbed.api.inputs import (
 from tulip_testbed.api.measured import check, discover, export_model, identify, next_experiment, predict
 from tulip_testbed.api.planned import atlas, plan, protocol, watch
 from tulip_testbed.api.shown import report, view
-from tulip_testbed.api.simulated import monte_carlo, validate
+from tulip_testbed.api.simulated import monte_carlo, simulate, validate
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.laboratory import Laboratory
 
@@ -35,6 +35,7 @@ __all__ = [
     "protocol",
     "read_measurements",
     "report",
+    "simulate",
     "validate",
     "view",
     "watch",

@@ -20,19 +20,20 @@ from tulip_testbed.base.files import check_new
 from tulip_testbed.base.threads import one_blas_thread, processes
 from tulip_testbed.effects.instance import Effects
 from tulip_testbed.experiments.check_folder import Preflight, check_folder, check_measurements, warn_of_faults
-from tulip_testbed.experiments.defaults import DEFAULT_SEED, SAMPLES
+from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, DEFAULT_SEED, SAMPLES
 from tulip_testbed.experiments.discovering import Discovered, discover_effects
 from tulip_testbed.experiments.discovery_record import read_discovery
 from tulip_testbed.experiments.export.export_model import Export
 from tulip_testbed.experiments.export.export_model import export_model as _export_model
 from tulip_testbed.experiments.export.exported_model import ExportedModel
 from tulip_testbed.experiments.export.identified_run import identified_run
-from tulip_testbed.experiments.identify import DEFAULT_ESTIMATOR, Identification, warn_of_unrest
+from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.identify import identify as _identify
+from tulip_testbed.experiments.identify import warn_of_unrest
 from tulip_testbed.experiments.predict import Prediction
 from tulip_testbed.experiments.predict import predict as _predict
 from tulip_testbed.experiments.proposed_experiment import Proposals, write_experiment_plan
-from tulip_testbed.experiments.validate import Validation
+from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.robot import Robot
 
@@ -72,11 +73,12 @@ def check(
 def identify(
     measurements: Several,
     robot: Robot | None = None,
+    *,
     estimator: str = DEFAULT_ESTIMATOR,
     corrections: Effects = (),
     tolerances: Mapping[str, float] | None = None,
 ) -> Identification:
-    """Identify a robot from what was measured.
+    """Identify the robot's base parameters from what was measured.
 
     Args:
         measurements: or their folder, or a run; a list of them: experiments with one robot.
@@ -99,11 +101,11 @@ def identify(
     robot = robot or load_robot()
     adopted = corrections_of(corrections, robot)
     given = measurements_of(measurements)
-    source = source_of(measurements)
-    found = _identify(given, robot, estimator=estimator, adopted=adopted, tolerances=tolerances)
+    source = source_of(measurements) or "measurements"
+    found = _identify(given, robot, source, estimator, adopted=adopted, tolerances=tolerances)
     for one, where in to_check(measurements):
         warn_of_faults(one, robot, adopted, where, tolerances)
-    warn_of_unrest(found, source or "measurements")
+    warn_of_unrest(found, source)
     return found
 
 

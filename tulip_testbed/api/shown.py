@@ -12,7 +12,7 @@ from tulip_testbed.experiments.discovering import Discovered
 from tulip_testbed.experiments.laboratory import Run
 from tulip_testbed.experiments.montecarlo.montecarlo_run import MonteCarlo
 from tulip_testbed.experiments.records import read_record, record_of
-from tulip_testbed.experiments.validate import Validation
+from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.robot import Robot
 

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 from tulip_testbed.cli.signatures import public_function, summary_of
+
+Saved = bool | Literal["required"]
 
 
 @dataclass(frozen=True)
@@ -14,12 +17,12 @@ class Command:
 
     Attributes:
         function: its name there. examples: command lines for the help.
-        saved: whether it has an option --out for a result that the function does not write itself.
+        saved: whether it has an option --out for its result, and whether that is required.
     """
 
     function: str
     examples: tuple[str, ...]
-    saved: bool = False
+    saved: Saved = False
 
     @property
     def summary(self) -> str:
@@ -34,13 +37,42 @@ class Command:
 
 
 COMMANDS: dict[str, Command] = {
+    "validate": Command(
+        "validate",
+        ("tulip validate --out runs/first", "tulip validate --out runs/exact --imperfections 0"),
+        saved="required",
+    ),
+    "simulate": Command(
+        "simulate",
+        (
+            "tulip simulate --out data/first --effects encoder-offset:right_knee=0.01 --truth truth.json",
+            "tulip simulate --out data/real --imperfections 1 --truth real.json",
+            "tulip simulate --experiment plans/next --out data/second",
+        ),
+    ),
+    "montecarlo": Command(
+        "monte_carlo",
+        (
+            "tulip montecarlo --out runs/coverage --runs 1000",
+            "tulip montecarlo --out runs/exact --runs 200 --imperfections 0",
+        ),
+        saved="required",
+    ),
     "check": Command("check", ("tulip check data/first",)),
+    "identify": Command(
+        "identify",
+        (
+            "tulip identify data/first",
+            "tulip identify data/monday data/tuesday",
+            "tulip identify data/first --tolerances encoder-offset=0.001",
+        ),
+    ),
+    "predict": Command("predict", ("tulip predict data/first", "tulip predict data/first --train 1-40")),
     "export": Command("export_model", ("tulip export runs/first --out identified.xml",)),
     "import": Command(
         "import_table",
         ("tulip import standing.csv --robot my/robot/robot.toml --map contacts.toml --out data/standing",),
     ),
-    "predict": Command("predict", ("tulip predict data/first", "tulip predict data/first --train 1-40")),
     "robot": Command(
         "describe_robot", ("tulip robot g1_29dof.urdf --out my/g1", "tulip robot my/g1/robot.toml")
     ),

@@ -7,8 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from tulip_testbed.cli.identify_command import TolerancesOf
-from tulip_testbed.cli.options import CORES, FOLDERS, Json, RobotFile, Workers
+from tulip_testbed.cli.options import CORES, FOLDERS, Json, RobotFile, TolerancesOf, Workers
 from tulip_testbed.sim.shipped import TULIP
 
 NEW = Annotated[Path | None, tyro.conf.arg(help="run folder to write; runs/discover-DATE-TIME if not given")]
@@ -39,7 +38,7 @@ def discover_command(
     it. The verdict is
     `none`, `calibrated` (ordinary imperfections explain it), `named`, `described` (by a law composed of what
     errs, as a function of what, in which shape), `ambiguous` or `unknown`. The effects found are added to the
-    model: the rig in the run folder can be given to `tulip simulate --rig` and `tulip identify --rig`.
+    model: the rig in the run folder can be given to `--corrections` of other commands.
 
     Example: tulip discover data/first --out runs/found
 

@@ -64,7 +64,7 @@ def law_lines(robot: Robot) -> list[str]:
         "",
         *cleandoc(laws.__doc__ or "").splitlines(),
         "",
-        "--effect law:WHAT/OF/SHAPE=SIZE,...[,NUMBER OF THE SHAPE][,FROM,TO]",
+        "--effects law:WHAT/OF/SHAPE=SIZE,...[,NUMBER OF THE SHAPE][,FROM,TO]",
         "  For example:",
     ]
     lines += [f"    law:{text}={','.join(names)}" for text in EXAMPLES for names in [_placeholders(text)]]
@@ -90,7 +90,7 @@ def effect_lines(effect: Effect, robot: Robot) -> list[str]:
         "",
         *explanation(effect.name).splitlines(),
         "",
-        f"--effect {effect.usage}",
+        f"--effects {effect.usage}",
         *(f"  {p.placeholder} [{p.unit or '-'}]: {p.plausible}" for p in effect.parameters),
         *([f"  {effect.targets.word}: {targets}"] if effect.targets.word else []),
         f"Laboratory: {where}",

@@ -9,7 +9,7 @@ import inspect
 from collections.abc import Callable, Iterator, Sequence
 from inspect import Parameter, Signature
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import tyro
 
@@ -18,29 +18,33 @@ from tulip_testbed.cli.signatures import REQUIRED, Argument, PublicFunction
 
 OUT, JSON, ROBOT, VALUE, PROGRESS = "out", "json", "robot", "value", "progress"
 AS_JSON = Annotated[bool, tyro.conf.arg(help="print one JSON document on stdout instead of tables")]
+RUN_FOLDER = Annotated[Path, tyro.conf.arg(help="new run folder")]
 SAVED = Annotated[Path | None, tyro.conf.arg(help="new folder for the result; none if left out")]
 
 
 def command_of(
-    function: PublicFunction, examples: Sequence[str] = (), saved: bool = False
+    function: PublicFunction, examples: Sequence[str] = (), saved: bool | Literal["required"] = False
 ) -> Callable[..., int]:
     """Return the function that tyro calls with a command's options.
 
     Args:
         function: of the library.
         examples: command lines for the help.
-        saved: whether the command has an option --out, for a result that the function does not write itself.
+        saved: whether the command has an option --out for its result, and whether that is required.
     """
     options: dict[str, Parameter] = {}
     for argument in function.arguments:
         for option in _options(argument):
             options.setdefault(option.name, option)
+    writes = OUT in options  # itself
     if saved:
-        options[OUT] = Parameter(OUT, Parameter.KEYWORD_ONLY, default=None, annotation=SAVED)
+        default = Parameter.empty if saved == "required" else None
+        kind = RUN_FOLDER if saved == "required" else SAVED
+        options[OUT] = Parameter(OUT, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
     options[JSON] = Parameter(JSON, Parameter.KEYWORD_ONLY, default=False, annotation=AS_JSON)
 
     def command(**given: Any) -> int:
-        return _carry_out(function, given, given.pop(OUT) if saved else None)
+        return _carry_out(function, given, given.pop(OUT) if saved and not writes else None)
 
     command.__signature__ = Signature(list(options.values()))  # type: ignore[attr-defined]
     command.__annotations__ = {name: option.annotation for name, option in options.items()}

@@ -26,11 +26,7 @@ from tulip_testbed.cli.commands import COMMANDS
 
 # Commands that are still functions of their own: NAME is NAME_command of the module NAME_command.
 MODULES: dict[str, str] = {
-    "validate": "Simulate a plan, identify the robot and compare with the truth.",
-    "simulate": "Simulate an experiment and write a measurement folder.",
-    "montecarlo": "Repeat a simulated experiment and test the stated standard errors.",
     "watch": "Check postures while they are measured, and tell when to stop.",
-    "identify": "Identify the robot's base parameters from a measurement folder.",
     "postures": "Draw random feasible postures, or describe a plan.",
     "plan": "Search for optimal postures (section IV of the paper).",
     "protocol": "Write what a laboratory needs to carry a plan out.",
@@ -78,16 +74,16 @@ def main(arguments: list[str] | None = None, loaded: Callable[[], object] = lamb
 
         refuse(f"{error.filename}: cannot be used ({error.strerror})")
         return 2
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stopped:
         from tulip_testbed.cli.terminal import say
 
-        say("tulip: interrupted; no unfinished result was left")
+        say(f"tulip: {str(stopped) or 'interrupted; no unfinished result was left'}")
         return 130
 
 
 def usage() -> str:
     """Describe the command line: every command with its summary."""
-    summaries = MODULES | {name: one.summary for name, one in COMMANDS.items()}
+    summaries = {name: one.summary for name, one in COMMANDS.items()} | MODULES
     width = max(map(len, summaries))
     lines = (f"  {name:{width}}  {summary}" for name, summary in summaries.items())
     return "\n".join(
@@ -110,7 +106,7 @@ def command_of(name: str | None) -> Command:
     Raises:
         InputError: there is no such command.
     """
-    names = [*MODULES, *COMMANDS]
+    names = [*COMMANDS, *MODULES]
     if name is None:
         raise InputError(f"found no command; valid: {listed(names)}; `tulip --help` explains them")
     if name not in names:
@@ -210,8 +206,7 @@ def _with_flags(message: str, command: Command) -> str:
     The parameters that it begins with become flags, `name=VALUE` becomes `--name VALUE`, and a call of the
     library such as `tt.check('FOLDER')` its command.
     """
-    parameters = signature(command).parameters.values()
-    flags = {p.name for p in parameters if p.kind is Parameter.KEYWORD_ONLY}
+    flags = {name for name, p in signature(command).parameters.items() if _is_option(p)}
     message = _as_commands(message)
     message = SETTING.sub(lambda m: f"`{_flag(m[1])} {m[2]}`" if m[1] in flags else m[0], message)
     place, colon, rest = message.partition(": ")
@@ -219,6 +214,13 @@ def _with_flags(message: str, command: Command) -> str:
     if not colon or any(word.split(" ")[0] not in flags for word in words):
         return message
     return ", ".join(map(_flag, words)) + colon + rest
+
+
+def _is_option(parameter: Parameter) -> bool:
+    from tyro.conf import Positional
+
+    by_place = Positional in getattr(parameter.annotation, "__metadata__", ())
+    return parameter.kind is Parameter.KEYWORD_ONLY and not by_place
 
 
 def _as_commands(message: str) -> str:

@@ -14,22 +14,8 @@ import tyro
 from tulip_testbed.sim.shipped import PLAN_NAMES
 
 DEFAULT_SEED = 1
-ESTIMATORS = (
-    "mixed-model",
-    "least-squares",
-    "placement",
-    "errors-in-variables",
-    "robust",
-    "prior",
-    "consistent",
-    "self-calibrating",
-)
-DEFAULT_ESTIMATOR = ESTIMATORS[-1]
-ORDINARY = 1.0
 SOLVERS = ("slsqp", "ipopt")
 HOPS = 60
-ENGINES = ("loky", "dask")
-
 
 Preset = Literal[
     "wii",
@@ -47,10 +33,8 @@ Noisy = Literal["wii", "force-plate"]
 NoisyPreset = Annotated[
     Noisy, tyro.conf.arg(help="sensors whose noise the standard errors are predicted for")
 ]
-Sensors = Annotated[Preset, tyro.conf.arg(help="sensors of the laboratory")]
 PlateSensors = Annotated[PlatePreset, tyro.conf.arg(help="sensors of the laboratory")]
 NoisySensors = Annotated[Noisy, tyro.conf.arg(help="sensors of the laboratory")]
-RunFolder = Annotated[Path, tyro.conf.arg(help="run folder to write")]
 FOLDERS = tyro.conf.arg(metavar="FOLDER [FOLDER ...]", help="measurement folders: experiments with one robot")
 Plan = Annotated[
     Path | None,
@@ -65,24 +49,13 @@ RobotFile = Annotated[Path, tyro.conf.arg(name="robot", help="robot description 
 Json = Annotated[bool, tyro.conf.arg(name="json", help="print one JSON document on stdout instead of tables")]
 Seed = Annotated[int, tyro.conf.arg(help="seed of everything random")]
 Workers = Annotated[int, tyro.conf.arg(help="processes; results do not depend on it")]
-EstimatorName = Annotated[str, tyro.conf.arg(help=f"one of {', '.join(ESTIMATORS)}")]
-Imperfections = Annotated[
-    float,
+TolerancesOf = Annotated[
+    tuple[str, ...],
+    tyro.conf.UseAppendAction,
     tyro.conf.arg(
-        help="scale of ordinary imperfections of all families, which are drawn and hidden in the laboratory "
-        "(1: spreads of 0.1 to 1 tolerance; 0: an exact laboratory)",
+        metavar="FAMILY=VALUE",
+        help="what is usual for a family of ordinary imperfections of this laboratory (SI units; 0: exact)",
     ),
-]
-RigFolder = Annotated[
-    Path | None,
-    tyro.conf.arg(name="rig", metavar="RIG", help="rig folder: effects that the laboratory is known to have"),
-]
-
-EngineName = Annotated[
-    str, tyro.conf.arg(metavar="{" + ",".join(ENGINES) + "}", help="where the work is done")
-]
-Address = Annotated[
-    str | None, tyro.conf.arg(metavar="tcp://HOST:PORT", help="address of the scheduler, with --engine dask")
 ]
 
 CORES = os.cpu_count() or 1

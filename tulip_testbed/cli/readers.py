@@ -19,6 +19,7 @@ Corrections = Annotated[
     Path | None,
     tyro.conf.arg(metavar="FOLDER", help="folder of effects that the laboratory is known to have"),
 ]
+SensorsName = Annotated[str, tyro.conf.arg(help="sensors of the laboratory, such as wii or force-plate")]
 PlanFolder = Annotated[
     Path | None,
     tyro.conf.arg(
@@ -92,9 +93,21 @@ def read_stated_tolerances(
     return read_tolerances(value)
 
 
+def read_plan_name(value: PlanFolder = None) -> Path | None:
+    """Name a plan, which the library reads."""
+    return value
+
+
+def read_plain_laboratory(robot: Any, sensors: SensorsName = "wii", corrections: Corrections = None) -> Any:
+    """Set up a laboratory without hidden effects."""
+    from tulip_testbed.experiments.laboratory import Laboratory
+
+    return Laboratory(robot, sensors).with_known(*read_corrections(robot, corrections))
+
+
 def read_laboratory(
     robot: Any,
-    sensors: Annotated[str, tyro.conf.arg(help="sensors of the laboratory")] = "wii",
+    sensors: SensorsName = "wii",
     effects: Annotated[
         tuple[str, ...],
         tyro.conf.UseAppendAction,
@@ -106,10 +119,7 @@ def read_laboratory(
     corrections: Corrections = None,
 ) -> Any:
     """Set up a laboratory."""
-    from tulip_testbed.experiments.laboratory import Laboratory
-
-    known = read_corrections(robot, corrections)
-    return Laboratory(robot, sensors).with_known(*known).with_effects(*effects)
+    return read_plain_laboratory(robot, sensors, corrections).with_effects(*effects)
 
 
 # By annotation, as the functions of the API have it.
@@ -122,4 +132,6 @@ READERS: dict[str, Callable[..., Any]] = {
     "Effects": read_corrections,
     "Mapping[str, float] | None": read_stated_tolerances,
     "Laboratory": read_laboratory,
+    "PlainLaboratory": read_plain_laboratory,
+    "Planned": read_plan_name,
 }

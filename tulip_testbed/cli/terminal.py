@@ -41,10 +41,11 @@ def show(*parts: Table | str) -> None:
     before: Table | str = ""
     for part in parts:
         if isinstance(part, str):
-            head, name, verdict = part.partition(VERDICT)
             text = Text(printable(part))
-            if name and not head:
-                text.stylize(STYLES.get(verdict.split(" (")[0], "bold"), len(VERDICT))
+            if part.startswith(VERDICT):
+                verdict = part.removeprefix(VERDICT).split(" (")[0]
+                name = next(filter(verdict.startswith, STYLES), verdict)
+                text.stylize(STYLES.get(name, "bold"), len(VERDICT), len(VERDICT) + len(name))
             _console().print(text, soft_wrap=isinstance(part, Verbatim))
         else:
             gap = [""] if isinstance(before, str) and before else []

@@ -61,7 +61,7 @@ def discovery_page(run: DiscoveryRecord) -> Page:
         *_check(content["check"]),
     ]
     if DIFF in run.rig:
-        words = "Changes by the adopted rig. Use its folder with --rig of simulate, identify and validate."
+        words = "Changes by the adopted rig. Its folder is for --corrections of other commands."
         sections.append(Section("The adopted rig", (words,), folded=(("Differences", run.rig[DIFF]),)))
     sections.append(how_it_was_made(run))
     measured = run.measurements

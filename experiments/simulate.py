@@ -1,0 +1,153 @@
+"""Simulate an experiment and write its measurements, apart from its truth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.files import present
+from tulip_testbed.base.progress import Progress, silent
+from tulip_testbed.base.result import Result
+from tulip_testbed.base.table import Table
+from tulip_testbed.effects.random_effects import RANDOM, read_effects
+from tulip_testbed.experiments.defaults import DEFAULT_SEED
+from tulip_testbed.experiments.imperfections import check_imperfections, drawn, single_stream
+from tulip_testbed.experiments.laboratory import Laboratory, Run, tries
+from tulip_testbed.experiments.proposed_experiment import EXPERIMENT_FILE, read_experiment
+from tulip_testbed.experiments.run_summary import usable_postures
+from tulip_testbed.experiments.truth_record import check_places, write_experiment
+from tulip_testbed.experiments.usable_plan import plan_for
+from tulip_testbed.measurements import PosturePlan
+from tulip_testbed.sim.procedure import header_of
+
+
+@dataclass(frozen=True)
+class DroppedPosture:
+    """A posture that could not be measured; the reason is None where it could hint at a random effect."""
+
+    posture: int
+    reason: str | None
+
+
+@dataclass(frozen=True, repr=False)
+class Simulation(Result):
+    """What became of a simulated experiment; nothing of its truth.
+
+    Attributes:
+        measurements: folder. postures_planned, rows: how many there are.
+    """
+
+    measurements: str
+    postures_planned: int
+    rows: int
+    dropped: tuple[DroppedPosture, ...]
+
+    def tables(self) -> list[Table | str]:
+        """Return how many postures could be used, and the folder."""
+        reasons = [one.reason for one in self.dropped]
+        usable = usable_postures(self.postures_planned, self.rows, reasons)
+        return [*usable, f"Measurement folder: {self.measurements}"]
+
+
+def simulate(
+    laboratory: Laboratory,
+    plan: PosturePlan | Path | None,
+    out: Path,
+    seed: int = DEFAULT_SEED,
+    truth: Path | None = None,
+    effects: Sequence[str] = (),
+    imperfections: float = 0.0,
+    experiment: Path | None = None,
+    session: str | None = None,
+    engine: str = "dynamics",
+    workers: int | None = None,
+    progress: Progress = silent,
+) -> Simulation:
+    """Simulate an experiment and write a measurement folder.
+
+    Args:
+        plan: postures, their folder, or the name of a shipped plan; None: that of `experiment` or, without
+            one, the shipped one.
+        out: new measurement folder. truth: new file for the truth.
+        effects: to hide, or "random" for one that only the truth file names.
+        imperfections: scale of ordinary ones that are drawn and hidden in the laboratory; 0: none.
+        experiment: folder of a proposed experiment: its postures after its manipulations.
+        session: see `Laboratory.manipulated`. engine, workers: see `Laboratory.run`.
+
+    Raises:
+        InputError: what cannot be simulated or written.
+    """
+    check_places(out, truth)
+    secret = RANDOM in effects
+    if secret and truth is None:
+        raise InputError(
+            "effects random: found no file for the truth, expected `truth=FILE`: nothing else would know it"
+        )
+    wanted, number = (None, 1) if experiment is None else read_experiment(experiment)
+    if experiment is not None and plan is not None:
+        raise InputError("experiment: found a plan besides, expected the plan of its own folder")
+    if isinstance(plan, Path) and present(plan / EXPERIMENT_FILE):
+        raise InputError(
+            f"{plan}: found {EXPERIMENT_FILE}, expected it as `experiment={plan}`: a plain plan would leave "
+            "its manipulations out"
+        )
+    made = plan if isinstance(plan, PosturePlan) else plan_for(laboratory.robot, plan or experiment)
+    laboratory = _disturbed(laboratory, made, effects, seed, engine == "statics")
+    check_imperfections(laboratory, imperfections)
+    laboratory = drawn(laboratory, imperfections, single_stream(seed))
+    if wanted is not None or session is not None:
+        texts = () if wanted is None else wanted.manipulations
+        there = "" if wanted is None else wanted.session
+        laboratory = laboratory.manipulated(*texts, session=there if session is None else session)
+    # The laboratory is that of the seed; its noise differs from experiment to experiment.
+    noise = seed if number == 1 else int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
+    try:
+        with progress("holding postures", tries(laboratory, made), 0) as advance:
+            run = laboratory.run(made, noise, engine, workers, advance)
+    except InputError:
+        if not secret:
+            raise
+        raise InputError(
+            "effects random: found an experiment that cannot be carried out with the effect that seed "
+            f"{seed} draws, expected one that can; give another seed"
+        ) from None
+    write_experiment(out, truth, run)
+    return _simulation(run, out, secret)
+
+
+def _disturbed(
+    laboratory: Laboratory, plan: PosturePlan, effects: Sequence[str], seed: int, statics: bool
+) -> Laboratory:
+    """Hide effects in a laboratory.
+
+    Args:
+        seed: of random ones. statics: whether it is the static laboratory.
+    """
+    placements = np.unique(plan.placement).tolist()
+    contacts = header_of(laboratory.rig).contacts
+    hidden = read_effects(effects, laboratory.robot, placements, seed, statics, "effects", contacts)
+    for text, instance in zip(effects, hidden, strict=True):
+        try:
+            laboratory = laboratory.with_effects(instance)
+        except InputError:
+            if text != RANDOM:
+                raise
+            raise InputError(
+                "effects random: found a laboratory that cannot be built, expected one that can; give "
+                "another seed"
+            ) from None
+    return laboratory
+
+
+def _simulation(run: Run, out: Path, secret: bool) -> Simulation:
+    """Summarise a run.
+
+    Args:
+        secret: whether reasons of lost postures are kept back.
+    """
+    dropped = (DroppedPosture(posture, None if secret else why) for posture, why in run.truth.dropped)
+    return Simulation(str(out), run.plan.postures, len(run.measurements), tuple(dropped))
