@@ -1,5 +1,6 @@
 """The command line as a user meets it: exit codes, one message, nothing half-written."""
 
+import inspect
 import json
 import re
 import shutil
@@ -18,7 +19,10 @@ from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING
 from tulip_testbed.cli import main as command_line
 from tulip_testbed.cli import options
 from tulip_testbed.cli.commands import COMMANDS
+from tulip_testbed.cli.generated import PROGRESS, VALUE
 from tulip_testbed.cli.main import MODULES, command_of, main, usage
+from tulip_testbed.cli.readers import READERS
+from tulip_testbed.cli.signatures import REQUIRED, public_function
 from tulip_testbed.cli.terminal import PIPE_WIDTH
 from tulip_testbed.experiments import defaults, laboratory
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
@@ -143,6 +147,23 @@ def test_the_options_are_the_librarys():
     assert options.SOLVERS == interior_point.SOLVERS
     assert options.HOPS == search.HOPS
     assert options.DEFAULT_SEED == laboratory.DEFAULT_SEED
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_has_the_options_and_the_defaults_of_its_function(name):
+    function = public_function(COMMANDS[name].function)
+    parameters = inspect.signature(getattr(tt, function.name)).parameters
+    assert [argument.name for argument in function.arguments] == list(parameters)
+    options = inspect.signature(COMMANDS[name].load()).parameters
+    for argument in function.arguments:
+        default = parameters[argument.name].default
+        assert argument.default == (REQUIRED if default is inspect.Parameter.empty else default)
+        reader = READERS.get(argument.annotation)
+        read = {argument.name} if reader is None else set(inspect.signature(reader).parameters)
+        expected = {argument.name if one == VALUE else one for one in read} - {PROGRESS}
+        assert expected <= set(options), argument.name
+        if reader is None and argument.name in options:
+            assert argument.text, f"the docstring says nothing of {argument.name}"
 
 
 def test_interrupted_while_libraries_load_it_ends_quietly():
