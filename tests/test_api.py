@@ -237,7 +237,7 @@ def test_a_plan_is_searched_for(robot):
 
 def test_the_atlas_and_the_preflight(robot, notebook):
     few = tt.plans.random.take(tt.plans.random.placement <= 12)
-    seen = {row.candidate.label for row in tt.atlas(few, robot, "force-plate").rows if row.visible}
+    seen = {row.candidate.label for row in tt.atlas(few, robot, sensors="force-plate").rows if row.visible}
     assert "encoder-offset:right_knee" in seen
     assert tt.check("data/first").verdict in ("pass", "warn")
     assert tt.check(tt.read_measurements("data/first")).verdict in ("pass", "warn")

@@ -129,7 +129,7 @@ def test_help_and_version_load_no_simulator():
     assert loaded_by("from tulip_testbed.cli.main import main; main(['--help'])") == []
     version = "import sys; sys.argv = ['tulip', '--version']\nfrom tulip_testbed.cli.entry import run"
     assert loaded_by(f"{version}\ntry: run()\nexcept SystemExit as stop: assert not stop.code") == []
-    each = f"for name in {NAMES}:\n try: main([name, '--help'])\n except SystemExit: pass"
+    each = f"for name in {NAMES}:\n try: main([*name.split(), '--help'])\n except SystemExit: pass"
     assert loaded_by(f"from tulip_testbed.cli.main import main\n{each}") == []
     assert "mujoco" in loaded_by("import tulip_testbed.api")
 

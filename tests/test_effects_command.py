@@ -25,24 +25,24 @@ def simulated(folder, *more):
 
 
 def test_all_effects_are_listed(capsys):
-    assert main(["effects"]) == 0
+    assert main(["atlas", "effects"]) == 0
     out = capsys.readouterr().out
     assert "encoder-offset:JOINT=OFFSET" in out
     assert all(name in out for name in catalogue())
-    assert main(["effects", "--json"]) == 0
+    assert main(["atlas", "effects", "--json"]) == 0
     listed = json.loads(capsys.readouterr().out)["effects"]
     assert [effect["name"] for effect in listed] == list(catalogue())
 
 
 def test_one_effect_is_explained(capsys):
-    assert main(["effects", "encoder-offset"]) == 0
+    assert main(["atlas", "effects", "encoder-offset"]) == 0
     out = capsys.readouterr().out
-    assert "--effect encoder-offset:JOINT=OFFSET" in out
+    assert "Usage: encoder-offset:JOINT=OFFSET" in out
     assert "OFFSET [rad]: s.d. 1 deg" in out
     assert "has a wrong zero" in out
     assert "left_knee" in out
     assert "unknown effect 'encoder-ofset'; did you mean 'encoder-offset'" in refused(
-        capsys, "effects", "encoder-ofset"
+        capsys, "atlas", "effects", "encoder-ofset"
     )
 
 
@@ -174,5 +174,5 @@ def test_check_with_a_rig(tmp_path, robot, capsys):
     capsys.readouterr()
     assert main(["check", str(tmp_path / "data"), "--json"]) == 1
     assert json.loads(capsys.readouterr().out)["verdict"] == "fail"
-    assert main(["check", str(tmp_path / "data"), "--rig", str(tmp_path / "rig"), "--json"]) == 0
+    assert main(["check", str(tmp_path / "data"), "--corrections", str(tmp_path / "rig"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["counts"]["fail"] == 0

@@ -34,6 +34,8 @@ FUNCTIONS = (
         "predict",
         "export_model",
         "atlas",
+        "tolerance",
+        "list_effects",
         "view",
         "report",
         "InputError",

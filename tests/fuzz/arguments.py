@@ -33,7 +33,8 @@ COMPARE, CHECK, MODEL = ("compare", RUN, RUN, "--json"), ("check", DATA, "--json
 EXPORT = ("export", RUN, "--json", "--out", f"{MADE}.xml")
 PROTOCOL = ("protocol", PLAN, "--json", "--out", MADE)
 WATCH, NEXT = ("watch", DATA, "--plan", PLAN, "--once", "--json"), ("next", RUN, "--json", "--out", MADE)
-EFFECTS, TOLERANCE, ATLAS = ("effects", "--json"), ("tolerance", PLAN, "--json"), ("atlas", PLAN, "--json")
+EFFECTS, ATLAS = ("atlas", "effects", "--json"), ("atlas", PLAN, "--json")
+TOLERANCE = ("atlas", "tolerance", PLAN, "--json")
 
 Lines = Sequence[Sequence[str]]
 HUGE = ("10000000000000", "9" * 30, "9" * 5_000)
@@ -48,7 +49,8 @@ SIZES = (
 )
 WORKERS = tuple((line, "--workers") for line in (SIMULATE, MONTECARLO, VALIDATE, DISCOVER))
 CHOICES = (
-    *((line, "--preset") for line in (SIMULATE, MONTECARLO, VALIDATE, SEARCH, TOLERANCE, ATLAS)),
+    *((line, "--preset") for line in (SIMULATE, MONTECARLO, VALIDATE, SEARCH)),
+    *((line, "--sensors") for line in (TOLERANCE, ATLAS)),
     *((line, "--estimator") for line in (IDENTIFY, MONTECARLO, VALIDATE)),
     *((MONTECARLO, "--engine"), (MONTECARLO, "--address"), (SEARCH, "--objective"), (SEARCH, "--solver")),
     *((SIMULATE, "--effect"), (IDENTIFY, "--tolerance"), (DISCOVER, "--tolerance")),
@@ -277,5 +279,7 @@ ARGUMENT_KINDS: dict[str, Change] = {
     "unknown words": line(REFUSED, [(*given, word) for given in ALL for word in UNKNOWN]),
     "the same otherwise": line(SAME, ALIKE),
     "help": line(EITHER, HELP),
-    "no subject of an explanation": line(REFUSED, [("effects", name) for name in NO_NAMES if name != "None"]),
+    "no subject of an explanation": line(
+        REFUSED, [("atlas", "effects", name) for name in NO_NAMES if name != "None"]
+    ),
 }

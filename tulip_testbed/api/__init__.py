@@ -11,7 +11,7 @@ from tulip_testbed.api.inputs import (
     write_measurements,
 )
 from tulip_testbed.api.measured import check, discover, export_model, identify, next_experiment, predict
-from tulip_testbed.api.planned import atlas, plan, protocol, watch
+from tulip_testbed.api.planned import atlas, list_effects, plan, protocol, tolerance, watch
 from tulip_testbed.api.shown import report, view
 from tulip_testbed.api.simulated import monte_carlo, validate
 from tulip_testbed.base.errors import InputError
@@ -27,6 +27,7 @@ __all__ = [
     "export_model",
     "identify",
     "import_table",
+    "list_effects",
     "load_robot",
     "monte_carlo",
     "next_experiment",
@@ -35,6 +36,7 @@ __all__ = [
     "protocol",
     "read_measurements",
     "report",
+    "tolerance",
     "validate",
     "view",
     "watch",

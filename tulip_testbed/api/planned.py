@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from tulip_testbed.api.inputs import load_robot
+from tulip_testbed.api.inputs import PlanSource, load_robot, plan_name, plan_of
 from tulip_testbed.base.arguments import checked
 from tulip_testbed.base.files import check_new
+from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.threads import one_blas_thread
-from tulip_testbed.experiments.atlases.effect_atlas import Atlas
+from tulip_testbed.experiments.atlases.atlas_result import Atlas
 from tulip_testbed.experiments.atlases.effect_atlas import atlas as _atlas
-from tulip_testbed.experiments.atlases.planned_experiment import planned
+from tulip_testbed.experiments.atlases.planned_experiment import Planned, planned
+from tulip_testbed.experiments.atlases.tolerance import Tolerance
+from tulip_testbed.experiments.atlases.tolerance import tolerance as _tolerance
 from tulip_testbed.experiments.defaults import DEFAULT_SEED
+from tulip_testbed.experiments.effect_list import EffectList
+from tulip_testbed.experiments.effect_list import list_effects as _list_effects
 from tulip_testbed.experiments.planning_run import PlanSettings, optimal_plan
 from tulip_testbed.experiments.protocols.motion import SPEED
 from tulip_testbed.experiments.protocols.protocol_run import (
@@ -75,21 +81,88 @@ def plan(
 @checked
 @one_blas_thread
 def atlas(
-    plan: PosturePlan, robot: Robot | None = None, sensors: str = "wii", seed: int = DEFAULT_SEED
+    plan: PlanSource | None = None,
+    robot: Robot | None = None,
+    *,
+    sensors: str = "wii",
+    seed: int = DEFAULT_SEED,
+    out: str | Path | None = None,
 ) -> Atlas:
-    """Tell before any data which effects a plan would show, confuse or hide.
+    """Predict which effects a plan can detect and distinguish.
+
+    No data are needed. The table has one row for each kind of effect. The page atlas.html in the folder shows
+    every effect with the bias that it causes if it is not modelled; it has a search box.
 
     Args:
+        plan: postures, or their folder, or the name of a shipped plan.
         robot: the nominal robot; TULip if None.
-        sensors: "wii" or "force-plate".
-        seed: of the simulated noise.
+        sensors: of the laboratory: "wii", "force-plate" or "ideal".
+        seed: of everything random.
+        out: new folder for a page, atlas.json, bias.csv and a heat map.
+
+    Raises:
+        InputError: a plan that would not identify the robot, or that statics does not know; a folder that
+            exists.
+    """
+    if out is not None:
+        check_new(Path(out))
+    found = _atlas(_planned(plan, robot, sensors, seed), np.random.default_rng(seed))
+    if out is None:
+        return found
+    from tulip_testbed.pages.atlas_page import write_atlas  # plotly loads slowly
+
+    write_atlas(Path(out), found)
+    return replace(found, folder=Path(out))
+
+
+@checked
+@one_blas_thread
+def tolerance(
+    plan: PlanSource | None = None,
+    robot: Robot | None = None,
+    *,
+    sensors: str = "wii",
+    seed: int = DEFAULT_SEED,
+    progress: Progress = silent,
+) -> Tolerance:
+    """Compute how accurately a laboratory must be set up.
+
+    Errors of plates, floor, encoders and cells bias the parameters; the biases are predicted and simulated.
+
+    Args:
+        plan: postures, or their folder, or the name of a shipped plan.
+        robot: the nominal robot; TULip if None.
+        sensors: of the laboratory: "wii", "force-plate" or "ideal".
+        seed: of everything random.
 
     Raises:
         InputError: a plan that would not identify the robot, or that statics does not know.
     """
+    return _tolerance(_planned(plan, robot, sensors, seed), progress)
+
+
+def _planned(plan: PlanSource | None, robot: Robot | None, sensors: str, seed: int) -> Planned:
     robot = robot or load_robot()
-    check_plan(robot, plan)
-    return _atlas(planned(plan, sensors, robot, seed), np.random.default_rng(seed))
+    given = plan_of(plan, robot)
+    check_plan(robot, given, plan_name(plan))
+    return planned(given, sensors, robot, seed)
+
+
+@checked
+def list_effects(name: str | None = None, robot: Robot | None = None) -> EffectList:
+    """List the physical effects that can be simulated, or explain one.
+
+    `law` explains the grammar by which effects are composed that the list lacks: what errs, as a function of
+    what, in which shape.
+
+    Args:
+        name: of an effect, or "law"; None: all effects.
+        robot: that has the targets; TULip if None.
+
+    Raises:
+        InputError: there is no such effect.
+    """
+    return _list_effects(name, robot or load_robot())
 
 
 @checked

@@ -33,7 +33,11 @@ class Command:
         return command_of(public_function(self.function), self.examples, self.saved)
 
 
+# A name may have two words.
 COMMANDS: dict[str, Command] = {
+    "atlas": Command("atlas", ("tulip atlas --sensors force-plate --out atlas",)),
+    "atlas effects": Command("list_effects", ("tulip atlas effects encoder-offset",)),
+    "atlas tolerance": Command("tolerance", ("tulip atlas tolerance --sensors force-plate",)),
     "check": Command("check", ("tulip check data/first",)),
     "export": Command("export_model", ("tulip export runs/first --out identified.xml",)),
     "import": Command(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
 from inspect import Parameter, Signature
 from pathlib import Path
 from typing import Annotated, Any
@@ -52,12 +53,14 @@ def _carry_out(function: PublicFunction, given: dict[str, Any], out: Path | None
     """Call the library's function and show its result; returns the exit code."""
     import tulip_testbed.api as api
     from tulip_testbed.base.files import check_new
-    from tulip_testbed.cli.terminal import print_json, say, show
+    from tulip_testbed.cli.terminal import print_json, say, show, working_on
 
     as_json = given.pop(JSON)
     if out is not None:
         check_new(out)
-    result = getattr(api, function.name)(**_arguments(function, given))
+    own_progress = any(argument.name == PROGRESS for argument in function.arguments)
+    with nullcontext() if own_progress else working_on(function.name.replace("_", " ")):
+        result = getattr(api, function.name)(**_arguments(function, given))
     if out is not None:
         result.save(out)
     if as_json:

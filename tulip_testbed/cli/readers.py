@@ -62,6 +62,11 @@ def read_run(
     return value
 
 
+def read_plan_name(value: PlanFolder = None) -> Path | None:
+    """Name a plan, which the library reads."""
+    return value
+
+
 def read_plan_folder(robot: Any, value: PlanFolder = None) -> Any:
     """Read a plan that fits the robot."""
     from tulip_testbed.experiments.usable_plan import plan_for
@@ -119,6 +124,7 @@ READERS: dict[str, Callable[..., Any]] = {
     "Several": read_folders,
     "Exportable": read_run,
     "PosturePlan": read_plan_folder,
+    "PlanSource | None": read_plan_name,
     "Effects": read_corrections,
     "Mapping[str, float] | None": read_stated_tolerances,
     "Laboratory": read_laboratory,
