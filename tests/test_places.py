@@ -145,7 +145,7 @@ def test_a_path_that_no_file_can_have_is_one_message(run, robot, tmp_path, monke
     monkeypatch.chdir(tmp_path)
     for command in (
         *(("check", name), ("identify", name), ("discover", name), ("postures", name), ("view", name)),
-        *(("report", name, "--out", "a.html"), ("compare", name, name), ("identify", "data", "--rig", name)),
+        *(("report", name, "--out", "a.html"), ("report", name, name), ("identify", "data", "--rig", name)),
         *(("simulate", "--out", name), ("simulate", "--out", "data", "--truth", name)),
         *(("validate", "--out", name), ("montecarlo", "--runs", "10", "--out", name)),
         *(

@@ -29,7 +29,7 @@ SEARCH = (
 VALIDATE = ("validate", PLAN, "--workers", "1", "--json", "--out", MADE)
 DISCOVER = ("discover", DATA, "--no-check", "--workers", "1", "--json", "--out", MADE)
 REPORT = ("report", RUN, "--json", "--out", f"{MADE}.html")
-COMPARE, CHECK, MODEL = ("compare", RUN, RUN, "--json"), ("check", DATA, "--json"), ("robot", "--json")
+COMPARE, CHECK, MODEL = ("report", RUN, RUN, "--json"), ("check", DATA, "--json"), ("robot", "--json")
 EXPORT = ("export", RUN, "--json", "--out", f"{MADE}.xml")
 PROTOCOL = ("protocol", PLAN, "--json", "--out", MADE)
 WATCH, NEXT = ("watch", DATA, "--plan", PLAN, "--once", "--json"), ("next", RUN, "--json", "--out", MADE)
@@ -159,9 +159,9 @@ CONFLICTS: Lines = (
     (*MONTECARLO, "--robot-spread", "0.1", "--rig", "BASE/gone"),
     ("montecarlo", PLAN, "--out", MADE),
     ("simulate", PLAN),
-    ("compare", RUN),
-    ("compare", RUN, DATA),
-    ("compare", RUN, RUN, RUN),
+    ("report", RUN),
+    ("report", RUN, DATA),
+    ("report", RUN, RUN, RUN),
     ("identify",),
     ("identify", DATA, DATA),
     ("identify", RUN),

@@ -141,7 +141,7 @@ def commands(target: str, folder: Path, made: Path, intact: Intact) -> list[list
         return [["postures", base, "--json"], ["postures", base]]
     if target in PAGES:
         whole = str(intact(target))
-        return [["compare", base, whole, "--json"], ["compare", base, whole]]
+        return [["report", base, whole, "--json"], ["report", base, whole]]
     if target == "resume":
         return [montecarlo(intact("plan"), folder)]
     if target == "rig":
@@ -154,7 +154,7 @@ def commands(target: str, folder: Path, made: Path, intact: Intact) -> list[list
         inside = folder if (folder / "data").exists() else next(folder.iterdir())
         own, run = str(inside / "data"), str(inside / "run")
         return [
-            *(["identify", own, *identify], ["identify", own], ["compare", run, str(intact("run"))]),
+            *(["identify", own, *identify], ["identify", own], ["report", run, str(intact("run"))]),
             ["simulate", f"{run}/plan", "--statics", "--workers", "1", "--out", str(made / inside.name)],
             ["report", run, "--out", f"{made / 'of'}{inside.name[:99]}.html"],
         ]

@@ -45,7 +45,11 @@ COMMANDS: dict[str, Command] = {
         ("tulip import standing.csv --robot my/robot/robot.toml --map contacts.toml --out data/standing",),
     ),
     "predict": Command("predict", ("tulip predict data/first", "tulip predict data/first --train 1-40")),
+    "report": Command(
+        "report", ("tulip report runs/first --out first.html", "tulip report runs/first runs/second")
+    ),
     "robot": Command(
         "describe_robot", ("tulip robot g1_29dof.urdf --out my/g1", "tulip robot my/g1/robot.toml")
     ),
+    "view": Command("view", ("tulip view runs/first",)),
 }

@@ -69,6 +69,7 @@ def _carry_out(function: PublicFunction, given: dict[str, Any], out: Path | None
         show(*result.tables())
     if out is not None:
         say(f"Folder: {out}")
+    result.wait()
     return result.exit_code
 
 
@@ -103,7 +104,7 @@ def _kind(annotation: str) -> Any:
 def _option(name: str, kind: Any, default: Any, argument: Argument, by_place: bool) -> Parameter:
     if argument.text and argument.annotation not in READERS:
         kind = Annotated[kind, tyro.conf.arg(help=argument.text)]
-    if by_place:
+    if by_place and name != OUT:
         kind = Annotated[kind, tyro.conf.Positional]
     default = Parameter.empty if default is REQUIRED else default
     return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)

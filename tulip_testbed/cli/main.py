@@ -36,9 +36,6 @@ MODULES: dict[str, str] = {
     "protocol": "Write what a laboratory needs to carry a plan out.",
     "discover": "Find physical effects that the model lacks.",
     "next": "Rank the experiments that would settle an ambiguous discovery.",
-    "view": "Show a plan, measurements or a run in rerun.",
-    "report": "Write a run as one HTML page that needs no network.",
-    "compare": "Compare the settings and the results of two runs.",
 }
 Command = Callable[..., int]
 CALL = re.compile(r"`tt\.(\w+)\('(.*?)'\)`")
@@ -233,7 +230,7 @@ def _with_flags(message: str, command: Command) -> str:
     parameters = signature(command).parameters.values()
     flags = {p.name for p in parameters if p.kind is Parameter.KEYWORD_ONLY}
     message = _as_commands(message)
-    message = SETTING.sub(lambda m: f"`{_flag(m[1])} {m[2]}`" if m[1] in flags else m[0], message)
+    message = SETTING.sub(lambda m: f"`{_setting(m[1], m[2])}`" if m[1] in flags else m[0], message)
     place, colon, rest = message.partition(": ")
     words = place.split(", ")
     if not colon or any(word.split(" ")[0] not in flags for word in words):
@@ -243,6 +240,10 @@ def _with_flags(message: str, command: Command) -> str:
 
 def _as_commands(message: str) -> str:
     return CALL.sub(lambda m: f"`tulip {m[1]} {shlex.quote(m[2])}`", message)
+
+
+def _setting(name: str, value: str) -> str:
+    return _flag(name) if value == "True" else f"{_flag(name)} {value}"
 
 
 def _flag(name: str) -> str:

@@ -62,6 +62,20 @@ def read_run(
     return value
 
 
+def read_second_run(
+    value: Annotated[Path | None, tyro.conf.arg(metavar="[RUN]", help="a second run, to compare")] = None,
+) -> Path | None:
+    """Name a second run folder, which the library reads."""
+    return value
+
+
+def read_viewed(
+    value: Annotated[Path, tyro.conf.arg(metavar="FOLDER", help="folder of a run, a plan or measurements")],
+) -> Path:
+    """Name a folder, which the library reads."""
+    return value
+
+
 def read_plan_name(value: PlanFolder = None) -> Path | None:
     """Name a plan, which the library reads."""
     return value
@@ -123,6 +137,9 @@ READERS: dict[str, Callable[..., Any]] = {
     "Measured": read_folder,
     "Several": read_folders,
     "Exportable": read_run,
+    "Viewed": read_viewed,
+    "Reported": read_run,
+    "Reported | None": read_second_run,
     "PosturePlan": read_plan_folder,
     "PlanSource | None": read_plan_name,
     "Effects": read_corrections,
