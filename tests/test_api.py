@@ -119,7 +119,7 @@ def test_the_block_in_statics_without_a_screen(notebook, loads):
     for file in ("first.html", "first.rrd"):
         assert (notebook / file).stat().st_size > 1e5
     # No subpackage has taken the place of a function.
-    assert all(inspect.isfunction(function) for function in (tt.report, tt.view, tt.plan, tt.watch))
+    assert all(inspect.isfunction(function) for function in (tt.report, tt.view, tt.optimize_plan, tt.watch))
 
 
 @pytest.mark.slow
@@ -206,7 +206,7 @@ def test_every_command_has_its_function():
 
 
 def test_a_plan_is_searched_for(robot):
-    plan = tt.plan(robot, seed=901, placements=4, hops=0)
+    plan = tt.optimize_plan(robot, seed=901, placements=4, hops=0).plan
     assert isinstance(plan, PosturePlan)
     assert len(plan) == 20
     assert np.isfinite(plan.joint_angles).all()

@@ -13,9 +13,10 @@ COMMAND, DATA, PLAN, RUN, MADE = "command.json", "BASE/data", "BASE/plan", "BASE
 IDENTIFY = ("identify", DATA, "--estimator", "least-squares", "--json")
 SIMULATE = ("simulate", PLAN, "--statics", "--workers", "1", "--json", "--out", MADE)
 MONTECARLO = ("montecarlo", PLAN, "--runs", "2", "--workers", "1", "--json", "--out", MADE)
-RANDOM = ("postures", "--random", "--placements", "6", "--per-placement", "5", "--json", "--out", MADE)
+RANDOM = ("plan", "random", "--placements", "6", "--per-placement", "5", "--json", "--out", MADE)
 SEARCH = (
     "plan",
+    "optimal",
     "--placements",
     "5",
     "--postures-per-placement",
@@ -32,7 +33,10 @@ REPORT = ("report", RUN, "--json", "--out", f"{MADE}.html")
 COMPARE, CHECK, MODEL = ("report", RUN, RUN, "--json"), ("check", DATA, "--json"), ("robot", "--json")
 EXPORT = ("export", RUN, "--json", "--out", f"{MADE}.xml")
 PROTOCOL = ("protocol", PLAN, "--json", "--out", MADE)
-WATCH, NEXT = ("watch", DATA, "--plan", PLAN, "--once", "--json"), ("next", RUN, "--json", "--out", MADE)
+WATCH, NEXT = (
+    ("watch", DATA, "--plan", PLAN, "--once", "--json"),
+    ("plan", "next", RUN, "--json", "--out", MADE),
+)
 EFFECTS, ATLAS = ("atlas", "effects", "--json"), ("atlas", PLAN, "--json")
 TOLERANCE = ("atlas", "tolerance", PLAN, "--json")
 
@@ -49,8 +53,8 @@ SIZES = (
 )
 WORKERS = tuple((line, "--workers") for line in (SIMULATE, MONTECARLO, VALIDATE, DISCOVER))
 CHOICES = (
-    *((line, "--preset") for line in (SIMULATE, MONTECARLO, VALIDATE, SEARCH)),
-    *((line, "--sensors") for line in (TOLERANCE, ATLAS)),
+    *((line, "--preset") for line in (SIMULATE, MONTECARLO, VALIDATE)),
+    *((line, "--sensors") for line in (SEARCH, TOLERANCE, ATLAS)),
     *((line, "--estimator") for line in (IDENTIFY, MONTECARLO, VALIDATE)),
     *((MONTECARLO, "--engine"), (MONTECARLO, "--address"), (SEARCH, "--objective"), (SEARCH, "--solver")),
     *((SIMULATE, "--effect"), (IDENTIFY, "--tolerance"), (DISCOVER, "--tolerance")),
@@ -82,7 +86,7 @@ TOLERANCE_TEXTS = (
     "tilt=x",
     "tilt=1=2",
 )
-DESCRIBE, VIEW = ("postures", PLAN, "--json"), ("view", RUN, "--save", f"{MADE}.rrd")
+DESCRIBE, VIEW = ("plan", "show", PLAN, "--json"), ("view", RUN, "--save", f"{MADE}.rrd")
 OF_A_ROBOT = (IDENTIFY, SIMULATE, MONTECARLO, MODEL, COMPARE, REPORT, CHECK, RANDOM, EXPORT, PROTOCOL, WATCH)
 NAMED = (
     *((line, "--robot") for line in OF_A_ROBOT),
@@ -126,7 +130,7 @@ WRITTEN = (
     ((*WATCH, "--out", "HERE"), "HERE"),
     *(((*SIMULATE, "--truth", "HERE"), "HERE"), ((*ATLAS, "--out", "HERE"), "HERE")),
     *((REPORT, f"{MADE}.html"), (("view", RUN, "--save", f"{MADE}.rrd"), f"{MADE}.rrd")),
-    (("postures", PLAN, "--json", "--draw", "HERE"), "HERE"),
+    (("plan", "show", PLAN, "--json", "--draw", "HERE"), "HERE"),
 )
 NO_OUTPUTS = (
     *(
@@ -148,9 +152,10 @@ CONFLICTS: Lines = (
     (*SEARCH, "--solver", "ipopt", "--after", DATA),
     (*SEARCH, "--repeats", "31"),
     ("view", RUN, "--save", "MADE/x.rrd", "--serve"),
-    ("postures", PLAN, "--random", "--out", MADE),
-    ("postures", "--random"),
-    *(("postures", PLAN, option, "1") for option in ("--placements", "--per-placement", "--seed", "--out")),
+    *(
+        ("plan", "show", PLAN, option, "1")
+        for option in ("--placements", "--per-placement", "--seed", "--out")
+    ),
     (*SIMULATE, "--truth", f"{MADE}/truth.json"),
     (*SIMULATE, "--truth", MADE),
     (*SIMULATE, "--truth", "MADE"),
@@ -173,7 +178,7 @@ CONFLICTS: Lines = (
     (*WATCH, "--out", f"{DATA}/state"),
     *(("protocol", PLAN), ("protocol", DATA, "--out", MADE), ("protocol", RUN, "--out", MADE)),
     *(("export", RUN), ("export", PLAN, "--out", f"{MADE}.xml"), ("export", RUN, "--out", f"{MADE}.txt")),
-    *(("next", DATA), ("next", PLAN), ("next", RUN)),
+    *(("plan", "next", DATA), ("plan", "next", PLAN), ("plan", "next", RUN)),
 )
 UNKNOWN = (
     "--nose",

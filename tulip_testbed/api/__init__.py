@@ -11,7 +11,16 @@ from tulip_testbed.api.inputs import (
     write_measurements,
 )
 from tulip_testbed.api.measured import check, discover, export_model, identify, next_experiment, predict
-from tulip_testbed.api.planned import atlas, list_effects, plan, protocol, tolerance, watch
+from tulip_testbed.api.planned import (
+    atlas,
+    describe_plan,
+    draw_plan,
+    list_effects,
+    optimize_plan,
+    protocol,
+    tolerance,
+    watch,
+)
 from tulip_testbed.api.shown import report, view
 from tulip_testbed.api.simulated import monte_carlo, validate
 from tulip_testbed.base.errors import InputError
@@ -22,8 +31,10 @@ __all__ = [
     "Laboratory",
     "atlas",
     "check",
+    "describe_plan",
     "describe_robot",
     "discover",
+    "draw_plan",
     "export_model",
     "identify",
     "import_table",
@@ -31,7 +42,7 @@ __all__ = [
     "load_robot",
     "monte_carlo",
     "next_experiment",
-    "plan",
+    "optimize_plan",
     "predict",
     "protocol",
     "read_measurements",

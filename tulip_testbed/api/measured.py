@@ -11,6 +11,7 @@ from tulip_testbed.api.inputs import (
     corrections_of,
     load_robot,
     measurements_of,
+    plan_of,
     source_of,
     to_check,
 )
@@ -31,12 +32,13 @@ from tulip_testbed.experiments.identify import DEFAULT_ESTIMATOR, Identification
 from tulip_testbed.experiments.identify import identify as _identify
 from tulip_testbed.experiments.predict import Prediction
 from tulip_testbed.experiments.predict import predict as _predict
-from tulip_testbed.experiments.proposed_experiment import Proposals, write_experiment_plan
+from tulip_testbed.experiments.proposed_experiment import Proposals
 from tulip_testbed.experiments.validate import Validation
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.robot import Robot
 
 Exportable = Identification | Validation | Discovered | str | Path
+Proposable = Discovered | str | Path
 
 
 @checked
@@ -145,37 +147,35 @@ def discover(
 @checked
 @one_blas_thread
 def next_experiment(
-    found: Discovered | str | Path,
+    found: Proposable,
     robot: Robot | None = None,
-    plan: PosturePlan | None = None,
+    *,
+    plan: PosturePlan | str | Path | None = None,
     seed: int = 0,
-    out: str | Path | None = None,
 ) -> Proposals:
     """Rank the experiments that would settle an ambiguous discovery.
+
+    Experiments are manipulations of the laboratory and a choice of postures; they are ranked by the doubt
+    that each is expected to settle per minute. The best can be saved as a plan folder with its manipulations
+    as numbered steps (steps.md), which a simulation carries out.
 
     Args:
         found: a discovery, or its run folder.
         robot: that the folder's run was made with; TULip if None.
-        plan: postures to choose from; None: those that were measured.
+        plan: postures to choose from, or their folder, or a shipped plan's name; None: those that were
+            measured.
         seed: of the draws of the expectation.
-        out: plan folder to write, of the best experiment with its manipulations; None: none.
 
     Returns:
         the experiments, the best first; `best.plan`, `best.experiment.manipulations`.
 
     Raises:
-        InputError: no discovery; with `out`, nothing to settle, or a folder that exists.
+        InputError: no discovery.
     """
     at_least("seed", seed, 0)
-    if out is not None:
-        check_new(Path(out))
-    if isinstance(found, Discovered):
-        ranked = found.propose(plan, seed)
-    else:
-        ranked = read_discovery(Path(found), robot or load_robot()).propose(plan, seed)
-    if out is not None:
-        write_experiment_plan(Path(out), ranked)
-    return ranked
+    robot = robot or load_robot()
+    record = found if isinstance(found, Discovered) else read_discovery(Path(found), robot)
+    return record.propose(None if plan is None else plan_of(plan, robot), seed)
 
 
 @checked

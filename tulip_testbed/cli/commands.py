@@ -44,6 +44,14 @@ COMMANDS: dict[str, Command] = {
         "import_table",
         ("tulip import standing.csv --robot my/robot/robot.toml --map contacts.toml --out data/standing",),
     ),
+    "plan next": Command("next_experiment", ("tulip plan next runs/found --out plans/next",), saved=True),
+    "plan optimal": Command(
+        "optimize_plan", ("tulip plan optimal --out plans/best --seed 3 --objective condition",)
+    ),
+    "plan random": Command(
+        "draw_plan", ("tulip plan random --placements 10 --per-placement 5 --seed 7 --out plans/seven",)
+    ),
+    "plan show": Command("describe_plan", ("tulip plan show plans/best --draw pictures/best",)),
     "predict": Command("predict", ("tulip predict data/first", "tulip predict data/first --train 1-40")),
     "report": Command(
         "report", ("tulip report runs/first --out first.html", "tulip report runs/first runs/second")

@@ -29,13 +29,10 @@ MODULES: dict[str, str] = {
     "validate": "Simulate a plan, identify the robot and compare with the truth.",
     "simulate": "Simulate an experiment and write a measurement folder.",
     "montecarlo": "Repeat a simulated experiment and test the stated standard errors.",
-    "watch": "Check postures while they are measured, and tell when to stop.",
+    "watch": "Check postures while they are measured, and say when to stop.",
     "identify": "Identify the robot's base parameters from a measurement folder.",
-    "postures": "Draw random feasible postures, or describe a plan.",
-    "plan": "Search for optimal postures (section IV of the paper).",
     "protocol": "Write what a laboratory needs to carry a plan out.",
     "discover": "Find physical effects that the model lacks.",
-    "next": "Rank the experiments that would settle an ambiguous discovery.",
 }
 Command = Callable[..., int]
 CALL = re.compile(r"`tt\.(\w+)\('(.*?)'\)`")

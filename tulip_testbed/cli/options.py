@@ -26,8 +26,6 @@ ESTIMATORS = (
 )
 DEFAULT_ESTIMATOR = ESTIMATORS[-1]
 ORDINARY = 1.0
-SOLVERS = ("slsqp", "ipopt")
-HOPS = 60
 ENGINES = ("loky", "dask")
 
 
@@ -44,9 +42,6 @@ Preset = Literal[
 ]
 PlatePreset = Literal["wii", "force-plate", "ideal"]
 Noisy = Literal["wii", "force-plate"]
-NoisyPreset = Annotated[
-    Noisy, tyro.conf.arg(help="sensors whose noise the standard errors are predicted for")
-]
 Sensors = Annotated[Preset, tyro.conf.arg(help="sensors of the laboratory")]
 PlateSensors = Annotated[PlatePreset, tyro.conf.arg(help="sensors of the laboratory")]
 NoisySensors = Annotated[Noisy, tyro.conf.arg(help="sensors of the laboratory")]

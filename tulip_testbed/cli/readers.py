@@ -69,6 +69,28 @@ def read_second_run(
     return value
 
 
+def read_earlier(
+    value: Annotated[
+        Path | None, tyro.conf.arg(metavar="FOLDER", help="measurements before the plan")
+    ] = None,
+) -> Path | None:
+    """Name a measurement folder, which the library reads."""
+    return value
+
+
+def read_pool(
+    value: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="PLAN",
+            help="plan folder to choose from, or a shipped plan's name; the measured postures if left out",
+        ),
+    ] = None,
+) -> Path | None:
+    """Name a plan, which the library reads."""
+    return value
+
+
 def read_viewed(
     value: Annotated[Path, tyro.conf.arg(metavar="FOLDER", help="folder of a run, a plan or measurements")],
 ) -> Path:
@@ -138,6 +160,9 @@ READERS: dict[str, Callable[..., Any]] = {
     "Several": read_folders,
     "Exportable": read_run,
     "Viewed": read_viewed,
+    "Proposable": read_run,
+    "Measured | None": read_earlier,
+    "PosturePlan | str | Path | None": read_pool,
     "Reported": read_run,
     "Reported | None": read_second_run,
     "PosturePlan": read_plan_folder,
