@@ -2,3 +2,5 @@
 
 DEFAULT_SEED = 1
 SAMPLES = 200  # random robots beside an exported model
+REPEATS = 10  # of a protocol: postures that are measured twice
+SPEED = 0.5  # rad/s, of any joint

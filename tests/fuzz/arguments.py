@@ -152,10 +152,6 @@ CONFLICTS: Lines = (
     (*SEARCH, "--solver", "ipopt", "--after", DATA),
     (*SEARCH, "--repeats", "31"),
     ("view", RUN, "--save", "MADE/x.rrd", "--serve"),
-    *(
-        ("plan", "show", PLAN, option, "1")
-        for option in ("--placements", "--per-placement", "--seed", "--out")
-    ),
     (*SIMULATE, "--truth", f"{MADE}/truth.json"),
     (*SIMULATE, "--truth", MADE),
     (*SIMULATE, "--truth", "MADE"),

@@ -153,7 +153,7 @@ def next_experiment(
     plan: PosturePlan | str | Path | None = None,
     seed: int = 0,
 ) -> Proposals:
-    """Rank the experiments that would settle an ambiguous discovery.
+    """Rank experiments that would settle an ambiguous discovery.
 
     Experiments are manipulations of the laboratory and a choice of postures; they are ranked by the doubt
     that each is expected to settle per minute. The best can be saved as a plan folder with its manipulations

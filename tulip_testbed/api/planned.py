@@ -19,15 +19,14 @@ from tulip_testbed.experiments.atlases.effect_atlas import atlas as _atlas
 from tulip_testbed.experiments.atlases.planned_experiment import Planned, planned
 from tulip_testbed.experiments.atlases.tolerance import Tolerance
 from tulip_testbed.experiments.atlases.tolerance import tolerance as _tolerance
-from tulip_testbed.experiments.defaults import DEFAULT_SEED
+from tulip_testbed.experiments.defaults import DEFAULT_SEED, REPEATS, SPEED
 from tulip_testbed.experiments.effect_list import EffectList
 from tulip_testbed.experiments.effect_list import list_effects as _list_effects
 from tulip_testbed.experiments.planning_run import PlanSettings, check_out, measured_for, set_up_search
-from tulip_testbed.experiments.protocols.motion import SPEED
 from tulip_testbed.experiments.protocols.protocol_run import (
-    REPEATS,
     LaboratoryProtocol,
     ProtocolSettings,
+    check_settings,
     protocol_of,
 )
 from tulip_testbed.experiments.usable_plan import check_plan, random_plan
@@ -264,7 +263,7 @@ def _planned(plan: PlanSource | None, robot: Robot | None, sensors: str, seed: i
 
 @checked
 def list_effects(name: str | None = None, robot: Robot | None = None) -> EffectList:
-    """List the physical effects that can be simulated, or explain one.
+    """List the effects that can be simulated, or explain one.
 
     `law` explains the grammar by which effects are composed that the list lacks: what errs, as a function of
     what, in which shape.
@@ -282,20 +281,26 @@ def list_effects(name: str | None = None, robot: Robot | None = None) -> EffectL
 @checked
 @one_blas_thread
 def protocol(
-    plan: PosturePlan,
-    folder: str | Path,
+    plan: PlanSource | None = None,
     robot: Robot | None = None,
+    *,
+    out: str | Path,
     sensors: str | None = None,
     speed: float = SPEED,
     repeats: int = REPEATS,
+    progress: Progress = silent,
 ) -> LaboratoryProtocol:
-    """Write what a laboratory needs to carry a plan out: pages to print, trajectories, a measurement folder.
+    """Write what a laboratory needs to carry a plan out.
+
+    The folder gets protocol.html (pages to print: drawings to scale, postures, boxes to tick, checklists),
+    plan (the plan in the order in which it is measured), trajectories (CSV, and ROS 2
+    JointTrajectory as YAML), measurements (the start of the measurement folder) and rows.csv (the rows to fill in).
 
     Args:
-        plan: postures to measure.
-        folder: a new one.
+        plan: postures, or their folder, or the name of a shipped plan.
         robot: the nominal robot; TULip if None.
-        sensors: preset whose data sheet starts the measurement folder; None: it is left open.
+        out: new folder.
+        sensors: whose data sheet starts the measurements; unknown if left out.
         speed: largest speed of a joint between postures [rad/s].
         repeats: postures that are measured twice if the plan repeats none; at most every fifth is.
 
@@ -305,12 +310,15 @@ def protocol(
     Raises:
         InputError: a plan that does not fit the robot, a setting out of range, or a folder that exists.
     """
-    from tulip_testbed.pages.protocol_page import write_protocol
+    from tulip_testbed.pages.protocol_page import contents, write_protocol
 
-    check_new(Path(folder))
-    made = protocol_of(robot or load_robot(), plan, ProtocolSettings(sensors, speed, repeats))
-    write_protocol(Path(folder), made)
-    return made
+    robot, place = robot or load_robot(), Path(out)
+    check_new(place)
+    settings = ProtocolSettings(sensors, speed, repeats)
+    check_settings(settings)
+    made = protocol_of(robot, plan_of(plan, robot), settings, progress)
+    missing = write_protocol(place, made)
+    return replace(made, folder=place, missing=tuple(missing), files=tuple(contents(place)))
 
 
 @checked

@@ -53,6 +53,7 @@ COMMANDS: dict[str, Command] = {
     ),
     "plan show": Command("describe_plan", ("tulip plan show plans/best --draw pictures/best",)),
     "predict": Command("predict", ("tulip predict data/first", "tulip predict data/first --train 1-40")),
+    "protocol": Command("protocol", ("tulip protocol optimal --sensors wii --out monday",)),
     "report": Command(
         "report", ("tulip report runs/first --out first.html", "tulip report runs/first runs/second")
     ),

@@ -31,7 +31,6 @@ MODULES: dict[str, str] = {
     "montecarlo": "Repeat a simulated experiment and test the stated standard errors.",
     "watch": "Check postures while they are measured, and say when to stop.",
     "identify": "Identify the robot's base parameters from a measurement folder.",
-    "protocol": "Write what a laboratory needs to carry a plan out.",
     "discover": "Find physical effects that the model lacks.",
 }
 Command = Callable[..., int]
@@ -100,7 +99,10 @@ def usage(group: str | None = None) -> str:
         group: first word of the commands that are described; None: all.
     """
     described = {name: s for name, s in summaries().items() if group in (None, name.split(" ")[0])}
-    width = max(map(len, described))
+    blocks = [{n: s for n, s in described.items() if (" " in n) is two} for two in (False, True)]
+    lines = [
+        f"  {name:{max(map(len, block))}}  {summary}" for block in blocks for name, summary in block.items()
+    ]
     return "\n".join(
         [
             f"usage: tulip {group or 'COMMAND'} {'COMMAND ' if group else ''}[OPTIONS]",
@@ -108,7 +110,7 @@ def usage(group: str | None = None) -> str:
             "A virtual laboratory for the static identification of humanoid robots.",
             "",
             "Commands:",
-            *(f"  {name:{width}}  {summary}" for name, summary in described.items()),
+            *lines,
             "",
             "`tulip COMMAND --help` explains a command, `tulip --version` prints the version.",
         ]
