@@ -57,7 +57,7 @@ CHOICES = (
     *((line, "--sensors") for line in (SEARCH, TOLERANCE, ATLAS)),
     *((line, "--estimator") for line in (IDENTIFY, MONTECARLO, VALIDATE)),
     *((MONTECARLO, "--engine"), (MONTECARLO, "--address"), (SEARCH, "--objective"), (SEARCH, "--solver")),
-    *((SIMULATE, "--effect"), (IDENTIFY, "--tolerance"), (DISCOVER, "--tolerance")),
+    *((SIMULATE, "--effect"), (IDENTIFY, "--tolerance"), (DISCOVER, "--tolerances")),
 )
 EFFECT_TEXTS = (
     *("encoder-offset", "encoder-offset:right_knee", "encoder-offset:nose=0.01", "encoder-offset=0.01"),
@@ -270,7 +270,7 @@ ARGUMENT_KINDS: dict[str, Change] = {
     "no choices": line(REFUSED, with_value(CHOICES, NO_NAMES)),
     "no effects": line(REFUSED, with_value([(SIMULATE, "--effect")], EFFECT_TEXTS)),
     "no tolerances": line(
-        REFUSED, with_value([(IDENTIFY, "--tolerance"), (DISCOVER, "--tolerance")], TOLERANCE_TEXTS)
+        REFUSED, with_value([(IDENTIFY, "--tolerance"), (DISCOVER, "--tolerances")], TOLERANCE_TEXTS)
     ),
     "no targets": line(REFUSED, with_value([(WATCH, "--target")], TARGET_TEXTS)),
     "no samples": line(REFUSED, with_value([(EXPORT, "--samples")], NO_WHOLE)),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from tulip_testbed.api.inputs import (
@@ -18,6 +19,7 @@ from tulip_testbed.api.inputs import (
 from tulip_testbed.base.arguments import checked
 from tulip_testbed.base.errors import at_least
 from tulip_testbed.base.files import check_new
+from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.threads import one_blas_thread, processes
 from tulip_testbed.effects.instance import Effects
 from tulip_testbed.experiments.check_folder import Preflight, check_folder, check_measurements, warn_of_faults
@@ -114,33 +116,51 @@ def identify(
 def discover(
     measurements: Several,
     robot: Robot | None = None,
+    *,
     seed: int = 0,
     check: bool = True,
     workers: int | None = None,
     tolerances: Mapping[str, float] | None = None,
+    out: str | Path | None = None,
+    progress: Progress = silent,
 ) -> Discovered:
-    """Find what the nominal model lacks: where it disagrees with measurements, and which effect explains it.
+    """Find physical effects that the model lacks.
+
+    The result tells where the model disagrees with the measurements and which effect explains it. The verdict
+    is `none`, `calibrated` (ordinary imperfections explain it), `named`, `described` (by a law composed of
+    what errs, as a function of what, in which shape), `ambiguous` or `unknown`. The effects found are added to the
+    model: the folder `rig` in the run folder can be given to other commands as corrections.
 
     Args:
         measurements: or their folder, or a run; a list of them: experiments with one robot.
         robot: the nominal robot; TULip if None.
         seed: of the bootstrap that calibrates the level.
-        check: simulate adopted physics in the full dynamics, which may take two minutes.
+        check: simulate adopted physics in the full dynamics, which may take two minutes; faults of
+            instruments are never simulated, because they are predicted exactly.
         workers: processes of that simulation; None: one per core. Results do not depend on it.
         tolerances: what is usual for the ordinary imperfections of this laboratory, as in `identify`.
+        out: new run folder.
 
     Returns:
-        the verdict "none", "calibrated", "named", "described", "ambiguous" or "unknown"; what was adopted;
-        the robot identified before and after.
+        the verdict; what was adopted; the robot identified before and after.
 
     Raises:
         InputError: measurements that do not fit the robot, in wrong units, or too few placements; an unknown
-            family or an impossible tolerance.
+            family or an impossible tolerance; a folder that exists.
     """
+    if out is not None:
+        check_new(Path(out))
     robot, given = robot or load_robot(), measurements_of(measurements)
-    found = discover_effects(given, robot, seed, check, processes(workers), tolerances=tolerances)
+    source = source_of(measurements) or "measurements"
+    found = discover_effects(
+        given, robot, seed, check, processes(workers), source, tolerances=tolerances, progress=progress
+    )
     for one, where in to_check(measurements):
         warn_of_faults(one, robot, source=where, tolerances=tolerances)
+    if out is None:
+        return found
+    found = replace(found, folder=Path(out))
+    found.save(out)
     return found
 
 

@@ -294,7 +294,7 @@ def protocol(
 
     The folder gets protocol.html (pages to print: drawings to scale, postures, boxes to tick, checklists),
     plan (the plan in the order in which it is measured), trajectories (CSV, and ROS 2
-    JointTrajectory as YAML), measurements (the start of the measurement folder) and rows.csv (the rows to fill in).
+    JointTrajectory as YAML), measurements (the start of the measurement folder) and rows.csv (to fill in).
 
     Args:
         plan: postures, or their folder, or the name of a shipped plan.

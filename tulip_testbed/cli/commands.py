@@ -39,6 +39,9 @@ COMMANDS: dict[str, Command] = {
     "atlas effects": Command("list_effects", ("tulip atlas effects encoder-offset",)),
     "atlas tolerance": Command("tolerance", ("tulip atlas tolerance --sensors force-plate",)),
     "check": Command("check", ("tulip check data/first",)),
+    "discover": Command(
+        "discover", ("tulip discover data/first --out runs/found", "tulip discover data/monday data/tuesday")
+    ),
     "export": Command("export_model", ("tulip export runs/first --out identified.xml",)),
     "import": Command(
         "import_table",

@@ -31,7 +31,6 @@ MODULES: dict[str, str] = {
     "montecarlo": "Repeat a simulated experiment and test the stated standard errors.",
     "watch": "Check postures while they are measured, and say when to stop.",
     "identify": "Identify the robot's base parameters from a measurement folder.",
-    "discover": "Find physical effects that the model lacks.",
 }
 Command = Callable[..., int]
 CALL = re.compile(r"`tt\.(\w+)\('(.*?)'\)`")
