@@ -76,7 +76,7 @@ $(STUDIES): study-%: setup  ## make the tables of one study (`make studies` list
 	$(BIN)/python -m studies $*
 
 study-plan: setup  ## docs/studies/planning.md's Table I: six trials of optimal postures
-	$(BIN)/tulip plan --table1 --out runs/plan-$$(date +%Y%m%d-%H%M%S)
+	$(BIN)/tulip plan optimal --table1 --out runs/plan-$$(date +%Y%m%d-%H%M%S)
 
 teaching: setup  ## docs/pictures: the signatures of all effects (a minute)
 	MUJOCO_GL=disable $(BIN)/python -m studies.teaching

@@ -4,12 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-
-# Called with what is counted, how many there are and how many were done before; gives a context that yields a
-# function to be called with the number of those that are done now.
-Progress = Callable[[str, int, int], AbstractContextManager[Callable[[int], None]]]
+from typing import Protocol
 
 
-def silent(what: str, total: int, done: int = 0) -> AbstractContextManager[Callable[[int], None]]:
+class Advance(Protocol):
+    """Called with the number of those that are done now, and with the best value so far if there is one."""
+
+    def __call__(self, count: int, /, value: float | None = None) -> None: ...
+
+
+# Called with what is counted, how many there are and how many were done before.
+Progress = Callable[[str, int, int], AbstractContextManager[Advance]]
+
+
+def silent(what: str, total: int, done: int = 0) -> AbstractContextManager[Advance]:
     """Show nothing."""
-    return nullcontext(lambda count: None)
+    return nullcontext(_nothing)
+
+
+def _nothing(count: int, /, value: float | None = None) -> None:
+    pass

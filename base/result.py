@@ -80,6 +80,9 @@ class Result:
         """Return the exit code of the command that has this result."""
         return 0
 
+    def wait(self) -> None:
+        """Wait until a window that shows the result is closed."""
+
     def to_json(self) -> dict[str, Any]:
         """Return the JSON document, which `--json` prints and a run folder holds; NaN is null."""
         return finite(_adapter(type(self)).dump_python(self, mode="json", exclude=set(_kept(type(self)))))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import dataclass
 from typing import Any
 
 from tulip_testbed.base.column import Column
 from tulip_testbed.base.document import flattened
 from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.experiments.discovery_record import DiscoveryRecord
 from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
@@ -34,20 +36,48 @@ QUANTITIES = {
 }
 
 
-def compare(first: Record, second: Record) -> dict[str, Any]:
-    """Compare two runs as one JSON document; lists hold the first run's value, then the second's.
+@dataclass(frozen=True, repr=False)
+class Comparison(Result):
+    """Two runs side by side; lists hold the first run's value, then the second's.
+
+    Attributes:
+        runs: their folders. verdict: of each. settings: those that differ.
+        checks: of both; of two discoveries gap and evidence. models: parameters by model.
+    """
+
+    runs: tuple[str, str]
+    verdict: tuple[str, str]
+    settings: dict[str, list[Any]]
+    checks: list[dict[str, Any]]
+    models: dict[str, list[dict[str, Any]]]
+
+    def tables(self) -> list[Table | str]:
+        """Return the verdicts, and what differs."""
+        return [
+            *(
+                f"{run}: {name}, verdict {v}"
+                for run, name, v in zip("AB", self.runs, self.verdict, strict=True)
+            ),
+            settings_difference_table(self.settings),
+            check_difference_table(self.checks),
+            *(model_difference_table(model, rows) for model, rows in self.models.items() if rows),
+        ]
+
+
+def compare(first: Record, second: Record) -> Comparison:
+    """Compare the settings and the results of two runs.
 
     Raises:
         InputError: runs that cannot be compared; says why.
     """
     _check_alike(first, second)
     both = [_models(first), _models(second)]
-    return {
-        "runs": [_name(first), _name(second)],
-        "verdict": [first.report.verdict, second.report.verdict],
-        "settings": differences(first.document.plain(), second.document.plain()),
-        "checks": _checks(_judged(first), _judged(second)),
-        "models": {
+    return Comparison(
+        runs=(_name(first), _name(second)),
+        verdict=(first.report.verdict, second.report.verdict),
+        settings=differences(first.document.plain(), second.document.plain()),
+        checks=_checks(_judged(first), _judged(second)),
+        models={
             model: [
                 {"number": a["number"], "name": a["name"]}
                 | {name: [a.get(name), b.get(name)] for name in QUANTITIES[first.kind]}
@@ -55,7 +85,7 @@ def compare(first: Record, second: Record) -> dict[str, Any]:
             ]
             for model in both[0]
         },
-    }
+    )
 
 
 def differences(first: dict[str, Any], second: dict[str, Any]) -> dict[str, list[Any]]:
@@ -67,18 +97,6 @@ def differences(first: dict[str, Any], second: dict[str, Any]) -> dict[str, list
         for name in names
         if flat[0].get(name) != flat[1].get(name)
     }
-
-
-def comparison_report(document: dict[str, Any]) -> list[Table | str]:
-    """Return the document as tables and sentences."""
-    (first, second), (a, b) = document["runs"], document["verdict"]
-    return [
-        f"A: {first}, verdict {a}",
-        f"B: {second}, verdict {b}",
-        settings_difference_table(document["settings"]),
-        check_difference_table(document["checks"]),
-        *(model_difference_table(model, rows) for model, rows in document["models"].items() if rows),
-    ]
 
 
 def settings_difference_table(settings: dict[str, list[Any]]) -> Table:

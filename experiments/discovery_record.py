@@ -18,8 +18,8 @@ from tulip_testbed.base.table_files import Table, software
 from tulip_testbed.discovery.experiment_information import Explanation
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.lasting import everywhere
-from tulip_testbed.experiments.discovering import Discovered
 from tulip_testbed.experiments.discovery_report import DiscoveryReport, discovery_report
+from tulip_testbed.experiments.findings import Findings
 from tulip_testbed.experiments.proposed_experiment import Proposals, propose_experiments
 from tulip_testbed.experiments.rig_folder import RIG, rig_files
 from tulip_testbed.experiments.run_file import (
@@ -97,13 +97,9 @@ class DiscoveryRecord:
 
 
 def discovery_record(
-    result: Discovered, source: str = "measurements", seed: int = 0, no_check: bool = False
+    result: Findings,
 ) -> DiscoveryRecord:
-    """Make the record of a discovery that has just been carried out.
-
-    Args:
-        source: folder of the measurements. seed, no_check: how it was carried out.
-    """
+    """Make the record of a discovery that has just been carried out."""
     found, robot = result.discovery, result.robot
     return DiscoveryRecord(
         document=RunFile[DiscoveryConfiguration](
@@ -111,7 +107,10 @@ def discovery_record(
             version=VERSION,
             command="discover",
             configuration=DiscoveryConfiguration(
-                measurements=source, robot=robot.path.name, seed=seed, no_check=no_check
+                measurements=result.source,
+                robot=robot.path.name,
+                seed=result.seed,
+                no_check=result.no_check,
             ),
             software=software(),
             machine=machine(),

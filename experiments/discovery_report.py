@@ -14,8 +14,8 @@ from tulip_testbed.discovery.law_candidates import is_law
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import EffectDocument, EffectInstance, ParameterDocument, effect_label
 from tulip_testbed.effects.laws import Sentence, sentence_of
-from tulip_testbed.experiments.discovering import Discovered
 from tulip_testbed.experiments.family_tables import family_documents
+from tulip_testbed.experiments.findings import Findings
 from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.proposed_experiment import ProposedExperiment, proposed
 from tulip_testbed.measurements.bounds import MOST_FORCE
@@ -214,7 +214,7 @@ class DiscoveryReport(Document):
     wall_s: float
 
 
-def discovery_report(result: Discovered, rig: str | None = None) -> DiscoveryReport:
+def discovery_report(result: Findings, rig: str | None = None) -> DiscoveryReport:
     """Report a discovery.
 
     Args:

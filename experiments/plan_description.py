@@ -43,7 +43,7 @@ LARGE_SHARE = 1000.0  # % of a nominal value: it is near zero
 def described_plan(
     robot: Robot, plan: PosturePlan, preset: str, taken: PosturePlan | None = None
 ) -> dict[str, Any]:
-    """Return the description of a plan by `tulip plan` and `tulip postures` as JSON.
+    """Return the description of a plan by `tulip plan` as JSON.
 
     Args:
         preset: of the sensors, "wii" or "force-plate"; the standard errors are those of generalised least

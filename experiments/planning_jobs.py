@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from tulip_testbed.base.files import sha256
-from tulip_testbed.identification.planning.interior_point import SOLVERS
 from tulip_testbed.identification.planning.mixed_plan import (
     MixedStart,
     mixed_plan_from_state,
@@ -25,6 +24,7 @@ from tulip_testbed.identification.planning.optimal_plan import (
 )
 from tulip_testbed.identification.planning.problem import Problem
 from tulip_testbed.identification.planning.search import SearchState, round_count
+from tulip_testbed.identification.planning.search_defaults import SOLVERS
 from tulip_testbed.identification.planning.sequential import (
     initial_next_state,
     measured_information,

@@ -17,7 +17,7 @@ from tulip_testbed.experiments.planning_jobs import Job, Show, mixed_job, next_j
 from tulip_testbed.experiments.usable_plan import enough
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.identification.planning.interior_point import SOLVERS, casadi_module
+from tulip_testbed.identification.planning.interior_point import casadi_module
 from tulip_testbed.identification.planning.interrupted import StateError
 from tulip_testbed.identification.planning.objectives import Objective
 from tulip_testbed.identification.planning.optimal_plan import (
@@ -25,7 +25,8 @@ from tulip_testbed.identification.planning.optimal_plan import (
     with_repeats,
 )
 from tulip_testbed.identification.planning.problem import Problem, planning_problem
-from tulip_testbed.identification.planning.search import HOPS, SearchState
+from tulip_testbed.identification.planning.search import SearchState
+from tulip_testbed.identification.planning.search_defaults import HOPS, SOLVERS
 from tulip_testbed.identification.planning.sequential import (
     measured_information,
 )
@@ -164,19 +165,6 @@ def _check_mixed(settings: PlanSettings, measured: Measurements | None) -> None:
         raise InputError("right, left: found postures on one foot after measurements, expected none")
     if settings.single_support:
         raise InputError("right, left: found with single_support, expected one of them")
-
-
-def optimal_plan(robot: Robot, settings: PlanSettings, measured: Measurements | None = None) -> PosturePlan:
-    """Search for an optimal plan (section IV), from a random feasible start, under every constraint.
-
-    Args:
-        measured: see `set_up_search`.
-
-    Raises:
-        InputError: see `set_up_search`.
-    """
-    search = set_up_search(robot, settings, measured)
-    return search.extended(search.job().run(lambda state: None, None))
 
 
 def carry_out(job: Job, kept: Path, show: Show) -> tuple[PosturePlan, bool]:

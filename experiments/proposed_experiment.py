@@ -14,7 +14,8 @@ from tulip_testbed.base.document import Document
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import present
 from tulip_testbed.base.numbers import number
-from tulip_testbed.base.table import Cell, Column, Shown, Table
+from tulip_testbed.base.result import Result
+from tulip_testbed.base.table import Cell, Column, Table
 from tulip_testbed.base.table_files import json_text
 from tulip_testbed.discovery.discover import AMBIGUOUS
 from tulip_testbed.discovery.experiment_information import Explanation
@@ -79,7 +80,7 @@ class ExperimentFile(ProposedExperiment):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Proposals(Shown):
+class Proposals(Result):
     """Experiments that would settle an ambiguous discovery, the best first.
 
     Attributes:
@@ -101,12 +102,12 @@ class Proposals(Shown):
         """
         if not self.experiments:
             raise InputError(
-                f"next: found the verdict {self.verdict}, expected {AMBIGUOUS}: no experiment is needed to "
+                f"found the verdict {self.verdict}, expected {AMBIGUOUS}: no experiment is needed to "
                 "distinguish explanations"
             )
         return self.experiments[0]
 
-    def document(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """Return the experiments for JSON."""
         assumed = {"posture": POSTURE, "placement": PLACEMENT} | MANIPULATION
         return {
@@ -116,7 +117,7 @@ class Proposals(Shown):
             "assumed_minutes": assumed,
         }
 
-    def parts(self) -> list[Table | str]:
+    def tables(self) -> list[Table | str]:
         """Return the ranking, what each explanation predicts for the best, and what is assumed."""
         if not self.experiments:
             return [f"Verdict: {self.verdict}. There is nothing to settle between explanations."]
@@ -132,6 +133,10 @@ class Proposals(Shown):
             + "."
         )
         return out
+
+    def save(self, folder: str | Path) -> None:
+        """Write the best experiment as a new plan folder, see `write_experiment_plan`."""
+        write_experiment_plan(Path(folder), self)
 
     def table(self) -> Table:
         """Return one row an experiment."""
@@ -294,7 +299,7 @@ def read_experiment(folder: Path) -> tuple[Experiment, int]:
     """
     where = Path(folder) / EXPERIMENT_FILE
     if not present(where):
-        raise InputError(f"{where}: missing; expected a plan folder that `tulip next` wrote")
+        raise InputError(f"{where}: missing; expected a plan folder that `tulip plan next` wrote")
     found = ExperimentFile.read(where)
     texts = tuple(found.manipulations)
     arrangement_of(texts, f"{where}: key 'manipulations'")

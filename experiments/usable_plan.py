@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from tulip_testbed.base.errors import InputError, at_least, at_most, choices
+from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.table_files import MOST_ROWS
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, common_support
 from tulip_testbed.identification.postures import random_postures
@@ -37,7 +37,7 @@ def plan_for(robot: Robot, plan: Path | None) -> PosturePlan:
     if plan is None and robot.model_hash != load_robot().model_hash:
         raise InputError(
             f"{robot.path}: found no plan for this robot: the shipped one is TULip's. Draw one with "
-            "`tulip postures` or `tulip_testbed.plan` and give its name"
+            "`tulip plan random` or `tt.draw_plan` and give its name"
         )
     folder = DEFAULT_PLAN if plan is None else plan_folder(plan)
     if len(folder.parts) == 1 and not folder.exists():
@@ -92,13 +92,12 @@ def random_plan(
     placements: int = 10,
     per_placement: int = 5,
     seed: int = 1,
-    progress: Callable[[int], None] = lambda count: None,
+    progress: Progress = silent,
 ) -> PosturePlan:
     """Draw random feasible postures.
 
     Args:
         placements: foot placements. per_placement: postures on each. seed: of the draws.
-        progress: called with 1 after every posture.
 
     Raises:
         InputError: too few postures, or ranges that admit nothing.
@@ -111,4 +110,5 @@ def random_plan(
     check_scene(preset_rig("ideal", robot))
     warn_of_robot(robot)
     plate = nominal_plates(robot)[0]
-    return random_postures(robot, plate, placements, per_placement, seed, progress=progress)
+    with progress("drawing postures", placements * per_placement, 0) as advance:
+        return random_postures(robot, plate, placements, per_placement, seed, progress=advance)

@@ -18,7 +18,8 @@ from tulip_testbed.discovery.columns import CandidateColumns, candidate_columns
 from tulip_testbed.discovery.detectability import noncentrality
 from tulip_testbed.discovery.evidence import ranked
 from tulip_testbed.effects.targets import PLACEMENTS
-from tulip_testbed.experiments.atlases.effect_atlas import Atlas, atlas
+from tulip_testbed.experiments.atlases.atlas_result import Atlas
+from tulip_testbed.experiments.atlases.effect_atlas import atlas
 from tulip_testbed.experiments.atlases.planned_experiment import planned
 from tulip_testbed.experiments.usable_plan import plan_for
 from tulip_testbed.sim.robot import load_robot

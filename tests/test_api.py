@@ -16,7 +16,6 @@ from tests.documented import blocks
 from tests.drawing import draws_with
 from tests.test_architecture import FLOW
 from tulip_testbed.cli.commands import COMMANDS
-from tulip_testbed.cli.main import MODULES
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim import robot as robot_module
@@ -120,7 +119,7 @@ def test_the_block_in_statics_without_a_screen(notebook, loads):
     for file in ("first.html", "first.rrd"):
         assert (notebook / file).stat().st_size > 1e5
     # No subpackage has taken the place of a function.
-    assert all(inspect.isfunction(function) for function in (tt.report, tt.view, tt.plan, tt.watch))
+    assert all(inspect.isfunction(function) for function in (tt.report, tt.view, tt.optimize_plan, tt.watch))
 
 
 @pytest.mark.slow
@@ -203,33 +202,11 @@ def test_a_notebook_and_the_command_line_give_the_same_bits(notebook, capsys):
 
 def test_every_command_has_its_function():
     """What a command does, a notebook can do."""
-    offered = {
-        "validate": tt.validate,
-        "simulate": tt.simulate,
-        "montecarlo": tt.monte_carlo,
-        "check": tt.check,
-        "identify": tt.identify,
-        "postures": tt.plans.read,
-        "plan": tt.plan,
-        "protocol": tt.protocol,
-        "discover": tt.discover,
-        "next": tt.next_experiment,
-        "effects": tt.effects.catalogue,
-        "atlas": tt.atlas,
-        "view": tt.view,
-        "report": tt.report,
-        "robot": tt.describe_robot,
-        "import": tt.import_table,
-        "predict": tt.predict,
-        "export": tt.export_model,
-        "watch": tt.watch,
-    }
-    assert all(callable(function) for function in offered.values())
-    assert {*COMMANDS, *MODULES} - set(offered) == {"tolerance", "compare"}
+    assert all(callable(getattr(tt, command.function)) for command in COMMANDS.values())
 
 
 def test_a_plan_is_searched_for(robot):
-    plan = tt.plan(robot, seed=901, placements=4, hops=0)
+    plan = tt.optimize_plan(robot, seed=901, placements=4, hops=0).plan
     assert isinstance(plan, PosturePlan)
     assert len(plan) == 20
     assert np.isfinite(plan.joint_angles).all()
@@ -237,7 +214,7 @@ def test_a_plan_is_searched_for(robot):
 
 def test_the_atlas_and_the_preflight(robot, notebook):
     few = tt.plans.random.take(tt.plans.random.placement <= 12)
-    seen = {row.candidate.label for row in tt.atlas(few, robot, "force-plate").rows if row.visible}
+    seen = {row.candidate.label for row in tt.atlas(few, robot, sensors="force-plate").rows if row.visible}
     assert "encoder-offset:right_knee" in seen
     assert tt.check("data/first").verdict in ("pass", "warn")
     assert tt.check(tt.read_measurements("data/first")).verdict in ("pass", "warn")

@@ -14,9 +14,8 @@ from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.evidence import marginal_fits
 from tulip_testbed.discovery.refit import without_noise
 from tulip_testbed.effects.catalogue import catalogue
-from tulip_testbed.experiments.atlases.atlas_tables import atlas_summary
 from tulip_testbed.experiments.atlases.bias import bias, weights
-from tulip_testbed.experiments.atlases.effect_atlas import atlas, document
+from tulip_testbed.experiments.atlases.effect_atlas import atlas
 from tulip_testbed.experiments.atlases.isolability import ISOLABLE, angles, groups, order
 from tulip_testbed.experiments.atlases.planned_experiment import estimates, noisy, planned, streams
 from tulip_testbed.experiments.atlases.tolerance import CHECKED, Tolerance, erring, sources
@@ -193,7 +192,7 @@ def test_structural_twins_share_a_group(found):
 
 
 def test_document_is_what_the_rows_say(found):
-    said = document(found)
+    said = found.to_json()
     assert len(said["effects"]) == len(found.rows)
     assert set(said["effects"][0]["by_channel"]) == set(CHANNELS)
     assert len(said["angle_rad"]) == len(said["shown"])
@@ -232,7 +231,7 @@ def test_commands(small_plan, tmp_path, capsys):
     assert "plotly" in (out / "separation.html").read_text(encoding="utf-8").lower()
     lines = (out / "bias.csv").read_text().splitlines()
     assert len(lines) == len(said["effects"]) + 1
-    assert main(["tolerance", str(small_plan), "--json"]) == 0
+    assert main(["atlas", "tolerance", str(small_plan), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert len(said["sources"]) == 28
     assert said["check"]["largest_difference_se"] < 0.3 * said["check"]["largest_bias_se"]
@@ -243,7 +242,7 @@ def test_bad_input_is_refused(small_plan, tmp_path, capsys):
     for arguments, message in (
         (["atlas", str(small_plan), "--out", str(tmp_path / "there")], "exists already"),
         (["atlas", str(tmp_path / "none")], "none"),
-        (["tolerance", str(small_plan), "--seed", "-1"], "--seed: found -1"),
+        (["atlas", "tolerance", str(small_plan), "--seed", "-1"], "--seed: found -1"),
     ):
         assert main(arguments) == 2
         printed = capsys.readouterr()
@@ -253,7 +252,7 @@ def test_bad_input_is_refused(small_plan, tmp_path, capsys):
 
 def test_the_screen_shows_every_kind_in_two_screens(found):
     """Every detected and hidden size is counted once, and the ranges hold all targets."""
-    opening, kinds, closing = atlas_summary(found)
+    opening, kinds, closing = found.tables()
     text = kinds.text(100)
     assert len(text.splitlines()) < 60
     assert max(map(len, text.splitlines())) <= 100

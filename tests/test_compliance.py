@@ -157,7 +157,7 @@ def test_a_robot_file_with_drives_goes_through_the_command_line(tmp_path, robot)
     shutil.copy(robot.folder / "table2.csv", tmp_path)
     plan, data, toml = (str(tmp_path / name) for name in ("plan", "data", "tulip.toml"))
     few = ["--placements", "3", "--per-placement", "5", "--seed", "122"]
-    assert main(["postures", "--random", *few, "--out", plan, "--robot", toml]) == 0
+    assert main(["plan", "random", *few, "--out", plan, "--robot", toml]) == 0
     assert main(["simulate", plan, "--out", data, "--sensors", "ideal", "--robot", toml]) == 0
     measured = read_measurements(tmp_path / "data")
     assert measured.motor is not None

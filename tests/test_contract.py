@@ -95,8 +95,8 @@ def test_measurements_in_memory_are_held_against_the_contract(measured, robot, t
         lambda: tt.identify(wrong, robot),
         lambda: tt.discover(wrong, robot),
         lambda: tt.write_measurements(tmp_path / "data", wrong),
-        lambda: tt.plan(robot, after=wrong),
-        lambda: tt.view(wrong, robot, tmp_path / "view.rrd"),
+        lambda: tt.optimize_plan(robot, after=wrong),
+        lambda: tt.view(wrong, robot, save=tmp_path / "view.rrd"),
     ):
         with pytest.raises(tt.InputError, match=f"^measurements: .*{message}"):
             call()

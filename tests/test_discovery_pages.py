@@ -169,13 +169,13 @@ def test_a_hostile_target_stays_text(saved):
 
 
 def test_two_discoveries_side_by_side(found, saved, tmp_path, capsys):
-    assert main(["compare", str(found), str(found), "--json"]) == 0
+    assert main(["report", str(found), str(found), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["verdict"] == ["named", "named"]
     values = {check["name"]: check["value"] for check in document["checks"]}
     assert values["gap C, before"] == [saved.report.gap["C"].before] * 2
     assert len(document["models"]["full"]) == 25
-    assert main(["compare", str(found), str(found)]) == 0
+    assert main(["report", str(found), str(found)]) == 0
     assert "Gap and evidence" in capsys.readouterr().out
 
 
@@ -183,7 +183,7 @@ def test_one_label_in_two_gaps_is_compared_twice(saved):
     report = saved.report.plain()
     report["candidates"].append(report["candidates"][0] | {"gap": 2, "log_bayes_factor": 5.0})
     run = dataclasses.replace(saved, report=DiscoveryReport.model_validate(report))
-    values = {check["name"]: check["value"] for check in compare(run, run)["checks"]}
+    values = {check["name"]: check["value"] for check in compare(run, run).checks}
     label = saved.report.candidates[0].label
     assert values[f"ln BF {label}"] == [saved.report.candidates[0].log_bayes_factor] * 2
     assert values[f"ln BF {label} (gap 2)"] == [5.0] * 2

@@ -27,24 +27,24 @@ def simulated(folder, *more):
 
 
 def test_all_effects_are_listed(capsys):
-    assert main(["effects"]) == 0
+    assert main(["atlas", "effects"]) == 0
     out = capsys.readouterr().out
     assert "encoder-offset:JOINT=OFFSET" in out
     assert all(name in out for name in catalogue())
-    assert main(["effects", "--json"]) == 0
+    assert main(["atlas", "effects", "--json"]) == 0
     listed = json.loads(capsys.readouterr().out)["effects"]
     assert [effect["name"] for effect in listed] == list(catalogue())
 
 
 def test_one_effect_is_explained(capsys):
-    assert main(["effects", "encoder-offset"]) == 0
+    assert main(["atlas", "effects", "encoder-offset"]) == 0
     out = capsys.readouterr().out
-    assert "--effects encoder-offset:JOINT=OFFSET" in out
+    assert "Usage: encoder-offset:JOINT=OFFSET" in out
     assert "OFFSET [rad]: s.d. 1 deg" in out
     assert "has a wrong zero" in out
     assert "left_knee" in out
     assert "unknown effect 'encoder-ofset'; did you mean 'encoder-offset'" in refused(
-        capsys, "effects", "encoder-ofset"
+        capsys, "atlas", "effects", "encoder-ofset"
     )
 
 

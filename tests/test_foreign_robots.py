@@ -123,8 +123,8 @@ def test_paths_keep_the_feet_and_do_not_jump(name, foreign, plan_of):
 def test_the_main_job_on_a_foreign_robot(foreign, tmp_path, capsys):
     """Plan, simulate in full, identify, compare with the truth; all by the command line."""
     robot, plan, run = foreign["humanoid"], str(tmp_path / "plan"), tmp_path / "run"
-    drawing = ["--random", "--placements", "7", "--per-placement", "5", "--seed", "112", "--out", plan]
-    assert main(["postures", *drawing, "--robot", str(robot.path), "--json"]) == 0
+    drawing = ["--placements", "7", "--per-placement", "5", "--seed", "112", "--out", plan]
+    assert main(["plan", "random", *drawing, "--robot", str(robot.path), "--json"]) == 0
     options = [
         "--sensors",
         "ideal",

@@ -143,7 +143,7 @@ def test_the_plan_folder_holds_postures_manipulations_and_steps(robot, lab, rank
     assert text.startswith("# Experiment 2: ")
     assert "\n1. " in text
     assert "\n4. State in the manifest" in text
-    document = found.document()
+    document = found.to_json()
     assert document["experiments"][0]["manipulations"] == list(experiment.manipulations)
     json.dumps(document, allow_nan=False)
     assert "settled" in str(found)
@@ -186,7 +186,8 @@ def test_two_cells_tares_are_settled_by_turning_the_plate(lab, tmp_path):
     tt.write_measurements(data[0], run.measurements)
     found = tt.discover(data[0], check=False)
     assert found.verdict == "ambiguous"
-    proposals = tt.next_experiment(found, plan=tt.plans.random, out=tmp_path / "plan")
+    proposals = tt.next_experiment(found, plan=tt.plans.random)
+    proposals.save(tmp_path / "plan")
     assert proposals.best.words in found.story[-2]
     turned = next(one for one in proposals.experiments if "right plate turned" in one.words)
     assert turned.rate >= 0.99 * proposals.best.rate

@@ -114,7 +114,7 @@ def test_nothing_is_written_into_a_measurement_folder(data, run, tmp_path, capsy
     for place in (data / "more", data / "deep" / "more"):
         assert inside in refused(capsys, "simulate", "--engine", "statics", "--out", place)
         assert inside in refused(capsys, "validate", "--out", place)
-        assert inside in refused(capsys, "postures", "--random", "--out", place)
+        assert inside in refused(capsys, "plan", "random", "--out", place)
         with pytest.raises(InputError, match=inside):
             tt.write_measurements(place, run.measurements)
     message = refused(
@@ -144,17 +144,17 @@ def test_a_path_that_no_file_can_have_is_one_message(run, robot, tmp_path, monke
     message = WRONG_PATHS[name]
     monkeypatch.chdir(tmp_path)
     for command in (
-        *(("check", name), ("identify", name), ("discover", name), ("postures", name), ("view", name)),
+        *(("check", name), ("identify", name), ("discover", name), ("plan", "show", name), ("view", name)),
         *(
             ("report", name, "--out", "a.html"),
-            ("compare", name, name),
+            ("report", name, name),
             ("identify", "data", "--corrections", name),
         ),
         *(("simulate", "--out", name), ("simulate", "--out", "data", "--truth", name)),
         *(("validate", "--out", name), ("montecarlo", "--runs", "10", "--out", name)),
         *(
             ("robot", name),
-            ("postures", "--draw", name),
+            ("plan", "show", "--draw", name),
             ("view", name, "--save", "a.rrd"),
         ),
     ):
@@ -229,7 +229,7 @@ def test_below_a_folder_that_may_not_be_searched_everything_is_one_message(data,
                 for command in (
                     ["check", str(data)],
                     ["identify", str(data), "--corrections", str(new)],
-                    ["postures", str(data)],
+                    ["plan", "show", str(data)],
                     ["simulate", "--engine", "statics", "--out", str(new)],
                     ["robot", str(data / "tulip.toml")],
                 )

@@ -1,4 +1,4 @@
-"""`tulip plan` and `tulip postures` as a person meets them: interrupted, gone on with, refused, drawn."""
+"""`tulip plan` as a person meets them: interrupted, gone on with, refused, drawn."""
 
 from __future__ import annotations
 
@@ -50,21 +50,23 @@ def test_interrupted_and_gone_on_with_by_the_same_command(tmp_path, robot, monke
 
     with monkeypatch.context() as patched:
         patched.setattr(planning, "write_state", interrupt)
-        assert main(["plan", "--out", str(out), *SMALL]) == 130
+        assert main(["plan", "optimal", "--out", str(out), *SMALL]) == 130
     assert "best plan so far" in " ".join(capsys.readouterr().err.split())
     first = read_plan(out, robot)
     assert first.made["interrupted"]
     assert first.made["rounds"] == 3
-    assert "left by another run" in refused(capsys, "plan", "--out", out, *SMALL[:-1], 5)
-    assert "left by another run" in refused(capsys, "plan", "--out", out, *SMALL, "--solver", "ipopt")
-    assert main(["plan", "--out", str(out), *SMALL]) == 0
-    assert main(["plan", "--out", str(tmp_path / "whole"), *SMALL]) == 0
+    assert "left by another run" in refused(capsys, "plan", "optimal", "--out", out, *SMALL[:-1], 5)
+    assert "left by another run" in refused(
+        capsys, "plan", "optimal", "--out", out, *SMALL, "--solver", "ipopt"
+    )
+    assert main(["plan", "optimal", "--out", str(out), *SMALL]) == 0
+    assert main(["plan", "optimal", "--out", str(tmp_path / "whole"), *SMALL]) == 0
     again, whole = (read_plan(tmp_path / name, robot) for name in ("plan", "whole"))
     assert again.joint_angles.tobytes() == whole.joint_angles.tobytes()
     assert again.made == whole.made
     assert sorted(path.name for path in tmp_path.iterdir()) == ["plan", "whole"]
     capsys.readouterr()
-    assert "exists already" in refused(capsys, "plan", "--out", out, *SMALL)
+    assert "exists already" in refused(capsys, "plan", "optimal", "--out", out, *SMALL)
 
 
 @pytest.fixture(scope="module")
@@ -130,21 +132,21 @@ def test_of_two_searches_for_one_name_the_slower_leaves_nothing_hidden(tmp_path,
 def test_the_next_postures_and_their_description(data, tmp_path, capsys):
     out = tmp_path / "next"
     options = ("--after", str(data), "--placements", "1", "--hops", "2", "--seed", "311")
-    assert main(["plan", "--out", str(out), *options, "--repeats", "1", "--json"]) == 0
+    assert main(["plan", "optimal", "--out", str(out), *options, "--repeats", "1", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["postures"] == 6
     assert said["final_objective"] < said["measured_objective"]
-    assert main(["postures", str(out), "--after", str(data), "--json"]) == 0
+    assert main(["plan", "show", str(out), "--after", str(data), "--json"]) == 0
     again = json.loads(capsys.readouterr().out)
     for key in ("condition_number", "predicted_standard_error_mm", "margins", "correlations"):
         assert again[key] == said[key]
         assert again["made"]["described"][key] == said[key]
-    assert "too few for 25 base parameters" in refused(capsys, "postures", out)
+    assert "too few for 25 base parameters" in refused(capsys, "plan", "show", out)
 
 
 def test_options_that_do_not_go_together(data, tmp_path, capsys):
-    new = ("plan", "--out", tmp_path / "new")
-    assert "--after: found with --table1" in refused(capsys, *new, "--table1", "--after", data)
+    new = ("plan", "optimal", "--out", tmp_path / "new")
+    assert "--after, --table1: found both" in refused(capsys, *new, "--table1", "--after", data)
     assert "--solver: found ipopt for a plan after measurements" in refused(
         capsys, *new, "--solver", "ipopt", "--after", data
     )
@@ -184,7 +186,7 @@ def test_postures_are_rendered(robot, plan):
 
 def test_without_opengl_the_polygons_are_left(plan, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(rendering, "PLATFORMS", ())
-    assert main(["postures", "--draw", str(tmp_path / "pictures")]) == 2
+    assert main(["plan", "show", "--draw", str(tmp_path / "pictures")]) == 2
     assert "no postures.png: rendering: neither EGL nor OSMesa draws" in " ".join(
         capsys.readouterr().err.split()
     )

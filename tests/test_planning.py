@@ -48,7 +48,7 @@ def goal(problem):
 
 @pytest.fixture(scope="module")
 def small(problem, goal):
-    """Five placements of three postures, as `tulip plan --hops 1` makes them."""
+    """Five placements of three postures, as `tulip plan optimal --hops 1` makes them."""
     return optimize_plan(problem, goal, 5, 3, 211, hops=1)
 
 

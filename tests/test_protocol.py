@@ -16,7 +16,7 @@ from tests.drawing import draws_with
 from tests.looking import browse
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.protocols.measurement_start import empty_measurements, rows_to_fill_in
-from tulip_testbed.experiments.protocols.protocol_run import REPEATS, ProtocolSettings
+from tulip_testbed.experiments.protocols.protocol_run import ProtocolSettings
 from tulip_testbed.identification.planning.optimal_plan import with_repeats
 from tulip_testbed.measurements import write_measurements
 from tulip_testbed.measurements.measurement_folder import write_start
@@ -118,7 +118,7 @@ def test_without_a_data_sheet_the_manifest_says_so(robot, small_plan, small_prot
     without = replace(small_protocol, settings=ProtocolSettings())
     monkeypatch.setattr("tulip_testbed.api.planned.protocol_of", lambda *arguments: without)
     monkeypatch.setattr("tulip_testbed.pages.protocol_page.rendered", _no_pictures)
-    tt.protocol(small_plan, tmp_path / "day", robot, repeats=0)
+    tt.protocol(small_plan, robot, out=tmp_path / "day", repeats=0)
     manifest = json.loads((tmp_path / "day" / "measurements" / "manifest.json").read_text())
     assert set(manifest["sensors"].values()) == {None}
     page = (tmp_path / "day" / "protocol.html").read_text()
@@ -237,15 +237,13 @@ def test_command_refuses_and_leaves_nothing(tmp_path, capsys, monkeypatch):
 def test_another_robot_s_plan_is_refused(tmp_path, small_plan):
     other = replace(small_plan, robot={"model": "other.xml", "sha256": "0" * 64})
     with pytest.raises(tt.InputError, match="made for another robot than TULip"):
-        tt.protocol(other, tmp_path / "day")
+        tt.protocol(other, out=tmp_path / "day")
     assert not list(tmp_path.iterdir())
 
 
 def test_command_prints_one_document(tmp_path, small_protocol, capsys, monkeypatch):
-    from tulip_testbed.experiments.protocols import protocol_run
-
     monkeypatch.setattr("tulip_testbed.pages.protocol_page.rendered", _no_pictures)
-    monkeypatch.setattr(protocol_run, "protocol_of", lambda *arguments: small_protocol)
+    monkeypatch.setattr("tulip_testbed.api.planned.protocol_of", lambda *arguments: small_protocol)
     assert main(["protocol", "optimal", "--out", str(tmp_path / "day"), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["rows"] == len(small_protocol.plan)
@@ -263,13 +261,3 @@ def test_a_plan_s_own_repeats_are_kept(robot, small_plan, tmp_path):
     assert len(kept) == 24
     assert kept.postures == 20
     assert len((tmp_path / "day" / "rows.csv").read_text().splitlines()) == 25
-
-
-def test_the_command_s_defaults_are_the_library_s():
-    from inspect import signature
-
-    from tulip_testbed.cli.protocol_command import protocol_command
-
-    given = {name: p.default for name, p in signature(protocol_command).parameters.items()}
-    settings = ProtocolSettings()
-    assert (given["preset"], given["speed"], given["repeats"]) == (None, settings.speed, REPEATS)

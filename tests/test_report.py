@@ -160,7 +160,7 @@ def test_an_unfinished_montecarlo_is_not_reported(calibration, tmp_path, capsys)
 
 def test_two_runs_side_by_side(run, calibration, ideal, tmp_path, capsys):  # noqa: F811
     write_validation(tmp_path / "ideal", validation_record(ideal))
-    assert main(["compare", str(run), str(tmp_path / "ideal"), "--json"]) == 0
+    assert main(["report", str(run), str(tmp_path / "ideal"), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["settings"]["configuration.preset"] == ["wii", "ideal"]
     assert document["settings"]["configuration.seed"] == [102, 101]
@@ -168,9 +168,9 @@ def test_two_runs_side_by_side(run, calibration, ideal, tmp_path, capsys):  # no
     row = document["models"]["full"][9]
     reports = [json.loads((f / "report.json").read_text()) for f in (run, tmp_path / "ideal")]
     assert row["estimate"] == [report["full"]["parameters"][9]["estimate"] for report in reports]
-    assert main(["compare", str(run), str(run)]) == 0
+    assert main(["report", str(run), str(run)]) == 0
     assert "none" in capsys.readouterr().out
-    assert main(["compare", str(calibration), str(calibration)]) == 0
+    assert main(["report", str(calibration), str(calibration)]) == 0
     capsys.readouterr()
-    message = refused(capsys, "compare", run, calibration)
+    message = refused(capsys, "report", run, calibration)
     assert "found a validation and a Monte Carlo, expected two of a kind" in message

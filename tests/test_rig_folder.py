@@ -255,7 +255,7 @@ def test_a_monte_carlo_in_the_adopted_laboratory_is_freed_of_it(rig, robot, tmp_
 @pytest.mark.slow
 def test_validate_in_the_adopted_laboratory(found, robot, tmp_path, capsys):
     write_rig(tmp_path / "rig", robot, found[:1])
-    draw = ["postures", "--random", "--placements", "5", "--per-placement", "4", "--seed", "233"]
+    draw = ["plan", "random", "--placements", "5", "--per-placement", "4", "--seed", "233"]
     assert main([*draw, "--out", str(tmp_path / "plan")]) == 0
     capsys.readouterr()
     run = ["validate", str(tmp_path / "plan"), "--sensors", "force-plate", "--seed", "234", "--json"]

@@ -14,11 +14,11 @@ from typing import Any
 os.environ.setdefault("MUJOCO_GL", "disable")
 
 from tulip_testbed.base.numbers import number
-from tulip_testbed.cli.effect_text import target_names
-from tulip_testbed.cli.main import COMMANDS, command_of
+from tulip_testbed.cli.main import command_of, summaries
 from tulip_testbed.effects.catalogue import catalogue, explanation
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.targets import PLACEMENTS
+from tulip_testbed.experiments.effect_list import target_names
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.sensors import PRESETS
 
@@ -47,9 +47,9 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
 def commands(_: str) -> Iterator[str]:
     """Describe every command: its help, its arguments and its examples."""
     yield "| command | what it does |\n|---|---|"
-    for name, summary in COMMANDS.items():
-        yield f"| [`{name}`](#tulip-{name}) | {summary} |"
-    for name in COMMANDS:
+    for name, summary in summaries().items():
+        yield f"| [`{name}`](#tulip-{name.replace(' ', '-')}) | {summary} |"
+    for name in summaries():
         yield from _command(name)
 
 

@@ -37,7 +37,7 @@ class Planned:
         runs: noisy runs, every posture that has an equilibrium, the same rows in each.
         standard_errors: of the base parameters by the default estimator, root mean square over the
             runs, (p,) [m].
-        seed: of the runs.
+        seed: of the runs. sensors: name of the preset.
     """
 
     rig: Rig
@@ -48,13 +48,14 @@ class Planned:
     runs: tuple[Measurements, ...]
     standard_errors: np.ndarray
     seed: int
+    sensors: str
 
     @property
     def nominal(self) -> Nominal:
         return self.observed.nominal
 
 
-def planned(plan: PosturePlan, preset: str, robot: Robot, seed: int) -> Planned:
+def planned(plan: PosturePlan, sensors: str, robot: Robot, seed: int) -> Planned:
     """Simulate a plan by static equilibrium.
 
     Args:
@@ -65,7 +66,7 @@ def planned(plan: PosturePlan, preset: str, robot: Robot, seed: int) -> Planned:
             does not identify the robot; a seed below 0.
     """
     at_least("seed", seed, 0)
-    rig, nominal = preset_rig(preset, robot), nominal_robot(robot, common_support(plan.support))
+    rig, nominal = preset_rig(sensors, robot), nominal_robot(robot, common_support(plan.support))
     quiet = without_noise(rig)
     stands = usable(plan, run_statics(solve_plan(quiet, plan), streams(seed, 1))[0].measurements.posture)
     (smooth,) = noisy(solve_plan(quiet, stands), streams(seed, 1))
@@ -83,7 +84,7 @@ def planned(plan: PosturePlan, preset: str, robot: Robot, seed: int) -> Planned:
         for run in runs
     ]
     errors = np.sqrt(np.mean(variance, axis=0))
-    return Planned(rig, plan, solved_plan, observed, noise_of(observed), tuple(runs), errors, seed)
+    return Planned(rig, plan, solved_plan, observed, noise_of(observed), tuple(runs), errors, seed, sensors)
 
 
 def usable(plan: PosturePlan, postures: np.ndarray) -> PosturePlan:

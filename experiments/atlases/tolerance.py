@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.progress import Progress, silent
+from tulip_testbed.base.result import Result
+from tulip_testbed.base.table import Table
+from tulip_testbed.base.table_files import finite
 from tulip_testbed.discovery.candidates import Candidate, candidates
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.experiments.atlases.bias import Weights, weights
@@ -26,6 +30,7 @@ UNITS = {
 ALLOWED = 0.5  # standard errors of bias, in every parameter
 NO_BIAS = 1e-6  # standard errors: rounding
 CHECKED = 5  # runs of the simulation
+LARGE = 1000.0  # units: more than anybody would call a tolerance
 
 
 @dataclass(frozen=True)
@@ -53,9 +58,9 @@ class Source:
         return self.amount * (np.arange(len(self.candidate.effect.sizes)) == self.size)
 
 
-@dataclass(frozen=True)
-class Tolerance:
-    """Biases of a plan.
+@dataclass(frozen=True, eq=False, repr=False)
+class Tolerance(Result):
+    """Biases of a plan by errors of the set-up.
 
     Attributes:
         sources: n of them.
@@ -79,6 +84,52 @@ class Tolerance:
         mine = [k for k, source in enumerate(self.sources) if source.candidate.effect.name == effect]
         return _kept(np.sqrt((self.bias[mine] ** 2).sum(axis=0)))
 
+    def tables(self) -> list[Table | str]:
+        """Return the biases and the tolerances that follow."""
+        difference = np.abs(self.simulated - self.bias)
+        k, j = np.unravel_index(int(difference.argmax()), difference.shape)
+        names = self.planned.nominal.parameters.names
+        return [
+            f"{len(self.planned.observed)} of {len(self.planned.plan)} postures can be measured.",
+            bias_table(self),
+            tolerance_table(self),
+            f"Checked by simulation ({CHECKED} runs with and without each error): the largest difference "
+            f"from the prediction is {difference[k, j]:.2f} s.e. ({self.sources[k].label}, {names[j]}); the "
+            f"largest bias is {np.abs(self.bias).max():.2f} s.e.",
+        ]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON document; biases in standard errors, amounts in SI units."""
+        difference = np.abs(self.simulated - self.bias)
+        document = {
+            "preset": self.planned.sensors,
+            "seed": self.planned.seed,
+            "postures": len(self.planned.observed),
+            "allowed_bias_se": ALLOWED,
+            "parameters": list(self.planned.nominal.parameters.names),
+            "standard_error_m": self.planned.standard_errors.tolist(),
+            "sources": sources_document(self),
+            "kinds": [
+                {
+                    "effect": name,
+                    "unit": words,
+                    "alone_units": min(
+                        self.allowed(k)
+                        for k, source in enumerate(self.sources)
+                        if source.candidate.effect.name == name
+                    ),
+                    "together_units": self.together(name),
+                }
+                for name, (_, words) in UNITS.items()
+            ],
+            "check": {
+                "runs": CHECKED,
+                "largest_difference_se": float(difference.max()),
+                "largest_bias_se": float(np.abs(self.bias).max()),
+            },
+        }
+        return finite(document)
+
 
 def _kept(bias: np.ndarray) -> float:
     worst = float(bias.max())
@@ -95,20 +146,17 @@ def sources(planned: Planned) -> tuple[Source, ...]:
     )
 
 
-def tolerance(planned: Planned, progress: Callable[[int], None] = lambda count: None) -> Tolerance:
-    """Predict all biases and simulate them.
-
-    Args:
-        progress: called with 1 after every error.
-    """
+def tolerance(planned: Planned, progress: Progress = silent) -> Tolerance:
+    """Predict all biases and simulate them."""
     estimator, every = weights(planned), sources(planned)
     predicted = np.array([_predicted(estimator, source) for source in every])
     plain = planned.runs[:CHECKED]
     without = estimates(plain, planned.nominal)
     moved = []
-    for source in every:
-        moved.append(estimates(erring(planned, source), planned.nominal) - without)
-        progress(1)
+    with progress("simulating errors", len(every), 0) as advance:
+        for source in every:
+            moved.append(estimates(erring(planned, source), planned.nominal) - without)
+            advance(1)
     shifts = np.array(moved) / planned.standard_errors
     spread = shifts.std(axis=1, ddof=1) / np.sqrt(len(plain))
     return Tolerance(planned, every, predicted / planned.standard_errors, shifts.mean(axis=1), spread)
@@ -148,31 +196,55 @@ def sources_document(found: Tolerance) -> list[dict[str, Any]]:
     ]
 
 
-def document(found: Tolerance) -> dict[str, Any]:
-    """For JSON; biases in standard errors of the default estimator, amounts in SI units."""
-    difference = np.abs(found.simulated - found.bias)
-    return {
-        "postures": len(found.planned.observed),
-        "allowed_bias_se": ALLOWED,
-        "parameters": list(found.planned.nominal.parameters.names),
-        "standard_error_m": found.planned.standard_errors.tolist(),
-        "sources": sources_document(found),
-        "kinds": [
-            {
-                "effect": name,
-                "unit": words,
-                "alone_units": min(
-                    found.allowed(k)
-                    for k, source in enumerate(found.sources)
-                    if source.candidate.effect.name == name
-                ),
-                "together_units": found.together(name),
-            }
-            for name, (_, words) in UNITS.items()
-        ],
-        "check": {
-            "runs": CHECKED,
-            "largest_difference_se": float(difference.max()),
-            "largest_bias_se": float(np.abs(found.bias).max()),
-        },
-    }
+def bias_table(found: Tolerance) -> Table:
+    """Return the bias of every parameter by one unit of every error."""
+    columns = (
+        Column("error"),
+        Column("of"),
+        *(Column(str(number), format=".2f", extra=True) for number in range(1, found.bias.shape[1] + 1)),
+    )
+    rows = [
+        [source.label, source.words, *bias.tolist()]
+        for source, bias in zip(found.sources, found.bias, strict=True)
+    ]
+    title = "Bias of every parameter, by its number, in standard errors of the default estimator"
+    return Table(title, columns, rows, "`tulip robot` tells the names of the parameters.")
+
+
+def tolerance_table(found: Tolerance) -> Table:
+    """Return how large every error may be."""
+    columns = (
+        Column("error"),
+        Column("of"),
+        Column("biases most"),
+        Column("by", "s.e.", "+.3f"),
+        Column("simulated", "s.e.", "+.3f"),
+        Column("allowed alone", format=".2g"),
+        Column("allowed s.d. if all of a kind err", format=".2g"),
+        Column("unit"),
+    )
+    names, rows, told = found.planned.nominal.parameters.names, [], set()
+    for k, source in enumerate(found.sources):
+        worst = int(np.abs(found.bias[k]).argmax())
+        effect = source.candidate.effect.name
+        one, unit = UNITS[effect][1].split(" ")
+        alone, together = (
+            float(one) * units if units <= LARGE else "any"
+            for units in (found.allowed(k), found.together(effect))
+        )
+        rows.append(
+            [
+                source.label,
+                source.words,
+                names[worst],
+                float(found.bias[k, worst]),
+                float(found.simulated[k, worst]),
+                alone,
+                None if effect in told else together,
+                unit,
+            ]
+        )
+        told.add(effect)
+    return Table(
+        f"Tolerances that keep the bias of every parameter below {ALLOWED} standard errors", columns, rows
+    )

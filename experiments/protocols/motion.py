@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from tulip_testbed.experiments.defaults import SPEED
 from tulip_testbed.experiments.protocols.motion_limits import (
     GEOMETRIC,
     MotionLimits,
@@ -24,7 +25,6 @@ from tulip_testbed.measurements.data import base_foot
 from tulip_testbed.sim.path import smooth_path, straight_path
 from tulip_testbed.sim.robot import Robot, sole_corners
 
-SPEED = 0.5  # rad/s, of any joint
 SHORTEST, LONGEST = 2.0, 30.0  # s, of a motion without a stop
 STILL = 1e3  # s, of a motion without any inertial force
 SLOWER = 1.3  # times the duration, where a faster motion exceeds a limit

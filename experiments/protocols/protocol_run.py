@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tulip_testbed.base.column import Column
 from tulip_testbed.base.errors import InputError, at_least, look_up
-from tulip_testbed.base.table import Shown, Table
+from tulip_testbed.base.progress import Progress, silent
+from tulip_testbed.base.result import Result
+from tulip_testbed.base.table import Table
+from tulip_testbed.experiments.defaults import REPEATS, SPEED
 from tulip_testbed.experiments.protocols.measuring_order import (
     REFUSED,
     drift_inflation,
@@ -20,7 +23,7 @@ from tulip_testbed.experiments.protocols.measuring_order import (
     order_of_placements,
     with_own_repeats,
 )
-from tulip_testbed.experiments.protocols.motion import FREE, HOIST, LIFT, SPEED, Motion, MotionPlanner
+from tulip_testbed.experiments.protocols.motion import FREE, HOIST, LIFT, Motion, MotionPlanner
 from tulip_testbed.identification.link_clearances import clearances_at
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.measurements.data import base_foot
@@ -33,7 +36,6 @@ from tulip_testbed.sim.scene import boards_under
 from tulip_testbed.sim.scene_check import check_scene
 from tulip_testbed.sim.sensors import PRESETS
 
-REPEATS = 10
 FASTEST = 10.0  # rad/s
 HOISTED = 10.0  # s more than the motion itself, to take the load off the robot: prefers free motions
 
@@ -54,7 +56,7 @@ class ProtocolSettings:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LaboratoryProtocol(Shown):
+class LaboratoryProtocol(Result):
     """A plan in the order in which it is measured, with the motion to every row.
 
     Attributes:
@@ -63,6 +65,8 @@ class LaboratoryProtocol(Shown):
         motions: to every row from the one before, (m,); None: the robot is set down again, held by a hoist.
         boards: poses of right and left board in the base frame of every row, (m, 2, 3) [m, m, rad].
         notes: what a person should know of postures, sentences.
+        folder: where it was written; None: nowhere. files: in it.
+        missing: pictures that could not be drawn.
     """
 
     robot: Robot
@@ -72,13 +76,16 @@ class LaboratoryProtocol(Shown):
     motions: tuple[Motion | None, ...]
     boards: np.ndarray
     notes: tuple[str, ...]
+    folder: Path | None = None
+    missing: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()
 
     @property
     def placements(self) -> list[int]:
         """Return the numbers of the placements in order."""
         return list(dict.fromkeys(self.plan.placement.tolist()))
 
-    def document(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """Return the order and what is to be known of it, for JSON."""
         plan, kinds = self.plan, self._kinds()
         return {
@@ -97,6 +104,8 @@ class LaboratoryProtocol(Shown):
                 "protocol": drift_inflation(self.robot, plan),
             },
             "notes": list(self.notes),
+            "missing": list(self.missing),
+            "files": list(self.files),
         }
 
     @property
@@ -107,9 +116,9 @@ class LaboratoryProtocol(Shown):
         held = len(self.plan) * (p.rest_time + p.hold_time)
         return (set_downs * p.placement_time + held + sum(m.duration for m in self.motions if m)) / 3600
 
-    def parts(self) -> list[Table | str]:
+    def tables(self) -> list[Table | str]:
         """Return a summary and what a person should know."""
-        content = self.document()
+        content = self.to_json()
         kinds, moved, drift = content["motions"], content["marks_moved_mm"], content["drift_inflation"]
         rows = [
             ["rows to measure", f"{content['rows']} ({content['postures']} postures)"],
@@ -131,7 +140,13 @@ class LaboratoryProtocol(Shown):
                 f"{drift['protocol']:.2f} ({drift['plan']:.2f} in the plan's order)",
             ],
         ]
-        return [Table("Protocol", (Column("what"), Column("value")), rows), *self.notes]
+        place = [] if self.folder is None else [f"Protocol: {self.folder}"]
+        return [
+            Table("Protocol", (Column("what"), Column("value")), rows),
+            *self.notes,
+            *self.missing,
+            *place,
+        ]
 
     def _kinds(self) -> dict[str, int]:
         counts = Counter(motion.kind for motion in self.motions if motion)
@@ -153,12 +168,9 @@ def protocol_of(
     robot: Robot,
     plan: PosturePlan,
     settings: ProtocolSettings | None = None,
-    progress: Callable[[int], None] = lambda count: None,
+    progress: Progress = silent,
 ) -> LaboratoryProtocol:
     """Order a plan and plan the motions between its postures.
-
-    Args:
-        progress: called with 1 after every placement, see `steps_of`.
 
     Raises:
         InputError: a plan that does not fit the robot, a scene without a laboratory, a setting out of range.
@@ -176,12 +188,13 @@ def protocol_of(
         return {FREE: duration, HOIST: duration + HOISTED, LIFT: REFUSED}[kind]
 
     rows: list[int] = []
-    for number in order_of_placements(robot, extended):
-        there = np.flatnonzero(extended.placement == number)
-        for support in dict.fromkeys(extended.support[there].tolist()):
-            some = there[extended.support[there] == support]
-            rows += order_of_placement(extended, some, way, planner.least_duration).tolist()
-        progress(1)
+    with progress("placements", len(np.unique(extended.placement)), 0) as advance:
+        for number in order_of_placements(robot, extended):
+            there = np.flatnonzero(extended.placement == number)
+            for support in dict.fromkeys(extended.support[there].tolist()):
+                some = there[extended.support[there] == support]
+                rows += order_of_placement(extended, some, way, planner.least_duration).tolist()
+            advance(1)
     ordered, motions = _joined(planner, extended, np.array(rows))
     return LaboratoryProtocol(
         robot=robot,
@@ -205,12 +218,6 @@ def check_settings(settings: ProtocolSettings) -> None:
         raise InputError(f"speed: found {settings.speed:g}, expected above 0 and at most {FASTEST:g} rad/s")
     if settings.sensors is not None:
         look_up("preset", settings.sensors, PRESETS, "sensors")
-
-
-def steps_of(plan: PosturePlan, settings: ProtocolSettings) -> int:
-    """Count the placements of a protocol beforehand."""
-    extended = with_own_repeats(plan, min(settings.repeats, len(plan) // 5))
-    return len(np.unique(extended.placement))
 
 
 def _joined(

@@ -17,7 +17,6 @@ from tulip_testbed.identification.planning.linear_steps import EvaluatedPlan, ev
 from tulip_testbed.identification.planning.objectives import Smooth
 from tulip_testbed.identification.planning.problem import Problem
 
-SOLVERS = ("slsqp", "ipopt")
 OPTIONS = {
     "print_time": False,
     "error_on_fail": False,

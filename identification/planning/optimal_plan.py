@@ -17,19 +17,18 @@ from tulip_testbed.identification.planning.constraints import (
     evaluate,
     inequality_names,
 )
-from tulip_testbed.identification.planning.interior_point import SOLVERS
 from tulip_testbed.identification.planning.interrupted import resumed
 from tulip_testbed.identification.planning.objectives import OBJECTIVES, Objective, objectives
 from tulip_testbed.identification.planning.path_order import with_free_paths
 from tulip_testbed.identification.planning.problem import Problem
 from tulip_testbed.identification.planning.search import (
-    HOPS,
     SearchState,
     design_of,
     repair_start,
     round_count,
     search,
 )
+from tulip_testbed.identification.planning.search_defaults import HOPS, SOLVERS
 from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.measurements import PosturePlan
 

@@ -18,13 +18,13 @@ from tulip_testbed.identification.planning.blocks import FEASIBLE, Block, improv
 from tulip_testbed.identification.planning.closed_chain import chain_at
 from tulip_testbed.identification.planning.constraints import evaluate, inequality_names
 from tulip_testbed.identification.planning.exchange import candidates, exchange
-from tulip_testbed.identification.planning.interior_point import SOLVERS, interior_point
+from tulip_testbed.identification.planning.interior_point import interior_point
 from tulip_testbed.identification.planning.linear_steps import EvaluatedPlan, descend, evaluate_plan, merit
 from tulip_testbed.identification.planning.objectives import Objective, Smooth, condition_number
 from tulip_testbed.identification.planning.problem import Problem
+from tulip_testbed.identification.planning.search_defaults import HOPS, SOLVERS
 
 WARM = 15  # linear steps for each of the smooth objectives at the start
-HOPS = 60  # default number of rounds that exchange postures of one placement
 STEPS = 12  # linear steps in a hop
 REGION, FINE = 0.3, 0.1  # trust regions
 POLISH = 20  # iterations of SLSQP on each placement at the end

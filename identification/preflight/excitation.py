@@ -39,7 +39,7 @@ def identifiable(measurements: Measurements, nominal: Nominal, noise: ReadingNoi
     count = len(nominal.value)
     postures, rule = len(m), DATA_PER_PARAMETER * count // 2
     expected = f"{count} parameters, {rule} postures or more, condition number below {MOST_CONDITION}"
-    advice = "Measure more, and more different, postures: `tulip postures` draws random ones."
+    advice = "Measure more, and more different, postures: `tulip plan random` draws random ones."
     seen = f"{postures} postures ({2 * postures} data points)"
     if 2 * postures <= count:
         return Finding(name, "fail", f"{seen}, at least {count // 2 + 1} are needed", expected, "", advice)

@@ -13,9 +13,10 @@ COMMAND, DATA, PLAN, RUN, MADE = "command.json", "BASE/data", "BASE/plan", "BASE
 IDENTIFY = ("identify", DATA, "--estimator", "least-squares", "--json")
 SIMULATE = ("simulate", PLAN, "--engine", "statics", "--workers", "1", "--json", "--out", MADE)
 MONTECARLO = ("montecarlo", PLAN, "--runs", "2", "--workers", "1", "--json", "--out", MADE)
-RANDOM = ("postures", "--random", "--placements", "6", "--per-placement", "5", "--json", "--out", MADE)
+RANDOM = ("plan", "random", "--placements", "6", "--per-placement", "5", "--json", "--out", MADE)
 SEARCH = (
     "plan",
+    "optimal",
     "--placements",
     "5",
     "--postures-per-placement",
@@ -29,11 +30,15 @@ SEARCH = (
 VALIDATE = ("validate", PLAN, "--workers", "1", "--json", "--out", MADE)
 DISCOVER = ("discover", DATA, "--no-check", "--workers", "1", "--json", "--out", MADE)
 REPORT = ("report", RUN, "--json", "--out", f"{MADE}.html")
-COMPARE, CHECK, MODEL = ("compare", RUN, RUN, "--json"), ("check", DATA, "--json"), ("robot", "--json")
+COMPARE, CHECK, MODEL = ("report", RUN, RUN, "--json"), ("check", DATA, "--json"), ("robot", "--json")
 EXPORT = ("export", RUN, "--json", "--out", f"{MADE}.xml")
 PROTOCOL = ("protocol", PLAN, "--json", "--out", MADE)
-WATCH, NEXT = ("watch", DATA, "--plan", PLAN, "--once", "--json"), ("next", RUN, "--json", "--out", MADE)
-EFFECTS, TOLERANCE, ATLAS = ("effects", "--json"), ("tolerance", PLAN, "--json"), ("atlas", PLAN, "--json")
+WATCH, NEXT = (
+    ("watch", DATA, "--plan", PLAN, "--once", "--json"),
+    ("plan", "next", RUN, "--json", "--out", MADE),
+)
+EFFECTS, ATLAS = ("atlas", "effects", "--json"), ("atlas", PLAN, "--json")
+TOLERANCE = ("atlas", "tolerance", PLAN, "--json")
 
 Lines = Sequence[Sequence[str]]
 HUGE = ("10000000000000", "9" * 30, "9" * 5_000)
@@ -49,10 +54,10 @@ SIZES = (
 WORKERS = tuple((line, "--workers") for line in (SIMULATE, MONTECARLO, VALIDATE, DISCOVER))
 CHOICES = (
     *((line, "--sensors") for line in (SIMULATE, MONTECARLO, VALIDATE)),
-    *((line, "--preset") for line in (SEARCH, TOLERANCE, ATLAS)),
+    *((line, "--sensors") for line in (SEARCH, TOLERANCE, ATLAS)),
     *((line, "--estimator") for line in (IDENTIFY, MONTECARLO, VALIDATE)),
     *((MONTECARLO, "--engine"), (MONTECARLO, "--scheduler"), (SEARCH, "--objective"), (SEARCH, "--solver")),
-    *((SIMULATE, "--effects"), (IDENTIFY, "--tolerances"), (DISCOVER, "--tolerance")),
+    *((SIMULATE, "--effects"), (IDENTIFY, "--tolerances"), (DISCOVER, "--tolerances")),
 )
 EFFECT_TEXTS = (
     *("encoder-offset", "encoder-offset:right_knee", "encoder-offset:nose=0.01", "encoder-offset=0.01"),
@@ -81,7 +86,7 @@ TOLERANCE_TEXTS = (
     "tilt=x",
     "tilt=1=2",
 )
-DESCRIBE, VIEW = ("postures", PLAN, "--json"), ("view", RUN, "--save", f"{MADE}.rrd")
+DESCRIBE, VIEW = ("plan", "show", PLAN, "--json"), ("view", RUN, "--save", f"{MADE}.rrd")
 OF_A_ROBOT = (IDENTIFY, SIMULATE, MONTECARLO, MODEL, COMPARE, REPORT, CHECK, RANDOM, EXPORT, PROTOCOL, WATCH)
 NAMED = (
     *((line, "--robot") for line in OF_A_ROBOT),
@@ -125,7 +130,7 @@ WRITTEN = (
     ((*WATCH, "--out", "HERE"), "HERE"),
     *(((*SIMULATE, "--truth", "HERE"), "HERE"), ((*ATLAS, "--out", "HERE"), "HERE")),
     *((REPORT, f"{MADE}.html"), (("view", RUN, "--save", f"{MADE}.rrd"), f"{MADE}.rrd")),
-    (("postures", PLAN, "--json", "--draw", "HERE"), "HERE"),
+    (("plan", "show", PLAN, "--json", "--draw", "HERE"), "HERE"),
 )
 NO_OUTPUTS = (
     *(
@@ -147,9 +152,6 @@ CONFLICTS: Lines = (
     (*SEARCH, "--solver", "ipopt", "--after", DATA),
     (*SEARCH, "--repeats", "31"),
     ("view", RUN, "--save", "MADE/x.rrd", "--serve"),
-    ("postures", PLAN, "--random", "--out", MADE),
-    ("postures", "--random"),
-    *(("postures", PLAN, option, "1") for option in ("--placements", "--per-placement", "--seed", "--out")),
     (*SIMULATE, "--truth", f"{MADE}/truth.json"),
     (*SIMULATE, "--truth", MADE),
     (*SIMULATE, "--truth", "MADE"),
@@ -158,9 +160,9 @@ CONFLICTS: Lines = (
     (*MONTECARLO, "--robot-spread", "0.1", "--corrections", "BASE/gone"),
     ("montecarlo", PLAN, "--out", MADE),
     ("simulate", PLAN),
-    ("compare", RUN),
-    ("compare", RUN, DATA),
-    ("compare", RUN, RUN, RUN),
+    ("report", RUN),
+    ("report", RUN, DATA),
+    ("report", RUN, RUN, RUN),
     ("identify",),
     ("identify", DATA, DATA),
     ("identify", RUN),
@@ -172,7 +174,7 @@ CONFLICTS: Lines = (
     (*WATCH, "--out", f"{DATA}/state"),
     *(("protocol", PLAN), ("protocol", DATA, "--out", MADE), ("protocol", RUN, "--out", MADE)),
     *(("export", RUN), ("export", PLAN, "--out", f"{MADE}.xml"), ("export", RUN, "--out", f"{MADE}.txt")),
-    *(("next", DATA), ("next", PLAN), ("next", RUN)),
+    *(("plan", "next", DATA), ("plan", "next", PLAN), ("plan", "next", RUN)),
 )
 UNKNOWN = (
     "--nose",
@@ -268,7 +270,7 @@ ARGUMENT_KINDS: dict[str, Change] = {
     "no choices": line(REFUSED, with_value(CHOICES, NO_NAMES)),
     "no effects": line(REFUSED, with_value([(SIMULATE, "--effects")], EFFECT_TEXTS)),
     "no tolerances": line(
-        REFUSED, with_value([(IDENTIFY, "--tolerances"), (DISCOVER, "--tolerance")], TOLERANCE_TEXTS)
+        REFUSED, with_value([(IDENTIFY, "--tolerances"), (DISCOVER, "--tolerances")], TOLERANCE_TEXTS)
     ),
     "no targets": line(REFUSED, with_value([(WATCH, "--target")], TARGET_TEXTS)),
     "no samples": line(REFUSED, with_value([(EXPORT, "--samples")], NO_WHOLE)),
@@ -278,5 +280,7 @@ ARGUMENT_KINDS: dict[str, Change] = {
     "unknown words": line(REFUSED, [(*given, word) for given in ALL for word in UNKNOWN]),
     "the same otherwise": line(SAME, ALIKE),
     "help": line(EITHER, HELP),
-    "no subject of an explanation": line(REFUSED, [("effects", name) for name in NO_NAMES if name != "None"]),
+    "no subject of an explanation": line(
+        REFUSED, [("atlas", "effects", name) for name in NO_NAMES if name != "None"]
+    ),
 }

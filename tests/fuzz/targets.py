@@ -78,7 +78,7 @@ class Intact:
         return path
 
     def _plan(self, path: Path) -> None:
-        self.tulip(["postures", "--random", "--out", str(path), *SHAPE])
+        self.tulip(["plan", "random", "--out", str(path), *SHAPE])
 
     def _measurements(self, path: Path) -> None:
         plan = str(self("plan"))
@@ -141,10 +141,10 @@ def commands(target: str, folder: Path, made: Path, intact: Intact) -> list[list
     if target == "measurements":  # the independent reading solves eq. 8
         return [["identify", base, *identify], ["identify", base]]
     if target == "plan":
-        return [["postures", base, "--json"], ["postures", base]]
+        return [["plan", "show", base, "--json"], ["plan", "show", base]]
     if target in PAGES:
         whole = str(intact(target))
-        return [["compare", base, whole, "--json"], ["compare", base, whole]]
+        return [["report", base, whole, "--json"], ["report", base, whole]]
     if target == "resume":
         return [montecarlo(intact("plan"), folder)]
     if target == "rig":
@@ -152,12 +152,12 @@ def commands(target: str, folder: Path, made: Path, intact: Intact) -> list[list
     if target == "state":
         number = {"placements": 5, "postures-per-placement": 6, "hops": 1, "seed": 311}
         options = [word for name, value in number.items() for word in (f"--{name}", str(value))]
-        return [["plan", "--out", str(folder / "made" / "plan"), *options, "--json"]]
+        return [["plan", "optimal", "--out", str(folder / "made" / "plan"), *options, "--json"]]
     if target == "folders":
         inside = folder if (folder / "data").exists() else next(folder.iterdir())
         own, run = str(inside / "data"), str(inside / "run")
         return [
-            *(["identify", own, *identify], ["identify", own], ["compare", run, str(intact("run"))]),
+            *(["identify", own, *identify], ["identify", own], ["report", run, str(intact("run"))]),
             [
                 "simulate",
                 f"{run}/plan",
@@ -173,11 +173,11 @@ def commands(target: str, folder: Path, made: Path, intact: Intact) -> list[list
     if target == "arguments":
         path = folder / COMMAND
         return [json.loads(path.read_text()) if path.exists() else ["identify", f"{base}/data", *identify]]
-    several = [] if target == "robot" else [["postures", plan, *robot], ["identify", data, *robot]]
+    several = [] if target == "robot" else [["plan", "show", plan, *robot], ["identify", data, *robot]]
     enough = few if target == "robot" else SHAPE[:4]
     return [
         *(["robot", *robot[1:], "--json"], ["robot", *robot[1:]]),
-        ["postures", "--random", "--out", plan, *enough, "--seed", "107", *robot],
+        ["plan", "random", "--out", plan, *enough, "--seed", "107", *robot],
         ["simulate", plan, "--out", data, "--workers", "1", "--sensors", "ideal", *robot]
         if target == "robot"
         else ["simulate", plan, "--out", data, "--workers", "1", "--engine", "statics", *robot],

@@ -11,7 +11,16 @@ from tulip_testbed.api.inputs import (
     write_measurements,
 )
 from tulip_testbed.api.measured import check, discover, export_model, identify, next_experiment, predict
-from tulip_testbed.api.planned import atlas, plan, protocol, watch
+from tulip_testbed.api.planned import (
+    atlas,
+    describe_plan,
+    draw_plan,
+    list_effects,
+    optimize_plan,
+    protocol,
+    tolerance,
+    watch,
+)
 from tulip_testbed.api.shown import report, view
 from tulip_testbed.api.simulated import monte_carlo, simulate, validate
 from tulip_testbed.base.errors import InputError
@@ -22,20 +31,24 @@ __all__ = [
     "Laboratory",
     "atlas",
     "check",
+    "describe_plan",
     "describe_robot",
     "discover",
+    "draw_plan",
     "export_model",
     "identify",
     "import_table",
+    "list_effects",
     "load_robot",
     "monte_carlo",
     "next_experiment",
-    "plan",
+    "optimize_plan",
     "predict",
     "protocol",
     "read_measurements",
     "report",
     "simulate",
+    "tolerance",
     "validate",
     "view",
     "watch",

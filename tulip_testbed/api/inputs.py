@@ -21,7 +21,8 @@ from tulip_testbed.experiments.robot_report import RobotReport, report_robot
 from tulip_testbed.experiments.table_import.import_map import read_map
 from tulip_testbed.experiments.table_import.table_import import ImportedTable
 from tulip_testbed.experiments.table_import.table_import import import_table as _import_table
-from tulip_testbed.measurements import Measurements, joined
+from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN, plan_for
+from tulip_testbed.measurements import Measurements, PosturePlan, joined
 from tulip_testbed.measurements import read_measurements as _read_measurements
 from tulip_testbed.measurements import write_measurements as _write_measurements
 from tulip_testbed.measurements.contract import check_contract
@@ -29,6 +30,7 @@ from tulip_testbed.sim.robot import PUBLISHED, Robot
 from tulip_testbed.sim.shipped import TULIP
 
 Measured = Measurements | Run | str | Path
+PlanSource = PosturePlan | str | Path
 
 
 Several = Measured | Sequence[Measured]
@@ -143,6 +145,16 @@ def import_table(
     """
     check_new(Path(out))
     return _import_table(Path(table), robot or load_robot(), Path(out), read_map(map))
+
+
+def plan_of(plan: PlanSource | None, robot: Robot) -> PosturePlan:
+    """Return a plan, or read its folder or the shipped plan of that name; the shipped `random` if None."""
+    return plan if isinstance(plan, PosturePlan) else plan_for(robot, None if plan is None else Path(plan))
+
+
+def plan_name(plan: PlanSource | None) -> str:
+    """Return the folder of a plan, for messages."""
+    return "plan" if isinstance(plan, PosturePlan) else str(plan or DEFAULT_PLAN)
 
 
 def corrections_of(corrections: Effects, robot: Robot) -> tuple[EffectInstance, ...]:

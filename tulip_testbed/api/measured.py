@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from tulip_testbed.api.inputs import (
@@ -11,12 +12,14 @@ from tulip_testbed.api.inputs import (
     corrections_of,
     load_robot,
     measurements_of,
+    plan_of,
     source_of,
     to_check,
 )
 from tulip_testbed.base.arguments import checked
 from tulip_testbed.base.errors import at_least
 from tulip_testbed.base.files import check_new
+from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.threads import one_blas_thread, processes
 from tulip_testbed.effects.instance import Effects
 from tulip_testbed.experiments.check_folder import Preflight, check_folder, check_measurements, warn_of_faults
@@ -32,12 +35,13 @@ from tulip_testbed.experiments.identify import identify as _identify
 from tulip_testbed.experiments.identify import warn_of_unrest
 from tulip_testbed.experiments.predict import Prediction
 from tulip_testbed.experiments.predict import predict as _predict
-from tulip_testbed.experiments.proposed_experiment import Proposals, write_experiment_plan
+from tulip_testbed.experiments.proposed_experiment import Proposals
 from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.robot import Robot
 
 Exportable = Identification | Validation | Discovered | str | Path
+Proposable = Discovered | str | Path
 
 
 @checked
@@ -114,70 +118,86 @@ def identify(
 def discover(
     measurements: Several,
     robot: Robot | None = None,
+    *,
     seed: int = 0,
     check: bool = True,
     workers: int | None = None,
     tolerances: Mapping[str, float] | None = None,
+    out: str | Path | None = None,
+    progress: Progress = silent,
 ) -> Discovered:
-    """Find what the nominal model lacks: where it disagrees with measurements, and which effect explains it.
+    """Find physical effects that the model lacks.
+
+    The result tells where the model disagrees with the measurements and which effect explains it. The verdict
+    is `none`, `calibrated` (ordinary imperfections explain it), `named`, `described` (by a law composed of
+    what errs, as a function of what, in which shape), `ambiguous` or `unknown`. The effects found are added
+    to the model: the folder `rig` in the run folder can be given to other commands as corrections.
 
     Args:
         measurements: or their folder, or a run; a list of them: experiments with one robot.
         robot: the nominal robot; TULip if None.
         seed: of the bootstrap that calibrates the level.
-        check: simulate adopted physics in the full dynamics, which may take two minutes.
+        check: simulate adopted physics in the full dynamics, which may take two minutes; faults of
+            instruments are never simulated, because they are predicted exactly.
         workers: processes of that simulation; None: one per core. Results do not depend on it.
         tolerances: what is usual for the ordinary imperfections of this laboratory, as in `identify`.
+        out: new run folder.
 
     Returns:
-        the verdict "none", "calibrated", "named", "described", "ambiguous" or "unknown"; what was adopted;
-        the robot identified before and after.
+        the verdict; what was adopted; the robot identified before and after.
 
     Raises:
         InputError: measurements that do not fit the robot, in wrong units, or too few placements; an unknown
-            family or an impossible tolerance.
+            family or an impossible tolerance; a folder that exists.
     """
+    if out is not None:
+        check_new(Path(out))
     robot, given = robot or load_robot(), measurements_of(measurements)
-    found = discover_effects(given, robot, seed, check, processes(workers), tolerances=tolerances)
+    source = source_of(measurements) or "measurements"
+    found = discover_effects(
+        given, robot, seed, check, processes(workers), source, tolerances=tolerances, progress=progress
+    )
     for one, where in to_check(measurements):
         warn_of_faults(one, robot, source=where, tolerances=tolerances)
+    if out is None:
+        return found
+    found = replace(found, folder=Path(out))
+    found.save(out)
     return found
 
 
 @checked
 @one_blas_thread
 def next_experiment(
-    found: Discovered | str | Path,
+    found: Proposable,
     robot: Robot | None = None,
-    plan: PosturePlan | None = None,
+    *,
+    plan: PosturePlan | str | Path | None = None,
     seed: int = 0,
-    out: str | Path | None = None,
 ) -> Proposals:
-    """Rank the experiments that would settle an ambiguous discovery.
+    """Rank experiments that would settle an ambiguous discovery.
+
+    Experiments are manipulations of the laboratory and a choice of postures; they are ranked by the doubt
+    that each is expected to settle per minute. The best can be saved as a plan folder with its manipulations
+    as numbered steps (steps.md), which a simulation carries out.
 
     Args:
         found: a discovery, or its run folder.
         robot: that the folder's run was made with; TULip if None.
-        plan: postures to choose from; None: those that were measured.
+        plan: postures to choose from, or their folder, or a shipped plan's name; None: those that were
+            measured.
         seed: of the draws of the expectation.
-        out: plan folder to write, of the best experiment with its manipulations; None: none.
 
     Returns:
         the experiments, the best first; `best.plan`, `best.experiment.manipulations`.
 
     Raises:
-        InputError: no discovery; with `out`, nothing to settle, or a folder that exists.
+        InputError: no discovery.
     """
     at_least("seed", seed, 0)
-    if out is not None:
-        check_new(Path(out))
-    if isinstance(found, Discovered):
-        ranked = found.propose(plan, seed)
-    else:
-        ranked = read_discovery(Path(found), robot or load_robot()).propose(plan, seed)
-    if out is not None:
-        write_experiment_plan(Path(out), ranked)
-    return ranked
+    robot = robot or load_robot()
+    record = found if isinstance(found, Discovered) else read_discovery(Path(found), robot)
+    return record.propose(None if plan is None else plan_of(plan, robot), seed)
 
 
 @checked

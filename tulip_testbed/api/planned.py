@@ -3,112 +3,304 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from tulip_testbed.api.inputs import load_robot
+from tulip_testbed.api.inputs import Measured, PlanSource, load_robot, measurements_of, plan_name, plan_of
 from tulip_testbed.base.arguments import checked
+from tulip_testbed.base.errors import InputError, look_up, warn
 from tulip_testbed.base.files import check_new
+from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.threads import one_blas_thread
-from tulip_testbed.experiments.atlases.effect_atlas import Atlas
+from tulip_testbed.experiments.atlases.atlas_result import Atlas
 from tulip_testbed.experiments.atlases.effect_atlas import atlas as _atlas
-from tulip_testbed.experiments.atlases.planned_experiment import planned
-from tulip_testbed.experiments.defaults import DEFAULT_SEED
-from tulip_testbed.experiments.planning_run import PlanSettings, optimal_plan
-from tulip_testbed.experiments.protocols.motion import SPEED
+from tulip_testbed.experiments.atlases.planned_experiment import Planned, planned
+from tulip_testbed.experiments.atlases.tolerance import Tolerance
+from tulip_testbed.experiments.atlases.tolerance import tolerance as _tolerance
+from tulip_testbed.experiments.defaults import DEFAULT_SEED, REPEATS, SPEED
+from tulip_testbed.experiments.effect_list import EffectList
+from tulip_testbed.experiments.effect_list import list_effects as _list_effects
+from tulip_testbed.experiments.planning_run import PlanSettings, check_out, measured_for, set_up_search
 from tulip_testbed.experiments.protocols.protocol_run import (
-    REPEATS,
     LaboratoryProtocol,
     ProtocolSettings,
+    check_settings,
     protocol_of,
 )
-from tulip_testbed.experiments.usable_plan import check_plan
+from tulip_testbed.experiments.usable_plan import check_plan, random_plan
 from tulip_testbed.experiments.watching.watch_day import Arrival, WatchSettings, watch_day
-from tulip_testbed.identification.planning.interior_point import SOLVERS
-from tulip_testbed.identification.planning.search import HOPS
+from tulip_testbed.experiments.written_plan import CHOSEN, DescribedPlan, drawn_plan, search_plan
+from tulip_testbed.experiments.written_plan import describe_plan as _describe_plan
+from tulip_testbed.identification.base_parameters import base_parameters
+from tulip_testbed.identification.planning.search_defaults import HOPS, SOLVERS
 from tulip_testbed.measurements import Measurements, PosturePlan
-from tulip_testbed.measurements.contract import check_contract
 from tulip_testbed.sim.robot import Robot
+
+NOISY = ("wii", "force-plate")  # sensors with noise of readings on plates
 
 
 @checked
 @one_blas_thread
-def plan(
+def draw_plan(
     robot: Robot | None = None,
+    *,
+    placements: int = 10,
+    per_placement: int = 5,
+    seed: int = DEFAULT_SEED,
+    sensors: str = "wii",
+    out: str | Path | None = None,
+    progress: Progress = silent,
+) -> DescribedPlan:
+    """Draw random feasible postures.
+
+    Args:
+        robot: the nominal robot; TULip if None.
+        placements: foot placements.
+        per_placement: postures on each placement.
+        seed: of the draws.
+        sensors: whose noise the standard errors are predicted for: "wii" or "force-plate".
+        out: the new plan folder.
+
+    Returns:
+        the plan with its condition number, predicted standard errors and margins; `plan` are the postures.
+
+    Raises:
+        InputError: too few postures, ranges that admit nothing, or a folder that exists.
+    """
+    robot, place = robot or load_robot(), None if out is None else Path(out)
+    _check_noisy(sensors)
+    if place is not None:
+        check_new(place)
+    made = random_plan(robot, placements, per_placement, seed, progress)
+    return drawn_plan(robot, made, "plan" if place is None else str(place), sensors, place)
+
+
+@checked
+@one_blas_thread
+def describe_plan(
+    plan: PlanSource | None = None,
+    robot: Robot | None = None,
+    *,
+    after: Measured | None = None,
+    draw: str | Path | None = None,
+    sensors: str = "wii",
+) -> DescribedPlan:
+    """Describe a plan and the standard errors that it promises.
+
+    Args:
+        plan: postures, or their folder, or the name of a shipped plan.
+        robot: the nominal robot; TULip if None.
+        after: measurements, together with which the plan is described.
+        draw: new folder for the pictures support-polygons.svg and postures.png.
+        sensors: whose noise the standard errors are predicted for: "wii" or "force-plate".
+
+    Raises:
+        InputError: postures that do not identify the robot, or a folder that exists.
+    """
+    robot, place = robot or load_robot(), None if draw is None else Path(draw)
+    _check_noisy(sensors)
+    if place is not None:
+        check_new(place)
+    given = plan_of(plan, robot)
+    described = _describe_plan(robot, given, plan_name(plan), sensors, _earlier(after, robot))
+    if place is None:
+        return described
+    from tulip_testbed.drawings import write_pictures
+
+    if missing := write_pictures(place, robot, given):
+        warn(f"no postures.png: {missing}")
+    return replace(described, notes=(f"Pictures: {place}",), complete=missing is None)
+
+
+@checked
+@one_blas_thread
+def optimize_plan(
+    robot: Robot | None = None,
+    *,
     seed: int = DEFAULT_SEED,
     objective: str = "condition",
     placements: int = 10,
     postures_per_placement: int = 5,
-    after: Measurements | None = None,
-    single_support: int = 0,
-    repeats: int = 0,
     hops: int = HOPS,
-    solver: str = SOLVERS[0],
+    table1: bool = False,
+    after: Measured | None = None,
+    single_support: int = 0,
     right: int = 0,
     left: int = 0,
-) -> PosturePlan:
-    """Search for optimal postures (section IV): from a random feasible start, under every constraint.
+    repeats: int = 0,
+    solver: str = SOLVERS[0],
+    sensors: str = "wii",
+    out: str | Path | None = None,
+    progress: Progress = silent,
+) -> DescribedPlan:
+    """Search for optimal postures (section IV of the paper).
+
+    The search starts from random feasible postures and keeps every constraint. Ctrl-C writes the best plan so
+    far; the same call then continues the search.
 
     Args:
         robot: the nominal robot; TULip if None.
         seed: of everything random.
         objective: "condition", "d-optimal", "a-optimal", ...: what is made small.
-        placements, postures_per_placement: size of the plan.
-        after: what was measured before: the plan tells most next.
-        single_support: postures on the right foot alone, after the others.
-        repeats: postures that come twice.
+        placements: foot placements.
+        postures_per_placement: postures on each placement.
         hops: exchanges of a placement's postures; a minute for the default.
-        solver: of the last round, "slsqp" or "ipopt".
-        right, left: postures on the right and on the left foot alone, optimised together with the others.
+        table1: the paper's six trials (seeds 101 to 106); joins the best three.
+        after: measurements: find postures that add most to them.
+        single_support: postures on the right foot alone, after the others.
+        right: postures on the right foot, optimised together with the others.
+        left: postures on the left foot, optimised together with the others.
+        repeats: postures that come twice: half in the same placement, half in another one.
+        solver: of the last round: "slsqp", or "ipopt" (slow).
+        sensors: whose noise the standard errors are predicted for: "wii" or "force-plate".
+        out: the new plan folder.
+
+    Returns:
+        the plan with its condition number, predicted standard errors and margins; `plan` are the postures.
 
     Raises:
-        InputError: a setting out of range, or too few postures to identify the robot.
+        InputError: a setting out of range, or too few postures to identify the robot; a folder that exists.
     """
+    place = None if out is None else Path(out)
+    _check_noisy(sensors)
+    if place is not None:
+        check_out(place)
+    if table1 and after is not None:
+        raise InputError("after, table1: found both, expected one of them")
+    if table1 and (right or left):
+        raise InputError(
+            "right, left, table1: found postures on one foot in the paper's trials, expected none"
+        )
+    robot = robot or load_robot()
     size = (placements, postures_per_placement, hops)
-    if after is not None:
-        check_contract(after)
-    wanted = PlanSettings(seed, objective, *size, single_support, repeats, solver, right, left)
-    return optimal_plan(robot or load_robot(), wanted, after)
+    settings = PlanSettings(seed, objective, *size, single_support, repeats, solver, right, left)
+    search = set_up_search(robot, settings, _earlier(after, robot), CHOSEN if table1 else 1)
+    return search_plan(search, place, sensors, table1, progress)
+
+
+def _check_noisy(sensors: str) -> None:
+    look_up("preset", sensors, NOISY, "sensors")
+
+
+def _earlier(after: Measured | None, robot: Robot) -> Measurements | None:
+    """Return the measurements before a plan."""
+    if isinstance(after, str | Path):
+        return measured_for(robot, Path(after), base_parameters(robot).tree.joints)
+    return None if after is None else measurements_of(after)
 
 
 @checked
 @one_blas_thread
 def atlas(
-    plan: PosturePlan, robot: Robot | None = None, sensors: str = "wii", seed: int = DEFAULT_SEED
+    plan: PlanSource | None = None,
+    robot: Robot | None = None,
+    *,
+    sensors: str = "wii",
+    seed: int = DEFAULT_SEED,
+    out: str | Path | None = None,
 ) -> Atlas:
-    """Tell before any data which effects a plan would show, confuse or hide.
+    """Predict which effects a plan can detect and distinguish.
+
+    No data are needed. The table has one row for each kind of effect. The page atlas.html in the folder shows
+    every effect with the bias that it causes if it is not modelled; it has a search box.
 
     Args:
+        plan: postures, or their folder, or the name of a shipped plan.
         robot: the nominal robot; TULip if None.
-        sensors: "wii" or "force-plate".
-        seed: of the simulated noise.
+        sensors: of the laboratory: "wii", "force-plate" or "ideal".
+        seed: of everything random.
+        out: new folder for a page, atlas.json, bias.csv and a heat map.
+
+    Raises:
+        InputError: a plan that would not identify the robot, or that statics does not know; a folder that
+            exists.
+    """
+    if out is not None:
+        check_new(Path(out))
+    found = _atlas(_planned(plan, robot, sensors, seed), np.random.default_rng(seed))
+    if out is None:
+        return found
+    from tulip_testbed.pages.atlas_page import write_atlas  # plotly loads slowly
+
+    write_atlas(Path(out), found)
+    return replace(found, folder=Path(out))
+
+
+@checked
+@one_blas_thread
+def tolerance(
+    plan: PlanSource | None = None,
+    robot: Robot | None = None,
+    *,
+    sensors: str = "wii",
+    seed: int = DEFAULT_SEED,
+    progress: Progress = silent,
+) -> Tolerance:
+    """Compute how accurately a laboratory must be set up.
+
+    Errors of plates, floor, encoders and cells bias the parameters; the biases are predicted and simulated.
+
+    Args:
+        plan: postures, or their folder, or the name of a shipped plan.
+        robot: the nominal robot; TULip if None.
+        sensors: of the laboratory: "wii", "force-plate" or "ideal".
+        seed: of everything random.
 
     Raises:
         InputError: a plan that would not identify the robot, or that statics does not know.
     """
+    return _tolerance(_planned(plan, robot, sensors, seed), progress)
+
+
+def _planned(plan: PlanSource | None, robot: Robot | None, sensors: str, seed: int) -> Planned:
     robot = robot or load_robot()
-    check_plan(robot, plan)
-    return _atlas(planned(plan, sensors, robot, seed), np.random.default_rng(seed))
+    given = plan_of(plan, robot)
+    check_plan(robot, given, plan_name(plan))
+    return planned(given, sensors, robot, seed)
+
+
+@checked
+def list_effects(name: str | None = None, robot: Robot | None = None) -> EffectList:
+    """List the effects that can be simulated, or explain one.
+
+    `law` explains the grammar by which effects are composed that the list lacks: what errs, as a function of
+    what, in which shape.
+
+    Args:
+        name: of an effect, or "law"; None: all effects.
+        robot: that has the targets; TULip if None.
+
+    Raises:
+        InputError: there is no such effect.
+    """
+    return _list_effects(name, robot or load_robot())
 
 
 @checked
 @one_blas_thread
 def protocol(
-    plan: PosturePlan,
-    folder: str | Path,
+    plan: PlanSource | None = None,
     robot: Robot | None = None,
+    *,
+    out: str | Path,
     sensors: str | None = None,
     speed: float = SPEED,
     repeats: int = REPEATS,
+    progress: Progress = silent,
 ) -> LaboratoryProtocol:
-    """Write what a laboratory needs to carry a plan out: pages to print, trajectories, a measurement folder.
+    """Write what a laboratory needs to carry a plan out.
+
+    The folder gets protocol.html (pages to print: drawings to scale, postures, boxes to tick, checklists),
+    plan (the plan in the order in which it is measured), trajectories (CSV, and ROS 2
+    JointTrajectory as YAML), measurements (the start of the measurement folder) and rows.csv (to fill in).
 
     Args:
-        plan: postures to measure.
-        folder: a new one.
+        plan: postures, or their folder, or the name of a shipped plan.
         robot: the nominal robot; TULip if None.
-        sensors: preset whose data sheet starts the measurement folder; None: it is left open.
+        out: new folder.
+        sensors: whose data sheet starts the measurements; unknown if left out.
         speed: largest speed of a joint between postures [rad/s].
         repeats: postures that are measured twice if the plan repeats none; at most every fifth is.
 
@@ -118,12 +310,15 @@ def protocol(
     Raises:
         InputError: a plan that does not fit the robot, a setting out of range, or a folder that exists.
     """
-    from tulip_testbed.pages.protocol_page import write_protocol
+    from tulip_testbed.pages.protocol_page import contents, write_protocol
 
-    check_new(Path(folder))
-    made = protocol_of(robot or load_robot(), plan, ProtocolSettings(sensors, speed, repeats))
-    write_protocol(Path(folder), made)
-    return made
+    robot, place = robot or load_robot(), Path(out)
+    check_new(place)
+    settings = ProtocolSettings(sensors, speed, repeats)
+    check_settings(settings)
+    made = protocol_of(robot, plan_of(plan, robot), settings, progress)
+    missing = write_protocol(place, made)
+    return replace(made, folder=place, missing=tuple(missing), files=tuple(contents(place)))
 
 
 @checked
@@ -136,7 +331,7 @@ def watch(
     follow: bool = True,
     rows: Iterable[bytes] | None = None,
 ) -> Iterator[Arrival]:
-    """Check a day's postures while they are measured, and tell when to stop.
+    """Check a day's postures while they are measured, and say when to stop.
 
     Args:
         folder: measurement folder whose manifest.json is written and whose postures.csv grows. Nothing is

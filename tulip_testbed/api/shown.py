@@ -6,15 +6,19 @@ from pathlib import Path
 
 from tulip_testbed.api.inputs import load_robot, measurements_of
 from tulip_testbed.base.arguments import checked
+from tulip_testbed.base.errors import InputError, listed, warn
 from tulip_testbed.base.files import check_new
 from tulip_testbed.base.threads import one_blas_thread
+from tulip_testbed.experiments.comparison import Comparison, compare
 from tulip_testbed.experiments.discovering import Discovered
 from tulip_testbed.experiments.laboratory import Run
 from tulip_testbed.experiments.montecarlo.montecarlo_run import MonteCarlo
-from tulip_testbed.experiments.records import read_record, record_of
+from tulip_testbed.experiments.records import Record, read_record, record_of
 from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.pages import ENDING
 from tulip_testbed.sim.robot import Robot
+from tulip_testbed.written import OpenView, WrittenReport
 
 Reported = Run | Validation | Discovered | MonteCarlo | str | Path
 
@@ -23,23 +27,35 @@ Viewed = Reported | Measurements | PosturePlan
 
 
 @checked
-def view(shown: Viewed, robot: Robot | None = None, save: str | Path | None = None) -> None:
-    """Look at postures, forces and errors in rerun's viewer, a window of its own.
+def view(
+    shown: Viewed,
+    robot: Robot | None = None,
+    *,
+    save: str | Path | None = None,
+    serve: bool = False,
+) -> OpenView:
+    """Show a plan, measurements or a run in rerun.
+
+    The view shows postures, forces and errors.
 
     Args:
         shown: a run, a validation, a discovery, a Monte Carlo, measurements, a plan, or the folder of any.
         robot: of measurements, a plan or a folder; TULip if None.
         save: write the view as this file (.rrd) instead of showing it, for where there is no screen.
+        serve: serve it to a browser of this machine (127.0.0.1) alone.
 
     Raises:
         InputError: no screen and no file; a file that exists, cannot be written or has another ending; what
             cannot be drawn.
     """
-    from tulip_testbed.viewer import ENDING, window
+    from tulip_testbed.viewer import ENDING as RECORDING
+    from tulip_testbed.viewer import window  # rerun takes half a second to load
     from tulip_testbed.viewer.record_view import folder_view, measurements_view, plan_view, record_view
 
+    if save is not None and serve:
+        raise InputError("save, serve: found both, expected one of them")
     if save is not None:
-        check_new(Path(save), ENDING)
+        check_new(Path(save), RECORDING)
     robot = robot or load_robot()
     if isinstance(shown, str | Path):
         made = folder_view(Path(shown), robot)
@@ -49,33 +65,68 @@ def view(shown: Viewed, robot: Robot | None = None, save: str | Path | None = No
         made = measurements_view(measurements_of(shown), robot)
     else:
         made = record_view(_record(shown))
-    if save is None:
-        window.open_window(made.title, made.log)
-    else:
-        window.save(Path(save), made.title, made.log)
+    if save is None and not serve:
+        window.check_display()
+    _warn_of_bare_links(robot)
+    if save is not None:
+        return OpenView(view=str(save), bytes=window.save(Path(save), made.title, made.log))
+    if serve:
+        address, closed = window.open_page(made.title, made.log)
+        return OpenView(address=address, closed=closed)
+    return OpenView(closed=window.open_window(made.title, made.log))
+
+
+def _warn_of_bare_links(robot: Robot) -> None:
+    from tulip_testbed.viewer.robot_view import undrawn
+
+    if bare := undrawn(robot.visual_model):
+        warn(
+            f"{robot.model_file.name}: no geom shows the links {listed(bare)}; their frames and masses stand "
+            "alone"
+        )
 
 
 @checked
-def report(shown: Reported, path: str | Path, robot: Robot | None = None) -> None:
-    """Write a run as one HTML page that needs no network: verdict, tables, figures, settings.
+def report(
+    shown: Reported,
+    out: str | Path | None = None,
+    other: Reported | None = None,
+    robot: Robot | None = None,
+) -> WrittenReport | Comparison:
+    """Write a run as one HTML page that needs no network.
+
+    The page shows the verdict, tables, figures and settings. With another run the settings and the results of
+    both are compared instead; both must be of one robot.
 
     Args:
         shown: a run, which is identified and compared with its truth; a validation, a discovery, a Monte
             Carlo, or the folder of any.
-        path: of the page, a new file (.html).
+        out: the page, a new file (.html).
+        other: a second run, to compare.
         robot: that the folder's run was made with; TULip if None.
 
     Raises:
-        InputError: the file exists, cannot be written or has another ending; a run that cannot be identified.
+        InputError: the file exists, cannot be written or has another ending; a run that cannot be identified;
+            runs that cannot be compared.
     """
-    from tulip_testbed.pages import ENDING
-    from tulip_testbed.pages.report_page import write_page
+    if (out is None) == (other is None):
+        found = "neither" if out is None else "both"
+        raise InputError(f"out, other: found {found}, expected a page to write or a run to compare with")
+    if out is not None:
+        check_new(Path(out), ENDING)
+    records = [_read(one, robot) for one in (shown, other) if one is not None]
+    if out is None:
+        return compare(*records)
+    from tulip_testbed.pages.report_page import write_page  # loads slowly
 
-    check_new(Path(path), ENDING)
-    record = (
+    page = write_page(Path(out), records[0])
+    return WrittenReport(str(out), Path(out).stat().st_size, tuple(page.missing))
+
+
+def _read(shown: Reported, robot: Robot | None) -> Record:
+    return (
         read_record(Path(shown), robot or load_robot()) if isinstance(shown, str | Path) else _record(shown)
     )
-    write_page(Path(path), record)
 
 
 _record = one_blas_thread(record_of)

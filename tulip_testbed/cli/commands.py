@@ -36,6 +36,7 @@ class Command:
         return command_of(public_function(self.function), self.examples, self.saved)
 
 
+# A name may have two words.
 COMMANDS: dict[str, Command] = {
     "validate": Command(
         "validate",
@@ -68,12 +69,31 @@ COMMANDS: dict[str, Command] = {
         ),
     ),
     "predict": Command("predict", ("tulip predict data/first", "tulip predict data/first --train 1-40")),
-    "export": Command("export_model", ("tulip export runs/first --out identified.xml",)),
+    "discover": Command(
+        "discover", ("tulip discover data/first --out runs/found", "tulip discover data/monday data/tuesday")
+    ),
+    "plan random": Command(
+        "draw_plan", ("tulip plan random --placements 10 --per-placement 5 --seed 7 --out plans/seven",)
+    ),
+    "plan optimal": Command(
+        "optimize_plan", ("tulip plan optimal --out plans/best --seed 3 --objective condition",)
+    ),
+    "plan next": Command("next_experiment", ("tulip plan next runs/found --out plans/next",), saved=True),
+    "plan show": Command("describe_plan", ("tulip plan show plans/best --draw pictures/best",)),
+    "protocol": Command("protocol", ("tulip protocol optimal --sensors wii --out monday",)),
+    "robot": Command(
+        "describe_robot", ("tulip robot g1_29dof.urdf --out my/g1", "tulip robot my/g1/robot.toml")
+    ),
     "import": Command(
         "import_table",
         ("tulip import standing.csv --robot my/robot/robot.toml --map contacts.toml --out data/standing",),
     ),
-    "robot": Command(
-        "describe_robot", ("tulip robot g1_29dof.urdf --out my/g1", "tulip robot my/g1/robot.toml")
+    "export": Command("export_model", ("tulip export runs/first --out identified.xml",)),
+    "atlas": Command("atlas", ("tulip atlas --sensors force-plate --out atlas",)),
+    "atlas effects": Command("list_effects", ("tulip atlas effects encoder-offset",)),
+    "atlas tolerance": Command("tolerance", ("tulip atlas tolerance --sensors force-plate",)),
+    "view": Command("view", ("tulip view runs/first",)),
+    "report": Command(
+        "report", ("tulip report runs/first --out first.html", "tulip report runs/first runs/second")
     ),
 }

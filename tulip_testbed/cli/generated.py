@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
 from inspect import Parameter, Signature
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -56,12 +57,14 @@ def _carry_out(function: PublicFunction, given: dict[str, Any], out: Path | None
     """Call the library's function and show its result; returns the exit code."""
     import tulip_testbed.api as api
     from tulip_testbed.base.files import check_new
-    from tulip_testbed.cli.terminal import print_json, say, show
+    from tulip_testbed.cli.terminal import print_json, say, show, working_on
 
     as_json = given.pop(JSON)
     if out is not None:
         check_new(out)
-    result = getattr(api, function.name)(**_arguments(function, given))
+    own_progress = any(argument.name == PROGRESS for argument in function.arguments)
+    with nullcontext() if own_progress else working_on(function.name.replace("_", " ")):
+        result = getattr(api, function.name)(**_arguments(function, given))
     if out is not None:
         result.save(out)
     if as_json:
@@ -70,6 +73,7 @@ def _carry_out(function: PublicFunction, given: dict[str, Any], out: Path | None
         show(*result.tables())
     if out is not None:
         say(f"Folder: {out}")
+    result.wait()
     return result.exit_code
 
 
@@ -104,7 +108,7 @@ def _kind(annotation: str) -> Any:
 def _option(name: str, kind: Any, default: Any, argument: Argument, by_place: bool) -> Parameter:
     if argument.text and argument.annotation not in READERS:
         kind = Annotated[kind, tyro.conf.arg(help=argument.text)]
-    if by_place:
+    if by_place and name != OUT:
         kind = Annotated[kind, tyro.conf.Positional]
     default = Parameter.empty if default is REQUIRED else default
     return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)

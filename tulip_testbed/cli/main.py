@@ -26,18 +26,7 @@ from tulip_testbed.cli.commands import COMMANDS
 
 # Commands that are still functions of their own: NAME is NAME_command of the module NAME_command.
 MODULES: dict[str, str] = {
-    "watch": "Check postures while they are measured, and tell when to stop.",
-    "postures": "Draw random feasible postures, or describe a plan.",
-    "plan": "Search for optimal postures (section IV of the paper).",
-    "protocol": "Write what a laboratory needs to carry a plan out.",
-    "discover": "Find physical effects that the model lacks.",
-    "next": "Rank the experiments that would settle an ambiguous discovery.",
-    "effects": "List the physical effects that can be simulated, or explain one.",
-    "atlas": "Predict which effects a plan can detect and distinguish.",
-    "tolerance": "Compute how accurately a laboratory must be set up.",
-    "view": "Show a plan, measurements or a run in rerun.",
-    "report": "Write a run as one HTML page that needs no network.",
-    "compare": "Compare the settings and the results of two runs.",
+    "watch": "Check postures while they are measured, and say when to stop.",
 }
 Command = Callable[..., int]
 CALL = re.compile(r"`tt\.(\w+)\('(.*?)'\)`")
@@ -55,13 +44,14 @@ def main(arguments: list[str] | None = None, loaded: Callable[[], object] = lamb
         the exit code.
     """
     given = sys.argv[1:] if arguments is None else arguments
-    if given[:1] in (["-h"], ["--help"]):
-        print(usage())
+    name, rest = split_name(given)
+    if given and given[-1] in ("-h", "--help") and name in (given[-1], *groups()):
+        print(usage(None if name == given[-1] else name))
         return 0
     command = None
     try:
-        command = command_of(given[0] if given else None)
-        return _carry_out(given[0], command, given[1:], loaded)
+        command = command_of(name)
+        return _carry_out(str(name), command, rest, loaded)
     except InputError as error:
         from tulip_testbed.cli.terminal import refuse
 
@@ -81,14 +71,36 @@ def main(arguments: list[str] | None = None, loaded: Callable[[], object] = lamb
         return 130
 
 
-def usage() -> str:
-    """Describe the command line: every command with its summary."""
-    summaries = {name: one.summary for name, one in COMMANDS.items()} | MODULES
-    width = max(map(len, summaries))
-    lines = (f"  {name:{width}}  {summary}" for name, summary in summaries.items())
+def split_name(given: list[str]) -> tuple[str | None, list[str]]:
+    """Split the name of a command, which may have two words, from its arguments."""
+    words = 2 if " ".join(given[:2]) in COMMANDS else 1
+    return (given[0] if words == 1 else " ".join(given[:2])) if given else None, given[words:]
+
+
+def summaries() -> dict[str, str]:
+    """Return the summary of every command."""
+    return MODULES | {name: command.summary for name, command in COMMANDS.items()}
+
+
+def groups() -> set[str]:
+    """Return the first words of names that are no command alone."""
+    return {name.partition(" ")[0] for name in COMMANDS} - COMMANDS.keys()
+
+
+def usage(group: str | None = None) -> str:
+    """Describe every command with its summary.
+
+    Args:
+        group: first word of the commands that are described; None: all.
+    """
+    described = {name: s for name, s in summaries().items() if group in (None, name.split(" ")[0])}
+    blocks = [{n: s for n, s in described.items() if (" " in n) is two} for two in (False, True)]
+    lines = [
+        f"  {name:{max(map(len, block))}}  {summary}" for block in blocks for name, summary in block.items()
+    ]
     return "\n".join(
         [
-            "usage: tulip COMMAND [OPTIONS]",
+            f"usage: tulip {group or 'COMMAND'} {'COMMAND ' if group else ''}[OPTIONS]",
             "",
             "A virtual laboratory for the static identification of humanoid robots.",
             "",
@@ -114,6 +126,9 @@ def command_of(name: str | None) -> Command:
             raise InputError(
                 f"unknown option '{shortened(name)}'; valid: --help, --version, or a command first"
             )
+        if name in groups():
+            names = [full for full in names if full.startswith(f"{name} ")]
+            raise InputError(f"{name}: found no command that it names; valid: {listed(names)}")
         raise InputError(f"unknown command '{shortened(name)}'; {choices(name, names)}")
     if name in COMMANDS:
         return COMMANDS[name].load()
@@ -208,7 +223,7 @@ def _with_flags(message: str, command: Command) -> str:
     """
     flags = {name for name, p in signature(command).parameters.items() if _is_option(p)}
     message = _as_commands(message)
-    message = SETTING.sub(lambda m: f"`{_flag(m[1])} {m[2]}`" if m[1] in flags else m[0], message)
+    message = SETTING.sub(lambda m: f"`{_setting(m[1], m[2])}`" if m[1] in flags else m[0], message)
     place, colon, rest = message.partition(": ")
     words = place.split(", ")
     if not colon or any(word.split(" ")[0] not in flags for word in words):
@@ -225,6 +240,10 @@ def _is_option(parameter: Parameter) -> bool:
 
 def _as_commands(message: str) -> str:
     return CALL.sub(lambda m: f"`tulip {m[1]} {shlex.quote(m[2])}`", message)
+
+
+def _setting(name: str, value: str) -> str:
+    return _flag(name) if value == "True" else f"{_flag(name)} {value}"
 
 
 def _flag(name: str) -> str:

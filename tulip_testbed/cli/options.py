@@ -14,8 +14,6 @@ import tyro
 from tulip_testbed.sim.shipped import PLAN_NAMES
 
 DEFAULT_SEED = 1
-SOLVERS = ("slsqp", "ipopt")
-HOPS = 60
 
 Preset = Literal[
     "wii",
@@ -30,9 +28,6 @@ Preset = Literal[
 ]
 PlatePreset = Literal["wii", "force-plate", "ideal"]
 Noisy = Literal["wii", "force-plate"]
-NoisyPreset = Annotated[
-    Noisy, tyro.conf.arg(help="sensors whose noise the standard errors are predicted for")
-]
 PlateSensors = Annotated[PlatePreset, tyro.conf.arg(help="sensors of the laboratory")]
 NoisySensors = Annotated[Noisy, tyro.conf.arg(help="sensors of the laboratory")]
 FOLDERS = tyro.conf.arg(metavar="FOLDER [FOLDER ...]", help="measurement folders: experiments with one robot")

@@ -63,6 +63,47 @@ def read_run(
     return value
 
 
+def read_second_run(
+    value: Annotated[Path | None, tyro.conf.arg(metavar="[RUN]", help="a second run, to compare")] = None,
+) -> Path | None:
+    """Name a second run folder, which the library reads."""
+    return value
+
+
+def read_earlier(
+    value: Annotated[
+        Path | None, tyro.conf.arg(metavar="FOLDER", help="measurements before the plan")
+    ] = None,
+) -> Path | None:
+    """Name a measurement folder, which the library reads."""
+    return value
+
+
+def read_pool(
+    value: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="PLAN",
+            help="plan folder to choose from, or a shipped plan's name; the measured postures if left out",
+        ),
+    ] = None,
+) -> Path | None:
+    """Name a plan, which the library reads."""
+    return value
+
+
+def read_viewed(
+    value: Annotated[Path, tyro.conf.arg(metavar="FOLDER", help="folder of a run, a plan or measurements")],
+) -> Path:
+    """Name a folder, which the library reads."""
+    return value
+
+
+def read_plan_name(value: PlanFolder = None) -> Path | None:
+    """Name a plan, which the library reads."""
+    return value
+
+
 def read_plan_folder(robot: Any, value: PlanFolder = None) -> Any:
     """Read a plan that fits the robot."""
     from tulip_testbed.experiments.usable_plan import plan_for
@@ -91,11 +132,6 @@ def read_stated_tolerances(
     from tulip_testbed.calibration.families import read_tolerances
 
     return read_tolerances(value)
-
-
-def read_plan_name(value: PlanFolder = None) -> Path | None:
-    """Name a plan, which the library reads."""
-    return value
 
 
 def read_plain_laboratory(robot: Any, sensors: SensorsName = "wii", corrections: Corrections = None) -> Any:
@@ -128,7 +164,14 @@ READERS: dict[str, Callable[..., Any]] = {
     "Measured": read_folder,
     "Several": read_folders,
     "Exportable": read_run,
+    "Viewed": read_viewed,
+    "Proposable": read_run,
+    "Measured | None": read_earlier,
+    "PosturePlan | str | Path | None": read_pool,
+    "Reported": read_run,
+    "Reported | None": read_second_run,
     "PosturePlan": read_plan_folder,
+    "PlanSource | None": read_plan_name,
     "Effects": read_corrections,
     "Mapping[str, float] | None": read_stated_tolerances,
     "Laboratory": read_laboratory,

@@ -25,6 +25,7 @@ from rich.status import Status
 from rich.text import Text
 
 from tulip_testbed.base.column import printable
+from tulip_testbed.base.progress import Advance
 from tulip_testbed.base.table import STYLES, Table, Verbatim
 from tulip_testbed.base.table_files import finite
 
@@ -139,8 +140,8 @@ class RateColumn(ProgressColumn):
 
 
 @contextmanager
-def progress(label: str, total: int, done: int = 0) -> Iterator[Callable[[int], None]]:
-    """Show a bar with rate and time left on stderr.
+def progress(label: str, total: int, done: int = 0) -> Iterator[Advance]:
+    """Show a bar with rate, time left and the best value so far on stderr.
 
     Args:
         done: steps that were done before.
@@ -148,21 +149,14 @@ def progress(label: str, total: int, done: int = 0) -> Iterator[Callable[[int], 
     Yields:
         A function to be called with the number of steps that are done now.
     """
-    with _bar(label, RateColumn(), TimeElapsedColumn(), TimeRemainingColumn()) as bar:
-        task = bar.add_task(label, total=total, completed=done)
-        yield lambda count: bar.advance(task, count)
-
-
-@contextmanager
-def best_so_far(label: str, total: int, done: int = 0) -> Iterator[Callable[[int, float], None]]:
-    """Show a bar with the best value so far on stderr.
-
-    Yields:
-        A function to be called with the number of rounds that are done and the value.
-    """
-    with _bar(label, TextColumn("{task.fields[value]}"), TimeElapsedColumn()) as bar:
+    value_column = TextColumn("{task.fields[value]}")
+    with _bar(label, RateColumn(), TimeElapsedColumn(), TimeRemainingColumn(), value_column) as bar:
         task = bar.add_task(label, total=total, completed=done, value="")
-        yield lambda rounds, value: bar.update(task, completed=rounds, value=f"{value:.4g}")
+
+        def advance(count: int, /, value: float | None = None) -> None:
+            bar.update(task, advance=count, value="" if value is None else f"{value:.4g}")
+
+        yield advance
 
 
 def _bar(label: str, *columns: ProgressColumn) -> Progress:

@@ -39,7 +39,7 @@ def watch_command(
         bool, tyro.conf.arg(name="json", help="print one line of JSON a posture on stdout")
     ] = False,
 ) -> int:
-    """Check postures while they are measured, and tell when to stop.
+    """Check postures while they are measured, and say when to stop.
 
     FOLDER is a measurement folder whose manifest.json is written and whose postures.csv grows; nothing is
     written into it. Each row is compared with the postures before it, the robot's CAD model, the repeats and

@@ -5,42 +5,44 @@ from __future__ import annotations
 import csv
 import io
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
 from tulip_testbed.base.files import new_folder, write_text
-from tulip_testbed.base.table_files import finite, write_json
+from tulip_testbed.base.table_files import write_json
 from tulip_testbed.effects.targets import PLACEMENTS
-from tulip_testbed.experiments.atlases.atlas_tables import LEGEND, atlas_tables, closing, opening
-from tulip_testbed.experiments.atlases.effect_atlas import Atlas
+from tulip_testbed.experiments.atlases.atlas_result import (
+    LEGEND,
+    PAGE,
+    Atlas,
+    atlas_tables,
+    closing,
+    opening,
+)
 from tulip_testbed.experiments.atlases.isolability import ISOLABLE, order
 from tulip_testbed.pages.heat_map_figures import heat_map
 from tulip_testbed.pages.page import Page, Section, html
 
-PAGE, SEPARATION = "atlas.html", "separation.html"
+SEPARATION = "separation.html"
 
 
-def write_atlas(folder: Path, found: Atlas, document: dict[str, Any]) -> None:
+def write_atlas(folder: Path, found: Atlas) -> None:
     """Write the folder, which appears whole or not at all.
-
-    Args:
-        document: the atlas as JSON, with its preset.
 
     Raises:
         InputError: the folder exists or cannot be written.
     """
     with new_folder(folder) as working:
-        write_json(working / "atlas.json", finite(document))
+        write_json(working / "atlas.json", found.to_json())
         write_text(working / "bias.csv", biases(found))
-        write_text(working / SEPARATION, separation(found, document["preset"]))
-        write_text(working / PAGE, html(atlas_page(found, document)))
+        write_text(working / SEPARATION, separation(found))
+        write_text(working / PAGE, html(atlas_page(found)))
 
 
-def atlas_page(found: Atlas, document: dict[str, Any]) -> Page:
+def atlas_page(found: Atlas) -> Page:
     """Make the page of all effects, with a box to search them."""
-    facts = (("sensors", document["preset"]), ("seed", str(document["seed"])))
+    facts = (("sensors", found.planned.sensors), ("seed", str(found.planned.seed)))
     sections = [Section(table.title, tables=(table,)) for table in atlas_tables(found)]
     angles = Markup('<a href="{}">All angles between effects as a map</a>').format(SEPARATION)
     robot = found.planned.nominal.robot
@@ -69,13 +71,14 @@ def biases(found: Atlas) -> str:
     return text.getvalue()
 
 
-def separation(found: Atlas, preset: str) -> str:
+def separation(found: Atlas) -> str:
     """Return a heat map of the angles as HTML; of effects on placements only the first is shown."""
     kept = _once(found)
     chosen = [kept[k] for k in order(found.angle[np.ix_(kept, kept)])]
     degrees = np.degrees(found.angle[np.ix_(chosen, chosen)])
     bound = float(np.degrees(ISOLABLE))
-    title = f"Angle between effects, preset {preset}: below {bound:.0f} deg (brown) they look alike"
+    sensors = found.planned.sensors
+    title = f"Angle between effects, sensors {sensors}: below {bound:.0f} deg (brown) they look alike"
     return heat_map(degrees, [found.shown[k].label for k in chosen], title, "deg", 90.0, bound)
 
 

@@ -138,7 +138,7 @@ def protocol_page(protocol: LaboratoryProtocol) -> tuple[str, list[str]]:
     page = filled(
         TEMPLATE,
         protocol=protocol,
-        content=protocol.document(),
+        content=protocol.to_json(),
         joints=plan.joints,
         sheets=sheets,
         scale=scale,

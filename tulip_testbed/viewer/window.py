@@ -25,7 +25,7 @@ APPLICATION = "tulip"
 END = b"RRF2FOOT"  # of a whole recording
 ENDINGS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 LOCAL = ("--bind", "127.0.0.1")  # rerun's own default is every address of the machine
-OTHERWISE = "`save=FILE.rrd` writes the view without a window"
+OTHERWISE = "`save=FILE.rrd` writes the view without a window, `serve=True` shows it in a browser"
 SCRATCH = "tulip-view"
 START = 30.0  # s, in which a server has to open its port
 # `rerun` starts the viewer as a child of its own, all in one process group, which ends with this process.
@@ -73,52 +73,50 @@ def check_display() -> None:
         )
 
 
-def show(title: str, log: Log) -> None:
-    """Open rerun's own viewer and wait until it is closed.
+def open_window(title: str, log: Log) -> Callable[[], None]:
+    """Open rerun's own viewer; the window stays until it is closed or this process ends.
+
+    Returns:
+        a function that waits until the window is closed.
 
     Raises:
-        InputError: it cannot draw there; names the package to install.
+        InputError: there is no screen. The function raises it if the viewer cannot draw there, with the
+            package to install.
     """
     check_display()
-    with scratch_folder(SCRATCH) as scratch:
-        recording = _record(scratch, title, log)
-        with _viewer(scratch, recording, "--port", "auto") as (viewer, said):
-            if viewer.wait() != 0:
-                raise InputError(f"viewer: {_fault(said.read_text(errors='replace'))}; {OTHERWISE}")
+    viewer, said = _opened(title, log, "--port", "auto")
+
+    def closed() -> None:
+        if viewer.wait() != 0:
+            raise InputError(f"viewer: {_fault(said.read_text(errors='replace'))}; {OTHERWISE}")
+
+    return closed
 
 
-def open_window(title: str, log: Log) -> None:
-    """Open rerun's own viewer and return; the window stays until it is closed or this process ends.
+def open_page(title: str, log: Log) -> tuple[str, Callable[[], None]]:
+    """Serve the view to browsers of this machine until this process ends.
 
-    Raises:
-        InputError: there is no screen.
-    """
-    check_display()
-    kept = ExitStack()
-    scratch = kept.enter_context(scratch_folder(SCRATCH))
-    recording = _record(scratch, title, log)
-    kept.enter_context(_viewer(scratch, recording, "--port", "auto"))
-    atexit.register(kept.close)
-
-
-def serve(title: str, log: Log, announce: Callable[[str], None]) -> None:
-    """Serve the view to browsers of this machine until interrupted.
-
-    Args:
-        announce: called with the address.
-
-    Raises:
-        InputError: the server ended by itself.
+    Returns:
+        the address, and a function that waits for the end of the server.
     """
     data, page = _free_port(), _free_port()
     source = urllib.parse.quote(f"rerun+http://127.0.0.1:{data}/proxy", safe="")
-    with scratch_folder(SCRATCH) as scratch:
-        recording = _record(scratch, title, log)
-        options = ("--serve-web", "--port", str(data), "--web-viewer-port", str(page))
-        with _viewer(scratch, recording, *options) as (viewer, said):
-            announce(f"http://127.0.0.1:{page}?url={source}")
-            viewer.wait()
-            raise InputError(f"viewer: {_fault(said.read_text(errors='replace'))}")
+    viewer, said = _opened(title, log, "--serve-web", "--port", str(data), "--web-viewer-port", str(page))
+
+    def closed() -> None:
+        viewer.wait()
+        raise InputError(f"viewer: {_fault(said.read_text(errors='replace'))}")
+
+    return f"http://127.0.0.1:{page}?url={source}", closed
+
+
+def _opened(title: str, log: Log, *options: str) -> tuple[subprocess.Popen[bytes], Path]:
+    """Run the viewer with a recording until this process ends; return it and its log file."""
+    kept = ExitStack()
+    scratch = kept.enter_context(scratch_folder(SCRATCH))
+    opened = kept.enter_context(_viewer(scratch, _record(scratch, title, log), *options))
+    atexit.register(kept.close)
+    return opened
 
 
 @contextmanager

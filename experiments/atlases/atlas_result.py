@@ -1,19 +1,28 @@
-"""Tables of an atlas: what a plan detects, what it cannot detect, what it cannot distinguish."""
+"""The atlas of a plan: what the plan detects, what it cannot detect, what it cannot distinguish."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tulip_testbed.base.column import Column
+from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Table
+from tulip_testbed.base.table_files import finite
+from tulip_testbed.discovery.candidates import Candidate
+from tulip_testbed.discovery.detectability import POWER
+from tulip_testbed.discovery.selection import LEVEL
+from tulip_testbed.effects.effect import Parameter
 from tulip_testbed.effects.targets import PLACEMENTS
-from tulip_testbed.experiments.atlases.effect_atlas import Atlas, Row
 from tulip_testbed.experiments.atlases.isolability import ISOLABLE
+from tulip_testbed.experiments.atlases.planned_experiment import Planned
 from tulip_testbed.identification.residual_channels import CHANNELS
 
+PAGE = "atlas.html"
 NO_BIAS = 0.005  # standard errors: shown as 0.00
 LEGEND = (
     "plausible: 1 s.d. of the prior. found from: the least size that is found with 90 % probability, by all "
@@ -24,13 +33,136 @@ LEGEND = (
 )
 
 
-def atlas_summary(found: Atlas) -> tuple[str, Table, str]:
-    """Return an atlas in short: one row a kind of effect and unit."""
-    return (
-        opening(found),
-        kind_table(found, _one_placement(found)),
-        f"{len(found.groups)} groups of effects cannot be distinguished. {closing(found)}",
-    )
+@dataclass(frozen=True)
+class Row:
+    """One size of one candidate.
+
+    Attributes:
+        size: number among the effect's sizes; None: the effect has none, it is there or not.
+        detectable: least size that is found with 90 % probability, by all channels; infinite: never.
+            Of an effect without size 1: found, infinite: not found with that probability.
+        by_channel: the same for each channel alone.
+        visible: whether the search would consider it at all.
+        bias: of the base parameters if it is not modelled, at one prior s.d. (if it is there), (p,) [m].
+    """
+
+    candidate: Candidate
+    size: int | None
+    detectable: float
+    by_channel: dict[str, float]
+    visible: bool
+    bias: np.ndarray
+
+    @property
+    def parameter(self) -> Parameter | None:
+        """Of the effect that this is the size of."""
+        effect = self.candidate.effect
+        return None if self.size is None else effect.parameters[effect.sizes[self.size]]
+
+    @property
+    def name(self) -> str:
+        """Of the parameter; "" where the effect has one only."""
+        return self.parameter.name if self.parameter and len(self.candidate.effect.sizes) > 1 else ""
+
+    @property
+    def prior(self) -> float:
+        return 1.0 if self.size is None else float(self.candidate.prior[self.size])
+
+    @property
+    def bias_undetected(self) -> np.ndarray:
+        """At the detectable size, (p,) [m]; NaN where there is none."""
+        return self.bias * (self.detectable / self.prior if np.isfinite(self.detectable) else np.nan)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Atlas(Result):
+    """What a plan detects, distinguishes and hides.
+
+    Attributes:
+        rows: sizes of all candidates, in the catalogue's order.
+        shown: candidates that could be observed, (n,).
+        angle: between them, (n, n) [rad]. groups: of look-alikes among them, by their numbers.
+        tests: number of independent tests to which the catalogue is equivalent. level: of each.
+        folder: where its page is; None: nowhere.
+    """
+
+    planned: Planned
+    rows: tuple[Row, ...]
+    shown: tuple[Candidate, ...]
+    angle: np.ndarray
+    groups: tuple[tuple[int, ...], ...]
+    tests: float
+    level: float
+    folder: Path | None = None
+
+    def tables(self) -> list[Table | str]:
+        """Return the atlas in short: one row a kind of effect and unit."""
+        page = [] if self.folder is None else [f"Atlas: {self.folder / PAGE}"]
+        return [
+            opening(self),
+            kind_table(self, _one_placement(self)),
+            f"{len(self.groups)} groups of effects cannot be distinguished. {closing(self)}",
+            *page,
+        ]
+
+    def to_frame(self) -> Any:
+        """Return a pandas DataFrame with one row a size of an effect, in SI units."""
+        kept = ("effect", "target", "parameter", "unit", "prior_sd", "detectable", "visible", "nearest")
+        rows = [[row[name] for name in kept] for row in self._document()["effects"]]
+        return Table("Effects", tuple(map(Column, kept)), rows).frame()
+
+    def nearest(self, number: int) -> tuple[int, float]:
+        """Return the other candidate that looks most like one, and the angle to it [rad]."""
+        angle = np.where(np.arange(len(self.angle)) == number, np.inf, self.angle[number])
+        return int(angle.argmin()), float(angle.min())
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON document; sizes in SI units, biases in m and standard errors."""
+        return finite(self._document())
+
+    def _document(self) -> dict[str, Any]:
+        errors, names = self.planned.standard_errors, self.planned.nominal.parameters.names
+        number = {id(candidate): k for k, candidate in enumerate(self.shown)}
+        group_of = {k: n + 1 for n, group in enumerate(self.groups) for k in group}
+
+        def row(r: Row) -> dict[str, Any]:
+            at = number.get(id(r.candidate))
+            other = None if at is None or len(self.shown) < 2 else self.nearest(at)
+            return {
+                "effect": r.candidate.effect.name,
+                "target": r.candidate.target or None,
+                "parameter": r.parameter.name if r.parameter else None,
+                "unit": r.parameter.unit if r.parameter else "",
+                "prior_sd": None if r.size is None else r.prior,
+                "detectable": r.detectable,
+                "by_channel": r.by_channel,
+                "visible": r.visible,
+                "nearest": None if other is None else self.shown[other[0]].label,
+                "nearest_angle_rad": None if other is None else other[1],
+                "isolable": None if other is None else bool(other[1] >= ISOLABLE),
+                "group": None if at is None else group_of.get(at),
+                "bias_at_prior_m": r.bias.tolist(),
+                "bias_at_prior_se": (r.bias / errors).tolist(),
+                "bias_at_detectable_se": (r.bias_undetected / errors).tolist(),
+            }
+
+        return {
+            "preset": self.planned.sensors,
+            "seed": self.planned.seed,
+            "postures": len(self.planned.observed),
+            "planned": len(self.planned.plan),
+            "power": POWER,
+            "level": LEVEL,
+            "tests": self.tests,
+            "level_of_each": self.level,
+            "isolable_rad": ISOLABLE,
+            "parameters": list(names),
+            "standard_error_m": errors.tolist(),
+            "effects": [row(r) for r in self.rows],
+            "groups": [[self.shown[k].label for k in group] for group in self.groups],
+            "shown": [candidate.label for candidate in self.shown],
+            "angle_rad": self.angle.tolist(),
+        }
 
 
 def atlas_tables(found: Atlas) -> tuple[Table, ...]:

@@ -1,14 +1,18 @@
-"""An effect as a JSON document, and explained for the terminal."""
+"""The effects that can be simulated: listed, or one explained."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from inspect import cleandoc
 from typing import Any
 
+from tulip_testbed.base.errors import look_up
+from tulip_testbed.base.result import Result
+from tulip_testbed.base.table import Table, Verbatim
 from tulip_testbed.effects import laws
-from tulip_testbed.effects.catalogue import explanation
+from tulip_testbed.effects.catalogue import Catalogue, catalogue, explanation
 from tulip_testbed.effects.effect import Effect
-from tulip_testbed.effects.laws import law_effect
+from tulip_testbed.effects.laws import LAW, law_effect
 from tulip_testbed.effects.laws.grammar import VALID, quantities, shapes_of, whats
 from tulip_testbed.effects.targets import PLACEMENTS
 from tulip_testbed.sim.robot import Robot
@@ -18,6 +22,49 @@ EXAMPLES = (
     "cells:left/plate-load/quadratic-gain",
     "cell:left.rear_left/time/step",
 )
+
+
+@dataclass(frozen=True, repr=False)
+class EffectList(Result):
+    """Effects with their targets on a robot.
+
+    Attributes:
+        name: of the effect that is explained, or "law", their grammar; None: all of them.
+    """
+
+    name: str | None
+    robot: Robot
+
+    @property
+    def effects(self) -> Catalogue:
+        """Return the effects that are listed; none if the grammar is explained."""
+        every = catalogue()
+        return Catalogue([every[name] for name in every if self.name in (None, name)])
+
+    def tables(self) -> list[Table | str]:
+        """Return the list, or the explanation of one effect or of the grammar."""
+        if self.name is None:
+            law = "`tulip atlas effects law` explains how an effect is composed that is not in the list."
+            return [self.effects.table(), law]
+        if self.name == LAW:
+            return [*map(Verbatim, law_lines(self.robot))]
+        return [*map(Verbatim, effect_lines(catalogue()[self.name], self.robot))]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON document."""
+        document = {"effects": [effect_document(effect, self.robot) for effect in self.effects.values()]}
+        return document | ({"laws": law_document(self.robot)} if self.name == LAW else {})
+
+
+def list_effects(name: str | None, robot: Robot) -> EffectList:
+    """List the effects, or choose one to explain.
+
+    Raises:
+        InputError: there is no such effect.
+    """
+    if name is not None:
+        look_up("effect", name, [*catalogue(), LAW], "effects")
+    return EffectList(name, robot)
 
 
 def target_names(effect: Effect, robot: Robot) -> list[str]:
@@ -64,7 +111,7 @@ def law_lines(robot: Robot) -> list[str]:
         "",
         *cleandoc(laws.__doc__ or "").splitlines(),
         "",
-        "--effects law:WHAT/OF/SHAPE=SIZE,...[,NUMBER OF THE SHAPE][,FROM,TO]",
+        "Usage: law:WHAT/OF/SHAPE=SIZE,...[,NUMBER OF THE SHAPE][,FROM,TO]",
         "  For example:",
     ]
     lines += [f"    law:{text}={','.join(names)}" for text in EXAMPLES for names in [_placeholders(text)]]
@@ -90,7 +137,7 @@ def effect_lines(effect: Effect, robot: Robot) -> list[str]:
         "",
         *explanation(effect.name).splitlines(),
         "",
-        f"--effects {effect.usage}",
+        f"Usage: {effect.usage}",
         *(f"  {p.placeholder} [{p.unit or '-'}]: {p.plausible}" for p in effect.parameters),
         *([f"  {effect.targets.word}: {targets}"] if effect.targets.word else []),
         f"Laboratory: {where}",
