@@ -128,8 +128,8 @@ def discover(
 
     The result tells where the model disagrees with the measurements and which effect explains it. The verdict
     is `none`, `calibrated` (ordinary imperfections explain it), `named`, `described` (by a law composed of
-    what errs, as a function of what, in which shape), `ambiguous` or `unknown`. The effects found are added to the
-    model: the folder `rig` in the run folder can be given to other commands as corrections.
+    what errs, as a function of what, in which shape), `ambiguous` or `unknown`. The effects found are added
+    to the model: the folder `rig` in the run folder can be given to other commands as corrections.
 
     Args:
         measurements: or their folder, or a run; a list of them: experiments with one robot.
