@@ -43,7 +43,7 @@ LARGE_SHARE = 1000.0  # % of a nominal value: it is near zero
 def described_plan(
     robot: Robot, plan: PosturePlan, preset: str, taken: PosturePlan | None = None
 ) -> dict[str, Any]:
-    """Return the description of a plan by `tulip plan` as JSON.
+    """Return the description of a plan as JSON.
 
     Args:
         preset: of the sensors, "wii" or "force-plate"; the standard errors are those of generalised least
@@ -149,7 +149,7 @@ def reading_noise_of(
 
 
 def margins_of(robot: Robot, plan: PosturePlan) -> dict[str, dict[str, Any]] | None:
-    """Return the least margin of every constraint of `tulip plan` over the postures.
+    """Return the least margin of every constraint of `tulip plan optimal` over the postures.
 
     None where the robot has other than six joints a leg. Negative where a plan was not made to keep it, as
     a random one's.
@@ -223,7 +223,7 @@ def margin_table(margins: dict[str, dict[str, Any]]) -> Table:
         Column("where"),
     )
     rows = [[name, m["value"], m["unit"], m["posture"], m["at"]] for name, m in margins.items()]
-    return Table("Smallest margin of every constraint, beyond what `tulip plan` keeps", columns, rows)
+    return Table("Smallest margin of every constraint, beyond what `tulip plan optimal` keeps", columns, rows)
 
 
 def trial_table(trials: list[dict[str, Any]]) -> Table:

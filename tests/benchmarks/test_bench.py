@@ -33,13 +33,13 @@ def one_iteration(problem, design, found):
     return linear_step(problem, EvaluatedPlan(design, found, 5), smooth, np.full(len(design), 0.1))
 
 
-@pytest.mark.benchmark(group="one iteration of `tulip plan`, 50 postures")
+@pytest.mark.benchmark(group="one iteration of `tulip plan optimal`, 50 postures")
 def test_with_analytic_derivatives(benchmark, optimisation):
     problem, design, angles = optimisation
     benchmark(lambda: one_iteration(problem, design, evaluate(problem, design, angles)))
 
 
-@pytest.mark.benchmark(group="one iteration of `tulip plan`, 50 postures")
+@pytest.mark.benchmark(group="one iteration of `tulip plan optimal`, 50 postures")
 def test_with_forward_differences(benchmark, optimisation):
     """Every evaluation brings its derivatives along, so differences cost a little less than this."""
     problem, design, angles = optimisation
