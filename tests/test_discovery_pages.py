@@ -216,8 +216,8 @@ def test_bad_input(found, foreign, tmp_path, capsys):
         (work / "run.json").write_text(json.dumps(document | change))
 
     page, view = ("--out", tmp_path / "x.html"), ("--save", tmp_path / "x.rrd")
-    written(version=2)
-    assert "key 'version': found 2, expected 1" in refused(capsys, "report", work, *page)
+    written(version=1)
+    assert "key 'version': found 1, expected 2" in refused(capsys, "report", work, *page)
     written(outputs={k: v for k, v in document["outputs"].items() if k != "discovery.json"})
     assert "found no discovery.json" in refused(capsys, "report", work, *page)
     written(outputs=document["outputs"] | {"../x": "0"})

@@ -305,7 +305,7 @@ def test_folders_of_every_kind(run, robot, tmp_path, capsys):
     assert told["files"] == [str(model)]
     write_plan(tmp_path / "plan", tt.plans.random)
     for arguments, message in (
-        ([tmp_path / "plan", "optimal", "--out", tmp_path / "b.xml"], "holds no estimate"),
+        ([tmp_path / "plan", "--out", tmp_path / "b.xml"], "holds no estimate"),
         ([tmp_path / "data", "--out", model], "exists already"),
         ([tmp_path / "data", "--out", tmp_path / "b.sdf"], "expected .xml, .urdf"),
         ([tmp_path / "none", "--out", tmp_path / "b.xml"], "no such folder"),

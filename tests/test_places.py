@@ -276,6 +276,6 @@ def test_pipes_in_the_place_of_files_are_refused_at_once(data, tmp_path, robot):
         path.unlink()
         os.mkfifo(path)
         with pytest.raises(InputError, match="found a named pipe, expected a file"):
-            tt.report(done, tmp_path / "mc.html", robot)
+            tt.report(done, tmp_path / "mc.html", robot=robot)
         path.unlink()
         path.write_bytes(content)

@@ -125,7 +125,7 @@ def test_without_opengl_the_report_says_what_to_install(run, tmp_path, capsys, m
     monkeypatch.setattr(rendering, "PLATFORMS", ("nothing",))
     assert main(["report", str(run), "--out", str(tmp_path / "x.html")]) == 0
     packages = "apt-get install libegl1 libgl1-mesa-dri libosmesa6"
-    assert packages in " ".join(capsys.readouterr().err.split())
+    assert packages in " ".join(capsys.readouterr().out.split())
     assert packages in (tmp_path / "x.html").read_text(encoding="utf-8")
 
 

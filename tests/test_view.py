@@ -117,7 +117,7 @@ def test_a_view_of_150_postures_is_small_and_soon_there(wii, tmp_path, capsys):
         assert main(["view", str(folder), "--save", str(tmp_path / f"{name}.rrd")]) == 0
         assert cpu_seconds() - began < MOST_SECONDS
         assert 1e5 < (tmp_path / f"{name}.rrd").stat().st_size < MOST_BYTES
-        assert "View: " in capsys.readouterr().err
+        assert "View: " in capsys.readouterr().out
 
 
 def test_clouds_are_those_of_the_runs(calibration, robot):

@@ -38,7 +38,18 @@ NOTE = re.compile(r"((Run|Plan|Measurement) folder|Report|View|Atlas|Left out): 
 MANY_ROWS = "too many rows"  # a watch judges each of them, for minutes
 JUDGING = ("montecarlo", "validate", "check")  # commands whose exit code 1 is a verdict
 TOLERANCE = 1e-6  # of a result, relative to its largest number
-MAY_BE_NULL = ("truth", "made", "rig", "relative_standard_error", "predicted_relative_standard_error_percent")
+MAY_BE_NULL = (
+    "truth",
+    "made",
+    "rig",
+    "relative_standard_error",
+    "predicted_relative_standard_error_percent",
+    "found",
+    "description",
+    "complaints",
+    "example_manifest",
+    "example_row",
+)
 
 
 class Run(NamedTuple):
