@@ -50,7 +50,7 @@ lint: setup
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/pyrefly check && $(BIN)/python -m tests.plain_english
 
 docs: setup  ## the documentation as a site: site/index.html
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict  # --quiet would hide warnings from --strict too
 
 bench: setup  ## ratios of times, in one run
 	$(BIN)/python -m pytest -q -s tests/benchmarks -o addopts= --benchmark-only
