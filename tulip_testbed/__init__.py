@@ -10,55 +10,13 @@
 A name is loaded when it is first used: `import tulip_testbed` alone loads neither NumPy nor a simulator.
 """
 
-from importlib import import_module
+import lazy_loader
 
-FUNCTIONS = (
-    *(
-        "load_robot",
-        "describe_robot",
-        "read_measurements",
-        "write_measurements",
-        "identify",
-        "Laboratory",
-        "discover",
-    ),
-    *(
-        "simulate",
-        "validate",
-        "monte_carlo",
-        "next_experiment",
-        "draw_plan",
-        "describe_plan",
-        "optimize_plan",
-        "protocol",
-        "check",
-        "watch",
-        "import_table",
-        "predict",
-        "export_model",
-        "atlas",
-        "tolerance",
-        "list_effects",
-        "view",
-        "report",
-        "InputError",
-    ),
-)
-MODULES = ("effects", "plans")
-
-__all__ = [
-    *FUNCTIONS,
-    *MODULES,
-]
+# The names are those of `__init__.pyi`, which type checkers and editors read too.
+_load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> object:
-    if name in FUNCTIONS:
-        return getattr(import_module(f"{__name__}.api"), name)
-    if name in MODULES:
-        return import_module(f"{__name__}.{name}")
+    if name in __all__:
+        return _load(name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}; valid: {', '.join(__all__)}")
-
-
-def __dir__() -> list[str]:
-    return list(__all__)

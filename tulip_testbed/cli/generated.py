@@ -55,7 +55,7 @@ def command_of(
 
 def _carry_out(function: PublicFunction, given: dict[str, Any], out: Path | None) -> int:
     """Call the library's function and show its result; returns the exit code."""
-    import tulip_testbed.api as api
+    import tulip_testbed
     from tulip_testbed.base.files import check_new
     from tulip_testbed.cli.terminal import print_json, say, show, working_on
 
@@ -64,7 +64,7 @@ def _carry_out(function: PublicFunction, given: dict[str, Any], out: Path | None
         check_new(out)
     own_progress = any(argument.name == PROGRESS for argument in function.arguments)
     with nullcontext() if own_progress else working_on(function.name.replace("_", " ")):
-        result = getattr(api, function.name)(**_arguments(function, given))
+        result = getattr(tulip_testbed, function.name)(**_arguments(function, given))
     if out is not None:
         result.save(out)
     if as_json:

@@ -53,7 +53,7 @@ def watch_command(
     import sys
     from contextlib import ExitStack
 
-    from tulip_testbed import api
+    import tulip_testbed
     from tulip_testbed.base.errors import InputError
     from tulip_testbed.cli.terminal import live_table, print_line_of_json, say, show
     from tulip_testbed.experiments.description import described_robot
@@ -67,7 +67,7 @@ def watch_command(
     if stdin and sys.stdin is None:
         raise InputError("--stdin: standard input is closed, expected rows")
     rows = sys.stdin.buffer if stdin else None
-    arrivals = api.watch(folder, planned, described, out, targets, follow=not once, rows=rows)
+    arrivals = tulip_testbed.watch(folder, planned, described, out, targets, follow=not once, rows=rows)
     latest, last = [], None
     with ExitStack() as open_now:
         log = None
