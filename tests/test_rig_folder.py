@@ -259,6 +259,7 @@ def test_validate_in_the_adopted_laboratory(found, robot, tmp_path, capsys):
     assert main([*draw, "--out", str(tmp_path / "plan")]) == 0
     capsys.readouterr()
     run = ["validate", str(tmp_path / "plan"), "--sensors", "force-plate", "--seed", "234", "--json"]
+    run += ["--estimator", MIXED_MODEL]
     main([*run, "--out", str(tmp_path / "run"), "--corrections", str(tmp_path / "rig")])
     report = json.loads(capsys.readouterr().out)
     estimates = [row["estimate"] for row in report["full"]["parameters"]]
