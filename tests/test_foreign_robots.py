@@ -120,6 +120,7 @@ def test_paths_keep_the_feet_and_do_not_jump(name, foreign, plan_of):
     assert steps.max() < 0.1 * np.abs(end - start).max()
 
 
+@pytest.mark.slow
 def test_the_main_job_on_a_foreign_robot(foreign, tmp_path, capsys):
     """Plan, simulate in full, identify, compare with the truth; all by the command line."""
     robot, plan, run = foreign["humanoid"], str(tmp_path / "plan"), tmp_path / "run"

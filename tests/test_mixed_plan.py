@@ -127,6 +127,7 @@ def test_the_left_foot_is_the_mirror_image_of_the_right_one(robot, problem, othe
     assert board_pose(other).tolist() == (board_pose(problem) * [1, -1, 1]).tolist()
 
 
+@pytest.mark.slow
 def test_rows_on_either_foot_stand_by_mujoco(robot, mixed):
     """CoM over the carrying sole, other foot and links off the ground, drives within their limits."""
     model, ranges = robot.model, planning_ranges(robot)

@@ -206,6 +206,7 @@ def test_chance_margin_covers_robots_that_differ(problem, plan):
     assert drawn.std(axis=0) == pytest.approx(predicted, rel=0.15)
 
 
+@pytest.mark.slow
 def test_ipopt_goes_on_from_a_plan(problem, goal, plan):
     rows = np.flatnonzero(plan.placement <= 5)
     start = repair_start(problem, goal, plan.joint_angles[rows], plan.swing_pose[rows], 5, 3, "start")
