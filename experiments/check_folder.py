@@ -40,7 +40,7 @@ UNREADABLE = "could not read"
 
 @dataclass(frozen=True)
 class Complaints:
-    """What is missing or wrong in a folder that cannot be read."""
+    """Faults of a folder that cannot be read."""
 
     manifest: tuple[str, ...]
     table: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""What a discovery found: verdict, effects, the estimate before and after."""
+"""Findings of a discovery: verdict, effects, the estimate before and after."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tulip_testbed.sim.robot import Robot
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Findings:
-    """What a discovery found, and the changes of the estimate.
+    """Findings of a discovery, and the changes of the estimate.
 
     Attributes:
         robot: the nominal robot.

@@ -157,7 +157,7 @@ class Proposals(Result):
 
 
 def experiment_table(experiments: Sequence[dict[str, Any]], key: str = "experiments") -> Table:
-    """Return ranked experiments, one a row.
+    """Return ranked experiments, one per row.
 
     Args:
         experiments: of `ProposedExperiment`, as JSON. key: where they are in their document.

@@ -1,4 +1,4 @@
-"""What is known of a robot: what its file says and lacks, its standard parameters and its base parameters."""
+"""Report on a robot: its file, its needs in the laboratory, its standard and its base parameters."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class BaseParameter:
 
 @dataclass(frozen=True, repr=False)
 class RobotReport(Result):
-    """What is known of a robot.
+    """Report on a robot.
 
     Attributes:
         name: of the robot. model: its MJCF file. support: of the base parameters.

@@ -35,7 +35,7 @@ class DroppedPosture:
 
 @dataclass(frozen=True, repr=False)
 class Simulation(Result):
-    """What became of a simulated experiment; nothing of its truth.
+    """Outcome of a simulated experiment, without its truth.
 
     Attributes:
         measurements: folder. postures_planned, rows: how many there are.

@@ -1,4 +1,4 @@
-"""The result of a validation: estimates beside the truth, checks and the verdict."""
+"""The result of a validation: estimates, the truth, checks and the verdict."""
 
 from __future__ import annotations
 

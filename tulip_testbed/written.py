@@ -1,4 +1,4 @@
-"""What a page or a view leaves behind: a file, or an address that a browser opens."""
+"""Results of a page or a view: a file, or an address that a browser opens."""
 
 from __future__ import annotations
 

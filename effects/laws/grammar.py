@@ -29,7 +29,7 @@ GAIN = "-gain"
 
 
 class WhatErrs(NamedTuple):
-    """What errs.
+    """Reading that errs.
 
     Attributes:
         field: of the measurements; "" for a force.
@@ -43,7 +43,7 @@ class WhatErrs(NamedTuple):
 
 
 class Dependence(NamedTuple):
-    """What an error is a function of.
+    """Quantity of which an error is a function.
 
     Attributes:
         unit: SI unit; a time is a fraction of the experiment's.

@@ -76,7 +76,7 @@ class Row:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Atlas(Result):
-    """What a plan detects, distinguishes and hides.
+    """Effects that a plan detects, distinguishes and hides.
 
     Attributes:
         rows: sizes of all candidates, in the catalogue's order.

@@ -39,7 +39,7 @@ LIFTED = 0.05  # of the weight, below which a foot may be in the air
 
 @dataclass(frozen=True)
 class MappedColumn:
-    """What a column of the contract is read from.
+    """Source of a column of the contract.
 
     Attributes:
         column: of the table. unit: None: the contract's. sign: 1 or -1.
