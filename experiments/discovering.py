@@ -62,7 +62,7 @@ class Discovered(Findings, Result):
         write_discovery(Path(folder), self._record)
 
     def to_frame(self) -> Any:
-        """Return a pandas DataFrame with one row per parameter: before and, if effects were adopted, after."""
+        """Return a pandas DataFrame with one row per parameter, before and after."""
         before = self.before.to_frame()
         kept = [name for name in before if name.startswith(("estimate", "s.e."))]
         if self.after is None:
