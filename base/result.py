@@ -46,7 +46,7 @@ Array = Annotated[np.ndarray, PlainValidator(_array), PlainSerializer(lambda val
 
 
 class Outside:
-    """The mark of a field that is no part of the JSON document, such as the robot; None in one that is read."""
+    """The mark of a field that is no part of the JSON document, such as the robot; None in what is read."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         return core_schema.with_default_schema(core_schema.any_schema(), default=None)
