@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections import Counter
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -49,7 +48,7 @@ from tulip_testbed.experiments.run_file import (
     check_robot,
     configuration_of,
 )
-from tulip_testbed.experiments.usable_plan import planned_parameters
+from tulip_testbed.experiments.usable_plan import plan_hash, planned_parameters
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.robot import Robot
@@ -240,12 +239,3 @@ def montecarlo_file(laboratory: Laboratory, plan: PosturePlan, settings: Setting
         software=software(),
         machine=machine(),
     )
-
-
-def plan_hash(plan: PosturePlan) -> str:
-    """Hash everything that a plan asks for, which is in its arrays, in hexadecimal."""
-    digest = hashlib.sha256()
-    for field in fields(plan):
-        if isinstance(array := getattr(plan, field.name), np.ndarray):
-            digest.update(f"{field.name} {array.dtype} {array.shape} ".encode() + array.tobytes())
-    return digest.hexdigest()
