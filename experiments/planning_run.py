@@ -122,10 +122,10 @@ def _carry_out(job: Job, states: Path | None, seed: int, progress: Progress) -> 
 
         def show(reached: SearchState) -> None:
             nonlocal last
+            before, last = last.rounds if last else 0, reached
             if kept is not None:
                 write_state(kept, reached)
-            advance(reached.rounds - (last.rounds if last else 0), reached.value)
-            last = reached
+            advance(reached.rounds - before, reached.value)
 
         try:
             return job.run(show, state), True

@@ -34,8 +34,8 @@ from tests.fuzz.documents import edited, put
 
 HASHES = {"run.json": "outputs", "rig.json": "files"}  # where a folder lists its files
 RUN, REPORT, TRUTH, FOUND = "run.json", "report.json", "truth.json", "discovery.json"
-STATE_NAME = ".plan.state.json"
-CHUNK, STATE = "runs/chunk-000000.parquet", f"made/{STATE_NAME}"
+STATE_NAME = "seed-311.json"
+CHUNK, STATE = "runs/chunk-000000.parquet", f"made/.plan.search/{STATE_NAME}"
 RIG = "rig.json"
 
 
@@ -235,7 +235,7 @@ STATE_KINDS: dict[str, Change] = {
     **{kind: how for kind, how in documents_of(STATE).items() if "harmless" not in kind},  # it is one line
     **{kind: how for kind, how in others(STATE).items() if kind.split()[0] not in ("closed", "folder")},
     **{
-        f"{how} of the best plan": content(put(f"state.best_{what}.7.{k}", *values), expected, STATE)
+        f"{how} of the best plan": content(put(f"best_{what}.7.{k}", *values), expected, STATE)
         for how, what, k, values, expected in (
             # Where the equations are solved from: another start may lead to the same posture.
             ("another knee", "angles", 3, (0.0, 1.0, -2.0, 90.0), EITHER),
@@ -243,7 +243,7 @@ STATE_KINDS: dict[str, Change] = {
             ("another swing foot", "design", 6, (0.5, -0.2, 2.0), refused(STATE_NAME)),
         )
     },
-    "another objective": content(put("state.value", 1.0, 600.0, -1.0, 0), refused(STATE_NAME), STATE),
-    "another start": content(put("state.initial", 1.0, 1e5, -1.0), refused(STATE_NAME), STATE),
-    "other rounds": content(put("state.rounds", 0, 2, 5, 10**6, -1, 2.5), EITHER, STATE),
+    "another objective": content(put("value", 1.0, 600.0, -1.0, 0), refused(STATE_NAME), STATE),
+    "another start": content(put("initial", 1.0, 1e5, -1.0), refused(STATE_NAME), STATE),
+    "other rounds": content(put("rounds", 0, 2, 5, 10**6, -1, 2.5), EITHER, STATE),
 }
