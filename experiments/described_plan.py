@@ -41,6 +41,10 @@ from tulip_testbed.sim.robot import Robot, joint_names, sole_point
 from tulip_testbed.sim.scene import boards_under, nominal_plates
 
 LARGE_SHARE = 1000.0  # % of a nominal value: it is near zero
+SEARCHED = (
+    *("objective", "initial_condition_number"),
+    *("measured_objective", "initial_objective", "final_objective"),
+)
 PROMISES = (
     *("condition_number", "preset", "sigma_mm", "predicted_standard_error_mm"),
     *("predicted_relative_standard_error_percent", "well_identified"),
@@ -115,6 +119,12 @@ class DescribedPlan(Result):
     def exit_code(self) -> int:
         """Return 130 of an interrupted search, 2 if a picture is missing, or else 0."""
         return (0 if self.complete else 2) if self.finished else 130
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON document, without what only a search has where there was none."""
+        unknown = {*SEARCHED, "wall_s"}
+        document = super().to_json()
+        return {key: value for key, value in document.items() if value is not None or key not in unknown}
 
     def promises(self) -> dict[str, Any]:
         """Return what the plan promises, as its folder keeps it."""

@@ -20,7 +20,7 @@ from tulip_testbed.base.errors import InputError, warn
 from tulip_testbed.base.files import check_new, present, write_text
 from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.table_files import read_json
-from tulip_testbed.experiments.described_plan import DescribedPlan, Trial, describe_plan
+from tulip_testbed.experiments.described_plan import SEARCHED, DescribedPlan, Trial, describe_plan
 from tulip_testbed.experiments.plan_search import Job, Search, state_folder
 from tulip_testbed.experiments.usable_plan import joined_trials
 from tulip_testbed.identification.planning.interrupted import ARRAYS, StateError
@@ -37,10 +37,6 @@ TABLE1 = {  # the paper's trials by our seeds; margins were chosen on seeds belo
     106: (689.1, 394.4),
 }
 CHOSEN = 3  # of the trials, as in the paper
-FIGURES = (
-    *("objective", "initial_condition_number"),
-    *("measured_objective", "initial_objective", "final_objective"),
-)
 
 
 def search_plan(
@@ -91,7 +87,7 @@ def _search(
             state.unlink()
     return replace(
         described,
-        **{name: plan.made[name] for name in FIGURES if name in plan.made},
+        **{name: plan.made[name] for name in SEARCHED if name in plan.made},
         trials=trials,
         chosen=chosen,
         wall_s=time.perf_counter() - began,
@@ -130,7 +126,9 @@ def _carry_out(job: Job, states: Path | None, seed: int, progress: Progress) -> 
         try:
             return job.run(show, state), True
         except StateError as error:
-            raise _no_state(kept, error) from None
+            raise InputError(
+                f"{kept}: found no state of an interrupted run ({error}); remove it"
+            ) from None
         except KeyboardInterrupt:
             if last is None or kept is None:
                 raise
@@ -172,7 +170,7 @@ def read_state(path: Path) -> SearchState | None:
     try:
         state = _State.read(path)
     except InputError as error:
-        raise _no_state(path, error) from None
+        raise InputError(f"{error}; remove it") from None
     return SearchState(**{name: getattr(state, name) for name in _State.model_fields})
 
 
@@ -180,11 +178,6 @@ def write_state(path: Path, state: SearchState) -> None:
     """Write a state; floats as Python writes them come back in the same bits."""
     document = {name: value.tolist() if name in ARRAYS else value for name, value in vars(state).items()}
     write_text(path, json.dumps(document))
-
-
-def _no_state(path: Path | None, why: object) -> InputError:
-    """Word the refusal of a file that no interrupted run left."""
-    return InputError(f"{path}: found no state of an interrupted run ({why}); remove it")
 
 
 def check_out(out: Path) -> None:

@@ -129,7 +129,7 @@ def test_an_edited_state_is_refused_by_name(interrupted, tmp_path, name, edit, m
     else:
         document[name] = edit
     path.write_text(json.dumps(document))
-    with pytest.raises(InputError, match=rf"311\.json: found no state of an interrupted run \(.*{message}"):
+    with pytest.raises(InputError, match=rf"seed-311\.json: .*{message}.*; remove it"):
         planning.search_plan(search, tmp_path / "plan", "wii")
 
 

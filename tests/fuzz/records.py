@@ -36,6 +36,7 @@ HASHES = {"run.json": "outputs", "rig.json": "files"}  # where a folder lists it
 RUN, REPORT, TRUTH, FOUND = "run.json", "report.json", "truth.json", "discovery.json"
 STATE_NAME = "seed-311.json"
 CHUNK, STATE = "runs/chunk-000000.parquet", f"made/.plan.search/{STATE_NAME}"
+SEARCH = "made/.plan.search/search.json"
 RIG = "rig.json"
 
 
@@ -181,7 +182,6 @@ TABLE_EDITS: dict[str, tuple[folders.Edit, Expected]] = {
 # --- kinds -------------------------------------------------------------------------------------
 
 RUNS = (0, -1, 1, 2, 4, 26, 10**6, 10**13, 10**250, "3", None, True, 2.5)
-CHUNKS = (0, -1, 2, 26, 10**13, "25", None)
 FIELDS = (None, "x" * 64, "0" * 64, "", "\x1b", 1, [], {})
 NO_LISTS = [f"a list {edit} in {RUN}" for edit in ("of another length", "in another order")]
 RUN_KINDS: dict[str, Change] = {
@@ -203,7 +203,7 @@ MONTECARLO_KINDS: dict[str, Change] = {
     **others(RUN, CHUNK),
     **{f"{kind} in the runs": runs(*how) for kind, how in TABLE_EDITS.items()},
     "numbers of runs": content(put("settings.runs", *RUNS), refused(WHOLE), RUN),
-    "sizes of chunks": content(put("settings.chunk", *CHUNKS), EITHER, RUN),
+    "another engine": content(put("settings.engine", "dynamics", "", 1, None), EITHER, RUN),
     "garbage for runs": content(folders.garbage, REFUSED, CHUNK),
     "flipped bytes in the runs": content(changes.flipped, EITHER, CHUNK),
     "truncated runs": content(changes.truncated, REFUSED, CHUNK),
@@ -232,7 +232,9 @@ RIG_KINDS: dict[str, Change] = {
     "other targets": content(put("effects.0.target", "left_knee", "nose", "", None, "\x1b"), EITHER, RIG),
 }
 STATE_KINDS: dict[str, Change] = {
-    **{kind: how for kind, how in documents_of(STATE).items() if "harmless" not in kind},  # it is one line
+    # It is one line of numbers.
+    **{k: how for k, how in documents_of(STATE).items() if "harmless" not in k and " text" not in k},
+    **documents_of(SEARCH),
     **{kind: how for kind, how in others(STATE).items() if kind.split()[0] not in ("closed", "folder")},
     **{
         f"{how} of the best plan": content(put(f"best_{what}.7.{k}", *values), expected, STATE)
