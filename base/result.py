@@ -91,7 +91,7 @@ class Result:
         """Return the JSON document, which `--json` prints and a run folder holds; NaN is null."""
         return finite(
             _adapter(type(self)).dump_python(
-                self, mode="json", by_alias=True, exclude=set(_outside(type(self)))
+                self, mode="json", exclude=set(_outside(type(self)))
             )
         )
 

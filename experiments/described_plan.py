@@ -124,7 +124,8 @@ class DescribedPlan(Result):
         """Return the JSON document, without what only a search has where there was none."""
         unknown = {*SEARCHED, "wall_s"}
         document = super().to_json()
-        return {key: value for key, value in document.items() if value is not None or key not in unknown}
+        named = {"plan": document.pop("source")} | document
+        return {key: value for key, value in named.items() if value is not None or key not in unknown}
 
     def promises(self) -> dict[str, Any]:
         """Return what the plan promises, as its folder keeps it."""
