@@ -89,11 +89,7 @@ class Result:
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON document, which `--json` prints and a run folder holds; NaN is null."""
-        return finite(
-            _adapter(type(self)).dump_python(
-                self, mode="json", exclude=set(_outside(type(self)))
-            )
-        )
+        return finite(_adapter(type(self)).dump_python(self, mode="json", exclude=set(_outside(type(self)))))
 
     @classmethod
     def from_json(cls, document: Mapping[str, Any], where: str = "document") -> Self:

@@ -126,9 +126,7 @@ def _carry_out(job: Job, states: Path | None, seed: int, progress: Progress) -> 
         try:
             return job.run(show, state), True
         except StateError as error:
-            raise InputError(
-                f"{kept}: found no state of an interrupted run ({error}); remove it"
-            ) from None
+            raise InputError(f"{kept}: found no state of an interrupted run ({error}); remove it") from None
         except KeyboardInterrupt:
             if last is None or kept is None:
                 raise
