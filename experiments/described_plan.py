@@ -314,12 +314,12 @@ def margins_of(robot: Robot, plan: PosturePlan) -> dict[str, dict[str, Any]] | N
     except InputError:
         return None
     both = plan.support == "double"
-    found = smallest_margins(problem, plan.take(both)) if both.any() else {}
+    least = smallest_margins(problem, plan.take(both)) if both.any() else {}
     for support in ("right", "left"):
-        if (one := plan.support == support).any():
+        if (rows := plan.support == support).any():
             own = problem if support == "right" else from_other_foot(problem)
-            found |= _single_margins(own, plan.take(one), f"{support} foot")
-    return found
+            least |= _single_margins(own, plan.take(rows), f"{support} foot")
+    return least
 
 
 def _single_margins(problem: Problem, plan: PosturePlan, head: str) -> dict[str, dict[str, Any]]:

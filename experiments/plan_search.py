@@ -198,11 +198,12 @@ class Search:
         """Add the postures on one foot and the repeats that the settings ask for."""
         wanted, plate = self.settings, nominal_plates(self.robot)[0]
         if wanted.single_support:
-            one = planning_problem(self.robot, plate, support="right")
-            goal = objective_by_name(one, wanted.objective, 1e-3 * SIGMA_MM)
-            none = np.zeros((len(one.nominal),) * 2)
-            known = none if self.measured is None else measured_information(one, self.measured)
-            plan = single_support_plan(one, goal, plan, known, wanted.single_support, wanted.seed)
+            problem = planning_problem(self.robot, plate, support="right")
+            goal = objective_by_name(problem, wanted.objective, 1e-3 * SIGMA_MM)
+            known = np.zeros((len(problem.nominal),) * 2)
+            if self.measured is not None:
+                known = measured_information(problem, self.measured)
+            plan = single_support_plan(problem, goal, plan, known, wanted.single_support, wanted.seed)
         return with_repeats(plan, wanted.repeats, wanted.seed) if wanted.repeats else plan
 
 
@@ -233,7 +234,10 @@ def set_up_search(
             raise InputError("solver: found ipopt for a plan after measurements, expected slsqp")
         casadi_module()
     if counts := settings.on_one_foot:
-        _check_mixed(settings, measured)
+        if measured is not None:
+            raise InputError("right, left: found postures on one foot after measurements, expected none")
+        if settings.single_support:
+            raise InputError("right, left: found with single_support, expected one of them")
     check_scene(preset_rig("ideal", robot))
     warn_of_robot(robot)
     rows = np.array(["double", *counts]) if measured is None else measured.support
@@ -243,11 +247,3 @@ def set_up_search(
     taken = sum(counts.values()) if measured is None else len(measured)
     enough("placements, postures_per_placement", taken + placements * per, problem.parameters)
     return Search(robot, settings, measured, problem, goal)
-
-
-def _check_mixed(settings: PlanSettings, measured: Measurements | None) -> None:
-    """Refuse settings that do not go with postures on one foot among the others."""
-    if measured is not None:
-        raise InputError("right, left: found postures on one foot after measurements, expected none")
-    if settings.single_support:
-        raise InputError("right, left: found with single_support, expected one of them")
