@@ -225,7 +225,7 @@ def test_pages_ask_the_network_for_nothing(folder):
 def test_command_refuses_and_leaves_nothing(tmp_path, capsys, monkeypatch):
     out = tmp_path / "day"
     assert main(["protocol", "optimal", "--out", str(out), "--speed", "0"]) == 2
-    assert "--speed: found 0, expected above 0" in capsys.readouterr().err
+    assert "speed: found 0, expected above 0" in capsys.readouterr().err
     assert main(["protocol", "nothing", "--out", str(out)]) == 2
     assert "no shipped plan has this name" in capsys.readouterr().err
     assert not out.exists()

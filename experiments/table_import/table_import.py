@@ -298,7 +298,7 @@ def _of_the_table(message: str, working: Path, table: Path, found: Proposal) -> 
     for path in working.iterdir():
         name = "map" if path.name == "manifest.json" else str(table)
         message = message.replace(str(path), name)
-    message = message.partition("; `tt.check(")[0].replace(str(working), "map")
+    message = message.partition("; `check` lists")[0].replace(str(working), "map")
     named = [name for name in found.mapping if f"'{name}'" in message]
     return message + "".join(f"; {name} is column '{found.mapping[name].column}'" for name in named)
 

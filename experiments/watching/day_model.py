@@ -68,7 +68,7 @@ class Direction:
         """Return name and target."""
         return self.instance.label
 
-    def told(self, size: float) -> str:
+    def words(self, size: float) -> str:
         """Tell the change in words.
 
         Args:
@@ -121,6 +121,10 @@ class DayModel:
             out.setdefault(number, []).append(row)
         return out
 
+    def first_row(self, posture: int) -> int:
+        """Return the first row of the plan with a posture; 0 if it holds none."""
+        return self.of_posture.get(posture, [0])[0]
+
     @cached_property
     def ramps(self) -> np.ndarray:
         """Return which directions are ramps, (c,) bool."""
@@ -134,10 +138,14 @@ class DayModel:
         seen = observe(rows, self.nominal)
         forces = seen.cell_forces.reshape(len(seen), 2, 4)
         margin = max(LEAST_LOAD, 4 * self.noise.cell)
-        first = [self.of_posture.get(number, [0])[0] for number in rows.posture.tolist()]
-        progress = np.array(first) / max(len(self.plan) - 1, 1)
+        first = np.array([self.first_row(posture) for posture in rows.posture.tolist()])
         loaded = forces.min(axis=2) > margin - seen.board_share
-        return replace(seen, cell_sd=self.noise.cell, time_fraction=progress, on_four_cells=loaded)
+        return replace(
+            seen,
+            cell_sd=self.noise.cell,
+            time_fraction=first / max(len(self.plan) - 1, 1),
+            on_four_cells=loaded,
+        )
 
 
 def day_model(plan: PosturePlan, robot: Robot, header: MeasurementHeader) -> DayModel:
@@ -156,7 +164,11 @@ def day_model(plan: PosturePlan, robot: Robot, header: MeasurementHeader) -> Day
         )
     nominal = nominal_robot(robot, common_support(plan.support))
     observed = observe(Measurements.without_rows(header), nominal)
-    noise = _noise(observed)
+    sheet = header.sensors  # what it does not state is assumed: one row cannot tell it
+    stated = replace(
+        sheet, encoder_sd=sheet.encoder_sd or ASSUMED_ENCODER, cell_sd=sheet.cell_sd or ASSUMED_CELL
+    )
+    noise = noise_of(replace(observed, measurements=replace(observed.measurements, sensors=stated)))
     families = families_in(observed, usual_tolerances(observed, None))
     mixing, _ = mixing_of(families)
     sizes = np.concatenate([np.zeros(0), *(np.full(len(f), f.tolerance) for f in families)])
@@ -196,26 +208,14 @@ def base_prior(nominal: Nominal) -> np.ndarray:
     return slope @ each @ slope.T
 
 
-def _noise(observed: Observation) -> Noise:
-    """Return the noise by the data sheets; what they do not state is assumed: one row cannot tell it."""
-    sheet = observed.measurements.sensors
-    stated = replace(
-        sheet,
-        encoder_sd=sheet.encoder_sd or ASSUMED_ENCODER,
-        cell_sd=sheet.cell_sd or ASSUMED_CELL,
-    )
-    return noise_of(replace(observed, measurements=replace(observed.measurements, sensors=stated)))
-
-
 def _directions(robot: Robot) -> tuple[Direction, ...]:
-    out = []
-    for name in STEPS:
-        effect = catalogue()[name]
-        for target in targets_in(effect, robot, None, ()):
-            out += [Direction(effect, target, sizes, False) for sizes in _sizes(effect)]
-            if name in RAMPS:
-                out += [Direction(effect, target, sizes, True) for sizes in _sizes(effect)]
-    return tuple(out)
+    return tuple(
+        Direction(effect, target, sizes, ramp)
+        for effect in map(catalogue().__getitem__, STEPS)
+        for target in targets_in(effect, robot, None, ())
+        for ramp in ((False, True) if effect.name in RAMPS else (False,))
+        for sizes in _sizes(effect)
+    )
 
 
 def _sizes(effect: Effect) -> list[tuple[float, ...]]:

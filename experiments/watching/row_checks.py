@@ -1,4 +1,4 @@
-"""Checks that a single row can fail without any model of the day: plausible readings, and rest."""
+"""Checks that a single row can fail without any model of the day: order, plausible readings, and rest."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from tulip_testbed.base.numbers import number
+from tulip_testbed.experiments.watching.day_model import DayModel
+from tulip_testbed.experiments.watching.watch_state import WatchState
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.preflight.finding import Finding
 from tulip_testbed.identification.preflight.plate_checks import feet_on_plates, load_in_soles, plate_poses
@@ -21,10 +23,34 @@ from tulip_testbed.identification.preflight.units import joint_limits, units
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.cells import CELLS
 
+BREAK = 3600.0  # s: a longer time between two rows is a break, or a clock that jumped
 USUAL = 30  # rows from which the usual s.d. within a window is taken
 LEAST_ROWS = 5  # of them, from which a window is compared
 LEAST_SPEED = 1e-4  # rad/s: slower is at rest
 MOST_OFF = 0.1  # rad, of a joint from its planned angle: drives sag by 0.02 rad in the simulated laboratory
+
+
+def order_findings(model: DayModel, state: WatchState, row: Measurements, planned: int) -> list[Finding]:
+    """Return what is odd about placement, order and time of a row."""
+    findings, where = [], f"posture {row.posture[0]}"
+    if (placement := int(row.placement[0])) != (expected := int(model.plan.placement[planned])):
+        wanted = f"placement {expected}, as in the plan"
+        advice = "Correct the number if the plates were not laid again."
+        findings.append(Finding("placement", "warn", f"placement {placement}", wanted, where, advice))
+    later = float(row.time[0]) - state.time
+    if -BREAK <= later < 0 <= state.row - planned:
+        seen = f"{number(-later, '.0f')} s before the row before it"
+        advice = "The row is used as it is."
+        findings.append(Finding("order", "warn", seen, "rows in the order of time", where, advice))
+    elif np.isfinite(later) and not 0 <= later <= BREAK:
+        way = "back" if later < 0 else "ahead"
+        seen = f"the time jumps {way} by {number(abs(later), '.0f')} s"
+        expect = f"times that increase, by less than {BREAK:.0f} s"
+        advice = (
+            "After a break look for what changed, else correct the clock. The foot counts as put down again."
+        )
+        findings.append(Finding("clock", "warn", seen, expect, where, advice))
+    return findings
 
 
 def plausible(row: Measurements, nominal: Nominal, level: float) -> list[Finding]:
@@ -33,25 +59,27 @@ def plausible(row: Measurements, nominal: Nominal, level: float) -> list[Finding
     Args:
         level: p-value below which a statistical check counts.
     """
-    found = units(row, nominal)
-    if found.result == "fail":
-        return [found]
-    both = bool((row.support == "double").all())
+    in_units = units(row, nominal)
+    if in_units.result == "fail":
+        return [in_units]
     checks: list[Callable[[], Finding]] = [lambda: joint_limits(row, nominal), lambda: cell_loads(row)]
-    if both:
+    if bool((row.support == "double").all()):
         checks += [
             lambda: plate_poses(row),
             lambda: feet_on_plates(row, nominal),
             lambda: load_in_soles(row, nominal),
         ]
-    results = [check() for check in checks]
-    # A cell that hardly bears anything in one posture is nothing unusual; over a day it would be.
-    idle = [one for one in results if one.name == "cell loads" and "never carries" in one.seen]
-    chance = [one for one in results if one.p_value is not None and one.p_value >= level]
-    return [one for one in results if one.result in ("warn", "fail") and one not in (*idle, *chance)]
+    return [
+        finding
+        for finding in (check() for check in checks)
+        if finding.result in ("warn", "fail")
+        # A cell that hardly bears anything in one posture is nothing unusual; over a day it would be.
+        and not (finding.name == "cell loads" and "never carries" in finding.seen)
+        and (finding.p_value is None or finding.p_value < level)
+    ]
 
 
-def as_planned(row: Measurements, planned: np.ndarray, joints: tuple[str, ...]) -> Finding | None:
+def as_planned(row: Measurements, planned: np.ndarray) -> Finding | None:
     """Compare the joint angles with the planned ones, (n_joints,) [rad]; None: they agree."""
     off = row.joint_angles[0] - planned
     worst = int(np.abs(off).argmax())
@@ -60,7 +88,7 @@ def as_planned(row: Measurements, planned: np.ndarray, joints: tuple[str, ...]) 
     return Finding(
         "posture",
         "fail",
-        f"q.{joints[worst]} is {number(float(off[worst]), '+.2g')} rad from the plan",
+        f"q.{row.joints[worst]} is {number(float(off[worst]), '+.2g')} rad from the plan",
         f"every joint within {MOST_OFF:g} rad of its planned angle",
         f"posture {row.posture[0]}",
         "Look for another posture under this number, or an encoder that slipped.",

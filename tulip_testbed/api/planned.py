@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+import atexit
+from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,14 +32,15 @@ from tulip_testbed.experiments.protocols.protocol_run import (
     protocol_of,
 )
 from tulip_testbed.experiments.usable_plan import check_plan, random_plan
-from tulip_testbed.experiments.watching.watch_day import Arrival, WatchSettings, watch_day
+from tulip_testbed.experiments.watching.watch_day import Watch, WatchSettings, watch_day
 from tulip_testbed.experiments.written_plan import CHOSEN, DescribedPlan, drawn_plan, search_plan
 from tulip_testbed.experiments.written_plan import describe_plan as _describe_plan
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.planning.search_defaults import HOPS, SOLVERS
-from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.robot import Robot
 
+Targets = Mapping[str, float]
 NOISY = ("wii", "force-plate")  # sensors with noise of readings on plates
 
 
@@ -324,33 +327,46 @@ def protocol(
 @checked
 def watch(
     folder: str | Path,
-    plan: PosturePlan,
     robot: Robot | None = None,
-    state: str | Path | None = None,
-    targets: Mapping[str, float] | None = None,
-    follow: bool = True,
+    *,
+    plan: PlanSource,
+    out: str | Path | None = None,
+    targets: Targets | None = None,
+    once: bool = False,
     rows: Iterable[bytes] | None = None,
-) -> Iterator[Arrival]:
-    """Check a day's postures while they are measured, and say when to stop.
+    view: bool = False,
+) -> Watch:
+    """Check postures while they are measured, and say when to stop.
+
+    Each row is compared with the postures before it, the robot's CAD model, the repeats and the data sheets'
+    noise. The watch ends when every posture is measured, or by Ctrl-C.
 
     Args:
-        folder: measurement folder whose manifest.json is written and whose postures.csv grows. Nothing is
+        folder: measurement folder whose manifest.json is written and whose postures.csv grows; nothing is
             written into it.
-        plan: postures that are being measured.
         robot: the nominal robot; TULip if None.
-        state: file that keeps the state, so that a watch that ended goes on; None: it is not kept.
+        plan: postures that are being measured, or their folder, or the name of a shipped plan.
+        out: file that keeps the state, so that a watch that was killed goes on; None: it is not kept.
         targets: standard errors at which to stop, by base parameter or "all" [m].
-        follow: wait for more rows until every posture is measured; otherwise judge those that are there.
+        once: judge the rows that are there and end.
         rows: lines of a CSV after their header, in place of the folder's postures.csv.
+        view: also show the day in rerun, in a browser of this machine.
 
     Returns:
-        what came of every row, as soon as it is there; `verdict` says what it shows, which posture is next
-        and whether the day may end.
+        an iterator of what came of every row, as soon as it is there; `verdict` says what it shows, which
+        posture is next and whether the day may end.
 
     Raises:
         InputError: another robot's folder or plan, sensors other than plates on four cells, a state of
             another day; while rows arrive, a table whose header changes or that becomes shorter.
     """
-    place = None if state is None else Path(state)
     robot = robot or load_robot()
-    return watch_day(WatchSettings(Path(folder), plan, robot, place, targets, follow, rows))
+    planned, place = plan_of(plan, robot), None if out is None else Path(out)
+    opened, address, log = ExitStack(), [], None
+    if view:
+        from tulip_testbed.viewer.watch_view import served_watch  # rerun takes half a second to load
+
+        log = opened.enter_context(served_watch(planned, robot, address.append))
+        atexit.register(opened.close)
+    settings = WatchSettings(Path(folder), planned, robot, place, targets, once, rows)
+    return Watch(watch_day(settings, opened=opened), targets, log, *address)
