@@ -48,9 +48,7 @@ def test_a_fault_is_one_line_that_points_to_the_preflight(precise, robot, tmp_pa
     ):
         tt.identify(wrong, robot)
     tt.write_measurements(tmp_path / "data", wrong)
-    with pytest.warns(
-        InputWarning, match=rf"{tmp_path}/data: found faults in .*; `check` says more"
-    ):
+    with pytest.warns(InputWarning, match=rf"{tmp_path}/data: found faults in .*; `check` says more"):
         tt.identify(tmp_path / "data", robot)
     capsys.readouterr()
     assert main(["identify", str(tmp_path / "data")]) == 0
