@@ -135,16 +135,16 @@ class _Import:
             angles = [f"q.{joint}" for joint in joints if joint not in stated.constant_joints]
             required = tuple(name for name in names if name in (*WHOLE, *angles))
             self.missing.append(
-                "contacts: not stated; state kind, mount, channels, zero and pose of both as [[contacts]], or "
-                "the cells and heights of [plates] (docs/reference/measurements.md)"
+                "contacts: not stated; state kind, mount, channels, zero and pose of both as [[contacts]], "
+                "or the cells and heights of [plates] (docs/reference/measurements.md)"
             )
         else:
             required = required_columns(joints, manifest.contacts, stated.constant_joints)
         proposal = propose(list(self.table.types), names, required, stated.columns)
         if proposal.silent:
             self.assumed.append(
-                f"not used, since no unit is written in the name: {listed(map(repr, proposal.silent))}; state "
-                "it to use one"
+                f"not used, since no unit is written in the name: {listed(map(repr, proposal.silent))}; "
+                "state it to use one"
             )
         self._complete(proposal)
         self._find_missing(proposal, required)
