@@ -80,11 +80,11 @@ def with_places(content: bytes, places: Mapping[str, tuple[np.ndarray, np.ndarra
         values = [] if found is None else found[2][1:-1].split()
         if element is None or found is None or not np.allclose(np.array(values, float), old, atol=1e-12):
             raise InputError(
-                f'{where}: found no <body name={quoteattr(shortened(name))} pos="{_joined(old)}">, expected '
+                f'{where}: found no <body name={quoteattr(shortened(name))} pos="{joined(old)}">, expected '
                 "its place in the body itself: write what a <frame> adds into it"
             )
         start = element.start + found.start(2)
-        changes.append((start, start + len(found[2]), f'"{_joined(new)}"'.encode()))
+        changes.append((start, start + len(found[2]), f'"{joined(new)}"'.encode()))
     return _changed(content, changes)
 
 
@@ -99,12 +99,12 @@ def inertial_xml(pseudo: np.ndarray, kind: str) -> bytes:
     mass, center, inertia = central(pseudo)
     entries = [float(inertia[entry]) for entry in ENTRIES]
     if kind == "body":
-        text = f'<inertial pos="{_joined(center)}" mass="{mass!r}" fullinertia="{_joined(entries)}"/>'
+        text = f'<inertial pos="{joined(center)}" mass="{mass!r}" fullinertia="{joined(entries)}"/>'
     else:
         names = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
         tensor = " ".join(f'{name}="{value!r}"' for name, value in zip(names, entries, strict=True))
         text = (
-            f'<inertial><origin xyz="{_joined(center)}" rpy="0 0 0"/><mass value="{mass!r}"/>'
+            f'<inertial><origin xyz="{joined(center)}" rpy="0 0 0"/><mass value="{mass!r}"/>'
             f"<inertia {tensor}/></inertial>"
         )
     return text.encode()
@@ -116,7 +116,8 @@ def _changed(content: bytes, changes: list[tuple[int, int, bytes]]) -> bytes:
     return content
 
 
-def _joined(values: Iterable[float]) -> str:
+def joined(values: Iterable[float]) -> str:
+    """Return numbers as an attribute holds them, exactly."""
     return " ".join(repr(float(value)) for value in values)
 
 

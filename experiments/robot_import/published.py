@@ -138,9 +138,7 @@ def _left_out(model: mujoco.MjModel, root: int) -> list[str]:
     forces = {
         "springs of the joints": [model.joint(j).name for j in own if np.any(model.jnt_stiffness[j])],
         "springs of the tendons": [model.tendon(t).name for t in strained],
-        "compensation of the weight of": [
-            model.body(int(b)).name for b in np.flatnonzero(model.body_gravcomp)
-        ],
+        "compensation of the weight of": [model.body(b).name for b in floating],
     }
     lines = [f"left out: {force} {listed(names)}" for force, names in forces.items() if names]
     if not np.allclose(model.opt.gravity, EARTH):
