@@ -28,7 +28,6 @@ from tulip_testbed.experiments.planning_run import PlanSettings, check_out, meas
 from tulip_testbed.experiments.protocols.protocol_run import (
     LaboratoryProtocol,
     ProtocolSettings,
-    check_settings,
     protocol_of,
 )
 from tulip_testbed.experiments.usable_plan import check_plan, random_plan
@@ -318,7 +317,6 @@ def protocol(
     robot, place = robot or load_robot(), Path(out)
     check_new(place)
     settings = ProtocolSettings(sensors, speed, repeats)
-    check_settings(settings)
     made = protocol_of(robot, plan_of(plan, robot), settings, progress)
     missing = write_protocol(place, made)
     return replace(made, folder=place, missing=tuple(missing), files=tuple(contents(place)))
