@@ -13,14 +13,13 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import block_diag
 
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.families import Family, families_in
 from tulip_testbed.calibration.linear_model import weighed_precision
 from tulip_testbed.calibration.linearisation import joint_compliance, mixing_of
 from tulip_testbed.calibration.self_calibration import usual_tolerances
 from tulip_testbed.effects.catalogue import catalogue, targets_in
 from tulip_testbed.effects.effect import Effect
-from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.effects.instance import effect_label
 from tulip_testbed.identification.base_parameters import common_support, standard_parameters
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.observation import LEAST_LOAD, Observation, observe
@@ -59,14 +58,9 @@ class Direction:
     ramp: bool
 
     @property
-    def instance(self) -> EffectInstance:
-        """Return the effect at one plausible size."""
-        return EffectInstance(self.effect, self.target, self.sizes)
-
-    @property
     def label(self) -> str:
         """Return name and target."""
-        return self.instance.label
+        return effect_label(self.effect.name, self.target)
 
     def words(self, size: float) -> str:
         """Tell the change in words.
@@ -74,13 +68,8 @@ class Direction:
         Args:
             size: in plausible sizes; of a ramp, in ten postures.
         """
-        values = [
-            p.text(size * v)
-            for number, (p, v) in enumerate(
-                zip(self.effect.parameters_on(self.target), self.sizes, strict=True)
-            )
-            if number in self.effect.sizes and v
-        ]
+        parameters = self.effect.parameters_on(self.target)
+        values = [parameters[k].text(size * self.sizes[k]) for k in self.effect.sizes if self.sizes[k]]
         sort = "drifts by about {} in ten postures" if self.ramp else "changed by about {}"
         return f"{self.label}: {sort.format(', '.join(values))}"
 
@@ -96,7 +85,6 @@ class DayModel:
         families: of ordinary imperfections. mixing: members from their deviates, (q, k).
         covariance: of the state before the day, (n, n); plates and stance are the last nine.
         directions: faults that may begin. unseen: s.d. of joint compliances, (n_joints,) [rad/Nm].
-        cell_margin: least reading of a loaded cell, (2, 4) [N].
     """
 
     plan: PosturePlan
@@ -128,7 +116,7 @@ class DayModel:
     @cached_property
     def ramps(self) -> np.ndarray:
         """Return which directions are ramps, (c,) bool."""
-        return np.array([one.ramp for one in self.directions])
+        return np.array([direction.ramp for direction in self.directions])
 
     def observe(self, rows: Measurements) -> Observation:
         """Return an observation in which no row depends on another one.
@@ -152,16 +140,12 @@ def day_model(plan: PosturePlan, robot: Robot, header: MeasurementHeader) -> Day
     """Prepare the watch of a day.
 
     Args:
-        header: of the day's measurements.
+        header: of the day's measurements, by plates on four cells.
 
     Raises:
-        InputError: a plan of another robot, or contact sensors other than plates on four cells.
+        InputError: a plan of another robot.
     """
     check_fits("plan", plan, robot)
-    if header.contacts is not None:
-        raise InputError(
-            f"watch: found {header.contacts.mount} sensors of wrenches, expected plates on four cells each"
-        )
     nominal = nominal_robot(robot, common_support(plan.support))
     observed = observe(Measurements.without_rows(header), nominal)
     sheet = header.sensors  # what it does not state is assumed: one row cannot tell it
@@ -171,7 +155,7 @@ def day_model(plan: PosturePlan, robot: Robot, header: MeasurementHeader) -> Day
     noise = noise_of(replace(observed, measurements=replace(observed.measurements, sensors=stated)))
     families = families_in(observed, usual_tolerances(observed, None))
     mixing, _ = mixing_of(families)
-    sizes = np.concatenate([np.zeros(0), *(np.full(len(f), f.tolerance) for f in families)])
+    sizes = np.concatenate([np.zeros(0), *(np.full(len(part), part.tolerance) for part in families)])
     prior = block_diag(
         base_prior(nominal),
         1 / weighed_precision(observed) ** 2,
@@ -202,7 +186,7 @@ def base_prior(nominal: Nominal) -> np.ndarray:
     spread[:, :, 0] = MASS_SD * standard
     for axis in (1, 2, 3):
         spread[:, axis, axis] = CENTER_SD * mass
-    each = block_diag(*(one @ one.T for one in spread))
+    each = block_diag(*(link @ link.T for link in spread))
     by_mass = np.tile([1.0, 0.0, 0.0, 0.0], len(mass))
     slope = (nominal.parameters.from_standard - np.outer(nominal.value, by_mass)) / total
     return slope @ each @ slope.T

@@ -15,7 +15,7 @@ import numpy as np
 
 from tulip_testbed.base.alone import alone_on
 from tulip_testbed.base.column import Column
-from tulip_testbed.base.errors import InputError, listed, look_up, shortened
+from tulip_testbed.base.errors import InputError, look_up, shortened
 from tulip_testbed.base.files import read_bytes
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Result
@@ -41,12 +41,13 @@ from tulip_testbed.experiments.watching.watch_state import (
     read_state,
     write_state,
 )
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.regressor import check_robot
 from tulip_testbed.identification.residual_channels import CHANNELS
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.measurements.manifest import Manifest
 from tulip_testbed.measurements.measurement_folder import header_in, read_manifest
-from tulip_testbed.sim.plan_folder import check_model
-from tulip_testbed.sim.robot import Robot, joint_names
+from tulip_testbed.sim.robot import Robot
 
 POLL = 0.25  # s, between two looks at a file
 EVERY = "all"
@@ -315,19 +316,12 @@ def _model(settings: WatchSettings, manifest: Manifest, where: Path) -> DayModel
     Raises:
         InputError: another robot's folder or plan, or sensors that are not plates on cells.
     """
-    robot = settings.robot
-    check_model(where, manifest.robot.model, manifest.robot.sha256, robot)
-    if tuple(manifest.joints) != (joints := joint_names(robot.model)):
-        found, expected = listed(manifest.joints), listed(joints)
-        raise InputError(f"{where}: key 'joints': found {found}, expected {expected}")
-    feet = (manifest.robot.stance_foot, manifest.robot.swing_foot)
-    if feet != robot.feet:
-        raise InputError(
-            f"{where}: key 'robot': found the feet {listed(feet)}, expected {listed(robot.feet)}"
-        )
     if manifest.plates is None:
         raise InputError(
             f"{where}: key 'contacts': found sensors of wrenches, expected plates on four cells each: a "
             "watch reads no others yet"
         )
-    return day_model(settings.plan, robot, header_in(manifest, where))
+    header, robot = header_in(manifest, where), settings.robot
+    known = Measurements.without_rows(header)
+    check_robot(nominal_robot(robot).parameters, known, robot, str(settings.folder))
+    return day_model(settings.plan, robot, header)
