@@ -79,22 +79,22 @@ class Export:
 
 
 def export_model(
-    found: Identification, robot: Robot, export: Export, weighed: tuple[float, float] | None = None
+    identification: Identification, robot: Robot, export: Export, weighed: tuple[float, float] | None = None
 ) -> ExportedModel:
     """Write the identified robot.
 
     Args:
-        found: the identification. robot: the nominal one, CAD.
+        robot: the nominal one, CAD.
         weighed: mass of the robot on a scale and its standard error [kg]; None: that of the identification.
 
     Raises:
         InputError: files that exist, of another ending or of another robot; a file whose settings overrule
             its inertias.
     """
-    _check(found, robot, export)
+    _check(identification, robot, export)
     model = _lengthened(robot, export)
-    parameters = base_parameters(robot, model, found.parameters.support)
-    links, full = parameters.tree.links, found.full
+    parameters = base_parameters(robot, model, identification.parameters.support)
+    links, full = parameters.tree.links, identification.full
     paths = [export.path]
     if export.samples:
         paths.append(export.path.with_name(f"{export.path.stem}-samples.npz"))
@@ -103,7 +103,7 @@ def export_model(
     cad = _cad(robot, export, source)
     reference = solid(cad)
     ellipsoids = bounding_ellipsoids(robot.visual_model, reference)
-    mass, mass_error = weighed or found.mass
+    mass, mass_error = weighed or identification.mass
     target = Target(parameters.from_standard[full.numbers - 1], full.value, full.covariance, mass)
     consistent = consistent_robot(reference, ellipsoids, target)
     content, notes = _content(robot, model, export, source, parameters, consistent)
@@ -136,7 +136,7 @@ def export_model(
     return result
 
 
-def _check(found: Identification, robot: Robot, export: Export) -> None:
+def _check(identification: Identification, robot: Robot, export: Export) -> None:
     """Refuse what cannot be exported."""
     if export.path.suffix.lower() not in ENDINGS:
         raise InputError(
@@ -146,15 +146,18 @@ def _check(found: Identification, robot: Robot, export: Export) -> None:
     at_least("samples", export.samples, 0)
     at_most("samples", export.samples, MOST_SAMPLES)
     at_least("seed", export.seed, 0)
-    parameters = base_parameters(robot, support=found.parameters.support)
-    if found.parameters.tree.links != parameters.tree.links or found.parameters.names != parameters.names:
+    parameters = base_parameters(robot, support=identification.parameters.support)
+    if (
+        identification.parameters.tree.links != parameters.tree.links
+        or identification.parameters.names != parameters.names
+    ):
         raise InputError(
             f"{robot.model_file}: found a robot with other links than the identification's; give the robot "
             "that was identified"
         )
-    if len(found.full.numbers) != len(parameters.names):
+    if len(identification.full.numbers) != len(parameters.names):
         raise InputError(
-            f"found an estimate of {len(found.full.numbers)} of {len(parameters.names)} base parameters, "
+            f"found an estimate of {len(identification.full.numbers)} of {len(parameters.names)} base parameters, "
             "expected all"
         )
     if export.source is not None and _kind(export.source) != export.path.suffix.lower():
