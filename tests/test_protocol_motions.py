@@ -198,8 +198,8 @@ def test_motions_on_one_foot_keep_the_other_in_the_air(robot):
 
 def test_where_links_would_touch_the_robot_is_lifted(robot, small_plan, monkeypatch):
     """And what follows has a placement of its own, since its boards are recorded anew."""
-    found = MotionPlanner._found
-    monkeypatch.setattr(MotionPlanner, "_found", lambda self, a, b: (found(self, a, b)[0], LIFT))
+    legs = MotionPlanner._legs
+    monkeypatch.setattr(MotionPlanner, "_legs", lambda self, a, b: (legs(self, a, b)[0], LIFT))
     lifted = protocol_of(robot, small_plan, ProtocolSettings(repeats=0))
     assert lifted.motions == (None,) * len(small_plan)
     assert len(lifted.placements) == len(small_plan)

@@ -13,7 +13,7 @@ from tests.watched import measured_day, model_of, one_row, play
 from tulip_testbed.experiments.watching.alarm import fault_of_changes, levels
 from tulip_testbed.experiments.watching.change_detection import EARLIER, RECENT, Changes
 from tulip_testbed.experiments.watching.plan_progress import planned_row
-from tulip_testbed.experiments.watching.recursive_estimate import ANEW, Belief, Innovation
+from tulip_testbed.experiments.watching.recursive_estimate import OF_PLACEMENT, Belief, Innovation
 from tulip_testbed.experiments.watching.row_checks import USUAL
 from tulip_testbed.experiments.watching.row_columns import row_columns
 from tulip_testbed.experiments.watching.watch_row import CHANGED, NOT_SETTLED, OK, REPEAT, UNPLANNED, UNUSABLE
@@ -245,7 +245,10 @@ def test_what_was_measured_since_a_change_began_is_forgotten(watched, before):
     assert state.earlier.there[until].all()
     # The foot was put down anew since, so that its place is as unknown as at the beginning of a placement.
     state = fault_of_changes(watched, replace(seen, stance=seen.stance + 1), levels(watched))
-    np.testing.assert_array_equal(state.belief.covariance[-ANEW:, -ANEW:], watched.covariance[-ANEW:, -ANEW:])
+    np.testing.assert_array_equal(
+        state.belief.covariance[-OF_PLACEMENT:, -OF_PLACEMENT:],
+        watched.covariance[-OF_PLACEMENT:, -OF_PLACEMENT:],
+    )
 
 
 def test_a_row_that_came_twice_counts_once(watched, day):

@@ -222,9 +222,9 @@ def tolerance_table(tolerance: Tolerance) -> Table:
     for k, source in enumerate(tolerance.sources):
         worst = int(np.abs(tolerance.bias[k]).argmax())
         effect = source.effect.name
-        one, unit = UNITS[effect][1].split(" ")
+        amount, unit = UNITS[effect][1].split(" ")
         alone, together = (
-            float(one) * units if units <= LARGE else "any"
+            float(amount) * units if units <= LARGE else "any"
             for units in (tolerance.allowed(k), tolerance.together(effect))
         )
         rows.append(

@@ -147,18 +147,15 @@ def _check(identification: Identification, robot: Robot, export: Export) -> None
     at_most("samples", export.samples, MOST_SAMPLES)
     at_least("seed", export.seed, 0)
     parameters = base_parameters(robot, support=identification.parameters.support)
-    if (
-        identification.parameters.tree.links != parameters.tree.links
-        or identification.parameters.names != parameters.names
-    ):
+    known, count = identification.parameters, len(identification.full.numbers)
+    if known.tree.links != parameters.tree.links or known.names != parameters.names:
         raise InputError(
             f"{robot.model_file}: found a robot with other links than the identification's; give the robot "
             "that was identified"
         )
-    if len(identification.full.numbers) != len(parameters.names):
+    if count != len(parameters.names):
         raise InputError(
-            f"found an estimate of {len(identification.full.numbers)} of {len(parameters.names)} base parameters, "
-            "expected all"
+            f"found an estimate of {count} of {len(parameters.names)} base parameters, expected all"
         )
     if export.source is not None and _kind(export.source) != export.path.suffix.lower():
         raise InputError(

@@ -39,7 +39,7 @@ class SignCheck:
 
 
 class _Evidence(NamedTuple):
-    """What confirms the sign of a column, or a doubt in it; "" for none."""
+    """A confirmation of the sign of a column, or a doubt in it; "" for none."""
 
     column: str
     confirms: str

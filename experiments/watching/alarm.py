@@ -13,7 +13,7 @@ import numpy as np
 from tulip_testbed.base.numbers import number
 from tulip_testbed.experiments.watching.change_detection import Changes
 from tulip_testbed.experiments.watching.day_model import DayModel
-from tulip_testbed.experiments.watching.recursive_estimate import ANEW, Innovation
+from tulip_testbed.experiments.watching.recursive_estimate import OF_PLACEMENT, Innovation
 from tulip_testbed.experiments.watching.row_columns import RowColumns
 from tulip_testbed.experiments.watching.watch_state import AGAIN, Fault, WatchState
 from tulip_testbed.identification.distributions import chi2_isf, chi2_sf
@@ -60,15 +60,15 @@ def repeat_probability(model: DayModel, state: WatchState, columns: RowColumns, 
         return 1.0
     here = columns.about(state.belief.mean[: model.parameters])
     then = past.state[first].astype(float)
-    shared = slice(0, len(state.belief.mean) - ANEW)
+    shared = slice(0, len(state.belief.mean) - OF_PLACEMENT)
     change = here.state - then
     left = columns.residual - past.residual[first] - change[:, shared] @ state.belief.mean[shared]
-    prior = model.covariance[-ANEW:, -ANEW:]
+    prior = model.covariance[-OF_PLACEMENT:, -OF_PLACEMENT:]
     spread = here.noise(model.noise.encoder) + past.noise[first]
     spread = spread + change[:, shared] @ state.belief.covariance[shared, shared] @ change[:, shared].T
     same = past.stance[first] == state.stance
     for slope in (change,) if same else (here.state, then):
-        spread = spread + slope[:, -ANEW:] @ prior @ slope[:, -ANEW:].T
+        spread = spread + slope[:, -OF_PLACEMENT:] @ prior @ slope[:, -OF_PLACEMENT:].T
     used = here.used & past.used[first]
     left, spread = left[used], spread[np.ix_(used, used)]
     scale = 1 / np.sqrt(np.diag(spread))
@@ -97,7 +97,7 @@ def fault_of_changes(model: DayModel, state: WatchState, level: Level) -> WatchS
     there[[model.first_row(int(posture)) for posture in model.plan.posture[rows]]] = False
     return replace(
         state.marked(rows, AGAIN),
-        belief=before.belief.begun(model, ANEW) if anew else before.belief,
+        belief=before.belief.begun(model, OF_PLACEMENT) if anew else before.belief,
         information=before.information.placement_begun() if moved else before.information,
         earlier=replace(state.earlier, there=there),
         fault=fault,

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from tulip_testbed.experiments.watching.day_model import STANCE, DayModel
-from tulip_testbed.experiments.watching.recursive_estimate import ANEW
+from tulip_testbed.experiments.watching.recursive_estimate import OF_PLACEMENT
 from tulip_testbed.experiments.watching.watch_state import AGAIN, GAPS, MEASURED, OPEN, WatchState
 from tulip_testbed.identification.observation import LONG_GAP
 from tulip_testbed.measurements import Measurements
@@ -34,7 +34,7 @@ def begin_row(model: DayModel, state: WatchState, row: Measurements, planned: in
     placement, support, time = int(row.placement[0]), str(row.support[0]), float(row.time[0])
     anew = placement != state.placement or support != state.support
     gap = time - state.time
-    numbers = ANEW if anew else STANCE if _put_down(state, gap, planned) else 0
+    numbers = OF_PLACEMENT if anew else STANCE if _put_down(state, gap, planned) else 0
     if numbers:
         state = replace(
             state,

@@ -1,7 +1,7 @@
 """The state of a day by the rows so far: a Kalman filter, linear about the present base parameters.
 
-Beside it stands the information of the postures about the base parameters by the data sheets alone. It is
-that of generalised least squares on the centre of pressure, with the errors of the plates' recorded poses
+The second estimate is the information of the postures about the base parameters by the data sheets alone. It
+is that of generalised least squares on the centre of pressure, with the errors of the plates' recorded poses
 common to a placement. It depends on where the robot stood and on the stated noise, not on what the residuals
 are: an experimenter who stops when it suffices does not choose the errors, and intervals keep their coverage.
 
@@ -17,7 +17,7 @@ import numpy as np
 from tulip_testbed.experiments.watching.day_model import PLATES, STANCE, DayModel
 from tulip_testbed.experiments.watching.row_columns import RowColumns
 
-ANEW = PLATES + STANCE  # numbers of the state that begin again with a placement
+OF_PLACEMENT = PLATES + STANCE  # numbers of the state that begin again with a placement
 CENTER = slice(0, 2)  # residuals of the centre of pressure
 LEAST_SHARE = 1e-10  # of the largest eigenvalue, below which parameters are not determined yet
 
@@ -56,7 +56,7 @@ class Belief:
     covariance: np.ndarray
 
     def begun(self, model: DayModel, numbers: int) -> Belief:
-        """Return the belief in a new placement (`ANEW` numbers begin again) or stance (`STANCE`)."""
+        """Return the belief in a new placement (`OF_PLACEMENT` numbers begin again) or stance (`STANCE`)."""
         mean, covariance = self.mean.copy(), self.covariance.copy()
         mean[-numbers:] = 0.0
         covariance[-numbers:] = covariance[:, -numbers:] = 0.0
@@ -138,7 +138,7 @@ class DesignInformation:
         by_angles = row.by_angles[CENTER]
         noise = model.noise.encoder**2 * by_angles @ by_angles.T + row.cells[CENTER, CENTER]
         base = row.state[CENTER, : model.parameters]
-        plates = row.state[CENTER, -ANEW:-STANCE]
+        plates = row.state[CENTER, -OF_PLACEMENT:-STANCE]
         weighed = np.linalg.solve(noise, np.concatenate([base, plates], axis=1))
         p = model.parameters
         return replace(

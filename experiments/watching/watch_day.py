@@ -56,7 +56,7 @@ LATEST = 12  # rows that are shown
 
 @dataclass(frozen=True, eq=False)
 class Arrival:
-    """What came of a line of the table.
+    """The result of a line of the table.
 
     Attributes:
         line: its number. verdict: None if it could not be read.

@@ -1,7 +1,7 @@
-"""How the command line gives what is no plain value.
+"""How the command line gives values that are not plain.
 
-What the library reads itself, such as a folder, is given as a path: `KINDS`. Everything else has a reader,
-whose parameters are the options of a command. Its own parameter `value` is an option with the name of the
+Folders and files that the library reads itself are given as paths: `KINDS`. Other values have a reader, whose
+parameters are the options of a command. Its own parameter `value` is an option with the name of the
 parameter that it reads; its parameter `robot` is what the option --robot reads. Both are found by the
 annotation of the parameter. The simulator is loaded when a reader is called: help does not need it.
 """
