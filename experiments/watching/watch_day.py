@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
 import math
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -68,8 +69,15 @@ class Arrival:
     problem: str = ""
 
 
+View = Callable[[Callable[[str], None]], AbstractContextManager[Callable[[Verdict], None]]]
+
+
 class Watch(Result):
     """A day that is being watched: an iterator of what comes of every row, as soon as it is there.
+
+    It ends when every posture of the plan is measured. The state is written after a row was yielded: a
+    process that is killed between both yields that row again. A hidden file next to the state, .NAME.lock,
+    keeps a second watch of the same state out.
 
     Attributes:
         latest: arrivals of the last rows.
@@ -78,21 +86,36 @@ class Watch(Result):
 
     def __init__(
         self,
-        arrivals: Iterator[Arrival],
+        folder: Path,
+        plan: PosturePlan,
+        robot: Robot,
+        out: Path | None = None,
         targets: Mapping[str, float] | None = None,
-        log: Callable[[Verdict], None] | None = None,
-        address: str | None = None,
+        once: bool = False,
+        rows: Iterable[bytes] | None = None,
+        view: View | None = None,
     ) -> None:
-        """Watch a day.
+        """Begin to watch; a view opens at once, everything else is looked at when the first row is asked for.
 
         Args:
-            arrivals: see `watch_day`. targets: standard errors at which to stop, by parameter or "all" [m].
-            log: called with every verdict.
+            folder: measurement folder; nothing is written into it.
+            out: file that keeps the state; None: it is not kept.
+            targets: standard errors that are wanted, by base parameter or "all" [m].
+            once: judge the rows that are there and end, rather than wait for more.
+            rows: lines of a CSV after their header, in place of the folder's table.
+            view: called with a function that takes the address; yields the function to call with verdicts.
         """
-        self._arrivals, self._targets, self._log = arrivals, targets or {}, log
+        self.folder, self.plan, self.robot = folder, plan, robot
+        self._out, self._targets, self._once, self._rows = out, targets or {}, once, rows
         self.latest: deque[Arrival] = deque(maxlen=LATEST)
-        self.address = address
         self._last: Verdict | None = None
+        self._arrivals, self._opened = self._judged(), ExitStack()
+        addresses: list[str] = []
+        self._log = None
+        if view is not None:
+            self._log = self._opened.enter_context(view(addresses.append))
+            atexit.register(self._opened.close)
+        self.address = next(iter(addresses), None)
 
     def __iter__(self) -> Iterator[Arrival]:
         return self
@@ -169,29 +192,66 @@ class Watch(Result):
             told.append(f"Targets that are not met: {missed} of {len(errors)}.")
         return " ".join(told)
 
+    def _judged(self) -> Iterator[Arrival]:
+        """Yield what comes of every row."""
+        out, where = self._out, self.folder / "manifest.json"
+        with self._opened:
+            if out is not None:
+                check_state_file(out)
+                self._opened.enter_context(alone_on(out))
+            manifest = read_manifest(self.folder)
+            model = self._model(manifest, where)
+            targets = _targets_of(model, self._targets)
+            key = key_of(self.plan, read_bytes(where))
+            kept = (None if out is None else read_state(out, key, model)) or Kept(first_state(model), Place())
+            state, place = kept.state, kept.place
+            path = self.folder / TABLE if self._rows is None else Path("standard input")
+            stream = None if self._rows is None else lines_of(self._rows, Place(), path)
+            known = stream is not None and state.row >= 0  # rows that a stream may bring again
+            judge = one_blas_thread(watch_row)
+            while lines := self._lines(path, place, stream):
+                for line in lines:
+                    before, place = place, place.after(line)
+                    if not line.is_row or is_header(path, line, before):
+                        continue
+                    try:
+                        row = row_of(line, before.header, manifest, path, where)
+                    except InputError as error:
+                        yield Arrival(line.number, None, str(error))
+                        continue
+                    known = known and _is_known(state, row, path)
+                    if known:
+                        place = before
+                        continue
+                    state, verdict = judge(model, state, row, targets)
+                    yield Arrival(line.number, verdict)
+                    if out is not None:
+                        write_state(out, key, Kept(state, place))
+                    if verdict.next is None:
+                        return
+
+    def _lines(self, path: Path, place: Place, stream: Iterator[Line] | None) -> list[Line]:
+        """Return the next lines of a stream or a file; none at the end of what is to be judged."""
+        if stream is not None:
+            return [line for line in (next(stream, None),) if line is not None]
+        while not (lines := new_lines(path, place)) and not self._once:
+            time.sleep(POLL)
+        return lines
+
+    def _model(self, manifest: Manifest, where: Path) -> DayModel:
+        """Prepare the day; refuse another robot's folder or plan, and sensors other than plates on cells."""
+        if manifest.plates is None:
+            raise InputError(
+                f"{where}: key 'contacts': found sensors of wrenches, expected plates on four cells each: a "
+                "watch reads no others yet"
+            )
+        header = header_in(manifest, where)
+        nothing = Measurements.without_rows(header)
+        check_robot(nominal_robot(self.robot).parameters, nothing, self.robot, str(self.folder))
+        return day_model(self.plan, self.robot, header)
+
     def _target(self, name: str) -> float:
         return self._targets.get(name, self._targets.get(EVERY, math.inf))
-
-
-@dataclass(frozen=True, eq=False)
-class WatchSettings:
-    """The subject of a watch.
-
-    Attributes:
-        folder: measurement folder; nothing is written into it.
-        out: file that keeps the state; None: it is not kept.
-        targets: standard errors that are wanted, by base parameter or "all" [m].
-        once: judge the rows that are there and end, rather than wait for more.
-        rows: lines of a CSV after their header, in place of the folder's table.
-    """
-
-    folder: Path
-    plan: PosturePlan
-    robot: Robot
-    out: Path | None = None
-    targets: Mapping[str, float] | None = None
-    once: bool = False
-    rows: Iterable[bytes] | None = None
 
 
 def read_targets(texts: Sequence[str]) -> dict[str, float]:
@@ -214,74 +274,6 @@ def read_targets(texts: Sequence[str]) -> dict[str, float]:
     return targets
 
 
-def watch_day(
-    settings: WatchSettings, pause: Callable[[float], None] = time.sleep, opened: ExitStack | None = None
-) -> Iterator[Arrival]:
-    """Yield what comes of every row as it arrives, until every posture of the plan is measured.
-
-    The state is written after a row was yielded: a process that is killed between both yields that row again.
-    A hidden file in the folder of the state, .NAME.lock, keeps a second watch of the same state out.
-
-    Args:
-        pause: called with the time to wait between two looks at the file [s].
-        opened: closed at the end.
-
-    Raises:
-        InputError: a folder, plan or state that cannot be used; a table whose header changes or that becomes
-            shorter; another watch keeps the same state.
-    """
-    with opened or ExitStack() as until_the_end:
-        if settings.out is not None:
-            check_state_file(settings.out)
-            until_the_end.enter_context(alone_on(settings.out))
-        yield from _judged(settings, pause)
-
-
-def _judged(settings: WatchSettings, pause: Callable[[float], None]) -> Iterator[Arrival]:
-    s, where = settings, settings.folder / "manifest.json"
-    manifest = read_manifest(s.folder)
-    model = _model(s, manifest, where)
-    targets = _targets_of(model, s.targets)
-    key = key_of(s.plan, read_bytes(where))
-    kept = (None if s.out is None else read_state(s.out, key, model)) or Kept(first_state(model), Place())
-    state, place = kept.state, kept.place
-    path = s.folder / TABLE if s.rows is None else Path("standard input")
-    stream = None if s.rows is None else lines_of(s.rows, Place(), path)
-    known = stream is not None and state.row >= 0  # rows that a stream may bring again
-    judge = one_blas_thread(watch_row)
-    while lines := _lines(path, place, stream, None if s.once else pause):
-        for line in lines:
-            before, place = place, place.after(line)
-            if not line.is_row or is_header(path, line, before):
-                continue
-            try:
-                row = row_of(line, before.header, manifest, path, where)
-            except InputError as error:
-                yield Arrival(line.number, None, str(error))
-                continue
-            known = known and _is_known(state, row, path)
-            if known:
-                place = before
-                continue
-            state, verdict = judge(model, state, row, targets)
-            yield Arrival(line.number, verdict)
-            if s.out is not None:
-                write_state(s.out, key, Kept(state, place))
-            if verdict.next is None:
-                return
-
-
-def _lines(
-    path: Path, place: Place, stream: Iterator[Line] | None, pause: Callable[[float], None] | None
-) -> list[Line]:
-    """Return the next lines of a stream or a file; none at the end, which a file has without `pause` only."""
-    if stream is not None:
-        return [line for line in (next(stream, None),) if line is not None]
-    while not (lines := new_lines(path, place)) and pause is not None:
-        pause(POLL)
-    return lines
-
-
 def _is_known(state: WatchState, row: Measurements, path: Path) -> bool:
     """Return whether a row was judged before the watch was killed.
 
@@ -296,7 +288,7 @@ def _is_known(state: WatchState, row: Measurements, path: Path) -> bool:
     return bool(row.time[0] <= state.time)
 
 
-def _targets_of(model: DayModel, given: Mapping[str, float] | None) -> np.ndarray | None:
+def _targets_of(model: DayModel, given: Mapping[str, float]) -> np.ndarray | None:
     """Return the standard error that is wanted of every base parameter, (p,) [m]; None: none is."""
     if not given:
         return None
@@ -308,20 +300,3 @@ def _targets_of(model: DayModel, given: Mapping[str, float] | None) -> np.ndarra
             raise InputError(f"targets: {name}: found {value:g}, expected a standard error above 0 [m]")
         targets[slice(None) if name == EVERY else names.index(name)] = value
     return targets
-
-
-def _model(settings: WatchSettings, manifest: Manifest, where: Path) -> DayModel:
-    """Prepare the day of a folder.
-
-    Raises:
-        InputError: another robot's folder or plan, or sensors that are not plates on cells.
-    """
-    if manifest.plates is None:
-        raise InputError(
-            f"{where}: key 'contacts': found sensors of wrenches, expected plates on four cells each: a "
-            "watch reads no others yet"
-        )
-    header, robot = header_in(manifest, where), settings.robot
-    known = Measurements.without_rows(header)
-    check_robot(nominal_robot(robot).parameters, known, robot, str(settings.folder))
-    return day_model(settings.plan, robot, header)

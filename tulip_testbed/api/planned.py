@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import atexit
 from collections.abc import Iterable, Mapping
-from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +30,7 @@ from tulip_testbed.experiments.protocols.protocol_run import (
     protocol_of,
 )
 from tulip_testbed.experiments.usable_plan import check_plan, random_plan
-from tulip_testbed.experiments.watching.watch_day import Watch, WatchSettings, watch_day
+from tulip_testbed.experiments.watching.watch_day import Watch
 from tulip_testbed.experiments.written_plan import CHOSEN, DescribedPlan, drawn_plan, search_plan
 from tulip_testbed.experiments.written_plan import describe_plan as _describe_plan
 from tulip_testbed.identification.base_parameters import base_parameters
@@ -358,13 +357,10 @@ def watch(
         InputError: another robot's folder or plan, sensors other than plates on four cells, a state of
             another day; while rows arrive, a table whose header changes or that becomes shorter.
     """
-    robot = robot or load_robot()
+    robot, shown = robot or load_robot(), None
     planned, place = plan_of(plan, robot), None if out is None else Path(out)
-    opened, address, log = ExitStack(), [], None
     if view:
         from tulip_testbed.viewer.watch_view import served_watch  # rerun takes half a second to load
 
-        log = opened.enter_context(served_watch(planned, robot, address.append))
-        atexit.register(opened.close)
-    settings = WatchSettings(Path(folder), planned, robot, place, targets, once, rows)
-    return Watch(watch_day(settings, opened=opened), targets, log, *address)
+        shown = partial(served_watch, planned, robot)
+    return Watch(Path(folder), planned, robot, place, targets, once, rows, shown)
