@@ -12,19 +12,17 @@ from markupsafe import Markup
 
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import new_folder, write_text
+from tulip_testbed.experiments.example import empty_measurements
 from tulip_testbed.experiments.protocols.motion import FREE, Motion
 from tulip_testbed.experiments.protocols.motion_files import motion_csv, motion_name, motion_yaml
 from tulip_testbed.experiments.protocols.protocol_run import LaboratoryProtocol
-from tulip_testbed.measurements import Measurements, PosturePlan, SensorSheet
+from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.measurements.cells import CORNERS, PLATES
 from tulip_testbed.measurements.measurement_folder import write_start
 from tulip_testbed.pages.page import filled, png
 from tulip_testbed.pages.placement_drawing import Mark, drawing, marks, placement_of, scale_for
 from tulip_testbed.rendering import rendered
 from tulip_testbed.sim.plan_folder import write_plan
-from tulip_testbed.sim.procedure import header_of
-from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import Robot
 
 KNOWN = ("posture", "placement", "support")  # columns of the rows to fill in that the plan knows
 TEMPLATE = "protocol.html.j2"
@@ -190,18 +188,6 @@ def _pictures(protocol: LaboratoryProtocol, missing: list[str]) -> dict[int, str
         int(plan.posture[row]): "data:image/png;base64," + base64.b64encode(png(image)).decode()
         for row, image in zip(rows, images, strict=True)
     }
-
-
-def empty_measurements(robot: Robot, sensors: str | None) -> Measurements:
-    """Return measurements without rows: robot, joints, sensors and their data sheet, as far as known.
-
-    Args:
-        sensors: preset; None: four cells under each foot, without a data sheet.
-    """
-    header = header_of(preset_rig(sensors or "ideal", robot))
-    if sensors is None:
-        header = dataclasses.replace(header, sensors=SensorSheet())
-    return Measurements.without_rows(header)
 
 
 def rows_to_fill_in(empty: Measurements, plan: PosturePlan) -> str:
