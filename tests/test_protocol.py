@@ -16,7 +16,6 @@ from tests.drawing import draws_with
 from tests.looking import browse
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.example import empty_measurements
-from tulip_testbed.experiments.protocols.protocol_run import ProtocolSettings
 from tulip_testbed.identification.planning.optimal_plan import with_repeats
 from tulip_testbed.measurements import write_measurements
 from tulip_testbed.measurements.measurement_folder import write_start
@@ -115,7 +114,7 @@ def table_of(path):
 
 
 def test_without_a_data_sheet_the_manifest_says_so(robot, small_plan, small_protocol, tmp_path, monkeypatch):
-    without = replace(small_protocol, settings=ProtocolSettings())
+    without = replace(small_protocol, sensors=None)
     monkeypatch.setattr("tulip_testbed.api.planned.protocol_of", lambda *arguments: without)
     monkeypatch.setattr("tulip_testbed.pages.protocol_page.rendered", _no_pictures)
     tt.protocol(small_plan, robot, out=tmp_path / "day", repeats=0)

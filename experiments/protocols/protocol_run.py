@@ -40,27 +40,13 @@ FASTEST = 10.0  # rad/s
 HOISTED = 10.0  # s more than the motion itself, to take the load off the robot: prefers free motions
 
 
-@dataclass(frozen=True)
-class ProtocolSettings:
-    """The settings that the user of a laboratory may choose.
-
-    Attributes:
-        sensors: preset whose data sheet starts the measurement folder; None: unknown.
-        speed: largest speed of a joint on a motion [rad/s].
-        repeats: postures that are measured twice if the plan repeats none; at most every fifth.
-    """
-
-    sensors: str | None = None
-    speed: float = SPEED
-    repeats: int = REPEATS
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class LaboratoryProtocol(Result):
     """A plan in the order in which it is measured, with the motion to every row.
 
     Attributes:
         given: the plan in its own order, with repeats.
+        sensors: preset whose data sheet starts the measurement folder; None: unknown.
         plan: its rows in order, with repeats.
         motions: to every row from the one before, (m,); None: the robot is set down again, held by a hoist.
         boards: poses of right and left board in the base frame of every row, (m, 2, 3) [m, m, rad].
@@ -72,7 +58,7 @@ class LaboratoryProtocol(Result):
     robot: Robot
     given: PosturePlan
     plan: PosturePlan
-    settings: ProtocolSettings
+    sensors: str | None
     motions: tuple[Motion | None, ...]
     boards: np.ndarray
     notes: tuple[str, ...]
@@ -159,22 +145,32 @@ class LaboratoryProtocol(Result):
 def protocol_of(
     robot: Robot,
     plan: PosturePlan,
-    settings: ProtocolSettings | None = None,
+    sensors: str | None = None,
+    speed: float = SPEED,
+    repeats: int = REPEATS,
     progress: Progress = silent,
 ) -> LaboratoryProtocol:
     """Order a plan and plan the motions between its postures.
 
+    Args:
+        sensors: preset whose data sheet starts the measurement folder; None: unknown.
+        speed: largest speed of a joint on a motion [rad/s].
+        repeats: postures that are measured twice if the plan repeats none; at most every fifth.
+
     Raises:
         InputError: a plan that does not fit the robot, a scene without a laboratory, a setting out of range.
     """
-    settings = settings or ProtocolSettings()
-    _check_settings(settings)
+    at_least("repeats", repeats, 0)
+    if not 0 < speed <= FASTEST:
+        raise InputError(f"speed: found {speed:g}, expected above 0 and at most {FASTEST:g} rad/s")
+    if sensors is not None:
+        look_up("preset", sensors, PRESETS, "sensors")
     check_fits("plan", plan, robot)
     check_scene(preset_rig("ideal", robot))
     warn_of_robot(robot)
-    count = min(settings.repeats, len(plan) // 5)
+    count = min(repeats, len(plan) // 5)
     extended = with_repeats(plan, count, 0) if plan.postures == len(plan) and count else plan
-    planner = MotionPlanner(robot, extended, settings.speed)
+    planner = MotionPlanner(robot, extended, speed)
 
     def way(start: int, end: int) -> float:
         duration, kind = planner.way(start, end)
@@ -193,20 +189,11 @@ def protocol_of(
         robot=robot,
         given=extended,
         plan=ordered,
-        settings=settings,
+        sensors=sensors,
         motions=motions,
         boards=boards_under(preset_rig("ideal", robot), ordered.foot_poses),
         notes=_notes(planner, ordered, motions),
     )
-
-
-def _check_settings(settings: ProtocolSettings) -> None:
-    """Refuse settings that no protocol has."""
-    at_least("repeats", settings.repeats, 0)
-    if not 0 < settings.speed <= FASTEST:
-        raise InputError(f"speed: found {settings.speed:g}, expected above 0 and at most {FASTEST:g} rad/s")
-    if settings.sensors is not None:
-        look_up("preset", settings.sensors, PRESETS, "sensors")
 
 
 def _with_motions(

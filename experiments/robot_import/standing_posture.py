@@ -30,14 +30,13 @@ class Standing:
 
     Attributes:
         qpos: of the model, root first, (nq,).
-        height: of the root's origin over the soles, and with straight legs (at zero angles) [m].
+        height: of the root's origin over the soles [m].
         spacing: of the feet's origins to the side [m].
         leg: from the hip (first hinge of a leg) to the sole, with straight legs [m].
     """
 
     qpos: Array
     height: float
-    straight: float
     spacing: float
     leg: float
 
@@ -112,7 +111,7 @@ def standing(
         )
     best = _apart(best, clearance, ROOM * leg, ~legs, (low, high), rng)
     place(best)
-    return Standing(data.qpos.copy(), float(best[1]), straight, spacing, leg)
+    return Standing(data.qpos.copy(), float(best[1]), spacing, leg)
 
 
 def _at_limits(names: tuple[str, ...], angles: Array, low: Array, high: Array) -> str:

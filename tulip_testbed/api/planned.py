@@ -24,11 +24,7 @@ from tulip_testbed.experiments.defaults import DEFAULT_SEED, REPEATS, SPEED
 from tulip_testbed.experiments.effect_list import EffectList
 from tulip_testbed.experiments.effect_list import list_effects as _list_effects
 from tulip_testbed.experiments.planning_run import PlanSettings, check_out, measured_for, set_up_search
-from tulip_testbed.experiments.protocols.protocol_run import (
-    LaboratoryProtocol,
-    ProtocolSettings,
-    protocol_of,
-)
+from tulip_testbed.experiments.protocols.protocol_run import LaboratoryProtocol, protocol_of
 from tulip_testbed.experiments.usable_plan import check_plan, random_plan
 from tulip_testbed.experiments.watching.watch_day import Watch
 from tulip_testbed.experiments.written_plan import CHOSEN, DescribedPlan, drawn_plan, search_plan
@@ -315,8 +311,7 @@ def protocol(
 
     robot, place = robot or load_robot(), Path(out)
     check_new(place)
-    settings = ProtocolSettings(sensors, speed, repeats)
-    made = protocol_of(robot, plan_of(plan, robot), settings, progress)
+    made = protocol_of(robot, plan_of(plan, robot), sensors, speed, repeats, progress)
     missing = write_protocol(place, made)
     return replace(made, folder=place, missing=tuple(missing), files=tuple(contents(place)))
 

@@ -87,7 +87,7 @@ def write_protocol(folder: Path, protocol: LaboratoryProtocol) -> list[str]:
         InputError: the folder exists or cannot be written.
     """
     plan, robot = protocol.plan, protocol.robot
-    empty = empty_measurements(robot, protocol.settings.sensors)
+    empty = empty_measurements(robot, protocol.sensors)
     with new_folder(folder) as working:
         page, missing = protocol_page(protocol)
         write_text(working / PAGE, page)
@@ -132,7 +132,7 @@ def protocol_page(protocol: LaboratoryProtocol) -> tuple[str, list[str]]:
         foot = ("right", "left")[placement.datum]
         svg = Markup(drawing(placement, scale))
         sheets.append(Sheet(number, svg, tuple(marks(placement)), boards, foot, groups))
-    empty = empty_measurements(robot, protocol.settings.sensors)
+    empty = empty_measurements(robot, protocol.sensors)
     contacts = empty.contacts
     page = filled(
         TEMPLATE,
