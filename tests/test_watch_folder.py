@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -21,7 +22,7 @@ from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.watching.arriving_rows import MOST_AT_ONCE, Place, new_lines
 from tulip_testbed.experiments.watching.watch_day import read_targets
 from tulip_testbed.experiments.watching.watch_row import OK, watch_row
-from tulip_testbed.experiments.watching.watch_state import Kept, key_of, read_state, write_state
+from tulip_testbed.experiments.watching.watch_state import key_of, read_state, write_state
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.plan_folder import write_plan
 
@@ -89,11 +90,11 @@ def test_a_state_is_read_as_it_was_written(robot, plan, day, tmp_path):
     model = model_of(robot, plan, day)
     state, _ = play(model, day.take(np.arange(ROWS - 1)))
     key = key_of(plan, b"manifest")
-    write_state(tmp_path / "state", key, Kept(state, Place(5, 99, b"a,b", b"1,2")))
+    write_state(tmp_path / "state", key, replace(state, place=Place(5, 99, b"a,b", b"1,2")))
     kept = read_state(tmp_path / "state", key, model)
     assert kept is not None
     assert kept.place == Place(5, 99, b"a,b", b"1,2")
-    one, two = (watch_row(model, each, one_row(day, ROWS - 1)) for each in (state, kept.state))
+    one, two = (watch_row(model, each, one_row(day, ROWS - 1)) for each in (state, kept))
     assert one[1].to_json() == two[1].to_json()
     np.testing.assert_array_equal(one[0].belief.covariance, two[0].belief.covariance)
     np.testing.assert_array_equal(one[0].changes.ratio, two[0].changes.ratio)

@@ -211,7 +211,7 @@ def _forward(soles: list[tuple[Array, Array]], ankles: list[Array], known: int |
 
 def _side(name: str) -> str:
     """Return 'left' or 'right' if a name says so, else nothing."""
-    words = re.split(r"[^a-z]+|(?<=[a-z])(?=[A-Z])", name.lower())
+    words = re.split(r"[^a-z]+", name.lower())
     for side in ("left", "right"):
         if side in name.lower() or side[0] in words:
             return side

@@ -65,6 +65,9 @@ class Place:
         return Place(line.number, line.end, header, line.text)
 
 
+BEGINNING = Place()
+
+
 def new_lines(path: Path, place: Place) -> list[Line]:
     """Return the complete lines of a file that grew; a half-written last line waits for its end.
 

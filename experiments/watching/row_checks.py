@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 
@@ -107,30 +107,27 @@ def settled(row: Measurements, usual: np.ndarray) -> Finding | None:
     Args:
         usual: `spreads_of` the last rows, (k, n_joints + 9).
     """
-    if len(usual) < LEAST_ROWS:
+    spreads, sheet = spreads_of(row), row.sensors
+    joints, cells = len(row.joints), len(CELLS)
+    # A reading between two steps of a coarse sensor jumps by half a step without movement.
+    steps = [sheet.encoder_resolution or 0.0, sheet.cell_resolution or 0.0, 0.0]
+    steps, least = np.repeat([steps, [LEAST_ANGLE, LEAST_FORCE, LEAST_SPEED]], [joints, cells, 1], axis=1)
+    known = np.zeros(len(spreads), bool)
+    if len(usual):
+        known = np.isfinite(spreads) & (np.isfinite(usual).sum(axis=0) >= LEAST_ROWS)
+    if not known.any():
         return None
-    names = [*(f"q_std.{joint}" for joint in row.joints), *(f"cell_std.{cell}" for cell in CELLS), "speed"]
-    ratio, where = max(_ratios(row, usual), default=(0.0, 0))
+    typical = np.hypot(np.hypot(np.nanmedian(usual[:, known], axis=0), steps[known] / 2), least[known])
+    ratios = spreads[known] / typical
+    worst, ratio = int(np.flatnonzero(known)[ratios.argmax()]), float(ratios.max())
     if ratio <= UNSTEADY_WARN:
         return None
+    names = [*(f"q_std.{joint}" for joint in row.joints), *(f"cell_std.{cell}" for cell in CELLS), "speed"]
     return Finding(
         "settled",
         "fail" if ratio > UNSTEADY_FAIL else "warn",
-        f"{names[where]} is {number(ratio, '.3g')} times its usual value",
+        f"{names[worst]} is {number(ratio, '.3g')} times its usual value",
         f"at most {UNSTEADY_WARN:g} times (fails at {UNSTEADY_FAIL:g})",
         f"posture {row.posture[0]}",
         "Wait longer before averaging, and measure the posture again.",
     )
-
-
-def _ratios(row: Measurements, usual: np.ndarray) -> Iterator[tuple[float, int]]:
-    """Yield how many times its usual value every known spread is, with its number."""
-    sheet, joints = row.sensors, len(row.joints)
-    cells = row.cell_forces.shape[1]
-    # A reading between two steps of a coarse sensor jumps by half a step without movement.
-    steps = [*[sheet.encoder_resolution or 0.0] * joints, *[sheet.cell_resolution or 0.0] * cells, 0.0]
-    least = [*[LEAST_ANGLE] * joints, *[LEAST_FORCE] * cells, LEAST_SPEED]
-    for k, spread in enumerate(spreads_of(row).tolist()):
-        known = usual[:, k][np.isfinite(usual[:, k])]
-        if np.isfinite(spread) and len(known) >= LEAST_ROWS:
-            yield spread / float(np.hypot(np.hypot(np.median(known), steps[k] / 2), least[k])), k

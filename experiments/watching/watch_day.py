@@ -8,7 +8,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.experiments.watching.arriving_rows import (
+    BEGINNING,
     TABLE,
     Line,
     Place,
@@ -34,7 +35,6 @@ from tulip_testbed.experiments.watching.arriving_rows import (
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
 from tulip_testbed.experiments.watching.watch_row import CHANGED, OK, Verdict, watch_row
 from tulip_testbed.experiments.watching.watch_state import (
-    Kept,
     WatchState,
     check_state_file,
     first_state,
@@ -203,10 +203,10 @@ class Watch(Result):
             model = self._model(manifest, where)
             targets = _targets_of(model, self._targets)
             key = key_of(self.plan, read_bytes(where))
-            kept = (None if out is None else read_state(out, key, model)) or Kept(first_state(model), Place())
-            state, place = kept.state, kept.place
+            state = (None if out is None else read_state(out, key, model)) or first_state(model)
+            place = state.place
             path = self.folder / TABLE if self._rows is None else Path("standard input")
-            stream = None if self._rows is None else lines_of(self._rows, Place(), path)
+            stream = None if self._rows is None else lines_of(self._rows, BEGINNING, path)
             known = stream is not None and state.row >= 0  # rows that a stream may bring again
             judge = one_blas_thread(watch_row)
             while lines := self._lines(path, place, stream):
@@ -226,7 +226,7 @@ class Watch(Result):
                     state, verdict = judge(model, state, row, targets)
                     yield Arrival(line.number, verdict)
                     if out is not None:
-                        write_state(out, key, Kept(state, place))
+                        write_state(out, key, replace(state, place=place))
                     if verdict.next is None:
                         return
 

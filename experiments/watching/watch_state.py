@@ -21,7 +21,7 @@ from pydantic import ConfigDict, TypeAdapter
 
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import check_new, check_outside, present, read_bytes, write_bytes
-from tulip_testbed.experiments.watching.arriving_rows import Place
+from tulip_testbed.experiments.watching.arriving_rows import BEGINNING, Place
 from tulip_testbed.experiments.watching.change_detection import APART, EARLIER, RECENT, Changes, is_onset
 from tulip_testbed.experiments.watching.day_model import DayModel
 from tulip_testbed.experiments.watching.recursive_estimate import Belief, DesignInformation
@@ -115,7 +115,10 @@ class WatchState:
         row: of the plan, that was measured last; -1: none. placement: its number. stance: count of the
             placements and stances so far. support: its support. time: of the last row [s].
         fault: that is there; None: none.
+        place: how far the table was read.
     """
+
+    __pydantic_config__ = ConfigDict(arbitrary_types_allowed=True)
 
     belief: Belief
     changes: Changes
@@ -137,6 +140,7 @@ class WatchState:
     odd: int = 0
     odd_posture: int = -1
     fault: Fault | None = None
+    place: Place = BEGINNING
 
     def marked(self, rows: int | list[int], mark: int) -> WatchState:
         """Return the state with rows of the plan open, measured or to be measured again."""
@@ -176,16 +180,6 @@ def first_state(model: DayModel) -> WatchState:
     )
 
 
-@dataclass(frozen=True)
-class Kept:
-    """The content of a state's file: the state of a watch, and how far its table was read."""
-
-    __pydantic_config__ = ConfigDict(arbitrary_types_allowed=True)
-
-    state: WatchState
-    place: Place
-
-
 def key_of(plan: PosturePlan, manifest: bytes) -> str:
     """Return what a state belongs to: a hash of the plan's postures and the manifest."""
     whole = sha256(manifest)
@@ -206,7 +200,7 @@ def check_state_file(path: Path) -> None:
         check_new(path)
 
 
-def write_state(path: Path, key: str, kept: Kept) -> None:
+def write_state(path: Path, key: str, state: WatchState) -> None:
     """Write the state; a file of the same name is replaced as a whole.
 
     Raises:
@@ -224,7 +218,7 @@ def write_state(path: Path, key: str, kept: Kept) -> None:
             return {part.name: plain(getattr(value, part.name)) for part in fields(value)}
         return [plain(item) for item in value] if isinstance(value, tuple) else value
 
-    head = {"format": FORMAT, "version": VERSION, "key": key, "kept": plain(kept)}
+    head = {"format": FORMAT, "version": VERSION, "key": key, "state": plain(state)}
     arrays["head"] = np.frombuffer(json.dumps(head).encode(), np.uint8)
     sink = io.BytesIO()
     np.savez(sink, **arrays)  # pyrefly: ignore[bad-argument-type]
@@ -232,7 +226,7 @@ def write_state(path: Path, key: str, kept: Kept) -> None:
     write_bytes(path, sha256(content).digest() + content)
 
 
-def read_state(path: Path, key: str, model: DayModel) -> Kept | None:
+def read_state(path: Path, key: str, model: DayModel) -> WatchState | None:
     """Read the state; None: there is no such file.
 
     Args:
@@ -264,9 +258,9 @@ def read_state(path: Path, key: str, model: DayModel) -> Kept | None:
                 f"{path}: found the state of another plan, manifest or robot, expected that of this day; "
                 "give another name for a new one"
             )
-        kept = TypeAdapter(Kept).validate_python(head["kept"])
-        _check_shapes(kept.state, first_state(model))
-        return kept
+        state = TypeAdapter(WatchState).validate_python(head["state"])
+        _check_shapes(state, first_state(model))
+        return state
     except InputError:
         raise
     except BROKEN as error:
