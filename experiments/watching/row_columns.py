@@ -145,7 +145,7 @@ def _family(
 ) -> tuple[np.ndarray, np.ndarray]:
     columns, angles = [], []
     for number, size in enumerate((STEP * family.steps).tolist()):
-        member = family.one(number, size)
+        member = family.single(number, size)
         after = member.effect.remove(seen, member.target, member.values)
         if after.tree is not seen.tree or after.cells is not seen.cells:
             still = np.zeros((*seen.joint_angles.shape, len(family)))
