@@ -182,10 +182,10 @@ def test_a_monte_carlo_does_not_depend_on_workers_and_records_its_setting(robot,
 
 def test_impossible_scales_are_refused(robot, plan, tmp_path, capsys):
     asked = ("montecarlo", "--out", tmp_path / "run", "--runs", 1, "--imperfections")
-    assert "--imperfections: found -1.0, expected 0 (an exact laboratory)" in refused(capsys, *asked, -1)
-    assert "--imperfections: found nan" in refused(capsys, *asked, "nan")
+    assert "imperfections: found -1.0, expected 0 (an exact laboratory)" in refused(capsys, *asked, -1)
+    assert "imperfections: found nan" in refused(capsys, *asked, "nan")
     asked = ("validate", "--out", tmp_path / "run", "--sensors", "ideal")
-    assert "--imperfections: found 1 with sensors ideal" in refused(capsys, *asked)
+    assert "imperfections: found 1 with sensors ideal" in refused(capsys, *asked)
     assert list(tmp_path.iterdir()) == []
     for scale in (-1.0, np.inf):
         with pytest.raises(InputError, match=r"imperfections: found .*, expected 0"):
