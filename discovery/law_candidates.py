@@ -20,8 +20,7 @@ from tulip_testbed.discovery.evidence import effective_tests, marginal_fits, ran
 from tulip_testbed.effects.laws import LAW, Sentence, law_effect
 from tulip_testbed.effects.laws import grammar as g
 from tulip_testbed.effects.laws.grammar import sentences_in
-from tulip_testbed.effects.laws.misread import POSE
-from tulip_testbed.effects.laws.quantities import quantity, readings
+from tulip_testbed.effects.laws.misread import POSE, quantity, readings
 from tulip_testbed.effects.laws.shapes import basis, choices, learned_range, range_names
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import SIZE, fields

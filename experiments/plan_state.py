@@ -14,8 +14,7 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import MOST_BYTES, present, write_text
 from tulip_testbed.base.table_files import read_json
 from tulip_testbed.base.validation_message import validation_message
-from tulip_testbed.identification.planning.interrupted import ARRAYS
-from tulip_testbed.identification.planning.search import SearchState
+from tulip_testbed.identification.planning.search import ARRAYS, SearchState
 
 Number = Annotated[float, Field(ge=-100, le=100)]  # m or rad: beyond any posture
 Design = list[Annotated[list[Number], Field(min_length=9, max_length=9)]]

@@ -18,14 +18,13 @@ from tulip_testbed.experiments.usable_plan import enough
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.planning.interior_point import casadi_module
-from tulip_testbed.identification.planning.interrupted import StateError
 from tulip_testbed.identification.planning.objectives import Objective
 from tulip_testbed.identification.planning.optimal_plan import (
     objective_by_name,
     with_repeats,
 )
 from tulip_testbed.identification.planning.problem import Problem, planning_problem
-from tulip_testbed.identification.planning.search import SearchState
+from tulip_testbed.identification.planning.search import SearchState, StateError
 from tulip_testbed.identification.planning.search_defaults import HOPS, SOLVERS
 from tulip_testbed.identification.planning.sequential import (
     measured_information,

@@ -17,7 +17,7 @@ from tulip_testbed.identification.kinematics import (
     moved_frames,
 )
 from tulip_testbed.identification.link_shapes import GROUND, LinkShapes, link_shapes
-from tulip_testbed.identification.margins import leg_length
+from tulip_testbed.identification.planning_ranges import leg_length
 from tulip_testbed.identification.segments import segment_distances
 from tulip_testbed.sim.robot import Robot, joint_names
 

@@ -23,11 +23,12 @@ from tulip_testbed.identification.feasibility import (
 from tulip_testbed.identification.inverse_kinematics import InverseKinematics
 from tulip_testbed.identification.link_clearances import LinkPairs, clearances_at, link_pairs, moving_pairs
 from tulip_testbed.identification.link_paths import blocked, too_near
-from tulip_testbed.identification.margins import Margins, planning_margins
 from tulip_testbed.identification.planning_ranges import (
+    Margins,
     PlanningRanges,
     Range,
     free_joint_ranges,
+    planning_margins,
     planning_ranges,
 )
 from tulip_testbed.measurements import PlateGeometry, PosturePlan, lay_boards

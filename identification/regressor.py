@@ -8,7 +8,7 @@ import numpy as np
 
 from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.identification.base_parameters import BaseParameters, standard_parameters
-from tulip_testbed.identification.contact_pressure import center_slopes, contact_pressure, wrench_noise
+from tulip_testbed.identification.center_of_pressure import center_slopes, contact_pressure, wrench_noise
 from tulip_testbed.identification.loop_closure import encoder_sd_by_closure
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe

@@ -10,7 +10,7 @@ import numpy as np
 
 from tulip_testbed.base.errors import InputError, warn
 from tulip_testbed.sim.control import joint_torques
-from tulip_testbed.sim.drive_needs import (
+from tulip_testbed.sim.drives import (
     LEAST_ARMATURE,
     SOLIMP_FRICTION,
     SOLREF_FRICTION,

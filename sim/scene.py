@@ -11,8 +11,7 @@ from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.measurements.cells import CORNERS, PLATES, PlateGeometry, lay_boards
 from tulip_testbed.sim.compliance import Compliance, add_compliance
 from tulip_testbed.sim.control import add_servos
-from tulip_testbed.sim.drive_needs import supply_drives
-from tulip_testbed.sim.drives import Drives, add_drives
+from tulip_testbed.sim.drives import Drives, add_drives, supply_drives
 from tulip_testbed.sim.plates import place_plates, plate_geometry
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import Robot, check_unchanged, load_spec, sole_corners

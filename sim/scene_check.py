@@ -10,8 +10,7 @@ import numpy as np
 from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.measurements.cells import CORNERS, PLATES
 from tulip_testbed.sim.drives import motor_joint
-from tulip_testbed.sim.model_check import check_before_compiling, check_options
-from tulip_testbed.sim.model_features import check_features
+from tulip_testbed.sim.model_check import check_before_compiling, check_features, check_options
 from tulip_testbed.sim.plates import cell_names, plate_geometry
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import joint_names

@@ -14,9 +14,9 @@ from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.plan_description import described_plan, regressor_by_mujoco
 from tulip_testbed.experiments.planning_run import as_plan, joined
 from tulip_testbed.identification.base_parameters import base_parameters
-from tulip_testbed.identification.planning.closed_chain import chain_at
+from tulip_testbed.identification.planning.closed_chain import chain_at, open_chain_torques
 from tulip_testbed.identification.planning.objectives import objectives
-from tulip_testbed.identification.planning.one_foot import open_chain_torques, single_support_margins
+from tulip_testbed.identification.planning.one_foot import single_support_margins
 from tulip_testbed.identification.planning.optimal_plan import smallest_margins, with_repeats
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning.sequential import (

@@ -14,10 +14,10 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.identification.feasibility import place_polygon, stability_margin, support_polygon
 from tulip_testbed.identification.planning.blocks import information, information_slope
+from tulip_testbed.identification.planning.closed_chain import holding_torques
 from tulip_testbed.identification.planning.constraints import evaluate, inequality_names
 from tulip_testbed.identification.planning.footing import footing
 from tulip_testbed.identification.planning.interior_point import interior_point
-from tulip_testbed.identification.planning.legs import holding_torques
 from tulip_testbed.identification.planning.linear_steps import evaluate_plan
 from tulip_testbed.identification.planning.objectives import OBJECTIVES, condition_number, objectives
 from tulip_testbed.identification.planning.optimal_plan import optimize_plan, smallest_margins

@@ -16,11 +16,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tulip_testbed.identification.planning.blocks import information
-from tulip_testbed.identification.planning.closed_chain import chain_at
+from tulip_testbed.identification.planning.closed_chain import chain_at, open_chain_torques
 from tulip_testbed.identification.planning.constraints import evaluate
-from tulip_testbed.identification.planning.interrupted import resumed
 from tulip_testbed.identification.planning.objectives import Objective, Smooth, condition_number
-from tulip_testbed.identification.planning.one_foot import from_other_foot, open_chain_torques
+from tulip_testbed.identification.planning.one_foot import from_other_foot
 from tulip_testbed.identification.planning.one_foot_steps import descend_on_one_foot
 from tulip_testbed.identification.planning.optimal_plan import (
     initial_state,
@@ -28,7 +27,7 @@ from tulip_testbed.identification.planning.optimal_plan import (
     require_identifiable,
 )
 from tulip_testbed.identification.planning.problem import Problem
-from tulip_testbed.identification.planning.search import SearchState, round_count, search
+from tulip_testbed.identification.planning.search import SearchState, resumed, round_count, search
 from tulip_testbed.identification.planning.search_defaults import HOPS, SOLVERS
 from tulip_testbed.identification.planning.single_support import feasible_pool
 from tulip_testbed.measurements import PosturePlan

@@ -19,12 +19,13 @@ from tulip_testbed.identification.planning.closed_chain import (
     chain_at,
     com_jacobian,
     cross,
+    holding_torques,
+    open_chain_torques,
     point_jacobian,
     torso_turn,
 )
-from tulip_testbed.identification.planning.collisions import link_room
 from tulip_testbed.identification.planning.constraints import ANGLE, FORCE, LENGTH, TORQUE
-from tulip_testbed.identification.planning.legs import holding_torques, leg_stretch, limb_distances
+from tulip_testbed.identification.planning.link_distances import leg_stretch, limb_distances, link_room
 from tulip_testbed.identification.planning.problem import Problem, planning_problem
 from tulip_testbed.measurements import lay_boards
 from tulip_testbed.sim.robot import Robot
@@ -217,15 +218,6 @@ def evaluate_one_foot(problem: Problem, angles: np.ndarray, swing: np.ndarray) -
         regressor=problem.parameters.regressor(angles),
         regressor_slopes=problem.parameters.slope(angles),
     )
-
-
-def open_chain_torques(problem: Problem, chain: Chain) -> np.ndarray:
-    """Compute the drive torques that hold the robot on its stance foot, (m, n) [N m].
-
-    A drive carries the moment of the weight beyond it about its axis: tau = -a . (r x m g).
-    """
-    load = -problem.gravity * (chain.moment - chain.beyond[:, None] * chain.pivots)
-    return chain.axes[..., 1] * load[..., 0] - chain.axes[..., 0] * load[..., 1]
 
 
 def _torso_room(problem: Problem, chain: Chain) -> Part:

@@ -17,7 +17,6 @@ from tulip_testbed.identification.planning.constraints import (
     evaluate,
     inequality_names,
 )
-from tulip_testbed.identification.planning.interrupted import resumed
 from tulip_testbed.identification.planning.objectives import OBJECTIVES, Objective, objectives
 from tulip_testbed.identification.planning.path_order import with_free_paths
 from tulip_testbed.identification.planning.problem import Problem
@@ -25,6 +24,7 @@ from tulip_testbed.identification.planning.search import (
     SearchState,
     design_of,
     repair_start,
+    resumed,
     round_count,
     search,
 )

@@ -12,9 +12,14 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, standard_parameters
 from tulip_testbed.identification.kinematics import frame_positions, link_rotations, moved_frames, walk
 from tulip_testbed.identification.link_clearances import LinkPairs, link_pairs, reference_posture
-from tulip_testbed.identification.margins import Margins, leg_length, planning_margins
 from tulip_testbed.identification.nominal import outline
-from tulip_testbed.identification.planning_ranges import PlanningRanges, planning_ranges
+from tulip_testbed.identification.planning_ranges import (
+    Margins,
+    PlanningRanges,
+    leg_length,
+    planning_margins,
+    planning_ranges,
+)
 from tulip_testbed.identification.segments import segment_distances
 from tulip_testbed.measurements import PlateGeometry
 from tulip_testbed.sim.control import torque_limits

@@ -15,7 +15,6 @@ import numpy as np
 from tulip_testbed.identification.planning.blocks import Block, improve, information
 from tulip_testbed.identification.planning.constraints import evaluate
 from tulip_testbed.identification.planning.exchange import candidates, exchange
-from tulip_testbed.identification.planning.interrupted import resumed
 from tulip_testbed.identification.planning.objectives import Objective, condition_number
 from tulip_testbed.identification.planning.optimal_plan import (
     initial_state,
@@ -23,7 +22,7 @@ from tulip_testbed.identification.planning.optimal_plan import (
     require_identifiable,
 )
 from tulip_testbed.identification.planning.problem import Problem
-from tulip_testbed.identification.planning.search import POLISH, SearchState
+from tulip_testbed.identification.planning.search import POLISH, SearchState, resumed
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.measurements import Measurements, PosturePlan
 

@@ -14,10 +14,10 @@ import numpy as np
 
 from tulip_testbed.base.errors import InputError, most_frequent
 from tulip_testbed.identification.planning.blocks import Block
-from tulip_testbed.identification.planning.closed_chain import chain_at, com_jacobian
+from tulip_testbed.identification.planning.closed_chain import chain_at, com_jacobian, open_chain_torques
 from tulip_testbed.identification.planning.exchange import exchange
 from tulip_testbed.identification.planning.objectives import Objective
-from tulip_testbed.identification.planning.one_foot import open_chain_torques, single_support_margins
+from tulip_testbed.identification.planning.one_foot import single_support_margins
 from tulip_testbed.identification.planning.path_order import sequences
 from tulip_testbed.identification.planning.problem import Problem
 from tulip_testbed.measurements import PosturePlan

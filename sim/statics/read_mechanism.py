@@ -12,7 +12,7 @@ from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.measurements.cells import CORNERS, PLATES
 from tulip_testbed.sim.drives import motor_joint
 from tulip_testbed.sim.dynamics.stiction import BREAKAWAY, sliding_friction
-from tulip_testbed.sim.model_features import check_features
+from tulip_testbed.sim.model_check import check_features
 from tulip_testbed.sim.plates import plate_geometry, short_feet
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import Robot, joint_names, sole_corners, sole_point

@@ -14,7 +14,7 @@ from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of, stre
 from tulip_testbed.experiments.montecarlo.montecarlo_folder import montecarlo_file
 from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
 from tulip_testbed.identification.base_parameters import common_support, standard_parameters
-from tulip_testbed.identification.contact_pressure import contact_pressure
+from tulip_testbed.identification.center_of_pressure import contact_pressure
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.viewer.balance_series import from_above, log_balance
 from tulip_testbed.viewer.layout import Views, above_view, laid_out, space_views
