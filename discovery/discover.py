@@ -89,7 +89,13 @@ class Discovery:
     @property
     def corrections(self) -> tuple[EffectInstance, ...]:
         """Return what the new nominal laboratory has: effects, and imperfections that are not zero."""
-        return self.adopted + tuple(member for member in self.calibrated if _clear(member))
+        return self.adopted + tuple(
+            member
+            for member in self.calibrated
+            if any(
+                interval is not None and not interval[0] <= 0 <= interval[1] for interval in member.intervals
+            )
+        )
 
     @cached_property
     def explanations(self) -> tuple[Explanation, ...]:
@@ -114,11 +120,6 @@ class Discovery:
                 if one.label not in left and one.log_bayes_factor > 0:
                     others.setdefault(one.label, one)
         return sorted(others.values(), key=lambda one: -one.log_bayes_factor)[:RUNNERS_UP]
-
-
-def _clear(member: EffectInstance) -> bool:
-    """Whether the interval of a value leaves zero out."""
-    return any(i is not None and not i[0] <= 0 <= i[1] for i in member.intervals)
 
 
 def discover(

@@ -16,7 +16,7 @@ import numpy as np
 from tulip_testbed.calibration.linear_model import LinearModel
 from tulip_testbed.discovery.candidates import Candidate, Fitted
 from tulip_testbed.discovery.columns import CandidateColumns, candidate_columns
-from tulip_testbed.discovery.evidence import effective_tests, marginal_fits, ranked
+from tulip_testbed.discovery.evidence import fitted_and_counted, ranked
 from tulip_testbed.effects.laws import LAW, Sentence, law_effect
 from tulip_testbed.effects.laws import grammar as g
 from tulip_testbed.effects.laws.grammar import sentences_in
@@ -87,14 +87,7 @@ def ranked_and_counted(
     linear: LinearModel, laws: list[Candidate], rng: np.random.Generator
 ) -> tuple[list[Fitted], float]:
     """Rank laws, and estimate the effective number of independent tests among them and their grids."""
-    fits: list[Fitted] = []
-
-    def fitted() -> Iterator[CandidateColumns]:
-        for columns in _columns(linear, laws):
-            fits.extend(marginal_fits(columns, linear.residual))
-            yield columns
-
-    tests = effective_tests(fitted(), rng, DRAWS)
+    fits, tests = fitted_and_counted(_columns(linear, laws), linear.residual, rng, DRAWS)
     return sorted(fits, key=lambda one: -one.log_bayes_factor), tests
 
 

@@ -8,23 +8,21 @@ import numpy as np
 
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.nominal import Nominal
-from tulip_testbed.identification.observation import Observation, observe
+from tulip_testbed.identification.observation import Observation, observe, turned
 from tulip_testbed.identification.residual_channels import carried, fields, sensitivity
 from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.data import feet_in_contact
 
 
 def cell_positions(measurements: Measurements) -> np.ndarray:
     """Return the cells' positions in the base frame from the recorded plate poses, (m, 8, 2) [m]."""
-    yaw = measurements.plate_poses[:, :, 2]
-    rotation = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])  # (2, 2, m, plate)
-    turned = np.einsum("abmp,pcb->mpca", rotation, measurements.cells)
-    return (measurements.plate_poses[:, :, None, :2] + turned).reshape(len(measurements), 8, 2)
+    poses = measurements.plate_poses[:, :, None]
+    return (poses[..., :2] + turned(poses[..., 2], measurements.cells[None])).reshape(-1, 8, 2)
 
 
 def loaded_cells(measurements: Measurements) -> np.ndarray:
     """Return the cells of plates on which a foot stands, (m, 8) bool."""
-    stands = np.column_stack([measurements.support != "left", measurements.support != "right"])
-    return np.repeat(stands, 4, axis=1)
+    return np.repeat(feet_in_contact(measurements.support), 4, axis=1)
 
 
 def loads(measurements: Measurements) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from tulip_testbed.identification.kinematics import Tree, tree_of
 from tulip_testbed.measurements.cells import CORNERS
-from tulip_testbed.sim.robot import Robot, check_unchanged, sole_point
+from tulip_testbed.sim.robot import Robot, check_unchanged, rotation_matrices, sole_point
 from tulip_testbed.sim.specs import compile_spec, without_meshes
 
 GROUND = "ground"
@@ -98,7 +98,7 @@ def _shapes(robot: Robot, model: mujoco.MjModel, geoms: np.ndarray) -> LinkShape
     base, point = tree.frame(robot.stance_foot), sole_point(robot.model, robot.stance_foot)
     bodies = model.geom_bodyid[geoms]
     frame = np.array([tree.frame(model.body(b).name) if b else base for b in bodies])
-    place, turn = model.geom_pos[geoms].copy(), _rotations(model.geom_quat[geoms])
+    place, turn = model.geom_pos[geoms].copy(), rotation_matrices(model.geom_quat[geoms])
     place[-1] = point - [0.0, 0.0, SLAB[2]]
     middle, half = model.geom_aabb[geoms, :3], model.geom_aabb[geoms, 3:]
     types = model.geom_type[geoms]
@@ -124,10 +124,3 @@ def _shapes(robot: Robot, model: mujoco.MjModel, geoms: np.ndarray) -> LinkShape
         ends=ends + place[:, None],
         radius=radius,
     )
-
-
-def _rotations(quaternions: np.ndarray) -> np.ndarray:
-    matrices = np.zeros((len(quaternions), 9))
-    for matrix, quaternion in zip(matrices, quaternions, strict=True):
-        mujoco.mju_quat2Mat(matrix, quaternion)
-    return matrices.reshape(-1, 3, 3)

@@ -17,7 +17,7 @@ from tulip_testbed.identification.kinematics import (
     place_on_feet,
     roll_pitch_yaw,
 )
-from tulip_testbed.sim.robot import Robot, sole_corners, sole_point
+from tulip_testbed.sim.robot import Robot, rotation_matrices, sole_corners, sole_point
 
 STEP = 1e-5  # rad, of central differences
 
@@ -148,17 +148,13 @@ def outline(model: mujoco.MjModel, body: int) -> np.ndarray:
     """
     points = [model.body_ipos[body][None]]
     first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
-    for geom in range(first, first + count):
+    geoms = range(first, first + count)
+    for geom, turn in zip(geoms, rotation_matrices(model.geom_quat[first : first + count]), strict=True):
         corners = model.geom_aabb[geom, :3] + SIDES * model.geom_aabb[geom, 3:]
-        points.append(corners @ _rotation(model.geom_quat[geom]).T + model.geom_pos[geom])
+        points.append(corners @ turn.T + model.geom_pos[geom])
     if not count and model.body_mass[body] > 0:
         inertia = model.body_inertia[body]
         half = np.sqrt(1.5 * np.maximum(inertia.sum() - 2 * inertia, 0.0) / model.body_mass[body])
-        points.append(SIDES * half @ _rotation(model.body_iquat[body]).T + model.body_ipos[body])
+        (turn,) = rotation_matrices(model.body_iquat[[body]])
+        points.append(SIDES * half @ turn.T + model.body_ipos[body])
     return np.vstack(points)
-
-
-def _rotation(quaternion: np.ndarray) -> np.ndarray:
-    matrix = np.zeros(9)
-    mujoco.mju_quat2Mat(matrix, quaternion)
-    return matrix.reshape(3, 3)

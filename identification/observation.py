@@ -177,9 +177,8 @@ class Observation:
         yaw = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
         push = self.depth * self.loads.internal_wrench[:, :2]
         stance = down[:, :1] * point[:, 0] - push
-        x, y = (down[:, 1:] * (point[:, 1] - place[:, :2]) + push).T
-        c, s = np.cos(yaw), np.sin(yaw)
-        return np.stack([stance, np.column_stack([c * x + s * y, c * y - s * x])], axis=1)
+        swing = down[:, 1:] * (point[:, 1] - place[:, :2]) + push
+        return np.stack([stance, turned(-yaw, swing)], axis=1)
 
     @cached_property
     def contact_poses(self) -> np.ndarray:

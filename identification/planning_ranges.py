@@ -208,7 +208,7 @@ def planning_margins(robot: Robot) -> Margins:
     table = robot.settings.get("planning", {})
     where = f"{robot.path}: [planning]: key"
     stated = {key: _stated(f"{where} '{key}'", table[key]) for key in MARGIN_KEYS if key in table}
-    return Margins(**{name: _rounded(value) for name, value in sized.items()} | stated)
+    return Margins(**{name: float(f"{value:.{DIGITS}g}") for name, value in sized.items()} | stated)
 
 
 def leg_length(robot: Robot) -> float:
@@ -228,7 +228,3 @@ def _stated(where: str, value: Any) -> float:
     if number < 0:
         raise InputError(f"{where}: found {number:g}, expected a number of at least 0")
     return number
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.{DIGITS}g}")

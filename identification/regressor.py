@@ -120,11 +120,6 @@ def _blur(slope: np.ndarray, sd: float) -> np.ndarray:
     return np.asarray(np.linalg.qr(sd * slope.reshape(-1, slope.shape[-1]), mode="r"))
 
 
-def _fitted(matrix: np.ndarray, output: np.ndarray) -> np.ndarray:
-    """Project the output on the span of the matrix, of any rank."""
-    return matrix @ np.linalg.lstsq(matrix, output, rcond=None)[0]
-
-
 def check_robot(
     parameters: BaseParameters, measurements: Measurements, robot: Robot, source: str = "measurements"
 ) -> None:
@@ -196,7 +191,8 @@ def regression(
     if parameters.on_swing_foot(support).any():
         known = PostureGeometry(nominal, tree, angles, support, standard_parameters(robot.model))
         output, known_slope = output - known.stance_sole[:, :2], known.stance_sole_slope[:, :2]
-    fitted = _fitted(matrix, output.ravel()).reshape(-1, 2) + (pressure.center - output)
+    fitted = (matrix @ np.linalg.lstsq(matrix, output.ravel(), rcond=None)[0]).reshape(-1, 2)
+    fitted += pressure.center - output
     if measurements.contacts is None:
         cells, levers = cell_noise(measurements, fitted), placement_levers(measurements)
     else:

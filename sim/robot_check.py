@@ -17,9 +17,8 @@ from tulip_testbed.sim.drives import (
     short_of_armature,
     soft_friction,
 )
-from tulip_testbed.sim.robot import Robot, joint_names, sole_point
+from tulip_testbed.sim.robot import STAND, Robot, joint_names, sole_point
 
-STAND = "stand"  # the keyframe where inverse kinematics starts
 SINGULAR = 1e-3  # smallest singular value of a leg's Jacobian over its largest: straight
 MOST_NAMED = 4  # joints in a finding
 

@@ -82,7 +82,8 @@ def descend(
             step = step * np.repeat(~broken, plan.per)[:, None]
         after = merit(moved, smooth)
         if after >= value:  # correct for the curvature of the constraints
-            missed = moved.found.inequalities - plan.found.inequalities - _rates(plan, step)
+            rates = (plan.found.inequality_jacobian @ step[..., None])[..., 0]
+            missed = moved.found.inequalities - plan.found.inequalities - rates
             step, _ = linear_step(problem, plan, smooth, np.repeat(regions, plan.per), missed)
             moved = _moved(problem, plan, step)
             after = merit(moved, smooth)
@@ -99,10 +100,6 @@ def descend(
 def _moved(problem: Problem, plan: EvaluatedPlan, step: np.ndarray) -> EvaluatedPlan:
     change = np.clip((plan.found.joint_jacobian @ step[..., None])[..., 0], -0.5, 0.5)
     return evaluate_plan(problem, plan.design + step, plan.found.chain.angles + change, plan.per)
-
-
-def _rates(plan: EvaluatedPlan, step: np.ndarray) -> np.ndarray:
-    return (plan.found.inequality_jacobian @ step[..., None])[..., 0]
 
 
 def linear_step(

@@ -12,7 +12,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from tulip_testbed.identification.feasibility import place_polygon, predicted_cell_loads, support_polygon
+from tulip_testbed.identification.feasibility import (
+    edge_distances,
+    inner_normals,
+    place_polygon,
+    predicted_cell_loads,
+    support_polygon,
+)
 from tulip_testbed.identification.kinematics import roll_pitch_yaw
 from tulip_testbed.identification.planning.closed_chain import (
     Chain,
@@ -141,7 +147,8 @@ def one_foot_constraints(problem: Problem, chain: Chain, swing: np.ndarray) -> d
     limb, limb_slope = limb_distances(problem, chain)
     room, room_slope = leg_stretch(problem, chain)
     link, link_slope = link_room(problem, chain, np.ones(len(angles), bool))
-    apart, inward = _edge_distances(problem.soles[0], chain.com[:, :2])
+    sole = support_polygon(problem.soles[0])
+    apart, inward = edge_distances(chain.com[:, :2], sole), inner_normals(sole)
     sd, sd_slope = _uncertainty(problem, angles, inward)
 
     def plan_view() -> np.ndarray:
@@ -263,14 +270,6 @@ def _uncertainty(problem: Problem, angles: np.ndarray, inward: np.ndarray) -> Pa
         return rate / np.maximum(sd, LEAST_SD)[..., None]
 
     return sd, slopes
-
-
-def _edge_distances(sole: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return distances of points (m, 2) inside a sole's edges, (m, 4) [m], and inner normals, (4, 2)."""
-    polygon = support_polygon(sole)
-    edge = np.roll(polygon, -1, axis=0) - polygon
-    normal = np.column_stack([-edge[:, 1], edge[:, 0]]) / np.linalg.norm(edge, axis=1)[:, None]
-    return ((points[:, None] - polygon) * normal).sum(axis=2), normal
 
 
 def _cell_loads(problem: Problem, com: np.ndarray, swing: np.ndarray) -> np.ndarray:

@@ -8,9 +8,9 @@ from tulip_testbed.identification.distributions import t_sf
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
 from tulip_testbed.identification.preflight.usual import Beyond, Usual, beyond
-from tulip_testbed.identification.preflight.wrench_checks import vertical_forces
 from tulip_testbed.identification.reading_noise import usable_sd
 from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.data import vertical_forces
 
 UNWEIGHED = 10.0  # s.d. of the noise of a posture: that of a weight that nobody knows
 NEGLIGIBLE = 1e-3  # of the weight; a smaller error is harmless without a stated cell_sd
