@@ -18,20 +18,15 @@ from tulip_testbed.identification.planning.mixed_plan import (
 )
 from tulip_testbed.identification.planning.objectives import Objective
 from tulip_testbed.identification.planning.optimal_plan import (
+    after,
     initial_state,
+    measured_information,
     optimize_plan,
     plan_from_state,
 )
 from tulip_testbed.identification.planning.problem import Problem
 from tulip_testbed.identification.planning.search import SearchState, round_count
 from tulip_testbed.identification.planning.search_defaults import SOLVERS
-from tulip_testbed.identification.planning.sequential import (
-    initial_next_state,
-    measured_information,
-    next_plan_from_state,
-    next_round_count,
-    optimize_next_placements,
-)
 from tulip_testbed.measurements import Measurements, PosturePlan
 
 Show = Callable[[SearchState], None]
@@ -55,24 +50,33 @@ class Job:
 
 
 def trial_job(
-    problem: Problem, goal: Objective, size: tuple[int, int, int], seed: int, solver: str = SOLVERS[0]
+    problem: Problem,
+    goal: Objective,
+    size: tuple[int, int, int],
+    seed: int,
+    solver: str = SOLVERS[0],
+    measured: Measurements | None = None,
 ) -> Job:
-    """Search for a whole plan from a random start.
+    """Search from a random start for a whole plan, or for the placements that tell most after measurements.
 
     Args:
         size: placements, postures on each, hops.
         solver: of the polish, one of `SOLVERS`.
+        measured: what was measured before; None: nothing.
     """
     placements, per, hops = size
 
     def run(show: Show, state: SearchState | None) -> PosturePlan:
-        return optimize_plan(problem, goal, placements, per, seed, hops, show, state, solver)
+        return optimize_plan(problem, goal, placements, per, seed, hops, show, state, solver, measured)
 
     def best(state: SearchState) -> PosturePlan:
-        drawn, _ = initial_state(problem, goal, placements, per, seed)
-        return plan_from_state(problem, goal, drawn, state, seed, hops, solver)
+        drawn, _ = initial_state(problem, after(problem, goal, measured), placements, per, seed)
+        return plan_from_state(problem, goal, drawn, state, seed, hops, solver, measured)
 
-    return Job([*_key(problem, goal, size, seed), solver], round_count(goal, hops), run, best)
+    key = [*_key(problem, goal, size, seed), solver]
+    if measured is not None:
+        key += [float(np.trace(measured_information(problem, measured))), len(measured)]
+    return Job(key, round_count(goal, hops), run, best)
 
 
 def mixed_job(
@@ -102,24 +106,6 @@ def mixed_job(
 
     key = [*_key(problem, goal, size, seed), solver, *(f"{n} {foot}" for foot, n in counts.items())]
     return Job(key, round_count(goal, hops), run, best)
-
-
-def next_job(
-    problem: Problem, goal: Objective, size: tuple[int, int, int], seed: int, measured: Measurements
-) -> Job:
-    """Search for the placements that tell most after what was measured."""
-    placements, per, hops = size
-    taken = measured_information(problem, measured)
-
-    def run(show: Show, state: SearchState | None) -> PosturePlan:
-        return optimize_next_placements(problem, goal, measured, placements, per, seed, hops, show, state)
-
-    def best(state: SearchState) -> PosturePlan:
-        drawn, _ = initial_next_state(problem, goal, taken, placements, per, seed)
-        return next_plan_from_state(problem, goal, drawn, state, measured, seed, hops)
-
-    key = [*_key(problem, goal, size, seed), float(np.trace(taken)), len(measured)]
-    return Job(key, next_round_count(placements, hops), run, best)
 
 
 def _key(problem: Problem, goal: Objective, size: tuple[int, int, int], seed: int) -> list[Any]:

@@ -13,22 +13,20 @@ from tulip_testbed.base.errors import InputError, at_least, at_most, listed, loo
 from tulip_testbed.base.files import check_new, present
 from tulip_testbed.base.table_files import MOST_ROWS, read_json
 from tulip_testbed.experiments.plan_state import no_state, read_state, state_file, write_state
-from tulip_testbed.experiments.planning_jobs import Job, Show, mixed_job, next_job, trial_job
+from tulip_testbed.experiments.planning_jobs import Job, Show, mixed_job, trial_job
 from tulip_testbed.experiments.usable_plan import enough
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.planning.interior_point import casadi_module
 from tulip_testbed.identification.planning.objectives import Objective
 from tulip_testbed.identification.planning.optimal_plan import (
+    measured_information,
     objective_by_name,
     with_repeats,
 )
 from tulip_testbed.identification.planning.problem import Problem, planning_problem
 from tulip_testbed.identification.planning.search import SearchState, StateError
 from tulip_testbed.identification.planning.search_defaults import HOPS, SOLVERS
-from tulip_testbed.identification.planning.sequential import (
-    measured_information,
-)
 from tulip_testbed.identification.planning.single_support import single_support_plan
 from tulip_testbed.measurements import Measurements, PosturePlan, read_measurements
 from tulip_testbed.sim.plan_folder import check_model, write_plan
@@ -103,9 +101,7 @@ class Search:
         seed, size = self.settings.seed if seed is None else seed, self.settings.size
         if counts := self.settings.on_one_foot:
             return mixed_job(self.problem, self.goal, size, counts, seed, self.settings.solver)
-        if self.measured is None:
-            return trial_job(self.problem, self.goal, size, seed, self.settings.solver)
-        return next_job(self.problem, self.goal, size, seed, self.measured)
+        return trial_job(self.problem, self.goal, size, seed, self.settings.solver, self.measured)
 
     def extended(self, plan: PosturePlan) -> PosturePlan:
         """Add the postures on one foot and the repeats that the settings ask for."""

@@ -59,6 +59,16 @@ class PlanningRanges:
     plate_gap: float = 0.01
     joints: dict[str, Range] = dataclasses.field(default_factory=dict)
 
+    @property
+    def swing(self) -> np.ndarray:
+        """Return the ranges of the swing foot's x, y and yaw, (3, 2) [m, m, rad]."""
+        return np.array([self.swing_x, self.swing_y, self.swing_yaw])
+
+    @property
+    def torso(self) -> np.ndarray:
+        """Return the ranges of the torso's roll, pitch and yaw, (3, 2) [rad]."""
+        return np.array([self.torso_roll, self.torso_pitch, self.torso_yaw])
+
 
 def planning_ranges(robot: Robot) -> PlanningRanges:
     """Read the [planning] table of the robot's description.

@@ -32,8 +32,8 @@ from tulip_testbed.identification.planning.one_foot import (
     single_support_margins,
     with_feet_exchanged,
 )
+from tulip_testbed.identification.planning.optimal_plan import measured_information
 from tulip_testbed.identification.planning.problem import planning_problem
-from tulip_testbed.identification.planning.sequential import measured_information
 from tulip_testbed.identification.planning.single_support import feasible_pool
 from tulip_testbed.identification.planning_ranges import planning_ranges
 from tulip_testbed.sim.control import torque_limits

@@ -33,7 +33,7 @@ def candidates(problem: Problem, swing: np.ndarray, start: Block, rng: np.random
     design[:, :2] = rng.uniform(corners.min(axis=0), corners.max(axis=0), (DRAWS, 2))
     heights = start.design[:, 2]
     design[:, 2] = rng.uniform(heights.min() - 0.1, heights.max() + 0.1, DRAWS)
-    low, high = np.array([r.torso_roll, r.torso_pitch, r.torso_yaw]).T
+    low, high = r.torso.T
     design[:, 3:6] = rng.uniform(low, high, (DRAWS, 3))
     design[:, 6:] = swing
     plan = np.zeros((DRAWS, PLAN))  # with an exact CoM; its uncertainty is included in `evaluate` below

@@ -18,7 +18,13 @@ import numpy as np
 from tulip_testbed.identification.planning.blocks import information
 from tulip_testbed.identification.planning.closed_chain import chain_at, open_chain_torques
 from tulip_testbed.identification.planning.constraints import evaluate
-from tulip_testbed.identification.planning.objectives import Objective, Smooth, condition_number
+from tulip_testbed.identification.planning.objectives import (
+    Objective,
+    Smooth,
+    condition_number,
+    given,
+    shifted,
+)
 from tulip_testbed.identification.planning.one_foot import from_other_foot
 from tulip_testbed.identification.planning.one_foot_steps import descend_on_one_foot
 from tulip_testbed.identification.planning.optimal_plan import (
@@ -235,20 +241,6 @@ def improved(single: list[OnOneFoot], both: np.ndarray, *stages: Smooth) -> list
 def total(single: list[OnOneFoot]) -> np.ndarray:
     """Return the information of all postures on one foot, (p, p)."""
     return np.sum([one.information for one in single], axis=0)
-
-
-def shifted(smooth: Smooth, rest: np.ndarray) -> Smooth:
-    """Return a function of a part's information, given that of the rest, (p, p)."""
-    return lambda part: smooth(rest + part)
-
-
-def given(objective: Objective, rest: np.ndarray) -> Objective:
-    """Return the objective of the whole plan as one of a part, given the information of the rest, (p, p)."""
-    return Objective(
-        objective.name,
-        lambda part: objective.value(rest + part),
-        tuple(shifted(smooth, rest) for smooth in objective.smooth),
-    )
 
 
 def mixed_plan_from_state(

@@ -229,8 +229,7 @@ def evaluate_one_foot(problem: Problem, angles: np.ndarray, swing: np.ndarray) -
 
 def _torso_room(problem: Problem, chain: Chain) -> Part:
     """Return the margins of the torso's orientation to its ranges, (m, 6) [rad], and their slopes."""
-    angles, ranges = roll_pitch_yaw(chain.rotations[:, problem.torso]), problem.ranges
-    low, high = np.array([ranges.torso_roll, ranges.torso_pitch, ranges.torso_yaw]).T
+    angles, (low, high) = roll_pitch_yaw(chain.rotations[:, problem.torso]), problem.ranges.torso.T
 
     def slopes() -> np.ndarray:
         turning = chain.axes.mT * problem.moved[:, problem.torso]
