@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -10,19 +10,13 @@ from typing import Any
 import numpy as np
 
 from tulip_testbed.base.files import sha256
-from tulip_testbed.identification.planning.mixed_plan import (
-    MixedStart,
-    mixed_plan_from_state,
-    mixed_start,
-    optimize_mixed_plan,
-)
 from tulip_testbed.identification.planning.objectives import Objective
 from tulip_testbed.identification.planning.optimal_plan import (
-    after,
-    initial_state,
+    Start,
     measured_information,
     optimize_plan,
     plan_from_state,
+    random_start,
 )
 from tulip_testbed.identification.planning.problem import Problem
 from tulip_testbed.identification.planning.search import SearchState, round_count
@@ -49,64 +43,39 @@ class Job:
     best: Callable[[SearchState], PosturePlan]
 
 
-def trial_job(
+def plan_job(
     problem: Problem,
     goal: Objective,
     size: tuple[int, int, int],
     seed: int,
     solver: str = SOLVERS[0],
+    counts: Mapping[str, int] | None = None,
     measured: Measurements | None = None,
 ) -> Job:
     """Search from a random start for a whole plan, or for the placements that tell most after measurements.
 
     Args:
-        size: placements, postures on each, hops.
+        size: placements on both feet, postures on each, hops.
         solver: of the polish, one of `SOLVERS`.
+        counts: number of postures on the "right" and on the "left" foot; None: none.
         measured: what was measured before; None: nothing.
     """
     placements, per, hops = size
 
+    @cache
+    def start() -> Start:
+        return random_start(problem, goal, placements, per, seed, counts, measured)
+
     def run(show: Show, state: SearchState | None) -> PosturePlan:
-        return optimize_plan(problem, goal, placements, per, seed, hops, show, state, solver, measured)
+        return optimize_plan(
+            problem, goal, placements, per, seed, hops, show, state, solver, measured, start()
+        )
 
     def best(state: SearchState) -> PosturePlan:
-        drawn, _ = initial_state(problem, after(problem, goal, measured), placements, per, seed)
-        return plan_from_state(problem, goal, drawn, state, seed, hops, solver, measured)
+        return plan_from_state(problem, goal, replace(start(), state=state), seed, hops, solver, measured)
 
-    key = [*_key(problem, goal, size, seed), solver]
+    key: list[Any] = [goal.name, *size, seed, problem.robot.model_hash, sha256(problem.robot.path), solver]
+    key += [f"{number} {foot}" for foot, number in (counts or {}).items()]
     if measured is not None:
         key += [float(np.trace(measured_information(problem, measured))), len(measured)]
     return Job(key, round_count(goal, hops), run, best)
-
-
-def mixed_job(
-    problem: Problem,
-    goal: Objective,
-    size: tuple[int, int, int],
-    counts: dict[str, int],
-    seed: int,
-    solver: str = SOLVERS[0],
-) -> Job:
-    """Search for a plan on both feet and on one from a random start; arguments as `trial_job`.
-
-    Args:
-        counts: number of postures on the "right" and on the "left" foot.
-    """
-    placements, per, hops = size
-
-    @cache
-    def start() -> MixedStart:
-        return mixed_start(problem, goal, placements, per, counts, seed)
-
-    def run(show: Show, state: SearchState | None) -> PosturePlan:
-        return optimize_mixed_plan(problem, goal, start(), seed, hops, show, state, solver)
-
-    def best(state: SearchState) -> PosturePlan:
-        return mixed_plan_from_state(problem, goal, replace(start(), state=state), seed, hops, solver)
-
-    key = [*_key(problem, goal, size, seed), solver, *(f"{n} {foot}" for foot, n in counts.items())]
-    return Job(key, round_count(goal, hops), run, best)
-
-
-def _key(problem: Problem, goal: Objective, size: tuple[int, int, int], seed: int) -> list[Any]:
-    return [goal.name, *size, seed, problem.robot.model_hash, sha256(problem.robot.path)]

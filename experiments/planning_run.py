@@ -13,7 +13,7 @@ from tulip_testbed.base.errors import InputError, at_least, at_most, listed, loo
 from tulip_testbed.base.files import check_new, present
 from tulip_testbed.base.table_files import MOST_ROWS, read_json
 from tulip_testbed.experiments.plan_state import no_state, read_state, state_file, write_state
-from tulip_testbed.experiments.planning_jobs import Job, Show, mixed_job, trial_job
+from tulip_testbed.experiments.planning_jobs import Job, Show, plan_job
 from tulip_testbed.experiments.usable_plan import enough
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import nominal_robot
@@ -98,10 +98,9 @@ class Search:
         Args:
             seed: of the start; the settings' if None.
         """
-        seed, size = self.settings.seed if seed is None else seed, self.settings.size
-        if counts := self.settings.on_one_foot:
-            return mixed_job(self.problem, self.goal, size, counts, seed, self.settings.solver)
-        return trial_job(self.problem, self.goal, size, seed, self.settings.solver, self.measured)
+        wanted, seed = self.settings, self.settings.seed if seed is None else seed
+        counts = wanted.on_one_foot
+        return plan_job(self.problem, self.goal, wanted.size, seed, wanted.solver, counts, self.measured)
 
     def extended(self, plan: PosturePlan) -> PosturePlan:
         """Add the postures on one foot and the repeats that the settings ask for."""

@@ -8,7 +8,7 @@ approximated by smooth ones: the p-norms of the eigenvalues of M and M^-1 tend t
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -50,18 +50,18 @@ def condition_number(information: np.ndarray) -> float:
     return float(np.sqrt(values[-1] / values[0])) if values[0] > SINGULAR * values[-1] else np.inf
 
 
-def shifted(smooth: Smooth, rest: np.ndarray) -> Smooth:
+def shifted(smooth: Smooth, rest: np.ndarray | float) -> Smooth:
     """Return a function of a part's information, given that of the rest, (p, p)."""
     return lambda part: smooth(rest + part)
 
 
-def given(objective: Objective, rest: np.ndarray) -> Objective:
+def given(objective: Objective, rest: np.ndarray | float) -> Objective:
     """Return the objective of the whole plan as one of a part, given the information of the rest, (p, p)."""
-    return Objective(
-        objective.name,
-        lambda part: objective.value(rest + part),
-        tuple(shifted(smooth, rest) for smooth in objective.smooth),
-        objective.known + rest,
+    return replace(
+        objective,
+        value=lambda part: objective.value(rest + part),
+        smooth=tuple(shifted(smooth, rest) for smooth in objective.smooth),
+        known=objective.known + rest,
     )
 
 
