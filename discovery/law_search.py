@@ -187,15 +187,12 @@ def _near(every: LawSearch, calibration: SelfCalibration, terms: tuple[Fitted, .
     They are searched for with the spreads and the noise as estimated, and with none larger than usual.
     """
     out: dict[str, Fitted] = {}
+    pairs = {_pair(term) for term in terms}
+    others = [law for law in every.laws if law.target.rpartition("/")[0] not in pairs]
     for fit in every.search.fits(calibration, terms):
-        for one in _pairs(ranked_laws(fit.partialled_out, _others(every, terms)))[:PAIRS]:
+        for one in _pairs(ranked_laws(fit.partialled_out, others))[:PAIRS]:
             out.setdefault(_pair(one), one)
     return list(out.values())
-
-
-def _others(every: LawSearch, terms: tuple[Fitted, ...]) -> list[Candidate]:
-    pairs = {_pair(term) for term in terms}
-    return [law for law in every.laws if law.target.rpartition("/")[0] not in pairs]
 
 
 def _pair(one: Fitted) -> str:

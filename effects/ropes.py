@@ -70,7 +70,7 @@ def tie_to(
 
 def link_center(observed: Observation, link: str) -> np.ndarray:
     """Compute the nominal centre of mass of a link in the base frame, (m, 3) [m]."""
-    rotations, positions = observed.frames
+    rotations, positions = observed.geometry.frames
     frame = observed.tree.frame(link)
     return positions[:, frame] + rotations[:, frame] @ observed.nominal.robot.model.body(link).ipos
 

@@ -113,19 +113,10 @@ class Observation:
         )
 
     @property
-    def frames(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return rotations (m, n_frames, 3, 3) and origins (m, n_frames, 3) [m] of the frames, soles flat."""
-        return self.geometry.frames
-
-    @property
-    def center(self) -> np.ndarray:
-        """Return the nominal centre of mass in the base frame, (m, 3) [m]."""
-        return self.geometry.center
-
-    @property
     def loaded_center(self) -> np.ndarray:
         """Return the nominal centre of mass of robot and known masses in the base frame, (m, 3) [m]."""
-        return self.center if self.ballast is None else self.ballast.loaded(self.center)
+        center = self.geometry.center
+        return center if self.ballast is None else self.ballast.loaded(center)
 
     @property
     def loaded_weight(self) -> np.ndarray:
@@ -185,7 +176,7 @@ class Observation:
         """Return the poses of the contact sensors in the base frame, (m, 2, 3) [m, m, rad]."""
         if not self.in_feet:
             return self.plate_poses
-        rotations, _ = self.frames
+        rotations, _ = self.geometry.frames
         turn = rotations[:, [self.nominal.parameters.base, self.nominal.swing_frame]]
         yaw = np.arctan2(turn[..., 1, 0], turn[..., 0, 0])
         soles = np.stack([self.geometry.stance_sole, self.swing_sole[0]], axis=1)[..., :2]

@@ -106,22 +106,22 @@ class PostureGeometry:
     @cached_property
     def center(self) -> np.ndarray:
         """Compute the centre of mass (eq. 1), (m, 3) [m]."""
+        return self._first_moments.sum(axis=1) / self.standard[:, 0].sum()
+
+    @cached_property
+    def _first_moments(self) -> np.ndarray:
+        """Compute mass times centre of mass of every link, (m, n_links, 3) [kg m]."""
         rotations, positions = self.frames
         frames = np.array(self.tree.frame_of_link)
-        moment = self.standard[:, 0, None] * positions[:, frames]
-        moment = moment + (rotations[:, frames] @ self.standard[:, 1:, None])[..., 0]
-        return moment.sum(axis=1) / self.standard[:, 0].sum()
+        own = (rotations[:, frames] @ self.standard[:, 1:, None])[..., 0]
+        return self.standard[:, 0, None] * positions[:, frames] + own
 
     @cached_property
     def mass_moments(self) -> np.ndarray:
         """Compute the moment of the links beyond each joint about it, over gravity, (m, n_joints) [kg m]."""
-        rotations, positions = self.frames
-        links, mass = np.array(self.tree.frame_of_link), self.standard[:, 0]
-        places = positions[:, links] * mass[:, None]
-        places = places + (rotations[:, links] @ self.standard[:, 1:, None])[..., 0]
-        carried = self.moved[:, links].astype(float)
-        heavy = carried @ mass
-        moment = carried @ places - heavy[:, None] * self.pivots
+        carried = self.moved[:, np.array(self.tree.frame_of_link)].astype(float)
+        heavy = carried @ self.standard[:, 0]
+        moment = carried @ self._first_moments - heavy[:, None] * self.pivots
         return -moment[..., 1] * self.axes[..., 0] + moment[..., 0] * self.axes[..., 1]
 
     @cached_property

@@ -170,10 +170,6 @@ class Stand:
         displacements = np.linalg.norm((self._corners() - self.marked_corners)[:, :2], axis=1)
         return float(displacements[np.repeat(self.foot_contact, 4)].max())
 
-    def highest_corner(self) -> float:
-        """Return the largest height of a standing foot's sole corner over its board [m]."""
-        return float(self._sole_gaps()[np.repeat(self.foot_contact, 4)].max())
-
     def fault(self) -> str | None:
         """Return why a settled posture cannot be used, or None."""
         for event, names, gaps in (

@@ -20,6 +20,7 @@ from tulip_testbed.sim.statics.forces import (
     body_loads,
     contact_deflection,
     cross,
+    dot,
     drives,
     rotation_matrix,
 )
@@ -60,7 +61,9 @@ def closed_slope(m: Mechanism, state: State, load: Load) -> np.ndarray:
     trace = np.trace(spread, axis1=2, axis2=3)
     f, o, w = force[:, body], anchors, axes
     change = (
-        (spread[:, body] @ w[..., None])[..., 0] - o * _dot(f, w) - w * (trace[:, body, None] - _dot(o, f))
+        (spread[:, body] @ w[..., None])[..., 0]
+        - o * dot(f, w)[..., None]
+        - w * (trace[:, body, None] - dot(o, f)[..., None])
     )
     out[:, 3:6, turning] = change.mT
     a, f, o = axes[:, 3:], f[:, 3:], anchors[:, 3:]  # of the coordinates whose torque changes
@@ -130,10 +133,6 @@ def _of_drives(m: Mechanism, state: State, load: Load) -> np.ndarray:
     # Without springs of several coordinates the torque on each depends on itself alone.
     ahead, behind = (drives(m, replace(state, angles=state.angles + s * STEP), load) for s in (1, -1))
     return ((ahead - behind) / (2 * STEP))[..., None] * np.eye(n)
-
-
-def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return (a * b).sum(axis=-1, keepdims=True)
 
 
 def _turned_soles(m: Mechanism, load: Load, frames: Frames) -> list[np.ndarray]:
