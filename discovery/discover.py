@@ -246,11 +246,7 @@ def _fitted(selection: Selection, through_laboratory: bool) -> _Fitted:
 def _concluded(
     search: Search, selection: Selection, fitted: _Fitted, validation: HeldOut | None
 ) -> Discovery:
-    """Reach a verdict.
-
-    Args:
-        validation: None: not asked for, or not yet.
-    """
+    """Reach a verdict; `validation` is None where it was not asked for."""
     began, observed, fit = time.perf_counter(), search.observed, fitted.fit
     shared, equivalents = fitted.shared, fitted.equivalents
     laws = [is_law(term.candidate) for term in fit.terms]

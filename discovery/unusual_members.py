@@ -21,10 +21,10 @@ def with_unusual_members(
     """Add the members that are too large for the others of their family, the largest first.
 
     A few members say little about the spread of a family: it grows with one of them, and the evidence hardly
-    prefers an effect of its own, still less if there are two. The usual size is given by the tolerance
-    and the other members then. Those of one family are added together, or else the largest alone. Of a family that
-    is too wide, and whose members the data hardly distinguish, the one with the most evidence is added. The
-    only member of a family is added regardless of the evidence.
+    prefers an effect of its own, still less if there are two. The usual size is given by the tolerance and
+    the other members then. Those of one family are added together, or else the largest alone. Of a family
+    that is too wide, and whose members the data hardly distinguish, the one with the most evidence is added.
+    The only member of a family is added regardless of the evidence.
     """
     refused: set[str] = set()
     while len(terms) < MOST_TERMS:
