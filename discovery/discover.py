@@ -307,12 +307,7 @@ def stands_out(selection: Selection, term: Fitted, error: np.ndarray) -> bool:
 def _reasons(
     selection: Selection, clearest: Pattern | None, validation: HeldOut | None, lost: Sequence[str] = ()
 ) -> tuple[str, ...]:
-    """Say why what was found does not suffice; empty: it does.
-
-    Args:
-        clearest: pattern that is left; None: it is tolerated.
-        lost: effects for which there is no evidence any more.
-    """
+    """Say why what was found does not suffice; empty: it does. No `clearest`: what is left is tolerated."""
     if not selection.lacks_fit:
         return ()
     out = []

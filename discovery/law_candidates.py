@@ -50,11 +50,7 @@ def law_candidates(observed: Observation) -> list[Candidate]:
 def _candidate(
     observed: Observation, sentence: Sentence, price: float, known: dict[tuple[str, ...], np.ndarray]
 ) -> Candidate:
-    """Make a candidate with the grid and the range that the experiment's readings give.
-
-    Args:
-        known: quantities of all readings that err, which this adds to.
-    """
+    """Make a candidate with the grid and the range of the experiment's readings; `known` collects these."""
     effect = law_effect(str(sentence))
     if sentence.kind == g.FORCE:
         tail = np.linspace(0.1, 0.9, 9)[:, None] if sentence.form == g.STEP else np.zeros((1, 0))

@@ -125,11 +125,7 @@ def select_laws(search: Search, selection: Selection, rng: np.random.Generator) 
 
 
 def _forward(every: LawSearch, selection: Selection) -> Judged | None:
-    """Add the best law or effect while it is decisive.
-
-    Returns:
-        what was found; None: nothing, or so many terms leave something decisive, which stays unknown.
-    """
+    """Add the best law or effect while it is decisive; None: there is none, or too many do not do."""
     search, found = every.search, None
     terms: tuple[Fitted, ...] = ()
     calibration = every.start
@@ -260,11 +256,7 @@ def _alternatives(every: LawSearch, found: Judged) -> tuple[tuple[Fitted, ...], 
 
 
 def _exchanged(every: LawSearch, found: Judged, near: tuple[tuple[Fitted, ...], ...]) -> Judged | None:
-    """Exchange a term for something that explains more, or for an effect of the catalogue that does as well.
-
-    Returns:
-        None: no exchange is better.
-    """
+    """Exchange a term for a better one, or for an effect that does as well; None: no exchange is better."""
     for k, several in enumerate(near):
         own = next((one for one in several if one.label == found.terms[k].label), None)
         best = several[0]

@@ -172,11 +172,7 @@ def _forward(
     tests: float,
     progress: Callable[[int], None],
 ) -> tuple[SelfCalibration, tuple[Fitted, ...], bool]:
-    """Add the best candidate while it is decisive; after each step eliminate terms that are not.
-
-    Returns:
-        the calibration, the terms, and whether no further candidate is decisive.
-    """
+    """Add the best candidate while it is decisive; also return whether no further one is."""
     terms: tuple[Fitted, ...] = ()
     before = []
     while len(terms) < MOST_TERMS:
@@ -242,11 +238,7 @@ def is_decisive(found: Judged, before: float, tests: float) -> bool:
 
 
 def _chance(found: SelfCalibration, gain: float, tests: float) -> float:
-    """Compute the probability that noise alone would gain as much with the last effect, over all candidates.
-
-    Args:
-        gain: of ln of the evidence.
-    """
+    """Compute the probability that noise alone gains as much by its last effect, over all candidates."""
     effect, error = found.effects[-1].effect, found.effect_errors[-1]
     prior = np.array([effect.parameters[k].prior for k in effect.sizes])
     likelihood = gain + float(np.log(np.maximum(prior / error, 1.0)).sum())
@@ -276,11 +268,7 @@ def calibrated_with_best(search: Search, terms: Sequence[Fitted]) -> SelfCalibra
 
 
 def _alternatives(search: Search, found: JointFit, k: int) -> tuple[tuple[Fitted, ...], tuple[Fitted, ...]]:
-    """List what else would explain what term k explains, with the other terms kept; the best first.
-
-    Returns:
-        those of the shortlist, and the best of all by linear predictions.
-    """
+    """List what else would explain what term k explains, and the best of all by linear predictions."""
     others, term = found.without(k), found.terms[k]
     ranked = search.ranked(others)
     out = shortlist(others, ranked)

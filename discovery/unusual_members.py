@@ -75,10 +75,7 @@ def _of_wide_families(search: Search, calibration: SelfCalibration) -> list[Fitt
 
 
 def _unusual_members(search: Search, calibration: SelfCalibration) -> list[Fitted]:
-    """List the members that are too large for the others of their family, the largest first.
-
-    The data determine them, and say with 95 % probability that they are.
-    """
+    """List the members that are, by 95 %, too large for the others of their family, the largest first."""
     out = []
     for one in calibration.families:
         targets = one.family.targets

@@ -173,11 +173,7 @@ class _Search:
         return found
 
     def _try(self, pose: np.ndarray, soles: np.ndarray, before: np.ndarray | None) -> np.ndarray | str:
-        """Return the joint angles of one random draw, or the violated constraint.
-
-        Args:
-            before: joint angles of the posture from which the robot moves here, None at the first one.
-        """
+        """Return the joint angles of one random draw after those of `before`, or the violated constraint."""
         r = self.ranges
         polygon = support_polygon(soles)
         com = self.rng.uniform(polygon.min(axis=0), polygon.max(axis=0))

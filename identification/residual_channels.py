@@ -257,11 +257,7 @@ def sensitivity(observed: Observation, theta: np.ndarray) -> np.ndarray:
 
 
 def _by_contact_poses(observed: Observation, share: np.ndarray) -> np.ndarray:
-    """Differentiate the centre of pressure by x, y and yaw of both contacts in the base frame, (m, 2, 6).
-
-    Args:
-        share: readings over the total force, (m, 2, k).
-    """
+    """Differentiate the centre of pressure by x, y and yaw of both contacts in the base frame, (m, 2, 6)."""
     m, bears = len(observed), observed.contacts.bears
     poses = observed.contact_poses[:, :, None, :2]
     arms = observed.cell_places.reshape(m, 2, -1, 2) - bears[..., None] * poses

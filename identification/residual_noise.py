@@ -231,11 +231,7 @@ def _in_channels(channels: str) -> np.ndarray:
 def _factored(
     own: np.ndarray, levers: np.ndarray, placement: np.ndarray, stance: np.ndarray, used: np.ndarray
 ) -> tuple[np.ndarray, tuple[tuple[slice, np.ndarray, np.ndarray], ...], float]:
-    """Return `rows`, `blocks` and `log_volume` of `Whitening` from the covariance of each placement.
-
-    Args:
-        used: whether a residual is in use, (m, 11) bool.
-    """
+    """Return `rows`, `blocks` and `log_volume` of `Whitening` from the covariance of each placement."""
     rows, blocks, at_row, volume = [], [], 0, 0.0
     for number in np.unique(placement):
         inside = np.flatnonzero(placement == number)

@@ -121,11 +121,7 @@ def _total_sd(measurements: Measurements) -> float | None:
 
 
 def _beyond(error: np.ndarray, sd: float, usual: Usual, weight_sd: float) -> Beyond:
-    """Test deviations of the total, (m,) [N].
-
-    Args:
-        weight_sd: of what the robot weighs.
-    """
+    """Test deviations of the total, (m,) [N], with a weight known to an s.d. of `weight_sd` [N]."""
     constant = np.ones((len(error), 1))
     changes = np.column_stack([usual.total, weight_sd * constant]) / sd
     names, ones = (*usual.names, "the weighed mass"), np.ones(len(error), int)

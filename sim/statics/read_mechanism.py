@@ -185,11 +185,7 @@ def _feet(tree: _Tree, robot: Robot) -> dict[str, Any]:
 
 
 def _plates(model: mujoco.MjModel, cell_compliance: float) -> dict[str, Any]:
-    """Return the boards on their cells.
-
-    Args:
-        cell_compliance: of a cell itself [m/N].
-    """
+    """Return the boards on their cells, of this compliance each [m/N]."""
     plates = [model.body(f"{plate}_plate").id for plate in PLATES]
     sites = [[model.site(f"{plate}_plate_{corner}").id for corner in CORNERS] for plate in PLATES]
     cells = np.array([[_on_plate(model, s, p) for s in row] for row, p in zip(sites, plates, strict=True)])

@@ -104,14 +104,7 @@ def closed_slope(m: Mechanism, state: State, load: Load) -> np.ndarray:
 def _sums_behind(
     m: Mechanism, state: State, load: Load, frames: Frames, soles: list[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sum over each body and all behind it the forces, the moments and c f' of the loads.
-
-    Args:
-        soles: sole points in the world, (b, 3) each.
-
-    Returns:
-        (b, nb, 3) [N], (b, nb, 3) [Nm], (b, nb, 3, 3) [Nm].
-    """
+    """Sum forces (b, nb, 3), moments and c f' (b, nb, 3, 3) of the loads over each body and all behind it."""
     force, moment = body_loads(m, state, load, frames)
     center = np.moveaxis(load.center, -2, 0).reshape(len(m.bodies), -1, 3)
     mass = np.moveaxis(load.mass, -1, 0).reshape(len(m.bodies), -1, 1)
