@@ -19,8 +19,7 @@ from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.contact_readings import ContactReadings, of_cells, of_wrenches
 from tulip_testbed.identification.joint_loads import Loads, joint_loads, servo_stiffness
 from tulip_testbed.identification.kinematics import Tree
-from tulip_testbed.identification.nominal import Nominal
-from tulip_testbed.identification.posture_geometry import PostureGeometry
+from tulip_testbed.identification.nominal import Nominal, PostureGeometry
 from tulip_testbed.measurements import Measurements, as_joined
 from tulip_testbed.sim.scene import plate_masses
 
