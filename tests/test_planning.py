@@ -212,10 +212,10 @@ def test_ipopt_goes_on_from_a_plan(problem, goal, plan):
     start = repair_start(problem, goal, plan.joint_angles[rows], plan.swing_pose[rows], 5, 3, "start")
     before = evaluate_plan(problem, start.design, start.angles, 5)
     after = interior_point(problem, before, goal.smooth[0], 15)
-    first, last = (goal.smooth[0](information(w.found))[0] for w in (before, after))
+    first, last = (goal.smooth[0](information(w.evaluation))[0] for w in (before, after))
     assert last < first
-    assert after.found.reached.all()
-    assert after.found.inequalities.min() > -0.1
+    assert after.evaluation.reached.all()
+    assert after.evaluation.inequalities.min() > -0.1
 
 
 @pytest.mark.slow

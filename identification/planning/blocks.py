@@ -95,22 +95,22 @@ def improve(problem: Problem, block: Block, rest: np.ndarray, smooth: Smooth, it
         A feasible block with a smaller value, or the same block.
     """
 
-    def objective(found: Evaluation) -> tuple[float, np.ndarray]:
-        value, by_matrix = smooth(rest + information(found))
-        return value, information_slope(found, by_matrix)
+    def objective(evaluation: Evaluation) -> tuple[float, np.ndarray]:
+        value, by_matrix = smooth(rest + information(evaluation))
+        return value, information_slope(evaluation, by_matrix)
 
-    def packed(x: np.ndarray, found: Evaluation) -> tuple[float, np.ndarray]:
-        value, slope = objective(found)
+    def packed(x: np.ndarray, evaluation: Evaluation) -> tuple[float, np.ndarray]:
+        value, slope = objective(evaluation)
         return value, gradient_of_block(slope[:, None]).sum(axis=0)
 
     before = evaluate(problem, block.design, block.angles)
     after = _slsqp(problem, block, packed, iterations, FREEDOM)
-    found = evaluate(problem, after.design, after.angles)
-    if found.inequalities.min() < -FEASIBLE:
+    now = evaluate(problem, after.design, after.angles)
+    if now.inequalities.min() < -FEASIBLE:
         after = repair(problem, after)
-        found = evaluate(problem, after.design, after.angles)
-    kept = found.reached.all() and found.inequalities.min() >= -FEASIBLE
-    return after if kept and objective(found)[0] < objective(before)[0] else block
+        now = evaluate(problem, after.design, after.angles)
+    kept = now.reached.all() and now.inequalities.min() >= -FEASIBLE
+    return after if kept and objective(now)[0] < objective(before)[0] else block
 
 
 def repair(problem: Problem, block: Block, iterations: int = 60) -> Block:

@@ -46,9 +46,9 @@ def candidates(problem: Problem, swing: np.ndarray, start: Block, rng: np.random
     if not len(design):
         return Block(design, np.zeros((0, start.angles.shape[1])))
     distance = np.abs((design[:, None, :6] - start.design[None, :, :6]) / SCALE[:6]).sum(axis=2)
-    found = evaluate(problem, design, start.angles[distance.argmin(axis=1)])
-    feasible = found.reached & (found.inequalities.min(axis=1) >= 0)
-    return Block(design[feasible], found.chain.angles[feasible])
+    evaluation = evaluate(problem, design, start.angles[distance.argmin(axis=1)])
+    feasible = evaluation.reached & (evaluation.inequalities.min(axis=1) >= 0)
+    return Block(design[feasible], evaluation.chain.angles[feasible])
 
 
 def exchange(

@@ -49,7 +49,7 @@ def interior_point(problem: Problem, plan: EvaluatedPlan, smooth: Smooth, iterat
         The last iterate of IPOPT, which may be slightly infeasible.
     """
     casadi = casadi_module()
-    count, slots = plan.found.inequalities.shape
+    count, slots = plan.evaluation.inequalities.shape
     columns, size = variables(plan)
     rows = np.repeat(np.arange(count * slots), 9)
     across = np.repeat(columns, slots, axis=0).ravel()
@@ -64,19 +64,21 @@ def interior_point(problem: Problem, plan: EvaluatedPlan, smooth: Smooth, iterat
         nonlocal last
         if x.tobytes() not in cache:
             design = design_at(x)
-            change = (last.found.joint_jacobian @ (design - last.design)[..., None])[..., 0]
+            change = (last.evaluation.joint_jacobian @ (design - last.design)[..., None])[..., 0]
             change /= max(1.0, float(np.abs(change).max()) / FARTHEST)
             cache.clear()
-            cache[x.tobytes()] = evaluate_plan(problem, design, last.found.chain.angles + change, plan.per)
-            if cache[x.tobytes()].found.reached.all():
+            cache[x.tobytes()] = evaluate_plan(
+                problem, design, last.evaluation.chain.angles + change, plan.per
+            )
+            if cache[x.tobytes()].evaluation.reached.all():
                 last = cache[x.tobytes()]
-        return cache[x.tobytes()].found
+        return cache[x.tobytes()].evaluation
 
     def slope(x: np.ndarray) -> np.ndarray:
-        found = at(x)
-        _, by_matrix = smooth(information(found))
+        evaluation = at(x)
+        _, by_matrix = smooth(information(evaluation))
         total = np.zeros(size)
-        np.add.at(total, columns, information_slope(found, by_matrix) * SCALE)
+        np.add.at(total, columns, information_slope(evaluation, by_matrix) * SCALE)
         return total[None]
 
     def inequality_jacobian(x: np.ndarray) -> Any:

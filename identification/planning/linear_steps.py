@@ -28,12 +28,12 @@ class EvaluatedPlan:
 
     Attributes:
         design: design variables, (m, 9) [m, rad, m, m, rad].
-        found: evaluation of the postures.
+        evaluation: of the postures.
         per: number of postures in a placement.
     """
 
     design: np.ndarray
-    found: Evaluation
+    evaluation: Evaluation
     per: int
 
 
@@ -44,8 +44,8 @@ def evaluate_plan(problem: Problem, design: np.ndarray, angles: np.ndarray, per:
 
 def merit(plan: EvaluatedPlan, smooth: Smooth, penalty: float) -> float:
     """Return the objective plus the penalty for violated constraints."""
-    lack = np.maximum(-plan.found.inequalities.min(axis=1), 0.0)
-    return smooth(information(plan.found))[0] + penalty * float(lack.sum())
+    lack = np.maximum(-plan.evaluation.inequalities.min(axis=1), 0.0)
+    return smooth(information(plan.evaluation))[0] + penalty * float(lack.sum())
 
 
 def descend(
@@ -79,7 +79,7 @@ def descend(
             break
         for _ in range(2):
             moved = _moved(problem, plan, step)
-            lack, before = (np.maximum(-w.found.inequalities.min(axis=1), 0.0) for w in (moved, plan))
+            lack, before = (np.maximum(-w.evaluation.inequalities.min(axis=1), 0.0) for w in (moved, plan))
             broken = (lack > before + MOST_LACK).reshape(-1, plan.per).any(axis=1)
             if not broken.any():
                 break
@@ -87,8 +87,8 @@ def descend(
             step = step * np.repeat(~broken, plan.per)[:, None]
         after = merit(moved, smooth, penalty)
         if after >= value:  # correct for the curvature of the constraints
-            rates = (plan.found.inequality_jacobian @ step[..., None])[..., 0]
-            missed = moved.found.inequalities - plan.found.inequalities - rates
+            rates = (plan.evaluation.inequality_jacobian @ step[..., None])[..., 0]
+            missed = moved.evaluation.inequalities - plan.evaluation.inequalities - rates
             step, _ = linear_step(problem, plan, smooth, np.repeat(regions, plan.per), missed, penalty)
             moved = _moved(problem, plan, step)
             after = merit(moved, smooth, penalty)
@@ -103,8 +103,8 @@ def descend(
 
 
 def _moved(problem: Problem, plan: EvaluatedPlan, step: np.ndarray) -> EvaluatedPlan:
-    change = np.clip((plan.found.joint_jacobian @ step[..., None])[..., 0], -0.5, 0.5)
-    return evaluate_plan(problem, plan.design + step, plan.found.chain.angles + change, plan.per)
+    change = np.clip((plan.evaluation.joint_jacobian @ step[..., None])[..., 0], -0.5, 0.5)
+    return evaluate_plan(problem, plan.design + step, plan.evaluation.chain.angles + change, plan.per)
 
 
 def linear_step(
@@ -126,18 +126,18 @@ def linear_step(
             correction, Fletcher 1982).
         penalty: see `Objective`.
     """
-    found = plan.found
-    _, by_matrix = smooth(information(found))
-    cost = information_slope(found, by_matrix) * SCALE
+    evaluation = plan.evaluation
+    _, by_matrix = smooth(information(evaluation))
+    cost = information_slope(evaluation, by_matrix) * SCALE
     columns, size = variables(plan)
     at_least = np.full(columns.shape, -np.inf)
     at_most = -at_least
     intervals = np.concatenate([problem.ranges.torso, problem.ranges.swing])
     at_least[:, 3:], at_most[:, 3:] = (intervals.T[:, None] - plan.design[:, 3:]) / SCALE[3:]
-    slopes = found.inequality_jacobian * SCALE
-    room = found.inequalities if missed is None else found.inequalities + missed
+    slopes = evaluation.inequality_jacobian * SCALE
+    room = evaluation.inequalities if missed is None else evaluation.inequalities + missed
     step, gain = elastic_step(
-        cost, columns, size, found.inequalities, slopes, (at_least, at_most), region, room, penalty
+        cost, columns, size, evaluation.inequalities, slopes, (at_least, at_most), region, room, penalty
     )
     return step * SCALE, gain
 

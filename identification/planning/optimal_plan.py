@@ -201,30 +201,29 @@ def optimize_plan(
     start = start or random_start(problem, objective, placements, per, seed, measured=measured)
     goal, rounds = after(problem, objective, measured), round_count(objective, hops)
     whole = given(goal, total(start.single)) if start.single else goal
-    state = resumed(problem, whole, state, start.state, per, rounds)
-    for found in search(problem, whole, state, per, seed, hops, solver):
-        state = found
-        progress(found)
-    found = replace(start, state=state)
+    state = first = resumed(problem, whole, state, start.state, per, rounds)
+    for state in search(problem, whole, first, per, seed, hops, solver):
+        progress(state)
+    reached = replace(start, state=state)
     if start.single:
-        found = _in_turn(problem, goal, found, seed, hops)
-    return plan_from_state(problem, objective, found, seed, hops, solver, measured)
+        reached = _in_turn(problem, goal, reached, seed, hops)
+    return plan_from_state(problem, objective, reached, seed, hops, solver, measured)
 
 
-def _in_turn(problem: Problem, goal: Objective, found: Start, seed: int, hops: int) -> Start:
+def _in_turn(problem: Problem, goal: Objective, reached: Start, seed: int, hops: int) -> Start:
     """Improve the postures on one foot and polish those on both, in turn."""
-    smooth, rounds, state, single = goal.smooth[-1], round_count(goal, hops), found.state, found.single
+    smooth, rounds, state, single = goal.smooth[-1], round_count(goal, hops), reached.state, reached.single
     both = _information(problem, state)
     for _ in range(TURNS):
         before = smooth(both + total(single))[0]
         single = tuple(improved(single, both, smooth))
         whole = given(goal, total(single))
         state = replace(state, rounds=rounds - 1, value=whole.value(both))
-        (state,) = search(problem, whole, state, found.per, seed, hops)
+        (state,) = search(problem, whole, state, reached.per, seed, hops)
         both = _information(problem, state)
         if before - smooth(both + total(single))[0] < SETTLED:
             break
-    return replace(found, state=state, single=single)
+    return replace(reached, state=state, single=single)
 
 
 def _information(problem: Problem, state: SearchState) -> np.ndarray:
@@ -247,7 +246,7 @@ def measured_information(problem: Problem, measurements: Measurements) -> np.nda
 def plan_from_state(
     problem: Problem,
     objective: Objective,
-    found: Start,
+    reached: Start,
     seed: int,
     hops: int,
     solver: str = SOLVERS[0],
@@ -258,14 +257,14 @@ def plan_from_state(
     The postures on one foot are behind the others, on placements of their own.
 
     Args:
-        found: a start with the state that was reached.
+        reached: a start with the state that was reached.
     """
-    drawn, state = found.drawn, found.state
+    drawn, state = reached.drawn, reached.state
     made = {
         "objective": objective.name,
         "seed": seed,
         "placements": len(np.unique(drawn.placement)),
-        "per_placement": found.per,
+        "per_placement": reached.per,
         "solver": f"sequential linear programming, exchange, {solver}",
         "rounds": state.rounds,
         "rounds_planned": round_count(objective, hops),
@@ -287,8 +286,8 @@ def plan_from_state(
         torques=best.torque,
     )
     plan = with_free_paths(problem, plan)
-    if found.single:
-        plan = _with_one_foot(problem, plan, found.single)
+    if reached.single:
+        plan = _with_one_foot(problem, plan, reached.single)
     if measured is None:
         return plan
     return replace(

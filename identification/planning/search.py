@@ -83,11 +83,11 @@ def repair_start(
     names, tally, blocks = inequality_names(problem), Counter[str](), list[Block]()
     for i in range(0, len(design), per):
         block = repair(problem, Block(design[i : i + per], angles[i : i + per]))
-        found = evaluate(problem, block.design, block.angles)
-        if not found.reached.all():
+        evaluation = evaluate(problem, block.design, block.angles)
+        if not evaluation.reached.all():
             tally["out of reach"] += 1
-        elif found.inequalities.min() < -FEASIBLE:
-            tally[names[int(found.inequalities.min(axis=0).argmin())]] += 1
+        elif evaluation.inequalities.min() < -FEASIBLE:
+            tally[names[int(evaluation.inequalities.min(axis=0).argmin())]] += 1
         else:
             blocks.append(block)
         if len(blocks) == placements:
@@ -153,20 +153,20 @@ def design_of(problem: Problem, angles: np.ndarray, swing: np.ndarray) -> np.nda
 
 def _kept(problem: Problem, objective: Objective, state: SearchState, plan: EvaluatedPlan) -> SearchState:
     """Return the state after a round; only a feasible plan can become the best."""
-    after = replace(state, rounds=state.rounds + 1, design=plan.design, angles=plan.found.chain.angles)
-    if objective.value(information(plan.found)) > state.value:
+    after = replace(state, rounds=state.rounds + 1, design=plan.design, angles=plan.evaluation.chain.angles)
+    if objective.value(information(plan.evaluation)) > state.value:
         return after
     blocks = _blocks(plan)
-    lack = plan.found.inequalities.min(axis=1).reshape(-1, plan.per).min(axis=1)
+    lack = plan.evaluation.inequalities.min(axis=1).reshape(-1, plan.per).min(axis=1)
     whole_blocks = [
         block if least >= -FEASIBLE else repair(problem, block)
         for block, least in zip(blocks, lack, strict=True)
     ]
     design, angles = _joined(whole_blocks)
-    found = evaluate(problem, design, angles)
-    value = objective.value(information(found))
-    if found.reached.all() and found.inequalities.min() >= -FEASIBLE and value < state.value:
-        return replace(after, best_design=design, best_angles=found.chain.angles, value=value)
+    evaluation = evaluate(problem, design, angles)
+    value = objective.value(information(evaluation))
+    if evaluation.reached.all() and evaluation.inequalities.min() >= -FEASIBLE and value < state.value:
+        return replace(after, best_design=design, best_angles=evaluation.chain.angles, value=value)
     return after
 
 
@@ -177,7 +177,7 @@ def _hop(
     blocks = _blocks(plan)
     at = int(rng.integers(len(blocks)))
     block, per = blocks[at], plan.per
-    every = plan.found.regressor.reshape(len(blocks), -1, plan.found.regressor.shape[-1])
+    every = plan.evaluation.regressor.reshape(len(blocks), -1, plan.evaluation.regressor.shape[-1])
     rest = np.delete(every, at, axis=0)
     rest = np.einsum("krp,krq->pq", rest, rest)
     moves = bool(rng.integers(2))
@@ -209,7 +209,7 @@ def _polish(problem: Problem, plan: EvaluatedPlan, smooth: Smooth) -> EvaluatedP
 
 
 def _blocks(plan: EvaluatedPlan) -> list[Block]:
-    angles, per = plan.found.chain.angles, plan.per
+    angles, per = plan.evaluation.chain.angles, plan.per
     firsts = range(0, len(angles), per)
     return [Block(plan.design[i : i + per], angles[i : i + per]) for i in firsts]
 
