@@ -19,7 +19,8 @@ LIMIT = 7.0  # largest size of the logarithm of a scale
 WIDEST = np.log(20.0)
 MOST_STEPS = 60
 HALVINGS = 5  # of a step that does not gain
-ALONE = np.log(2.0)  # s.d. of ln tau of a family of one
+FEW = 2  # members that hardly determine the spread of their family
+ALONE = np.log(2.0)  # s.d. of ln tau of a family of so few
 SETTLED = 1e-6  # of the log-likelihood, in the spreads alone
 LEAST_CURVATURE = 0.25  # the s.d. of the logarithm of a scale is at most two
 
@@ -49,8 +50,8 @@ def at_spread(problem: Problem, reduced: np.ndarray, moment: np.ndarray, log_spr
     """
     parts, q = problem.parts, len(moment)
     root = np.zeros((q, q))
-    for part, one, size in zip(parts, problem.roots, np.exp(log_spread), strict=True):
-        root[part, part] = size * one
+    for part, unit, size in zip(parts, problem.roots, np.exp(log_spread), strict=True):
+        root[part, part] = size * unit
     lower = np.linalg.cholesky(np.eye(q) + root.T @ reduced @ root)
     inverse = np.linalg.inv(lower)
     shrinkage = inverse.T @ inverse
@@ -60,7 +61,7 @@ def at_spread(problem: Problem, reduced: np.ndarray, moment: np.ndarray, log_spr
     own, sizes = (
         np.add.reduceat(values, first) if q else np.zeros(0) for values in (np.diag(shrinkage), deviate**2)
     )
-    count = np.array([len(one) for one in problem.roots])
+    count = np.array([len(unit) for unit in problem.roots])
     prior, slope, curvature = _log_prior(log_spread, count)
     known = list(problem.known)
     together = 2 * shrinkage**2 + 4 * deviate[:, None] * shrinkage * deviate
@@ -89,7 +90,7 @@ def _log_prior(log_spread: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, n
     Args:
         count: number of members of each family.
     """
-    alone = count == 1
+    alone = count <= FEW
     odds = np.exp(2 * log_spread) / (1 + np.exp(2 * log_spread))
     value = np.where(
         alone,
