@@ -21,6 +21,12 @@ from tulip_testbed.sim.specs import compile_spec
 STARTS = tuple(k / 10 for k in range(1, 10))  # fractions of the experiment's time that a search tries
 
 
+def misreading(rig: Rig, read: Callable[[Measurements], Measurements]) -> Rig:
+    """Return a laboratory whose readings also pass through `read`, after all earlier misreadings."""
+    before = rig.misread
+    return replace(rig, misread=read if before is None else lambda m: read(before(m)))
+
+
 def edited(rig: Rig, edit: Callable[[mujoco.MjSpec], None]) -> Rig:
     """Return a laboratory whose scene is also changed by `edit`, during the whole experiment."""
     return always(rig, lambda one: _edited(one, edit))

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from tulip_testbed.effects.injection import misreading
 from tulip_testbed.effects.lasting import Values
 from tulip_testbed.identification.observation import Observation, fraction_of_time
 from tulip_testbed.measurements import Measurements
@@ -31,13 +32,8 @@ class Misreading:
     unsure: ClassVar[None] = None
 
     def inject(self, rig: Rig, target: str, values: Values) -> Rig:
-        """Return the laboratory with the faulty instruments; earlier faults come first."""
-        before = rig.misread
-
-        def misread(true: Measurements) -> Measurements:
-            return self.apply(true if before is None else before(true), rig.robot, target, values)
-
-        return replace(rig, misread=misread)
+        """Return the laboratory with the faulty instruments."""
+        return misreading(rig, lambda measurements: self.apply(measurements, rig.robot, target, values))
 
 
 @dataclass(frozen=True)
