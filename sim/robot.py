@@ -93,6 +93,11 @@ class Robot:
         return self.stance_foot, self.swing_foot
 
     @property
+    def sole_geoms(self) -> tuple[str, ...]:
+        """Return the names of the sole corners of both feet, in the order of `CORNERS`."""
+        return tuple(f"{foot}_{corner}" for foot in self.feet for corner in CORNERS)
+
+    @property
     def files(self) -> list[Path]:
         """List the description and the MJCF files that it names."""
         return [self.path, self.model_file, self.scene_file or self.plate_file]

@@ -84,7 +84,7 @@ def build_scene(robot: Robot) -> mujoco.MjSpec:
         names = listed(f"'{geom.name}'" for geom in spec.worldbody.geoms)
         raise InputError(f"{robot.model_file}: found geoms {names} in the world, expected the robot alone")
     make_plain(spec)
-    soles = [f"{foot}_{corner}" for foot in robot.feet for corner in CORNERS]
+    soles = robot.sole_geoms
     for geom in spec.geoms:
         geom.contype, geom.conaffinity = int(geom.name in soles), 0
         geom.margin = geom.gap = 0.0

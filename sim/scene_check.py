@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from tulip_testbed.base.errors import InputError, listed
-from tulip_testbed.measurements.cells import CORNERS, PLATES
+from tulip_testbed.measurements.cells import PLATES
 from tulip_testbed.sim.drives import motor_joint
 from tulip_testbed.sim.model_check import check_before_compiling, check_features, check_options
 from tulip_testbed.sim.plates import cell_names, plate_geometry
@@ -39,7 +39,7 @@ def check_scene(rig: Rig) -> None:
     model = compile_spec(spec, where)
     check_options(model, where)
     check_features(model, where)
-    soles = [f"{foot}_{corner}" for foot in rig.robot.feet for corner in CORNERS]
+    soles = rig.robot.sole_geoms
     for kind, names in (
         ("body", [*rig.robot.feet, *(f"{plate}_plate" for plate in PLATES)]),
         ("geom", ["floor", *soles, *cell_names()]),
@@ -78,7 +78,7 @@ def _check_drives(where: str, model: mujoco.MjModel, joints: tuple[str, ...]) ->
             raise InputError(f"{where}: joint '{joint}': found no hinge, expected one as in the robot alone")
 
 
-def _check_pairs(model: mujoco.MjModel, robot: str, soles: list[str], where: str) -> None:
+def _check_pairs(model: mujoco.MjModel, robot: str, soles: tuple[str, ...], where: str) -> None:
     """Refuse contact pairs of the robot other than those of its sole corners with something else.
 
     Such a contact would bear forces that no plate reads.
