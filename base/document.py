@@ -15,7 +15,6 @@ from tulip_testbed.base.validation_message import validation_message
 Figure = Annotated[float | None, BeforeValidator(finite)]  # a number that an experiment may leave undefined
 Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
 Seed = Annotated[int, Field(ge=0)]
-Count = Annotated[int, Field(ge=1)]
 
 
 class Document(BaseModel):

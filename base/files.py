@@ -228,11 +228,7 @@ def write_bytes(path: Path, content: bytes, new: bool = False) -> None:
 
 
 def _name_new(file: Path, path: Path) -> None:
-    """Give a file its name unless there is one; `os.rename` would replace it.
-
-    Raises:
-        InputError: there is one.
-    """
+    """Give a file its name unless there is one, which is refused; `os.rename` would replace it."""
     try:
         try:
             os.link(file, path)

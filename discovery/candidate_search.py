@@ -12,10 +12,9 @@ from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.discovery.candidates import Candidate, Fitted, candidates, change_times, log_choices
 from tulip_testbed.discovery.columns import CandidateColumns, candidate_blocks, whitened_columns
 from tulip_testbed.discovery.evidence import marginal_fits, ranked
-from tulip_testbed.discovery.joint_fit import Data, JointFit, gauss_newton, joint_fit
+from tulip_testbed.discovery.joint_fit import Data, JointFit, gauss_newton, joint_fit, log_share_of_positive
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import EffectInstance
-from tulip_testbed.identification.distributions import normal_logcdf
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_noise import noise_of, with_cell_noise
 
@@ -94,7 +93,7 @@ class Search:
         for one, error in zip(found.effects, found.effect_errors, strict=True):
             sizes = np.array([one.values[k] for k in one.effect.sizes])
             positive = np.array([one.effect.parameters[k].positive for k in one.effect.sizes], bool)
-            out += float((normal_logcdf(sizes / error) + np.log(2))[positive].sum())
+            out += log_share_of_positive(sizes, error, positive)
         return out - 0.5 * sum((one.spread / self.widest) ** 2 for one in found.families)
 
     def tried(self, terms: Sequence[Fitted], start: SelfCalibration, afresh: bool = False) -> Judged | None:
@@ -123,9 +122,8 @@ class Search:
     def best(self, calibration: SelfCalibration, terms: Sequence[Fitted]) -> list[Fitted]:
         """List the candidates that may explain most in addition to the terms, the best first.
 
-        They are searched for twice: with the spreads and the noise as estimated, which a
-            missing effect may have
-        widened, and with none larger than usual.
+        They are searched for twice: with the spreads and the noise as estimated, which a missing effect may
+        have widened, and with none larger than usual.
         """
         out: dict[str, Fitted] = {}
         for fit in self.fits(calibration, terms):

@@ -89,7 +89,13 @@ class Discovery:
     @property
     def corrections(self) -> tuple[EffectInstance, ...]:
         """Return what the new nominal laboratory has: effects, and imperfections that are not zero."""
-        return self.adopted + tuple(member for member in self.calibrated if _clear(member))
+        return self.adopted + tuple(
+            member
+            for member in self.calibrated
+            if any(
+                interval is not None and not interval[0] <= 0 <= interval[1] for interval in member.intervals
+            )
+        )
 
     @cached_property
     def explanations(self) -> tuple[Explanation, ...]:
@@ -114,11 +120,6 @@ class Discovery:
                 if one.label not in left and one.log_bayes_factor > 0:
                     others.setdefault(one.label, one)
         return sorted(others.values(), key=lambda one: -one.log_bayes_factor)[:RUNNERS_UP]
-
-
-def _clear(member: EffectInstance) -> bool:
-    """Whether the interval of a value leaves zero out."""
-    return any(i is not None and not i[0] <= 0 <= i[1] for i in member.intervals)
 
 
 def discover(
@@ -245,11 +246,7 @@ def _fitted(selection: Selection, through_laboratory: bool) -> _Fitted:
 def _concluded(
     search: Search, selection: Selection, fitted: _Fitted, validation: HeldOut | None
 ) -> Discovery:
-    """Reach a verdict.
-
-    Args:
-        validation: None: not asked for, or not yet.
-    """
+    """Reach a verdict; `validation` is None where it was not asked for."""
     began, observed, fit = time.perf_counter(), search.observed, fitted.fit
     shared, equivalents = fitted.shared, fitted.equivalents
     laws = [is_law(term.candidate) for term in fit.terms]
@@ -310,12 +307,7 @@ def stands_out(selection: Selection, term: Fitted, error: np.ndarray) -> bool:
 def _reasons(
     selection: Selection, clearest: Pattern | None, validation: HeldOut | None, lost: Sequence[str] = ()
 ) -> tuple[str, ...]:
-    """Say why what was found does not suffice; empty: it does.
-
-    Args:
-        clearest: pattern that is left; None: it is tolerated.
-        lost: effects for which there is no evidence any more.
-    """
+    """Say why what was found does not suffice; empty: it does. No `clearest`: what is left is tolerated."""
     if not selection.lacks_fit:
         return ()
     out = []

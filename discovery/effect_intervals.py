@@ -72,11 +72,7 @@ def with_intervals(found: JointFit, k: int) -> EffectInstance:
 
 
 def _time_interval(found: JointFit, k: int, at: int) -> tuple[float, float]:
-    """Find the times between postures at which a change explains nearly as much as at the best one.
-
-    Args:
-        at: index of the parameter that is a time.
-    """
+    """Find the times between postures at which a change explains nearly as much as at the best one."""
     term, observed = found.terms[k], found.linear.observed
     part = np.unique(observed.time_fraction)
     middles = (part[1:] + part[:-1]) / 2

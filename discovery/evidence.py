@@ -26,6 +26,21 @@ def ranked(blocks: Iterable[CandidateColumns], residual: np.ndarray) -> list[Fit
     return sorted(fits, key=lambda fitted: -fitted.log_bayes_factor)
 
 
+def fitted_and_counted(
+    blocks: Iterable[CandidateColumns], residual: np.ndarray, rng: np.random.Generator, draws: int = DRAWS
+) -> tuple[list[Fitted], float]:
+    """Fit each candidate alone, in order, and estimate the effective number of independent tests."""
+    fits: list[Fitted] = []
+
+    def fitted() -> Iterator[CandidateColumns]:
+        for columns in blocks:
+            fits.extend(marginal_fits(columns, residual))
+            yield columns
+
+    tests = effective_tests(fitted(), rng, draws)
+    return fits, tests
+
+
 def marginal_fits(columns: CandidateColumns, residual: np.ndarray) -> list[Fitted]:
     """Fit each candidate alone to a projected residual, at the best point of its grid.
 

@@ -139,8 +139,16 @@ class JointFit:
         # Where the data say more than the prior, `_unshrunk` has lengthened the sizes and less is left.
         shrunk = np.where(information > INFORMED, information / (1 + information), 1.0)
         out -= 0.5 * float((shrunk * (turn.T @ (sizes / prior)) ** 2 + np.log1p(information)).sum())
-        spread = np.sqrt(np.diag(self.covariance))
-        return out + float((normal_logcdf(sizes / spread) + np.log(2))[positive].sum())
+        return out + log_share_of_positive(sizes, np.sqrt(np.diag(self.covariance)), positive)
+
+
+def log_share_of_positive(sizes: np.ndarray, errors: np.ndarray, positive: np.ndarray) -> float:
+    """Compute what ln of the evidence gains where sizes cannot be negative: their prior is half a normal.
+
+    Args:
+        sizes, errors: estimates and standard errors, (s,). positive: which cannot be negative, (s,) bool.
+    """
+    return float((normal_logcdf(sizes / errors) + np.log(2))[positive].sum())
 
 
 def joint_fit(data: Data, terms: Sequence[Fitted], model_error: np.ndarray | None = None) -> JointFit:
@@ -157,16 +165,20 @@ def joint_fit(data: Data, terms: Sequence[Fitted], model_error: np.ndarray | Non
     if not terms:
         return data.null
     smoothed, clean = observed, None
-    for _ in range(2):
-        linear = linear_model(
+
+    def without_terms(rounds: int) -> LinearModel:
+        return linear_model(
             remove_terms(observed, observed, terms),
             data.noise,
             smoothed=clean,
-            rounds=2 if clean is None else 1,
+            rounds=rounds,
             propagation=propagation(smoothed, terms),
-            explained=_explained(model_error, terms),
+            explained=None if model_error is None else model_error @ with_constant(terms),
             background=data.background,
         )
+
+    for _ in range(2):
+        linear = without_terms(2 if clean is None else 1)
         errors = packed(linear.observed) - packed(linear.smoothed)
         smoothed = unpacked(observed, packed(observed) - errors)
         about = replace(linear, observed=observed, smoothed=smoothed)
@@ -174,15 +186,7 @@ def joint_fit(data: Data, terms: Sequence[Fitted], model_error: np.ndarray | Non
         found = _unshrunk(gauss_newton(about, terms, model_error))
         terms = found.terms
         clean = remove_terms(smoothed, smoothed, terms)
-    final = linear_model(
-        remove_terms(observed, observed, terms),
-        data.noise,
-        smoothed=clean,
-        rounds=1,
-        propagation=propagation(smoothed, terms),
-        explained=_explained(model_error, terms),
-        background=data.background,
-    )
+    final = without_terms(1)
     return replace(found, data=data, linear=final, residual=final.residual)
 
 
@@ -222,13 +226,9 @@ def gauss_newton(
     covariance = np.linalg.inv(gram)
     gained = before @ before - residual @ residual - ((sizes / prior) ** 2).sum()
     volume = np.linalg.slogdet(prior[:, None] * gram * prior)[1]
-    log = 0.5 * gained - 0.5 * volume
-    if positive.any():
-        spread = np.sqrt(np.diag(covariance))
-        log += float((normal_logcdf(sizes / spread) + np.log(2))[positive].sum())
-    return JointFit(
-        Data(linear.observed, linear.noise), terms, covariance, linear, matrix, residual, float(log)
-    )
+    log = float(0.5 * gained - 0.5 * volume)
+    log += log_share_of_positive(sizes, np.sqrt(np.diag(covariance)), positive)
+    return JointFit(Data(linear.observed, linear.noise), terms, covariance, linear, matrix, residual, log)
 
 
 def _joined(parts: Sequence[np.ndarray]) -> np.ndarray:
@@ -250,11 +250,6 @@ def _residual_without(linear: LinearModel, terms: tuple[Fitted, ...], errors: np
 def with_constant(terms: Sequence[Fitted]) -> np.ndarray:
     """Return the sizes of all terms and a one, (s + 1,)."""
     return np.concatenate([*(term.sizes for term in terms), [1.0]])
-
-
-def _explained(model_error: np.ndarray | None, terms: Sequence[Fitted]) -> np.ndarray | None:
-    """Return the residuals that the model error explains at the terms' sizes, (m, 11)."""
-    return None if model_error is None else model_error @ with_constant(terms)
 
 
 def _joint_columns(linear: LinearModel, terms: tuple[Fitted, ...]) -> np.ndarray:

@@ -16,12 +16,11 @@ import numpy as np
 from tulip_testbed.calibration.linear_model import LinearModel
 from tulip_testbed.discovery.candidates import Candidate, Fitted
 from tulip_testbed.discovery.columns import CandidateColumns, candidate_columns
-from tulip_testbed.discovery.evidence import effective_tests, marginal_fits, ranked
+from tulip_testbed.discovery.evidence import fitted_and_counted, ranked
 from tulip_testbed.effects.laws import LAW, Sentence, law_effect
 from tulip_testbed.effects.laws import grammar as g
 from tulip_testbed.effects.laws.grammar import sentences_in
-from tulip_testbed.effects.laws.misread import POSE
-from tulip_testbed.effects.laws.quantities import quantity, readings
+from tulip_testbed.effects.laws.misread import POSE, quantity, readings
 from tulip_testbed.effects.laws.shapes import basis, choices, learned_range, range_names
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import SIZE, fields
@@ -51,11 +50,7 @@ def law_candidates(observed: Observation) -> list[Candidate]:
 def _candidate(
     observed: Observation, sentence: Sentence, price: float, known: dict[tuple[str, ...], np.ndarray]
 ) -> Candidate:
-    """Make a candidate with the grid and the range that the experiment's readings give.
-
-    Args:
-        known: quantities of all readings that err, which this adds to.
-    """
+    """Make a candidate with the grid and the range of the experiment's readings; `known` collects these."""
     effect = law_effect(str(sentence))
     if sentence.kind == g.FORCE:
         tail = np.linspace(0.1, 0.9, 9)[:, None] if sentence.form == g.STEP else np.zeros((1, 0))
@@ -88,14 +83,7 @@ def ranked_and_counted(
     linear: LinearModel, laws: list[Candidate], rng: np.random.Generator
 ) -> tuple[list[Fitted], float]:
     """Rank laws, and estimate the effective number of independent tests among them and their grids."""
-    fits: list[Fitted] = []
-
-    def fitted() -> Iterator[CandidateColumns]:
-        for columns in _columns(linear, laws):
-            fits.extend(marginal_fits(columns, linear.residual))
-            yield columns
-
-    tests = effective_tests(fitted(), rng, DRAWS)
+    fits, tests = fitted_and_counted(_columns(linear, laws), linear.residual, rng, DRAWS)
     return sorted(fits, key=lambda one: -one.log_bayes_factor), tests
 
 

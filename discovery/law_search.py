@@ -8,13 +8,15 @@ what are judged by self-calibration, and then the shapes of the best pair.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from tulip_testbed.calibration.calibration_result import HALF_95, SelfCalibration
 from tulip_testbed.discovery.candidate_search import (
     DECISIVE,
+    RESTS,
     Judged,
     Search,
     at_estimate,
@@ -30,7 +32,6 @@ from tulip_testbed.discovery.law_candidates import (
     ranked_laws,
     with_best_points,
 )
-from tulip_testbed.discovery.law_judgements import LawSearch, as_good, disagreement, judged
 from tulip_testbed.discovery.selection import LEVEL, Selection, is_decisive
 from tulip_testbed.discovery.unusual_members import STANDS_OUT, with_unusual_members
 from tulip_testbed.effects.laws import LAW
@@ -80,19 +81,19 @@ def select_laws(search: Search, selection: Selection, rng: np.random.Generator) 
     p = min((sidak(one.p, tests) for one in alone), default=1.0)
     if not selection.lacks_fit and p >= LEVEL:
         return None
-    every = LawSearch(search, laws, alone, start, tests)
-    found = _forward(every, selection)
+    law_search = LawSearch(search, laws, alone, start, tests)
+    found = _forward(law_search, selection)
     if found is None:
         return None
-    near = _alternatives(every, found)
+    near = _alternatives(law_search, found)
     for _ in range(EXCHANGES):
-        if sum(map(len, every.known.values())) > MOST_JUDGED:
+        if sum(map(len, law_search.known.values())) > MOST_JUDGED:
             break
-        better = _exchanged(every, found, near)
+        better = _exchanged(law_search, found, near)
         if better is None:
             break
         found = better
-        near = _alternatives(every, found)
+        near = _alternatives(law_search, found)
     if not any(is_law(term.candidate) for term in found.terms):
         return None
     calibration = search.calibrated(found)
@@ -118,31 +119,27 @@ def select_laws(search: Search, selection: Selection, rng: np.random.Generator) 
         p=min(p, selection.p),
         tests=tests,
     )
-    listed = search.tried(at_estimate(selection.fit.terms, selection.calibration), every.start)
+    listed = search.tried(at_estimate(selection.fit.terms, selection.calibration), law_search.start)
     better = listed is None or found.evidence > listed.evidence + DECISIVE
-    return LawSelection(wider, chosen, better, disagreement(found, as_good(every, found)))
+    return LawSelection(wider, chosen, better, disagreement(found, as_good(law_search, found)))
 
 
-def _forward(every: LawSearch, selection: Selection) -> Judged | None:
-    """Add the best law or effect while it is decisive.
-
-    Returns:
-        what was found; None: nothing, or so many terms leave something decisive, which stays unknown.
-    """
-    search, found = every.search, None
+def _forward(law_search: LawSearch, selection: Selection) -> Judged | None:
+    """Add the best law or effect while it is decisive; None: there is none, or something decisive is left."""
+    search, found = law_search.search, None
     terms: tuple[Fitted, ...] = ()
-    calibration = every.start
+    calibration = law_search.start
     seen: list[set[str]] = []
     while len(terms) < MOST_TERMS:
         before = search.evidence(calibration, terms)
-        if terms and (plain := search.tried(terms, every.start)) is not None:
+        if terms and (plain := search.tried(terms, law_search.start)) is not None:
             before = plain.evidence
-        tried = _judged_in_addition(every, terms, calibration, None if terms else selection)
-        good = [one for one in tried if is_decisive(one, before, every.tests)]
+        tried = _judged_in_addition(law_search, terms, calibration, None if terms else selection)
+        good = [one for one in tried if is_decisive(one, before, law_search.tests)]
         best = _preferred(good)
         if best is None:
             return found
-        found = search.without_idle(best, every.start)
+        found = search.without_idle(best, law_search.start)
         labels = {term.label for term in found.terms}
         if labels in seen:  # two terms eliminate each other in turn
             return None
@@ -150,13 +147,16 @@ def _forward(every: LawSearch, selection: Selection) -> Judged | None:
         calibration = search.calibrated(found)
         terms = at_estimate(found.terms, calibration)
     assert found is not None
-    near = [*_near(every, calibration, terms), *search.best(calibration, terms)]
-    more = judged(every, terms, [(one, False) for one in near])
-    return None if any(is_decisive(one, found.evidence, every.tests) for one in more) else found
+    near = [*_near(law_search, calibration, terms), *search.best(calibration, terms)]
+    more = judged(law_search, terms, [(one, False) for one in near])
+    return None if any(is_decisive(one, found.evidence, law_search.tests) for one in more) else found
 
 
 def _judged_in_addition(
-    every: LawSearch, terms: tuple[Fitted, ...], calibration: SelfCalibration, selection: Selection | None
+    law_search: LawSearch,
+    terms: tuple[Fitted, ...],
+    calibration: SelfCalibration,
+    selection: Selection | None,
 ) -> list[Judged]:
     """Judge the most promising laws and effects in addition to some terms.
 
@@ -165,36 +165,33 @@ def _judged_in_addition(
         selection: a large effect distorts the members so far that it hides among them; with the catalogue's
             selection, laws are also searched for as if everything were exact. None: they are not.
     """
-    search, key = every.search, tuple(sorted(term.label for term in terms))
-    if key in every.known:
-        return every.known[key]
-    near = [(one, False) for one in _near(every, calibration, terms)]
+    search, key = law_search.search, tuple(sorted(term.label for term in terms))
+    if key in law_search.known:
+        return law_search.known[key]
+    near = [(one, False) for one in _near(law_search, calibration, terms)]
     near += [(one, False) for one in search.best(calibration, terms)]
     if selection is not None:
-        near += [(one, True) for one in _pairs(every.alone)[: PAIRS // 2]]
+        near += [(one, True) for one in _pairs(law_search.alone)[: PAIRS // 2]]
         near += [(one, True) for one in search.shortest(selection.null)]
-    out = judged(every, terms, near)
+    out = judged(law_search, terms, near)
     laws = [one for one in out if is_law(one.terms[-1].candidate)]
     best = max(laws, key=lambda one: (one.steady, one.evidence), default=None)
-    every.known[key] = out if best is None else out + _other_shapes(every, terms, calibration, best)
-    return every.known[key]
+    law_search.known[key] = out if best is None else out + _other_shapes(law_search, terms, calibration, best)
+    return law_search.known[key]
 
 
-def _near(every: LawSearch, calibration: SelfCalibration, terms: tuple[Fitted, ...]) -> list[Fitted]:
+def _near(law_search: LawSearch, calibration: SelfCalibration, terms: tuple[Fitted, ...]) -> list[Fitted]:
     """List the most promising laws in addition to some terms, one of each pair.
 
     They are searched for with the spreads and the noise as estimated, and with none larger than usual.
     """
     out: dict[str, Fitted] = {}
-    for fit in every.search.fits(calibration, terms):
-        for one in _pairs(ranked_laws(fit.partialled_out, _others(every, terms)))[:PAIRS]:
+    pairs = {_pair(term) for term in terms}
+    others = [law for law in law_search.laws if law.target.rpartition("/")[0] not in pairs]
+    for fit in law_search.search.fits(calibration, terms):
+        for one in _pairs(ranked_laws(fit.partialled_out, others))[:PAIRS]:
             out.setdefault(_pair(one), one)
     return list(out.values())
-
-
-def _others(every: LawSearch, terms: tuple[Fitted, ...]) -> list[Candidate]:
-    pairs = {_pair(term) for term in terms}
-    return [law for law in every.laws if law.target.rpartition("/")[0] not in pairs]
 
 
 def _pair(one: Fitted) -> str:
@@ -215,18 +212,18 @@ def _pairs(ranked: list[Fitted]) -> list[Fitted]:
 
 
 def _other_shapes(
-    every: LawSearch, terms: tuple[Fitted, ...], calibration: SelfCalibration, best: Judged
+    law_search: LawSearch, terms: tuple[Fitted, ...], calibration: SelfCalibration, best: Judged
 ) -> list[Judged]:
     """Judge the other shapes of a law."""
     law = best.terms[-1]
     alike = [
         other
-        for other in every.laws
+        for other in law_search.laws
         if other.target.rpartition("/")[0] == _pair(law) and other.label != law.label
     ]
-    linear = next(every.search.fits(calibration, terms)).partialled_out
+    linear = next(law_search.search.fits(calibration, terms)).partialled_out
     near = [with_best_points(one) for one in ranked_laws(linear, alike)[:SHAPES] if one.detectable]
-    return judged(every, terms, [(one, False) for one in near], best.evidence)
+    return judged(law_search, terms, [(one, False) for one in near], best.evidence)
 
 
 def _preferred(tried: list[Judged]) -> Judged | None:
@@ -242,15 +239,15 @@ def _preferred(tried: list[Judged]) -> Judged | None:
     return max(listed, key=lambda one: one.evidence, default=best)
 
 
-def _alternatives(every: LawSearch, found: Judged) -> tuple[tuple[Fitted, ...], ...]:
+def _alternatives(law_search: LawSearch, found: Judged) -> tuple[tuple[Fitted, ...], ...]:
     """Judge what else would explain what each term explains, with the other terms kept; the best first."""
     out = []
     for k, term in enumerate(found.terms):
         others = found.terms[:k] + found.terms[k + 1 :]
-        plain = every.search.tried(others, every.start)
-        before = every.search.evidence(every.start, ()) if plain is None else plain.evidence
-        calibration = every.start if plain is None else plain.calibration
-        several = _judged_in_addition(every, others, calibration, None)
+        plain = law_search.search.tried(others, law_search.start)
+        before = law_search.search.evidence(law_search.start, ()) if plain is None else plain.evidence
+        calibration = law_search.start if plain is None else plain.calibration
+        several = _judged_in_addition(law_search, others, calibration, None)
         best: dict[str, Fitted] = {_pair(term): replace(term, log_bayes_factor=found.evidence - before)}
         for one in sorted(several, key=lambda one: -one.evidence):
             if one.steady:
@@ -261,12 +258,8 @@ def _alternatives(every: LawSearch, found: Judged) -> tuple[tuple[Fitted, ...], 
     return tuple(out)
 
 
-def _exchanged(every: LawSearch, found: Judged, near: tuple[tuple[Fitted, ...], ...]) -> Judged | None:
-    """Exchange a term for something that explains more, or for an effect of the catalogue that does as well.
-
-    Returns:
-        None: no exchange is better.
-    """
+def _exchanged(law_search: LawSearch, found: Judged, near: tuple[tuple[Fitted, ...], ...]) -> Judged | None:
+    """Exchange a term for a better one, or for an effect that does as well; None: no exchange is better."""
     for k, several in enumerate(near):
         own = next((one for one in several if one.label == found.terms[k].label), None)
         best = several[0]
@@ -275,7 +268,78 @@ def _exchanged(every: LawSearch, found: Judged, near: tuple[tuple[Fitted, ...], 
             best = listed[0]
         if own is None or best.label != own.label:
             terms = (*found.terms[:k], best, *found.terms[k + 1 :])
-            again = every.search.tried(terms, every.start)
+            again = law_search.search.tried(terms, law_search.start)
             if again is not None and again.possible:
                 return again
     return None
+
+
+GLANCED_NEAR = 15.0  # ln of the evidence at a glance, by which others that are judged may lie below the best
+GLANCED = 0.2  # of the best gain at a glance: by so much more
+
+
+@dataclass(frozen=True)
+class LawSearch:
+    """A search for laws.
+
+    Attributes:
+        alone: the laws ranked as if everything else were exact.
+        start: without laws or effects.
+        tests: effective number of independent tests among the candidates of the catalogue and the laws.
+        known: what was judged before in addition to some terms, by their labels.
+    """
+
+    search: Search
+    laws: list[Candidate]
+    alone: list[Fitted]
+    start: SelfCalibration
+    tests: float
+    known: dict[tuple[str, ...], list[Judged]] = field(default_factory=dict)
+
+
+def judged(
+    law_search: LawSearch, terms: tuple[Fitted, ...], near: list[tuple[Fitted, bool]], best: float = -np.inf
+) -> list[Judged]:
+    """Judge what is promising at a glance, each in addition to some terms.
+
+    A glance costs a fifth of a judgement. About a start at rest it misses the evidence by 3 at most where
+    the gap is small, by a small part of the gain where it is large. Other starts it does not serve.
+
+    Args:
+        near: with each, whether it is judged without the members of the start.
+        best: ln of the evidence for the best of what they compete with.
+    """
+    search = law_search.search
+    if law_search.start.moved < RESTS:
+        plain = search.glanced(terms, law_search.start)
+        seen = [search.glanced((*terms, one), law_search.start) for one, _ in near]
+        best = max([best, *seen])
+        least = max(plain, best - GLANCED_NEAR - GLANCED * max(best - plain, 0.0))
+        near = [one for one, evidence in zip(near, seen, strict=True) if evidence > least]
+    tried = [search.tried((*terms, one), law_search.start, afresh) for one, afresh in near]
+    return [one for one in tried if one is not None and one.possible]
+
+
+def as_good(law_search: LawSearch, found: Judged) -> list[Judged]:
+    """List what was judged to do as well with as many terms, all but one of them the same."""
+    labels = {term.label for term in found.terms}
+    return [
+        one
+        for several in law_search.known.values()
+        for one in several
+        if one.steady
+        and one.evidence > found.evidence - DECISIVE
+        and len(one.terms) == len(found.terms)
+        and len(labels - {term.label for term in one.terms}) <= 1
+    ]
+
+
+def disagreement(found: Judged, others: Sequence[Judged]) -> float:
+    """Compute how far others' base parameters lie from those that were found.
+
+    Returns:
+        the largest root mean square, in standard errors; 0: there are no others.
+    """
+    error = np.sqrt(np.diag(found.calibration.covariance))
+    off = [(one.calibration.theta - found.calibration.theta) / error for one in others]
+    return max((float(np.sqrt((one**2).mean())) for one in off), default=0.0)

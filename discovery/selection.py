@@ -8,7 +8,7 @@ of its own.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,14 +29,14 @@ from tulip_testbed.discovery.candidate_search import (
     shortlist,
 )
 from tulip_testbed.discovery.candidates import MOST_PLACEMENTS, Candidate, Fitted
-from tulip_testbed.discovery.columns import CandidateColumns, candidate_blocks
+from tulip_testbed.discovery.columns import candidate_blocks
 from tulip_testbed.discovery.detectability import WeaklyDetectable, single_level, weakly_detectable
-from tulip_testbed.discovery.evidence import effective_tests, marginal_fits, sidak
+from tulip_testbed.discovery.evidence import fitted_and_counted, sidak
 from tulip_testbed.discovery.joint_fit import Data, JointFit, joint_fit
 from tulip_testbed.discovery.pure_error import pure_error, widened
 from tulip_testbed.discovery.unusual_members import with_unusual_members
 from tulip_testbed.identification.distributions import chi2_sf
-from tulip_testbed.identification.residual_noise import Noise, noise_of
+from tulip_testbed.identification.residual_noise import noise_of
 
 LEVEL = 0.005  # of the test of all effects, and of that of the four channels: 0.01 in all
 
@@ -121,21 +121,17 @@ def select(
         progress: called with 1 after every step.
     """
     observed, calibration = search.observed, first
-    stated = _scattered(noise_of(observed), calibration.noise)
+    stated = noise_of(observed)  # with placements that scatter as much as they do
+    stated = replace(stated, plates=np.maximum(stated.plates, calibration.noise.plates))
     repeats = pure_error(calibration.observed, calibration.theta, stated)
     exact = Data(observed, widened(calibration.observed, stated, repeats))
     null = exact.null
-    fits: list[Fitted] = []
-
-    def fitted() -> Iterator[CandidateColumns]:
-        for columns in candidate_blocks(null.linear, search.candidates):
-            fits.extend(marginal_fits(columns, null.residual))
-            yield columns
-
+    blocks = candidate_blocks(null.linear, search.candidates)
+    fits, tests = fitted_and_counted(blocks, null.residual, rng)
+    ranking = sorted(fits, key=lambda fit: -fit.log_bayes_factor)
     count = len(np.unique(observed.measurements.placement))
     # Placements that are not sought one by one were tests too: those that are stood out among them.
-    tests = effective_tests(fitted(), rng) + max(count - MOST_PLACEMENTS, 0)
-    ranking = sorted(fits, key=lambda fit: -fit.log_bayes_factor)
+    tests += max(count - MOST_PLACEMENTS, 0)
     selection = Selection(
         first=first,
         calibration=calibration,
@@ -169,11 +165,6 @@ def select(
     return selection
 
 
-def _scattered(stated: Noise, found: Noise) -> Noise:
-    """Return the stated noise, with placements that scatter as much as they do."""
-    return replace(stated, plates=np.maximum(stated.plates, found.plates))
-
-
 def _forward(
     search: Search,
     null: JointFit,
@@ -181,11 +172,7 @@ def _forward(
     tests: float,
     progress: Callable[[int], None],
 ) -> tuple[SelfCalibration, tuple[Fitted, ...], bool]:
-    """Add the best candidate while it is decisive; after each step eliminate terms that are not.
-
-    Returns:
-        the calibration, the terms, and whether no further candidate is decisive.
-    """
+    """Add the best candidate while it is decisive; also return whether no further one is."""
     terms: tuple[Fitted, ...] = ()
     before = []
     while len(terms) < MOST_TERMS:
@@ -251,11 +238,7 @@ def is_decisive(found: Judged, before: float, tests: float) -> bool:
 
 
 def _chance(found: SelfCalibration, gain: float, tests: float) -> float:
-    """Compute the probability that noise alone would gain as much with the last effect, over all candidates.
-
-    Args:
-        gain: of ln of the evidence.
-    """
+    """Compute the probability that noise alone gains as much by its last effect, over all candidates."""
     effect, error = found.effects[-1].effect, found.effect_errors[-1]
     prior = np.array([effect.parameters[k].prior for k in effect.sizes])
     likelihood = gain + float(np.log(np.maximum(prior / error, 1.0)).sum())
@@ -285,11 +268,7 @@ def calibrated_with_best(search: Search, terms: Sequence[Fitted]) -> SelfCalibra
 
 
 def _alternatives(search: Search, found: JointFit, k: int) -> tuple[tuple[Fitted, ...], tuple[Fitted, ...]]:
-    """List what else would explain what term k explains, with the other terms kept; the best first.
-
-    Returns:
-        those of the shortlist, and the best of all by linear predictions.
-    """
+    """List what else would explain what term k explains, and the best of all by linear predictions."""
     others, term = found.without(k), found.terms[k]
     ranked = search.ranked(others)
     out = shortlist(others, ranked)

@@ -21,11 +21,10 @@ def with_unusual_members(
     """Add the members that are too large for the others of their family, the largest first.
 
     A few members say little about the spread of a family: it grows with one of them, and the evidence hardly
-    prefers an effect of its own, still less if there are two. The usual size is given by the
-    tolerance and the
-    other members then. Those of one family are added together, or else the largest alone. Of a family that
-    is too wide, and whose members the data hardly distinguish, the one with the most evidence is added. The
-    only member of a family is added regardless of the evidence.
+    prefers an effect of its own, still less if there are two. The usual size is given by the tolerance and
+    the other members then. Those of one family are added together, or else the largest alone. Of a family
+    that is too wide, and whose members the data hardly distinguish, the one with the most evidence is added.
+    The only member of a family is added regardless of the evidence.
     """
     refused: set[str] = set()
     while len(terms) < MOST_TERMS:
@@ -76,10 +75,7 @@ def _of_wide_families(search: Search, calibration: SelfCalibration) -> list[Fitt
 
 
 def _unusual_members(search: Search, calibration: SelfCalibration) -> list[Fitted]:
-    """List the members that are too large for the others of their family, the largest first.
-
-    The data determine them, and say with 95 % probability that they are.
-    """
+    """List the members that are, by 95 %, too large for the others of their family, the largest first."""
     out = []
     for one in calibration.families:
         targets = one.family.targets

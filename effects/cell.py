@@ -77,12 +77,7 @@ def _without_creep(read: np.ndarray, fault: InstrumentFault) -> np.ndarray:
 
 
 def _intervals(time: np.ndarray, constant: float) -> list[tuple[int, float]]:
-    """Return the rows in the order of time, each with the part of the creep kept since the one before.
-
-    Args:
-        time: of the postures, as a fraction of the experiment's, (m,).
-        constant: time constant, as a fraction of the experiment's time.
-    """
+    """Return the rows in the order of time, each with the part of the creep kept since the one before."""
     order = np.argsort(time, kind="stable")
     kept = np.exp(-np.diff(time[order], prepend=0.0) / constant)
     return list(zip(order.tolist(), kept.tolist(), strict=True))

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 from tulip_testbed.base.errors import listed
 from tulip_testbed.base.numbers import number
-from tulip_testbed.effects.lasting import ALWAYS, Lasting, by_experiment
-from tulip_testbed.effects.misreading import Misreading, Values
+from tulip_testbed.effects.lasting import ALWAYS, Lasting, Values, by_experiment
+from tulip_testbed.effects.misreading import Misreading
 from tulip_testbed.effects.targets import WHOLE, Targets
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.rig import Rig

@@ -14,7 +14,7 @@ from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.manipulations import Experiment, needs_cells
 from tulip_testbed.sim.procedure import header_of, new_set_up
 from tulip_testbed.sim.rig import Rig, stages
-from tulip_testbed.sim.robot import joint_names
+from tulip_testbed.sim.robot import joint_names, rotation_matrices
 from tulip_testbed.sim.scene import laboratory_scene
 from tulip_testbed.sim.specs import compile_spec
 
@@ -81,9 +81,7 @@ def add_mass(spec: mujoco.MjSpec, link: str, mass: float, place: np.ndarray) -> 
     body = model.body(link)
     center, before = body.ipos.copy(), float(body.mass[0])
     joined = (before * center + mass * place) / (before + mass)
-    turn = np.zeros(9)
-    mujoco.mju_quat2Mat(turn, body.iquat)
-    axes = turn.reshape(3, 3)
+    (axes,) = rotation_matrices(body.iquat[None])
     inertia = axes @ np.diag(body.inertia) @ axes.T
     for part, at in ((before, center), (mass, place)):
         arm = at - joined

@@ -21,6 +21,7 @@ from tulip_testbed.measurements.cells import CELLS, CORNERS, PLATES
 from tulip_testbed.measurements.manipulations import Arrangement, Experiment
 
 Values = tuple[float, ...]
+
 FROM = "@"
 
 

@@ -9,13 +9,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from tulip_testbed.effects.injection import misreading
+from tulip_testbed.effects.lasting import Values
 from tulip_testbed.identification.observation import Observation, fraction_of_time
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.cells import CORNERS, PLATES
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import Robot
-
-Values = tuple[float, ...]
 
 
 @dataclass(frozen=True)

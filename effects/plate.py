@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from tulip_testbed.effects.effect import Effect, Parameter
@@ -13,17 +15,10 @@ from tulip_testbed.measurements.cells import PLATES
 POSES = "plate_poses"
 
 
-def _moved(fault: InstrumentFault) -> np.ndarray:
-    """Return recorded minus true poses, (2, 3) [m, m, rad]."""
+def _misplaced(fault: InstrumentFault, axes: slice) -> np.ndarray:
+    """Return recorded minus true poses, (2, 3) [m, m, rad], by the fault's values along some axes."""
     error = np.zeros((2, 3))
-    error[PLATES.index(fault.target), :2] = fault.values
-    return -error
-
-
-def _turned(fault: InstrumentFault) -> np.ndarray:
-    """Return recorded minus true poses, (2, 3) [m, m, rad]."""
-    error = np.zeros((2, 3))
-    error[PLATES.index(fault.target), 2] = fault.size
+    error[PLATES.index(fault.target), axes] = fault.values
     return -error
 
 
@@ -40,7 +35,7 @@ EFFECTS = (
         name="plate-translation",
         sentence="A plate is displaced from its recorded position, equally in every placement (base frame).",
         parameters=(Parameter("x", "m", prior=0.005), Parameter("y", "m", prior=0.005)),
-        mechanism=added(POSES, _moved),
+        mechanism=added(POSES, partial(_misplaced, axes=slice(0, 2))),
         words="The {target} plate lies {0} further forward and {1} further left than recorded.",
         targets=PLATE_NAMES,
         lasting=Lasting(until="survey"),
@@ -55,7 +50,7 @@ EFFECTS = (
         name="plate-yaw",
         sentence="A plate is rotated from its recorded pose, equally in every placement.",
         parameters=(Parameter("yaw", "rad", prior=np.radians(1.0)),),
-        mechanism=added(POSES, _turned),
+        mechanism=added(POSES, partial(_misplaced, axes=slice(2, 3))),
         words="The {target} plate is rotated by {0} (to the left) from its recorded pose.",
         targets=PLATE_NAMES,
         lasting=Lasting(until="survey"),

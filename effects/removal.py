@@ -10,8 +10,7 @@ import numpy as np
 from tulip_testbed.base.errors import InputError, shortened, warn
 from tulip_testbed.effects.instance import EffectInstance, check_instance, removed
 from tulip_testbed.effects.laws.grammar import LAW, sentence_of
-from tulip_testbed.effects.laws.misread import split_values
-from tulip_testbed.effects.laws.quantities import quantity, readings
+from tulip_testbed.effects.laws.misread import quantity, readings, split_values
 from tulip_testbed.identification.ballast import known_weight
 from tulip_testbed.identification.kinematics import turned_about
 from tulip_testbed.identification.nominal import Nominal

@@ -8,10 +8,9 @@ import mujoco
 import numpy as np
 
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.sim.robot import Robot, sole_point
+from tulip_testbed.sim.robot import Robot, sole_point, standing
 
 FAR = 1000.0  # m, to the other ends of ropes: the torso moves too little to change their force or direction
-UPRIGHT = "stand"
 
 
 @dataclass(frozen=True)
@@ -34,9 +33,7 @@ def hook(robot: Robot, link: str = "") -> Hook:
     model = robot.model
     link = link or model.body(1).name
     data = mujoco.MjData(model)
-    key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, UPRIGHT)
-    if key >= 0:
-        mujoco.mj_resetDataKeyframe(model, data, key)
+    data.qpos[:] = standing(model)
     mujoco.mj_kinematics(model, data)
     foot = data.body(robot.stance_foot)
     turn = foot.xmat.reshape(3, 3)
@@ -73,7 +70,7 @@ def tie_to(
 
 def link_center(observed: Observation, link: str) -> np.ndarray:
     """Compute the nominal centre of mass of a link in the base frame, (m, 3) [m]."""
-    rotations, positions = observed.frames
+    rotations, positions = observed.geometry.frames
     frame = observed.tree.frame(link)
     return positions[:, frame] + rotations[:, frame] @ observed.nominal.robot.model.body(link).ipos
 

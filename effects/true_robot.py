@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
-from tulip_testbed.measurements.cells import CORNERS, PLATES
+from tulip_testbed.measurements.cells import PLATES
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.scene import load_scene
 from tulip_testbed.sim.specs import compile_spec
@@ -24,7 +24,7 @@ def true_model(rig: Rig) -> mujoco.MjModel:
     spec = load_scene(rig.robot)
     if rig.edit is not None:
         joints, tendons = ({part.name for part in parts} for parts in (spec.joints, spec.tendons))
-        corners = [spec.geom(f"{foot}_{corner}") for foot in rig.robot.feet for corner in CORNERS]
+        corners = [spec.geom(name) for name in rig.robot.sole_geoms]
         soles = [corner.pos.copy() for corner in corners]
         rig.edit(spec)
         for corner, place in zip(corners, soles, strict=True):

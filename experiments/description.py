@@ -11,8 +11,7 @@ from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.base.validation_message import validation_message
 from tulip_testbed.experiments.parameter_tables import read_reported
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters
-from tulip_testbed.identification.margins import planning_margins
-from tulip_testbed.identification.planning_ranges import planning_ranges
+from tulip_testbed.identification.planning_ranges import planning_margins, planning_ranges
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.sensors import PRESETS
 

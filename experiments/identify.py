@@ -27,7 +27,7 @@ from tulip_testbed.identification.base_parameters import (
     common_support,
     simplified_numbers,
 )
-from tulip_testbed.identification.contact_pressure import contact_pressure
+from tulip_testbed.identification.center_of_pressure import contact_pressure
 from tulip_testbed.identification.estimators import Estimate, estimate_by
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe

@@ -9,9 +9,8 @@ import numpy as np
 from tulip_testbed.effects.instance import EffectDocument, EffectInstance
 from tulip_testbed.effects.laws import LAW, sentence_of
 from tulip_testbed.effects.laws import grammar as g
-from tulip_testbed.effects.laws.law_sentence import FINE, TURN, as_what, what_errs
-from tulip_testbed.effects.laws.misread import split_values
-from tulip_testbed.effects.laws.quantities import quantity, readings
+from tulip_testbed.effects.laws.law_effect import FINE, TURN, as_what, what_errs
+from tulip_testbed.effects.laws.misread import quantity, readings, split_values
 from tulip_testbed.effects.laws.shapes import basis
 from tulip_testbed.experiments.discovery_record import DiscoveryRecord
 from tulip_testbed.experiments.residual_curves import about_stances, assumed_noise

@@ -11,8 +11,8 @@ from tulip_testbed.base.column import Column
 from tulip_testbed.base.table import Table
 from tulip_testbed.identification.link_clearances import LinkPairs, clearances_at, link_pairs
 from tulip_testbed.identification.link_paths import path_clearances
-from tulip_testbed.identification.margins import planning_margins
 from tulip_testbed.identification.planning.one_foot import with_feet_exchanged
+from tulip_testbed.identification.planning_ranges import planning_margins
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.measurements.data import base_foot
 from tulip_testbed.sim.path import ClosedChain, straight_path

@@ -17,30 +17,19 @@ from tulip_testbed.base.table_files import MOST_ROWS, software
 from tulip_testbed.experiments.usable_plan import as_plan, enough, plan_hash
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.planning.interior_point import casadi_module
-from tulip_testbed.identification.planning.mixed_plan import (
-    MixedStart,
-    mixed_plan_from_state,
-    mixed_start,
-    optimize_mixed_plan,
-)
 from tulip_testbed.identification.planning.objectives import Objective
 from tulip_testbed.identification.planning.optimal_plan import (
-    initial_state,
+    Start,
+    measured_information,
     objective_by_name,
     optimize_plan,
     plan_from_state,
+    random_start,
     with_repeats,
 )
 from tulip_testbed.identification.planning.problem import Problem, planning_problem
 from tulip_testbed.identification.planning.search import SearchState, round_count
 from tulip_testbed.identification.planning.search_defaults import HOPS, SOLVERS
-from tulip_testbed.identification.planning.sequential import (
-    initial_next_state,
-    measured_information,
-    next_plan_from_state,
-    next_round_count,
-    optimize_next_placements,
-)
 from tulip_testbed.identification.planning.single_support import single_support_plan
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.rig import preset_rig
@@ -132,56 +121,24 @@ class Search:
         Args:
             seed: of the start; the settings' if None.
         """
-        seed = self.settings.seed if seed is None else seed
-        if self.settings.on_one_foot:
-            return self._mixed_job(seed)
-        return self._whole_job(seed) if self.measured is None else self._next_job(seed, self.measured)
-
-    def _whole_job(self, seed: int) -> Job:
-        """Search for a whole plan."""
-        problem, goal, solver = self.problem, self.goal, self.settings.solver
-        placements, per, hops = self.settings.size
-
-        def run(show: Show, state: SearchState | None) -> PosturePlan:
-            return optimize_plan(problem, goal, placements, per, seed, hops, show, state, solver)
-
-        def best(state: SearchState) -> PosturePlan:
-            drawn, _ = initial_state(problem, goal, placements, per, seed)
-            return plan_from_state(problem, goal, drawn, state, seed, hops, solver)
-
-        return Job(round_count(goal, hops), run, best)
-
-    def _mixed_job(self, seed: int) -> Job:
-        """Search for a plan on both feet and on one."""
-        problem, goal, solver = self.problem, self.goal, self.settings.solver
-        placements, per, hops = self.settings.size
+        wanted, problem, goal, measured = self.settings, self.problem, self.goal, self.measured
+        placements, per, hops = wanted.size
+        seed = wanted.seed if seed is None else seed
 
         @cache
-        def start() -> MixedStart:
-            return mixed_start(problem, goal, placements, per, self.settings.on_one_foot, seed)
+        def start() -> Start:
+            return random_start(problem, goal, placements, per, seed, wanted.on_one_foot, measured)
 
         def run(show: Show, state: SearchState | None) -> PosturePlan:
-            return optimize_mixed_plan(problem, goal, start(), seed, hops, show, state, solver)
+            return optimize_plan(
+                problem, goal, placements, per, seed, hops, show, state, wanted.solver, measured, start()
+            )
 
         def best(state: SearchState) -> PosturePlan:
-            return mixed_plan_from_state(problem, goal, replace(start(), state=state), seed, hops, solver)
+            reached = replace(start(), state=state)
+            return plan_from_state(problem, goal, reached, seed, hops, wanted.solver, measured)
 
         return Job(round_count(goal, hops), run, best)
-
-    def _next_job(self, seed: int, measured: Measurements) -> Job:
-        """Search for the placements that tell most after what was measured."""
-        problem, goal = self.problem, self.goal
-        placements, per, hops = self.settings.size
-        taken = measured_information(problem, measured)
-
-        def run(show: Show, state: SearchState | None) -> PosturePlan:
-            return optimize_next_placements(problem, goal, measured, placements, per, seed, hops, show, state)
-
-        def best(state: SearchState) -> PosturePlan:
-            drawn, _ = initial_next_state(problem, goal, taken, placements, per, seed)
-            return next_plan_from_state(problem, goal, drawn, state, measured, seed, hops)
-
-        return Job(next_round_count(placements, hops), run, best)
 
     def folder(self, out: Path) -> ResumableFolder:
         """Return the folder of the search's states, next to the plan that it makes."""

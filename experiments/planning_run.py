@@ -23,8 +23,7 @@ from tulip_testbed.base.table_files import read_json
 from tulip_testbed.experiments.described_plan import SEARCHED, DescribedPlan, Trial, describe_plan
 from tulip_testbed.experiments.plan_search import Job, Search, state_folder
 from tulip_testbed.experiments.usable_plan import joined_trials
-from tulip_testbed.identification.planning.interrupted import ARRAYS, StateError
-from tulip_testbed.identification.planning.search import SearchState
+from tulip_testbed.identification.planning.search import ARRAYS, SearchState, StateError
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.plan_folder import write_plan
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tulip_testbed.identification.base_parameters import BaseParameters, standard_parameters
-from tulip_testbed.identification.contact_pressure import contact_pressure
+from tulip_testbed.identification.center_of_pressure import contact_pressure
 from tulip_testbed.identification.estimators.prior import CENTER_SD, MASS_SD
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.observation import observe

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tulip_testbed.base.errors import look_up
-from tulip_testbed.identification.posture_geometry import PostureGeometry
+from tulip_testbed.identification.nominal import PostureGeometry
 from tulip_testbed.measurements import Measurements
 
 

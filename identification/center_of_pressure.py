@@ -1,25 +1,28 @@
-"""Total force, centre of pressure and total mass from the eight cell forces (eq. 11)."""
+"""Centre of pressure, load and total mass by the contacts: eight cells (eq. 11) or any kind of sensor."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from tulip_testbed.base.errors import InputError
+from tulip_testbed.identification.nominal import Nominal
+from tulip_testbed.identification.observation import Observation, observe, turned
+from tulip_testbed.identification.residual_channels import carried, fields, sensitivity
 from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.data import feet_in_contact
 
 
 def cell_positions(measurements: Measurements) -> np.ndarray:
     """Return the cells' positions in the base frame from the recorded plate poses, (m, 8, 2) [m]."""
-    yaw = measurements.plate_poses[:, :, 2]
-    rotation = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])  # (2, 2, m, plate)
-    turned = np.einsum("abmp,pcb->mpca", rotation, measurements.cells)
-    return (measurements.plate_poses[:, :, None, :2] + turned).reshape(len(measurements), 8, 2)
+    poses = measurements.plate_poses[:, :, None]
+    return (poses[..., :2] + turned(poses[..., 2], measurements.cells[None])).reshape(-1, 8, 2)
 
 
 def loaded_cells(measurements: Measurements) -> np.ndarray:
     """Return the cells of plates on which a foot stands, (m, 8) bool."""
-    stands = np.column_stack([measurements.support != "left", measurements.support != "right"])
-    return np.repeat(stands, 4, axis=1)
+    return np.repeat(feet_in_contact(measurements.support), 4, axis=1)
 
 
 def loads(measurements: Measurements) -> np.ndarray:
@@ -54,3 +57,62 @@ def total_mass(measurements: Measurements) -> tuple[float, float]:
     """Return the total mass from the mean force, and its standard error over the postures [kg]."""
     mass = loads(measurements).sum(axis=1) / measurements.gravity
     return float(mass.mean()), float(mass.std(ddof=1) / np.sqrt(len(mass)))
+
+
+@dataclass(frozen=True)
+class ContactPressure:
+    """The data about the contacts that a regression needs.
+
+    Attributes:
+        center: centre of pressure in the base frame, (m, 2) [m].
+        load_share: share of the weight on the right and left foot, (m, 2) [-].
+        mass: total mass by the contacts and its standard error [kg].
+    """
+
+    center: np.ndarray
+    load_share: np.ndarray
+    mass: tuple[float, float]
+
+
+def contact_pressure(measurements: Measurements, nominal: Nominal) -> ContactPressure:
+    """Return centre of pressure, load and mass by the contacts.
+
+    The moments of wrench sensors are divided by the weighed weight, if there is one: it has less noise.
+
+    Raises:
+        InputError: the contacts of a posture carry no weight.
+    """
+    if measurements.contacts is None:
+        shares = load_shares(measurements)
+        return ContactPressure(center_of_pressure(measurements), shares, total_mass(measurements))
+    observed = observe(measurements, nominal)
+    forces = carried(observed)
+    down = (forces.reshape(len(observed), 2, -1) * observed.contacts.bears).sum(axis=2)
+    total = down.sum(axis=1)
+    mass = total / measurements.gravity
+    error = float(mass.std(ddof=1) / np.sqrt(len(mass)))
+    moment = (forces[..., None] * observed.cell_places).sum(axis=1)
+    weight = total if measurements.weighed_mass is None else np.full(len(total), observed.weight)
+    return ContactPressure(moment / weight[:, None], down / total[:, None], (float(mass.mean()), error))
+
+
+def center_slopes(observed: Observation) -> dict[str, np.ndarray]:
+    """Differentiate the residual of the centre of pressure by angles, readings and poses, (m, 2, k) each.
+
+    The names are those of `residual_channels.fields`.
+    """
+    slope, at = sensitivity(observed, observed.nominal.value)[:, :2], fields(observed)
+    return {name: slope[..., at[name]] for name in ("angles", "cells", "plates")}
+
+
+def wrench_noise(observed: Observation, by_reading: np.ndarray, fitted: np.ndarray) -> np.ndarray:
+    """Return the covariance of each posture's centre of pressure for readings with an s.d. of 1, (m, 2, 2).
+
+    Args:
+        by_reading: of `center_slopes`.
+        fitted: centre of pressure without noise, see `cell_noise`, (m, 2) [m].
+    """
+    lever = by_reading
+    if observed.measurements.weighed_mass is None:  # the centre of pressure is that over the measured force
+        lever = lever - observed.contacts.bears.ravel() * fitted[..., None] / observed.weight
+    return lever @ lever.mT

@@ -13,6 +13,7 @@ import numpy as np
 from tulip_testbed.identification.kinematics import turned_about
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.contacts import WRENCH, Contacts
+from tulip_testbed.measurements.data import feet_in_contact
 
 ASSUMED_FORCE, ASSUMED_MOMENT = 1.0, 0.05  # N, Nm: noise of a wrench sensor without a data sheet
 UNSURE = 0.5  # of a reading's noise
@@ -85,7 +86,7 @@ def of_wrenches(
     below = _weight_below(contacts, upright, measurements.gravity)
     known = wrenches + below
     covariance = noise_of_wrenches(contacts)
-    stands = np.column_stack([measurements.support != "left", measurements.support != "right"])
+    stands = feet_in_contact(measurements.support)
     wide = weight * by_kind(contacts.channels, WIDE_FORCE, WIDE_MOMENT)
     zero, zero_sd = _zeros(contacts, known, stands, covariance, wide)
     root = np.linalg.cholesky(covariance)

@@ -34,7 +34,7 @@ def stability_margin(point: np.ndarray, polygon: np.ndarray) -> float:
         point: (2,) [m].
         polygon: convex, counter-clockwise, (k, 2) [m].
     """
-    return float(_edge_distances(np.atleast_2d(point), polygon).min())
+    return float(edge_distances(np.atleast_2d(point), polygon).min())
 
 
 def foot_clearance(first: np.ndarray, second: np.ndarray) -> float:
@@ -42,8 +42,8 @@ def foot_clearance(first: np.ndarray, second: np.ndarray) -> float:
     first, second = support_polygon(first), support_polygon(second)
     # Separating axis: the polygons are apart only if one lies entirely outside an edge of the other.
     apart = max(
-        -_edge_distances(second, first).max(axis=0).min(),
-        -_edge_distances(first, second).max(axis=0).min(),
+        -edge_distances(second, first).max(axis=0).min(),
+        -edge_distances(first, second).max(axis=0).min(),
     )
     if apart <= 0:
         return 0.0
@@ -110,11 +110,15 @@ def boards_fit(soles: np.ndarray, boards: np.ndarray, plate: PlateGeometry) -> b
     return bool(inside.all())
 
 
-def _edge_distances(points: np.ndarray, polygon: np.ndarray) -> np.ndarray:
-    """Return distances of points (k, 2) to the lines through the edges, positive inside, (k, edges)."""
+def inner_normals(polygon: np.ndarray) -> np.ndarray:
+    """Return the unit normals of a counter-clockwise polygon's edges (k, 2) that point inside, (k, 2)."""
     edges = np.roll(polygon, -1, axis=0) - polygon
-    normals = np.column_stack([-edges[:, 1], edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
-    return ((points[:, None] - polygon) * normals).sum(axis=2)
+    return np.column_stack([-edges[:, 1], edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
+
+
+def edge_distances(points: np.ndarray, polygon: np.ndarray) -> np.ndarray:
+    """Return distances of points (k, 2) to the lines through the edges, positive inside, (k, edges)."""
+    return ((points[:, None] - polygon) * inner_normals(polygon)).sum(axis=2)
 
 
 def _least_distance(points: np.ndarray, polygon: np.ndarray) -> float:

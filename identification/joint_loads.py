@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tulip_testbed.identification.posture_geometry import PostureGeometry
+from tulip_testbed.identification.nominal import PostureGeometry
 from tulip_testbed.sim.control import Controller, torque_limits
 from tulip_testbed.sim.robot import Robot, joint_names
 

@@ -11,8 +11,7 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
-from tulip_testbed.base.errors import InputError
-from tulip_testbed.sim.robot import look_up
+from tulip_testbed.base.errors import InputError, look_up
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,9 @@ from tulip_testbed.identification.kinematics import (
     moved_frames,
 )
 from tulip_testbed.identification.link_shapes import GROUND, LinkShapes, link_shapes
-from tulip_testbed.identification.margins import leg_length
+from tulip_testbed.identification.planning_ranges import leg_length
 from tulip_testbed.identification.segments import segment_distances
-from tulip_testbed.sim.robot import Robot, joint_names
+from tulip_testbed.sim.robot import Robot, joint_names, standing
 
 COMPOUND = 0.05  # of the leg's length: joints that lie nearer together act as one, as in a hip
 REFERENCE = 0.5  # of their distance in the reference posture is enough for links that are near there
@@ -220,9 +220,7 @@ def _balls(shapes: LinkShapes, owners: dict[int, np.ndarray]) -> tuple[np.ndarra
 def reference_posture(robot: Robot) -> np.ndarray:
     """Return the joint angles of the keyframe `stand`, or of the zero pose if there is none, (n,) [rad]."""
     model = robot.model
-    keys = [model.key(i).name for i in range(model.nkey)]
-    qpos = model.key("stand").qpos if "stand" in keys else model.qpos0
-    return qpos[[model.joint(name).qposadr[0] for name in joint_names(model)]]
+    return standing(model)[[model.joint(name).qposadr[0] for name in joint_names(model)]]
 
 
 def _adjacent(robot: Robot, shapes: LinkShapes) -> Callable[[np.ndarray], bool]:

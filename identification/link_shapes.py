@@ -9,8 +9,7 @@ import mujoco
 import numpy as np
 
 from tulip_testbed.identification.kinematics import Tree, tree_of
-from tulip_testbed.measurements.cells import CORNERS
-from tulip_testbed.sim.robot import Robot, check_unchanged, sole_point
+from tulip_testbed.sim.robot import Robot, check_unchanged, rotation_matrices, sole_point
 from tulip_testbed.sim.specs import compile_spec, without_meshes
 
 GROUND = "ground"
@@ -66,8 +65,7 @@ def link_shapes(robot: Robot) -> LinkShapes:
     links = {rigid[geom.parent.name] for geom in able}
     chosen = able + [g for g in _solid_geoms(spec, robot) if rigid[g.parent.name] not in links]
     links = {rigid[geom.parent.name] for geom in chosen}
-    corners = {f"{foot}_{corner}" for foot in robot.feet for corner in CORNERS}
-    chosen += [g for g in spec.geoms if g.name in corners and rigid[g.parent.name] not in links]
+    chosen += [g for g in spec.geoms if g.name in robot.sole_geoms and rigid[g.parent.name] not in links]
     for geom in chosen:
         if geom.type == MESH:
             geom.contype = 1  # or MuJoCo makes no hull
@@ -89,8 +87,7 @@ def _whole_spec(robot: Robot) -> mujoco.MjSpec:
 
 def _solid_geoms(spec: mujoco.MjSpec, robot: Robot) -> list[mujoco.MjsGeom]:
     """List all geoms but the corners of the soles and infinite ones."""
-    corners = {f"{foot}_{corner}" for foot in robot.feet for corner in CORNERS}
-    return [geom for geom in spec.geoms if geom.name not in corners and geom.type not in FLAT]
+    return [geom for geom in spec.geoms if geom.name not in robot.sole_geoms and geom.type not in FLAT]
 
 
 def _shapes(robot: Robot, model: mujoco.MjModel, geoms: np.ndarray) -> LinkShapes:
@@ -98,7 +95,7 @@ def _shapes(robot: Robot, model: mujoco.MjModel, geoms: np.ndarray) -> LinkShape
     base, point = tree.frame(robot.stance_foot), sole_point(robot.model, robot.stance_foot)
     bodies = model.geom_bodyid[geoms]
     frame = np.array([tree.frame(model.body(b).name) if b else base for b in bodies])
-    place, turn = model.geom_pos[geoms].copy(), _rotations(model.geom_quat[geoms])
+    place, turn = model.geom_pos[geoms].copy(), rotation_matrices(model.geom_quat[geoms])
     place[-1] = point - [0.0, 0.0, SLAB[2]]
     middle, half = model.geom_aabb[geoms, :3], model.geom_aabb[geoms, 3:]
     types = model.geom_type[geoms]
@@ -124,10 +121,3 @@ def _shapes(robot: Robot, model: mujoco.MjModel, geoms: np.ndarray) -> LinkShape
         ends=ends + place[:, None],
         radius=radius,
     )
-
-
-def _rotations(quaternions: np.ndarray) -> np.ndarray:
-    matrices = np.zeros((len(quaternions), 9))
-    for matrix, quaternion in zip(matrices, quaternions, strict=True):
-        mujoco.mju_quat2Mat(matrix, quaternion)
-    return matrices.reshape(-1, 3, 3)

@@ -14,9 +14,9 @@ from tulip_testbed.identification.kinematics import (
     Tree,
     frame_positions,
     joint_axes,
+    joint_pivots,
     link_rotations,
     moved_frames,
-    walk,
 )
 
 LEAST_FREEDOM = 20  # degrees of freedom from which the variance is preferred to the data sheet's
@@ -74,10 +74,7 @@ def _swing_sole(tree: Tree, base: int, swing: int, joint_angles: np.ndarray) -> 
     rotations = link_rotations(tree, base, joint_angles)
     positions = frame_positions(tree, base, rotations, np.zeros(3))
     axes = joint_axes(tree, base, rotations) * moved_frames(tree, base)[:, swing, None]
-    pivots = np.zeros_like(axes)
-    for step in walk(tree, base):
-        if step.edge.joint >= 0:
-            pivots[:, step.edge.joint] = positions[:, step.new] + rotations[:, step.new] @ step.anchor_new
+    pivots = joint_pivots(tree, base, rotations, positions)
     place, normal = positions[:, swing], rotations[:, swing, :, 2]
     rise = np.cross(axes, place[:, None] - pivots)[..., 2:]
     tilt = np.cross(axes, normal[:, None])[..., :2]

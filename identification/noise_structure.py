@@ -194,11 +194,7 @@ class Weights:
 
 
 def _inverted(matrices: np.ndarray) -> tuple[np.ndarray, float]:
-    """Invert positive definite matrices (g, n, n), those of a group without any by 1.
-
-    Returns:
-        inverses, (g, n, n), and half the logarithm of all determinants.
-    """
+    """Invert positive definite matrices (g, n, n), zero rows by 1; return half of ln of their volume too."""
     diagonal = np.einsum("gnn->gn", matrices)
     diagonal[diagonal == 0] = 1.0
     unit = 1 / np.sqrt(diagonal)

@@ -1,23 +1,29 @@
-"""The nominal robot: its feet, mass, centre of mass and link boxes, from its files."""
+"""The nominal robot: its feet, mass, centre of mass and link boxes, and the geometry of its postures."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 
 import mujoco
 import numpy as np
 
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, standard_parameters
 from tulip_testbed.identification.kinematics import (
+    Tree,
+    alike_in_turns,
     frame_positions,
+    joint_axes,
+    joint_pivots,
     link_rotations,
+    moved_frames,
     place_on_feet,
     roll_pitch_yaw,
+    seen_from,
 )
-from tulip_testbed.sim.robot import Robot, sole_corners, sole_point
+from tulip_testbed.sim.robot import Robot, rotation_matrices, sole_corners, sole_point
 
 STEP = 1e-5  # rad, of central differences
 
@@ -52,19 +58,13 @@ class Nominal:
                 frame. None: there is no such row.
         """
         center = self.parameters.regressor(joint_angles, support) @ self.value
-        return center if support is None else center + self.stance_sole(joint_angles, support)[:, :2]
+        return center if support is None else center + self.geometry(joint_angles, support).stance_sole[:, :2]
 
-    def stance_sole(self, joint_angles: np.ndarray, support: np.ndarray) -> np.ndarray:
-        """Compute the stance foot's sole point in the base frame, (m, 3) [m]; zero unless it is in the air.
-
-        Args:
-            joint_angles, support: see `center_of_mass`.
-        """
-        parameters = self.parameters
-        rotations = parameters.rotations(joint_angles, support)
-        places = frame_positions(parameters.tree, parameters.base, rotations, -self.points[0])
-        place_on_feet(places, self.swing_frame, -self.points[1], parameters.on_swing_foot(support))
-        return places[:, parameters.base] + rotations[:, parameters.base] @ self.points[0]
+    def geometry(self, joint_angles: np.ndarray, support: np.ndarray | None = None) -> PostureGeometry:
+        """Return the geometry of postures; arguments as `center_of_mass`."""
+        support = np.full(len(joint_angles), "double") if support is None else support
+        standard = standard_parameters(self.robot.model)
+        return PostureGeometry(self, self.parameters.tree, joint_angles, support, standard)
 
     def other_sole(self, joint_angles: np.ndarray, support: np.ndarray) -> np.ndarray:
         """Compute the pose of the sole that is not the base frame's: x, y, yaw, (m, 3) [m, m, rad].
@@ -72,19 +72,15 @@ class Nominal:
         Args:
             joint_angles, support: see `center_of_mass`.
         """
-        pose, rows = self.swing_sole(joint_angles)[:, [0, 1, 5]], self.parameters.on_swing_foot(support)
-        foot = self.parameters.rotations(joint_angles, support)[:, self.parameters.base]
-        yaw = np.arctan2(foot[:, 1, 0], foot[:, 0, 0])
-        there = np.column_stack([self.stance_sole(joint_angles, support)[:, :2], yaw])
-        return np.where(rows[:, None], there, pose)
+        geometry = self.geometry(joint_angles, support)
+        foot = geometry.rotations[:, geometry.base]
+        there = np.column_stack([geometry.stance_sole[:, :2], np.arctan2(foot[:, 1, 0], foot[:, 0, 0])])
+        pose = self.swing_sole(joint_angles)[:, [0, 1, 5]]
+        return np.where(geometry.on_swing_foot[:, None], there, pose)
 
     def swing_sole(self, joint_angles: np.ndarray) -> np.ndarray:
         """Compute the swing sole's pose in the base frame: x, y, z, roll, pitch, yaw, (m, 6) [m, rad]."""
-        tree, base = self.parameters.tree, self.parameters.base
-        rotations = link_rotations(tree, base, joint_angles)
-        positions = frame_positions(tree, base, rotations, -self.points[0])
-        foot = rotations[:, self.swing_frame]
-        place = positions[:, self.swing_frame] + foot @ self.points[1]
+        place, foot = self.geometry(joint_angles).swing_sole
         return np.column_stack([place, roll_pitch_yaw(foot)])
 
     def soles_in_base(self, joint_angles: np.ndarray) -> np.ndarray:
@@ -148,17 +144,152 @@ def outline(model: mujoco.MjModel, body: int) -> np.ndarray:
     """
     points = [model.body_ipos[body][None]]
     first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
-    for geom in range(first, first + count):
+    geoms = range(first, first + count)
+    for geom, turn in zip(geoms, rotation_matrices(model.geom_quat[first : first + count]), strict=True):
         corners = model.geom_aabb[geom, :3] + SIDES * model.geom_aabb[geom, 3:]
-        points.append(corners @ _rotation(model.geom_quat[geom]).T + model.geom_pos[geom])
+        points.append(corners @ turn.T + model.geom_pos[geom])
     if not count and model.body_mass[body] > 0:
         inertia = model.body_inertia[body]
         half = np.sqrt(1.5 * np.maximum(inertia.sum() - 2 * inertia, 0.0) / model.body_mass[body])
-        points.append(SIDES * half @ _rotation(model.body_iquat[body]).T + model.body_ipos[body])
+        (turn,) = rotation_matrices(model.body_iquat[[body]])
+        points.append(SIDES * half @ turn.T + model.body_ipos[body])
     return np.vstack(points)
 
 
-def _rotation(quaternion: np.ndarray) -> np.ndarray:
-    matrix = np.zeros(9)
-    mujoco.mju_quat2Mat(matrix, quaternion)
-    return matrix.reshape(3, 3)
+@dataclass(frozen=True)
+class PostureGeometry:
+    """Geometry of m postures in the frame of the foot that carries, with flat soles.
+
+    Each quantity is computed once, when it is first asked for.
+
+    Attributes:
+        nominal: nominal robot.
+        tree: kinematics with the assumed lengths.
+        joint_angles: joint angles, (m, n_joints) [rad].
+        support: of every posture, (m,) of text. One on the swing foot alone is seen from that foot.
+        standard: nominal standard parameters of the links (eq. 5), (n_links, 4) [kg, kg m].
+        like: the same postures of links with other lengths; None: not known.
+    """
+
+    nominal: Nominal
+    tree: Tree
+    joint_angles: np.ndarray
+    support: np.ndarray
+    standard: np.ndarray
+    like: PostureGeometry | None = None
+
+    def with_lengths(self, tree: Tree) -> PostureGeometry:
+        """Return the geometry with another tree; lengths leave rotations and regressor as they are."""
+        return replace(self, tree=tree, like=(self.like or self) if alike_in_turns(tree, self.tree) else None)
+
+    @property
+    def base(self) -> int:
+        """Return the frame number of the stance foot."""
+        return self.nominal.parameters.base
+
+    @cached_property
+    def rotations(self) -> np.ndarray:
+        """Compute the rotations of all frames, (m, n_frames, 3, 3)."""
+        if self.like is not None:
+            return self.like.rotations
+        rotations = link_rotations(self.tree, self.base, self.joint_angles)
+        return seen_from(self.nominal.swing_frame, rotations, self.on_swing_foot)
+
+    @property
+    def on_swing_foot(self) -> np.ndarray:
+        """Return which postures stand on the swing foot alone, (m,) bool."""
+        return self.nominal.parameters.on_swing_foot(self.support)
+
+    @cached_property
+    def frames(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return rotations (m, n_frames, 3, 3) and compute origins (m, n_frames, 3) [m] of all frames."""
+        stance, swing = -self.nominal.points
+        origins = frame_positions(self.tree, self.base, self.rotations, stance)
+        place_on_feet(origins, self.nominal.swing_frame, swing, self.on_swing_foot)
+        return self.rotations, origins
+
+    @cached_property
+    def axes(self) -> np.ndarray:
+        """Compute the axes of all joints, (m, n_joints, 3), see `joint_axes`."""
+        return joint_axes(self.tree, self.base, self.frames[0])
+
+    @cached_property
+    def pivots(self) -> np.ndarray:
+        """Compute a point on the axis of each joint, (m, n_joints, 3) [m]."""
+        return joint_pivots(self.tree, self.base, *self.frames)
+
+    @cached_property
+    def stance_sole(self) -> np.ndarray:
+        """Compute the place of the stance foot's sole point, (m, 3) [m]; zero unless it is in the air."""
+        rotations, positions = self.frames
+        turned = (rotations[:, self.base] @ self.nominal.points[0, :, None])[..., 0]
+        return positions[:, self.base] + turned
+
+    @property
+    def stance_sole_slope(self) -> np.ndarray:
+        """Differentiate `stance_sole` by the joint angles, (m, 3, n_joints) [m]."""
+        if not self.on_swing_foot.any():
+            return np.zeros((len(self.joint_angles), 3, self.axes.shape[1]))
+        moved = self.nominal.parameters.moved(self.support)[:, :, self.base, None]
+        return np.cross(moved * self.axes, self.stance_sole[:, None] - self.pivots).mT
+
+    @cached_property
+    def moved(self) -> np.ndarray:
+        """Return which frames each joint turns against the stance foot, (n_joints, n_frames) bool."""
+        return moved_frames(self.tree, self.base)
+
+    @cached_property
+    def center(self) -> np.ndarray:
+        """Compute the centre of mass (eq. 1), (m, 3) [m]."""
+        return self._first_moments.sum(axis=1) / self.standard[:, 0].sum()
+
+    @cached_property
+    def _first_moments(self) -> np.ndarray:
+        """Compute mass times centre of mass of every link, (m, n_links, 3) [kg m]."""
+        rotations, positions = self.frames
+        frames = np.array(self.tree.frame_of_link)
+        own = (rotations[:, frames] @ self.standard[:, 1:, None])[..., 0]
+        return self.standard[:, 0, None] * positions[:, frames] + own
+
+    @cached_property
+    def mass_moments(self) -> np.ndarray:
+        """Compute the moment of the links beyond each joint about it, over gravity, (m, n_joints) [kg m]."""
+        carried = self.moved[:, np.array(self.tree.frame_of_link)].astype(float)
+        heavy = carried @ self.standard[:, 0]
+        moment = carried @ self._first_moments - heavy[:, None] * self.pivots
+        return -moment[..., 1] * self.axes[..., 0] + moment[..., 0] * self.axes[..., 1]
+
+    @cached_property
+    def swing_sole(self) -> tuple[np.ndarray, np.ndarray]:
+        """Compute the place of the swing sole point, (m, 3) [m], and the foot's rotation, (m, 3, 3)."""
+        rotations, positions = self.frames
+        turn = rotations[:, self.nominal.swing_frame]
+        return positions[:, self.nominal.swing_frame] + turn @ self.nominal.points[1], turn
+
+    @cached_property
+    def regressor(self) -> np.ndarray:
+        """Compute the regressor of the base parameters (eq. 6), (m, 2, p) [-]."""
+        if self.like is not None:
+            return self.like.regressor
+        return self.nominal.parameters.regressor(self.joint_angles, self.support, self._nominal_rotations)
+
+    @property
+    def slope(self) -> np.ndarray:
+        """Differentiate the regressor with respect to the joint angles, (m, 2, n_joints, p) [1/rad].
+
+        It is large and not kept.
+        """
+        return self.nominal.parameters.slope(self.joint_angles, self.support, self._nominal_rotations)
+
+    def slope_along(self, theta: np.ndarray) -> np.ndarray:
+        """Differentiate the regressor times theta by the joint angles, (m, 2, n_joints) [m/rad].
+
+        Args:
+            theta: base parameters, (p,) [m].
+        """
+        parameters = self.nominal.parameters
+        return parameters.slope_along(theta, self.joint_angles, self.support, self._nominal_rotations)
+
+    @property
+    def _nominal_rotations(self) -> np.ndarray | None:
+        return self.rotations if alike_in_turns(self.tree, self.nominal.parameters.tree) else None

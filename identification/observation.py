@@ -19,8 +19,7 @@ from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.contact_readings import ContactReadings, of_cells, of_wrenches
 from tulip_testbed.identification.joint_loads import Loads, joint_loads, servo_stiffness
 from tulip_testbed.identification.kinematics import Tree
-from tulip_testbed.identification.nominal import Nominal
-from tulip_testbed.identification.posture_geometry import PostureGeometry
+from tulip_testbed.identification.nominal import Nominal, PostureGeometry
 from tulip_testbed.measurements import Measurements, as_joined
 from tulip_testbed.sim.scene import plate_masses
 
@@ -113,19 +112,10 @@ class Observation:
         )
 
     @property
-    def frames(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return rotations (m, n_frames, 3, 3) and origins (m, n_frames, 3) [m] of the frames, soles flat."""
-        return self.geometry.frames
-
-    @property
-    def center(self) -> np.ndarray:
-        """Return the nominal centre of mass in the base frame, (m, 3) [m]."""
-        return self.geometry.center
-
-    @property
     def loaded_center(self) -> np.ndarray:
         """Return the nominal centre of mass of robot and known masses in the base frame, (m, 3) [m]."""
-        return self.center if self.ballast is None else self.ballast.loaded(self.center)
+        center = self.geometry.center
+        return center if self.ballast is None else self.ballast.loaded(center)
 
     @property
     def loaded_weight(self) -> np.ndarray:
@@ -177,16 +167,15 @@ class Observation:
         yaw = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
         push = self.depth * self.loads.internal_wrench[:, :2]
         stance = down[:, :1] * point[:, 0] - push
-        x, y = (down[:, 1:] * (point[:, 1] - place[:, :2]) + push).T
-        c, s = np.cos(yaw), np.sin(yaw)
-        return np.stack([stance, np.column_stack([c * x + s * y, c * y - s * x])], axis=1)
+        swing = down[:, 1:] * (point[:, 1] - place[:, :2]) + push
+        return np.stack([stance, turned(-yaw, swing)], axis=1)
 
     @cached_property
     def contact_poses(self) -> np.ndarray:
         """Return the poses of the contact sensors in the base frame, (m, 2, 3) [m, m, rad]."""
         if not self.in_feet:
             return self.plate_poses
-        rotations, _ = self.frames
+        rotations, _ = self.geometry.frames
         turn = rotations[:, [self.nominal.parameters.base, self.nominal.swing_frame]]
         yaw = np.arctan2(turn[..., 1, 0], turn[..., 0, 0])
         soles = np.stack([self.geometry.stance_sole, self.swing_sole[0]], axis=1)[..., :2]

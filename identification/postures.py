@@ -23,11 +23,12 @@ from tulip_testbed.identification.feasibility import (
 from tulip_testbed.identification.inverse_kinematics import InverseKinematics
 from tulip_testbed.identification.link_clearances import LinkPairs, clearances_at, link_pairs, moving_pairs
 from tulip_testbed.identification.link_paths import blocked, too_near
-from tulip_testbed.identification.margins import Margins, planning_margins
 from tulip_testbed.identification.planning_ranges import (
+    Margins,
     PlanningRanges,
     Range,
     free_joint_ranges,
+    planning_margins,
     planning_ranges,
 )
 from tulip_testbed.measurements import PlateGeometry, PosturePlan, lay_boards
@@ -38,6 +39,7 @@ from tulip_testbed.sim.robot import (
     joint_names,
     joint_ranges,
     sole_corners,
+    standing,
 )
 
 ATTEMPTS = 3000  # without a feasible posture, after which the ranges are considered infeasible
@@ -116,7 +118,7 @@ class _Search:
         self.names = names
         self.free_joints = free_joint_ranges(robot, model, ranges)
         self.weight = float(model.body_subtreemass[0] * -model.opt.gravity[2])
-        self.guess = self._bent_knees()
+        self.guess = standing(model)
         self.chain = ClosedChain(model, robot)
         self.pairs = link_pairs(robot, margins.link_clearance)
         # Whatever joints between the feet do not move is known before inverse kinematics.
@@ -124,9 +126,9 @@ class _Search:
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         ground = _lowest_sole(model, data, robot)
-        standing, highest = data.body(self.solver.torso).xpos[2] - ground, data.subtree_com[0, 2] - ground
+        upright, highest = data.body(self.solver.torso).xpos[2] - ground, data.subtree_com[0, 2] - ground
         # From straight legs down to the least height of the hip; inverse kinematics decides on reachability.
-        self.com_height = (highest - max(standing - ranges.least_height, 0.0), highest)
+        self.com_height = (highest - max(upright - ranges.least_height, 0.0), highest)
         self.rejected: Counter[str] = Counter()
         self.attempts = 0
         self.found = 0
@@ -171,11 +173,7 @@ class _Search:
         return found
 
     def _try(self, pose: np.ndarray, soles: np.ndarray, before: np.ndarray | None) -> np.ndarray | str:
-        """Return the joint angles of one random draw, or the violated constraint.
-
-        Args:
-            before: joint angles of the posture from which the robot moves here, None at the first one.
-        """
+        """Return the joint angles of one random draw after those of `before`, or the violated constraint."""
         r = self.ranges
         polygon = support_polygon(soles)
         com = self.rng.uniform(polygon.min(axis=0), polygon.max(axis=0))
@@ -241,11 +239,6 @@ class _Search:
                 f"{self.solver.robot.path}: planning ranges admit no posture: "
                 f"{self.attempts} tries, none feasible; blocked by {most_frequent(self.rejected)}"
             )
-
-    def _bent_knees(self) -> np.ndarray:
-        """Return the keyframe `stand`, or the model's zero pose if there is none."""
-        keys = [self.model.key(i).name for i in range(self.model.nkey)]
-        return self.model.key("stand").qpos.copy() if "stand" in keys else self.model.qpos0.copy()
 
 
 def _lowest_sole(model: mujoco.MjModel, data: mujoco.MjData, robot: Robot) -> float:

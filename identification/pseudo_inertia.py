@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 
 from tulip_testbed.identification.nominal import link_boxes
+from tulip_testbed.sim.robot import rotation_matrices
 
 LEAST_GYRATION = 1e-3  # m: radius that a link has at least along every axis, or it would be flat
 REACH = 0.5  # of the ellipsoid that CAD's own inertia takes up at most
@@ -33,14 +34,10 @@ def pseudo_inertia(mass: float, center: np.ndarray, inertia: np.ndarray) -> np.n
 
 def pseudo_inertias(model: mujoco.MjModel) -> np.ndarray:
     """Return the pseudo-inertia of every link in MJCF order, (n_links, 4, 4)."""
-    found = np.zeros((model.nbody - 1, 4, 4))
-    for k in range(1, model.nbody):
-        turn = np.zeros(9)
-        mujoco.mju_quat2Mat(turn, model.body_iquat[k])
-        axes = turn.reshape(3, 3)
-        inertia = (axes * model.body_inertia[k]) @ axes.T
-        found[k - 1] = pseudo_inertia(float(model.body_mass[k]), model.body_ipos[k], inertia)
-    return found
+    axes = rotation_matrices(model.body_iquat[1:])
+    inertia = (axes * model.body_inertia[1:, None]) @ axes.mT
+    bodies = zip(model.body_mass[1:].tolist(), model.body_ipos[1:], inertia, strict=True)
+    return np.array([pseudo_inertia(*body) for body in bodies])
 
 
 def standard_of(pseudo: np.ndarray) -> np.ndarray:

@@ -7,12 +7,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tulip_testbed.base.errors import InputError, listed
-from tulip_testbed.identification.base_parameters import BaseParameters, standard_parameters
-from tulip_testbed.identification.contact_pressure import center_slopes, contact_pressure, wrench_noise
+from tulip_testbed.identification.base_parameters import BaseParameters
+from tulip_testbed.identification.center_of_pressure import center_slopes, contact_pressure, wrench_noise
 from tulip_testbed.identification.loop_closure import encoder_sd_by_closure
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
-from tulip_testbed.identification.posture_geometry import PostureGeometry
 from tulip_testbed.identification.reading_noise import cell_noise, placement_levers, usable_sd
 from tulip_testbed.measurements import Measurements, SensorSheet
 from tulip_testbed.sim.plan_folder import check_model
@@ -120,11 +119,6 @@ def _blur(slope: np.ndarray, sd: float) -> np.ndarray:
     return np.asarray(np.linalg.qr(sd * slope.reshape(-1, slope.shape[-1]), mode="r"))
 
 
-def _fitted(matrix: np.ndarray, output: np.ndarray) -> np.ndarray:
-    """Project the output on the span of the matrix, of any rank."""
-    return matrix @ np.linalg.lstsq(matrix, output, rcond=None)[0]
-
-
 def check_robot(
     parameters: BaseParameters, measurements: Measurements, robot: Robot, source: str = "measurements"
 ) -> None:
@@ -194,9 +188,10 @@ def regression(
     pressure = contact_pressure(measurements, nominal)
     output, known_slope = pressure.center, None
     if parameters.on_swing_foot(support).any():
-        known = PostureGeometry(nominal, tree, angles, support, standard_parameters(robot.model))
+        known = nominal.geometry(angles, support)
         output, known_slope = output - known.stance_sole[:, :2], known.stance_sole_slope[:, :2]
-    fitted = _fitted(matrix, output.ravel()).reshape(-1, 2) + (pressure.center - output)
+    fitted = (matrix @ np.linalg.lstsq(matrix, output.ravel(), rcond=None)[0]).reshape(-1, 2)
+    fitted += pressure.center - output
     if measurements.contacts is None:
         cells, levers = cell_noise(measurements, fitted), placement_levers(measurements)
     else:

@@ -11,6 +11,7 @@ import numpy as np
 
 from tulip_testbed.identification.kinematics import roll_pitch_yaw
 from tulip_testbed.identification.observation import Observation
+from tulip_testbed.measurements.data import feet_in_contact
 
 CHANNELS = ("A", "F", "T", "C")
 ROWS = {"A": slice(0, 2), "F": slice(2, 3), "T": slice(3, 5), "C": slice(5, 11)}
@@ -112,7 +113,9 @@ def residuals(observed: Observation, theta: np.ndarray) -> np.ndarray:
 
 def carried(observed: Observation) -> np.ndarray:
     """Return the readings of the contacts, zero under a foot in the air, (m, 2 k)."""
-    return np.where(_each_reading(observed, feet_in_contact(observed)), observed.cell_forces, 0.0)
+    return np.where(
+        _each_reading(observed, feet_in_contact(observed.measurements.support)), observed.cell_forces, 0.0
+    )
 
 
 def has_twist(observed: Observation) -> bool:
@@ -125,15 +128,9 @@ def _each_reading(observed: Observation, of_feet: np.ndarray) -> np.ndarray:
     return np.repeat(of_feet, observed.cell_forces.shape[1] // 2, axis=1)
 
 
-def feet_in_contact(observed: Observation) -> np.ndarray:
-    """Return whether the right and the left foot are on their plates, (m, 2) bool."""
-    support = observed.measurements.support
-    return np.column_stack([support != "left", support != "right"])
-
-
 def residuals_in_use(observed: Observation) -> np.ndarray:
     """Return which residuals of each posture hold information, (m, 11) bool."""
-    contact = feet_in_contact(observed)
+    contact = feet_in_contact(observed.measurements.support)
     used = np.ones((len(observed), SIZE), bool)
     used[:, ROWS["C"]] = np.all(contact, axis=1, keepdims=True)
     used[:, ROWS["T"]] = contact & observed.on_four_cells
@@ -160,19 +157,13 @@ def center(observed: Observation) -> np.ndarray:
     about its sole point, which moves the centre of mass in proportion to its height; the nominal height is
     accurate enough. Known masses are taken off.
     """
-    own = _of_everything(observed)
-    return own if observed.ballast is None else observed.ballast.without(own)
-
-
-def _of_everything(observed: Observation) -> np.ndarray:
-    """Compute what `center` does with the known masses on the robot, (m, 2) [m]."""
-    plain = _measured(observed) - observed.shift
+    whole = _measured(observed) - observed.shift
     if (rows := observed.geometry.on_swing_foot).any():
-        plain[rows] -= observed.geometry.stance_sole[rows, :2]
-    if not (tilt := carrying_tilt(observed)).any():
-        return plain
-    roll, pitch = tilt.T
-    return plain - observed.loaded_center[:, 2:] * np.column_stack([pitch, -roll])
+        whole[rows] -= observed.geometry.stance_sole[rows, :2]
+    if (tilt := carrying_tilt(observed)).any():
+        roll, pitch = tilt.T
+        whole = whole - observed.loaded_center[:, 2:] * np.column_stack([pitch, -roll])
+    return whole if observed.ballast is None else observed.ballast.without(whole)
 
 
 def _measured(observed: Observation) -> np.ndarray:
@@ -225,7 +216,7 @@ def sensitivity(observed: Observation, theta: np.ndarray) -> np.ndarray:
     at, m = fields(observed), len(observed)
     out = np.zeros((m, SIZE, at["lift"].stop))
     forces, bears = carried(observed), observed.contacts.bears
-    total, contact = _total(observed), _each_reading(observed, feet_in_contact(observed))
+    total, contact = _total(observed), _each_reading(observed, feet_in_contact(observed.measurements.support))
     lever = observed.cell_places
     if has_twist(observed):
         lever = lever - bears.reshape(-1, 1) * _measured(observed)[:, None]
@@ -266,11 +257,7 @@ def sensitivity(observed: Observation, theta: np.ndarray) -> np.ndarray:
 
 
 def _by_contact_poses(observed: Observation, share: np.ndarray) -> np.ndarray:
-    """Differentiate the centre of pressure by x, y and yaw of both contacts in the base frame, (m, 2, 6).
-
-    Args:
-        share: readings over the total force, (m, 2, k).
-    """
+    """Differentiate the centre of pressure by x, y and yaw of both contacts in the base frame, (m, 2, 6)."""
     m, bears = len(observed), observed.contacts.bears
     poses = observed.contact_poses[:, :, None, :2]
     arms = observed.cell_places.reshape(m, 2, -1, 2) - bears[..., None] * poses

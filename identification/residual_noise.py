@@ -16,13 +16,13 @@ from tulip_testbed.identification.residual_channels import (
     ROWS,
     SIZE,
     TWIST,
-    feet_in_contact,
     fields,
     has_twist,
     residuals_in_use,
     sensitivity,
 )
 from tulip_testbed.identification.variance_components import MARK_RATIO
+from tulip_testbed.measurements.data import feet_in_contact
 
 # Residuals of the simulated laboratory with exact sensors in full dynamics, due to compliant contacts. They
 # take the place of noise where there is none.
@@ -106,7 +106,7 @@ def cell_by_twist(observed: Observation) -> float | None:
         return None
     m, left, freedom = len(observed), [], 0
     for side in (0, 1):
-        rows = observed.on_four_cells[:, side] & feet_in_contact(observed)[:, side]
+        rows = observed.on_four_cells[:, side] & feet_in_contact(observed.measurements.support)[:, side]
         forces = observed.cell_forces.reshape(m, 2, 4)[rows, side]
         known = np.column_stack([np.ones(len(forces)), observed.time_fraction[rows], forces @ OTHERS.T])
         twist = forces @ TWIST
@@ -231,11 +231,7 @@ def _in_channels(channels: str) -> np.ndarray:
 def _factored(
     own: np.ndarray, levers: np.ndarray, placement: np.ndarray, stance: np.ndarray, used: np.ndarray
 ) -> tuple[np.ndarray, tuple[tuple[slice, np.ndarray, np.ndarray], ...], float]:
-    """Return `rows`, `blocks` and `log_volume` of `Whitening` from the covariance of each placement.
-
-    Args:
-        used: whether a residual is in use, (m, 11) bool.
-    """
+    """Return `rows`, `blocks` and `log_volume` of `Whitening` from the covariance of each placement."""
     rows, blocks, at_row, volume = [], [], 0, 0.0
     for number in np.unique(placement):
         inside = np.flatnonzero(placement == number)

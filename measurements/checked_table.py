@@ -60,11 +60,7 @@ def checked_table(
 
 
 def _check_twin(table: Table, path: Path, content: bytes) -> None:
-    """Refuse two tables of which it is unclear which is right.
-
-    Args:
-        path, content: of the CSV file next to a Parquet file.
-    """
+    """Refuse a CSV file next to a Parquet file if it is unclear which of them is right."""
     if content == table.as_csv():  # parsing takes a second for 10,000 rows
         return
     twin = Table(path, content, table.most_rows)

@@ -23,7 +23,7 @@ from tulip_testbed.measurements.bounds import (
 from tulip_testbed.measurements.cells import PLATES
 from tulip_testbed.measurements.contact_entries import wrong_contacts
 from tulip_testbed.measurements.contacts import Contacts
-from tulip_testbed.measurements.data import Measurements
+from tulip_testbed.measurements.data import Measurements, feet_in_contact, vertical_forces
 from tulip_testbed.measurements.header import SensorSheet
 from tulip_testbed.measurements.manifest import RobotEntry, manifest_of
 
@@ -185,18 +185,13 @@ def _check_plates(m: Measurements, where: str) -> None:
             )
 
 
-def _standing(m: Measurements) -> np.ndarray:
-    """Return whether the right and the left foot carry the robot, (m, 2) bool."""
-    return np.column_stack([m.support != "left", m.support != "right"])
-
-
 def _check_present(m: Measurements, where: str) -> None:
     """Refuse readings of a wrench sensor that are absent, but for a foot in the air."""
     assert m.contacts is not None
     assert m.wrenches is not None
-    gaps = np.isnan(m.wrenches)
+    gaps, stands = np.isnan(m.wrenches), feet_in_contact(m.support)
     for p, side in enumerate(PLATES):
-        whole = gaps[:, p].all(axis=1) & ~_standing(m)[:, p]
+        whole = gaps[:, p].all(axis=1) & ~stands[:, p]
         for k, channel in enumerate(m.contacts.channels):
             name = f"wrench.{side}.{channel}"
             missing = gaps[:, p, k] & ~whole
@@ -208,7 +203,7 @@ def _check_present(m: Measurements, where: str) -> None:
 def _check_moments(m: Measurements, contacts: Contacts, where: str) -> None:
     """Refuse moments that the weight could not have with any lever of a foot: newton millimetres."""
     assert m.wrenches is not None
-    down = np.abs(_vertical(m)).sum(axis=1)
+    down = np.abs(vertical_forces(m)).sum(axis=1)
     for k, channel in enumerate(contacts.channels):
         if channel.startswith("m"):
             for p, side in enumerate(PLATES):
@@ -219,19 +214,12 @@ def _check_moments(m: Measurements, contacts: Contacts, where: str) -> None:
                 )
 
 
-def _vertical(m: Measurements) -> np.ndarray:
-    """Return the vertical forces of both wrench sensors, zero in the air, (m, 2) [N]."""
-    assert m.contacts is not None
-    assert m.wrenches is not None
-    return np.where(_standing(m), m.wrenches[..., m.contacts.channels.index("fz")], 0.0)
-
-
 def _check_rows(m: Measurements, where: str) -> None:
     """Refuse rows without weight, and rows that occur twice."""
     if m.contacts is None:
         forces, name = m.cell_forces, "cell.*"
     else:
-        forces, name = _vertical(m), "wrench.*.fz"
+        forces, name = vertical_forces(m), "wrench.*.fz"
     total = forces.sum(axis=1)
     light = total < np.maximum(LEAST_WEIGHT, 1e-2 * np.abs(forces).sum(axis=1))
     if m.contacts is None or np.isfinite(m.contacts.zero_sd).all():

@@ -282,6 +282,17 @@ def feet_in_contact(support: np.ndarray) -> np.ndarray:
     return np.column_stack([support != "left", support != "right"])
 
 
+def vertical_forces(measurements: Measurements) -> np.ndarray:
+    """Return the vertical force on the right and the left foot, zero in the air, (m, 2) [N]."""
+    m = measurements
+    if m.contacts is None:
+        down = m.cell_forces.reshape(-1, 2, 4).sum(axis=2)
+    else:
+        assert m.wrenches is not None
+        down = m.wrenches[..., m.contacts.channels.index("fz")]
+    return np.where(feet_in_contact(m.support), down, 0.0)
+
+
 def base_foot(support: np.ndarray) -> np.ndarray:
     """Return the index of the foot that carries the base frame, (m,) int: 0, right, unless in the air."""
     return feet_in_contact(support).argmax(axis=1)

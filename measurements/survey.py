@@ -63,11 +63,7 @@ def _manifest_complaints(where: Path, manifest: dict[str, Any]) -> list[str]:
 
 
 def _table_complaints(table: MappedTable, joints: tuple[str, ...], manifest: Manifest | None) -> list[str]:
-    """List what is missing or wrong in a table.
-
-    Args:
-        manifest: None if it cannot be read; its contacts are then taken for those of version 1.
-    """
+    """List what is missing or wrong in a table; without a manifest, contacts are those of version 1."""
     if manifest is None:
         required = required_columns(joints)
     else:

@@ -58,11 +58,7 @@ def torque_limit(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> float:
 
 
 def _torques(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> list[float]:
-    """List the limits of an actuator's torque on its joint [Nm].
-
-    Raises:
-        InputError: one that allows a single direction only.
-    """
+    """List the limits of an actuator's torque on its joint, in both directions alike [Nm]."""
     gear, joint = abs(actuator.gear[0]), spec.joint(actuator.target)
     plain_motor = (
         actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED

@@ -1,4 +1,8 @@
-"""Flexibility and backlash of the drives, between motor and joint."""
+"""The drives of a scene: their flexibility and backlash, and what a servo needs to hold them.
+
+The laboratory supplies in its own scene the rotor inertia and the friction that a robot's file lacks; the
+file stays as it is.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +11,7 @@ from dataclasses import dataclass
 import mujoco
 
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.sim.control import torque_limit
+from tulip_testbed.sim.control import joint_torques, torque_limit
 
 SUFFIX = "_motor"
 # Ratio of damping to stiffness of the flexible element, which keeps the links from ringing [s], assumed. It
@@ -78,3 +82,56 @@ def motor_joint(model: mujoco.MjModel, joint: str) -> str:
     """Return the name of the joint that a joint's motor turns: its rotor, or itself in a rigid drive."""
     rotor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, f"{joint}{SUFFIX}")
     return f"{joint}{SUFFIX}" if rotor >= 0 else joint
+
+
+# A servo reaches its torque limit at 0.02 rad: with less inertia its damping makes the joint chatter.
+LEAST_ARMATURE = 0.0014  # kg m2 per Nm of torque limit
+ROUNDING = 1e-6  # relative
+# Friction rows softer than this let a joint creep for long before it sticks (docs/studies/contact-study.md).
+SOLREF_FRICTION = (0.002, 1.0)
+SOLIMP_FRICTION = (0.9999, 0.9999, 0.001, 0.5, 2.0)
+LEAST_RATE = 2 / SOLREF_FRICTION[0]  # 1/s
+
+
+def short_of_armature(spec: mujoco.MjSpec) -> dict[str, tuple[float, float]]:
+    """Return the armature of the joints that have too little, and what they need, by joint [kg m2].
+
+    Raises:
+        InputError: a drive that pushes one way only.
+    """
+    out = {}
+    for name, torque in joint_torques(spec).items():
+        found, needed = float(spec.joint(name).armature), LEAST_ARMATURE * torque
+        if found < (1 - ROUNDING) * needed:
+            out[name] = (found, needed)
+    return out
+
+
+def soft_friction(spec: mujoco.MjSpec) -> list[str]:
+    """List the joints whose dry friction would creep."""
+    return [
+        joint.name
+        for joint in spec.joints
+        if joint.frictionloss > 0 and not _holds(joint.solref_friction, joint.solimp_friction)
+    ]
+
+
+def supply_drives(spec: mujoco.MjSpec) -> None:
+    """Give the drives of a scene the armature and the stiff friction that they lack.
+
+    Raises:
+        InputError: a drive that pushes one way only.
+    """
+    for name, (_, needed) in short_of_armature(spec).items():
+        spec.joint(name).armature = needed
+    for name in soft_friction(spec):
+        joint = spec.joint(name)
+        joint.solref_friction, joint.solimp_friction = SOLREF_FRICTION, SOLIMP_FRICTION
+
+
+def _holds(solref, solimp) -> bool:
+    """Whether a friction row damps as fast and has as high an impedance as the laboratory's."""
+    first, second = solref
+    rate = 2 / first if first > 0 else -second  # negative numbers are stiffness and damping
+    least = min(solimp[:2])
+    return rate >= (1 - ROUNDING) * LEAST_RATE and least >= SOLIMP_FRICTION[0] - ROUNDING

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ValidationError
 
 from tulip_testbed.base.errors import InputError, listed, shortened
 from tulip_testbed.base.files import new_folder, sha256, write_text
-from tulip_testbed.base.table_files import Table, read_json, software, write_json, write_table
+from tulip_testbed.base.table_files import read_json, software, write_json, write_table
 from tulip_testbed.base.validation_message import validation_message
 from tulip_testbed.measurements.bounds import MOST_ANGLE, MOST_LENGTH, Version
 from tulip_testbed.measurements.checked_table import checked_table
@@ -92,6 +92,9 @@ def read_plan(folder: Path, robot: Robot) -> PosturePlan:
     joints = joint_names(robot.model)
     swing = [table.numbers(f"swing.{axis}", False, -MOST_LENGTH, MOST_LENGTH) for axis in ("x", "y")]
     swing.append(table.numbers("swing.yaw", False, -MOST_ANGLE, MOST_ANGLE))
+    torques = None
+    if any(table.has(f"torque.{joint}") for joint in joints):
+        torques = table.matrix("torque", joints, False, -MOST_TORQUE, MOST_TORQUE)
     plan = PosturePlan(
         joints=joints,
         joint_angles=table.matrix("q", joints, False, -MOST_ANGLE, MOST_ANGLE),
@@ -101,15 +104,10 @@ def read_plan(folder: Path, robot: Robot) -> PosturePlan:
         swing_pose=np.column_stack(swing),
         robot=manifest.robot.model_dump(),
         made=manifest.made,
-        torques=_torques(table, joints),
+        torques=torques,
     )
     check_postures(table.path, plan, robot)
     return plan
-
-
-def _torques(table: Table, joints: tuple[str, ...]) -> np.ndarray | None:
-    given = any(table.has(f"torque.{joint}") for joint in joints)
-    return table.matrix("torque", joints, False, -MOST_TORQUE, MOST_TORQUE) if given else None
 
 
 def check_model(where: Path | str, made_with: str | None, expected: str | None, robot: Robot) -> None:
@@ -230,8 +228,9 @@ def check_limits(path: Path | str, plan: PosturePlan, model: mujoco.MjModel) -> 
     for k, joint in enumerate(plan.joints):
         low, high = model.joint(joint).range
         angles = plan.joint_angles[:, k]
-        if model.joint(joint).limited[0] and ((angles < low - 1e-9) | (angles > high + 1e-9)).any():
-            row = int(np.flatnonzero((angles < low - 1e-9) | (angles > high + 1e-9))[0])
+        outside = (angles < low - 1e-9) | (angles > high + 1e-9)
+        if model.joint(joint).limited[0] and outside.any():
+            row = int(outside.argmax())
             raise InputError(
                 f"{path}: column 'q.{joint}', row {row + 1}: found {angles[row]:.4f} rad, "
                 f"expected within [{low:.4f}, {high:.4f}]"

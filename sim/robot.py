@@ -31,6 +31,7 @@ KEYS = (
 )
 MOST_TOML = 2**20  # bytes
 DESCRIBED = ("scene_file", "plate_file", "stance_foot", "swing_foot", "settings")  # fields not compiled
+STAND = "stand"  # the keyframe where inverse kinematics starts
 PUBLISHED = (".urdf", ".xml")  # endings of models as people publish them
 
 # MuJoCo would write its warnings to a file in the working directory; `Stand` counts those of a posture.
@@ -90,6 +91,11 @@ class Robot:
     def feet(self) -> tuple[str, str]:
         """Return stance and swing foot, in the order of `PLATES`."""
         return self.stance_foot, self.swing_foot
+
+    @property
+    def sole_geoms(self) -> tuple[str, ...]:
+        """Return the names of the sole corners of both feet, in the order of `CORNERS`."""
+        return tuple(f"{foot}_{corner}" for foot in self.feet for corner in CORNERS)
 
     @property
     def files(self) -> list[Path]:
@@ -312,6 +318,20 @@ def sole_point(model: mujoco.MjModel, foot: str) -> np.ndarray:
             "expected one height (the frame's z is the sole's normal)"
         )
     return np.array([0.0, 0.0, heights.mean()])
+
+
+def standing(model: mujoco.MjModel) -> np.ndarray:
+    """Return the configuration of the keyframe `stand`, or the zero pose if there is none, (nq,)."""
+    keys = [model.key(k).name for k in range(model.nkey)]
+    return (model.key(STAND).qpos if STAND in keys else model.qpos0).copy()
+
+
+def rotation_matrices(quaternions: np.ndarray) -> np.ndarray:
+    """Return the rotations of quaternions, (k, 4) -> (k, 3, 3)."""
+    matrices = np.zeros((len(quaternions), 9))
+    for matrix, quaternion in zip(matrices, quaternions, strict=True):
+        mujoco.mju_quat2Mat(matrix, quaternion)
+    return matrices.reshape(-1, 3, 3)
 
 
 def bodies_to_root(model: mujoco.MjModel, body: int) -> Iterator[int]:

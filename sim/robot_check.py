@@ -10,16 +10,15 @@ import numpy as np
 
 from tulip_testbed.base.errors import InputError, warn
 from tulip_testbed.sim.control import joint_torques
-from tulip_testbed.sim.drive_needs import (
+from tulip_testbed.sim.drives import (
     LEAST_ARMATURE,
     SOLIMP_FRICTION,
     SOLREF_FRICTION,
     short_of_armature,
     soft_friction,
 )
-from tulip_testbed.sim.robot import Robot, joint_names, sole_point
+from tulip_testbed.sim.robot import STAND, Robot, joint_names, sole_point
 
-STAND = "stand"  # the keyframe where inverse kinematics starts
 SINGULAR = 1e-3  # smallest singular value of a leg's Jacobian over its largest: straight
 MOST_NAMED = 4  # joints in a finding
 
@@ -155,15 +154,10 @@ def _straight_legs(robot: Robot, qpos: np.ndarray) -> list[str]:
         mujoco.mju_rotVecQuat(place, sole_point(model, name), data.xquat[foot])
         mujoco.mj_jac(model, data, jacobian[:3], jacobian[3:], data.xpos[foot] + place, foot)
         leg = jacobian[:, 6:][:, np.abs(jacobian[:, 6:]).any(axis=0)]
-        if leg.size and _least(leg) < SINGULAR:
-            out.append(name)
+        if leg.size:
+            values = np.linalg.svd(leg, compute_uv=False)
+            out += [name] if values[-1] / values[0] < SINGULAR else []
     return out
-
-
-def _least(matrix: np.ndarray) -> float:
-    """Return the smallest singular value over the largest."""
-    values = np.linalg.svd(matrix, compute_uv=False)
-    return float(values[-1] / values[0])
 
 
 def _some(names: list[str]) -> str:

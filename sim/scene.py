@@ -11,12 +11,10 @@ from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.measurements.cells import CORNERS, PLATES, PlateGeometry, lay_boards
 from tulip_testbed.sim.compliance import Compliance, add_compliance
 from tulip_testbed.sim.control import add_servos
-from tulip_testbed.sim.drive_needs import supply_drives
-from tulip_testbed.sim.drives import Drives, add_drives
+from tulip_testbed.sim.drives import Drives, add_drives, supply_drives
 from tulip_testbed.sim.plates import place_plates, plate_geometry
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import Robot, check_unchanged, load_spec, sole_corners
-from tulip_testbed.sim.scene_options import make_plain, set_solver
 from tulip_testbed.sim.sensors import ANKLE
 from tulip_testbed.sim.specs import compile_spec, without_meshes
 from tulip_testbed.sim.wrench_sensors import add_foot_sensors
@@ -86,7 +84,7 @@ def build_scene(robot: Robot) -> mujoco.MjSpec:
         names = listed(f"'{geom.name}'" for geom in spec.worldbody.geoms)
         raise InputError(f"{robot.model_file}: found geoms {names} in the world, expected the robot alone")
     make_plain(spec)
-    soles = [f"{foot}_{corner}" for foot in robot.feet for corner in CORNERS]
+    soles = robot.sole_geoms
     for geom in spec.geoms:
         geom.contype, geom.conaffinity = int(geom.name in soles), 0
         geom.margin = geom.gap = 0.0
@@ -157,3 +155,62 @@ def boards_under(rig: Rig, foot_poses: np.ndarray) -> np.ndarray:
     turn = np.moveaxis(np.array([[c, s], [-s, c]]), (0, 1), (-2, -1))
     soles = corners @ turn + foot_poses[..., None, :2]
     return np.array([lay_boards(pair, size, rig.protocol.plate_gap) for pair in soles])
+
+
+# Settings that replace those of a robot's file.
+TIMESTEP = 0.001  # s
+# With MuJoCo's default of 1e-8 the solver stops early, so that forces fluctuate and feet creep faster.
+SOLVER_TOLERANCE = 1e-12
+SOLVER = (
+    *("solver", "jacobian", "iterations", "ls_iterations", "ls_tolerance"),
+    *("noslip_iterations", "noslip_tolerance", "ccd_iterations", "ccd_tolerance"),
+)
+OPTIONS = (
+    *SOLVER,
+    *("impratio", "density", "viscosity", "magnetic", "wind", "disableflags", "enableflags"),
+)
+SIZES = ("memory", "njmax", "nconmax")
+# Defaults of elements that the laboratory adds to a robot's scene.
+LIMITS = ("limited", "range", "margin", "actfrclimited", "actfrcrange", "solref_limit", "solimp_limit")
+FRICTION = ("frictionloss", "solref_friction", "solimp_friction")
+DEFAULTS = {
+    "geom": (
+        *("condim", "priority", "friction", "solmix", "solref", "solimp"),
+        *("margin", "gap", "adhesion", "surfacevel"),
+    ),
+    "pair": ("condim", "friction", "solref", "solreffriction", "solimp", "margin", "gap"),
+    "equality": ("solref", "solimp"),
+    "joint": (
+        *("pos", "axis", "ref", "springref", "springdamper", "stiffness", "damping", "armature"),
+        *("actgravcomp", *LIMITS, *FRICTION),
+    ),
+    "tendon": ("stiffness", "springlength", "damping", "armature", *LIMITS, *FRICTION),
+}
+
+
+def set_solver(spec: mujoco.MjSpec) -> None:
+    """Set how MuJoCo solves for the constraint forces in any scene of the laboratory."""
+    _copy(SOLVER, mujoco.MjSpec().option, spec.option)
+    spec.option.tolerance = SOLVER_TOLERANCE
+
+
+def make_plain(spec: mujoco.MjSpec) -> None:
+    """Make a robot's file a scene of the laboratory: its options, sizes, defaults and contacts.
+
+    Gravity stays the robot's; so do all values that its elements took from its defaults.
+    """
+    plain = mujoco.MjSpec()
+    _copy(OPTIONS, plain.option, spec.option)
+    _copy(SIZES, plain, spec)
+    spec.option.timestep = TIMESTEP
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    for kind, names in DEFAULTS.items():
+        _copy(names, getattr(plain.default, kind), getattr(spec.default, kind))
+    for contact in [*spec.pairs, *spec.excludes]:
+        spec.delete(contact)
+
+
+def _copy(names: tuple[str, ...], source: object, target: object) -> None:
+    for name in names:
+        setattr(target, name, getattr(source, name))

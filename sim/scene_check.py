@@ -8,15 +8,13 @@ import mujoco
 import numpy as np
 
 from tulip_testbed.base.errors import InputError, listed
-from tulip_testbed.measurements.cells import CORNERS, PLATES
+from tulip_testbed.measurements.cells import PLATES
 from tulip_testbed.sim.drives import motor_joint
-from tulip_testbed.sim.model_check import check_before_compiling, check_options
-from tulip_testbed.sim.model_features import check_features
+from tulip_testbed.sim.model_check import check_before_compiling, check_features, check_options
 from tulip_testbed.sim.plates import cell_names, plate_geometry
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import joint_names
 from tulip_testbed.sim.scene import laboratory_scene
-from tulip_testbed.sim.scene_options import check_pairs
 from tulip_testbed.sim.specs import compile_spec
 
 # Attribute of the model that counts elements of a kind.
@@ -41,7 +39,7 @@ def check_scene(rig: Rig) -> None:
     model = compile_spec(spec, where)
     check_options(model, where)
     check_features(model, where)
-    soles = [f"{foot}_{corner}" for foot in rig.robot.feet for corner in CORNERS]
+    soles = rig.robot.sole_geoms
     for kind, names in (
         ("body", [*rig.robot.feet, *(f"{plate}_plate" for plate in PLATES)]),
         ("geom", ["floor", *soles, *cell_names()]),
@@ -58,7 +56,7 @@ def check_scene(rig: Rig) -> None:
         if cutoff := float(model.sensor(name).cutoff[0]):
             raise InputError(f"{where}: sensor '{name}': found a cutoff of {cutoff:g} N, expected none")
     _check_drives(where, model, joint_names(nominal))
-    check_pairs(model, nominal.body(1).name, soles, where)
+    _check_pairs(model, nominal.body(1).name, soles, where)
 
 
 def _check_drives(where: str, model: mujoco.MjModel, joints: tuple[str, ...]) -> None:
@@ -78,6 +76,23 @@ def _check_drives(where: str, model: mujoco.MjModel, joints: tuple[str, ...]) ->
     for joint in joints:
         if model.joint(joint).type[0] != mujoco.mjtJoint.mjJNT_HINGE:
             raise InputError(f"{where}: joint '{joint}': found no hinge, expected one as in the robot alone")
+
+
+def _check_pairs(model: mujoco.MjModel, robot: str, soles: tuple[str, ...], where: str) -> None:
+    """Refuse contact pairs of the robot other than those of its sole corners with something else.
+
+    Such a contact would bear forces that no plate reads.
+    """
+    root = model.body(robot).id
+    for k in range(model.npair):
+        geoms = [int(model.pair_geom1[k]), int(model.pair_geom2[k])]
+        own = [model.geom(g).name for g in geoms if model.body_rootid[model.geom_bodyid[g]] == root]
+        if len(own) > 1 or any(name not in soles for name in own):
+            names = " and ".join(f"'{model.geom(g).name}'" for g in geoms)
+            raise InputError(
+                f"{where}: <contact>: found a pair of {names}, expected the robot in pairs of a sole corner "
+                "and its board alone: remove it"
+            )
 
 
 def _require_names(where: str, kind: str, wanted: Iterable[str], names: Iterable[str]) -> None:

@@ -59,9 +59,7 @@ def frame_of(mounting: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
 
 def in_sensor_frame(mounting: Sequence[float], wrenches: np.ndarray) -> np.ndarray:
     """Transform wrenches from the foot's frame to the sensor's, (..., 6) [N, Nm]."""
-    rotation, place = frame_of(mounting)
-    force, moment = wrenches[..., :3], wrenches[..., 3:]
-    return np.concatenate([force @ rotation, (moment - np.cross(place, force)) @ rotation], axis=-1)
+    return in_frame(*frame_of(mounting), wrenches)
 
 
 def in_frame(rotation: np.ndarray, place: np.ndarray, wrenches: np.ndarray) -> np.ndarray:

@@ -21,8 +21,7 @@ from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.discover import AGREEING, discover
 from tulip_testbed.discovery.joint_fit import Data
 from tulip_testbed.discovery.law_candidates import _columns, law_candidates
-from tulip_testbed.discovery.law_judgements import disagreement
-from tulip_testbed.discovery.law_search import select_laws
+from tulip_testbed.discovery.law_search import disagreement, select_laws
 from tulip_testbed.discovery.refit import simulated, without_noise
 from tulip_testbed.effects.instance import EffectDocument, EffectInstance, injected, removed
 from tulip_testbed.effects.laws import law_effect, sentence_of, sentences

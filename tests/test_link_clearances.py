@@ -19,13 +19,13 @@ from tulip_testbed.identification.link_clearances import (
 )
 from tulip_testbed.identification.link_paths import SHARE, blocked, path_clearances
 from tulip_testbed.identification.link_shapes import GROUND, link_shapes
-from tulip_testbed.identification.margins import planning_margins
 from tulip_testbed.identification.planning.constraints import evaluate, inequality_names
 from tulip_testbed.identification.planning.objectives import objectives
 from tulip_testbed.identification.planning.optimal_plan import optimize_plan, smallest_margins
 from tulip_testbed.identification.planning.path_order import sequences, with_free_paths
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning.search import design_of
+from tulip_testbed.identification.planning_ranges import planning_margins
 from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.robot import joint_names

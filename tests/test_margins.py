@@ -9,13 +9,17 @@ import pytest
 from tests.scaled_robot import write_scaled_robot
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.description import described_robot
-from tulip_testbed.identification.margins import Margins, leg_length, planning_margins
 from tulip_testbed.identification.planning.closed_chain import chain_at
-from tulip_testbed.identification.planning.legs import limb_distances
+from tulip_testbed.identification.planning.link_distances import limb_distances
 from tulip_testbed.identification.planning.objectives import objectives
 from tulip_testbed.identification.planning.optimal_plan import optimize_plan, smallest_margins
 from tulip_testbed.identification.planning.problem import planning_problem
-from tulip_testbed.identification.planning_ranges import planning_ranges
+from tulip_testbed.identification.planning_ranges import (
+    Margins,
+    leg_length,
+    planning_margins,
+    planning_ranges,
+)
 from tulip_testbed.sim.robot import joint_names
 from tulip_testbed.sim.scene import nominal_plates
 

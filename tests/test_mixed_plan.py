@@ -17,13 +17,6 @@ from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.parameter_tables import read_reported
 from tulip_testbed.identification.base_parameters import base_parameters, common_support
 from tulip_testbed.identification.planning.closed_chain import chain_at
-from tulip_testbed.identification.planning.mixed_plan import (
-    board_pose,
-    from_pools,
-    mixed_start,
-    optimize_mixed_plan,
-    random_pools,
-)
 from tulip_testbed.identification.planning.objectives import objectives
 from tulip_testbed.identification.planning.one_foot import (
     evaluate_one_foot,
@@ -32,8 +25,17 @@ from tulip_testbed.identification.planning.one_foot import (
     single_support_margins,
     with_feet_exchanged,
 )
+from tulip_testbed.identification.planning.one_foot_search import (
+    board_pose,
+    from_pools,
+    random_pools,
+)
+from tulip_testbed.identification.planning.optimal_plan import (
+    measured_information,
+    optimize_plan,
+    random_start,
+)
 from tulip_testbed.identification.planning.problem import planning_problem
-from tulip_testbed.identification.planning.sequential import measured_information
 from tulip_testbed.identification.planning.single_support import feasible_pool
 from tulip_testbed.identification.planning_ranges import planning_ranges
 from tulip_testbed.sim.control import torque_limits
@@ -64,7 +66,7 @@ def goal(problem):
 
 @pytest.fixture(scope="module")
 def start(problem, goal):
-    return mixed_start(problem, goal, PLACEMENTS, PER, COUNTS, SEED)
+    return random_start(problem, goal, PLACEMENTS, PER, SEED, COUNTS)
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +77,7 @@ def states():
 @pytest.fixture(scope="module")
 def mixed(problem, goal, start, states):
     """Nine postures on both feet and four on each foot."""
-    return optimize_mixed_plan(problem, goal, start, SEED, hops=0, progress=states.append)
+    return optimize_plan(problem, goal, PLACEMENTS, PER, SEED, hops=0, progress=states.append, start=start)
 
 
 @pytest.fixture(scope="module")
@@ -195,7 +197,7 @@ def test_the_search_beats_the_best_of_a_random_pool(problem, goal, mixed):
 
 
 def test_a_search_is_taken_up_in_the_same_bits(problem, goal, start, states, mixed):
-    again = optimize_mixed_plan(problem, goal, start, SEED, hops=0, state=states[0])
+    again = optimize_plan(problem, goal, PLACEMENTS, PER, SEED, hops=0, state=states[0], start=start)
     assert again.joint_angles.tobytes() == mixed.joint_angles.tobytes()
 
 

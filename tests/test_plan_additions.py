@@ -14,16 +14,18 @@ from tulip_testbed.experiments.described_plan import describe_plan, regressor_by
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.usable_plan import as_plan, joined
 from tulip_testbed.identification.base_parameters import base_parameters
-from tulip_testbed.identification.planning.closed_chain import chain_at
+from tulip_testbed.identification.planning.closed_chain import chain_at, open_chain_torques
 from tulip_testbed.identification.planning.objectives import objectives
-from tulip_testbed.identification.planning.one_foot import open_chain_torques, single_support_margins
-from tulip_testbed.identification.planning.optimal_plan import smallest_margins, with_repeats
-from tulip_testbed.identification.planning.problem import planning_problem
-from tulip_testbed.identification.planning.sequential import (
+from tulip_testbed.identification.planning.one_foot import single_support_margins
+from tulip_testbed.identification.planning.optimal_plan import (
+    after,
     measured_information,
-    optimize_next_placements,
-    search_next,
+    optimize_plan,
+    smallest_margins,
+    with_repeats,
 )
+from tulip_testbed.identification.planning.problem import planning_problem
+from tulip_testbed.identification.planning.search import search
 from tulip_testbed.identification.planning.single_support import single_support_plan
 from tulip_testbed.identification.planning_ranges import planning_ranges
 from tulip_testbed.identification.postures import random_postures
@@ -70,7 +72,7 @@ def test_the_next_placements_tell_more_than_random_ones(problem, robot, plate, p
     taken = measured(robot, plan.take(plan.placement <= 10))
     goal = objectives(problem.nominal, SIGMA)["condition"]
     states = []
-    found = optimize_next_placements(problem, goal, taken, 2, 5, SEED, 10, states.append)
+    found = optimize_plan(problem, goal, 2, 5, SEED, 10, states.append, measured=taken)
     known = measured_information(problem, taken)
 
     def with_these(angles):
@@ -83,7 +85,7 @@ def test_the_next_placements_tell_more_than_random_ones(problem, robot, plate, p
     assert found.posture.min() > taken.posture.max()
     assert found.placement.tolist() == [11] * 5 + [12] * 5
     assert min(m["value"] for m in smallest_margins(problem, found).values()) > -1e-6
-    last = list(search_next(problem, goal, known, states[4], 5, SEED, 10))[-1]
+    *_, last = search(problem, after(problem, goal, taken), states[4], 5, SEED, 10)
     assert last.best_angles.tobytes() == states[-1].best_angles.tobytes()
 
 

@@ -14,10 +14,10 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.identification.feasibility import place_polygon, stability_margin, support_polygon
 from tulip_testbed.identification.planning.blocks import information, information_slope
+from tulip_testbed.identification.planning.closed_chain import holding_torques
 from tulip_testbed.identification.planning.constraints import evaluate, inequality_names
 from tulip_testbed.identification.planning.footing import footing
 from tulip_testbed.identification.planning.interior_point import interior_point
-from tulip_testbed.identification.planning.legs import holding_torques
 from tulip_testbed.identification.planning.linear_steps import evaluate_plan
 from tulip_testbed.identification.planning.objectives import OBJECTIVES, condition_number, objectives
 from tulip_testbed.identification.planning.optimal_plan import optimize_plan, smallest_margins
@@ -212,10 +212,10 @@ def test_ipopt_goes_on_from_a_plan(problem, goal, plan):
     start = repair_start(problem, goal, plan.joint_angles[rows], plan.swing_pose[rows], 5, 3, "start")
     before = evaluate_plan(problem, start.design, start.angles, 5)
     after = interior_point(problem, before, goal.smooth[0], 15)
-    first, last = (goal.smooth[0](information(w.found))[0] for w in (before, after))
+    first, last = (goal.smooth[0](information(w.evaluation))[0] for w in (before, after))
     assert last < first
-    assert after.found.reached.all()
-    assert after.found.inequalities.min() > -0.1
+    assert after.evaluation.reached.all()
+    assert after.evaluation.inequalities.min() > -0.1
 
 
 @pytest.mark.slow

@@ -8,11 +8,10 @@ import pytest
 
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.feasibility import place_polygon, stability_margin, support_polygon
-from tulip_testbed.identification.margins import planning_margins
 from tulip_testbed.identification.planning.footing import footing
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning.search import design_of
-from tulip_testbed.identification.planning_ranges import planning_ranges
+from tulip_testbed.identification.planning_ranges import planning_margins, planning_ranges
 from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.sim.robot import sole_corners

@@ -21,7 +21,7 @@ from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of
 from tulip_testbed.experiments.usable_plan import random_plan
 from tulip_testbed.experiments.validate import balance_checks
 from tulip_testbed.measurements import PosturePlan, write_measurements
-from tulip_testbed.sim.drive_needs import LEAST_ARMATURE
+from tulip_testbed.sim.drives import LEAST_ARMATURE
 from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.random_robots import draw_robot
 from tulip_testbed.sim.rig import preset_rig

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from tulip_testbed.identification.base_parameters import base_parameters, common_support, standard_parameters
-from tulip_testbed.identification.nominal import jacobian, nominal_robot
-from tulip_testbed.identification.posture_geometry import PostureGeometry
+from tulip_testbed.identification.nominal import PostureGeometry, jacobian, nominal_robot
 from tulip_testbed.sim.robot import joint_names, sole_point
 
 SUPPORT = np.array(["double", "right", "left"] * 4)

@@ -10,9 +10,8 @@ from tulip_testbed.experiments.protocols.motion_loads import MotionLoads
 from tulip_testbed.identification.feasibility import stability_margin, support_polygon
 from tulip_testbed.identification.link_clearances import LinkPairs, clearances_at, link_pairs
 from tulip_testbed.identification.link_paths import SHARE, PathBetween, path_clearances
-from tulip_testbed.identification.margins import planning_margins
 from tulip_testbed.identification.planning.one_foot import with_feet_exchanged
-from tulip_testbed.identification.planning_ranges import planning_ranges
+from tulip_testbed.identification.planning_ranges import planning_margins, planning_ranges
 from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.sim.control import torque_limits
 from tulip_testbed.sim.robot import Robot, joint_ranges

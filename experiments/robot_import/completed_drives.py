@@ -8,7 +8,7 @@ import numpy as np
 
 from tulip_testbed.base.errors import listed
 from tulip_testbed.experiments.robot_import.skeleton import Hinge, Skeleton
-from tulip_testbed.sim.drive_needs import LEAST_ARMATURE
+from tulip_testbed.sim.drives import LEAST_ARMATURE
 
 # Per Nm of torque limit, as TULip's drives.
 ARMATURE, DAMPING, FRICTION = 0.003, 0.04, 0.05  # kg m2, Nm s, Nm

@@ -16,7 +16,7 @@ from tulip_testbed.experiments.robot_import.skeleton import (
     quaternion,
 )
 from tulip_testbed.measurements.cells import CORNERS
-from tulip_testbed.sim.drive_needs import SOLIMP_FRICTION, SOLREF_FRICTION
+from tulip_testbed.sim.drives import SOLIMP_FRICTION, SOLREF_FRICTION
 
 CORNER_RADIUS = 0.002  # m
 DARKEST = 0.35  # colours are lightened, so that black robots can be seen

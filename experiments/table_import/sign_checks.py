@@ -11,7 +11,7 @@ import numpy as np
 
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.numbers import number
-from tulip_testbed.identification.contact_pressure import contact_pressure
+from tulip_testbed.identification.center_of_pressure import contact_pressure
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.cells import PLATES

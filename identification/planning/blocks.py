@@ -21,9 +21,8 @@ SCALE = np.array([0.05, 0.05, 0.05, 0.3, 0.3, 0.3, 0.05, 0.05, 0.3])  # of the d
 OWN, SHARED = slice(0, 6), slice(6, 9)
 FREEDOM = 0.5  # of the scale: largest step of a block, so that inverse kinematics converges
 FARTHEST = 0.5  # rad: largest change of an angle in a prediction by dq/du
-FEASIBLE = (
-    1e-7  # violation of an inequality that SLSQP may leave; `Margins.rounding` is a hundred times as large
-)
+# Violation of an inequality that SLSQP may leave; `Margins.rounding` is a hundred times as large.
+FEASIBLE = 1e-7
 
 
 @dataclass(frozen=True)
@@ -64,10 +63,10 @@ def gradient_of_block(slopes: np.ndarray) -> np.ndarray:
 
 def bounds(problem: Problem, postures: int) -> np.ndarray:
     """Return the bounds of the scaled variables, (3 + 6 k, 2)."""
-    r, free = problem.ranges, (-np.inf, np.inf)
-    own = np.array([free, free, free, r.torso_roll, r.torso_pitch, r.torso_yaw])
-    swing = np.array([r.swing_x, r.swing_y, r.swing_yaw])
-    return np.vstack([swing / SCALE[SHARED, None], np.tile(own / SCALE[OWN, None], (postures, 1))])
+    own = np.concatenate([np.tile([-np.inf, np.inf], (3, 1)), problem.ranges.torso])
+    return np.vstack(
+        [problem.ranges.swing / SCALE[SHARED, None], np.tile(own / SCALE[OWN, None], (postures, 1))]
+    )
 
 
 def information(evaluation: Evaluation) -> np.ndarray:
@@ -96,11 +95,22 @@ def improve(problem: Problem, block: Block, rest: np.ndarray, smooth: Smooth, it
         A feasible block with a smaller value, or the same block.
     """
 
-    def objective(found: Evaluation) -> tuple[float, np.ndarray]:
-        value, by_matrix = smooth(rest + information(found))
-        return value, information_slope(found, by_matrix)
+    def objective(evaluation: Evaluation) -> tuple[float, np.ndarray]:
+        value, by_matrix = smooth(rest + information(evaluation))
+        return value, information_slope(evaluation, by_matrix)
 
-    return _minimise(problem, block, objective, iterations)
+    def packed(x: np.ndarray, evaluation: Evaluation) -> tuple[float, np.ndarray]:
+        value, slope = objective(evaluation)
+        return value, gradient_of_block(slope[:, None]).sum(axis=0)
+
+    before = evaluate(problem, block.design, block.angles)
+    after = _slsqp(problem, block, packed, iterations, FREEDOM)
+    now = evaluate(problem, after.design, after.angles)
+    if now.inequalities.min() < -FEASIBLE:
+        after = repair(problem, after)
+        now = evaluate(problem, after.design, after.angles)
+    kept = now.reached.all() and now.inequalities.min() >= -FEASIBLE
+    return after if kept and objective(now)[0] < objective(before)[0] else block
 
 
 def repair(problem: Problem, block: Block, iterations: int = 60) -> Block:
@@ -111,26 +121,6 @@ def repair(problem: Problem, block: Block, iterations: int = 60) -> Block:
         return float(((x - x0) ** 2).sum()) / 2, x - x0
 
     return _slsqp(problem, block, distance, iterations, freedom=4 * FREEDOM)
-
-
-def _minimise(
-    problem: Problem,
-    block: Block,
-    objective: Callable[[Evaluation], tuple[float, np.ndarray]],
-    iterations: int,
-) -> Block:
-    def packed(x: np.ndarray, found: Evaluation) -> tuple[float, np.ndarray]:
-        value, slope = objective(found)
-        return value, gradient_of_block(slope[:, None]).sum(axis=0)
-
-    before = evaluate(problem, block.design, block.angles)
-    after = _slsqp(problem, block, packed, iterations, FREEDOM)
-    found = evaluate(problem, after.design, after.angles)
-    if found.inequalities.min() < -FEASIBLE:
-        after = repair(problem, after)
-        found = evaluate(problem, after.design, after.angles)
-    kept = found.reached.all() and found.inequalities.min() >= -FEASIBLE
-    return after if kept and objective(found)[0] < objective(before)[0] else block
 
 
 def _slsqp(

@@ -78,6 +78,68 @@ def point_jacobian(problem: Problem, chain: Chain, frame: int) -> np.ndarray:
     return cross(chain.axes, arm).mT
 
 
+def open_chain_torques(problem: Problem, chain: Chain) -> np.ndarray:
+    """Compute the drive torques that hold the robot on its stance foot, (m, n) [N m].
+
+    A drive carries the moment of the weight beyond it about its axis: tau = -a . (r x m g).
+    """
+    load = _carried_load(problem, chain)
+    return chain.axes[..., 1] * load[..., 0] - chain.axes[..., 0] * load[..., 1]
+
+
+def _carried_load(problem: Problem, chain: Chain) -> np.ndarray:
+    """Return the weight beyond each joint times its lever, (m, n, 3) [N m]."""
+    return -problem.gravity * (chain.moment - chain.beyond[:, None] * chain.pivots)
+
+
+def holding_torques(
+    problem: Problem, chain: Chain, wrench: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Compute the drive torques that hold the robot under a given wrench of the floor on the swing foot.
+
+    Seen from the stance foot, joint j carries the weights beyond it and the wrench w (force and moment about
+    the base frame's origin): tau = tau_0 + A w, A_j = -(p_j x a_j, a_j). The chain is closed, so that statics
+    does not determine w; the commanded torques do. Dry friction is neglected.
+
+    Args:
+        problem: the robot.
+        chain: the postures.
+        wrench: w, (m, 6) [N, N m].
+
+    Returns:
+        tau, (m, n) [N m]; its derivative by the joint angles at constant w, (m, n, n); A, (m, n, 6).
+    """
+    axes, pivots, gravity = chain.axes, chain.pivots, problem.gravity
+    load = _carried_load(problem, chain)
+    bears = problem.moved[:, problem.swing].astype(float)[:, None]  # joints that carry the swing foot
+    lines = -np.concatenate([cross(pivots, axes), axes], axis=2) * bears
+
+    # Turning joint i moves axis and pivot of every joint j beyond it, and the masses beyond both.
+    up = problem.upstream[..., None]  # [i, j]
+    axis_i, pivot_i = axes[:, :, None], pivots[:, :, None]
+    turned_axis = cross(axis_i, axes[:, None]) * up
+    moved_pivot = cross(axis_i, pivots[:, None] - pivot_i) * up
+    both = problem.moved[:, None] & problem.moved[None]
+    places = chain.positions + (chain.rotations @ problem.center[..., None])[..., 0]
+    count = len(problem.moved)
+    mass = both @ problem.mass
+    moment = ((both * problem.mass).reshape(count * count, -1) @ places).reshape(-1, count, count, 3)
+    moved_load = -gravity * (
+        cross(axis_i, moment - mass[..., None] * pivot_i) - chain.beyond[:, None] * moved_pivot
+    )
+    own_slope = (
+        turned_axis[..., 1] * load[:, None, :, 0]
+        - turned_axis[..., 0] * load[:, None, :, 1]
+        + axes[:, None, :, 1] * moved_load[..., 0]
+        - axes[:, None, :, 0] * moved_load[..., 1]
+    ).mT
+    arm_slope = cross(moved_pivot, axes[:, None]) + cross(pivots[:, None], turned_axis)
+    line_slope = -np.concatenate([arm_slope, turned_axis], axis=3) * bears  # (m, i, j, 6)
+
+    torque = open_chain_torques(problem, chain) + (lines @ wrench[..., None])[..., 0]
+    return torque, own_slope + (line_slope @ wrench[:, None, :, None])[..., 0].mT, lines
+
+
 def torso_turn(rpy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the rotation of roll, pitch, yaw (m, 3), (m, 3, 3), and the angular velocity of each, (m, 3, 3).
 

@@ -9,12 +9,17 @@ import numpy as np
 from tulip_testbed.identification.planning.closed_chain import (
     DESIGN,
     Chain,
+    holding_torques,
     point_jacobian,
     solve_chain,
 )
-from tulip_testbed.identification.planning.collisions import link_room, nearest_count
 from tulip_testbed.identification.planning.footing import PLAN, ROOMS, footing_slopes
-from tulip_testbed.identification.planning.legs import holding_torques, leg_stretch, limb_distances
+from tulip_testbed.identification.planning.link_distances import (
+    leg_stretch,
+    limb_distances,
+    link_room,
+    nearest_count,
+)
 from tulip_testbed.identification.planning.problem import Problem
 
 # Units of the inequalities: a value of one corresponds to this margin.

@@ -33,7 +33,7 @@ def candidates(problem: Problem, swing: np.ndarray, start: Block, rng: np.random
     design[:, :2] = rng.uniform(corners.min(axis=0), corners.max(axis=0), (DRAWS, 2))
     heights = start.design[:, 2]
     design[:, 2] = rng.uniform(heights.min() - 0.1, heights.max() + 0.1, DRAWS)
-    low, high = np.array([r.torso_roll, r.torso_pitch, r.torso_yaw]).T
+    low, high = r.torso.T
     design[:, 3:6] = rng.uniform(low, high, (DRAWS, 3))
     design[:, 6:] = swing
     plan = np.zeros((DRAWS, PLAN))  # with an exact CoM; its uncertainty is included in `evaluate` below
@@ -46,9 +46,9 @@ def candidates(problem: Problem, swing: np.ndarray, start: Block, rng: np.random
     if not len(design):
         return Block(design, np.zeros((0, start.angles.shape[1])))
     distance = np.abs((design[:, None, :6] - start.design[None, :, :6]) / SCALE[:6]).sum(axis=2)
-    found = evaluate(problem, design, start.angles[distance.argmin(axis=1)])
-    feasible = found.reached & (found.inequalities.min(axis=1) >= 0)
-    return Block(design[feasible], found.chain.angles[feasible])
+    evaluation = evaluate(problem, design, start.angles[distance.argmin(axis=1)])
+    feasible = evaluation.reached & (evaluation.inequalities.min(axis=1) >= 0)
+    return Block(design[feasible], evaluation.chain.angles[feasible])
 
 
 def exchange(

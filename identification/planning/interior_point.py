@@ -13,7 +13,7 @@ import numpy as np
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.planning.blocks import FARTHEST, SCALE, information, information_slope
 from tulip_testbed.identification.planning.constraints import Evaluation
-from tulip_testbed.identification.planning.linear_steps import EvaluatedPlan, evaluate_plan
+from tulip_testbed.identification.planning.linear_steps import EvaluatedPlan, evaluate_plan, variables
 from tulip_testbed.identification.planning.objectives import Smooth
 from tulip_testbed.identification.planning.problem import Problem
 
@@ -49,16 +49,8 @@ def interior_point(problem: Problem, plan: EvaluatedPlan, smooth: Smooth, iterat
         The last iterate of IPOPT, which may be slightly infeasible.
     """
     casadi = casadi_module()
-    count, slots = plan.found.inequalities.shape
-    places = count // plan.per
-    columns = np.concatenate(
-        [
-            np.arange(count)[:, None] * 6 + np.arange(6),
-            6 * count + (np.arange(count) // plan.per)[:, None] * 3 + np.arange(3),
-        ],
-        axis=1,
-    )  # of a posture's nine variables
-    size = 6 * count + 3 * places
+    count, slots = plan.evaluation.inequalities.shape
+    columns, size = variables(plan)
     rows = np.repeat(np.arange(count * slots), 9)
     across = np.repeat(columns, slots, axis=0).ravel()
     order = np.lexsort((rows, across))  # casadi stores by columns
@@ -72,19 +64,21 @@ def interior_point(problem: Problem, plan: EvaluatedPlan, smooth: Smooth, iterat
         nonlocal last
         if x.tobytes() not in cache:
             design = design_at(x)
-            change = (last.found.joint_jacobian @ (design - last.design)[..., None])[..., 0]
+            change = (last.evaluation.joint_jacobian @ (design - last.design)[..., None])[..., 0]
             change /= max(1.0, float(np.abs(change).max()) / FARTHEST)
             cache.clear()
-            cache[x.tobytes()] = evaluate_plan(problem, design, last.found.chain.angles + change, plan.per)
-            if cache[x.tobytes()].found.reached.all():
+            cache[x.tobytes()] = evaluate_plan(
+                problem, design, last.evaluation.chain.angles + change, plan.per
+            )
+            if cache[x.tobytes()].evaluation.reached.all():
                 last = cache[x.tobytes()]
-        return cache[x.tobytes()].found
+        return cache[x.tobytes()].evaluation
 
     def slope(x: np.ndarray) -> np.ndarray:
-        found = at(x)
-        _, by_matrix = smooth(information(found))
+        evaluation = at(x)
+        _, by_matrix = smooth(information(evaluation))
         total = np.zeros(size)
-        np.add.at(total, columns, information_slope(found, by_matrix) * SCALE)
+        np.add.at(total, columns, information_slope(evaluation, by_matrix) * SCALE)
         return total[None]
 
     def inequality_jacobian(x: np.ndarray) -> Any:
@@ -100,9 +94,8 @@ def interior_point(problem: Problem, plan: EvaluatedPlan, smooth: Smooth, iterat
 
     x0 = np.zeros(size)
     x0[columns] = plan.design / SCALE
-    r = problem.ranges
     low, high = np.full(size, -np.inf), np.full(size, np.inf)
-    intervals = np.array([r.torso_roll, r.torso_pitch, r.torso_yaw, r.swing_x, r.swing_y, r.swing_yaw])
+    intervals = np.concatenate([problem.ranges.torso, problem.ranges.swing])
     low[columns[:, 3:]], high[columns[:, 3:]] = (intervals.T[:, None] / SCALE[3:]).repeat(count, axis=1)
     x = casadi.MX.sym("x", size)
     solver = casadi.nlpsol(

@@ -14,10 +14,9 @@ import scipy
 
 from tulip_testbed.identification.planning.blocks import SCALE, information, information_slope
 from tulip_testbed.identification.planning.constraints import Evaluation, evaluate
-from tulip_testbed.identification.planning.objectives import Smooth
+from tulip_testbed.identification.planning.objectives import PENALTY, Smooth
 from tulip_testbed.identification.planning.problem import Problem
 
-PENALTY = 0.1  # weight of a posture's largest violation relative to the objective
 GROW, SHRINK = 1.5, 0.4
 WIDEST, NARROWEST = 1.0, 1e-3  # trust regions, relative to the variables' scales
 MOST_LACK = 0.2  # largest violation of an inequality by linearisation
@@ -29,12 +28,12 @@ class EvaluatedPlan:
 
     Attributes:
         design: design variables, (m, 9) [m, rad, m, m, rad].
-        found: evaluation of the postures.
+        evaluation: of the postures.
         per: number of postures in a placement.
     """
 
     design: np.ndarray
-    found: Evaluation
+    evaluation: Evaluation
     per: int
 
 
@@ -43,14 +42,19 @@ def evaluate_plan(problem: Problem, design: np.ndarray, angles: np.ndarray, per:
     return EvaluatedPlan(design, evaluate(problem, design, angles), per)
 
 
-def merit(plan: EvaluatedPlan, smooth: Smooth) -> float:
+def merit(plan: EvaluatedPlan, smooth: Smooth, penalty: float) -> float:
     """Return the objective plus the penalty for violated constraints."""
-    lack = np.maximum(-plan.found.inequalities.min(axis=1), 0.0)
-    return smooth(information(plan.found))[0] + PENALTY * float(lack.sum())
+    lack = np.maximum(-plan.evaluation.inequalities.min(axis=1), 0.0)
+    return smooth(information(plan.evaluation))[0] + penalty * float(lack.sum())
 
 
 def descend(
-    problem: Problem, plan: EvaluatedPlan, smooth: Smooth, iterations: int, regions: np.ndarray
+    problem: Problem,
+    plan: EvaluatedPlan,
+    smooth: Smooth,
+    iterations: int,
+    regions: np.ndarray,
+    penalty: float = PENALTY,
 ) -> tuple[EvaluatedPlan, np.ndarray]:
     """Take linear steps while they reduce the merit; postures may end slightly infeasible.
 
@@ -63,29 +67,31 @@ def descend(
         smooth: function of M and its gradient.
         iterations: largest number of steps.
         regions: trust region of each placement relative to the variables' scales, (k,) [-].
+        penalty: see `Objective`.
 
     Returns:
         The plan, and the trust regions at the end.
     """
-    value = merit(plan, smooth)
+    value = merit(plan, smooth, penalty)
     for _ in range(iterations):
-        step, gain = linear_step(problem, plan, smooth, np.repeat(regions, plan.per))
+        step, gain = linear_step(problem, plan, smooth, np.repeat(regions, plan.per), None, penalty)
         if gain < 1e-6:
             break
         for _ in range(2):
             moved = _moved(problem, plan, step)
-            lack, before = (np.maximum(-w.found.inequalities.min(axis=1), 0.0) for w in (moved, plan))
+            lack, before = (np.maximum(-w.evaluation.inequalities.min(axis=1), 0.0) for w in (moved, plan))
             broken = (lack > before + MOST_LACK).reshape(-1, plan.per).any(axis=1)
             if not broken.any():
                 break
             regions = np.where(broken, SHRINK * regions, regions)
             step = step * np.repeat(~broken, plan.per)[:, None]
-        after = merit(moved, smooth)
+        after = merit(moved, smooth, penalty)
         if after >= value:  # correct for the curvature of the constraints
-            missed = moved.found.inequalities - plan.found.inequalities - _rates(plan, step)
-            step, _ = linear_step(problem, plan, smooth, np.repeat(regions, plan.per), missed)
+            rates = (plan.evaluation.inequality_jacobian @ step[..., None])[..., 0]
+            missed = moved.evaluation.inequalities - plan.evaluation.inequalities - rates
+            step, _ = linear_step(problem, plan, smooth, np.repeat(regions, plan.per), missed, penalty)
             moved = _moved(problem, plan, step)
-            after = merit(moved, smooth)
+            after = merit(moved, smooth, penalty)
         if after < value:
             plan, value = moved, after
             regions = np.where(broken, regions, np.minimum(GROW * regions, WIDEST))
@@ -97,12 +103,8 @@ def descend(
 
 
 def _moved(problem: Problem, plan: EvaluatedPlan, step: np.ndarray) -> EvaluatedPlan:
-    change = np.clip((plan.found.joint_jacobian @ step[..., None])[..., 0], -0.5, 0.5)
-    return evaluate_plan(problem, plan.design + step, plan.found.chain.angles + change, plan.per)
-
-
-def _rates(plan: EvaluatedPlan, step: np.ndarray) -> np.ndarray:
-    return (plan.found.inequality_jacobian @ step[..., None])[..., 0]
+    change = np.clip((plan.evaluation.joint_jacobian @ step[..., None])[..., 0], -0.5, 0.5)
+    return evaluate_plan(problem, plan.design + step, plan.evaluation.chain.angles + change, plan.per)
 
 
 def linear_step(
@@ -111,6 +113,7 @@ def linear_step(
     smooth: Smooth,
     region: np.ndarray,
     missed: np.ndarray | None = None,
+    penalty: float = PENALTY,
 ) -> tuple[np.ndarray, float]:
     """Return the step of the linear program, (m, 9), and the reduction of the merit that it predicts.
 
@@ -121,26 +124,32 @@ def linear_step(
         region: trust region of each posture relative to the variables' scales, (m,).
         missed: error of the linearised inequalities after a first step, (m, s); None: 0 (second-order
             correction, Fletcher 1982).
+        penalty: see `Objective`.
     """
-    count, per, found = len(plan.design), plan.per, plan.found
-    places = count // per
-    _, by_matrix = smooth(information(found))
-    cost = information_slope(found, by_matrix) * SCALE
-    own = np.arange(count)[:, None] * 6 + np.arange(6)
-    shared = 6 * count + (np.arange(count) // per)[:, None] * 3 + np.arange(3)
-    columns = np.concatenate([own, shared], axis=1)  # (m, 9)
-    size = 6 * count + 3 * places
-    at_least, at_most = np.full((2, count, 9), -np.inf)
-    at_most = -at_most
-    r = problem.ranges
-    intervals = np.array([r.torso_roll, r.torso_pitch, r.torso_yaw, r.swing_x, r.swing_y, r.swing_yaw])
+    evaluation = plan.evaluation
+    _, by_matrix = smooth(information(evaluation))
+    cost = information_slope(evaluation, by_matrix) * SCALE
+    columns, size = variables(plan)
+    at_least = np.full(columns.shape, -np.inf)
+    at_most = -at_least
+    intervals = np.concatenate([problem.ranges.torso, problem.ranges.swing])
     at_least[:, 3:], at_most[:, 3:] = (intervals.T[:, None] - plan.design[:, 3:]) / SCALE[3:]
-    slopes = found.inequality_jacobian * SCALE
-    room = found.inequalities if missed is None else found.inequalities + missed
+    slopes = evaluation.inequality_jacobian * SCALE
+    room = evaluation.inequalities if missed is None else evaluation.inequalities + missed
     step, gain = elastic_step(
-        cost, columns, size, found.inequalities, slopes, (at_least, at_most), region, room
+        cost, columns, size, evaluation.inequalities, slopes, (at_least, at_most), region, room, penalty
     )
     return step * SCALE, gain
+
+
+def variables(plan: EvaluatedPlan) -> tuple[np.ndarray, int]:
+    """Return which of a plan's variables are each posture's nine, (m, 9), and how many there are.
+
+    Every posture has six of its own; the three of a swing foot are those of all postures of its placement.
+    """
+    posture = np.arange(len(plan.design))[:, None]
+    shared = 6 * len(posture) + posture // plan.per * 3 + np.arange(3)
+    return np.concatenate([6 * posture + np.arange(6), shared], axis=1), int(shared.max()) + 1
 
 
 def elastic_step(
@@ -152,6 +161,7 @@ def elastic_step(
     interval: tuple[np.ndarray, np.ndarray],
     region: np.ndarray,
     room: np.ndarray,
+    penalty: float = PENALTY,
 ) -> tuple[np.ndarray, float]:
     """Minimise a linear function of scaled variables in a trust region, with penalties for violations.
 
@@ -164,6 +174,7 @@ def elastic_step(
         interval: smallest and largest step of each variable, (m, v) each.
         region: trust region of each posture, (m,).
         room: their values for the linear program, (m, s): `inequalities`, or corrected for curvature.
+        penalty: weight of the largest violation of each posture.
 
     Returns:
         The step, (m, v), and the predicted reduction of the objective with its penalties; no step and 0 if
@@ -172,7 +183,7 @@ def elastic_step(
     count, width = columns.shape
     objective = np.zeros(size + count)
     np.add.at(objective, columns, cost)
-    objective[size:] = PENALTY  # of each posture's elastic variable
+    objective[size:] = penalty  # of each posture's elastic variable
     reachable = inequalities < region[:, None] * np.abs(slopes).sum(axis=2) + 1e-3
     row, column = np.nonzero(reachable)
     rows = np.arange(len(row))
@@ -197,4 +208,4 @@ def elastic_step(
     if result.x is None:
         return np.zeros(columns.shape), 0.0
     lack = np.maximum(-inequalities.min(axis=1), 0.0)
-    return result.x[columns], float(PENALTY * lack.sum() - result.fun)
+    return result.x[columns], float(penalty * lack.sum() - result.fun)

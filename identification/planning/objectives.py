@@ -8,7 +8,7 @@ approximated by smooth ones: the p-norms of the eigenvalues of M and M^-1 tend t
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ Smooth = Callable[[np.ndarray], tuple[float, np.ndarray]]
 Value = Callable[[np.ndarray], float]
 POWERS = (1, 2, 4, 8, 16)  # of the p-norms, in this order
 SOFTNESS = 0.15  # width in ln(relative standard error) of the smooth count
+PENALTY = 0.1
 SINGULAR = 1e-14  # of the largest eigenvalue
 
 
@@ -28,17 +29,40 @@ class Objective:
     Attributes:
         value: reported value, by which plans are compared; smaller is better.
         smooth: smooth functions that are minimised in turn, each from the result of the last.
+        known: information that is there in any case, which all of these add, (p, p).
+        penalty: weight of a posture's largest violation of a constraint in linear steps.
     """
 
     name: str
     value: Value
     smooth: tuple[Smooth, ...]
+    known: np.ndarray | float = 0.0
+    penalty: float = PENALTY
+
+    def condition_number(self, information: np.ndarray) -> float:
+        """Return the condition number of H, that of the known information included [-]."""
+        return condition_number(self.known + information)
 
 
 def condition_number(information: np.ndarray) -> float:
     """Return the condition number of H from M = H'H (the paper's objective) [-]."""
     values = np.linalg.eigvalsh(information)
     return float(np.sqrt(values[-1] / values[0])) if values[0] > SINGULAR * values[-1] else np.inf
+
+
+def shifted(smooth: Smooth, rest: np.ndarray | float) -> Smooth:
+    """Return a function of a part's information, given that of the rest, (p, p)."""
+    return lambda part: smooth(rest + part)
+
+
+def given(objective: Objective, rest: np.ndarray | float) -> Objective:
+    """Return the objective of the whole plan as one of a part, given the information of the rest, (p, p)."""
+    return replace(
+        objective,
+        value=lambda part: objective.value(rest + part),
+        smooth=tuple(shifted(smooth, rest) for smooth in objective.smooth),
+        known=objective.known + rest,
+    )
 
 
 def _condition(power: int) -> Smooth:

@@ -12,19 +12,26 @@ from functools import lru_cache
 
 import numpy as np
 
-from tulip_testbed.identification.feasibility import place_polygon, predicted_cell_loads, support_polygon
+from tulip_testbed.identification.feasibility import (
+    edge_distances,
+    inner_normals,
+    place_polygon,
+    predicted_cell_loads,
+    support_polygon,
+)
 from tulip_testbed.identification.kinematics import roll_pitch_yaw
 from tulip_testbed.identification.planning.closed_chain import (
     Chain,
     chain_at,
     com_jacobian,
     cross,
+    holding_torques,
+    open_chain_torques,
     point_jacobian,
     torso_turn,
 )
-from tulip_testbed.identification.planning.collisions import link_room
 from tulip_testbed.identification.planning.constraints import ANGLE, FORCE, LENGTH, TORQUE
-from tulip_testbed.identification.planning.legs import holding_torques, leg_stretch, limb_distances
+from tulip_testbed.identification.planning.link_distances import leg_stretch, limb_distances, link_room
 from tulip_testbed.identification.planning.problem import Problem, planning_problem
 from tulip_testbed.measurements import lay_boards
 from tulip_testbed.sim.robot import Robot
@@ -140,7 +147,8 @@ def one_foot_constraints(problem: Problem, chain: Chain, swing: np.ndarray) -> d
     limb, limb_slope = limb_distances(problem, chain)
     room, room_slope = leg_stretch(problem, chain)
     link, link_slope = link_room(problem, chain, np.ones(len(angles), bool))
-    apart, inward = _edge_distances(problem.soles[0], chain.com[:, :2])
+    sole = support_polygon(problem.soles[0])
+    apart, inward = edge_distances(chain.com[:, :2], sole), inner_normals(sole)
     sd, sd_slope = _uncertainty(problem, angles, inward)
 
     def plan_view() -> np.ndarray:
@@ -219,19 +227,9 @@ def evaluate_one_foot(problem: Problem, angles: np.ndarray, swing: np.ndarray) -
     )
 
 
-def open_chain_torques(problem: Problem, chain: Chain) -> np.ndarray:
-    """Compute the drive torques that hold the robot on its stance foot, (m, n) [N m].
-
-    A drive carries the moment of the weight beyond it about its axis: tau = -a . (r x m g).
-    """
-    load = -problem.gravity * (chain.moment - chain.beyond[:, None] * chain.pivots)
-    return chain.axes[..., 1] * load[..., 0] - chain.axes[..., 0] * load[..., 1]
-
-
 def _torso_room(problem: Problem, chain: Chain) -> Part:
     """Return the margins of the torso's orientation to its ranges, (m, 6) [rad], and their slopes."""
-    angles, ranges = roll_pitch_yaw(chain.rotations[:, problem.torso]), problem.ranges
-    low, high = np.array([ranges.torso_roll, ranges.torso_pitch, ranges.torso_yaw]).T
+    angles, (low, high) = roll_pitch_yaw(chain.rotations[:, problem.torso]), problem.ranges.torso.T
 
     def slopes() -> np.ndarray:
         turning = chain.axes.mT * problem.moved[:, problem.torso]
@@ -271,14 +269,6 @@ def _uncertainty(problem: Problem, angles: np.ndarray, inward: np.ndarray) -> Pa
         return rate / np.maximum(sd, LEAST_SD)[..., None]
 
     return sd, slopes
-
-
-def _edge_distances(sole: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return distances of points (m, 2) inside a sole's edges, (m, 4) [m], and inner normals, (4, 2)."""
-    polygon = support_polygon(sole)
-    edge = np.roll(polygon, -1, axis=0) - polygon
-    normal = np.column_stack([-edge[:, 1], edge[:, 0]]) / np.linalg.norm(edge, axis=1)[:, None]
-    return ((points[:, None] - polygon) * normal).sum(axis=2), normal
 
 
 def _cell_loads(problem: Problem, com: np.ndarray, swing: np.ndarray) -> np.ndarray:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from tulip_testbed.base.errors import InputError, look_up
+from tulip_testbed.identification.planning.blocks import information
 from tulip_testbed.identification.planning.constraints import (
     ANGLE,
     FORCE,
@@ -17,21 +19,35 @@ from tulip_testbed.identification.planning.constraints import (
     evaluate,
     inequality_names,
 )
-from tulip_testbed.identification.planning.interrupted import resumed
-from tulip_testbed.identification.planning.objectives import OBJECTIVES, Objective, objectives
+from tulip_testbed.identification.planning.objectives import OBJECTIVES, Objective, given, objectives
+from tulip_testbed.identification.planning.one_foot_search import (
+    POOL,
+    OnOneFoot,
+    from_pools,
+    improved,
+    random_pools,
+    total,
+)
 from tulip_testbed.identification.planning.path_order import with_free_paths
 from tulip_testbed.identification.planning.problem import Problem
 from tulip_testbed.identification.planning.search import (
     SearchState,
     design_of,
     repair_start,
+    resumed,
     round_count,
     search,
 )
 from tulip_testbed.identification.planning.search_defaults import HOPS, SOLVERS
+from tulip_testbed.identification.planning.single_support import appended_on_one_foot
 from tulip_testbed.identification.postures import random_postures
-from tulip_testbed.measurements import PosturePlan
+from tulip_testbed.identification.regressor import stacked_regressor
+from tulip_testbed.measurements import Measurements, PosturePlan
 
+# After measurements a plan gains less by its steps and ends the farther outside of its constraints; with the
+# usual penalty the condition numbers became a tenth larger.
+PENALTY_AFTER = 1.0
+TURNS, SETTLED = 4, 1e-3  # rounds of improving one kind after the other; gain of one that is the last
 SPARE = 2  # random placements drawn for each wanted one, since some cannot be repaired
 UNITS = {  # of a margin, by the first word of its constraint: unit, and size of an inequality of one
     "joint": ("deg", float(np.rad2deg(ANGLE))),
@@ -72,7 +88,7 @@ def initial_state(
     where = f"{problem.robot.path}: planning ranges, seed {seed}"
     state = repair_start(problem, objective, drawn.joint_angles, drawn.swing_pose, per, placements, where)
     count = placements * per
-    drawn = dataclasses.replace(
+    drawn = replace(
         drawn,
         joint_angles=state.angles,
         posture=drawn.posture[:count],
@@ -83,22 +99,69 @@ def initial_state(
     return drawn, state
 
 
-def require_identifiable(problem: Problem, state: SearchState, placements: int) -> None:
-    """Refuse a start whose postures do not determine the parameters, as with one or two placements.
+@dataclass(frozen=True)
+class Start:
+    """Start of a search.
+
+    Attributes:
+        drawn: random postures on both feet.
+        state: state of their search.
+        single: postures on each foot that are optimised with them.
+    """
+
+    drawn: PosturePlan
+    state: SearchState
+    single: tuple[OnOneFoot, ...] = ()
+
+    @property
+    def per(self) -> int:
+        """Return the number of postures on a placement."""
+        return int((self.drawn.placement == self.drawn.placement[0]).sum())
+
+
+def random_start(
+    problem: Problem,
+    objective: Objective,
+    placements: int,
+    per: int,
+    seed: int,
+    counts: Mapping[str, int] | None = None,
+    measured: Measurements | None = None,
+) -> Start:
+    """Draw random postures on both feet, and improve random ones on one foot that add most to them.
 
     Args:
-        problem: the robot.
-        state: the start of the search.
-        placements: number of placements, measured ones included.
+        problem: planning problem with the base parameters that the supports show together.
+        objective: the objective of the whole plan.
+        placements, per: number of placements on both feet, and of postures in each.
+        seed: seed of the draws.
+        counts: number of postures on the "right" and on the "left" foot, as far as any are wanted.
+        measured: postures that were measured before; None: nothing was.
 
     Raises:
-        InputError: the start's information is singular.
+        InputError: too few random postures are feasible, or these do not determine the parameters.
     """
+    goal = after(problem, objective, measured)
+    drawn, state = initial_state(problem, goal, placements, per, seed)
+    single: list[OnOneFoot] = []
+    if counts:
+        both = _information(problem, state)
+        single = from_pools(random_pools(problem, counts, seed), counts, both, goal.smooth[0])
+        first = both + total(single)
+        single = improved(single, both, *goal.smooth)
+        state = replace(
+            state,
+            value=goal.value(both + total(single)),
+            initial=goal.value(first),
+            initial_condition=goal.condition_number(first),
+        )
     if not np.isfinite(state.initial_condition):
+        number = placements + (0 if measured is None else len(np.unique(measured.placement)))
         raise InputError(
-            f"{problem.robot.path}: found that postures on {placements} placements do not determine "
+            f"{problem.robot.path}: found that postures on {number} placements do not determine "
             f"{len(problem.nominal)} base parameters, expected more placements"
         )
+    return Start(drawn, state, tuple(single))
 
 
 def optimize_plan(
@@ -111,8 +174,13 @@ def optimize_plan(
     progress: Callable[[SearchState], None] = lambda state: None,
     state: SearchState | None = None,
     solver: str = SOLVERS[0],
+    measured: Measurements | None = None,
+    start: Start | None = None,
 ) -> PosturePlan:
-    """Optimise a plan from its own random start.
+    """Optimise a plan, or the placements that tell most after what was measured.
+
+    The postures on both feet are optimised by `search`; then, if there are any on one foot, those of one kind
+    given the others in turn, until that gains no more. All rows count alike.
 
     Args:
         problem: the robot and its constraints.
@@ -120,37 +188,83 @@ def optimize_plan(
         placements, per: number of placements, and of postures in each.
         seed: seed of the start and of the search.
         hops: number of rounds that exchange postures of one placement.
-        progress: called with the state after every round; may raise KeyboardInterrupt.
+        progress: called with the state of the postures on both feet after every round of `search`; may raise
+            KeyboardInterrupt.
         state: state of an interrupted search with the same arguments, to continue from.
         solver: solver of the last round, one of `SOLVERS`.
+        measured: postures that were measured before; None: nothing was.
+        start: see `random_start`; None: one without postures on one foot.
 
     Raises:
-        InputError: as `initial_state`, `require_identifiable` and `resumed`.
+        InputError: as `random_start` and `resumed`.
     """
-    drawn, start = initial_state(problem, objective, placements, per, seed)
-    require_identifiable(problem, start, placements)
-    state = resumed(problem, objective, state, start, per, round_count(objective, hops))
-    for found in search(problem, objective, state, per, seed, hops, solver):
-        state = found
-        progress(found)
-    return plan_from_state(problem, objective, drawn, state, seed, hops, solver)
+    start = start or random_start(problem, objective, placements, per, seed, measured=measured)
+    goal, rounds = after(problem, objective, measured), round_count(objective, hops)
+    whole = given(goal, total(start.single)) if start.single else goal
+    state = first = resumed(problem, whole, state, start.state, per, rounds)
+    for state in search(problem, whole, first, per, seed, hops, solver):
+        progress(state)
+    reached = replace(start, state=state)
+    if start.single:
+        reached = _in_turn(problem, goal, reached, seed, hops)
+    return plan_from_state(problem, objective, reached, seed, hops, solver, measured)
+
+
+def _in_turn(problem: Problem, goal: Objective, reached: Start, seed: int, hops: int) -> Start:
+    """Improve the postures on one foot and polish those on both, in turn."""
+    smooth, rounds, state, single = goal.smooth[-1], round_count(goal, hops), reached.state, reached.single
+    both = _information(problem, state)
+    for _ in range(TURNS):
+        before = smooth(both + total(single))[0]
+        single = tuple(improved(single, both, smooth))
+        whole = given(goal, total(single))
+        state = replace(state, rounds=rounds - 1, value=whole.value(both))
+        (state,) = search(problem, whole, state, reached.per, seed, hops)
+        both = _information(problem, state)
+        if before - smooth(both + total(single))[0] < SETTLED:
+            break
+    return replace(reached, state=state, single=single)
+
+
+def _information(problem: Problem, state: SearchState) -> np.ndarray:
+    return information(evaluate(problem, state.best_design, state.best_angles))
+
+
+def after(problem: Problem, objective: Objective, measured: Measurements | None) -> Objective:
+    """Return the objective of further postures; information adds up over postures."""
+    if measured is None:
+        return objective
+    return replace(given(objective, measured_information(problem, measured)), penalty=PENALTY_AFTER)
+
+
+def measured_information(problem: Problem, measurements: Measurements) -> np.ndarray:
+    """Compute M = H'H of the measured postures at their measured angles, (p, p)."""
+    rows = stacked_regressor(problem.parameters, measurements.joint_angles, measurements.support)
+    return rows.T @ rows
 
 
 def plan_from_state(
     problem: Problem,
     objective: Objective,
-    drawn: PosturePlan,
-    state: SearchState,
+    reached: Start,
     seed: int,
     hops: int,
     solver: str = SOLVERS[0],
+    measured: Measurements | None = None,
 ) -> PosturePlan:
-    """Return the best plan of a state, with the settings that made it."""
+    """Return the best plan of a state, with the settings that made it; numbered after what was measured.
+
+    The postures on one foot are behind the others, on placements of their own.
+
+    Args:
+        reached: a start with the state that was reached.
+    """
+    drawn, state = reached.drawn, reached.state
     made = {
         "objective": objective.name,
         "seed": seed,
         "placements": len(np.unique(drawn.placement)),
-        "per_placement": int((drawn.placement == drawn.placement[0]).sum()),
+        "per_placement": reached.per,
         "solver": f"sequential linear programming, exchange, {solver}",
         "rounds": state.rounds,
         "rounds_planned": round_count(objective, hops),
@@ -160,15 +274,39 @@ def plan_from_state(
         "ranges": dataclasses.asdict(problem.ranges),
         "margins": dataclasses.asdict(problem.margins),
     }
+    if measured is not None:
+        made["measured_objective"] = objective.value(measured_information(problem, measured))
+        made["after"] = {"postures": len(measured), "placements": len(np.unique(measured.placement))}
     best = evaluate(problem, state.best_design, state.best_angles)
-    plan = dataclasses.replace(
+    plan = replace(
         drawn,
         joint_angles=best.chain.angles,
         swing_pose=state.best_design[:, 6:],
         made=made,
         torques=best.torque,
     )
-    return with_free_paths(problem, plan)
+    plan = with_free_paths(problem, plan)
+    if reached.single:
+        plan = _with_one_foot(problem, plan, reached.single)
+    if measured is None:
+        return plan
+    return replace(
+        plan,
+        placement=plan.placement + int(measured.placement.max()),
+        posture=plan.posture + int(measured.posture.max()),
+    )
+
+
+def _with_one_foot(problem: Problem, plan: PosturePlan, single: Sequence[OnOneFoot]) -> PosturePlan:
+    """Append postures on one foot to a plan, on placements of their own."""
+    counts = {own.support: len(own.angles) for own in single}
+    made = {**counts, "pool": POOL, "lifted": problem.margins.lifted}
+    plan = replace(plan, made=plan.made | {"on_one_foot": made})
+    for own in single:
+        plan = appended_on_one_foot(
+            own.problem, plan, own.support, own.angles, own.swing, np.arange(len(own.angles))
+        )
+    return plan
 
 
 def smallest_margins(problem: Problem, plan: PosturePlan) -> dict[str, dict[str, Any]]:
@@ -220,4 +358,4 @@ def with_repeats(plan: PosturePlan, count: int, seed: int) -> PosturePlan:
     placement = np.append(plan.placement[rows], plan.placement.max() + 1 + np.arange(len(anew)))
     chosen = np.append(rows, anew).astype(int)
     repeats = {"within_placement": plan.posture[within].tolist(), "placed_anew": plan.posture[anew].tolist()}
-    return dataclasses.replace(plan.take(chosen), placement=placement, made=plan.made | {"repeats": repeats})
+    return replace(plan.take(chosen), placement=placement, made=plan.made | {"repeats": repeats})

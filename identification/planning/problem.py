@@ -12,13 +12,19 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, standard_parameters
 from tulip_testbed.identification.kinematics import frame_positions, link_rotations, moved_frames, walk
 from tulip_testbed.identification.link_clearances import LinkPairs, link_pairs, reference_posture
-from tulip_testbed.identification.margins import Margins, leg_length, planning_margins
 from tulip_testbed.identification.nominal import outline
-from tulip_testbed.identification.planning_ranges import PlanningRanges, planning_ranges
+from tulip_testbed.identification.planning_ranges import (
+    Margins,
+    PlanningRanges,
+    leg_length,
+    planning_margins,
+    planning_ranges,
+)
 from tulip_testbed.identification.segments import segment_distances
 from tulip_testbed.measurements import PlateGeometry
 from tulip_testbed.sim.control import torque_limits
-from tulip_testbed.sim.robot import Robot, between_feet, sole_corners, sole_point
+from tulip_testbed.sim.random_robots import half_edges
+from tulip_testbed.sim.robot import Robot, between_feet, rotation_matrices, sole_corners, sole_point
 
 CLOSING = 12  # joints between the feet, as many as the equations of swing foot, torso and CoM
 Limb = tuple[int, int, float]
@@ -149,19 +155,14 @@ def _parameter_covariance(
     model: mujoco.MjModel, parameters: BaseParameters, standard: np.ndarray, relative: float
 ) -> np.ndarray:
     """Propagate the covariance of masses and centres of mass to the base parameters, linearised."""
-    mass, inertia = standard[:, 0], model.body_inertia[1:]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        squares = 1.5 * (inertia.sum(axis=1, keepdims=True) - 2 * inertia) / mass[:, None]
-    half = np.sqrt(np.maximum(np.where(mass[:, None] > 0, squares, 0.0), 0.0))
+    mass, half = standard[:, 0], half_edges(model)
     total = mass.sum()
     by_standard = parameters.from_standard.reshape(-1, len(mass), 4) / total
     by_mass = by_standard[..., 0] + (by_standard[..., 1:] * model.body_ipos[1:]).sum(axis=2)
     by_mass = by_mass - (parameters.values(standard) / total)[:, None]
     columns = [relative * mass * by_mass]
-    for link, quaternion in enumerate(model.body_iquat[1:]):
-        turn = np.zeros(9)
-        mujoco.mju_quat2Mat(turn, quaternion)
-        columns.append(by_standard[:, link, 1:] @ turn.reshape(3, 3) * (relative * mass[link] * half[link]))
+    for link, turn in enumerate(rotation_matrices(model.body_iquat[1:])):
+        columns.append(by_standard[:, link, 1:] @ turn * (relative * mass[link] * half[link]))
     root = np.column_stack(columns)
     return root @ root.T
 

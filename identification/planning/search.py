@@ -14,19 +14,19 @@ import numpy as np
 
 from tulip_testbed.base.errors import InputError, most_frequent
 from tulip_testbed.identification.kinematics import roll_pitch_yaw
-from tulip_testbed.identification.planning.blocks import FEASIBLE, Block, improve, information, repair
+from tulip_testbed.identification.planning.blocks import FEASIBLE, SHARED, Block, improve, information, repair
 from tulip_testbed.identification.planning.closed_chain import chain_at
 from tulip_testbed.identification.planning.constraints import evaluate, inequality_names
 from tulip_testbed.identification.planning.exchange import candidates, exchange
 from tulip_testbed.identification.planning.interior_point import interior_point
 from tulip_testbed.identification.planning.linear_steps import EvaluatedPlan, descend, evaluate_plan, merit
-from tulip_testbed.identification.planning.objectives import Objective, Smooth, condition_number
+from tulip_testbed.identification.planning.objectives import Objective, Smooth
 from tulip_testbed.identification.planning.problem import Problem
 from tulip_testbed.identification.planning.search_defaults import HOPS, SOLVERS
 
 WARM = 15  # linear steps for each of the smooth objectives at the start
 STEPS = 12  # linear steps in a hop
-REGION, FINE = 0.3, 0.1  # trust regions
+REGION = 0.3  # trust region
 POLISH = 20  # iterations of SLSQP on each placement at the end
 INTERIOR = 30  # iterations of IPOPT on the whole plan
 LEAST_POOL = 3  # smallest number of candidates for an exchange
@@ -83,11 +83,11 @@ def repair_start(
     names, tally, blocks = inequality_names(problem), Counter[str](), list[Block]()
     for i in range(0, len(design), per):
         block = repair(problem, Block(design[i : i + per], angles[i : i + per]))
-        found = evaluate(problem, block.design, block.angles)
-        if not found.reached.all():
+        evaluation = evaluate(problem, block.design, block.angles)
+        if not evaluation.reached.all():
             tally["out of reach"] += 1
-        elif found.inequalities.min() < -FEASIBLE:
-            tally[names[int(found.inequalities.min(axis=0).argmin())]] += 1
+        elif evaluation.inequalities.min() < -FEASIBLE:
+            tally[names[int(evaluation.inequalities.min(axis=0).argmin())]] += 1
         else:
             blocks.append(block)
         if len(blocks) == placements:
@@ -100,8 +100,8 @@ def repair_start(
         )
     design, angles = _joined(blocks)
     start = information(evaluate(problem, design, angles))
-    value = objective.value(start)
-    return SearchState(0, design, angles, design, angles, value, value, condition_number(start))
+    value, condition = objective.value(start), objective.condition_number(start)
+    return SearchState(0, design, angles, design, angles, value, value, condition)
 
 
 def round_count(objective: Objective, hops: int) -> int:
@@ -127,20 +127,21 @@ def search(
         k = state.rounds
         plan = evaluate_plan(problem, state.design, state.angles, per)
         if k < len(stages):
-            plan, _ = descend(problem, plan, stages[k], WARM, _regions(plan, REGION))
+            regions = np.full(len(plan.design) // per, REGION)
+            plan, _ = descend(problem, plan, stages[k], WARM, regions, objective.penalty)
         elif k < len(stages) + hops:
-            smooth = stages[min(_middle(stages) + (k - len(stages)) * 2 // max(hops, 1), len(stages) - 1)]
-            plan = _hop(problem, plan, smooth, np.random.default_rng([seed, k]))
+            last = len(stages) - 1
+            smooth = stages[min(min(1, last) + (k - len(stages)) * 2 // max(hops, 1), last)]
+            plan = _hop(problem, plan, smooth, objective.penalty, np.random.default_rng([seed, k]))
         else:
-            polish = _polish if solver == "slsqp" else _interior
-            plan = polish(problem, best_plan(problem, state, per), stages[-1])
+            plan = evaluate_plan(problem, state.best_design, state.best_angles, per)
+            plan = (
+                _polish(problem, plan, stages[-1])
+                if solver == "slsqp"
+                else interior_point(problem, plan, stages[-1], INTERIOR)
+            )
         state = _kept(problem, objective, state, plan)
         yield state
-
-
-def best_plan(problem: Problem, state: SearchState, per: int) -> EvaluatedPlan:
-    """Evaluate the best plan of a state."""
-    return evaluate_plan(problem, state.best_design, state.best_angles, per)
 
 
 def design_of(problem: Problem, angles: np.ndarray, swing: np.ndarray) -> np.ndarray:
@@ -152,36 +153,37 @@ def design_of(problem: Problem, angles: np.ndarray, swing: np.ndarray) -> np.nda
 
 def _kept(problem: Problem, objective: Objective, state: SearchState, plan: EvaluatedPlan) -> SearchState:
     """Return the state after a round; only a feasible plan can become the best."""
-    after = replace(state, rounds=state.rounds + 1, design=plan.design, angles=plan.found.chain.angles)
-    if objective.value(information(plan.found)) > state.value:
+    after = replace(state, rounds=state.rounds + 1, design=plan.design, angles=plan.evaluation.chain.angles)
+    if objective.value(information(plan.evaluation)) > state.value:
         return after
     blocks = _blocks(plan)
-    lack = plan.found.inequalities.min(axis=1).reshape(-1, plan.per).min(axis=1)
+    lack = plan.evaluation.inequalities.min(axis=1).reshape(-1, plan.per).min(axis=1)
     whole_blocks = [
         block if least >= -FEASIBLE else repair(problem, block)
         for block, least in zip(blocks, lack, strict=True)
     ]
     design, angles = _joined(whole_blocks)
-    found = evaluate(problem, design, angles)
-    value = objective.value(information(found))
-    if found.reached.all() and found.inequalities.min() >= -FEASIBLE and value < state.value:
-        return replace(after, best_design=design, best_angles=found.chain.angles, value=value)
+    evaluation = evaluate(problem, design, angles)
+    value = objective.value(information(evaluation))
+    if evaluation.reached.all() and evaluation.inequalities.min() >= -FEASIBLE and value < state.value:
+        return replace(after, best_design=design, best_angles=evaluation.chain.angles, value=value)
     return after
 
 
-def _hop(problem: Problem, plan: EvaluatedPlan, smooth: Smooth, rng: np.random.Generator) -> EvaluatedPlan:
+def _hop(
+    problem: Problem, plan: EvaluatedPlan, smooth: Smooth, penalty: float, rng: np.random.Generator
+) -> EvaluatedPlan:
     """Exchange postures of one placement, perhaps at another foot pose; keep the plan if it improves."""
     blocks = _blocks(plan)
     at = int(rng.integers(len(blocks)))
     block, per = blocks[at], plan.per
-    every = plan.found.regressor.reshape(len(blocks), -1, plan.found.regressor.shape[-1])
+    every = plan.evaluation.regressor.reshape(len(blocks), -1, plan.evaluation.regressor.shape[-1])
     rest = np.delete(every, at, axis=0)
     rest = np.einsum("krp,krq->pq", rest, rest)
     moves = bool(rng.integers(2))
-    r = problem.ranges
     swing = block.design[0, 6:]
     if moves:
-        low, high = np.array([r.swing_x, r.swing_y, r.swing_yaw]).T
+        low, high = problem.ranges.swing.T
         swing = low + (high - low) * rng.random(3)
     pool = candidates(problem, swing, block, rng)
     stay = rng.permutation(per)[: 0 if moves else int(rng.integers(per))]
@@ -190,8 +192,8 @@ def _hop(problem: Problem, plan: EvaluatedPlan, smooth: Smooth, rng: np.random.G
     kept = Block(block.design[stay], block.angles[stay])
     blocks[at] = exchange(problem, kept, pool, rest, smooth, per)
     moved = evaluate_plan(problem, *_joined(blocks), per)
-    moved, _ = descend(problem, moved, smooth, STEPS, _regions(plan, REGION))
-    return moved if merit(moved, smooth) < merit(plan, smooth) - GAIN else plan
+    moved, _ = descend(problem, moved, smooth, STEPS, np.full(len(blocks), REGION), penalty)
+    return moved if merit(moved, smooth, penalty) < merit(plan, smooth, penalty) - GAIN else plan
 
 
 def _polish(problem: Problem, plan: EvaluatedPlan, smooth: Smooth) -> EvaluatedPlan:
@@ -206,26 +208,63 @@ def _polish(problem: Problem, plan: EvaluatedPlan, smooth: Smooth) -> EvaluatedP
     return evaluate_plan(problem, *_joined(blocks), plan.per)
 
 
-def _interior(problem: Problem, plan: EvaluatedPlan, smooth: Smooth) -> EvaluatedPlan:
-    return interior_point(problem, plan, smooth, INTERIOR)
-
-
-def _middle(stages: tuple[Smooth, ...]) -> int:
-    return min(1, len(stages) - 1)
-
-
-def _regions(plan: EvaluatedPlan, size: float) -> np.ndarray:
-    return np.full(len(plan.design) // plan.per, size)
-
-
-def _firsts(design: np.ndarray, per: int) -> range:
-    return range(0, len(design), per)
-
-
 def _blocks(plan: EvaluatedPlan) -> list[Block]:
-    angles, per = plan.found.chain.angles, plan.per
-    return [Block(plan.design[i : i + per], angles[i : i + per]) for i in _firsts(plan.design, per)]
+    angles, per = plan.evaluation.chain.angles, plan.per
+    firsts = range(0, len(angles), per)
+    return [Block(plan.design[i : i + per], angles[i : i + per]) for i in firsts]
 
 
 def _joined(blocks: list[Block]) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([b.design for b in blocks]), np.concatenate([b.angles for b in blocks])
+
+
+ARRAYS = ("design", "angles", "best_design", "best_angles")
+SAME = 1e-6  # relative difference of numbers that another machine computes
+
+
+class StateError(InputError):
+    """A state that the search which is to go on from it never left."""
+
+
+def resumed(
+    problem: Problem,
+    objective: Objective,
+    state: SearchState | None,
+    start: SearchState,
+    per: int,
+    rounds: int,
+) -> SearchState:
+    """Return the state to go on from: the start if there is none.
+
+    Args:
+        start: state of the same search before its first round.
+        per: number of postures in a placement.
+        rounds: how many the search takes.
+
+    Raises:
+        StateError: a plan of another size, one that breaks a constraint, or a number that is not its own.
+    """
+    if state is None:
+        return start
+    for name in ARRAYS:
+        found, expected = getattr(state, name), getattr(start, name)
+        if found.shape != expected.shape:
+            raise StateError(f"{name}: found {found.shape}, expected {expected.shape} numbers")
+    if state.rounds > rounds:
+        raise StateError(f"rounds: found {state.rounds}, expected at most {rounds}")
+    for name in ("design", "best_design"):
+        swing = getattr(state, name)[:, SHARED].reshape(-1, per, 3)
+        if np.ptp(swing, axis=1).max() > FEASIBLE:
+            raise StateError(f"{name}: found several swing foot poses on one placement, expected one")
+    best = evaluate(problem, state.best_design, state.best_angles)
+    if not best.reached.all() or best.inequalities.min() < -2 * FEASIBLE:
+        raise StateError("best_design: found a plan that breaks a constraint")
+    expected = {
+        "value": objective.value(information(best)),
+        "initial": start.initial,
+        "initial_condition": start.initial_condition,
+    }
+    for name, number in expected.items():
+        if not np.isclose(getattr(state, name), number, rtol=SAME, atol=0.0):
+            raise StateError(f"{name}: found {getattr(state, name):g}, expected {number:g}")
+    return state

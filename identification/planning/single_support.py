@@ -14,10 +14,10 @@ import numpy as np
 
 from tulip_testbed.base.errors import InputError, most_frequent
 from tulip_testbed.identification.planning.blocks import Block
-from tulip_testbed.identification.planning.closed_chain import chain_at, com_jacobian
+from tulip_testbed.identification.planning.closed_chain import chain_at, com_jacobian, open_chain_torques
 from tulip_testbed.identification.planning.exchange import exchange
 from tulip_testbed.identification.planning.objectives import Objective
-from tulip_testbed.identification.planning.one_foot import open_chain_torques, single_support_margins
+from tulip_testbed.identification.planning.one_foot import single_support_margins
 from tulip_testbed.identification.planning.path_order import sequences
 from tulip_testbed.identification.planning.problem import Problem
 from tulip_testbed.measurements import PosturePlan
@@ -58,18 +58,37 @@ def single_support_plan(
     chosen = exchange(problem, none, offered, measured + rows.T @ rows, objective.smooth[-1], count).angles
     _, sizes = np.unique(plan.placement, return_counts=True)
     order, group = ordered_on_one_foot(problem, chosen, swing, int(sizes.max()))
-    number = plan.placement.max() + 1 + group
-    torques = open_chain_torques(problem, chain_at(problem, chosen[order]))
     made = {"postures": count, "candidates": len(pool), "lifted": problem.margins.lifted}
+    plan = dataclasses.replace(plan, made=plan.made | {"single_support": made})
+    return appended_on_one_foot(problem, plan, "right", chosen[order], swing, group)
+
+
+def appended_on_one_foot(
+    problem: Problem,
+    plan: PosturePlan,
+    support: str,
+    angles: np.ndarray,
+    swing: np.ndarray,
+    group: np.ndarray,
+) -> PosturePlan:
+    """Append postures on one foot to a plan, with the torques that hold them.
+
+    Args:
+        problem: of standing on this foot.
+        angles: joint angles, (k, n) [rad].
+        swing: pose of the other foot's board, (3,) [m, m, rad].
+        group: number of each posture's placement, from 0, (k,).
+    """
+    count = len(angles)
+    torques = open_chain_torques(problem, chain_at(problem, angles))
     return dataclasses.replace(
         plan,
-        joint_angles=np.concatenate([plan.joint_angles, chosen[order]]),
+        joint_angles=np.concatenate([plan.joint_angles, angles]),
         posture=np.append(plan.posture, plan.posture.max() + 1 + np.arange(count)),
-        placement=np.append(plan.placement, number),
-        support=np.append(plan.support, np.full(count, "right")),
+        placement=np.append(plan.placement, plan.placement.max() + 1 + group),
+        support=np.append(plan.support, np.full(count, support)),
         swing_pose=np.concatenate([plan.swing_pose, np.tile(swing, (count, 1))]),
         torques=np.concatenate([plan.feed_forward, torques]),
-        made=plan.made | {"single_support": made},
     )
 
 

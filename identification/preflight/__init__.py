@@ -1,6 +1,137 @@
 """The preflight: checks of a measurement folder for faults."""
 
-from tulip_testbed.identification.preflight.all_checks import preflight
-from tulip_testbed.identification.preflight.finding import FAIL_LEVEL, RESULTS, WARN_LEVEL, Finding, worst_of
+from __future__ import annotations
+
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.identification.base_parameters import common_support
+from tulip_testbed.identification.nominal import Nominal, nominal_robot
+from tulip_testbed.identification.preflight.agreement import (
+    fit,
+    repeats,
+    scatter,
+    single_placements,
+    single_postures,
+)
+from tulip_testbed.identification.preflight.excitation import identifiable
+from tulip_testbed.identification.preflight.finding import (
+    FAIL_LEVEL,
+    RESULTS,
+    WARN_LEVEL,
+    Finding,
+    row_name,
+    skipped,
+    worst_of,
+)
+from tulip_testbed.identification.preflight.leg_closure import legs
+from tulip_testbed.identification.preflight.plate_checks import feet_on_plates, load_in_soles, plate_poses
+from tulip_testbed.identification.preflight.readings import cell_loads, resolution, stuck
+from tulip_testbed.identification.preflight.settling import series_agrees, settling, steady_windows
+from tulip_testbed.identification.preflight.units import joint_limits, same_robot, units
+from tulip_testbed.identification.preflight.usual import Usual, UsualChanges, exact
+from tulip_testbed.identification.preflight.weight import constant_weight, drift, weight_balance
+from tulip_testbed.identification.preflight.wrench_checks import carried_weight, horizontal_forces
+from tulip_testbed.identification.reading_noise import ReadingNoise, reading_noise
+from tulip_testbed.identification.regressor import regression
+from tulip_testbed.measurements import Measurements, Series
 
 __all__ = ["FAIL_LEVEL", "RESULTS", "WARN_LEVEL", "Finding", "preflight", "worst_of"]
+
+FORCES = ("load inside soles", "repeats", "single postures", "single placements", "scatter about the model")
+LEGS = ("feet on plates", "legs close", "feet stay")
+READINGS = (
+    *("joint limits", "stuck readings", "cell loads", "stated noise", "steady windows", "settling"),
+    *("series and table", "weight balance", "constant weight", "drift", "plate poses"),
+)
+
+
+def preflight(
+    measurements: Measurements,
+    nominal: Nominal,
+    series: Series | None = None,
+    usual_changes: UsualChanges | None = None,
+) -> list[Finding]:
+    """Run every check, in the order in which a laboratory should correct the faults.
+
+    Args:
+        series: raw readings within the windows, if there are any.
+        usual_changes: by ordinary imperfections, of measurements of this robot in plausible units; None:
+            everything is exact.
+    """
+    m = measurements
+    findings = [same_robot(m, nominal)]
+    rest = (*READINGS, *LEGS, *FORCES, "identifiable")
+    if m.joints != nominal.parameters.tree.joints:
+        return [*findings, *_skip(("units", *rest), "correct the joints first: they are not the robot's")]
+    found = units(m, nominal)
+    if found.result == findings[0].result == "fail":
+        reason = "correct the robot first"
+        return [*findings, *_skip(("units",), f"{reason}: by this one {found.seen}"), *_skip(rest, reason)]
+    findings.append(found)
+    if found.result == "fail":
+        return [*findings, *_skip(rest, "correct the units first")]
+    if m.contacts is not None:
+        return [*findings, *_of_wrenches(m, nominal, usual_changes)]
+    loads = cell_loads(m)
+    # Cells whose loads are wrong say nothing about how much yields.
+    usual = exact(len(m)) if usual_changes is None or loads.result == "fail" else usual_changes()
+    findings += [
+        joint_limits(m, nominal),
+        stuck(m),
+        loads,
+        resolution(m),
+        steady_windows(m),
+        settling(m, series),
+        series_agrees(m, series),
+        weight_balance(m, usual),
+        constant_weight(m, usual),
+        drift(m, nominal),
+        plate_poses(m),
+    ]
+    if (single := m.support != "double").any():
+        row = int(single.argmax())
+        reason = f"{row_name(m, row)} stands on one foot ('{m.support[row]}'); this check needs both feet"
+        findings += _skip((*LEGS, *FORCES), reason)
+        return [*findings, identifiable(m, nominal_robot(nominal.robot, common_support(m.support)), None)]
+    findings += [feet_on_plates(m, nominal), *legs(m, nominal, usual)]
+    if loads.result == "fail":
+        findings += _skip(FORCES, "correct the cells' loads first")
+        return [*findings, identifiable(m, nominal, None)]
+    noise = reading_noise(m, nominal)
+    findings += [load_in_soles(m, nominal), repeats(m, nominal, noise), *_fits(m, nominal, noise, usual)]
+    return [*findings, identifiable(m, nominal, noise)]
+
+
+def _of_wrenches(m: Measurements, nominal: Nominal, usual_changes: UsualChanges | None) -> list[Finding]:
+    """Run the checks that wrench sensors allow."""
+    reason = "needs the readings of vertical cells; there are wrench sensors"
+    findings = [
+        joint_limits(m, nominal),
+        stuck(m),
+        *_skip(("cell loads", "stated noise"), reason),
+        steady_windows(m),
+        *_skip(("settling", "series and table"), reason),
+        *_skip(("weight balance", "constant weight"), f"{reason}, see 'carried weight'"),
+        carried_weight(m, nominal),
+        horizontal_forces(m, nominal),
+        drift(m, nominal),
+        *_skip(("plate poses", "feet on plates"), reason),
+    ]
+    if (m.support == "double").all():
+        findings += legs(m, nominal, exact(len(m)) if usual_changes is None else usual_changes())
+    else:
+        findings += _skip(LEGS[1:], "some posture stands on one foot; this check needs both feet")
+    findings += _skip(FORCES, reason)
+    return [*findings, identifiable(m, nominal_robot(nominal.robot, common_support(m.support)), None)]
+
+
+def _fits(m: Measurements, nominal: Nominal, noise: ReadingNoise, usual: Usual) -> list[Finding]:
+    """Run the checks that need a fitted model."""
+    try:
+        found = fit(m, regression(nominal.parameters, m, nominal.robot), noise)
+    except InputError as problem:
+        return _skip(FORCES[2:], str(problem))
+    return [single_postures(m, found), single_placements(m, found), scatter(found, usual)]
+
+
+def _skip(names: tuple[str, ...], reason: str) -> list[Finding]:
+    return [skipped(name, reason) for name in names]

@@ -9,6 +9,7 @@ from tulip_testbed.identification.center_of_pressure import cell_positions
 from tulip_testbed.identification.distributions import normal_isf, normal_sf
 from tulip_testbed.identification.feasibility import foot_clearance
 from tulip_testbed.identification.nominal import Nominal
+from tulip_testbed.identification.observation import turned
 from tulip_testbed.identification.preflight.finding import (
     Finding,
     bonferroni,
@@ -137,10 +138,8 @@ def load_in_soles(measurements: Measurements, nominal: Nominal) -> Finding:
 
 def _beyond(m: Measurements, points: np.ndarray, plate: int) -> np.ndarray:
     """Return the largest distance of points (m, k, 2) beyond a plate's cells, (m,) [m]."""
-    x, y, yaw = m.plate_poses[:, plate].T
-    c, s = np.cos(yaw), np.sin(yaw)
-    dx, dy = points[..., 0] - x[:, None], points[..., 1] - y[:, None]
-    inside = np.stack([c[:, None] * dx + s[:, None] * dy, c[:, None] * dy - s[:, None] * dx], axis=-1)
+    poses = m.plate_poses[:, plate, None]
+    inside = turned(-poses[..., 2], points - poses[..., :2])
     low, high = m.cells[plate].min(axis=0), m.cells[plate].max(axis=0)
     return np.maximum(low - inside, inside - high).max(axis=(1, 2))
 

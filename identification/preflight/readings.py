@@ -16,6 +16,7 @@ from tulip_testbed.identification.preflight.finding import (
 from tulip_testbed.identification.reading_noise import usable_sd
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.cells import CELLS, PLATES
+from tulip_testbed.measurements.data import feet_in_contact
 
 LEAST_TIES, TIED_SHARE = 3, 0.05  # number and share of rows at the same extreme that count as a fault
 STANDING = 0.5  # of the weight; the cells carry more in every posture
@@ -172,7 +173,7 @@ def _contact_columns(m: Measurements) -> list[tuple[str, np.ndarray]]:
     """List the readings of cells, or of wrench sensors while their foot stands, by the columns' names."""
     if m.contacts is None or m.wrenches is None:
         return _columns("cell", CELLS, m.cell_forces)
-    stands = (m.support != "left", m.support != "right")
+    stands = feet_in_contact(m.support).T
     return [
         (f"wrench.{plate}.{channel}", m.wrenches[stands[p], p, k])
         for p, plate in enumerate(PLATES)

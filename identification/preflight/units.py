@@ -7,9 +7,9 @@ import numpy as np
 from tulip_testbed.base.numbers import number
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.preflight.finding import Finding, few, row_name
-from tulip_testbed.identification.preflight.wrench_checks import vertical_forces
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.cells import CORNERS, PLATES
+from tulip_testbed.measurements.data import vertical_forces
 
 # Allowed beyond a limit: drives sag under gravity by up to 0.02 rad in the simulated laboratory.
 LIMIT_WARN, LIMIT_FAIL = 0.03, 0.1  # rad

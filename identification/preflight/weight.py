@@ -8,9 +8,9 @@ from tulip_testbed.identification.distributions import t_sf
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
 from tulip_testbed.identification.preflight.usual import Beyond, Usual, beyond
-from tulip_testbed.identification.preflight.wrench_checks import vertical_forces
 from tulip_testbed.identification.reading_noise import usable_sd
 from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.data import vertical_forces
 
 UNWEIGHED = 10.0  # s.d. of the noise of a posture: that of a weight that nobody knows
 NEGLIGIBLE = 1e-3  # of the weight; a smaller error is harmless without a stated cell_sd
@@ -121,11 +121,7 @@ def _total_sd(measurements: Measurements) -> float | None:
 
 
 def _beyond(error: np.ndarray, sd: float, usual: Usual, weight_sd: float) -> Beyond:
-    """Test deviations of the total, (m,) [N].
-
-    Args:
-        weight_sd: of what the robot weighs.
-    """
+    """Test deviations of the total, (m,) [N], with a weight known to an s.d. of `weight_sd` [N]."""
     constant = np.ones((len(error), 1))
     changes = np.column_stack([usual.total, weight_sd * constant]) / sd
     names, ones = (*usual.names, "the weighed mass"), np.ones(len(error), int)

@@ -10,6 +10,7 @@ from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.preflight.finding import Finding, row_name, skipped
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.contacts import WRENCH, Contacts
+from tulip_testbed.measurements.data import vertical_forces
 
 HORIZONTAL = "horizontal forces"
 CARRIED = "carried weight"
@@ -22,20 +23,6 @@ ADVICE = (
     "Level feet at rest push each other with equal and opposite forces. Check the sensors' zeros (lift the "
     "robot), their pose in the feet (tilt, yaw), signs, and that nothing else touches the robot."
 )
-
-
-def vertical_forces(measurements: Measurements) -> np.ndarray:
-    """Return the vertical force on the right and the left foot, zero in the air, (m, 2) [N]."""
-    m = measurements
-    stands = _standing(m)
-    if m.contacts is None:
-        return np.where(stands, m.cell_forces.reshape(-1, 2, 4).sum(axis=2), 0.0)
-    assert m.wrenches is not None
-    return np.where(stands, m.wrenches[..., m.contacts.channels.index("fz")], 0.0)
-
-
-def _standing(m: Measurements) -> np.ndarray:
-    return np.column_stack([m.support != "left", m.support != "right"])
 
 
 def carried_weight(measurements: Measurements, nominal: Nominal) -> Finding:

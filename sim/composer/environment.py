@@ -117,11 +117,7 @@ def _checked(values: np.ndarray, shape: tuple[int, ...], name: str) -> np.ndarra
 
 
 def _soles(nominal: mujoco.MjModel, rig: Rig, angles: np.ndarray) -> np.ndarray:
-    """Return the sole corners of a posture in the base frame, (2, 4, 2) [m].
-
-    Raises:
-        InputError: the soles are not flat on one plane.
-    """
+    """Return the sole corners of a posture with flat soles in the base frame, (2, 4, 2) [m]."""
     data = mujoco.MjData(nominal)
     for name, angle in zip(joint_names(nominal), angles, strict=True):
         data.joint(name).qpos = angle

@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Callable, Sequence
 
 import joblib
-import mujoco
 import numpy as np
 
 from tulip_testbed.base.errors import InputError
@@ -59,10 +58,12 @@ def run_dynamics(
     sensors = rig.sensors.wrench
     zeros = None if sensors is None else draw_zeros(sensors, shared)
     attempts = tuple(_try_all(rig, plan, repeats, zeros, streams, workers, progress))
-    model = Stand(rig, np.zeros((2, 3))).model
+    model, nominal = Stand(rig, np.zeros((2, 3))).model, rig.robot.model
+    links = [model.body(nominal.body(k).name).id for k in range(1, nominal.nbody)]
+    mass = model.body_mass[links]
     truth = Truth(
-        mass=float(model.body_subtreemass[model.body(rig.robot.model.body(1).name).id]),
-        standard=_standard_parameters(rig, model),
+        mass=float(model.body_subtreemass[links[0]]),
+        standard=np.column_stack([mass, mass[:, None] * model.body_ipos[links]]),
         dropped=dropped_postures(attempts),
         attempts=attempts,
     )
@@ -71,14 +72,6 @@ def run_dynamics(
             truth, wrenches=np.array([held.wrenches for held in truth.held]), zeros=zeros
         )
     return Outcome(_measurements(rig, plan, attempts, truth.mass, shared), truth)
-
-
-def _standard_parameters(rig: Rig, model: mujoco.MjModel) -> np.ndarray:
-    """Return the standard parameters of the robot's links in a scene, (n_links, 4) [kg, kg m]."""
-    nominal = rig.robot.model
-    links = [model.body(nominal.body(k).name).id for k in range(1, nominal.nbody)]
-    mass = model.body_mass[links]
-    return np.column_stack([mass, mass[:, None] * model.body_ipos[links]])
 
 
 def _try_all(

@@ -61,7 +61,7 @@ class Stand:
         # A board with a short foot rocks: its other cells rise by no more than that.
         self.rise = np.repeat(short_feet(self.model).max(axis=1), len(CORNERS))
         self.sole_points = {foot: sole_point(nominal, foot) for foot in rig.robot.feet}
-        self.sole_names = [f"{foot}_{corner}" for foot in rig.robot.feet for corner in CORNERS]
+        self.sole_names = rig.robot.sole_geoms
         self.soles = [self.model.body(name).id for name in soles]
         plates = [self.model.body(f"{plate}_plate").id for plate in PLATES]
         self.stiction = Stiction(self.model, list(zip(self.soles, plates, strict=True)))
@@ -169,10 +169,6 @@ class Stand:
         """Return the largest horizontal displacement of a sole corner since `mark_feet` [m]."""
         displacements = np.linalg.norm((self._corners() - self.marked_corners)[:, :2], axis=1)
         return float(displacements[np.repeat(self.foot_contact, 4)].max())
-
-    def highest_corner(self) -> float:
-        """Return the largest height of a standing foot's sole corner over its board [m]."""
-        return float(self._sole_gaps()[np.repeat(self.foot_contact, 4)].max())
 
     def fault(self) -> str | None:
         """Return why a settled posture cannot be used, or None."""

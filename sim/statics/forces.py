@@ -96,9 +96,9 @@ def residual(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
     out[..., :3] = force[0]
     out[..., 3:6] = moment[0] - cross(state.position, force[0])
     behind, twist = force[m.owner], moment[m.owner]
-    component = _dot(frames.axis, twist - cross(frames.anchor, behind))
+    component = dot(frames.axis, twist - cross(frames.anchor, behind))
     if m.slides.any():
-        component[m.slides] = _dot(frames.axis, behind)[m.slides]
+        component[m.slides] = dot(frames.axis, behind)[m.slides]
     out[..., 6 : 6 + n] = np.moveaxis(component, 0, -1) + drives(m, state, load)
     # A foot in the air bears no load, at any pose.
     closure = np.where(
@@ -230,7 +230,7 @@ def body_loads(m: Mechanism, state: State, load: Load, frames: Frames) -> tuple[
     for rope in m.ropes:
         at = frames.place[rope.body] + frames.rotation[rope.body] @ rope.point
         line = rope.anchor - at
-        length = np.sqrt(_dot(line, line))
+        length = np.sqrt(dot(line, line))
         pull = (rope.stiffness * _beyond(length, *rope.length) / length)[..., None] * line
         force[rope.body] = force[rope.body] + pull
         moment[rope.body] = moment[rope.body] + cross(at, pull)
@@ -317,7 +317,8 @@ def board_wrench(
     return -force[..., 2], _turned_about_z(np.stack([mx, my], axis=-1), -plate[..., 2])
 
 
-def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the inner products along the last axis."""
     return (a * b).sum(axis=-1)
 
 

@@ -12,10 +12,10 @@ from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.measurements.cells import CORNERS, PLATES
 from tulip_testbed.sim.drives import motor_joint
 from tulip_testbed.sim.dynamics.stiction import BREAKAWAY, sliding_friction
-from tulip_testbed.sim.model_features import check_features
+from tulip_testbed.sim.model_check import check_features
 from tulip_testbed.sim.plates import plate_geometry, short_feet
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import Robot, joint_names, sole_corners, sole_point
+from tulip_testbed.sim.robot import Robot, joint_names, rotation_matrices, sole_corners, sole_point
 from tulip_testbed.sim.scene import laboratory_scene
 from tulip_testbed.sim.specs import compile_spec
 from tulip_testbed.sim.statics.mechanism import HINGE, SLIDE, Body, Joint, Mechanism, Rope
@@ -125,7 +125,7 @@ def _body(tree: _Tree, body: int) -> Body:
         name=model.body(body).name,
         parent=tree.number.get(int(model.body_parentid[body]), -1),
         position=model.body_pos[body].copy(),
-        rotation=_matrix(model.body_quat[body]),
+        rotation=rotation_matrices(model.body_quat[[body]])[0],
         joints=tuple(joints),
     )
 
@@ -185,11 +185,7 @@ def _feet(tree: _Tree, robot: Robot) -> dict[str, Any]:
 
 
 def _plates(model: mujoco.MjModel, cell_compliance: float) -> dict[str, Any]:
-    """Return the boards on their cells.
-
-    Args:
-        cell_compliance: of a cell itself [m/N].
-    """
+    """Return the boards on their cells, of this compliance each [m/N]."""
     plates = [model.body(f"{plate}_plate").id for plate in PLATES]
     sites = [[model.site(f"{plate}_plate_{corner}").id for corner in CORNERS] for plate in PLATES]
     cells = np.array([[_on_plate(model, s, p) for s in row] for row, p in zip(sites, plates, strict=True)])
@@ -245,9 +241,3 @@ def _on_plate(model: mujoco.MjModel, site: int, plate: int) -> np.ndarray:
     body = int(model.site_bodyid[site])
     place = model.site_pos[site] if body == plate else model.body_pos[body] + model.site_pos[site]
     return place[:2]
-
-
-def _matrix(quaternion: np.ndarray) -> np.ndarray:
-    matrix = np.zeros(9)
-    mujoco.mju_quat2Mat(matrix, quaternion)
-    return matrix.reshape(3, 3)

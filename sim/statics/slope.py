@@ -20,6 +20,7 @@ from tulip_testbed.sim.statics.forces import (
     body_loads,
     contact_deflection,
     cross,
+    dot,
     drives,
     rotation_matrix,
 )
@@ -60,7 +61,9 @@ def closed_slope(m: Mechanism, state: State, load: Load) -> np.ndarray:
     trace = np.trace(spread, axis1=2, axis2=3)
     f, o, w = force[:, body], anchors, axes
     change = (
-        (spread[:, body] @ w[..., None])[..., 0] - o * _dot(f, w) - w * (trace[:, body, None] - _dot(o, f))
+        (spread[:, body] @ w[..., None])[..., 0]
+        - o * dot(f, w)[..., None]
+        - w * (trace[:, body, None] - dot(o, f)[..., None])
     )
     out[:, 3:6, turning] = change.mT
     a, f, o = axes[:, 3:], f[:, 3:], anchors[:, 3:]  # of the coordinates whose torque changes
@@ -101,14 +104,7 @@ def closed_slope(m: Mechanism, state: State, load: Load) -> np.ndarray:
 def _sums_behind(
     m: Mechanism, state: State, load: Load, frames: Frames, soles: list[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sum over each body and all behind it the forces, the moments and c f' of the loads.
-
-    Args:
-        soles: sole points in the world, (b, 3) each.
-
-    Returns:
-        (b, nb, 3) [N], (b, nb, 3) [Nm], (b, nb, 3, 3) [Nm].
-    """
+    """Sum forces (b, nb, 3), moments and c f' (b, nb, 3, 3) of the loads over each body and all behind it."""
     force, moment = body_loads(m, state, load, frames)
     center = np.moveaxis(load.center, -2, 0).reshape(len(m.bodies), -1, 3)
     mass = np.moveaxis(load.mass, -1, 0).reshape(len(m.bodies), -1, 1)
@@ -130,10 +126,6 @@ def _of_drives(m: Mechanism, state: State, load: Load) -> np.ndarray:
     # Without springs of several coordinates the torque on each depends on itself alone.
     ahead, behind = (drives(m, replace(state, angles=state.angles + s * STEP), load) for s in (1, -1))
     return ((ahead - behind) / (2 * STEP))[..., None] * np.eye(n)
-
-
-def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return (a * b).sum(axis=-1, keepdims=True)
 
 
 def _turned_soles(m: Mechanism, load: Load, frames: Frames) -> list[np.ndarray]:

@@ -180,7 +180,9 @@ def _chord(
     solved, left = np.zeros(len(which), bool), np.arange(len(which))
     for _ in range(CHORD_STEPS):
         part, loads = state.take(left), load.take(left)
-        inverse = reference.inverse if _are_all(which[left], reference) else reference.inverse[which[left]]
+        inverse = reference.inverse
+        if not np.array_equal(which[left], np.arange(len(inverse))):  # or else no large array is copied
+            inverse = inverse[which[left]]
         with np.errstate(over="ignore", invalid="ignore"):  # diverging items are not solved here
             change = -(inverse @ residual(mechanism, part, loads)[..., None])[..., 0]
             state.put(left, part.moved(change))
@@ -188,11 +190,6 @@ def _chord(
         if not len(left := np.flatnonzero(~solved)):
             break
     return state, solved
-
-
-def _are_all(which: np.ndarray, reference: Reference) -> bool:
-    """Return whether these are all reference postures in order, so that no large array is copied."""
-    return np.array_equal(which, np.arange(len(reference.inverse)))
 
 
 LEAST_LOAD = 1e-6  # N

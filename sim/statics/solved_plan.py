@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import mujoco
 import numpy as np
 
 from tulip_testbed.measurements import MeasurementHeader, PosturePlan
@@ -13,6 +12,7 @@ from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.plan_folder import check_support
 from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.rig import Rig, stages
+from tulip_testbed.sim.robot import rotation_matrices
 from tulip_testbed.sim.scene import boards_under
 from tulip_testbed.sim.statics.forces import Load, State
 from tulip_testbed.sim.statics.mechanism import Mechanism
@@ -106,13 +106,10 @@ def _start(rig: Rig, m: Mechanism, plan: PosturePlan) -> State:
     chain = ClosedChain(rig.robot.model, rig.robot)
     base = base_foot(plan.support).tolist()
     pose = np.array([chain.base_pose(*each) for each in zip(plan.joint_angles, base, strict=True)])
-    rotation = np.zeros((len(pose), 9))
-    for matrix, quaternion in zip(rotation, pose[:, 3:], strict=True):
-        mujoco.mju_quat2Mat(matrix, quaternion)
     angles = np.zeros((len(pose), len(m.names)))
     angles[:, m.motors] = plan.joint_angles
     angles[:, m.joints] = plan.joint_angles
     share = feet_in_contact(plan.support) / feet_in_contact(plan.support).sum(axis=1)[:, None]
     wrench = np.zeros((len(pose), 2, 6))
     wrench[:, :, :3] = -share[:, :, None] * m.gravity * m.mass.sum()
-    return State(pose[:, :3], rotation.reshape(-1, 3, 3), angles, wrench)
+    return State(pose[:, :3], rotation_matrices(pose[:, 3:]), angles, wrench)

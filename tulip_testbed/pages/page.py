@@ -33,7 +33,7 @@ from tulip_testbed.experiments.settings_table import settings_tables
 from tulip_testbed.experiments.validate import correlations_at
 from tulip_testbed.experiments.validation_record import ValidationRecord
 from tulip_testbed.identification.base_parameters import base_parameters, common_support, renumbered
-from tulip_testbed.identification.contact_pressure import contact_pressure
+from tulip_testbed.identification.center_of_pressure import contact_pressure
 from tulip_testbed.identification.feasibility import support_polygon
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe

@@ -13,7 +13,7 @@ from tulip_testbed.experiments.montecarlo.coverage_tables import coverage_check_
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of, stream_of
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, montecarlo_file
 from tulip_testbed.identification.base_parameters import common_support, standard_parameters
-from tulip_testbed.identification.contact_pressure import contact_pressure
+from tulip_testbed.identification.center_of_pressure import contact_pressure
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.viewer.balance_series import from_above, log_balance
 from tulip_testbed.viewer.layout import Views, above_view, laid_out, space_views

@@ -10,7 +10,7 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.identify import DEFAULT_ESTIMATOR, identify
 from tulip_testbed.experiments.validation_record import ValidationRecord
 from tulip_testbed.identification.base_parameters import common_support
-from tulip_testbed.identification.contact_pressure import contact_pressure
+from tulip_testbed.identification.center_of_pressure import contact_pressure
 from tulip_testbed.identification.feasibility import stability_margin, support_polygon
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.observation import observe

@@ -1,61 +1,56 @@
-"""Constraints on the legs: static torques and clearance between the legs, with derivatives."""
+"""Distances between links, legs and the ground, and how far the legs are from straight, with derivatives."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from tulip_testbed.identification.link_clearances import clearances
 from tulip_testbed.identification.planning.closed_chain import Chain, cross, point_jacobian
 from tulip_testbed.identification.planning.problem import Problem
 from tulip_testbed.identification.segments import nearest_on_segments, on_segments
 
+NEAREST = 12  # pairs of links of a posture that are constrained
+BEYOND = 0.02  # m: links that are farther from each other than needed by this count as being there
 
-def holding_torques(
-    problem: Problem, chain: Chain, wrench: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Compute the drive torques that hold the robot under a given wrench of the floor on the swing foot.
 
-    Seen from the stance foot, joint j carries the weights beyond it and the wrench w (force and moment about
-    the base frame's origin): tau = tau_0 + A w, A_j = -(p_j x a_j, a_j). The chain is closed, so that statics
-    does not determine w; the commanded torques do. Dry friction is neglected.
+def nearest_count(problem: Problem) -> int:
+    """Return the number of pairs of links that are constrained in each posture."""
+    return min(NEAREST, len(problem.pairs.names))
+
+
+def link_room(problem: Problem, chain: Chain, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the distances of the nearest pairs of links beyond what they must keep.
 
     Args:
-        problem: the robot.
+        problem: the robot and its constraints.
         chain: the postures.
-        wrench: w, (m, 6) [N, N m].
+        wanted: postures to look at, (m,) bool; in the others all links count as far from each other.
 
     Returns:
-        tau, (m, n) [N m]; its derivative by the joint angles at constant w, (m, n, n); A, (m, n, 6).
+        Distances in the order of the pairs, (m, s) [m], and their derivatives by the joint angles, (m, s, n).
+        The nearest points are held fixed on their links, which is exact to first order.
     """
-    axes, pivots, gravity = chain.axes, chain.pivots, problem.gravity
-    load = -gravity * (chain.moment - chain.beyond[:, None] * pivots)
-    own = axes[..., 1] * load[..., 0] - axes[..., 0] * load[..., 1]
-    bears = problem.moved[:, problem.swing].astype(float)[:, None]  # joints that carry the swing foot
-    lines = -np.concatenate([cross(pivots, axes), axes], axis=2) * bears
-
-    # Turning joint i moves axis and pivot of every joint j beyond it, and the masses beyond both.
-    up = problem.upstream[..., None]  # [i, j]
-    axis_i, pivot_i = axes[:, :, None], pivots[:, :, None]
-    turned_axis = cross(axis_i, axes[:, None]) * up
-    moved_pivot = cross(axis_i, pivots[:, None] - pivot_i) * up
-    both = problem.moved[:, None] & problem.moved[None]
-    places = chain.positions + (chain.rotations @ problem.center[..., None])[..., 0]
-    count = len(problem.moved)
-    mass = both @ problem.mass
-    moment = ((both * problem.mass).reshape(count * count, -1) @ places).reshape(-1, count, count, 3)
-    moved_load = -gravity * (
-        cross(axis_i, moment - mass[..., None] * pivot_i) - chain.beyond[:, None] * moved_pivot
-    )
-    own_slope = (
-        turned_axis[..., 1] * load[:, None, :, 0]
-        - turned_axis[..., 0] * load[:, None, :, 1]
-        + axes[:, None, :, 1] * moved_load[..., 0]
-        - axes[:, None, :, 0] * moved_load[..., 1]
-    ).mT
-    arm_slope = cross(moved_pivot, axes[:, None]) + cross(pivots[:, None], turned_axis)
-    line_slope = -np.concatenate([arm_slope, turned_axis], axis=3) * bears  # (m, i, j, 6)
-
-    torque = own + (lines @ wrench[..., None])[..., 0]
-    return torque, own_slope + (line_slope @ wrench[:, None, :, None])[..., 0].mT, lines
+    pairs, kept = problem.pairs, nearest_count(problem)
+    within, rows = problem.margins.link_clearance + BEYOND, np.flatnonzero(wanted)
+    values = np.full((len(wanted), kept), BEYOND)
+    slopes = np.zeros((len(wanted), kept, chain.angles.shape[1]))
+    if not kept:
+        return values, slopes
+    found = clearances(pairs, chain.rotations[rows], chain.positions[rows], within)
+    room = found.distance - pairs.needed
+    chosen = np.sort(np.argpartition(room, kept - 1, axis=1)[:, :kept], axis=1)
+    values[rows] = np.take_along_axis(room, chosen, axis=1)
+    place = np.full(room.shape, -1)
+    np.put_along_axis(place, chosen, np.arange(kept), axis=1)
+    slot = place[found.posture, found.pair]
+    used = slot >= 0
+    posture, frames = rows[found.posture[used]], pairs.frames[found.pair[used]]
+    axes, pivots = chain.axes[posture], chain.pivots[posture]
+    for sign, k in ((-1, 0), (1, 1)):
+        arm = found.points[used, k, None] - pivots
+        speed = (cross(axes, arm) * found.normal[used, None]).sum(axis=2)
+        slopes[posture, slot[used]] += sign * speed * problem.moved[:, frames[:, k]].T
+    return values, slopes
 
 
 def limb_distances(problem: Problem, chain: Chain) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,197 @@
+"""Postures on one foot that are optimised together with those on both: candidates, choice and improvement.
+
+Every posture on one foot is put down by itself, on a placement of its own. Optimal ones use what torque the
+drives have, and on the way from one to the next, in the laboratory's 2 s, the standing ankle's drive comes to
+its limit even between near ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tulip_testbed.identification.planning.blocks import FEASIBLE
+from tulip_testbed.identification.planning.linear_steps import elastic_step
+from tulip_testbed.identification.planning.objectives import (
+    Smooth,
+    shifted,
+)
+from tulip_testbed.identification.planning.one_foot import OneFoot, evaluate_one_foot, from_other_foot
+from tulip_testbed.identification.planning.problem import Problem
+from tulip_testbed.identification.planning.single_support import feasible_pool
+
+POOL = 3  # random postures for each wanted one on one foot
+PASSES = 3  # exchanges over all postures on one foot
+STEPS = 40  # linear steps of the postures on one foot in a round
+
+
+@dataclass(frozen=True)
+class OnOneFoot:
+    """Postures on one foot.
+
+    Attributes:
+        support: "right" or "left".
+        problem: constraints and regressor of standing on this foot.
+        swing: pose of the other foot's board, (3,) [m, m, rad].
+        angles: joint angles, (k, n) [rad].
+    """
+
+    support: str
+    problem: Problem
+    swing: np.ndarray
+    angles: np.ndarray
+
+    @property
+    def information(self) -> np.ndarray:
+        """Return M = H'H of the postures, (p, p)."""
+        return self.each.sum(axis=0)
+
+    @property
+    def each(self) -> np.ndarray:
+        """Return the information of each posture, (k, p, p)."""
+        rows = self.problem.parameters.regressor(self.angles)
+        return rows.mT @ rows
+
+
+def random_pools(
+    problem: Problem, counts: Mapping[str, int], seed: int, times: int = POOL
+) -> list[OnOneFoot]:
+    """Draw random feasible postures on each foot, `times` as many as are wanted if draws suffice.
+
+    The lifted foot's board lies as far to its side as the ranges allow, so that both lie central to their
+    feet.
+    """
+    pools = []
+    for number, (support, count) in enumerate(counts.items()):
+        own = problem if support == "right" else from_other_foot(problem)
+        swing, rng = board_pose(own), np.random.default_rng([seed, number, 3])
+        pools.append(OnOneFoot(support, own, swing, feasible_pool(own, swing, count, rng, times)))
+    return pools
+
+
+def board_pose(problem: Problem) -> np.ndarray:
+    """Return the pose of the lifted foot's board: its middle ahead, its farthest to the side, (3,)."""
+    x, y, yaw = problem.ranges.swing_x, problem.ranges.swing_y, problem.ranges.swing_yaw
+    return np.array([sum(x) / 2, max(y, key=abs), np.clip(0.0, *yaw)])
+
+
+def from_pools(
+    pools: list[OnOneFoot], counts: Mapping[str, int], rest: np.ndarray, smooth: Smooth
+) -> list[OnOneFoot]:
+    """Choose from pools the postures that minimise a function of M, by exchange (Fedorov 1972).
+
+    Args:
+        pools: candidates on each foot.
+        counts: number of postures to choose on each.
+        rest: information of the postures on both feet, (p, p).
+        smooth: function of M and its gradient.
+    """
+    every = [pool.each for pool in pools]
+    chosen = [list(range(counts[pool.support])) for pool in pools]
+    now = rest + sum(each[rows].sum(axis=0) for each, rows in zip(every, chosen, strict=True))
+    value = smooth(now)[0]
+    for _ in range(PASSES):
+        before = value
+        for each, rows in zip(every, chosen, strict=True):
+            for place in range(len(rows)):
+                free = [k for k in range(len(each)) if k not in rows]
+                base = now - each[rows[place]]
+                values = [smooth(base + each[k])[0] for k in free]
+                if values and min(values) < value:
+                    rows[place] = free[int(np.argmin(values))]
+                    now, value = base + each[rows[place]], min(values)
+        if value == before:
+            break
+    return [replace(pool, angles=pool.angles[rows]) for pool, rows in zip(pools, chosen, strict=True)]
+
+
+def improved(single: Sequence[OnOneFoot], both: np.ndarray, *stages: Smooth) -> list[OnOneFoot]:
+    """Improve the postures on one foot, one foot after the other, by each function of M in turn.
+
+    Args:
+        single: feasible postures on each foot.
+        both: information of the postures on both feet, (p, p).
+        stages: functions of M and their gradients.
+    """
+    single = list(single)
+    for smooth in stages:
+        for k, own in enumerate(single):
+            rest = both + total(single) - own.information
+            angles = descend_on_one_foot(own.problem, own.angles, own.swing, shifted(smooth, rest), STEPS)
+            single[k] = replace(own, angles=angles)
+    return single
+
+
+def total(single: Sequence[OnOneFoot]) -> np.ndarray | float:
+    """Return the information of all postures on one foot, (p, p); 0 without any."""
+    return np.sum([postures.information for postures in single], axis=0)
+
+
+REGION, WIDEST, NARROWEST = 0.2, 0.5, 2e-3  # trust regions [rad]
+GROW, SHRINK = 1.5, 0.4
+CORRECTIONS = 3  # of a step for the curvature of the constraints
+GAIN = 1e-6  # smallest predicted gain of a step
+
+
+def information_on_one_foot(found: OneFoot) -> np.ndarray:
+    """Compute the information matrix M = H'H of the postures, (p, p)."""
+    rows = found.regressor.reshape(-1, found.regressor.shape[-1])
+    return rows.T @ rows
+
+
+def descend_on_one_foot(
+    problem: Problem, angles: np.ndarray, swing: np.ndarray, smooth: Smooth, iterations: int
+) -> np.ndarray:
+    """Minimise a function of the postures' information from feasible postures.
+
+    Args:
+        problem: the robot and its constraints.
+        angles: joint angles of feasible postures, (m, n) [rad].
+        swing: pose of the standing swing foot, under which its board lies, (3,) [m, m, rad].
+        smooth: function of M and its gradient.
+        iterations: largest number of steps.
+
+    Returns:
+        Joint angles of feasible postures with a smaller value, or the same, (m, n) [rad].
+    """
+    standing = np.broadcast_to(swing, (len(angles), 3))
+    found, region = evaluate_one_foot(problem, angles, standing), np.full(len(angles), REGION)
+    value, by_matrix = smooth(information_on_one_foot(found))
+    for _ in range(iterations):
+        cost = np.einsum("mip,minp->mn", found.regressor @ by_matrix, found.regressor_slopes, optimize=True)
+        moved, gain = _moved(problem, found, standing, 2 * cost, region)
+        if gain < GAIN or region.max() < NARROWEST:
+            break
+        broken = moved.inequalities.min(axis=1) < -FEASIBLE
+        region = np.where(broken, SHRINK * region, region)
+        kept = np.where(broken[:, None], found.chain.angles, moved.chain.angles)
+        moved = evaluate_one_foot(problem, kept, standing)
+        after, slope = smooth(information_on_one_foot(moved))
+        if after < value:
+            found, value, by_matrix = moved, after, slope
+            region = np.where(broken, region, np.minimum(GROW * region, WIDEST))
+        else:
+            region = SHRINK * region
+    return found.chain.angles
+
+
+def _moved(
+    problem: Problem, found: OneFoot, standing: np.ndarray, cost: np.ndarray, region: np.ndarray
+) -> tuple[OneFoot, float]:
+    """Return the postures after a linear step, corrected for curvature, and the gain that it predicts."""
+    angles = found.chain.angles
+    columns = np.arange(angles.size).reshape(angles.shape)
+    free = np.full(angles.shape, np.inf)
+    now, slopes = found.inequalities, found.inequality_jacobian
+    room, moved, gain = now, found, 0.0
+    for count in range(1 + CORRECTIONS):
+        step, predicted = elastic_step(cost, columns, angles.size, now, slopes, (-free, free), region, room)
+        gain = predicted if count == 0 else gain
+        moved = evaluate_one_foot(problem, angles + step, standing)
+        if moved.inequalities.min() >= -FEASIBLE:
+            break
+        missed = moved.inequalities - now - (slopes @ step[..., None])[..., 0]
+        room = now + np.minimum(missed, 0.0)
+    return moved, gain
