@@ -50,7 +50,7 @@ def test_one_effect_is_explained(capsys):
 
 def test_what_is_wrong_is_named_and_nothing_is_written(tmp_path, capsys):
     message = refused(capsys, "simulate", "--out", tmp_path / "data", "--effects", "random=3")
-    assert "--effects random=3: found a target or values, expected `random` alone" in message
+    assert "effects random=3: found a target or values, expected `random` alone" in message
     assert list(tmp_path.iterdir()) == []
 
 
@@ -127,7 +127,7 @@ def test_a_random_effect_tells_the_truth_file_alone(style, tmp_path, capsys):
 
 def test_a_random_effect_wants_a_truth_file(tmp_path, capsys):
     message = refused(capsys, "simulate", "--out", tmp_path / "data", "--effects", "random")
-    assert "--effects random: found no file for the truth, expected `--truth FILE`" in message
+    assert "effects random: found no file for the truth, expected `truth=FILE`" in message
 
 
 def test_a_random_effect_that_cannot_be_simulated_is_not_named(tmp_path, capsys, monkeypatch):

@@ -236,7 +236,7 @@ def test_an_unknown_key_in_planning_is_refused_at_load(robot_folder, capsys):
 def test_a_plan_too_small_or_too_uniform_is_refused_before_it_is_written(robot_folder, tmp_path, capsys):
     out = tmp_path / "plan"
     draw = ["plan", "random", "--out", out, "--placements", "2", "--per-placement"]
-    assert "--placements, --per-placement: found 12 postures, too few for 25" in refusal(capsys, *draw, "6")
+    assert "placements, per_placement: found 12 postures, too few for 25" in refusal(capsys, *draw, "6")
     replace(robot_folder / "tulip.toml", "torso_yaw_deg = [-20, 20]", "torso_yaw_deg = [0, 0]")
     replace(robot_folder / "tulip.toml", "swing_yaw_deg = [-30, 30]", "swing_yaw_deg = [0, 0]")
     message = refusal(capsys, *draw, "10", "--robot", robot_folder / "tulip.toml")

@@ -225,14 +225,14 @@ def refusal(folder):
 
 def test_an_incomplete_folder_names_its_tables_and_what_lists_the_rest(folder):
     by_hand(folder, name="wednesday.csv")
-    rest = "; found wednesday.csv; `tt.check('DATA')` lists all that is missing or wrong"
+    rest = "; found wednesday.csv; `check` lists all that is missing or wrong"
     assert (
         refusal(folder)
         == f"DATA: found neither postures.parquet nor postures.csv, expected one of them{rest}"
     )
     (folder / "manifest.json").unlink()
     assert refusal(folder) == f"DATA/manifest.json: missing{rest}"
-    with pytest.raises(InputError, match=r"and the table as postures.csv; `tt.check\('.*data'\)` lists what"):
+    with pytest.raises(InputError, match=r"and the table as postures.csv; `check` of .* lists what"):
         read_measurements(folder / "wednesday.csv")
 
 
@@ -242,7 +242,7 @@ def test_all_missing_columns_are_named_and_close_ones_that_are_there(folder):
     path.write_text(
         path.read_text().replace("q.right_knee", "q.rightknee", 1).replace('"posture"', '"no"', 1)
     )
-    assert "columns 'posture', 'q.right_knee' are missing (found 'q.rightknee'); `tt.check(" in refusal(
+    assert "columns 'posture', 'q.right_knee' are missing (found 'q.rightknee'); `check` lists" in refusal(
         folder
     )
 

@@ -111,12 +111,12 @@ def check_table(folder):
 def test_bad_options_are_refused_before_the_work(tmp_path, capsys):
     out = tmp_path / "run"
     asked = ("montecarlo", "--out", out, "--runs")
-    assert "--runs: found 0, expected 1 or more" in refused(capsys, *asked, 0)
+    assert "runs: found 0, expected 1 or more" in refused(capsys, *asked, 0)
     for name in ("magic", ""):
         message = refused(capsys, *asked, 5, "--estimator", name)
         assert f"unknown estimator '{name}'; valid: mixed-model, least-squares" in message
     assert "unknown engine 'ray'; valid: dynamics, statics" in refused(capsys, *asked, 5, "--engine", "ray")
-    assert "--robot-spread: found 2.0" in refused(capsys, *asked, 5, "--robot-spread", 2.0)
+    assert "robot_spread: found 2.0" in refused(capsys, *asked, 5, "--robot-spread", 2.0)
     assert list(tmp_path.iterdir()) == []
 
 

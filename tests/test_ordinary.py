@@ -133,7 +133,7 @@ def test_the_mass_comes_from_the_calibration(validated):
 def test_the_data_distinguish_more_than_the_estimate_is_sure_of(validated, nominal):
     found = validated.identification.calibration
     assert found is not None
-    extra = found.prior_covariance
+    extra = found.covariance - found.unseen.covariance
     assert extra == pytest.approx(extra.T)
     assert np.linalg.eigvalsh(extra).min() > -1e-12 * np.linalg.eigvalsh(extra).max()
     assert np.linalg.eigvalsh(found.data_covariance).min() > 0
@@ -142,7 +142,7 @@ def test_the_data_distinguish_more_than_the_estimate_is_sure_of(validated, nomin
         observe(validated.run.measurements, nominal),
         dict.fromkeys([f.family.name for f in found.families], 0),
     )
-    assert (exact.prior_covariance == 0).all()
+    assert exact.unseen.labels == ()
     assert (exact.data_covariance == exact.covariance).all()
 
 
@@ -182,10 +182,10 @@ def test_a_monte_carlo_does_not_depend_on_workers_and_records_its_setting(robot,
 
 def test_impossible_scales_are_refused(robot, plan, tmp_path, capsys):
     asked = ("montecarlo", "--out", tmp_path / "run", "--runs", 1, "--imperfections")
-    assert "--imperfections: found -1.0, expected 0 (an exact laboratory)" in refused(capsys, *asked, -1)
-    assert "--imperfections: found nan" in refused(capsys, *asked, "nan")
+    assert "imperfections: found -1.0, expected 0 (an exact laboratory)" in refused(capsys, *asked, -1)
+    assert "imperfections: found nan" in refused(capsys, *asked, "nan")
     asked = ("validate", "--out", tmp_path / "run", "--sensors", "ideal")
-    assert "--imperfections: found 1 with sensors ideal" in refused(capsys, *asked)
+    assert "imperfections: found 1 with sensors ideal" in refused(capsys, *asked)
     assert list(tmp_path.iterdir()) == []
     for scale in (-1.0, np.inf):
         with pytest.raises(InputError, match=r"imperfections: found .*, expected 0"):

@@ -272,7 +272,7 @@ ARGUMENT_KINDS: dict[str, Change] = {
     "no tolerances": line(
         REFUSED, with_value([(IDENTIFY, "--tolerances"), (DISCOVER, "--tolerances")], TOLERANCE_TEXTS)
     ),
-    "no targets": line(REFUSED, with_value([(WATCH, "--target")], TARGET_TEXTS)),
+    "no targets": line(REFUSED, with_value([(WATCH, "--targets")], TARGET_TEXTS)),
     "no samples": line(REFUSED, with_value([(EXPORT, "--samples")], NO_WHOLE)),
     "no inputs": line(REFUSED, instead(READ, NO_INPUTS)),
     "no outputs": line(REFUSED, instead(WRITTEN, NO_OUTPUTS)),
