@@ -43,6 +43,8 @@ SHAPES = 4  # of the best pair
 EXCHANGES = 2  # rounds in which every term is sought anew
 MOST_JUDGED = 60  # after which nothing is exchanged: in a gross gap a judgement takes a second
 NEAR, SHARE = 15.0, 0.6  # laws are judged above SHARE of the best ln Bayes factor by linear columns less NEAR
+GLANCED_NEAR = 15.0  # ln of the evidence at a glance, by which others that are judged may lie below the best
+GLANCED = 0.2  # of the best gain at a glance: by so much more
 
 
 @dataclass(frozen=True)
@@ -272,10 +274,6 @@ def _exchanged(law_search: LawSearch, found: Judged, near: tuple[tuple[Fitted, .
             if again is not None and again.possible:
                 return again
     return None
-
-
-GLANCED_NEAR = 15.0  # ln of the evidence at a glance, by which others that are judged may lie below the best
-GLANCED = 0.2  # of the best gain at a glance: by so much more
 
 
 @dataclass(frozen=True)

@@ -9,15 +9,7 @@ import numpy as np
 from tulip_testbed.base.numbers import number
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.detectability import by_kind
-from tulip_testbed.discovery.discover import (
-    ADOPTED,
-    AMBIGUOUS,
-    CALIBRATED,
-    DESCRIBED,
-    NAMED,
-    NONE,
-    Discovery,
-)
+from tulip_testbed.discovery.discover import ADOPTED, AMBIGUOUS, CALIBRATED, DESCRIBED, NAMED, NONE, Discovery
 from tulip_testbed.discovery.effect_intervals import with_intervals
 from tulip_testbed.discovery.next_experiment import NextExperiment
 from tulip_testbed.effects.instance import EffectInstance

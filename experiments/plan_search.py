@@ -121,22 +121,21 @@ class Search:
         Args:
             seed: of the start; the settings' if None.
         """
-        wanted, problem, goal, measured = self.settings, self.problem, self.goal, self.measured
-        placements, per, hops = wanted.size
-        seed = wanted.seed if seed is None else seed
+        seed = self.settings.seed if seed is None else seed
+        problem, goal, solver, measured = self.problem, self.goal, self.settings.solver, self.measured
+        placements, per, hops = self.settings.size
 
         @cache
         def start() -> Start:
-            return random_start(problem, goal, placements, per, seed, wanted.on_one_foot, measured)
+            return random_start(problem, goal, placements, per, seed, self.settings.on_one_foot, measured)
 
         def run(show: Show, state: SearchState | None) -> PosturePlan:
             return optimize_plan(
-                problem, goal, placements, per, seed, hops, show, state, wanted.solver, measured, start()
+                problem, goal, placements, per, seed, hops, show, state, solver, measured, start()
             )
 
         def best(state: SearchState) -> PosturePlan:
-            reached = replace(start(), state=state)
-            return plan_from_state(problem, goal, reached, seed, hops, wanted.solver, measured)
+            return plan_from_state(problem, goal, replace(start(), state=state), seed, hops, solver, measured)
 
         return Job(round_count(goal, hops), run, best)
 

@@ -27,6 +27,11 @@ MOST_NUMBER = 1e6  # m, rad, deg, N: bound of any robot's ranges
 MARGIN_KEYS = ("foot_load", "foot_moment", "board", "leg_clearance", "link_clearance", "lifted")
 
 Range = tuple[float, float]
+# Shares of the weight, of weight times foot length, and of the leg's length.
+FOOT_LOAD = 0.1108
+FOOT_MOMENT = 0.01219
+CLEARANCE, LIFTED = 0.0155, 0.031
+DIGITS = 3  # to which these margins are rounded
 
 
 @dataclass(frozen=True)
@@ -148,13 +153,6 @@ def free_joint_ranges(robot: Robot, model: mujoco.MjModel, ranges: PlanningRange
     if endless := [name for name, interval in drawn.items() if not np.isfinite(interval).all()]:
         raise InputError(f"{where}': found no range for joint '{endless[0]}', and the model gives it none")
     return drawn
-
-
-# Shares of the weight, of weight times foot length, and of the leg's length.
-FOOT_LOAD = 0.1108
-FOOT_MOMENT = 0.01219
-CLEARANCE, LIFTED = 0.0155, 0.031
-DIGITS = 3  # to which these margins are rounded
 
 
 @dataclass(frozen=True)

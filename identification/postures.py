@@ -33,14 +33,7 @@ from tulip_testbed.identification.planning_ranges import (
 )
 from tulip_testbed.measurements import PlateGeometry, PosturePlan, lay_boards
 from tulip_testbed.sim.path import ClosedChain
-from tulip_testbed.sim.robot import (
-    Robot,
-    between_feet,
-    joint_names,
-    joint_ranges,
-    sole_corners,
-    standing,
-)
+from tulip_testbed.sim.robot import Robot, between_feet, joint_names, joint_ranges, sole_corners, standing
 
 ATTEMPTS = 3000  # without a feasible posture, after which the ranges are considered infeasible
 REDRAWS = 100  # of the joints that are not between the feet, for one posture

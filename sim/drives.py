@@ -19,6 +19,13 @@ SUFFIX = "_motor"
 LOSS_TIME = 0.001
 # Share of the drive's reflected inertia on the joint side of the spring, assumed.
 LINK_SHARE = 0.2
+# A servo reaches its torque limit at 0.02 rad: with less inertia its damping makes the joint chatter.
+LEAST_ARMATURE = 0.0014  # kg m2 per Nm of torque limit
+ROUNDING = 1e-6  # relative
+# Friction rows softer than this let a joint creep for long before it sticks (docs/studies/contact-study.md).
+SOLREF_FRICTION = (0.002, 1.0)
+SOLIMP_FRICTION = (0.9999, 0.9999, 0.001, 0.5, 2.0)
+LEAST_RATE = 2 / SOLREF_FRICTION[0]  # 1/s
 
 
 @dataclass(frozen=True)
@@ -82,15 +89,6 @@ def motor_joint(model: mujoco.MjModel, joint: str) -> str:
     """Return the name of the joint that a joint's motor turns: its rotor, or itself in a rigid drive."""
     rotor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, f"{joint}{SUFFIX}")
     return f"{joint}{SUFFIX}" if rotor >= 0 else joint
-
-
-# A servo reaches its torque limit at 0.02 rad: with less inertia its damping makes the joint chatter.
-LEAST_ARMATURE = 0.0014  # kg m2 per Nm of torque limit
-ROUNDING = 1e-6  # relative
-# Friction rows softer than this let a joint creep for long before it sticks (docs/studies/contact-study.md).
-SOLREF_FRICTION = (0.002, 1.0)
-SOLIMP_FRICTION = (0.9999, 0.9999, 0.001, 0.5, 2.0)
-LEAST_RATE = 2 / SOLREF_FRICTION[0]  # 1/s
 
 
 def short_of_armature(spec: mujoco.MjSpec) -> dict[str, tuple[float, float]]:

@@ -18,6 +18,11 @@ MOST_LENGTH = 20.0  # m, from a body to the next or to its centre of mass
 LEAST_MASS, MOST_MASS = 0.01, 1e4  # kg, of the whole robot
 LEAST_GRAVITY, MOST_GRAVITY = 0.1, 100.0  # m/s2
 LEAST_STEP, MOST_STEP = 1e-5, 0.01  # s
+# Flags without an effect on a robot at rest; all others switch physics off or replace it.
+HARMLESS_OFF = (
+    *("warmstart", "filterparent", "eulerdamp", "autoreset", "nativeccd", "multiccd", "island", "midphase"),
+)
+HARMLESS_ON = ("energy", "fwdinv", "invdiscrete")
 
 
 def check_model(model: mujoco.MjModel, where: str) -> None:
@@ -110,13 +115,6 @@ def _within(
 def _joints_of(model: mujoco.MjModel, body: int) -> range:
     first = int(model.body_jntadr[body])
     return range(first, first + int(model.body_jntnum[body]))
-
-
-# Flags without an effect on a robot at rest; all others switch physics off or replace it.
-HARMLESS_OFF = (
-    *("warmstart", "filterparent", "eulerdamp", "autoreset", "nativeccd", "multiccd", "island", "midphase"),
-)
-HARMLESS_ON = ("energy", "fwdinv", "invdiscrete")
 
 
 def check_features(model: mujoco.MjModel, where: str) -> None:

@@ -28,6 +28,35 @@ SOLE_ON_BOARD = {
     "solimp": [0.9999, 0.9999, 0.001, 0.5, 2.0],
     "solreffriction": [0.002, 1.0],
 }
+# Settings that replace those of a robot's file.
+TIMESTEP = 0.001  # s
+# With MuJoCo's default of 1e-8 the solver stops early, so that forces fluctuate and feet creep faster.
+SOLVER_TOLERANCE = 1e-12
+SOLVER = (
+    *("solver", "jacobian", "iterations", "ls_iterations", "ls_tolerance"),
+    *("noslip_iterations", "noslip_tolerance", "ccd_iterations", "ccd_tolerance"),
+)
+OPTIONS = (
+    *SOLVER,
+    *("impratio", "density", "viscosity", "magnetic", "wind", "disableflags", "enableflags"),
+)
+SIZES = ("memory", "njmax", "nconmax")
+# Defaults of elements that the laboratory adds to a robot's scene.
+LIMITS = ("limited", "range", "margin", "actfrclimited", "actfrcrange", "solref_limit", "solimp_limit")
+FRICTION = ("frictionloss", "solref_friction", "solimp_friction")
+DEFAULTS = {
+    "geom": (
+        *("condim", "priority", "friction", "solmix", "solref", "solimp"),
+        *("margin", "gap", "adhesion", "surfacevel"),
+    ),
+    "pair": ("condim", "friction", "solref", "solreffriction", "solimp", "margin", "gap"),
+    "equality": ("solref", "solimp"),
+    "joint": (
+        *("pos", "axis", "ref", "springref", "springdamper", "stiffness", "damping", "armature"),
+        *("actgravcomp", *LIMITS, *FRICTION),
+    ),
+    "tendon": ("stiffness", "springlength", "damping", "armature", *LIMITS, *FRICTION),
+}
 
 
 def load_scene(robot: Robot) -> mujoco.MjSpec:
@@ -155,37 +184,6 @@ def boards_under(rig: Rig, foot_poses: np.ndarray) -> np.ndarray:
     turn = np.moveaxis(np.array([[c, s], [-s, c]]), (0, 1), (-2, -1))
     soles = corners @ turn + foot_poses[..., None, :2]
     return np.array([lay_boards(pair, size, rig.protocol.plate_gap) for pair in soles])
-
-
-# Settings that replace those of a robot's file.
-TIMESTEP = 0.001  # s
-# With MuJoCo's default of 1e-8 the solver stops early, so that forces fluctuate and feet creep faster.
-SOLVER_TOLERANCE = 1e-12
-SOLVER = (
-    *("solver", "jacobian", "iterations", "ls_iterations", "ls_tolerance"),
-    *("noslip_iterations", "noslip_tolerance", "ccd_iterations", "ccd_tolerance"),
-)
-OPTIONS = (
-    *SOLVER,
-    *("impratio", "density", "viscosity", "magnetic", "wind", "disableflags", "enableflags"),
-)
-SIZES = ("memory", "njmax", "nconmax")
-# Defaults of elements that the laboratory adds to a robot's scene.
-LIMITS = ("limited", "range", "margin", "actfrclimited", "actfrcrange", "solref_limit", "solimp_limit")
-FRICTION = ("frictionloss", "solref_friction", "solimp_friction")
-DEFAULTS = {
-    "geom": (
-        *("condim", "priority", "friction", "solmix", "solref", "solimp"),
-        *("margin", "gap", "adhesion", "surfacevel"),
-    ),
-    "pair": ("condim", "friction", "solref", "solreffriction", "solimp", "margin", "gap"),
-    "equality": ("solref", "solimp"),
-    "joint": (
-        *("pos", "axis", "ref", "springref", "springdamper", "stiffness", "damping", "armature"),
-        *("actgravcomp", *LIMITS, *FRICTION),
-    ),
-    "tendon": ("stiffness", "springlength", "damping", "armature", *LIMITS, *FRICTION),
-}
 
 
 def set_solver(spec: mujoco.MjSpec) -> None:

@@ -30,6 +30,12 @@ from tulip_testbed.sim.robot import Robot
 
 AXES = ("x", "y", "z")
 STAGES = 20  # in which a force grows: half of one is 2.5 % of it
+OF_ENCODERS, OF_CELLS, OF_GAINS, OF_PLACES, OF_YAW, OF_FORCES = np.radians(0.5), 1.0, 0.02, 3e-3, 0.01, 2.0
+MOST_PERIODS = 200.0  # a turn, or in the experiment: finer ones no posture plan resolves
+GUESS = "The curve is measured; its cause is a guess."
+Intervals = Sequence[tuple[float, float] | None]
+FINE = {"rad": (1e3, "mrad"), "m": (1e3, "mm"), "": (100.0, "%")}  # units of small errors
+TURN = 180 / np.pi
 
 
 def _pull(rig: Rig, target: str, values: Values) -> Rig:
@@ -63,10 +69,6 @@ def _without_pull(observed: Observation, target: str, values: Values) -> Observa
     part = {g.CONSTANT: np.ones(len(time)), g.LINEAR: time}.get(sentence.form)
     force = np.outer(time >= values[3] if part is None else part, values[:3])
     return without_force(observed, sentence.place, force)
-
-
-OF_ENCODERS, OF_CELLS, OF_GAINS, OF_PLACES, OF_YAW, OF_FORCES = np.radians(0.5), 1.0, 0.02, 3e-3, 0.01, 2.0
-MOST_PERIODS = 200.0  # a turn, or in the experiment: finer ones no posture plan resolves
 
 
 @dataclass(frozen=True, repr=False)
@@ -162,12 +164,6 @@ def _of_reading(sentence: Sentence) -> tuple[str, float]:
     if sentence.scales or sentence.form == g.RELAXATION:
         return "", OF_GAINS
     return "N", OF_CELLS
-
-
-GUESS = "The curve is measured; its cause is a guess."
-Intervals = Sequence[tuple[float, float] | None]
-FINE = {"rad": (1e3, "mrad"), "m": (1e3, "mm"), "": (100.0, "%")}  # units of small errors
-TURN = 180 / np.pi
 
 
 def what_errs(sentence: Sentence) -> str:

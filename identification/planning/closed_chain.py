@@ -10,12 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tulip_testbed.identification.kinematics import (
-    frame_positions,
-    joint_axes,
-    joint_pivots,
-    link_rotations,
-)
+from tulip_testbed.identification.kinematics import frame_positions, joint_axes, joint_pivots, link_rotations
 from tulip_testbed.identification.planning.problem import Problem
 
 TOLERANCE = 1e-11  # of every equation [m, rad]

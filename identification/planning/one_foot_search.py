@@ -14,10 +14,7 @@ import numpy as np
 
 from tulip_testbed.identification.planning.blocks import FEASIBLE
 from tulip_testbed.identification.planning.linear_steps import elastic_step
-from tulip_testbed.identification.planning.objectives import (
-    Smooth,
-    shifted,
-)
+from tulip_testbed.identification.planning.objectives import Smooth, shifted
 from tulip_testbed.identification.planning.one_foot import OneFoot, evaluate_one_foot, from_other_foot
 from tulip_testbed.identification.planning.problem import Problem
 from tulip_testbed.identification.planning.single_support import feasible_pool
@@ -25,6 +22,10 @@ from tulip_testbed.identification.planning.single_support import feasible_pool
 POOL = 3  # random postures for each wanted one on one foot
 PASSES = 3  # exchanges over all postures on one foot
 STEPS = 40  # linear steps of the postures on one foot in a round
+REGION, WIDEST, NARROWEST = 0.2, 0.5, 2e-3  # trust regions [rad]
+GROW, SHRINK = 1.5, 0.4
+CORRECTIONS = 3  # of a step for the curvature of the constraints
+GAIN = 1e-6  # smallest predicted gain of a step
 
 
 @dataclass(frozen=True)
@@ -127,12 +128,6 @@ def improved(single: Sequence[OnOneFoot], both: np.ndarray, *stages: Smooth) -> 
 def total(single: Sequence[OnOneFoot]) -> np.ndarray | float:
     """Return the information of all postures on one foot, (p, p); 0 without any."""
     return np.sum([postures.information for postures in single], axis=0)
-
-
-REGION, WIDEST, NARROWEST = 0.2, 0.5, 2e-3  # trust regions [rad]
-GROW, SHRINK = 1.5, 0.4
-CORRECTIONS = 3  # of a step for the curvature of the constraints
-GAIN = 1e-6  # smallest predicted gain of a step
 
 
 def information_on_one_foot(found: OneFoot) -> np.ndarray:

@@ -31,6 +31,8 @@ POLISH = 20  # iterations of SLSQP on each placement at the end
 INTERIOR = 30  # iterations of IPOPT on the whole plan
 LEAST_POOL = 3  # smallest number of candidates for an exchange
 GAIN = 1e-6
+ARRAYS = ("design", "angles", "best_design", "best_angles")
+SAME = 1e-6  # relative difference of numbers that another machine computes
 
 
 @dataclass(frozen=True)
@@ -216,10 +218,6 @@ def _blocks(plan: EvaluatedPlan) -> list[Block]:
 
 def _joined(blocks: list[Block]) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([b.design for b in blocks]), np.concatenate([b.angles for b in blocks])
-
-
-ARRAYS = ("design", "angles", "best_design", "best_angles")
-SAME = 1e-6  # relative difference of numbers that another machine computes
 
 
 class StateError(InputError):

@@ -21,6 +21,9 @@ ALIASES = {
     "solimpfriction": "solimp_friction",
 }
 INERTIAL = {"pos": "ipos", "quat": "iquat"}
+# Sections that refer to bodies, ordered so that every name is defined before it is used.
+SECTIONS = ("tendon", "actuator", "equality", "contact", "sensor")
+REFERENCES = ("body", "joint", "geom", "site", "tendon", "actuator")
 
 
 def scene_xml(spec: mujoco.MjSpec) -> Element:
@@ -70,11 +73,6 @@ def _write_in_full(element: Element, own: object, aliases: dict[str, str]) -> No
             if candidate.shape == written.shape and np.allclose(written, candidate, SIX_DIGITS, 1e-12):
                 element.set(key, " ".join(repr(float(number)) for number in candidate))
                 break
-
-
-# Sections that refer to bodies, ordered so that every name is defined before it is used.
-SECTIONS = ("tendon", "actuator", "equality", "contact", "sensor")
-REFERENCES = ("body", "joint", "geom", "site", "tendon", "actuator")
 
 
 @dataclass(frozen=True)
