@@ -12,14 +12,12 @@ import pytest
 from scipy.stats import ks_2samp
 
 from studies.study_equilibrium import compare, excess_wrenches, laboratories
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.effects.injection import edited, from_then_on
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.truth_record import truth_of
 from tulip_testbed.measurements import PosturePlan, read_measurements
 from tulip_testbed.measurements.contacts import WRENCH
-from tulip_testbed.sim.composer import laboratory_environment
 from tulip_testbed.sim.dynamics.dynamic_run import read_again, run_dynamics
 from tulip_testbed.sim.dynamics.hold import hold, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
@@ -405,11 +403,6 @@ def test_the_truth_file_knows_zeros_and_wrenches(robot, plan):
     assert np.array_equal(document["zeros"], run.truth.zeros)
     assert np.array_equal(document["wrenches"], run.truth.wrenches)
     assert document["configuration"]["sensors"]["wrench"]["zero_sd"] == list(SHEET.zero_sd)
-
-
-def test_the_composer_refuses_them(robot, plan):
-    with pytest.raises(InputError, match="rig: found wrench sensors, expected plates on cells"):
-        laboratory_environment(preset_rig("foot-ft", robot), plan.joint_angles[0])
 
 
 def test_a_folder_holds_what_they_read_and_not_the_truth(tmp_path, robot):

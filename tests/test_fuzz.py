@@ -224,15 +224,6 @@ def test_a_crash_and_an_endless_compilation_are_survived(robot_folder, monkeypat
         trial.try_to_compile(path, {path: {path: "endless"}})
 
 
-def test_an_unknown_key_in_planning_is_refused_at_load(robot_folder, capsys):
-    replace(robot_folder / "tulip.toml", "swing_x =", "swing_q =")
-    toml = robot_folder / "tulip.toml"
-    others = (["identify", "nowhere"], ["plan", "show"], ["simulate", "--out", "x"])
-    for command in (["robot", toml], *([*one, "--robot", toml] for one in others)):
-        message = refusal(capsys, *command)
-        assert "tulip.toml: [planning]: unknown key 'swing_q'; did you mean" in message
-
-
 def test_a_plan_too_small_or_too_uniform_is_refused_before_it_is_written(robot_folder, tmp_path, capsys):
     out = tmp_path / "plan"
     draw = ["plan", "random", "--out", out, "--placements", "2", "--per-placement"]

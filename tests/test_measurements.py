@@ -101,78 +101,11 @@ def test_optional_columns_may_be_absent_and_unknown_spreads_null(folder):
     assert np.isnan(measured.joint_angles_sd[:, 9]).all()
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda t: t.drop_columns(["q.left_knee"]), r"postures.parquet: column 'q.left_knee' is missing"),
-        (
-            lambda t: replace_column(t, "cell.left.rear_left", [float("nan")] + [1.0] * (len(t) - 1)),
-            r"column 'cell.left.rear_left', row 1: found nan, expected a finite number",
-        ),
-        (
-            lambda t: replace_column(t, "q.right_knee", ["bent"] * len(t)),
-            r"column 'q.right_knee': found string, expected numbers",
-        ),
-        (
-            lambda t: replace_column(t, "support", ["both"] * len(t)),
-            r"column 'support', row 1: found 'both', expected one of double, right, left",
-        ),
-        (
-            lambda t: replace_column(t, "placement", [0.5] * len(t)),
-            r"column 'placement', row 1: found 0.5, expected a whole number",
-        ),
-        (lambda t: t.slice(0, 0), r"found no rows"),
-    ],
-)
-def test_a_broken_table_is_named(folder, change, message):
-    rewrite(folder, change)
-    with pytest.raises(InputError, match=message):
-        read_measurements(folder)
-
-
 def edit_manifest(folder, change):
     path = folder / "manifest.json"
     content = json.loads(path.read_text())
     change(content)
     path.write_text(json.dumps(content))
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda m: m.pop("gravity"), r"manifest.json: key 'gravity': found nothing"),
-        (lambda m: m.update(format="other"), r"key 'format': found 'other'"),
-        (lambda m: m["sensors"].pop("cell_sd"), r"key 'sensors.cell_sd': found nothing"),
-        (lambda m: m["plates"]["left"]["cells"].pop("rear_left"), r"key 'plates.left.cells.rear_left'"),
-        (lambda m: m["tables"].update({"postures.parquet": "0" * 64}), r"hash mismatch: found sha256"),
-    ],
-)
-def test_a_broken_manifest_is_named(folder, change, message):
-    edit_manifest(folder, change)
-    with pytest.raises(InputError, match=message):
-        read_measurements(folder)
-
-
-def test_wrong_joint_order_is_refused(folder, robot):
-    edit_manifest(folder, lambda m: m["joints"].reverse())
-    with pytest.raises(
-        InputError, match=r"key 'joints': found left_ankle_roll, .*expected the model's order right_hip_yaw"
-    ):
-        identify(read_measurements(folder), robot)
-
-
-def test_another_model_is_refused(folder, robot):
-    edit_manifest(folder, lambda m: m["robot"].update(sha256="0" * 64))
-    with pytest.raises(InputError, match="hash mismatch of the robot's model"):
-        identify(read_measurements(folder), robot)
-
-
-def test_unknown_foot_is_refused(folder, robot):
-    edit_manifest(folder, lambda m: m["robot"].update(stance_foot="left_foot"))
-    with pytest.raises(
-        InputError, match=r"key 'robot.stance_foot': found 'left_foot', expected 'right_foot'"
-    ):
-        identify(read_measurements(folder), robot)
 
 
 def test_fewer_postures_than_parameters_are_refused(folder, robot):
@@ -247,32 +180,6 @@ def test_all_missing_columns_are_named_and_close_ones_that_are_there(folder):
     )
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (
-            lambda m: [m.pop(key) for key in ("gravity", "sensors")],
-            "keys 'gravity', 'sensors': found nothing",
-        ),
-        (lambda m: m.update(gravity=981), "key 'gravity': found 981; expected 100 or less"),
-        (lambda m: m.update(gravity="9.81"), "key 'gravity': found '9.81'; expected a number"),
-        (lambda m: m.update(joints=[]), "key 'joints': found []; expected 1 or more values"),
-        (lambda m: m.update(sensors=3), "key 'sensors': found 3; expected an object"),
-        (lambda m: m["sensors"].update(placement_sd=0.001), "found 0.001; expected a list"),
-        (lambda m: m["sensors"].update(cell_sd=1e-20), "found 1e-20; expected 0 or at least 1e-12"),
-    ],
-)
-def test_the_manifests_faults_are_told_in_our_words(folder, change, message):
-    by_hand(folder, change)
-    assert message in refusal(folder)
-
-
-def test_a_joint_that_is_missing_is_named_alone(folder, robot):
-    by_hand(folder, lambda m: m["joints"].remove("left_ankle_roll"))
-    with pytest.raises(InputError, match=r"key 'joints': missing: left_ankle_roll$"):
-        identify(read_measurements(folder), robot)
-
-
 def test_measurements_print_as_a_line_and_have_a_frame_with_the_folders_columns(wii, folder):
     measured = wii.run.measurements
     for shown in (measured, wii.run.truth, wii.run.outcome, wii.run.plan):
@@ -298,20 +205,6 @@ def test_gains_are_read_and_written_back(folder, tmp_path):
     assert read_measurements(folder).gains == {}
 
 
-@pytest.mark.parametrize(
-    ("gains", "message"),
-    [
-        ({"right_kne": 5000.0}, r"key 'gains': unknown joint 'right_kne'; did you mean 'right_knee'"),
-        ({"right_knee": 0.0}, r"key 'gains.right_knee': found 0.0; expected more than 0"),
-        ({"right_knee": "stiff"}, r"key 'gains.right_knee': found 'stiff'; expected a number"),
-    ],
-)
-def test_impossible_gains_are_named(folder, gains, message):
-    edit_manifest(folder, lambda m: m.update(gains=gains))
-    with pytest.raises(InputError, match=message):
-        read_measurements(folder)
-
-
 def test_tolerances_are_read_and_written_back(wii, folder, tmp_path):
     assert "tolerances" not in json.loads((folder / "manifest.json").read_text())
     edit_manifest(folder, lambda m: m.update(tolerances={"encoder-offset": 0.001, "link-length": 0}))
@@ -324,21 +217,6 @@ def test_tolerances_are_read_and_written_back(wii, folder, tmp_path):
     broken = dataclasses.replace(measured, tolerances={"tilt": float("nan")})
     with pytest.raises(InputError, match=r"measurements: key 'tolerances.tilt': found nan"):
         write_measurements(tmp_path / "broken", broken)
-
-
-@pytest.mark.parametrize(
-    ("tolerances", "message"),
-    [
-        ([1], r"manifest.json: key 'tolerances': found \[1\]; expected an object"),
-        ({"tilt": -1.0}, r"key 'tolerances.tilt': found -1.0; expected 0 or more"),
-        ({"tilt": "small"}, r"key 'tolerances.tilt': found 'small'; expected a number"),
-        ({"tilt": float("inf")}, r"found the number Infinity, expected a finite one"),
-    ],
-)
-def test_impossible_tolerances_are_named(folder, tolerances, message):
-    edit_manifest(folder, lambda m: m.update(tolerances=tolerances))
-    with pytest.raises(InputError, match=message):
-        read_measurements(folder)
 
 
 def test_tolerances_of_unknown_families_are_refused(folder, robot):

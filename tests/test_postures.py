@@ -85,23 +85,3 @@ def test_impossible_ranges_say_what_blocks(robot, plate):
     ranges = dataclasses.replace(planning_ranges(robot), least_height=0.8)
     with pytest.raises(InputError, match=r"admit no posture: 3000 tries, none feasible; blocked by .*\("):
         random_postures(robot, plate, 1, 1, 0, ranges)
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "message"),
-    [
-        ("swing_x", [0.2, 0.1], "with low <= high"),
-        ("swing_x", 0.2, r"expected \[low, high\]"),
-        ("least_height", "high", "expected a number"),
-        ("least_height", True, "expected a number"),
-        ("torso_yaw_deg", "x", r"'torso_yaw_deg': found 'x', expected \[low, high\]"),
-        ("swing_x", [float("nan"), 1.0], r"expected \[low, high\]"),
-        ("swing_x", [0, 10**400], r"expected \[low, high\]"),
-        ("swing_yaw", [0, 1], "found 'swing_yaw' and 'swing_yaw_deg'"),
-        ("swing_q", [0, 1], "unknown key 'swing_q'; did you mean"),
-    ],
-)
-def test_bad_ranges_are_refused(robot, key, value, message):
-    table = robot.settings["planning"] | {key: value}
-    with pytest.raises(InputError, match=message):
-        planning_ranges(dataclasses.replace(robot, settings={"planning": table}))

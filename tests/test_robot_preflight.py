@@ -28,7 +28,6 @@ from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.robot_check import robot_findings
 from tulip_testbed.sim.scene import laboratory_scene
-from tulip_testbed.sim.scene_check import check_scene
 from tulip_testbed.sim.shipped import TULIP
 
 POSES = np.array([[0.03, -0.16, 0.02], [0.05, 0.17, -0.01]])
@@ -163,12 +162,6 @@ def test_a_scene_written_by_hand_keeps_its_time_step_and_takes_the_solver(own):
     assert spec.option.solver == mujoco.mjtSolver.mjSOL_NEWTON
 
 
-def test_a_pair_of_the_robot_in_a_scene_written_by_hand_is_refused(own):
-    robot = own(("<actuator>", PAIR), built=False)
-    with pytest.raises(InputError, match="found a pair of 'right_foot_front_left' and 'left_foot_front_left"):
-        check_scene(preset_rig("ideal", robot))
-
-
 # --- the verdict on imbalance ------------------------------------------------------------------
 
 
@@ -298,11 +291,6 @@ def test_a_free_joint_without_a_name_takes_its_bodys(own, plan, robot):
     run = tt.Laboratory(nameless, "ideal").run(few, 1, "statics", 1)
     shipped = tt.Laboratory(robot, "ideal").run(planned(plan, robot, 1), 1, "statics", 1)
     assert np.array_equal(run.measurements.cell_forces, shipped.measurements.cell_forces)
-
-
-def test_a_mesh_folder_outside_says_what_to_do(own):
-    with pytest.raises(InputError, match=r"'meshdir': found '\.\./meshes', .*copy the files into it"):
-        own(("<compiler ", '<compiler meshdir="../meshes" '))
 
 
 def test_data_of_another_robot_are_said_to_be_first(robot, foreign, plan, tmp_path):

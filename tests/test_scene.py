@@ -102,29 +102,6 @@ def test_own_plate(folder):
     assert [path.name for path in robot.files] == ["tulip.toml", "tulip.xml", "plate.xml"]
 
 
-@pytest.mark.parametrize(
-    ("file", "old", "new", "message"),
-    [
-        ("tulip.toml", 'scene = "', 'plate = "plate.xml"\nscene = "', "'scene' and 'plate', expected one"),
-        ("tulip.toml", 'scene = "scene_plates.xml"', "plate = 3", "key 'plate': found 3, expected a text"),
-        ("tulip.xml", "<worldbody>", '<worldbody><geom name="ground" type="plane" size="1 1 1"/>',
-         "tulip.xml: found geoms 'ground' in the world, expected the robot alone"),
-        ("tulip.xml", 'range="-40 40"', 'range="40 -40"',
-         r"tulip.xml: joint 'right_hip_yaw': found range \[40, -40\], expected low < high"),
-        ("plate.xml", '"plate_top"', '"board"', "plate.xml: no geom named plate_top"),
-        ("plate.xml", 'geom name="plate_rear_left"', 'geom name="foot"', "no geom named plate_rear_left"),
-        ("plate.xml", '<touch name="plate_rear_left"', '<touch name="4th"', "no sensor named plate_rear"),
-        ("tulip.xml", 'pos="0.13 0.05 -0.058"', 'pos="-0.13 0.05 -0.058"', "expected x forward and y to the"),
-    ],
-)  # fmt: skip
-def test_what_is_missing_is_named(folder, file, old, new, message):
-    if file != "tulip.toml":
-        edit(folder / "tulip.toml", 'scene = "scene_plates.xml"', 'plate = "plate.xml"')
-    edit(folder / file, old, new)
-    with pytest.raises(InputError, match=message):
-        load_scene(load_robot(folder / "tulip.toml"))
-
-
 MOTORS = {
     '<motor gear="40" ctrlrange="-0.5 0.5"': 20.0,
     '<motor gear="-40" ctrlrange="-1 1" forcerange="-2 2"': 40.0,

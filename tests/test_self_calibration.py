@@ -116,32 +116,10 @@ def test_identify_takes_tolerances(ordinary, robot):
         found = tt.identify(measurements, robot, estimator="self-calibrating", tolerances=exact)
     assert found.calibration is not None
     assert not found.calibration.families
-    stated = {"encoder-offset": 0.01}
-    with pytest.raises(InputError, match="tolerances: encoder-offset: found with estimator mixed-model"):
-        tt.identify(measurements, robot, estimator="mixed-model", tolerances=stated)
-    with pytest.raises(InputError, match=r"tolerances: found list, expected a dictionary or None"):
-        tt.identify(measurements, robot, tolerances=["tilt=0"])  # pyrefly: ignore
-    with pytest.raises(InputError, match=r"tolerances: tilt: found 'small', expected 0"):
-        tt.identify(measurements, robot, tolerances={"tilt": "small"})  # pyrefly: ignore
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("encoder-ofset=1", "tolerances: unknown family 'encoder-ofset'; did you mean 'encoder-offset'"),
-        ("tilt", "tolerances: tilt: found 'tilt', expected tilt=VALUE"),
-        ("tilt=nan", r"tolerances: tilt: found nan, expected 0 \(exact\) or a number within"),
-        ("tilt=-1", "tolerances: tilt: found -1.0, expected"),
-        ("tilt=1e-300", "tolerances: tilt: found 1e-300, expected"),
-        ("cell-tare=1000", r"within \[1e-12, 100\] N"),
-    ],
-)
-def test_tolerances_that_cannot_be_read_are_named(text, message):
+def test_tolerances_are_read():
     assert read_tolerances(["tilt=0", "cell-tare=0.1"]) == {"tilt": 0.0, "cell-tare": 0.1}
-    with pytest.raises(InputError, match=message):
-        read_tolerances([text])
-    with pytest.raises(InputError, match="tolerances: tilt: found two values, expected one"):
-        read_tolerances(["tilt=0", "tilt=1"])
 
 
 def test_tolerances_follow_the_sensors():
@@ -271,9 +249,3 @@ def test_sensors_finer_than_contacts_are_exact(plan, robot):
         sheet = dataclasses.replace(measured.sensors, encoder_sd=0.0, cell_sd=cell_sd)
         fits.append(identify(dataclasses.replace(measured, sensors=sheet), robot).full.value)
     np.testing.assert_allclose(fits[0], fits[1], atol=1e-6)  # m
-
-
-def test_a_weighed_mass_of_another_robot_is_refused(ordinary, robot):
-    heavy = dataclasses.replace(ordinary[0].measurements, weighed_mass=(1e5, 0.01))
-    with pytest.raises(InputError, match="'weighed_mass': found 100000 kg, expected about 23"):
-        identify(heavy, robot)
