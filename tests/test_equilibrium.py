@@ -155,15 +155,15 @@ def test_the_feet_bear_the_weight_under_the_center_of_mass(solved_plan, robot):
         np.testing.assert_allclose(pressure[k], data.subtree_com[1, :2], rtol=0, atol=5e-8)
 
 
-def test_runs_are_the_same_bits_however_they_are_grouped(robot, plan):
-    few = plan.take(np.flatnonzero(plan.placement <= 4))
-    solved_plan = solve_plan(preset_rig("wii", robot), few)
+@pytest.mark.parametrize(("preset", "readings"), [("wii", "cell_forces"), ("foot-ft", "wrenches")])
+def test_runs_are_the_same_bits_however_they_are_grouped(robot, plan, preset, readings):
+    solved_plan = solve_plan(preset_rig(preset, robot), plan.take(plan.placement <= 4))
     streams = np.random.SeedSequence(5).spawn(5)
-    together = run_statics(solved_plan, streams)
-    for run, stream in zip(together, streams, strict=True):
+    for run, stream in zip(run_statics(solved_plan, streams), streams, strict=True):
         (alone,) = run_statics(solved_plan, [stream])
         assert alone.truth.dropped == run.truth.dropped
-        for name in ("joint_angles", "cell_forces", "plate_poses", "time", "command"):
+        assert np.array_equal(alone.truth.zeros, run.truth.zeros)
+        for name in ("joint_angles", readings, "plate_poses", "time", "command"):
             assert np.array_equal(getattr(alone.measurements, name), getattr(run.measurements, name))
 
 
