@@ -3,14 +3,16 @@
 import dataclasses
 import json
 import re
+import warnings
 
 import numpy as np
 import pytest
 
+import tulip_testbed as tt
 from studies.study_check import FAULTS, HEALTHY
-from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.errors import InputError, InputWarning
 from tulip_testbed.cli.main import main
-from tulip_testbed.experiments.check_folder import check_folder
+from tulip_testbed.experiments.check_folder import check_folder, warn_of_faults
 from tulip_testbed.identification.preflight import preflight
 from tulip_testbed.identification.preflight.finding import STATISTICAL_CHECKS
 from tulip_testbed.measurements import write_measurements
@@ -202,3 +204,46 @@ def test_the_printed_example_can_be_read(robot, tmp_path):
     checks = {check["name"]: check["result"] for check in check_folder(folder, robot).to_json()["checks"]}
     assert {name for name, result in checks.items() if result == "fail"} == {"identifiable"}
     assert checks["feet on plates"] == "pass"
+
+
+# --- warnings of identify and discover ------------------------------------------------------------
+
+
+def test_discover_and_identify_warn_of_faults(precise, robot, monkeypatch):
+    monkeypatch.setattr("tulip_testbed.api.measured.discover_effects", lambda *a, **k: None)
+    wrong = FAULTS["one encoder's sign wrong"](precise, np.random.default_rng(0))
+    failed = [check.name for check in tt.check(wrong, robot).checks if check.result == "fail"]
+    for call in (tt.discover, warn_of_faults):
+        with pytest.warns(InputWarning, match=f"found faults in .*{failed[-1]}"):
+            call(wrong, robot)
+
+
+def test_a_fault_is_one_line_that_points_to_the_preflight(precise, robot, tmp_path, capsys):
+    wrong = FAULTS["one cell drifts by 5 N"](precise, np.random.default_rng(0))
+    with pytest.warns(
+        InputWarning,
+        match=r"found faults in 'weight balance', 'drift'.*; `tt.check\(measurements\)` says more",
+    ):
+        tt.identify(wrong, robot)
+    tt.write_measurements(tmp_path / "data", wrong)
+    with pytest.warns(
+        InputWarning, match=rf"{tmp_path}/data: found faults in .*`tt.check\('{tmp_path}/data'\)`"
+    ):
+        tt.identify(tmp_path / "data", robot)
+    capsys.readouterr()
+    assert main(["identify", str(tmp_path / "data")]) == 0
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert said.startswith(f"tulip: warning: {tmp_path}/data: found faults in ")
+    assert said.endswith(f"; `tulip check {tmp_path}/data` says more\n")
+    assert main(["check", str(tmp_path / "data")]) == 1
+
+
+def test_a_fault_that_is_corrected_for_is_none(robot):
+    lab = tt.Laboratory(robot, sensors="force-plate").with_effects("cell-gain:right.front_left=0.1")
+    measured = lab.run(tt.plans.random, engine="statics").measurements
+    with pytest.warns(InputWarning, match="'weight balance'"):
+        tt.identify(measured, robot)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        tt.identify(measured, robot, corrections="cell-gain:right.front_left=0.1")

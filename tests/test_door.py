@@ -11,7 +11,7 @@ from IPython.core.interactiveshell import InteractiveShell
 
 import tulip_testbed as tt
 from tulip_testbed.base.arguments import checked
-from tulip_testbed.base.errors import InputError, InputWarning, choices, look_up
+from tulip_testbed.base.errors import InputError, InputWarning, choices, listed, look_up
 
 DOUBTFUL = "cell-gain:right.front_left=3"
 
@@ -34,38 +34,28 @@ def chosen(engine: Literal["statics", "dynamics"], pair: tuple[float, float] | N
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    ("call", "given", "message"),
     [
-        ((1.5,), "count: found the float 1.5, expected a whole number"),
-        ((True,), "count: found the bool True, expected a whole number"),
-        (("10",), "count: found the str '10', expected a whole number"),
-        ((1, "2"), "size: found the str '2', expected a number or None"),
-        ((1, 2, {}), "names: found dict, expected a list of them or a text"),
-        ((1, 2, ["a", None]), r"names\[1\]: found None, expected a text or a number"),
-        ((1, 2, "a", True, 0), "more: found the int 0, expected True or False"),
+        (asked, (1.5,), "count: found the float 1.5, expected a whole number"),
+        (asked, (True,), "count: found the bool True, expected a whole number"),
+        (asked, ("10",), "count: found the str '10', expected a whole number"),
+        (asked, (1, "2"), "size: found the str '2', expected a number or None"),
+        (asked, (1, 2, {}), "names: found dict, expected a list of them or a text"),
+        (asked, (1, 2, ["a", None]), r"names\[1\]: found None, expected a text or a number"),
+        (asked, (1, 2, "a", True, 0), "more: found the int 0, expected True or False"),
+        (chosen, ("static",), "engine: found the str 'static', expected 'statics' or 'dynamics'"),
+        (chosen, ("statics", 3), "pair: found the int 3, expected a tuple of them or None"),
+        (chosen, ("statics", (1.0, "2")), r"pair\[1\]: found the str '2', expected a number"),
+        (chosen, ("statics", (1.0,)), r"pair\[1\]: found tuple, expected more values"),
     ],
 )
-def test_an_argument_of_another_type_is_refused(given, message):
+def test_an_argument_of_another_type_is_refused(call, given, message):
     with pytest.raises(InputError, match=f"^{message}$"):
-        asked(*given)
-
-
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        (("static",), "engine: found the str 'static', expected 'statics' or 'dynamics'"),
-        (("statics", 3), "pair: found the int 3, expected a tuple of them or None"),
-        (("statics", (1.0, "2")), r"pair\[1\]: found the str '2', expected a number"),
-        (("statics", (1.0,)), r"pair\[1\]: found tuple, expected more values"),
-    ],
-)
-def test_choices_and_items_are_checked_too(given, message):
-    with pytest.raises(InputError, match=f"^{message}$"):
-        chosen(*given)
-    assert chosen("statics", (np.float64(1), 2)) == ("statics", (1.0, 2.0))
+        call(*given)
 
 
 def test_what_fits_passes_and_numbers_of_numpy_become_plain():
+    assert chosen("statics", (np.float64(1), 2)) == ("statics", (1.0, 2.0))
     assert asked(1, 2, ["a", 0.5], True) == (1, 2, ["a", 0.5], (True,))
     count: Any = np.int64(3)
     assert type(asked(count)[0]) is int
@@ -116,6 +106,7 @@ def test_close_names_come_first():
         == "did you mean 'right_knee'? valid: left_hip, right_knee"
     )
     assert choices("zzz", ["left_hip"]) == "valid: left_hip"
+    assert listed(range(1000)).endswith("38, 39 and 960 more")
     with pytest.raises(KeyError):  # so that mappings may raise it
         look_up("joint", "knee", ["hip"], "plan")
 
@@ -129,3 +120,13 @@ def test_a_notebook_shows_the_line_and_the_message(capsys):
         "InputError: plan: found the int 3, expected PosturePlan",
     ]
     assert str(pickle.loads(pickle.dumps(InputError("as it was")))) == "as it was"
+
+
+def test_results_are_pickled_and_compared(robot, two):
+    run = tt.Laboratory(robot).with_effects("cell-gain:right.front_left=0.03").run(two, engine="statics")
+    again = pickle.loads(pickle.dumps(run))
+    assert str(again.laboratory.hidden[0]) == str(run.laboratory.hidden[0])
+    assert np.array_equal(again.measurements.cell_forces, run.measurements.cell_forces)
+    assert run == run
+    assert run != again
+    assert len({run, again}) == 2

@@ -21,7 +21,6 @@ from tulip_testbed.base.column import printable
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.table_files import MOST_DEPTH, Table, read_json
 from tulip_testbed.cli.main import main
-from tulip_testbed.sim.robot import load_robot, load_spec
 from tulip_testbed.sim.shipped import ASSETS
 
 HEAVY = ("rows that take no space", "a table that unpacks hugely", "models without end")
@@ -189,39 +188,6 @@ def replace(path, old, new):
 def refusal(capsys, *arguments):
     assert main([str(a) for a in arguments]) == 2
     return " ".join(capsys.readouterr().err.split())
-
-
-def test_an_mjcf_may_lie_beside_the_folder_of_its_meshes_but_not_outside_the_robot_s(robot_folder):
-    """robot/mjcf/robot.xml with meshdir ../meshes is how many robots come."""
-    (robot_folder / "mjcf").mkdir()
-    (robot_folder / "meshes").mkdir()
-    tetrahedron = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
-    (robot_folder / "meshes" / "a.obj").write_text(tetrahedron)
-    shutil.move(robot_folder / "tulip.xml", robot_folder / "mjcf" / "tulip.xml")
-    path = robot_folder / "mjcf" / "tulip.xml"
-    replace(path, "<compiler ", '<compiler meshdir="../meshes" ')
-    replace(path, "<asset>", '<asset><mesh name="a" file="a.obj"/>')
-    replace(robot_folder / "tulip.toml", '"tulip.xml"', '"mjcf/tulip.xml"')
-    assert load_robot(robot_folder / "tulip.toml").visual_model.nmesh == 1
-    with pytest.raises(InputError, match=r"attribute 'meshdir': found '../meshes', expected a path inside"):
-        load_spec(path)
-    replace(path, "../meshes", "../../meshes")
-    with pytest.raises(InputError, match=r"line \d+, <compiler>, attribute 'meshdir'"):
-        load_robot(robot_folder / "tulip.toml")
-
-
-def test_a_crash_and_an_endless_compilation_are_survived(robot_folder, monkeypatch):
-    from tulip_testbed.sim import sandbox as trial
-
-    path = robot_folder / "tulip.xml"
-    monkeypatch.setattr(trial, "CHILD", "import os; os.abort()")
-    with pytest.raises(
-        InputError, match=r"tulip.xml: broken MJCF: MuJoCo crashed while compiling it \(SIGABRT\)"
-    ):
-        trial.try_to_compile(path, {path: {path: "crash"}})
-    monkeypatch.setattr(trial, "CHILD", trial.CHILD.replace("os.abort()", "os.kill(os.getpid(), 24)"))
-    with pytest.raises(InputError, match="MuJoCo did not compile it within 20 s of processor time"):
-        trial.try_to_compile(path, {path: {path: "endless"}})
 
 
 def test_a_plan_too_small_or_too_uniform_is_refused_before_it_is_written(robot_folder, tmp_path, capsys):

@@ -29,10 +29,8 @@ from tests.fuzz.targets import KINDS, ON_PAGES, PAGES, Intact, commands
 from tulip_testbed.cli.main import main
 from tulip_testbed.sim.robot import load_robot
 
-SECONDS, MEMORY = (
-    240,
-    3 * 2**30,
-)  # of one command [s]; of the process that runs them, half of it libraries [bytes]
+SECONDS = 240  # of one command
+MEMORY = 3 * 2**30  # bytes of the process that runs them, half of it libraries
 NOBODY = 65534
 NOTE = re.compile(r"((Run|Plan|Measurement) folder|Report|View|Atlas|Left out): ")
 MANY_ROWS = "too many rows"  # a watch judges each of them, for minutes
@@ -42,14 +40,13 @@ MAY_BE_NULL = (
     "truth",
     "made",
     "rig",
-    "relative_standard_error",
-    "predicted_relative_standard_error_percent",
     "found",
     "description",
     "complaints",
     "example_manifest",
     "example_row",
 )
+MAY_BE_NULL += ("relative_standard_error", "predicted_relative_standard_error_percent")
 
 
 class Run(NamedTuple):
@@ -63,11 +60,8 @@ class Run(NamedTuple):
 def limit() -> None:
     """Prepare the process that runs the commands."""
     warnings.simplefilter("error")
-    for late in (
-        "typeguard",
-        "tulip_testbed.api",
-        "tulip_testbed.cli.terminal",
-    ):  # when a case may run as one who cannot read them
+    # When a case may run as one who cannot read them.
+    for late in ("typeguard", "tulip_testbed.api", "tulip_testbed.cli.terminal"):
         import_module(late)
     codecs.lookup("utf-8-sig")
     _ = load_robot().model  # its trial in a process of its own, with an interpreter that others may not use

@@ -8,18 +8,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from tests.fuzz import records
 from tests.fuzz.arguments import ARGUMENT_KINDS, COMMAND
 from tests.fuzz.changes import Change
 from tests.fuzz.folders import MEASUREMENT_KINDS, PLAN_KINDS
 from tests.fuzz.names import FOLDER_KINDS, NAME_KINDS
-from tests.fuzz.records import (
-    DISCOVERY_KINDS,
-    MONTECARLO_KINDS,
-    RESUME_KINDS,
-    RIG_KINDS,
-    RUN_KINDS,
-    STATE_KINDS,
-)
 from tests.fuzz.robots import PLATE_KINDS, ROBOT_KINDS
 from tulip_testbed.effects.instance import instances_of
 from tulip_testbed.experiments.laboratory import Laboratory
@@ -37,12 +30,12 @@ KINDS: dict[str, dict[str, Change]] = {
     "measurements": MEASUREMENT_KINDS,
     "plan": PLAN_KINDS,
     "robot": ROBOT_KINDS | PLATE_KINDS,
-    "run": RUN_KINDS,
-    "discovery": DISCOVERY_KINDS,
-    "montecarlo": MONTECARLO_KINDS,
-    "resume": RESUME_KINDS,
-    "rig": RIG_KINDS,
-    "state": STATE_KINDS,
+    "run": records.RUN_KINDS,
+    "discovery": records.DISCOVERY_KINDS,
+    "montecarlo": records.MONTECARLO_KINDS,
+    "resume": records.RESUME_KINDS,
+    "rig": records.RIG_KINDS,
+    "state": records.STATE_KINDS,
     "names": NAME_KINDS,
     "folders": FOLDER_KINDS,
     "arguments": ARGUMENT_KINDS,
@@ -81,8 +74,7 @@ class Intact:
         self.tulip(["plan", "random", "--out", str(path), *SHAPE])
 
     def _measurements(self, path: Path) -> None:
-        plan = str(self("plan"))
-        self.tulip(["simulate", plan, "--engine", "statics", "--workers", "1", "--out", str(path)])
+        self.tulip(statics(str(self("plan")), str(path)))
 
     def _run(self, path: Path) -> None:
         plan = self("plan")
@@ -96,9 +88,7 @@ class Intact:
     def _discovery(self, path: Path) -> None:
         data = str(self.place / "with an effect")
         plan, effect = str(self("plan")), "encoder-offset:right_knee=0.03"
-        self.tulip(
-            ["simulate", plan, "--engine", "statics", "--workers", "1", "--out", data, "--effects", effect]
-        )
+        self.tulip([*statics(plan, data), "--effects", effect])
         self.tulip(["discover", data, "--no-check", "--workers", "1", "--out", str(path)])
 
     def _montecarlo(self, path: Path) -> None:
@@ -127,6 +117,10 @@ class Intact:
     def _arguments(self, path: Path) -> None:
         self._folders(path)
         shutil.copytree(self("plan"), path / "plan")
+
+
+def statics(plan: str, out: str) -> list[str]:
+    return ["simulate", plan, "--engine", "statics", "--workers", "1", "--out", out]
 
 
 def montecarlo(plan: Path, out: Path) -> list[str]:
@@ -158,16 +152,7 @@ def commands(target: str, folder: Path, made: Path, intact: Intact) -> list[list
         own, run = str(inside / "data"), str(inside / "run")
         return [
             *(["identify", own, *identify], ["identify", own], ["report", run, str(intact("run"))]),
-            [
-                "simulate",
-                f"{run}/plan",
-                "--engine",
-                "statics",
-                "--workers",
-                "1",
-                "--out",
-                str(made / inside.name),
-            ],
+            statics(f"{run}/plan", str(made / inside.name)),
             ["report", run, "--out", f"{made / 'of'}{inside.name[:99]}.html"],
         ]
     if target == "arguments":
@@ -175,11 +160,10 @@ def commands(target: str, folder: Path, made: Path, intact: Intact) -> list[list
         return [json.loads(path.read_text()) if path.exists() else ["identify", f"{base}/data", *identify]]
     several = [] if target == "robot" else [["plan", "show", plan, *robot], ["identify", data, *robot]]
     enough = few if target == "robot" else SHAPE[:4]
+    full = ["simulate", plan, "--out", data, "--workers", "1", "--sensors", "ideal"]
     return [
         *(["robot", *robot[1:], "--json"], ["robot", *robot[1:]]),
         ["plan", "random", "--out", plan, *enough, "--seed", "107", *robot],
-        ["simulate", plan, "--out", data, "--workers", "1", "--sensors", "ideal", *robot]
-        if target == "robot"
-        else ["simulate", plan, "--out", data, "--workers", "1", "--engine", "statics", *robot],
+        [*statics(plan, data), *robot] if target != "robot" else [*full, *robot],
         *several,
     ]
