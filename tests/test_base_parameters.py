@@ -1,5 +1,6 @@
 """Structural derivation of the base parameters: counts, names, ranks, invariance."""
 
+import dataclasses
 from pathlib import Path
 
 import mujoco
@@ -9,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tulip_testbed.identification.base_parameters import _frame_matrix, base_parameters, standard_parameters
-from tulip_testbed.identification.kinematics import link_rotations
+from tulip_testbed.identification.kinematics import link_rotations, tree_of
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.measurements.cells import CORNERS
 from tulip_testbed.sim.robot import Robot, sole_point
@@ -58,14 +59,6 @@ def test_rank_on_the_shipped_plan_is_the_structural_count(parameters, plan):
     singular = np.linalg.svd(frames, compute_uv=False)
     assert singular[24] > 1e-2
     assert singular[25] < 1e-7
-
-
-def test_noisy_angles_raise_the_rank(parameters, plan):
-    """Why the columns are fixed structurally and not on measured angles."""
-    noisy = plan.joint_angles + 1e-3 * np.random.default_rng(0).standard_normal(plan.joint_angles.shape)
-    rotations = link_rotations(parameters.tree, parameters.base, noisy)
-    frames = rotations[:, :, :2].transpose(0, 2, 1, 3).reshape(2 * len(plan), -1)
-    assert np.linalg.svd(frames, compute_uv=False)[25] > 1e-4
 
 
 def test_total_com_does_not_depend_on_the_stance_foot(robot, model, plan):
@@ -178,3 +171,12 @@ def test_random_trees_com_is_mujocos(seed, bodies):
     com = base.T @ (data.subtree_com[1] - foot.xpos) - sole_point(model, robot.stance_foot)
     estimate = parameters.regressor(angles[None])[0] @ parameters.values(standard_parameters(model))
     assert estimate == pytest.approx(com[:2], abs=1e-12)
+
+
+def test_lengths_leave_the_turns_of_a_tree(robot):
+    tree = tree_of(robot.model)
+    edges = tuple(dataclasses.replace(edge, anchor=2 * edge.anchor) for edge in tree.edges)
+    longer, anew = tree.with_lengths(edges), dataclasses.replace(tree, edges=edges)
+    assert longer.turns is tree.turns
+    for turn, other in zip(longer.turns, anew.turns, strict=True):
+        np.testing.assert_array_equal(turn, other)

@@ -10,7 +10,7 @@ import pytest
 
 import tulip_testbed as tt
 from studies.study_check import FAULTS, HEALTHY
-from tulip_testbed.base.errors import InputError, InputWarning
+from tulip_testbed.base.errors import InputWarning
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.check_folder import check_folder, warn_of_faults
 from tulip_testbed.identification.preflight import preflight
@@ -52,14 +52,6 @@ def test_a_check_without_power_does_not_pass(wii, nominal):
     assert finding.result == "not evaluated"
     assert "no power" in finding.seen
     assert "would be detected" in found(measured, nominal)["single placements"].seen
-
-
-def test_another_robots_folder_is_said_to_be_one(wii, tmp_path, foreign):
-    write_measurements(tmp_path / "data", wii.run.measurements)
-    with pytest.raises(
-        InputError, match=r"found robot 'tulip.xml' with other joints, .*give the robot that was measured"
-    ):
-        check_folder(tmp_path / "data", foreign["humanoid"])
 
 
 CAUGHT_BY = {

@@ -17,9 +17,8 @@ from tulip_testbed.sim.drives import Drives, add_drives
 from tulip_testbed.sim.dynamics.hold import hold, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import load_robot, sole_corners, sole_point
+from tulip_testbed.sim.robot import sole_corners, sole_point
 from tulip_testbed.sim.scene import load_scene
-from tulip_testbed.sim.shipped import TULIP
 
 PENDULUM = """
 <mujoco>
@@ -172,12 +171,3 @@ def test_rigid_is_the_default_and_the_robot_file_says_otherwise(tmp_path, robot)
     settings = robot.settings | {"drives": {"wind_up": 0.01, "backlash": 0.001}}
     flexible = preset_rig("wii", dataclasses.replace(robot, settings=settings))
     assert flexible.drives == Drives(0.01, 0.001)
-
-
-def test_load_robot_knows_the_tables(tmp_path):
-    (tmp_path / "a.xml").write_text(TULIP.with_name("tulip.xml").read_text())
-    path = tmp_path / "robot.toml"
-    path.write_text(
-        'model = "a.xml"\nstance_foot = "right_foot"\nswing_foot = "left_foot"\n[compliance]\nsole = 1e-5\n'
-    )
-    assert load_robot(path).settings["compliance"] == {"sole": 1e-5}

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from dm_env import test_utils
 
-from tests.test_composer import PERIOD, cells
+from tests.test_composer import cells
 from tulip_testbed.measurements import lay_boards
 from tulip_testbed.sim.composer import laboratory_environment
 from tulip_testbed.sim.rig import preset_rig
@@ -55,24 +55,6 @@ def test_an_episode_keeps_its_repeatability_and_a_seed_its_readings(robot, stand
     assert np.abs(first[0] - first[3]).min() > 1e-3
     assert np.array_equal(first, again)
     assert np.abs(first[0] - other[0]).min() > 1e-3
-
-
-def test_delay_and_buffer_are_dm_controls(rig, stand):
-    options = {
-        "joint_encoders": {"delay": 2 * PERIOD},
-        "motor_encoders": {"buffer_size": 4, "update_interval": PERIOD},
-    }
-    environment = laboratory_environment(rig, stand, observable_options=options)
-    plain = laboratory_environment(rig, stand)
-    late, prompt = [environment.reset()], [plain.reset()]
-    for k in range(6):
-        command = stand + 0.01 * k
-        late.append(environment.step(command))
-        prompt.append(plain.step(command))
-    assert np.array_equal(late[0].observation["robot/motor_encoders"], np.tile(stand, (4, 1)))
-    angles = [step.observation["robot/joint_encoders"] for step in prompt]
-    assert np.array_equal(late[6].observation["robot/joint_encoders"], angles[4])
-    assert np.array_equal(late[6].observation["robot/motor_encoders"], angles[3:7])
 
 
 def test_sensors_read_at_their_sample_rate(rig, stand):

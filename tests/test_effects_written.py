@@ -144,11 +144,3 @@ def test_the_catalogue_is_a_table():
     assert page.count("<tr>") == len(catalogue()) + 1
     assert "<td>tilt=ABOUT_X,ABOUT_Y</td><td>rad, rad</td><td>s.d. 1 deg</td><td>The floor is" in page
     assert "joint&#x27;s encoder" in page
-
-
-def test_the_face_of_the_room(robot):
-    """The subpackage of the same name does not hide the function."""
-    assert effects.catalogue()["tilt"].name == "tilt"
-    assert "gravity stays vertical" in effects.explanation("tilt")
-    assert effects.parse("tilt=0.01,0", robot) == EffectInstance(catalogue()["tilt"], "", (0.01, 0.0))
-    assert repr(effects.catalogue()["tilt"]) == "<Effect tilt=ABOUT_X,ABOUT_Y>"

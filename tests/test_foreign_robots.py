@@ -9,8 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from tests.foreign_robots import ROBOTS, original_model, write_robot
-from tulip_testbed.base.errors import InputError
+from tests.foreign_robots import ROBOTS, original_model
 from tulip_testbed.cli.main import main
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
 from tulip_testbed.identification.planning_ranges import free_joint_ranges, planning_ranges
@@ -154,10 +153,3 @@ def test_the_example_in_the_documentation_is_this_robots(foreign):
     text = (Path(__file__).parent.parent / "docs" / "how-to" / "your-robot.md").read_text()
     example = text.split("```toml\n")[1].split("```")[0]
     assert tomllib.loads(example) == foreign["humanoid"].settings
-
-
-def test_another_robots_folder_is_left_alone(tmp_path):
-    (tmp_path / "mine.txt").write_text("keep")
-    with pytest.raises(InputError, match="exists already"):
-        write_robot("humanoid", tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]

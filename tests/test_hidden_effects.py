@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import replace
 from typing import Any
 
@@ -24,7 +23,7 @@ from studies.hidden_effects.hiding import (
 )
 from studies.hidden_effects.judging import Found, Outcome, carry_out
 from studies.hidden_effects.outside_faults import FAULTS
-from studies.study_hidden_effects import SETTINGS, cases, figures
+from studies.study_hidden_effects import SETTINGS, figures
 from tests.effect_changes import first
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.self_calibration import usual_tolerances
@@ -48,15 +47,6 @@ def world(robot, plan):
 
 def trial(case, world, seed=3):
     return draw_trial(case, world, seed, np.random.default_rng(seed))
-
-
-def test_every_arm_has_its_share_of_the_cases():
-    every = cases(SMALL)
-    assert every == cases(SMALL)
-    assert every != cases(replace(SMALL, seed=8))
-    count = Counter((case.arm, case.dynamics) for case in every)
-    arms = {NOTHING: 20, SCATTER: 4, PRIOR: 12, SINGLE: 20, TWO: 6, LEFT_OUT: 6, OUTSIDE: 6}
-    assert count == {(arm, False): n for arm, n in arms.items()} | {(NOTHING, True): 2, (PRIOR, True): 8}
 
 
 def test_the_perfect_world_is_scale_zero(world):

@@ -19,7 +19,7 @@ from tulip_testbed.identification.planning.footing import footing
 from tulip_testbed.identification.planning.interior_point import interior_point
 from tulip_testbed.identification.planning.legs import holding_torques
 from tulip_testbed.identification.planning.linear_steps import evaluate_plan
-from tulip_testbed.identification.planning.objectives import OBJECTIVES, condition_number, objectives
+from tulip_testbed.identification.planning.objectives import OBJECTIVES, objectives
 from tulip_testbed.identification.planning.optimal_plan import optimize_plan, smallest_margins
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning.search import design_of, repair_start, search
@@ -233,9 +233,3 @@ def test_what_cannot_be_repaired_is_refused_with_its_reason(robot, plate, plan):
     goal = objectives(problem.nominal, SIGMA)["condition"]
     with pytest.raises(InputError, match=r"cannot be repaired .* expected 1 that can; blocked by cell load"):
         repair_start(problem, goal, plan.joint_angles[:5], plan.swing_pose[:5], 5, 1, "ranges")
-
-
-def test_condition_number_and_slots_are_named(problem):
-    matrix = np.random.default_rng(3).standard_normal((60, 25))
-    assert condition_number(matrix.T @ matrix) == pytest.approx(np.linalg.cond(matrix), rel=1e-9)
-    assert len(set(inequality_names(problem))) > 10

@@ -87,12 +87,6 @@ def test_the_budget_is_the_whole_variance(found):
     assert len(found.sources) == len(found.shares)
 
 
-def test_intervals_of_compliances_are_not_negative(found):
-    for one in found.families:
-        if one.family.positive:
-            assert (one.interval95 >= 0).all()
-
-
 def test_a_tolerance_of_zero_leaves_the_family_out(ordinary, nominal):
     observed = observe(ordinary[0].measurements, nominal)
     exact = dict.fromkeys(TOLERANCES, 0.0)
@@ -191,18 +185,6 @@ def test_loads_are_those_of_the_estimated_robot(ordinary, nominal, robot):
     total = observed.weight / observed.measurements.gravity
     model = standard_parameters(robot.model)
     assert unsure.standard == pytest.approx(model * total / model[:, 0].sum(), abs=1e-6)
-
-
-def test_identify_reports_families_members_and_budget(ordinary):
-    run, _ = ordinary
-    fit = identify(run.measurements, run.laboratory.robot, estimator="self-calibrating")
-    text = repr(fit)
-    for heading in ("Ordinary imperfections", "Calibrated", "Budget of the standard errors"):
-        assert heading in text
-    assert len(fit.simplified.value) == 13
-    assert fit["torso.x"].standard_error > 0
-    assert fit.correlations.above(0.85) is not None
-    assert fit.full.residual.shape == (2 * len(run.measurements),)
 
 
 @pytest.mark.parametrize("most", [12, 11, 0])

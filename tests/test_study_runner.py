@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Iterator
-from operator import mul
 from pathlib import Path
 
 import pytest
@@ -35,12 +34,6 @@ def test_every_study_has_a_module_and_a_sentence() -> None:
         assert sentence == str(module.__doc__).split("\n")[0]
         assert callable(module.study)
         assert isinstance(module.SETTINGS, Settings)
-
-
-def test_the_list_names_every_study(capsys: pytest.CaptureFixture[str]) -> None:
-    assert runner.main([]) == 0
-    out = capsys.readouterr().out
-    assert all(f"  {name} " in out and sentence in out for name, sentence in runner.studies().items())
 
 
 def test_a_study_gets_its_own_settings_and_those_of_the_command(seen: list[Settings]) -> None:
@@ -74,15 +67,3 @@ def test_unknown_names_are_refused(
     assert runner.main(arguments) == 2
     assert message in capsys.readouterr().err
     assert not seen
-
-
-def test_results_come_in_the_order_of_the_arguments() -> None:
-    settings = Settings(seed=0, workers=2)
-    assert settings.parallel("products", mul, ((k, 2) for k in range(20))) == list(range(0, 40, 2))
-
-
-def test_the_folder_is_of_one_seed_and_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    folders = {Settings(seed, size).folder("check") for seed in (1, 2) for size in (1.0, 0.5)}
-    assert len(folders) == 4
-    assert all(folder.is_dir() for folder in folders)
