@@ -88,12 +88,11 @@ def change_texts(folder, changes) -> None:
     """Change texts in the files of a robot."""
     for change in changes:
         file, _, texts = change.partition(": ")
-        old, new = (
-            text.replace("\\n", "\n") for text in texts.replace("HUGE", "1" + "0" * 400).split(" => ")
-        )
+        texts = texts.replace("HUGE", "1" + "0" * 400).replace("\\n", "\n")
+        old, _, new = texts.partition(" =>")
         text = (folder / file).read_text()
         assert old in text, change
-        (folder / file).write_text(text.replace(old, new, 1))
+        (folder / file).write_text(text.replace(old, new.removeprefix(" "), 1))
 
 
 @rows("measurements")
