@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tulip_testbed.measurements import Measurements
-from tulip_testbed.measurements.contacts import WRENCH
+from tulip_testbed.measurements.contacts import WRENCH, Contacts
 
 EXAMPLE = Path(__file__).parent.parent / "docs" / "how-to" / "your-data"
 POSE = {"x": 0.01, "y": 0.0, "z": -0.03, "roll": 0.0, "pitch": 0.0, "yaw": 0.5}
@@ -61,3 +62,15 @@ def write_contacts(
         lines.append(",".join("" if isinstance(v, float) and np.isnan(v) else str(v) for v in values))
     (folder / "postures.csv").write_text("\n".join(lines) + "\n")
     return folder
+
+
+def assert_same(one: Any, other: Any) -> None:
+    """Compare measurements field by field, to the last bit."""
+    for field in dataclasses.fields(one):
+        a, b = getattr(one, field.name), getattr(other, field.name)
+        if isinstance(a, Contacts):
+            assert_same(a, b)
+        elif isinstance(a, np.ndarray):
+            assert np.array_equal(a, b, equal_nan=a.dtype.kind == "f"), field.name
+        else:
+            assert a == b, field.name
