@@ -2,7 +2,6 @@
 
 import json
 import math
-import shutil
 from functools import partial
 
 import pyarrow as pa
@@ -141,33 +140,18 @@ def test_messages_neither_steer_a_terminal_nor_fail_to_print(text):
     shown.encode()
 
 
-# --- the robot's files -------------------------------------------------------------------------
-
-
-@pytest.fixture
-def robot_folder(tmp_path):
-    shutil.copytree(TULIP, tmp_path / "robot")
-    return tmp_path / "robot"
-
-
-def replace(path, old, new):
-    text = path.read_text()
-    assert old in text
-    path.write_text(text.replace(old, new, 1))
-
-
 def refusal(capsys, *arguments):
     assert main([str(a) for a in arguments]) == 2
     return " ".join(capsys.readouterr().err.split())
 
 
-def test_a_plan_too_small_or_too_uniform_is_refused_before_it_is_written(robot_folder, tmp_path, capsys):
+def test_a_plan_too_small_or_too_uniform_is_refused_before_it_is_written(edited_tulip, tmp_path, capsys):
     out = tmp_path / "plan"
     draw = ["plan", "random", "--out", out, "--placements", "2", "--per-placement"]
     assert "--placements, --per-placement: found 12 postures, too few for 25" in refusal(capsys, *draw, "6")
-    replace(robot_folder / "tulip.toml", "torso_yaw_deg = [-20, 20]", "torso_yaw_deg = [0, 0]")
-    replace(robot_folder / "tulip.toml", "swing_yaw_deg = [-30, 30]", "swing_yaw_deg = [0, 0]")
-    message = refusal(capsys, *draw, "10", "--robot", robot_folder / "tulip.toml")
+    ranges = {"torso_yaw_deg": "[-20, 20]", "swing_yaw_deg": "[-30, 30]"}
+    still = [f"tulip.toml: {key} = {old} => {key} = [0, 0]" for key, old in ranges.items()]
+    message = refusal(capsys, *draw, "10", "--robot", edited_tulip(*still, built=False).path)
     assert f"{out}: the postures determine" in message
     assert "not determined separately" in message
     assert not out.exists()

@@ -14,6 +14,7 @@ import pytest
 
 import tulip_testbed as tt
 from tests.contact_folders import EXAMPLE, contacts_of, write_contacts
+from tests.edited_files import BUILT, change_texts
 from tulip_testbed.calibration.families import read_tolerances
 from tulip_testbed.effects.random_effects import read_effects
 from tulip_testbed.experiments.description import described_robot
@@ -28,7 +29,6 @@ from tulip_testbed.sim.scene_check import check_scene
 from tulip_testbed.sim.shipped import TULIP
 
 TABLE = Path(__file__).with_name("refusals.txt").read_text()
-BUILT = 'tulip.toml: scene = "scene_plates.xml" => plate = "plate.xml"'
 
 
 def rows(section: str):
@@ -82,17 +82,6 @@ def change_folder(folder, changes) -> None:
                     place[each] = json.loads(value)
     (folder / "manifest.json").write_text(json.dumps(manifest))
     (folder / "postures.csv").write_text("\n".join(",".join(cells) for cells in [names, *table]) + "\n")
-
-
-def change_texts(folder, changes) -> None:
-    """Change texts in the files of a robot."""
-    for change in changes:
-        file, _, texts = change.partition(": ")
-        texts = texts.replace("HUGE", "1" + "0" * 400).replace("\\n", "\n")
-        old, _, new = texts.partition(" =>")
-        text = (folder / file).read_text()
-        assert old in text, change
-        (folder / file).write_text(text.replace(old, new.removeprefix(" "), 1))
 
 
 @rows("measurements")

@@ -7,21 +7,19 @@ import shutil
 import pytest
 
 import tulip_testbed as tt
+from tests.edited_files import change_texts
 from tulip_testbed.sim import sandbox
 from tulip_testbed.sim.robot import load_spec
-from tulip_testbed.sim.shipped import TULIP
 
 
 @pytest.fixture
-def own(tmp_path):
-    """A copy of TULip that may be edited."""
-    return shutil.copytree(TULIP.parent, tmp_path / "own") / "tulip.toml"
+def own(edited_tulip):
+    """The description of a copy of TULip that may be edited."""
+    return edited_tulip(built=False).path
 
 
 def edit(path, old, new):
-    text = path.read_text()
-    assert old in text
-    path.write_text(text.replace(old, new))
+    change_texts(path.parent, [f"{path.name}: {old} => {new}"])
 
 
 def test_a_robot_is_what_its_files_held_when_it_was_loaded(own):

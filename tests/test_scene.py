@@ -2,8 +2,6 @@
 
 import dataclasses
 import re
-import shutil
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -17,25 +15,12 @@ from tulip_testbed.sim.control import Controller, add_servos, torque_limit, torq
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import joint_names, load_robot
 from tulip_testbed.sim.scene import laboratory_scene, load_scene
-from tulip_testbed.sim.shipped import TULIP
 
 POSES = np.array([[0.03, -0.16, 0.02], [0.05, 0.17, -0.01]])
 # What is observed and what things are called; everything else is physics.
 LOOKS = re.compile(
     r"(n?(light|mat|tex|names?|skin|vis)(_|$|map|data))|nnames_map|nbuffer|signature|geom_matid|paths|ntex|nmat"
 )
-
-
-@pytest.fixture
-def folder(tmp_path) -> Path:
-    """A copy of TULip's files."""
-    return shutil.copytree(TULIP.parent, tmp_path / "robot")
-
-
-def edit(path: Path, old: str, new: str) -> None:
-    text = path.read_text()
-    assert old in text
-    path.write_text(text.replace(old, new))
 
 
 @pytest.fixture(scope="module")
@@ -80,12 +65,9 @@ def test_the_boards_top_is_at_zero_and_only_soles_touch(foreign):
         assert model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
 
 
-def test_own_plate(folder):
-    edit(folder / "tulip.toml", 'scene = "scene_plates.xml"', 'plate = "plate.xml"')
-    edit(folder / "plate.xml", 'size="0.25 0.15 0.015"', 'size="0.3 0.2 0.015"')
-    robot = load_robot(folder / "tulip.toml")
-    spec = load_scene(robot)
-    assert spec.geom("right_plate_top").size[:2] == pytest.approx([0.3, 0.2])
+def test_own_plate(edited_tulip):
+    robot = edited_tulip('plate.xml: size="0.25 0.15 0.015" => size="0.3 0.2 0.015"')
+    assert load_scene(robot).geom("right_plate_top").size[:2] == pytest.approx([0.3, 0.2])
     assert [path.name for path in robot.files] == ["tulip.toml", "tulip.xml", "plate.xml"]
 
 
@@ -119,8 +101,9 @@ def test_torque_limit_is_that_on_the_joint(motor):
     assert data.qfrc_actuator[0] == pytest.approx(MOTORS[motor])
 
 
-def test_planner_laboratory_and_identification_know_one_limit(folder, robot, plate):
+def test_planner_laboratory_and_identification_know_one_limit(edited_tulip, robot, plate):
     """Of position servos, whose ctrlrange is an angle; their limits are the joints' actuatorfrcrange."""
+    folder = edited_tulip(built=False).folder
     text = (folder / "tulip.xml").read_text()
     motor = re.compile(r'(<joint armature[^>]*)/>(\s*)<motor ctrlrange="[^"]*" forcerange="([^"]*)"')
     servos = r'\1 actuatorfrcrange="\3"/>\2<position kp="300" ctrlrange="-1.2 0.9"'
