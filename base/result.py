@@ -45,8 +45,15 @@ Figure = Annotated[float, BeforeValidator(lambda value: math.nan if value is Non
 Array = Annotated[np.ndarray, PlainValidator(_array), PlainSerializer(lambda values: values.tolist())]
 
 
+class Outside:
+    """The mark of a field that is no part of the JSON document, such as the robot; None in what is read."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.with_default_schema(core_schema.any_schema(), default=None)
+
+
 @dataclass(frozen=True)
-class Kept:
+class Kept(Outside):
     """The mark of a field that a run folder keeps in a file or folder of its own, outside the JSON document.
 
     Attributes:
@@ -59,14 +66,11 @@ class Kept:
     write: Callable[[Path, Any], object]
     read: Callable[..., Any]
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        return core_schema.with_default_schema(core_schema.any_schema(), default=None)
-
 
 class Result:
     """What a workflow returns: a frozen dataclass whose fields are the JSON document.
 
-    Fields marked as `Kept` are no part of the document; a run folder holds them beside it.
+    Fields marked as `Outside` are no part of the document; those marked as `Kept` lie beside it in a folder.
     """
 
     __pydantic_config__ = ConfigDict(strict=True, arbitrary_types_allowed=True)
@@ -85,11 +89,11 @@ class Result:
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON document, which `--json` prints and a run folder holds; NaN is null."""
-        return finite(_adapter(type(self)).dump_python(self, mode="json", exclude=set(_kept(type(self)))))
+        return finite(_adapter(type(self)).dump_python(self, mode="json", exclude=set(_outside(type(self)))))
 
     @classmethod
     def from_json(cls, document: Mapping[str, Any], where: str = "document") -> Self:
-        """Read a JSON document; `Kept` fields are None.
+        """Read a JSON document; `Outside` fields are None.
 
         Raises:
             InputError: names the key, what was found and what was expected.
@@ -150,9 +154,13 @@ def _adapter(kind: type[Result]) -> TypeAdapter[Any]:
 
 
 @cache
-def _kept(kind: type[Result]) -> dict[str, Kept]:
-    """Return the marks of the fields that are kept outside the document, by field."""
+def _outside(kind: type[Result]) -> dict[str, Outside]:
+    """Return the marks of the fields that are no part of the document, by field."""
     hints = get_type_hints(kind, include_extras=True)
     fields = [field.name for field in dataclasses.fields(kind)]  # pyrefly: ignore[bad-argument-type]
     marks = {name: getattr(hints[name], "__metadata__", ()) for name in fields}
-    return {name: mark for name, found in marks.items() for mark in found if isinstance(mark, Kept)}
+    return {name: mark for name, of in marks.items() for mark in of if isinstance(mark, Outside)}
+
+
+def _kept(kind: type[Result]) -> dict[str, Kept]:
+    return {name: mark for name, mark in _outside(kind).items() if isinstance(mark, Kept)}

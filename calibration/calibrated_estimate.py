@@ -114,4 +114,5 @@ def estimate_of(found: SelfCalibration, data: Regression) -> Estimate:
         interval_dof=found.interval_dof,
         joint_dof=found.joint_dof,
         condition_number=float(np.linalg.cond(data.matrix)),
+        prior_share=np.diag(found.prior_covariance) / np.diag(found.covariance),
     )

@@ -9,10 +9,10 @@ from typing import Any, Generic, Literal, TypeVar
 
 from pydantic import Field
 
-from tulip_testbed.base.document import Document, Seed, first_difference
+from tulip_testbed.base.document import Document, Seed
 from tulip_testbed.base.errors import InputError, listed, shortened
 from tulip_testbed.base.files import is_folder, present, sha256
-from tulip_testbed.base.table_files import finite, read_json
+from tulip_testbed.base.table_files import finite
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.measurements.folder_kind import KINDS
@@ -89,29 +89,6 @@ def write_run_file(folder: Path, document: RunFile[Made]) -> RunFile[Made]:
     document = document.model_copy(update={"outputs": hashes_in(folder)})
     document.write(folder / RUN_FILE)
     return document
-
-
-def check_configuration(file: Path, document: Document, what: str) -> None:
-    """Refuse to go on with a run of another configuration; another machine may.
-
-    Its last digits differ, its random numbers do not.
-
-    Args:
-        file: the document that is there. what: it speaks of, such as "runs".
-
-    Raises:
-        InputError: names the first setting that differs.
-    """
-    found, asked = (
-        {key: value for key, value in content.items() if key != "machine"}
-        for content in (read_json(file), document.plain())
-    )
-    if (other := first_difference(found, asked)) is not None:
-        name, there, here = other
-        raise InputError(
-            f"{file.parent}: holds {what} of another configuration: {name} is {shortened(repr(there))} there "
-            f"and {shortened(repr(here))} here; give a new name"
-        )
 
 
 def hashes_in(folder: Path) -> dict[str, str]:
