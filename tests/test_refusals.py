@@ -16,9 +16,13 @@ import tulip_testbed as tt
 from tests.contact_folders import EXAMPLE, contacts_of, write_contacts
 from tests.edited_files import BUILT, change_texts
 from tulip_testbed.calibration.families import read_tolerances
+from tulip_testbed.cli.main import main
 from tulip_testbed.effects.random_effects import read_effects
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.identify import identify
+from tulip_testbed.experiments.validate import judge
+from tulip_testbed.experiments.validation_record import write_validation
+from tulip_testbed.experiments.validation_result import validation_record
 from tulip_testbed.identification.planning_ranges import free_joint_ranges, planning_ranges
 from tulip_testbed.measurements import read_measurements
 from tulip_testbed.measurements.manipulations import arrangement_of
@@ -43,8 +47,12 @@ def rows(section: str):
 def refuse(words: str, call, *arguments, **options) -> None:
     with pytest.raises(tt.InputError) as refusal:
         call(*arguments, **options)
-    message, at = str(refusal.value), 0
-    assert "\n" not in message
+    assert "\n" not in str(refusal.value)
+    check_words(words, str(refusal.value))
+
+
+def check_words(words: str, message: str) -> None:
+    at = 0
     for part in words.split(" ... "):
         assert (at := message.find(part, at)) >= 0, message
 
@@ -166,3 +174,26 @@ def test_a_call_is_refused(names, monkeypatch, changes, words):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     refuse(words, eval, changes[0], names)
+
+
+@pytest.fixture(scope="module")
+def folders(names, tmp_path_factory):
+    """A folder with measurements, a plan and the run of a validation."""
+    place = tmp_path_factory.mktemp("folders")
+    tt.write_measurements(place / "data", names["run"].measurements)
+    tt.plans.write(place / "plan", names["plan"])
+    write_validation(place / "run", validation_record(judge(names["run"])))
+    return place
+
+
+@rows("commands")
+def test_a_command_is_refused(folders, monkeypatch, capsys, changes, words):
+    monkeypatch.chdir(folders)
+    before = sorted(folders.iterdir())
+    try:
+        code = main(changes[0].split())
+    except SystemExit as end:  # of the parser of arguments
+        code = end.code
+    check_words(words, " ".join(capsys.readouterr().err.split()))
+    assert code == 2
+    assert sorted(folders.iterdir()) == before

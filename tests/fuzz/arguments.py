@@ -125,43 +125,6 @@ INPUTS = [(LINES[name], place) for place, names in READ.items() for name in name
 INPUTS += [((*line, option, "HERE"), "HERE") for line, option in options(NAMED)]
 OUTPUTS = [(LINES[name], place) for place, names in WRITTEN.items() for name in names.split()]
 OUTPUTS += [((*LINES[name], option, "HERE"), "HERE") for name, option in HERE.items()]
-CONFLICTS = """
-{search} --table1 --after {data}
-{search} --solver ipopt --after {data}
-{search} --repeats 31
-view {run} --save MADE/x.rrd --serve
-{simulate} --truth MADE/x/truth.json
-{simulate} --truth MADE/x
-{simulate} --truth MADE
-{montecarlo} --sensors ideal
-{montecarlo} --scheduler 127.0.0.1
-{montecarlo} --robot-spread 0.1 --corrections BASE/gone
-montecarlo {plan} --out MADE/x
-simulate {plan}
-report {run}
-report {run} {data}
-report {run} {run} {run}
-identify
-identify {data} {data}
-identify {run}
-report {data} --out MADE/x.html
-report {run} --out MADE/x.txt
-simulate {data} --out MADE/x
-check {plan}
-watch {data}
-watch {data} --plan {data} --once
-watch {plan} --plan {plan} --once
-{watch} --out {data}/state
-protocol {plan}
-protocol {data} --out MADE/x
-protocol {run} --out MADE/x
-export {run}
-export {plan} --out MADE/x.xml
-export {run} --out MADE/x.txt
-plan next {data}
-plan next {plan}
-plan next {run}
-"""
 ALIKE = """
 identify --json --estimator least-squares {data}
 identify {data} --estimator=least-squares --json
@@ -217,7 +180,6 @@ ARGUMENT_KINDS: dict[str, Change] = {
     "no samples": line(REFUSED, with_value("samples: export", NO_WHOLE)),
     "no inputs": line(REFUSED, instead(INPUTS, NO_INPUTS)),
     "no outputs": line(REFUSED, instead(OUTPUTS, NO_OUTPUTS)),
-    "conflicts": line(REFUSED, lines(CONFLICTS)),
     "unknown words": line(REFUSED, [(*given, word) for given in ALL for word in UNKNOWN]),
     "the same otherwise": line(SAME, lines(ALIKE)),
     "help": line(EITHER, HELP),
