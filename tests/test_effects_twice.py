@@ -64,15 +64,6 @@ def test_a_rig_with_an_effect_twice_is_refused(rig, robot, run, tmp_path, capsys
     assert "right_knee twice" in refused(capsys, "identify", tmp_path / "data", "--corrections", rig)
 
 
-def test_a_value_outside_of_its_interval_is_refused(rig, robot):
-    edit(rig, lambda effects: effects[0]["parameters"][0].update(value=0.1))
-    with pytest.raises(
-        tt.InputError,
-        match=r"offset.*: found 0\.1 outside of its interval \[0\.008, 0\.012\], expected it inside",
-    ):
-        read_rig(rig, robot)
-
-
 def test_an_effect_of_another_robot_is_refused_with_the_valid_targets(robot, foreign, run):
     others = EffectInstance.parse("encoder-offset:abdomen_z=0.01", foreign["humanoid"])
     for call in (

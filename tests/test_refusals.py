@@ -17,9 +17,11 @@ from tests.contact_folders import EXAMPLE, contacts_of, write_contacts
 from tests.edited_files import BUILT, change_texts
 from tulip_testbed.calibration.families import read_tolerances
 from tulip_testbed.cli.main import main
+from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.random_effects import read_effects
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.identify import identify
+from tulip_testbed.experiments.rig_folder import read_rig, write_rig
 from tulip_testbed.experiments.validate import judge
 from tulip_testbed.experiments.validation_record import write_validation
 from tulip_testbed.experiments.validation_result import validation_record
@@ -132,6 +134,15 @@ def test_ranges_of_free_joints_are_refused(tmp_path, foreign, changes, words):
         free_joint_ranges(robot, robot.model, planning_ranges(robot))
 
     refuse(words, ranges)
+
+
+@rows("corrections")
+def test_corrections_are_refused(tmp_path, robot, changes, words):
+    texts = ("encoder-offset:right_knee=0.01", "joint-compliance:left_ankle_roll=0.0005")
+    effects = [EffectInstance.parse(text, robot) for text in texts]
+    write_rig(tmp_path / "rig", robot, effects, "force-plate")
+    change_texts(tmp_path / "rig", changes)
+    refuse(f"{tmp_path} ... {words}", read_rig, tmp_path / "rig", robot)
 
 
 @rows("effects")
