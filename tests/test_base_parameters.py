@@ -61,20 +61,6 @@ def test_rank_on_the_shipped_plan_is_the_structural_count(parameters, plan):
     assert singular[25] < 1e-7
 
 
-def test_total_com_does_not_depend_on_the_stance_foot(robot, model, plan):
-    """Base frame under the right or the left foot: the same point in the world."""
-    standard = standard_parameters(model)
-    com = {}
-    for support in ("right", "left"):
-        parameters = base_parameters(robot, support=support)
-        com[support] = parameters.regressor(plan.joint_angles) @ parameters.values(standard)
-    x, y, yaw = plan.swing_pose.T
-    c, s = np.cos(yaw), np.sin(yaw)
-    left = com["left"]
-    moved = np.column_stack([x + c * left[:, 0] - s * left[:, 1], y + s * left[:, 0] + c * left[:, 1]])
-    assert moved == pytest.approx(com["right"], abs=1e-7)
-
-
 def test_swapping_left_and_right_mirrors_the_parameters(robot, model):
     standard = standard_parameters(model)
     standard[:, 2] += 0.01 * np.arange(13) * standard[:, 0]  # an unsymmetric robot
