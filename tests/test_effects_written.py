@@ -144,3 +144,4 @@ def test_the_catalogue_is_a_table():
     assert page.count("<tr>") == len(catalogue()) + 1
     assert "<td>tilt=ABOUT_X,ABOUT_Y</td><td>rad, rad</td><td>s.d. 1 deg</td><td>The floor is" in page
     assert "joint&#x27;s encoder" in page
+    assert repr(effects.catalogue()["tilt"]) == "<Effect tilt=ABOUT_X,ABOUT_Y>"

@@ -14,7 +14,7 @@ from tulip_testbed.identification.noise_structure import Groups, groups
 from tulip_testbed.identification.preflight import preflight
 from tulip_testbed.identification.preflight.agreement import fit, shifts
 from tulip_testbed.identification.preflight.excitation import predicted_standard_errors
-from tulip_testbed.identification.preflight.readings import longest_run, rounding_sd
+from tulip_testbed.identification.preflight.readings import decimal_step, longest_run, rounding_sd
 from tulip_testbed.identification.reading_noise import ReadingNoise, placement_levers, reading_noise
 from tulip_testbed.identification.regressor import regression, stacked_regressor
 from tulip_testbed.identification.statistics import standard_errors
@@ -122,6 +122,17 @@ def test_predicted_standard_errors_are_those_of_the_estimate(wii, precise, nomin
         assert 0.8 < np.median(ratio) < 1.3
         assert (ratio > 0.6).all()
         assert (ratio < 1.8).all()
+
+
+@given(
+    st.lists(st.integers(-(10**6), 10**6), min_size=1, max_size=20), st.sampled_from([0.1, 0.05, 0.002, 5.0])
+)
+@settings(max_examples=50, deadline=None)
+def test_decimal_step_finds_what_values_were_rounded_to(counts, step):
+    values = np.round(np.array(counts) * step, 9)
+    coarse = decimal_step(values)
+    assert coarse >= step
+    assert np.abs(values / coarse - np.round(values / coarse)).max() < 1e-6
 
 
 def test_rounding_leaves_what_rounding_leaves():

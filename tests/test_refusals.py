@@ -25,6 +25,7 @@ from tulip_testbed.experiments.rig_folder import read_rig, write_rig
 from tulip_testbed.experiments.validate import judge
 from tulip_testbed.experiments.validation_record import write_validation
 from tulip_testbed.experiments.validation_result import validation_record
+from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.planning_ranges import free_joint_ranges, planning_ranges
 from tulip_testbed.measurements import read_measurements
 from tulip_testbed.measurements.manipulations import arrangement_of
@@ -176,7 +177,7 @@ def names(robot):
         environment.reset()
         environment.step(action)
 
-    own = {"composed": composed, "stepped": stepped, "np": np, "tt": tt}
+    own = {"composed": composed, "stepped": stepped, "np": np, "tt": tt, "base_parameters": base_parameters}
     return own | {"run": run, "lab": run.laboratory, "plan": tt.plans.random}
 
 
