@@ -183,6 +183,12 @@ def static_run(robot, plan) -> Run:
 
 
 @pytest.fixture(scope="session")
+def run(robot) -> Run:
+    """The shipped plan on force plates, by statics."""
+    return Laboratory(robot, "force-plate").run(tt.plans.random, seed=3, engine="statics")
+
+
+@pytest.fixture(scope="session")
 def discovered(once, static_run, robot) -> Discovered:
     """The offset found again."""
     return once("discovered", lambda: discover_effects(static_run.measurements, robot, check=False))

@@ -14,8 +14,8 @@ from tulip_testbed.measurements.contract import check_contract
 
 
 @pytest.fixture(scope="module")
-def measured(robot):
-    return tt.Laboratory(robot).run(tt.plans.random, engine="statics").measurements
+def measured(run):
+    return run.measurements
 
 
 def changed(m, **fields):

@@ -16,11 +16,6 @@ from tulip_testbed.base.errors import InputError, InputWarning, choices, listed,
 DOUBTFUL = "cell-gain:right.front_left=3"
 
 
-@pytest.fixture(scope="module")
-def run(robot):
-    return tt.Laboratory(robot, "force-plate").run(tt.plans.random, seed=3, engine="statics")
-
-
 @checked
 def asked(
     count: int, size: float | None = None, names: Sequence[str | float] | str = (), *more: bool

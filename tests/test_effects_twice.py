@@ -20,11 +20,6 @@ KNEE, ANKLE = "encoder-offset:right_knee=0.01", "encoder-offset:left_ankle_roll=
 TWICE = r"found encoder-offset:right_knee twice \(encoder-offset:right_knee=0.01 and .*expected it once"
 
 
-@pytest.fixture(scope="module")
-def run(robot):
-    return tt.Laboratory(robot).run(tt.plans.random, engine="statics")
-
-
 def test_a_correction_counts_once(run, robot, tmp_path):
     twice = [EffectInstance.parse(text, robot) for text in (KNEE, ANKLE, "encoder-offset:right_knee=0.02")]
     for call in (

@@ -125,18 +125,7 @@ def test_the_main_job_on_a_foreign_robot(foreign, tmp_path, capsys):
     robot, plan, run = foreign["humanoid"], str(tmp_path / "plan"), tmp_path / "run"
     drawing = ["--placements", "7", "--per-placement", "5", "--seed", "112", "--out", plan]
     assert main(["plan", "random", *drawing, "--robot", str(robot.path), "--json"]) == 0
-    options = [
-        "--sensors",
-        "ideal",
-        "--imperfections",
-        "0",
-        "--seed",
-        "113",
-        "--workers",
-        "2",
-        "--out",
-        str(run),
-    ]
+    options = f"--sensors ideal --imperfections 0 --seed 113 --workers 2 --out {run}".split()
     assert main(["validate", plan, "--robot", str(robot.path), *options]) == 0
     out = capsys.readouterr().out
     assert "Verdict: pass" in out

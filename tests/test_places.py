@@ -26,11 +26,6 @@ from tulip_testbed.sim.shipped import TULIP
 TULIP_COMMAND = [sys.executable, "-c", "import tulip_testbed.cli.entry as entry; entry.run()"]
 
 
-@pytest.fixture(scope="module")
-def run(robot):
-    return tt.Laboratory(robot).run(tt.plans.random, engine="statics")
-
-
 @pytest.fixture
 def data(run, tmp_path):
     tt.write_measurements(tmp_path / "data", run.measurements)

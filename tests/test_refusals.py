@@ -164,9 +164,8 @@ def test_manipulations_are_refused(changes, words):
 
 
 @pytest.fixture(scope="module")
-def names(robot):
+def names(robot, run):
     """What the calls use."""
-    run = tt.Laboratory(robot, "force-plate").run(tt.plans.random, seed=3, engine="statics")
     standing = {"joint_angles": robot.model.key("stand").qpos[7:]}
 
     def composed(preset="ideal", **options):
