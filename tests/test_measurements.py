@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -165,7 +166,8 @@ def test_gains_and_tolerances_are_read_and_written_back(folder, tmp_path, key, v
     assert_same(measured, read_measurements(tmp_path / "again"))
     edit_manifest(folder, lambda m: m.update({key: None}))
     assert getattr(read_measurements(folder), key) == {}
-    broken = dataclasses.replace(measured, **{key: {next(iter(values)): float("nan")}})
+    wrong: Any = {key: {next(iter(values)): float("nan")}}
+    broken = dataclasses.replace(measured, **wrong)
     with pytest.raises(InputError, match=rf"measurements: key '{key}\..*': found nan"):
         write_measurements(tmp_path / "broken", broken)
 
