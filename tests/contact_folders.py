@@ -40,7 +40,7 @@ def write_contacts(
     folder: Path,
     plates: Measurements,
     contacts: Any,
-    columns: dict[str, Any],
+    columns: Any = None,
     drop=(),
     poses=True,
     **keys: Any,

@@ -176,8 +176,8 @@ def test_its_readings_scatter_as_sampled_ones_do():
         arguments = (s.cell_repeatability, noise, s.cell_resolution, 30)
         mean, spread = sample(truth, *arguments, rng)
         slow = mean - truth
-        whole = np.hypot(noise, s.cell_resolution / np.sqrt(12))
-        assert noise == 0.01 or spread.mean() == pytest.approx(whole, rel=0.02)
+        square = 29 / 30 * (noise**2 + s.cell_resolution**2 / 12)  # of the readings' s.d., of 30 samples
+        assert noise == 0.01 or (spread**2).mean() == pytest.approx(square, rel=0.01)
         fast = sample_mean(truth, *arguments, rng)[0] - truth
         sd = averaged_sd(*arguments)
         for error in (slow, fast):
