@@ -200,12 +200,12 @@ def model_errors(runs: Columns, model: str, numbers: tuple[int, ...]) -> Errors:
     stated, dof, prior = (
         matrix(runs, [f"{model}.{name}.{n}" for n in numbers]) for name in ("se", "dof", "prior")
     )
-    found = summarise_errors(errors_of(runs, model, numbers), stated, dof, numbers, prior)
+    errors = summarise_errors(errors_of(runs, model, numbers), stated, dof, numbers, prior)
     # The chi-square over p as F, since the covariance is itself estimated.
     below = runs[f"{model}.residual_dof"]
     limit = len(numbers) * f_ppf(1 - WHOLE_LEVEL, len(numbers), below)
     exceeded = int((runs[f"{model}.chi_square"] > limit).sum())
-    return replace(found, exceeded=exceeded, residual_dof=float(below.mean()) if found.count else np.nan)
+    return replace(errors, exceeded=exceeded, residual_dof=float(below.mean()) if errors.count else np.nan)
 
 
 def distribution(values: np.ndarray, scale: float = 1.0) -> Distribution:
@@ -254,8 +254,8 @@ def model_coverage(runs: Columns, model: str, errors: Errors, names: tuple[str, 
     rows = zip(errors.numbers.tolist(), coverage_of(errors), strict=True)
     beyond = None
     if errors.exceeded is not None and errors.count:
-        found = share(np.array([errors.exceeded]), errors.count, CONFIDENCE)
-        beyond = Share(float(found.value[0]), found.interval[:, 0].tolist())
+        exceeded = share(np.array([errors.exceeded]), errors.count, CONFIDENCE)
+        beyond = Share(float(exceeded.value[0]), exceeded.interval[:, 0].tolist())
     residuals = ("sigma", "residual_mean", "residual_sd", "residual_max")
     return {
         "parameters": [ParameterCoverage(number=n, name=names[n - 1], **row) for n, row in rows],
