@@ -233,6 +233,7 @@ def test_a_shipped_plan_has_a_name(tmp_path, capsys, monkeypatch):
     assert main(["simulate", "mixed", "--engine", "statics", "--sensors", "ideal", "--out", str(out)]) == 0
     assert set(read_measurements(out).support) == {"double", "right", "left"}
     assert len(tt.plans.read("optimal")) == len(tt.plans.optimal)
+    capsys.readouterr()
     (tmp_path / "mixed").mkdir()  # a path of that name comes first
     assert "mixed" in refused(capsys, "simulate", "mixed", "--out", tmp_path / "other")
 
