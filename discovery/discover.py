@@ -160,7 +160,7 @@ def discover(
     except np.linalg.LinAlgError:
         raise InputError(
             f"{source}: found {len(measurements)} rows of which no calibration converges; expected a smaller "
-            "fault or more postures: look at the preflight (`tt.check('FOLDER')`)"
+            "fault or more postures: look at the preflight (`check`)"
         ) from None
 
 

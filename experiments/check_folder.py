@@ -183,11 +183,8 @@ def warn_of_faults(
     usual = partial(usual_changes, measurements, nominal, tolerances)
     findings = preflight(measurements, nominal, usual_changes=usual)
     if faults := [finding for finding in findings if finding.result == "fail"]:
-        call = f"`tt.check({'measurements' if source is None else repr(source)})`"
-        warn(
-            f"{source or 'measurements'}: found faults in {listed(repr(f.name) for f in faults)}; "
-            f"{call} says more"
-        )
+        names = listed(repr(finding.name) for finding in faults)
+        warn(f"{source or 'measurements'}: found faults in {names}; `check` says more")
 
 
 def _refuse_other_robot(folder: Path, nominal: Nominal) -> None:

@@ -1,53 +1,45 @@
-"""A manifest and a row to copy, for users who write a measurement folder by hand."""
+"""The start of a measurement folder: a manifest and a row to copy, or to fill in."""
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from typing import Any
 
 import numpy as np
 
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.measurements import lay_boards
-from tulip_testbed.measurements.cells import CELLS, CORNERS, PLATES
+from tulip_testbed.measurements import Measurements, SensorSheet, lay_boards
+from tulip_testbed.measurements.cells import CELLS
+from tulip_testbed.measurements.manifest import manifest_of, unset_keys
 from tulip_testbed.measurements.measurement_folder import required_columns
-from tulip_testbed.sim.plates import plate_geometry
+from tulip_testbed.sim.procedure import header_of
+from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
-from tulip_testbed.sim.scene import load_scene, nominal_plates
+from tulip_testbed.sim.scene import nominal_plates
 
 BOARD_GAP = 0.01  # m
 GRAVITY = 9.81  # m/s2
 
 
+def empty_measurements(robot: Robot, sensors: str | None) -> Measurements:
+    """Return measurements without rows: robot, joints, sensors and their data sheet, as far as known.
+
+    Args:
+        sensors: preset; None: four cells under each foot, without a data sheet.
+    """
+    header = header_of(preset_rig(sensors or "ideal", robot))
+    if sensors is None:
+        header = dataclasses.replace(header, sensors=SensorSheet())
+    return Measurements.without_rows(header)
+
+
 def example_manifest(robot: Robot) -> dict[str, Any]:
     """Return a manifest for this robot on the plates of its scene; what only a laboratory knows is null."""
-    scene, joints = load_scene(robot), nominal_robot(robot).parameters.tree.joints
-    plates = {}
-    for plate in PLATES:
-        geometry = plate_geometry(scene, plate)
-        cells = dict(zip(CORNERS, geometry.cells.tolist(), strict=True))
-        plates[plate] = {"cells": cells, "top_height": geometry.top_height}
-    return {
-        "format": "tulip-measurements",
-        "version": 1,
-        "robot": {
-            "model": robot.model_file.name,
-            "sha256": None,
-            "stance_foot": robot.stance_foot,
-            "swing_foot": robot.swing_foot,
-        },
-        "joints": list(joints),
-        "plates": plates,
-        "weighed_mass": None,
-        "gravity": GRAVITY,
-        "sensors": {
-            "encoder_sd": None,
-            "encoder_resolution": None,
-            "cell_sd": None,
-            "cell_resolution": None,
-            "placement_sd": None,
-        },
-    }
+    empty = empty_measurements(robot, None)
+    unknown = unset_keys(empty) | {"created", "software", "tables"}
+    manifest = manifest_of(empty, {}).model_dump(mode="json", exclude=unknown)
+    return manifest | {"robot": manifest["robot"] | {"sha256": None}}
 
 
 def example_row(robot: Robot) -> dict[str, float]:
@@ -66,6 +58,6 @@ def example_row(robot: Robot) -> dict[str, float]:
 
 
 def compact_json(manifest: dict[str, Any]) -> str:
-    """One line per key, as a person would write it."""
+    """Return a manifest with one line a key, as a person would write it."""
     lines = [f" {json.dumps(key)}: {json.dumps(value)}" for key, value in manifest.items()]
     return "{\n" + ",\n".join(lines) + "\n}"

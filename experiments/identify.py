@@ -128,8 +128,7 @@ def check_physical(found: Estimate, mass: tuple[float, float], robot: Robot, sou
 
     A base parameter is a sum of distances within the robot, each times a share of the total mass.
     """
-    call = "`tt.check(measurements)`" if source == "measurements" else f"`tt.check({source!r})`"
-    signs = f"wrong signs or units of readings or angles do that; {call} says more"
+    signs = "wrong signs or units of readings or angles do that; `check` says more"
     own = float(robot.model.body_mass.sum())
     if not 0.5 * own < mass[0] + CLEARLY * mass[1] or not mass[0] - CLEARLY * mass[1] < 2 * own:
         raise InputError(

@@ -133,7 +133,7 @@ def report_robot(
         robot = imported.write(out, picture)
         return _report(robot, support, **more, description=str(out / robot.path.name))
     with tempfile.TemporaryDirectory() as folder:
-        return _report(imported.write(Path(folder) / imported.name), support, **more)
+        return _report(imported.write(Path(folder) / file.stem), support, **more)
 
 
 def _report(robot: Robot, support: str, **more: Any) -> RobotReport:

@@ -30,8 +30,8 @@ def check_kind(folder: Path, wanted: str) -> None:
         found = "found a file, expected a" if there else "no such"
         table = wanted == "measurement" and there and folder.suffix in (".csv", ".parquet")
         advice = (
-            f" with manifest.json and the table as postures{folder.suffix}; "
-            f"`tt.check({str(folder.parent)!r})` lists what that one lacks"
+            f" with manifest.json and the table as postures{folder.suffix}; `check` of {folder.parent} "
+            "lists what that one lacks"
         )
         raise InputError(f"{folder}: {found} {wanted} folder{advice if table else ''}")
     if present(folder / KINDS[wanted]):

@@ -140,7 +140,7 @@ def read_measurements(folder: Path, likely: bool = True) -> Measurements:
         table = checked_table(folder, "postures", manifest.tables)
         return measurements_in(manifest, table, folder / "manifest.json", likely)
     except IncompleteError as error:
-        raise InputError(f"{error}; `tt.check({str(folder)!r})` lists all that is missing or wrong") from None
+        raise InputError(f"{error}; `check` lists all that is missing or wrong") from None
 
 
 def measurements_in(manifest: Manifest, table: Table, where: Path, likely: bool = True) -> Measurements:

@@ -15,9 +15,8 @@ from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.watching.alarm import levels
 from tulip_testbed.experiments.watching.change_detection import RAMP
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
-from tulip_testbed.experiments.watching.recursive_estimate import innovation, updated
+from tulip_testbed.experiments.watching.plan_progress import begin_row
 from tulip_testbed.experiments.watching.row_columns import row_columns
-from tulip_testbed.experiments.watching.set_up import set_up
 from tulip_testbed.experiments.watching.watch_row import CHANGED, OK, Verdict, watch_row
 from tulip_testbed.experiments.watching.watch_state import first_state
 from tulip_testbed.identification.distributions import chi2_isf
@@ -177,10 +176,10 @@ def known_ratio(model: DayModel, rows: Measurements, direction: int, onset: int)
         one = rows.take(np.array([k]))
         before = state.stance
         anew = int(one.placement[0]) != state.placement
-        state = set_up(model, state, one, model.of_posture[int(one.posture[0])][0])
+        state = begin_row(model, state, one, model.of_posture[int(one.posture[0])][0])
         if state.stance != before:
             bias[-9 if anew else -3 :] = 0.0
-        found = innovation(model, state.belief, columns.row(k))
+        found = state.belief.predict(model, columns.row(k))
         if k >= onset:
             grown = (k - onset + 1) / RAMP if model.directions[direction].ramp else 1.0
             seen = grown * found.faults[:, direction] - found.state @ bias
@@ -188,7 +187,7 @@ def known_ratio(model: DayModel, rows: Measurements, direction: int, onset: int)
             information += float(seen @ found.precision @ seen)
             bias = bias + found.gain @ seen
         ratios[k], informations[k] = pull**2 / information if information > 0 else 0.0, information
-        state = replace(state, belief=updated(state.belief, found))
+        state = replace(state, belief=state.belief.updated(found))
     return ratios, informations
 
 

@@ -31,11 +31,7 @@ from tests.foreign_robots import ROBOTS, write_robot
 from tests.synthetic import Bench, synthetic_bench
 from tulip_testbed.experiments.discovering import Discovered, discover_effects
 from tulip_testbed.experiments.laboratory import Laboratory, Run
-from tulip_testbed.experiments.protocols.protocol_run import (
-    LaboratoryProtocol,
-    ProtocolSettings,
-    protocol_of,
-)
+from tulip_testbed.experiments.protocols.protocol_run import LaboratoryProtocol, protocol_of
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.experiments.validate import validate
 from tulip_testbed.experiments.validation_result import Validation
@@ -129,7 +125,7 @@ def small_plan() -> PosturePlan:
 
 @pytest.fixture(scope="session")
 def small_protocol(robot, small_plan, once) -> LaboratoryProtocol:
-    return once("small-protocol", lambda: protocol_of(robot, small_plan, ProtocolSettings("wii", repeats=3)))
+    return once("small-protocol", lambda: protocol_of(robot, small_plan, "wii", repeats=3))
 
 
 @pytest.fixture(scope="session")

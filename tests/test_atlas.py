@@ -242,7 +242,7 @@ def test_bad_input_is_refused(small_plan, tmp_path, capsys):
     for arguments, message in (
         (["atlas", str(small_plan), "--out", str(tmp_path / "there")], "exists already"),
         (["atlas", str(tmp_path / "none")], "none"),
-        (["atlas", "tolerance", str(small_plan), "--seed", "-1"], "--seed: found -1"),
+        (["atlas", "tolerance", str(small_plan), "--seed", "-1"], "seed: found -1"),
     ):
         assert main(arguments) == 2
         printed = capsys.readouterr()

@@ -15,13 +15,12 @@ import tulip_testbed as tt
 from tests.drawing import draws_with
 from tests.looking import browse
 from tulip_testbed.cli.main import main
-from tulip_testbed.experiments.protocols.measurement_start import empty_measurements, rows_to_fill_in
-from tulip_testbed.experiments.protocols.protocol_run import ProtocolSettings
+from tulip_testbed.experiments.example import empty_measurements
 from tulip_testbed.identification.planning.optimal_plan import with_repeats
 from tulip_testbed.measurements import write_measurements
 from tulip_testbed.measurements.measurement_folder import write_start
 from tulip_testbed.pages.placement_drawing import placement_of, scale_for
-from tulip_testbed.pages.protocol_page import write_protocol
+from tulip_testbed.pages.protocol_page import rows_to_fill_in, write_protocol
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.scene import nominal_plates
 from tulip_testbed.sim.sensors import PRESETS
@@ -115,7 +114,7 @@ def table_of(path):
 
 
 def test_without_a_data_sheet_the_manifest_says_so(robot, small_plan, small_protocol, tmp_path, monkeypatch):
-    without = replace(small_protocol, settings=ProtocolSettings())
+    without = replace(small_protocol, sensors=None)
     monkeypatch.setattr("tulip_testbed.api.planned.protocol_of", lambda *arguments: without)
     monkeypatch.setattr("tulip_testbed.pages.protocol_page.rendered", _no_pictures)
     tt.protocol(small_plan, robot, out=tmp_path / "day", repeats=0)

@@ -19,7 +19,7 @@ from tulip_testbed.experiments.protocols.motion import FREE, HOIST, LIFT, Motion
 from tulip_testbed.experiments.protocols.motion_files import motion_csv, motion_yaml
 from tulip_testbed.experiments.protocols.motion_limits import dynamic_room
 from tulip_testbed.experiments.protocols.motion_loads import LoadsInMotion
-from tulip_testbed.experiments.protocols.protocol_run import ProtocolSettings, protocol_of
+from tulip_testbed.experiments.protocols.protocol_run import protocol_of
 from tulip_testbed.identification.feasibility import stability_margin, support_polygon
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.planning_ranges import planning_ranges
@@ -198,9 +198,9 @@ def test_motions_on_one_foot_keep_the_other_in_the_air(robot):
 
 def test_where_links_would_touch_the_robot_is_lifted(robot, small_plan, monkeypatch):
     """And what follows has a placement of its own, since its boards are recorded anew."""
-    found = MotionPlanner._found
-    monkeypatch.setattr(MotionPlanner, "_found", lambda self, a, b: (found(self, a, b)[0], LIFT))
-    lifted = protocol_of(robot, small_plan, ProtocolSettings(repeats=0))
+    legs = MotionPlanner._legs
+    monkeypatch.setattr(MotionPlanner, "_legs", lambda self, a, b: (legs(self, a, b)[0], LIFT))
+    lifted = protocol_of(robot, small_plan, repeats=0)
     assert lifted.motions == (None,) * len(small_plan)
     assert len(lifted.placements) == len(small_plan)
     assert sorted(lifted.plan.posture.tolist()) == sorted(small_plan.posture.tolist())

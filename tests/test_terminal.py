@@ -13,7 +13,6 @@ from tulip_testbed.cli.terminal import (
     refuse,
     say,
     show,
-    show_verdict,
     show_whole,
 )
 
@@ -66,11 +65,10 @@ def test_sentences_wrap_and_what_is_copied_does_not(capsys):
 def test_markup_and_control_characters_show_as_they_are(capsys):
     show(HOSTILE)
     show_whole([HOSTILE])
-    show_verdict("pass", HOSTILE)
     say(HOSTILE)
     refuse(HOSTILE)
     out, err = capsys.readouterr()
-    assert out.splitlines() == [AS_IT_IS, AS_IT_IS, f"Verdict: pass{AS_IT_IS}"]
+    assert out.splitlines() == [AS_IT_IS, AS_IT_IS]
     assert err.splitlines() == [AS_IT_IS, f"tulip: {AS_IT_IS}"]
 
 

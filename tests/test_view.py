@@ -236,7 +236,7 @@ def test_bad_input(run, tmp_path, capsys, monkeypatch):
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     message = refused(capsys, "view", run)
     assert "found no display" in message
-    assert "expected one; `--save FILE.rrd` writes the view without a window, `--serve` shows" in message
+    assert "expected one; `save=FILE.rrd` writes the view without a window, `serve=True` shows" in message
     with pytest.raises(InputError, match=r"expected one; `save=FILE.rrd` writes the view without a window, "):
         window.check_display()
     assert "no such folder" in refused(capsys, "view", tmp_path / "none")

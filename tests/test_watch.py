@@ -11,21 +11,13 @@ import pytest
 
 from tests.watched import measured_day, model_of, one_row, play
 from tulip_testbed.experiments.watching.alarm import fault_of_changes, levels
-from tulip_testbed.experiments.watching.change_detection import EARLIER, RECENT, no_changes, with_row
-from tulip_testbed.experiments.watching.history import REACH
-from tulip_testbed.experiments.watching.recursive_estimate import (
-    ANEW,
-    Belief,
-    Innovation,
-    first_belief,
-    innovation,
-    updated,
-)
+from tulip_testbed.experiments.watching.change_detection import EARLIER, RECENT, Changes
+from tulip_testbed.experiments.watching.plan_progress import planned_row
+from tulip_testbed.experiments.watching.recursive_estimate import OF_PLACEMENT, Belief, Innovation
 from tulip_testbed.experiments.watching.row_checks import USUAL
 from tulip_testbed.experiments.watching.row_columns import row_columns
-from tulip_testbed.experiments.watching.set_up import planned_row
 from tulip_testbed.experiments.watching.watch_row import CHANGED, NOT_SETTLED, OK, REPEAT, UNPLANNED, UNUSABLE
-from tulip_testbed.experiments.watching.watch_state import AGAIN, GAPS, OPEN, first_state
+from tulip_testbed.experiments.watching.watch_state import AGAIN, GAPS, OPEN, REACH, first_state
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.reading_noise import ReadingNoise, placement_levers, reading_noise
 from tulip_testbed.identification.regressor import regression
@@ -74,12 +66,11 @@ def test_the_filter_is_the_regression_of_all_rows_at_once(watched, day):
     rows = [k for k in range(len(day)) if day.placement[k] == day.placement[0]]
     columns = row_columns(watched, day)
     columns = replace(columns, slope=np.zeros_like(columns.slope))
-    belief = first_belief(watched)
     precision, pull = np.linalg.inv(watched.covariance + 1e-12 * np.eye(len(watched.covariance))), 0.0
-    belief = Belief(belief.mean, np.linalg.inv(precision))
+    belief = Belief(np.zeros(len(precision)), np.linalg.inv(precision))
     for k in rows:
         row = columns.row(k)
-        belief = updated(belief, innovation(watched, belief, row))
+        belief = belief.updated(belief.predict(watched, row))
         weight = np.linalg.inv(row.noise(watched.noise.encoder))
         precision = precision + row.state.T @ weight @ row.state
         pull = pull + row.state.T @ weight @ row.residual
@@ -90,22 +81,22 @@ def test_the_filter_is_the_regression_of_all_rows_at_once(watched, day):
 
 def test_evidence_for_a_step_by_hand():
     """Readings of variance 4 without any state; a step of 3 begins at the third row: y^2 / w = n 3^2 / 4."""
-    changes = no_changes(1, 1)
+    changes = Changes.none(1, 1)
     for k, value in enumerate([0.0, 0.0, 3.0, 3.0, 3.0, 3.0]):
         one = np.ones((1, 1))
-        found = Innovation(value * one[0], 4 * one, one / 4, 0 * one, 0 * one, one, 1)
-        changes = with_row(changes, found, k, np.zeros(1, bool))
+        innovation = Innovation(value * one[0], 4 * one, one / 4, 0 * one, 0 * one, one, 1)
+        changes = changes.with_row(innovation, k, np.zeros(1, bool))
     assert changes.ratio[:, 0].max() == pytest.approx(4 * 9 / 4)
     assert changes.onset[changes.ratio[:, 0].argmax()] == 2
 
 
 def test_evidence_for_a_ramp_by_hand():
     """A ramp of 0.1 plausible size a row, measured with variance 1: y^2 / w = sum (k / 10)^2."""
-    changes = no_changes(1, 1)
+    changes = Changes.none(1, 1)
     for k in range(5):
         one = np.ones((1, 1))
-        found = Innovation((k + 1) / 10 * one[0], one, one, 0 * one, 0 * one, one, 1)
-        changes = with_row(changes, found, k, np.ones(1, bool))
+        innovation = Innovation((k + 1) / 10 * one[0], one, one, 0 * one, 0 * one, one, 1)
+        changes = changes.with_row(innovation, k, np.ones(1, bool))
     assert changes.ratio[0, 0] == pytest.approx(55 / 100)
 
 
@@ -254,7 +245,10 @@ def test_what_was_measured_since_a_change_began_is_forgotten(watched, before):
     assert state.earlier.there[until].all()
     # The foot was put down anew since, so that its place is as unknown as at the beginning of a placement.
     state = fault_of_changes(watched, replace(seen, stance=seen.stance + 1), levels(watched))
-    np.testing.assert_array_equal(state.belief.covariance[-ANEW:, -ANEW:], watched.covariance[-ANEW:, -ANEW:])
+    np.testing.assert_array_equal(
+        state.belief.covariance[-OF_PLACEMENT:, -OF_PLACEMENT:],
+        watched.covariance[-OF_PLACEMENT:, -OF_PLACEMENT:],
+    )
 
 
 def test_a_row_that_came_twice_counts_once(watched, day):

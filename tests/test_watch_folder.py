@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,9 +20,9 @@ from tests.watched import growing_folder, measured_day, model_of, one_row, play
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.watching.arriving_rows import MOST_AT_ONCE, Place, new_lines
-from tulip_testbed.experiments.watching.state_file import Kept, key_of, read_state, write_state
 from tulip_testbed.experiments.watching.watch_day import read_targets
 from tulip_testbed.experiments.watching.watch_row import OK, watch_row
+from tulip_testbed.experiments.watching.watch_state import key_of, read_state, write_state
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.plan_folder import write_plan
 
@@ -47,7 +48,7 @@ def grow(folder: Path, text: str) -> None:
 
 
 def judged(folder: Path, plan, robot, **more) -> list:
-    return list(tt.watch(folder, plan, robot, follow=False, **more))
+    return list(tt.watch(folder, robot, plan=plan, once=True, **more))
 
 
 def test_half_a_line_waits_for_its_end(folder, plan, robot):
@@ -65,7 +66,7 @@ def test_prepared_rows_wait_for_their_readings(folder, plan, robot, tmp_path):
     state = tmp_path / "state"
     for count in (0, 2, 3):
         (path / "postures.csv").write_text(header + "".join(lines[:count] + empty[count:]))
-        found = judged(path, plan, robot, state=state)
+        found = judged(path, plan, robot, out=state)
         assert [one.line for one in found] == {0: [], 2: [2, 3], 3: [4]}[count]
         assert all(one.verdict for one in found)
 
@@ -75,13 +76,13 @@ def test_it_goes_on_where_it_was_and_writes_nothing_into_the_folder(folder, plan
     state = tmp_path / "out" / "state"
     grow(path, "".join(lines[:5]))
     before = {one.name: one.read_bytes() for one in path.iterdir()}
-    first = judged(path, plan, robot, state=state)
+    first = judged(path, plan, robot, out=state)
     assert {one.name: one.read_bytes() for one in path.iterdir()} == before
     grow(path, "".join(lines[5:]))
-    then = judged(path, plan, robot, state=state)
+    then = judged(path, plan, robot, out=state)
     assert [one.verdict.posture for one in first + then] == day.posture.tolist()
     whole = judged(path, plan, robot)
-    assert [one.verdict.document() for one in first + then] == [one.verdict.document() for one in whole]
+    assert [one.verdict.to_json() for one in first + then] == [one.verdict.to_json() for one in whole]
     assert [one.name for one in state.parent.iterdir()] == ["state"]
 
 
@@ -89,12 +90,12 @@ def test_a_state_is_read_as_it_was_written(robot, plan, day, tmp_path):
     model = model_of(robot, plan, day)
     state, _ = play(model, day.take(np.arange(ROWS - 1)))
     key = key_of(plan, b"manifest")
-    write_state(tmp_path / "state", key, Kept(state, Place(5, 99, b"a,b", b"1,2")))
+    write_state(tmp_path / "state", key, replace(state, place=Place(5, 99, b"a,b", b"1,2")))
     kept = read_state(tmp_path / "state", key, model)
     assert kept is not None
     assert kept.place == Place(5, 99, b"a,b", b"1,2")
-    one, two = (watch_row(model, each, one_row(day, ROWS - 1)) for each in (state, kept.state))
-    assert one[1].document() == two[1].document()
+    one, two = (watch_row(model, each, one_row(day, ROWS - 1)) for each in (state, kept))
+    assert one[1].to_json() == two[1].to_json()
     np.testing.assert_array_equal(one[0].belief.covariance, two[0].belief.covariance)
     np.testing.assert_array_equal(one[0].changes.ratio, two[0].changes.ratio)
     with pytest.raises(InputError, match="state of another plan"):
@@ -107,7 +108,7 @@ def test_a_state_is_read_as_it_was_written(robot, plan, day, tmp_path):
 def test_a_state_inside_of_the_folder_is_refused(folder, plan, robot):
     path, _ = folder
     with pytest.raises(InputError, match="inside the measurement folder"):
-        judged(path, plan, robot, state=path / "state")
+        judged(path, plan, robot, out=path / "state")
 
 
 def test_a_column_that_vanishes(folder, plan, robot, tmp_path):
@@ -118,25 +119,25 @@ def test_a_column_that_vanishes(folder, plan, robot, tmp_path):
     assert "line 3: found" in second.problem
     assert "a column vanished" in second.problem
     state = tmp_path / "state"
-    judged(path, plan, robot, state=state)
+    judged(path, plan, robot, out=state)
     text = (path / "postures.csv").read_text()
     (path / "postures.csv").write_text(text.replace('"cell.left.rear_left",', "", 1) + " " * 100)
     with pytest.raises(InputError, match=r"'cell\.left\.rear_left' vanished during the day"):
-        judged(path, plan, robot, state=state)
+        judged(path, plan, robot, out=state)
 
 
 def test_rows_that_were_read_may_not_change(folder, plan, robot, tmp_path):
     path, lines = folder
     state = tmp_path / "state"
     grow(path, "".join(lines[:3]))
-    judged(path, plan, robot, state=state)
+    judged(path, plan, robot, out=state)
     text = (path / "postures.csv").read_text()
     (path / "postures.csv").write_text(text.replace(lines[2], lines[3]) + " " * 100)
     with pytest.raises(InputError, match="found other values than were read before"):
-        judged(path, plan, robot, state=state)
+        judged(path, plan, robot, out=state)
     (path / "postures.csv").write_text(text[:-50])
     with pytest.raises(InputError, match="rows may only be added at the end"):
-        judged(path, plan, robot, state=state)
+        judged(path, plan, robot, out=state)
 
 
 def test_a_value_that_is_none_is_told_by_its_line(folder, plan, robot):
@@ -205,15 +206,15 @@ def test_a_stream_that_begins_again_is_not_judged_twice(folder, plan, robot, day
     path, lines = folder
     header = (path / "postures.csv").read_text().encode()
     whole = [header, *(one.encode() for one in lines[:6])]
-    first = list(tt.watch(path, plan, robot, tmp_path / "state", rows=whole[:4]))
-    then = list(tt.watch(path, plan, robot, tmp_path / "state", rows=whole))
+    first = list(tt.watch(path, robot, plan=plan, out=tmp_path / "state", rows=whole[:4]))
+    then = list(tt.watch(path, robot, plan=plan, out=tmp_path / "state", rows=whole))
     assert [one.verdict and one.verdict.posture for one in first + then] == day.posture[:6].tolist()
 
 
 def test_the_lines_that_a_person_sees(folder, capsys):
     path, lines = folder
     grow(path, "".join(lines[:3]))
-    assert main(["watch", str(path), "--plan", "random", "--once", "--target", "all=3"]) == 0
+    assert main(["watch", str(path), "--plan", "random", "--once", "--targets", "all=3"]) == 0
     out = capsys.readouterr().out
     assert "posture 3: ok; next 4" in out
     assert "Next: posture 4; 147 left." in out
@@ -280,22 +281,22 @@ def test_a_stream_without_times_that_goes_on_is_refused(folder, plan, robot, tmp
         return [",".join(one[:at] + one[at + 1 :]).encode() + b"\n" for one in cut]
 
     state = tmp_path / "day.state"
-    assert len(judged(path, plan, robot, state=state, rows=rows(2))) == 2
+    assert len(judged(path, plan, robot, out=state, rows=rows(2))) == 2
     with pytest.raises(InputError, match="found no 'time'"):
-        judged(path, plan, robot, state=state, rows=rows(3))
+        judged(path, plan, robot, out=state, rows=rows(3))
 
 
 def test_a_state_that_somebody_changed_or_cannot_be_written(folder, plan, robot, tmp_path):
     path, lines = folder
     grow(path, lines[0])
     state = tmp_path / "day.state"
-    judged(path, plan, robot, state=state)
+    judged(path, plan, robot, out=state)
     content = bytearray(state.read_bytes())
     content[len(content) // 2] ^= 1
     state.write_bytes(content)
     with pytest.raises(InputError, match="found no state of a watch"):
-        judged(path, plan, robot, state=state)
-    nowhere = iter(tt.watch(path, plan, robot, state=state / "x", follow=False))
+        judged(path, plan, robot, out=state)
+    nowhere = tt.watch(path, robot, plan=plan, out=state / "x", once=True)
     with pytest.raises(InputError, match="cannot write"):
         next(nowhere)
 
@@ -321,12 +322,12 @@ def test_a_second_watch_of_one_state_is_refused(folder, plan, robot, tmp_path):
     path, lines = folder
     grow(path, "".join(lines[:2]))
     state = tmp_path / "state"
-    first = tt.watch(path, plan, robot, state=state, follow=False)
+    first = tt.watch(path, robot, plan=plan, out=state, once=True)
     assert next(first).line == 2
     with pytest.raises(InputError, match="state: another process is at work in it"):
-        judged(path, plan, robot, state=state)
+        judged(path, plan, robot, out=state)
     assert len(list(first)) == 1
-    assert judged(path, plan, robot, state=state) == []
+    assert judged(path, plan, robot, out=state) == []
     assert sorted(one.name for one in tmp_path.iterdir()) == ["lab", "state"]
 
 

@@ -46,6 +46,7 @@ from .experiments.protocols.protocol_run import LaboratoryProtocol as Laboratory
 from .experiments.robot_report import RobotReport as RobotReport
 from .experiments.table_import.table_import import ImportedTable as ImportedTable
 from .experiments.validation_result import Validation as Validation
+from .experiments.watching.watch_day import Watch as Watch
 from .measurements.cells import PlateGeometry as PlateGeometry
 from .measurements.data import Measurements as Measurements
 from .measurements.data import PosturePlan as PosturePlan

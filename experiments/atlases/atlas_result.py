@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -116,84 +117,94 @@ class Atlas(Result):
         angle = np.where(np.arange(len(self.angle)) == number, np.inf, self.angle[number])
         return int(angle.argmin()), float(angle.min())
 
+    @cached_property
+    def numbers(self) -> dict[int, int]:
+        """Return the numbers of the candidates that are shown, by their identity."""
+        return {id(candidate): k for k, candidate in enumerate(self.shown)}
+
+    def similar(self, row: Row) -> tuple[str | None, float | None]:
+        """Return the effect that looks most like that of a row, and the angle to it [rad]; None: none."""
+        number = self.numbers.get(id(row.candidate))
+        if number is None or len(self.shown) < 2:
+            return None, None
+        other, angle = self.nearest(number)
+        return self.shown[other].label, angle
+
     def to_json(self) -> dict[str, Any]:
         """Return the JSON document; sizes in SI units, biases in m and standard errors."""
         return finite(self._document())
 
     def _document(self) -> dict[str, Any]:
-        errors, names = self.planned.standard_errors, self.planned.nominal.parameters.names
-        number = {id(candidate): k for k, candidate in enumerate(self.shown)}
-        group_of = {k: n + 1 for n, group in enumerate(self.groups) for k in group}
-
-        def row(r: Row) -> dict[str, Any]:
-            at = number.get(id(r.candidate))
-            other = None if at is None or len(self.shown) < 2 else self.nearest(at)
-            return {
-                "effect": r.candidate.effect.name,
-                "target": r.candidate.target or None,
-                "parameter": r.parameter.name if r.parameter else None,
-                "unit": r.parameter.unit if r.parameter else "",
-                "prior_sd": None if r.size is None else r.prior,
-                "detectable": r.detectable,
-                "by_channel": r.by_channel,
-                "visible": r.visible,
-                "nearest": None if other is None else self.shown[other[0]].label,
-                "nearest_angle_rad": None if other is None else other[1],
-                "isolable": None if other is None else bool(other[1] >= ISOLABLE),
-                "group": None if at is None else group_of.get(at),
-                "bias_at_prior_m": r.bias.tolist(),
-                "bias_at_prior_se": (r.bias / errors).tolist(),
-                "bias_at_detectable_se": (r.bias_undetected / errors).tolist(),
-            }
-
+        planned = self.planned
         return {
-            "preset": self.planned.sensors,
-            "seed": self.planned.seed,
-            "postures": len(self.planned.observed),
-            "planned": len(self.planned.plan),
+            "preset": planned.sensors,
+            "seed": planned.seed,
+            "postures": len(planned.observed),
+            "planned": len(planned.plan),
             "power": POWER,
             "level": LEVEL,
             "tests": self.tests,
             "level_of_each": self.level,
             "isolable_rad": ISOLABLE,
-            "parameters": list(names),
-            "standard_error_m": errors.tolist(),
-            "effects": [row(r) for r in self.rows],
+            "parameters": list(planned.nominal.parameters.names),
+            "standard_error_m": planned.standard_errors.tolist(),
+            "effects": [self._entry(row) for row in self.rows],
             "groups": [[self.shown[k].label for k in group] for group in self.groups],
             "shown": [candidate.label for candidate in self.shown],
             "angle_rad": self.angle.tolist(),
         }
 
+    def _entry(self, row: Row) -> dict[str, Any]:
+        errors, (nearest, angle) = self.planned.standard_errors, self.similar(row)
+        number = self.numbers.get(id(row.candidate))
+        return {
+            "effect": row.candidate.effect.name,
+            "target": row.candidate.target or None,
+            "parameter": row.parameter.name if row.parameter else None,
+            "unit": row.parameter.unit if row.parameter else "",
+            "prior_sd": None if row.size is None else row.prior,
+            "detectable": row.detectable,
+            "by_channel": row.by_channel,
+            "visible": row.visible,
+            "nearest": nearest,
+            "nearest_angle_rad": angle,
+            "isolable": None if angle is None else bool(angle >= ISOLABLE),
+            "group": next((n for n, group in enumerate(self.groups, 1) if number in group), None),
+            "bias_at_prior_m": row.bias.tolist(),
+            "bias_at_prior_se": (row.bias / errors).tolist(),
+            "bias_at_detectable_se": (row.bias_undetected / errors).tolist(),
+        }
 
-def atlas_tables(found: Atlas) -> tuple[Table, ...]:
+
+def atlas_tables(atlas: Atlas) -> tuple[Table, ...]:
     """Return the effects that a plan detects, those that it cannot detect, and the look-alikes."""
-    rows = _one_placement(found)
+    rows = _one_placement(atlas)
     detected, hidden = ([row for row in rows if row.visible == wanted] for wanted in (True, False))
-    tables = [effect_table(found, detected, "Effects that these postures detect")]
+    tables = [effect_table(atlas, detected, "Effects that these postures detect")]
     if hidden:
         tables.append(
-            effect_table(found, hidden, "Effects that these postures cannot detect at plausible sizes")
+            effect_table(atlas, hidden, "Effects that these postures cannot detect at plausible sizes")
         )
-    return (*tables, group_table(found)) if found.groups else tuple(tables)
+    return (*tables, group_table(atlas)) if atlas.groups else tuple(tables)
 
 
-def opening(found: Atlas) -> str:
+def opening(atlas: Atlas) -> str:
     """Describe the plan and the tests."""
-    planned = found.planned
+    planned = atlas.planned
     return (
         f"{len(planned.observed)} of {len(planned.plan)} postures can be measured; the catalogue is "
-        f"equivalent to {found.tests:.0f} independent tests, each at the level {100 * found.level:.2g} %."
+        f"equivalent to {atlas.tests:.0f} independent tests, each at the level {100 * atlas.level:.2g} %."
     )
 
 
-def closing(found: Atlas) -> str:
+def closing(atlas: Atlas) -> str:
     """Say how many of the effects can be isolated."""
-    near = [found.nearest(k)[1] for k in range(len(found.shown))] if len(found.shown) > 1 else []
-    isolable = sum(angle >= ISOLABLE for angle in near)
-    return f"{isolable} of {len(found.shown)} effects that are detected can be isolated from all others."
+    count = len(atlas.shown)
+    isolable = sum(atlas.nearest(k)[1] >= ISOLABLE for k in range(count)) if count > 1 else 0
+    return f"{isolable} of {count} effects that are detected can be isolated from all others."
 
 
-def kind_table(found: Atlas, rows: list[Row]) -> Table:
+def kind_table(atlas: Atlas, rows: list[Row]) -> Table:
     """Return one row a kind of effect and unit: the range over its targets."""
     columns = (
         Column("effect"),
@@ -204,7 +215,6 @@ def kind_table(found: Atlas, rows: list[Row]) -> Table:
         Column("angle", "deg", ".0f"),
         Column("largest bias", "s.e.", ".2g"),
     )
-    place = {id(candidate): k for k, candidate in enumerate(found.shown)}
     kinds: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
         unit = row.parameter.display[1] if row.parameter else ""
@@ -212,9 +222,8 @@ def kind_table(found: Atlas, rows: list[Row]) -> Table:
     lines = []
     for (name, unit), of in kinds.items():
         sizes = [_size(row, row.detectable) for row in of if np.isfinite(row.detectable)]
-        at = [place[id(row.candidate)] for row in of if id(row.candidate) in place]
-        near = [np.degrees(found.nearest(k)[1]) for k in at] if len(found.shown) > 1 else []
-        biases = [float(np.abs(row.bias / found.planned.standard_errors).max()) for row in of]
+        near = [np.degrees(angle) for _, angle in map(atlas.similar, of) if angle is not None]
+        biases = [float(np.abs(row.bias / atlas.planned.standard_errors).max()) for row in of]
         known = [value for value in biases if np.isfinite(value)]
         lines.append(
             [
@@ -224,7 +233,7 @@ def kind_table(found: Atlas, rows: list[Row]) -> Table:
                 _range([_size(row, row.prior) for row in of]),
                 _range(sizes),
                 _range(near),
-                _shown_bias(max(known)) if known else None,
+                (max(known) if max(known) >= NO_BIAS else 0.0) if known else None,
             ]
         )
     note = (
@@ -235,10 +244,6 @@ def kind_table(found: Atlas, rows: list[Row]) -> Table:
     return Table("Effects that these postures detect, by kind", columns, lines, note)
 
 
-def _shown_bias(bias: float) -> float:
-    return bias if bias >= NO_BIAS else 0.0
-
-
 def _range(values: list[Any]) -> Any:
     """Return a value, or the least and the largest where they differ."""
     if not values or isinstance(values[0], bool):
@@ -247,7 +252,7 @@ def _range(values: list[Any]) -> Any:
     return low if math.isclose(low, high, rel_tol=0.05, abs_tol=1e-6) else (low, high)
 
 
-def effect_table(found: Atlas, rows: list[Row], title: str) -> Table:
+def effect_table(atlas: Atlas, rows: list[Row], title: str) -> Table:
     """Return one row a size of a candidate."""
     columns = (
         Column("effect"),
@@ -262,12 +267,10 @@ def effect_table(found: Atlas, rows: list[Row], title: str) -> Table:
         Column("most similar effect", extra=True),
         *(Column(f"by {channel}", format=".2g", extra=True) for channel in CHANNELS),
     )
-    place = {id(candidate): k for k, candidate in enumerate(found.shown)}
-    errors, names = found.planned.standard_errors, found.planned.nominal.parameters.names
+    errors, names = atlas.planned.standard_errors, atlas.planned.nominal.parameters.names
     lines = []
     for row in rows:
-        at = place.get(id(row.candidate))
-        similar, angle = (None, None) if at is None or len(found.shown) < 2 else found.nearest(at)
+        similar, angle = atlas.similar(row)
         bias = row.bias / errors
         known = bool(np.isfinite(bias).all())
         worst = int(np.abs(bias).argmax()) if known else 0
@@ -282,25 +285,25 @@ def effect_table(found: Atlas, rows: list[Row], title: str) -> Table:
                 float(bias[worst]) if known else None,
                 float(row.bias_undetected[worst] / errors[worst]) if known else None,
                 names[worst] if known and abs(bias[worst]) >= NO_BIAS else "",
-                "" if similar is None else found.shown[similar].label,
+                similar or "",
                 *(_size(row, row.by_channel[c]) for c in CHANNELS),
             ]
         )
     return Table(title, columns, lines)
 
 
-def group_table(found: Atlas) -> Table:
+def group_table(atlas: Atlas) -> Table:
     """Return the groups of look-alikes."""
-    rows = [[k, [found.shown[n].label for n in group]] for k, group in enumerate(found.groups, 1)]
+    rows = [[k, [atlas.shown[n].label for n in group]] for k, group in enumerate(atlas.groups, 1)]
     bound = f"{np.degrees(ISOLABLE):.0f} deg"
     title = f"Effects that these postures cannot distinguish (an angle below {bound} to another of the group)"
     return Table(title, (Column("group", format="d"), Column("effects")), rows)
 
 
-def _one_placement(found: Atlas) -> list[Row]:
+def _one_placement(atlas: Atlas) -> list[Row]:
     """Return the rows, of those that concern one placement only the one that is hardest to detect."""
     out, worst = [], {}
-    for row in found.rows:
+    for row in atlas.rows:
         if row.candidate.effect.targets is not PLACEMENTS:
             out.append(row)
             continue

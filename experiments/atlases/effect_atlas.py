@@ -86,5 +86,5 @@ def _detectable(columns: CandidateColumns, k: int, point: int, size: int | None,
         return 1.0 if length**2 - 2 * normal_isf(1 - POWER) * length > needed else np.inf
     candidate = columns.candidates[k]
     direction = (np.arange(column.shape[1]) == size).astype(float)
-    found = detectable_size(candidate, column, level, direction)
-    return found if found < MOST_PRIORS * candidate.prior[size] else np.inf
+    least = detectable_size(candidate, column, level, direction)
+    return least if least < MOST_PRIORS * candidate.prior[size] else np.inf

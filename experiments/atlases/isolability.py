@@ -38,8 +38,8 @@ def groups(angle: np.ndarray, threshold: float = ISOLABLE) -> list[list[int]]:
     if len(angle) < 2:
         return []
     label = scipy.cluster.hierarchy.fcluster(_tree(angle), threshold, "distance")
-    found = [np.flatnonzero(label == number).tolist() for number in np.unique(label)]
-    return sorted((group for group in found if len(group) > 1), key=lambda group: (-len(group), group))
+    alike = [np.flatnonzero(label == number).tolist() for number in np.unique(label)]
+    return sorted((group for group in alike if len(group) > 1), key=lambda group: (-len(group), group))
 
 
 def order(angle: np.ndarray) -> np.ndarray:

@@ -14,7 +14,8 @@ from tulip_testbed.base.table import Table
 from tulip_testbed.base.table_files import finite
 from tulip_testbed.discovery.candidates import Candidate, candidates
 from tulip_testbed.effects.catalogue import catalogue
-from tulip_testbed.experiments.atlases.bias import Weights, weights
+from tulip_testbed.effects.effect import Effect
+from tulip_testbed.experiments.atlases.bias import weights
 from tulip_testbed.experiments.atlases.planned_experiment import Planned, estimates, noisy, streams
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.statics.solved_plan import solve_plan
@@ -47,15 +48,20 @@ class Source:
     words: str
 
     @property
+    def effect(self) -> Effect:
+        """Return the effect."""
+        return self.candidate.effect
+
+    @property
     def label(self) -> str:
-        effect = self.candidate.effect
-        name = f" {effect.parameters[effect.sizes[self.size]].name}" if len(effect.sizes) > 1 else ""
-        return self.candidate.label + name
+        """Return effect and target, and the parameter if the effect has several."""
+        parameter = self.effect.parameters[self.effect.sizes[self.size]].name
+        return self.candidate.label + (f" {parameter}" if len(self.effect.sizes) > 1 else "")
 
     @property
     def sizes(self) -> np.ndarray:
-        """Of the effect, one unit of this error, (s,)."""
-        return self.amount * (np.arange(len(self.candidate.effect.sizes)) == self.size)
+        """Return one unit of this error as sizes of the effect, (s,)."""
+        return self.amount * (np.arange(len(self.effect.sizes)) == self.size)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,7 +87,7 @@ class Tolerance(Result):
 
     def together(self, effect: str) -> float:
         """S.d. in units of all errors of a kind, independent, that keep the root mean square bias there."""
-        mine = [k for k, source in enumerate(self.sources) if source.candidate.effect.name == effect]
+        mine = [k for k, source in enumerate(self.sources) if source.effect.name == effect]
         return _kept(np.sqrt((self.bias[mine] ** 2).sum(axis=0)))
 
     def tables(self) -> list[Table | str]:
@@ -100,35 +106,46 @@ class Tolerance(Result):
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON document; biases in standard errors, amounts in SI units."""
-        difference = np.abs(self.simulated - self.bias)
-        document = {
-            "preset": self.planned.sensors,
-            "seed": self.planned.seed,
-            "postures": len(self.planned.observed),
-            "allowed_bias_se": ALLOWED,
-            "parameters": list(self.planned.nominal.parameters.names),
-            "standard_error_m": self.planned.standard_errors.tolist(),
-            "sources": sources_document(self),
-            "kinds": [
-                {
-                    "effect": name,
-                    "unit": words,
-                    "alone_units": min(
-                        self.allowed(k)
-                        for k, source in enumerate(self.sources)
-                        if source.candidate.effect.name == name
-                    ),
-                    "together_units": self.together(name),
-                }
-                for name, (_, words) in UNITS.items()
-            ],
-            "check": {
-                "runs": CHECKED,
-                "largest_difference_se": float(difference.max()),
-                "largest_bias_se": float(np.abs(self.bias).max()),
-            },
-        }
-        return finite(document)
+        planned, difference = self.planned, np.abs(self.simulated - self.bias)
+        kinds = {name: [k for k, s in enumerate(self.sources) if s.effect.name == name] for name in UNITS}
+        return finite(
+            {
+                "preset": planned.sensors,
+                "seed": planned.seed,
+                "postures": len(planned.observed),
+                "allowed_bias_se": ALLOWED,
+                "parameters": list(planned.nominal.parameters.names),
+                "standard_error_m": planned.standard_errors.tolist(),
+                "sources": [
+                    {
+                        "effect": source.effect.name,
+                        "target": source.candidate.target or None,
+                        "parameter": source.effect.parameters[source.effect.sizes[source.size]].name,
+                        "unit": source.words,
+                        "amount": source.amount,
+                        "bias_se": self.bias[k].tolist(),
+                        "simulated_bias_se": self.simulated[k].tolist(),
+                        "allowed_units": self.allowed(k),
+                        "allowed": self.allowed(k) * source.amount,
+                    }
+                    for k, source in enumerate(self.sources)
+                ],
+                "kinds": [
+                    {
+                        "effect": name,
+                        "unit": words,
+                        "alone_units": min(map(self.allowed, kinds[name])),
+                        "together_units": self.together(name),
+                    }
+                    for name, (_, words) in UNITS.items()
+                ],
+                "check": {
+                    "runs": CHECKED,
+                    "largest_difference_se": float(difference.max()),
+                    "largest_bias_se": float(np.abs(self.bias).max()),
+                },
+            }
+        )
 
 
 def _kept(bias: np.ndarray) -> float:
@@ -149,7 +166,7 @@ def sources(planned: Planned) -> tuple[Source, ...]:
 def tolerance(planned: Planned, progress: Progress = silent) -> Tolerance:
     """Predict all biases and simulate them."""
     estimator, every = weights(planned), sources(planned)
-    predicted = np.array([_predicted(estimator, source) for source in every])
+    predicted = np.array([estimator.change(source.candidate, 0) @ source.sizes for source in every])
     plain = planned.runs[:CHECKED]
     without = estimates(plain, planned.nominal)
     moved = []
@@ -174,44 +191,22 @@ def erring(planned: Planned, source: Source) -> list[Measurements]:
     return noisy(solved_plan, streams(planned.seed, CHECKED))
 
 
-def _predicted(estimator: Weights, source: Source) -> np.ndarray:
-    return estimator.change(source.candidate, 0) @ source.sizes
-
-
-def sources_document(found: Tolerance) -> list[dict[str, Any]]:
-    """Every error for JSON."""
-    return [
-        {
-            "effect": source.candidate.effect.name,
-            "target": source.candidate.target or None,
-            "parameter": source.candidate.effect.parameters[source.candidate.effect.sizes[source.size]].name,
-            "unit": source.words,
-            "amount": source.amount,
-            "bias_se": found.bias[k].tolist(),
-            "simulated_bias_se": found.simulated[k].tolist(),
-            "allowed_units": found.allowed(k),
-            "allowed": found.allowed(k) * source.amount,
-        }
-        for k, source in enumerate(found.sources)
-    ]
-
-
-def bias_table(found: Tolerance) -> Table:
+def bias_table(tolerance: Tolerance) -> Table:
     """Return the bias of every parameter by one unit of every error."""
     columns = (
         Column("error"),
         Column("of"),
-        *(Column(str(number), format=".2f", extra=True) for number in range(1, found.bias.shape[1] + 1)),
+        *(Column(str(number), format=".2f", extra=True) for number in range(1, tolerance.bias.shape[1] + 1)),
     )
     rows = [
         [source.label, source.words, *bias.tolist()]
-        for source, bias in zip(found.sources, found.bias, strict=True)
+        for source, bias in zip(tolerance.sources, tolerance.bias, strict=True)
     ]
     title = "Bias of every parameter, by its number, in standard errors of the default estimator"
     return Table(title, columns, rows, "`tulip robot` tells the names of the parameters.")
 
 
-def tolerance_table(found: Tolerance) -> Table:
+def tolerance_table(tolerance: Tolerance) -> Table:
     """Return how large every error may be."""
     columns = (
         Column("error"),
@@ -223,22 +218,22 @@ def tolerance_table(found: Tolerance) -> Table:
         Column("allowed s.d. if all of a kind err", format=".2g"),
         Column("unit"),
     )
-    names, rows, told = found.planned.nominal.parameters.names, [], set()
-    for k, source in enumerate(found.sources):
-        worst = int(np.abs(found.bias[k]).argmax())
-        effect = source.candidate.effect.name
-        one, unit = UNITS[effect][1].split(" ")
+    names, rows, told = tolerance.planned.nominal.parameters.names, [], set()
+    for k, source in enumerate(tolerance.sources):
+        worst = int(np.abs(tolerance.bias[k]).argmax())
+        effect = source.effect.name
+        amount, unit = UNITS[effect][1].split(" ")
         alone, together = (
-            float(one) * units if units <= LARGE else "any"
-            for units in (found.allowed(k), found.together(effect))
+            float(amount) * units if units <= LARGE else "any"
+            for units in (tolerance.allowed(k), tolerance.together(effect))
         )
         rows.append(
             [
                 source.label,
                 source.words,
                 names[worst],
-                float(found.bias[k, worst]),
-                float(found.simulated[k, worst]),
+                float(tolerance.bias[k, worst]),
+                float(tolerance.simulated[k, worst]),
                 alone,
                 None if effect in told else together,
                 unit,

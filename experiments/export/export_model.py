@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import tempfile
 import xml.etree.ElementTree as ET
@@ -22,7 +23,7 @@ from tulip_testbed.experiments.export.published_links import PublishedLinks, pub
 from tulip_testbed.experiments.export.robot_samples import robot_samples
 from tulip_testbed.experiments.export.written_urdf import written_urdf
 from tulip_testbed.experiments.identification_result import Identification
-from tulip_testbed.experiments.robot_import.skeleton import LEAST_MASS
+from tulip_testbed.experiments.robot_import.skeleton import LEAST_MASS, rotation
 from tulip_testbed.experiments.robot_import.urdf import find_mesh
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters
 from tulip_testbed.identification.consistent_robot import (
@@ -78,56 +79,64 @@ class Export:
 
 
 def export_model(
-    found: Identification, robot: Robot, export: Export, weighed: tuple[float, float] | None = None
+    identification: Identification, robot: Robot, export: Export, weighed: tuple[float, float] | None = None
 ) -> ExportedModel:
     """Write the identified robot.
 
     Args:
-        found: the identification. robot: the nominal one, CAD.
+        robot: the nominal one, CAD.
         weighed: mass of the robot on a scale and its standard error [kg]; None: that of the identification.
 
     Raises:
         InputError: files that exist, of another ending or of another robot; a file whose settings overrule
             its inertias.
     """
-    _check(found, robot, export)
+    _check(identification, robot, export)
     model = _lengthened(robot, export)
-    parameters = base_parameters(robot, model, found.parameters.support)
-    samples_path = export.path.with_name(f"{export.path.stem}-samples.npz")
+    parameters = base_parameters(robot, model, identification.parameters.support)
+    links, full = parameters.tree.links, identification.full
+    paths = [export.path]
     if export.samples:
-        check_new(samples_path)
+        paths.append(export.path.with_name(f"{export.path.stem}-samples.npz"))
+        check_new(paths[1])
     source = None if export.source is None else published_links(export.source, robot)
     cad = _cad(robot, export, source)
     reference = solid(cad)
     ellipsoids = bounding_ellipsoids(robot.visual_model, reference)
-    mass, mass_error = weighed or found.mass
-    full = found.full
+    mass, mass_error = weighed or identification.mass
     target = Target(parameters.from_standard[full.numbers - 1], full.value, full.covariance, mass)
     consistent = consistent_robot(reference, ellipsoids, target)
     content, notes = _content(robot, model, export, source, parameters, consistent)
-    shares = data_shares(consistent.pseudo, target.from_standard)
+    left_out = [
+        str(effect) for effect in export.adopted if effect.effect.name != LENGTH or not export.lengths
+    ]
+    if left_out:
+        notes = (*notes, f"Adopted, but not in the file: {listed(left_out)}")
     result = ExportedModel(
-        links=exported_links(parameters.tree.links, cad, consistent.pseudo, shares),
+        links=exported_links(
+            links, cad, consistent.pseudo, data_shares(consistent.pseudo, target.from_standard)
+        ),
         base_parameters=consistent.value,
         misfit_in_standard_errors=float(consistent.misfit),
         total_mass=TotalMass(float(mass), "weighed" if weighed else "by the measured forces"),
-        files=tuple(map(str, (export.path, *([samples_path] if export.samples else [])))),
-        notes=(*notes, *_not_in_the_file(export)),
+        files=tuple(map(str, paths)),
+        notes=notes,
     )
-    archive = b""
+    contents = [content]
     if export.samples:
-        rng = np.random.default_rng(export.seed)
+        rng, archive = np.random.default_rng(export.seed), io.BytesIO()
         drawn = robot_samples(robot.model, cad, ellipsoids, target, mass_error, export.samples, rng)
-        archive = drawn.archive(parameters.tree.links, full.names)
-    write_bytes(export.path, content, new=True)
-    if export.samples:
-        write_bytes(samples_path, archive, new=True)
+        names = {"links": np.array(links), "parameters": np.array(full.names)}
+        np.savez_compressed(archive, **names, **drawn)  # pyrefly: ignore[bad-argument-type]
+        contents.append(archive.getvalue())
+    for path, whole in zip(paths, contents, strict=True):
+        write_bytes(path, whole, new=True)
     if consistent.misfit:
         warn(f"{export.path}: {result.misfit_line}")
     return result
 
 
-def _check(found: Identification, robot: Robot, export: Export) -> None:
+def _check(identification: Identification, robot: Robot, export: Export) -> None:
     """Refuse what cannot be exported."""
     if export.path.suffix.lower() not in ENDINGS:
         raise InputError(
@@ -137,16 +146,16 @@ def _check(found: Identification, robot: Robot, export: Export) -> None:
     at_least("samples", export.samples, 0)
     at_most("samples", export.samples, MOST_SAMPLES)
     at_least("seed", export.seed, 0)
-    parameters = base_parameters(robot, support=found.parameters.support)
-    if found.parameters.tree.links != parameters.tree.links or found.parameters.names != parameters.names:
+    parameters = base_parameters(robot, support=identification.parameters.support)
+    known, count = identification.parameters, len(identification.full.numbers)
+    if known.tree.links != parameters.tree.links or known.names != parameters.names:
         raise InputError(
             f"{robot.model_file}: found a robot with other links than the identification's; give the robot "
             "that was identified"
         )
-    if len(found.full.numbers) != len(parameters.names):
+    if count != len(parameters.names):
         raise InputError(
-            f"found an estimate of {len(found.full.numbers)} of {len(parameters.names)} base parameters, "
-            "expected all"
+            f"found an estimate of {count} of {len(parameters.names)} base parameters, expected all"
         )
     if export.source is not None and _kind(export.source) != export.path.suffix.lower():
         raise InputError(
@@ -163,16 +172,11 @@ def _lengthened(robot: Robot, export: Export) -> mujoco.MjModel:
     """
     if not export.lengths:
         return robot.model
-    lengths = [one for one in export.adopted if one.effect.name == LENGTH]
+    lengths = [effect for effect in export.adopted if effect.effect.name == LENGTH]
     if not lengths or export.source is not None:
-        found = "a source" if lengths else f"no adopted {LENGTH}"
-        raise InputError(f"lengths: found {found}, expected {LENGTH} effects and the robot's own file")
+        wrong = "a source" if lengths else f"no adopted {LENGTH}"
+        raise InputError(f"lengths: found {wrong}, expected {LENGTH} effects and the robot's own file")
     return true_model(injected(preset_rig("ideal", robot), lengths))
-
-
-def _not_in_the_file(export: Export) -> tuple[str, ...]:
-    left = [str(one) for one in export.adopted if one.effect.name != LENGTH or not export.lengths]
-    return (f"Adopted, but not in the file: {listed(left)}",) if left else ()
 
 
 def _kind(source: Path) -> str:
@@ -183,10 +187,10 @@ def _cad(robot: Robot, export: Export, source: PublishedLinks | None) -> np.ndar
     """Return CAD's pseudo-inertias, (n_links, 4, 4)."""
     if source is not None:
         return source.by_link(robot.model.nbody - 1)
-    found = pseudo_inertias(robot.model)
+    cad = pseudo_inertias(robot.model)
     if export.path.suffix.lower() == ".urdf":
-        found[found[:, 3, 3] <= LEAST_MASS] = 0.0  # which stands for none, where a file needs a mass
-    return found
+        cad[cad[:, 3, 3] <= LEAST_MASS] = 0.0  # which stands for none, where a file needs a mass
+    return cad
 
 
 def _content(
@@ -195,17 +199,17 @@ def _content(
     export: Export,
     source: PublishedLinks | None,
     parameters: BaseParameters,
-    found: ConsistentRobot,
+    consistent: ConsistentRobot,
 ) -> tuple[bytes, tuple[str, ...]]:
     """Return the bytes of the model, read back and compared, and notes on them."""
     if source is not None and export.source is not None:
         if _kind(export.source) == ".xml":
             _check_compiler(export.source)
-        content = with_inertias(read_bytes(export.source), source.changed(found.pseudo), export.source)
+        content = with_inertias(read_bytes(export.source), source.changed(consistent.pseudo), export.source)
         read = _published(content, export, robot)
         notes = _missing_files(export.source, export.path)
     elif export.path.suffix.lower() == ".urdf":
-        content = written_urdf(robot, model, found.pseudo)
+        content = written_urdf(robot, model, consistent.pseudo)
         read = _published(content, export, replace(robot, model=model))
         notes = (
             "The URDF is generated from the robot's MJCF: links, hinges, limits and inertias, without "
@@ -214,22 +218,21 @@ def _content(
     else:
         check_unchanged(robot, robot.model_file)
         _check_compiler(robot.model_file)
-        heavy = {
-            name: one for name, one in zip(parameters.tree.links, found.pseudo, strict=True) if one[3, 3] > 0
-        }
+        links = zip(parameters.tree.links, consistent.pseudo, strict=True)
+        heavy = {name: pseudo for name, pseudo in links if pseudo[3, 3] > 0}
         content = with_inertias(read_bytes(robot.model_file), heavy, robot.model_file)
         content = with_places(content, _moved(robot.model, model), robot.model_file)
         model = _compiled(content, robot)
         parameters = base_parameters(robot, model, parameters.support)
         read, notes = pseudo_inertias(model), _missing_files(robot.model_file, export.path)
-    apart = float(np.abs(parameters.values(standard_of(read)) - found.value).max())
+    apart = float(np.abs(parameters.values(standard_of(read)) - consistent.value).max())
     if not apart <= EXACT:
         raise InputError(
             f"{export.path}: the base parameters of the written file are {1e3 * apart:.3g} mm away from the "
             "stated ones; a setting of the file overrules its inertias (<compiler>: boundmass, "
             "balanceinertia)"
         )
-    worst, off = _farthest(_rigid(read, model), _rigid(found.pseudo, model))
+    worst, off = _farthest(_rigid(read, model), _rigid(consistent.pseudo, model))
     if not off <= ALIKE:
         raise InputError(
             f"{export.path}: the inertia of {parameters.tree.links[worst]} in the written file is away from "
@@ -245,9 +248,8 @@ def _rigid(pseudo: np.ndarray, model: mujoco.MjModel) -> np.ndarray:
     for body in range(model.nbody - 1, 0, -1):
         parent = int(model.body_parentid[body])
         if model.body_jntnum[body] == 0 and parent > 0:
-            turn, place = np.zeros(9), np.eye(4)
-            mujoco.mju_quat2Mat(turn, model.body_quat[body])
-            place[:3, :3], place[:3, 3] = turn.reshape(3, 3), model.body_pos[body]
+            place = np.eye(4)
+            place[:3, :3], place[:3, 3] = rotation(model.body_quat[body]), model.body_pos[body]
             sums[parent - 1] += moved(sums[body - 1], place)
             sums[body - 1] = 0.0
     return sums
@@ -264,25 +266,23 @@ def _farthest(read: np.ndarray, wanted: np.ndarray) -> tuple[int, float]:
 
 def _moved(nominal: mujoco.MjModel, model: mujoco.MjModel) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Return the old and the new place of every body that was moved, by name [m]."""
-    pairs = {
-        nominal.body(k).name: (nominal.body_pos[k], model.body(nominal.body(k).name).pos)
-        for k in range(1, nominal.nbody)
-    }
-    hinged = nominal.body_parentid[1:] > 0  # where the robot stands is no length
-    return {
-        name: (old, new)
-        for (name, (old, new)), inside in zip(pairs.items(), hinged, strict=True)
-        if inside and np.abs(new - old).max() > 1e-12
-    }
+    places = {}
+    for k in range(1, nominal.nbody):
+        name, old = nominal.body(k).name, nominal.body_pos[k]
+        new = model.body(name).pos
+        # Where the robot stands is no length.
+        if nominal.body_parentid[k] > 0 and np.abs(new - old).max() > 1e-12:
+            places[name] = old, new
+    return places
 
 
 def _check_compiler(file: Path) -> None:
     """Refuse settings of an MJCF with which MuJoCo does not use the inertias in it."""
     for compiler in ET.fromstring(read_bytes(file)).iter("compiler"):
         for name, plain in OVERRULING.items():
-            if (found := compiler.get(name, plain)) not in (plain, "auto") and found.strip(" -.0"):
+            if (value := compiler.get(name, plain)) not in (plain, "auto") and value.strip(" -.0"):
                 raise InputError(
-                    f"{file}: <compiler>: found {name}='{shortened(found)}', expected none: MuJoCo would not "
+                    f"{file}: <compiler>: found {name}='{shortened(value)}', expected none: MuJoCo would not "
                     "use the inertias of the file"
                 )
 
@@ -306,8 +306,7 @@ def _published(content: bytes, export: Export, robot: Robot) -> np.ndarray:
     with tempfile.TemporaryDirectory() as scratch:
         place = Path(scratch) / export.path.name
         write_bytes(place, content)
-        links: PublishedLinks = published_links(place, robot)
-    return links.by_link(robot.model.nbody - 1)
+        return published_links(place, robot).by_link(robot.model.nbody - 1)
 
 
 def _missing_files(source: Path, path: Path) -> tuple[str, ...]:

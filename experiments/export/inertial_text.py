@@ -16,6 +16,7 @@ from tulip_testbed.identification.pseudo_inertia import central
 
 ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # of MJCF's fullinertia
 INDENT = b"  "
+TAG = re.compile(rb"""(?:[^"'>]|"[^"]*"|'[^']*')*>""")  # quoted values may hold a '>'
 POSITION = re.compile(rb"""(\spos\s*=\s*)("[^"]*"|'[^']*')""")
 
 
@@ -50,8 +51,8 @@ def with_inertias(content: bytes, pseudo: Mapping[str, np.ndarray], where: Path)
             "mass in the file itself: write included, attached or replicated bodies into it"
         )
     changes = []
-    for name, one in pseudo.items():
-        element, text = elements[name], inertial_xml(one, kind)
+    for name, inertia in pseudo.items():
+        element, text = elements[name], inertial_xml(inertia, kind)
         if element.inertial is not None:
             changes.append((*element.inertial, text))
         elif content[: element.after].endswith(b"/>"):  # an empty element gets an end tag
@@ -76,22 +77,22 @@ def with_places(content: bytes, places: Mapping[str, tuple[np.ndarray, np.ndarra
     for name, (old, new) in places.items():
         element = elements.get(name)
         tag = b"" if element is None else content[element.start : element.after]
-        found = POSITION.search(tag)
-        values = [] if found is None else found[2][1:-1].split()
-        if element is None or found is None or not np.allclose(np.array(values, float), old, atol=1e-12):
+        position = POSITION.search(tag)
+        values = [] if position is None else position[2][1:-1].split()
+        if element is None or position is None or not np.allclose(np.array(values, float), old, atol=1e-12):
             raise InputError(
-                f'{where}: found no <body name={quoteattr(shortened(name))} pos="{_joined(old)}">, expected '
+                f'{where}: found no <body name={quoteattr(shortened(name))} pos="{joined(old)}">, expected '
                 "its place in the body itself: write what a <frame> adds into it"
             )
-        start = element.start + found.start(2)
-        changes.append((start, start + len(found[2]), f'"{_joined(new)}"'.encode()))
+        start = element.start + position.start(2)
+        changes.append((start, start + len(position[2]), f'"{joined(new)}"'.encode()))
     return _changed(content, changes)
 
 
 def inertial_spans(content: bytes, where: Path) -> list[tuple[int, int]]:
     """Return start and end of every <inertial> of a body or link, in bytes."""
     _, elements = _elements(content, where)
-    return sorted(one.inertial for one in elements.values() if one.inertial is not None)
+    return sorted(part.inertial for part in elements.values() if part.inertial is not None)
 
 
 def inertial_xml(pseudo: np.ndarray, kind: str) -> bytes:
@@ -99,12 +100,12 @@ def inertial_xml(pseudo: np.ndarray, kind: str) -> bytes:
     mass, center, inertia = central(pseudo)
     entries = [float(inertia[entry]) for entry in ENTRIES]
     if kind == "body":
-        text = f'<inertial pos="{_joined(center)}" mass="{mass!r}" fullinertia="{_joined(entries)}"/>'
+        text = f'<inertial pos="{joined(center)}" mass="{mass!r}" fullinertia="{joined(entries)}"/>'
     else:
         names = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
         tensor = " ".join(f'{name}="{value!r}"' for name, value in zip(names, entries, strict=True))
         text = (
-            f'<inertial><origin xyz="{_joined(center)}" rpy="0 0 0"/><mass value="{mass!r}"/>'
+            f'<inertial><origin xyz="{joined(center)}" rpy="0 0 0"/><mass value="{mass!r}"/>'
             f"<inertia {tensor}/></inertial>"
         )
     return text.encode()
@@ -116,7 +117,8 @@ def _changed(content: bytes, changes: list[tuple[int, int, bytes]]) -> bytes:
     return content
 
 
-def _joined(values: Iterable[float]) -> str:
+def joined(values: Iterable[float]) -> str:
+    """Return numbers as an attribute holds them, exactly."""
     return " ".join(repr(float(value)) for value in values)
 
 
@@ -124,26 +126,28 @@ def _elements(content: bytes, where: Path) -> tuple[str, dict[str, _Element]]:
     """Return what bodies are called in the file, "body" or "link", and where each stands, by name."""
     parser = expat.ParserCreate()
     path: list[str] = []
-    owners: list[_Element | None] = []
-    found: dict[str, _Element] = {}
+    owners: list[_Element | None] = [None]  # of the elements on the path, and above the first
+    elements: dict[str, _Element] = {}
     kinds: list[str] = []
 
     def start(tag: str, attributes: dict[str, str]) -> None:
-        at = parser.CurrentByteIndex
+        at, owner = parser.CurrentByteIndex, None
         path.append(tag)
         if len(path) == 1:
             kinds.append("link" if tag == "robot" else "body")
-        owner = None
-        if _is_body(path) and "name" in attributes:
-            owner = found[attributes["name"]] = _Element(at, _end_of_tag(content, at))
-        elif tag == "inertial" and owners and (above := owners[-1]) is not None:
-            above.inertial = (at, at)
+        of_urdf, of_mjcf = path == ["robot", "link"], path[:2] == ["mujoco", "worldbody"] and tag == "body"
+        if (of_urdf or of_mjcf) and "name" in attributes:
+            end_of_tag = TAG.match(content, at)
+            assert end_of_tag is not None  # of a parsed start tag
+            owner = elements[attributes["name"]] = _Element(at, end_of_tag.end())
+        elif tag == "inertial" and owners[-1] is not None:
+            owners[-1].inertial = (at, at)
         owners.append(owner)
 
     def end(tag: str) -> None:
         path.pop()
         owners.pop()
-        if tag == "inertial" and owners and (above := owners[-1]) is not None:
+        if tag == "inertial" and (above := owners[-1]) is not None:
             assert above.inertial is not None
             at = parser.CurrentByteIndex
             closed = content.startswith(b"</inertial", at)  # otherwise an empty element, which ends here
@@ -154,28 +158,7 @@ def _elements(content: bytes, where: Path) -> tuple[str, dict[str, _Element]]:
         parser.Parse(content, True)
     except expat.ExpatError as error:
         raise InputError(f"{where}: broken XML: {error}") from None
-    return kinds[0], found
-
-
-def _is_body(path: list[str]) -> bool:
-    """Return whether a path of tags leads to a body of an MJCF or to a link of a URDF."""
-    if path[0] == "robot":
-        return path == ["robot", "link"]
-    return path[-1] == "body" and path[:2] == ["mujoco", "worldbody"]
-
-
-def _end_of_tag(content: bytes, start: int) -> int:
-    """Return where a start tag ends; quoted values may hold a '>'."""
-    quote = 0
-    for k in range(start, len(content)):
-        byte = content[k]
-        if quote:
-            quote = 0 if byte == quote else quote
-        elif byte in b"\"'":
-            quote = byte
-        elif byte == ord(">"):
-            return k + 1
-    raise AssertionError("a parsed start tag has an end")
+    return kinds[0], elements
 
 
 def _new_line(content: bytes, start: int) -> bytes:

@@ -51,11 +51,11 @@ class PublishedLinks:
         each = solid(self.pseudo)
         sums = np.zeros_like(wanted)
         np.add.at(sums, self.link, each)
-        found = {}
+        by_body = {}
         for k, name in enumerate(self.names):
             stretched = moved(each[k], _stretch(sums[self.link[k]], wanted[self.link[k]]))
-            found[name] = moved(stretched, np.linalg.inv(self.transform[k]))
-        return found
+            by_body[name] = moved(stretched, np.linalg.inv(self.transform[k]))
+        return by_body
 
 
 def published_links(path: Path, robot: Robot) -> PublishedLinks:
@@ -137,9 +137,9 @@ def _alignment(
             f"{np.degrees(tilted[worst]):.3g} degrees away from the robot's, expected the file that the "
             "robot is made of"
         )
-    found = np.eye(4)
-    found[:3, :3], found[:3, 3] = turn, place
-    return found
+    onto = np.eye(4)
+    onto[:3, :3], onto[:3, 3] = turn, place
+    return onto
 
 
 def _stretch(old: np.ndarray, new: np.ndarray) -> np.ndarray:
@@ -149,12 +149,12 @@ def _stretch(old: np.ndarray, new: np.ndarray) -> np.ndarray:
     back = np.linalg.inv(root)
     stretch = back @ np.real(sqrtm(root @ second_now @ root)) @ back
     scale = np.sqrt(mass_now / mass)
-    found = np.eye(4)
+    whole = np.eye(4)
     # Distances from the centre scale with the root of second moments over masses.
-    found[:3, :3] = stretch
-    found[:3, 3] = scale * center_now - stretch @ center
-    found[3, 3] = scale
-    return found
+    whole[:3, :3] = stretch
+    whole[:3, 3] = scale * center_now - stretch @ center
+    whole[3, 3] = scale
+    return whole
 
 
 def _parts(pseudo: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import io
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -22,42 +20,6 @@ SPREAD = 0.1  # assumed, of what statics cannot see: of ln mass, of centres in h
 TRIES = 20
 
 
-@dataclass(frozen=True, eq=False)
-class RobotSamples:
-    """Robots drawn at random, s of them.
-
-    Attributes:
-        pseudo: pseudo-inertias, (s, n_links, 4, 4).
-        value: base parameters, (s, p) [m].
-        misfit: distance to the base parameters that were drawn, (s,) [standard errors]; 0: none.
-    """
-
-    pseudo: np.ndarray
-    value: np.ndarray
-    misfit: np.ndarray
-
-    def archive(self, links: Sequence[str], parameters: Sequence[str]) -> bytes:
-        """Return a NumPy archive (.npz): mass, center_of_mass, inertia, base_parameters and names."""
-        count, size = self.pseudo.shape[:2]
-        mass = self.pseudo[..., 3, 3]
-        center, inertia = np.zeros((count, size, 3)), np.zeros((count, size, 3, 3))
-        for k, link in zip(*np.nonzero(mass > 0), strict=True):
-            _, center[k, link], inertia[k, link] = central(self.pseudo[k, link])
-        content = io.BytesIO()
-        np.savez_compressed(
-            content,
-            links=np.array(links),
-            mass=mass,
-            center_of_mass=center,
-            inertia=inertia,
-            pseudo_inertia=self.pseudo,
-            parameters=np.array(parameters),
-            base_parameters=self.value,
-            misfit_in_standard_errors=self.misfit,
-        )
-        return content.getvalue()
-
-
 def robot_samples(
     model: mujoco.MjModel,
     cad: np.ndarray,
@@ -66,7 +28,7 @@ def robot_samples(
     mass_error: float,
     count: int,
     rng: np.random.Generator,
-) -> RobotSamples:
+) -> dict[str, np.ndarray]:
     """Draw consistent robots.
 
     Base parameters and total mass are normal with the estimate's covariance. The other parameters are drawn
@@ -77,7 +39,12 @@ def robot_samples(
     Args:
         model: the robot with CAD's masses. cad: its pseudo-inertias, (n_links, 4, 4).
         ellipsoids: of `bounding_ellipsoids`.
-        mass_error: standard error of the total mass [kg].
+        mass_error: standard error of the total mass [kg]. count: of robots, s.
+
+    Returns:
+        mass, (s, n_links) [kg], center_of_mass, (s, n_links, 3) [m], inertia about it, (s, n_links, 3, 3)
+        [kg m2], pseudo_inertia, (s, n_links, 4, 4), base_parameters, (s, p) [m], and
+        misfit_in_standard_errors: distance to the base parameters that were drawn, (s,); 0: none.
     """
     deviation = np.sqrt(np.diag(target.covariance))
     root = np.linalg.cholesky(target.covariance / np.outer(deviation, deviation)) * deviation[:, None]
@@ -90,21 +57,29 @@ def robot_samples(
 
     def consistent() -> ConsistentRobot:
         for _ in range(TRIES):
-            if (one := robot_with(*draw())) is not None:
-                return one
+            if (robot := robot_with(*draw())) is not None:
+                return robot
         return consistent_robot(*draw())
 
-    found = [consistent() for _ in range(count)]
-    return RobotSamples(
-        pseudo=np.array([one.pseudo for one in found]),
-        value=np.array([one.value for one in found]),
-        misfit=np.array([one.misfit for one in found]),
-    )
+    robots = [consistent() for _ in range(count)]
+    pseudo = np.array([robot.pseudo for robot in robots])
+    mass = pseudo[..., 3, 3]
+    center, inertia = np.zeros((*mass.shape, 3)), np.zeros((*mass.shape, 3, 3))
+    for k, link in zip(*np.nonzero(mass > 0), strict=True):
+        _, center[k, link], inertia[k, link] = central(pseudo[k, link])
+    return {
+        "mass": mass,
+        "center_of_mass": center,
+        "inertia": inertia,
+        "pseudo_inertia": pseudo,
+        "base_parameters": np.array([robot.value for robot in robots]),
+        "misfit_in_standard_errors": np.array([robot.misfit for robot in robots]),
+    }
 
 
 def _drawn(cad: np.ndarray, standard: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Return pseudo-inertias with drawn masses, centres and lengths of the inertia boxes."""
-    found = np.zeros_like(cad)
+    drawn = np.zeros_like(cad)
     for k in np.flatnonzero(cad[:, 3, 3] > 0):
         mass, _, inertia = central(cad[k])
         second = standard[k, 0] / mass * (np.trace(inertia) / 2 * np.eye(3) - inertia)
@@ -112,5 +87,5 @@ def _drawn(cad: np.ndarray, standard: np.ndarray, rng: np.random.Generator) -> n
         size = size * np.exp(2 * SPREAD * rng.standard_normal(3))
         second = (axes * size) @ axes.T
         tensor = np.trace(second) * np.eye(3) - second
-        found[k] = pseudo_inertia(standard[k, 0], standard[k, 1:] / standard[k, 0], tensor)
-    return solid(found)
+        drawn[k] = pseudo_inertia(standard[k, 0], standard[k, 1:] / standard[k, 0], tensor)
+    return solid(drawn)

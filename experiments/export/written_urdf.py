@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from xml.sax.saxutils import quoteattr
+
 import mujoco
 import numpy as np
 
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.experiments.export.inertial_text import inertial_xml
+from tulip_testbed.experiments.export.inertial_text import inertial_xml, joined
+from tulip_testbed.experiments.robot_import.skeleton import rotation
 from tulip_testbed.identification.pseudo_inertia import moved
 from tulip_testbed.sim.control import joint_torques
 from tulip_testbed.sim.robot import Robot
@@ -28,7 +31,7 @@ def written_urdf(robot: Robot, model: mujoco.MjModel, pseudo: np.ndarray) -> byt
         InputError: a hinge whose zero is not where the file draws it (`ref`), which a URDF cannot express.
     """
     torques = joint_torques(robot.spec)
-    lines = ['<?xml version="1.0"?>', f'<robot name="{_escaped(robot.name)}">']
+    lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(robot.name)}>"]
     if (pseudo[:, 3, 3] == 0).any() or (model.body_jntnum > 1).any():
         # MuJoCo refuses links that move without mass; other programs pass over this.
         lines.append('  <mujoco><compiler boundmass="1e-9" boundinertia="1e-12"/></mujoco>')
@@ -38,42 +41,42 @@ def written_urdf(robot: Robot, model: mujoco.MjModel, pseudo: np.ndarray) -> byt
         name, above = model.body(body).name, int(model.body_parentid[body])
         hinges = _hinges(model, body, robot)
         shift[body] = model.jnt_pos[hinges[-1]] if hinges else 0.0
-        own = pseudo[body - 1]
         inertial = ""
-        if own[3, 3] > 0:
-            inertial = inertial_xml(moved(own, _translation(-shift[body])), "link").decode()
-        lines.append(f'  <link name="{_escaped(name)}">{inertial}</link>')
+        if pseudo[body - 1, 3, 3] > 0:
+            to_link = np.eye(4)
+            to_link[:3, 3] = -shift[body]
+            inertial = inertial_xml(moved(pseudo[body - 1], to_link), "link").decode()
+        lines.append(f"  <link name={quoteattr(name)}>{inertial}</link>")
         if not above:
             continue
         parent, start, turn = model.body(above).name, model.body_pos[body] - shift[above], _rpy(model, body)
         if not hinges:
             lines.append(_joint(f"{name}_fixed", "fixed", parent, name, start, turn))
         for k, hinge in enumerate(hinges):
-            child = name
+            joint, anchor, child = model.joint(hinge).name, model.jnt_pos[hinge], name
             if k < len(hinges) - 1:
-                child = _unused(f"{model.joint(hinge).name}_link", taken)
-                lines.append(f'  <link name="{_escaped(child)}"/>')
-            anchor = model.jnt_pos[hinge]
-            origin = start + _axes(model, body) @ anchor if k == 0 else anchor - model.jnt_pos[hinges[k - 1]]
-            torque = float(torques.get(model.joint(hinge).name, 0.0))
-            lines.append(
-                _joint(
-                    model.joint(hinge).name,
-                    "revolute" if model.jnt_limited[hinge] else "continuous",
-                    parent,
-                    child,
-                    origin,
-                    turn if k == 0 else np.zeros(3),
-                    f'<axis xyz="{_joined(model.jnt_axis[hinge])}"/>{_limit(model, hinge, torque)}',
-                )
-            )
+                child = f"{joint}_link"
+                while child in taken:
+                    child += "_"
+                taken.add(child)
+                lines.append(f"  <link name={quoteattr(child)}/>")
+            origin = anchor - model.jnt_pos[hinges[k - 1]]
+            if k == 0:
+                origin = start + rotation(model.body_quat[body]) @ anchor
+            limits = f'effort="{float(torques.get(joint, 0.0))!r}" velocity="{FASTEST!r}"'
+            if model.jnt_limited[hinge]:
+                low, high = map(float, model.jnt_range[hinge])
+                limits = f'lower="{low!r}" upper="{high!r}" {limits}'
+            more = f'<axis xyz="{joined(model.jnt_axis[hinge])}"/><limit {limits}/>'
+            kind = "revolute" if model.jnt_limited[hinge] else "continuous"
+            lines.append(_joint(joint, kind, parent, child, origin, turn if k == 0 else np.zeros(3), more))
             parent = child
     return ("\n".join([*lines, "</robot>"]) + "\n").encode()
 
 
 def _hinges(model: mujoco.MjModel, body: int, robot: Robot) -> list[int]:
-    first = int(model.body_jntadr[body])
-    found = []
+    """Return the numbers of a body's hinges."""
+    first, hinges = int(model.body_jntadr[body]), []
     for joint in range(first, first + int(model.body_jntnum[body])):
         if model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE:
             continue
@@ -82,61 +85,24 @@ def _hinges(model: mujoco.MjModel, body: int, robot: Robot) -> list[int]:
                 f"{robot.model_file}: joint '{model.joint(joint).name}': found ref {zero:g} rad, expected 0 "
                 "for a URDF; export an MJCF"
             )
-        found.append(joint)
-    return found
+        hinges.append(joint)
+    return hinges
 
 
 def _joint(
     name: str, kind: str, parent: str, child: str, origin: np.ndarray, turn: np.ndarray, more: str = ""
 ) -> str:
     return (
-        f'  <joint name="{_escaped(name)}" type="{kind}"><parent link="{_escaped(parent)}"/>'
-        f'<child link="{_escaped(child)}"/><origin xyz="{_joined(origin)}" rpy="{_joined(turn)}"/>{more}'
+        f'  <joint name={quoteattr(name)} type="{kind}"><parent link={quoteattr(parent)}/>'
+        f'<child link={quoteattr(child)}/><origin xyz="{joined(origin)}" rpy="{joined(turn)}"/>{more}'
         "</joint>"
     )
 
 
-def _limit(model: mujoco.MjModel, hinge: int, torque: float) -> str:
-    limits = f'effort="{torque!r}" velocity="{FASTEST!r}"'
-    if model.jnt_limited[hinge]:
-        low, high = map(float, model.jnt_range[hinge])
-        limits = f'lower="{low!r}" upper="{high!r}" {limits}'
-    return f"<limit {limits}/>"
-
-
-def _axes(model: mujoco.MjModel, body: int) -> np.ndarray:
-    turn = np.zeros(9)
-    mujoco.mju_quat2Mat(turn, model.body_quat[body])
-    return turn.reshape(3, 3)
-
-
 def _rpy(model: mujoco.MjModel, body: int) -> np.ndarray:
     """Return a body's rotation as roll, pitch and yaw about fixed axes, (3,) [rad]."""
-    axes = _axes(model, body)
+    axes = rotation(model.body_quat[body])
     yaw = np.arctan2(axes[1, 0], axes[0, 0])  # at a vertical x axis any yaw will do
     c, s = np.cos(yaw), np.sin(yaw)
     rest = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ axes
     return np.array([np.arctan2(-rest[1, 2], rest[1, 1]), np.arctan2(-rest[2, 0], rest[0, 0]), yaw])
-
-
-def _translation(by: np.ndarray) -> np.ndarray:
-    found = np.eye(4)
-    found[:3, 3] = by
-    return found
-
-
-def _joined(values: np.ndarray) -> str:
-    return " ".join(repr(float(value)) for value in values)
-
-
-def _escaped(text: str) -> str:
-    from xml.sax.saxutils import escape
-
-    return escape(text, {'"': "&quot;"})
-
-
-def _unused(name: str, taken: set[str]) -> str:
-    while name in taken:
-        name += "_"
-    taken.add(name)
-    return name

@@ -12,7 +12,6 @@ from scipy.sparse.csgraph import connected_components
 
 from tulip_testbed.experiments.usable_plan import planned_parameters
 from tulip_testbed.identification.feasibility import place_polygon
-from tulip_testbed.identification.planning.optimal_plan import with_repeats
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.procedure import start_times
@@ -24,11 +23,6 @@ SAME = 1e-9  # m, s, between nodes that are one
 SEPARATED = 1.15  # inflation of a drift's standard error that is small enough
 ROUNDS = (1, 2, 3)
 REFUSED = 1e4  # s, more than every motion: the robot would have to be lifted
-
-
-def with_own_repeats(plan: PosturePlan, count: int) -> PosturePlan:
-    """Return a plan with `count` repeated postures, or as it is if it holds repeats."""
-    return plan if plan.postures < len(plan) or not count else with_repeats(plan, count, 0)
 
 
 def shortest_tour(cost: np.ndarray) -> list[int]:
@@ -55,8 +49,8 @@ def _tour_of_different(cost: np.ndarray) -> list[int]:
     every, edges = np.arange(count)[:, None], len(first)
     rows = [LinearConstraint(((first == every) | (second == every)).astype(float), 2, 2)]
     while True:
-        found = milp(cost[first, second], integrality=np.ones(edges), bounds=Bounds(0, 1), constraints=rows)
-        taken = found.x > 0.5
+        solved = milp(cost[first, second], integrality=np.ones(edges), bounds=Bounds(0, 1), constraints=rows)
+        taken = solved.x > 0.5
         graph = csr_array((np.ones(taken.sum()), (first[taken], second[taken])), shape=(count, count))
         tours, member = connected_components(graph, directed=False)
         if tours == 1:
@@ -124,10 +118,9 @@ def order_of_placements(robot: Robot, plan: PosturePlan) -> list[int]:
 
     They form a shortest closed tour: it goes out and comes back, so that the place of the feet does not grow
     with time. Of all beginnings of the tour and both directions, the one is taken in which a linear drift is
-    determined best from everything else. If that is not enough (`SEPARATED`), the tour
-    is gone round twice or three
-    times, with every second or third placement each time. A placement that only repeats postures comes half a
-    tour after, or before, the placement that it repeats.
+    determined best from everything else. If that is not enough (`SEPARATED`), the tour is gone round twice or
+    three times, with every second or third placement each time. A placement that only repeats postures comes
+    half a tour after, or before, the placement that it repeats.
     """
     numbers = list(dict.fromkeys(plan.placement.tolist()))
     rows = {number: np.flatnonzero(plan.placement == number) for number in numbers}
@@ -148,13 +141,13 @@ def order_of_placements(robot: Robot, plan: PosturePlan) -> list[int]:
             out.insert(out.index(after) + 1, number)
         return out
 
-    def inflated(one: list[int]) -> float:
-        return _inflation(basis, rig, plan, np.concatenate([rows[number] for number in one]))
+    def inflated(order: list[int]) -> float:
+        return _inflation(basis, rig, plan, np.concatenate([rows[number] for number in order]))
 
     for rounds in ROUNDS:
-        turned = [one[k:] + one[:k] for one in (tour, tour[::-1]) for k in range(len(tour))]
-        found = [complete([number for k in range(rounds) for number in one[k::rounds]]) for one in turned]
-        best = min(found, key=inflated)
+        turned = [way[k:] + way[:k] for way in (tour, tour[::-1]) for k in range(len(tour))]
+        orders = [complete([number for k in range(rounds) for number in way[k::rounds]]) for way in turned]
+        best = min(orders, key=inflated)
         if inflated(best) <= SEPARATED:
             break
     return best
@@ -163,9 +156,8 @@ def order_of_placements(robot: Robot, plan: PosturePlan) -> list[int]:
 def drift_inflation(robot: Robot, plan: PosturePlan) -> float:
     """Return by how much the standard error of a linear drift grows since other things vary with time [-].
 
-    The drift is that of the centre of pressure in x or in y, whichever is determined worse. The
-    other things are
-    the base parameters and all else that is linear in the place of the feet.
+    The drift is that of the centre of pressure in x or in y, whichever is determined worse. The other things
+    are the base parameters and all else that is linear in the place of the feet.
     """
     return _inflation(_explained(robot, plan), preset_rig("ideal", robot), plan, np.arange(len(plan)))
 

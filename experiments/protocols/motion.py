@@ -116,13 +116,13 @@ class MotionPlanner:
             count = STRIDE * round(leg.duration * RATE / STRIDE)
             part = np.linspace(0.0, 1.0, count + 1)
             at = part * leg.duration
-            found = self.loads.at(at, leg.path(part), support)
+            loads = self.loads.at(at, leg.path(part), support)
             first = int(k > 0)  # the stop on the way is the end of the leg before
             times.append(before + at[first:])
             angles.append(leg.path(part)[first:])
             speeds.append((leg.path(part, 1) / leg.duration)[first:])
             accelerations.append((leg.path(part, 2) / leg.duration**2)[first:])
-            torques.append(found.torques[first:])
+            torques.append(loads.torques[first:])
             before += leg.duration
         room = {name: min(leg.room[name] for leg in legs) for name in legs[0].room}
         lacking = {name: None for leg in legs for name in leg.lacks}
@@ -147,27 +147,25 @@ class MotionPlanner:
         The straight way of the torso is preferred, then one by a stance between the feet. If neither keeps
         all limits, the robot hangs in a hoist on the first way that keeps ranges and distances of links.
         """
-        key = (start, end)
-        if key not in self.legs:
-            self.legs[key] = self._found(start, end)
-        return self.legs[key]
-
-    def _found(self, start: int, end: int) -> tuple[list[_Leg], str]:
+        if (start, end) in self.legs:
+            return self.legs[start, end]
         first, last = self.plan.joint_angles[[start, end]]
         support = str(self.plan.support[start])
         held = all(min(self._at_rest(angles, support).values()) >= 0 for angles in (first, last))
-        hung: list[_Leg] = []
-        ways = []
+        way, direct = None, None
         for stops in self._stops(start, end):
             legs = [self._leg(a, b, support) for a, b in pairwise([first, *stops, last])]
+            direct = direct or (legs, LIFT)
             if not any(leg.lacks for leg in legs):
-                return legs, FREE
-            if not hung and not any(leg.room[name] < 0 for leg in legs for name in GEOMETRIC):
-                hung = legs
+                way = legs, FREE
+                break
+            if way is None and not any(leg.room[name] < 0 for leg in legs for name in GEOMETRIC):
+                way = legs, HOIST
                 if not held:  # no way is free
                     break
-            ways.append(legs)
-        return (hung, HOIST) if hung else (ways[0], LIFT)
+        assert direct is not None
+        self.legs[start, end] = way or direct
+        return self.legs[start, end]
 
     def _at_rest(self, angles: np.ndarray, support: str) -> dict[str, float]:
         return self._dynamic_room(STILL * np.arange(3), np.tile(angles, (3, 1)), support)
@@ -210,9 +208,9 @@ class MotionPlanner:
         angles = path(part)
         room = geometric_room(self.limits, between, start, end, angles, base)
         duration = max(SHORTEST, float(np.abs(path(part, 1)).max()) / self.speed)
-        found = self._dynamic_room(part * STILL, angles, support)  # of the slowest motion
+        slowest = self._dynamic_room(part * STILL, angles, support)
         slower = duration
-        while min(found.values()) >= 0 and slower < LONGEST:
+        while min(slowest.values()) >= 0 and slower < LONGEST:
             faster = self._dynamic_room(part * slower, angles, support)
             if min(faster.values()) >= 0:
                 return _Leg(path, slower, room | faster)

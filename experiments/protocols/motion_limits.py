@@ -87,10 +87,10 @@ def geometric_room(
     within = SHARE * float(pairs.needed.max(initial=0.0))
     ends = clearances_at(pairs, np.array([start, end]), within).distance.min(axis=0)
     needed = np.minimum(SHARE * pairs.needed, ends)
-    found = path_clearances(pairs, path_between, start, end, within).distance
+    distance = path_clearances(pairs, path_between, start, end, within).distance
     return {
         RANGE: float(inside) + ROUNDING,
-        LINKS: float((found - needed).min(initial=within)) + ROUNDING,
+        LINKS: float((distance - needed).min(initial=within)) + ROUNDING,
     }
 
 

@@ -21,10 +21,10 @@ from tulip_testbed.experiments.protocols.measuring_order import (
     marks_moved,
     order_of_placement,
     order_of_placements,
-    with_own_repeats,
 )
 from tulip_testbed.experiments.protocols.motion import FREE, HOIST, LIFT, Motion, MotionPlanner
 from tulip_testbed.identification.link_clearances import clearances_at
+from tulip_testbed.identification.planning.optimal_plan import with_repeats
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.measurements.data import base_foot
 from tulip_testbed.sim.plan_folder import check_fits
@@ -40,27 +40,13 @@ FASTEST = 10.0  # rad/s
 HOISTED = 10.0  # s more than the motion itself, to take the load off the robot: prefers free motions
 
 
-@dataclass(frozen=True)
-class ProtocolSettings:
-    """The settings that the user of a laboratory may choose.
-
-    Attributes:
-        sensors: preset whose data sheet starts the measurement folder; None: unknown.
-        speed: largest speed of a joint on a motion [rad/s].
-        repeats: postures that are measured twice if the plan repeats none; at most every fifth.
-    """
-
-    sensors: str | None = None
-    speed: float = SPEED
-    repeats: int = REPEATS
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class LaboratoryProtocol(Result):
     """A plan in the order in which it is measured, with the motion to every row.
 
     Attributes:
         given: the plan in its own order, with repeats.
+        sensors: preset whose data sheet starts the measurement folder; None: unknown.
         plan: its rows in order, with repeats.
         motions: to every row from the one before, (m,); None: the robot is set down again, held by a hoist.
         boards: poses of right and left board in the base frame of every row, (m, 2, 3) [m, m, rad].
@@ -72,7 +58,7 @@ class LaboratoryProtocol(Result):
     robot: Robot
     given: PosturePlan
     plan: PosturePlan
-    settings: ProtocolSettings
+    sensors: str | None
     motions: tuple[Motion | None, ...]
     boards: np.ndarray
     notes: tuple[str, ...]
@@ -85,103 +71,106 @@ class LaboratoryProtocol(Result):
         """Return the numbers of the placements in order."""
         return list(dict.fromkeys(self.plan.placement.tolist()))
 
+    @property
+    def motion_time(self) -> float:
+        """Return the duration of all motions [s]."""
+        return sum(motion.duration for motion in self.motions if motion)
+
+    @property
+    def hours(self) -> float:
+        """Return the assumed length of the day, by the times of the simulated laboratory [h]."""
+        times = Procedure()
+        set_downs = sum(motion is None for motion in self.motions)
+        held = len(self.plan) * (times.rest_time + times.hold_time)
+        return (set_downs * times.placement_time + held + self.motion_time) / 3600
+
     def to_json(self) -> dict[str, Any]:
         """Return the order and what is to be known of it, for JSON."""
-        plan, kinds = self.plan, self._kinds()
+        kinds = Counter(motion.kind if motion else "set_down" for motion in self.motions)
+        stances = sum(motion.via_stance for motion in self.motions if motion and motion.kind == FREE)
+        both = {"plan": self.given, "protocol": self.plan}
         return {
             "robot": self.robot.model_file.name,
-            "postures": plan.postures,
-            "rows": len(plan),
+            "postures": self.plan.postures,
+            "rows": len(self.plan),
             "placements": self.placements,
-            "order": plan.posture.tolist(),
-            "placement_of_row": plan.placement.tolist(),
-            "motions": dict(kinds),
-            "motion_minutes": sum(m.duration for m in self.motions if m) / 60,
-            "hours": self.hours,
-            "marks_moved_mm": {"plan": self._moved(self.given), "protocol": self._moved(plan)},
-            "drift_inflation": {
-                "plan": drift_inflation(self.robot, self.given),
-                "protocol": drift_inflation(self.robot, plan),
+            "order": self.plan.posture.tolist(),
+            "placement_of_row": self.plan.placement.tolist(),
+            "motions": {
+                "free": kinds[FREE],
+                "via_stance": stances,
+                "hoist": kinds[HOIST],
+                "set_down": kinds["set_down"],
             },
+            "motion_minutes": self.motion_time / 60,
+            "hours": self.hours,
+            "marks_moved_mm": {name: self._moved(plan) for name, plan in both.items()},
+            "drift_inflation": {name: drift_inflation(self.robot, plan) for name, plan in both.items()},
             "notes": list(self.notes),
             "missing": list(self.missing),
             "files": list(self.files),
         }
 
-    @property
-    def hours(self) -> float:
-        """Return the assumed length of the day, by the times of the simulated laboratory [h]."""
-        p = Procedure()
-        set_downs = sum(motion is None for motion in self.motions)
-        held = len(self.plan) * (p.rest_time + p.hold_time)
-        return (set_downs * p.placement_time + held + sum(m.duration for m in self.motions if m)) / 3600
-
     def tables(self) -> list[Table | str]:
         """Return a summary and what a person should know."""
         content = self.to_json()
         kinds, moved, drift = content["motions"], content["marks_moved_mm"], content["drift_inflation"]
-        rows = [
-            ["rows to measure", f"{content['rows']} ({content['postures']} postures)"],
-            ["placements", str(len(content["placements"]))],
-            ["motions on the robot's own feet", str(kinds["free"])],
-            ["of them by a stance between the feet", str(kinds["via_stance"])],
-            ["motions in the hoist, feet in place", str(kinds["hoist"])],
-            ["times that the robot is set down again", str(kinds["set_down"])],
-            [
-                "assumed length",
-                f"{content['hours']:.1f} h, {content['motion_minutes']:.0f} min of it motions",
-            ],
-            [
-                "way of boards and marks",
-                f"{moved['protocol']:.0f} mm ({moved['plan']:.0f} in the plan's order)",
-            ],
-            [
-                "s.e. of a linear drift, over that of a drift alone",
-                f"{drift['protocol']:.2f} ({drift['plan']:.2f} in the plan's order)",
-            ],
-        ]
-        place = [] if self.folder is None else [f"Protocol: {self.folder}"]
-        return [
-            Table("Protocol", (Column("what"), Column("value")), rows),
-            *self.notes,
-            *self.missing,
-            *place,
-        ]
-
-    def _kinds(self) -> dict[str, int]:
-        counts = Counter(motion.kind for motion in self.motions if motion)
-        return {
-            "free": counts[FREE],
-            "via_stance": sum(motion.via_stance for motion in self.motions if motion and motion.kind == FREE),
-            "hoist": counts[HOIST],
-            "set_down": sum(motion is None for motion in self.motions),
+        rows = {
+            "rows to measure": f"{content['rows']} ({content['postures']} postures)",
+            "placements": str(len(content["placements"])),
+            "motions on the robot's own feet": str(kinds["free"]),
+            "of them by a stance between the feet": str(kinds["via_stance"]),
+            "motions in the hoist, feet in place": str(kinds["hoist"]),
+            "times that the robot is set down again": str(kinds["set_down"]),
+            "assumed length": f"{self.hours:.1f} h, {content['motion_minutes']:.0f} min of it motions",
+            "way of boards and marks": (
+                f"{moved['protocol']:.0f} mm ({moved['plan']:.0f} in the plan's order)"
+            ),
+            "s.e. of a linear drift, over that of a drift alone": (
+                f"{drift['protocol']:.2f} ({drift['plan']:.2f} in the plan's order)"
+            ),
         }
+        place = [] if self.folder is None else [f"Protocol: {self.folder}"]
+        columns = (Column("what"), Column("value"))
+        summary = Table("Protocol", columns, [list(row) for row in rows.items()])
+        return [summary, *self.notes, *self.missing, *place]
 
     def _moved(self, plan: PosturePlan) -> float:
+        """Return the way of boards and marks in a plan's order [mm]."""
         numbers = list(dict.fromkeys(plan.placement.tolist()))
         rows = [int(np.flatnonzero(plan.placement == number)[0]) for number in numbers]
-        away = marks_moved(self.robot, plan, rows)
-        return float(1e3 * np.diagonal(away, 1).sum())
+        return float(1e3 * np.diagonal(marks_moved(self.robot, plan, rows), 1).sum())
 
 
 def protocol_of(
     robot: Robot,
     plan: PosturePlan,
-    settings: ProtocolSettings | None = None,
+    sensors: str | None = None,
+    speed: float = SPEED,
+    repeats: int = REPEATS,
     progress: Progress = silent,
 ) -> LaboratoryProtocol:
     """Order a plan and plan the motions between its postures.
 
+    Args:
+        sensors: preset whose data sheet starts the measurement folder; None: unknown.
+        speed: largest speed of a joint on a motion [rad/s].
+        repeats: postures that are measured twice if the plan repeats none; at most every fifth.
+
     Raises:
         InputError: a plan that does not fit the robot, a scene without a laboratory, a setting out of range.
     """
-    settings = settings or ProtocolSettings()
-    check_settings(settings)
+    at_least("repeats", repeats, 0)
+    if not 0 < speed <= FASTEST:
+        raise InputError(f"speed: found {speed:g}, expected above 0 and at most {FASTEST:g} rad/s")
+    if sensors is not None:
+        look_up("preset", sensors, PRESETS, "sensors")
     check_fits("plan", plan, robot)
     check_scene(preset_rig("ideal", robot))
     warn_of_robot(robot)
-    extended = with_own_repeats(plan, min(settings.repeats, len(plan) // 5))
-    planner = MotionPlanner(robot, extended, settings.speed)
+    count = min(repeats, len(plan) // 5)
+    extended = with_repeats(plan, count, 0) if plan.postures == len(plan) and count else plan
+    planner = MotionPlanner(robot, extended, speed)
 
     def way(start: int, end: int) -> float:
         duration, kind = planner.way(start, end)
@@ -195,32 +184,19 @@ def protocol_of(
                 some = there[extended.support[there] == support]
                 rows += order_of_placement(extended, some, way, planner.least_duration).tolist()
             advance(1)
-    ordered, motions = _joined(planner, extended, np.array(rows))
+    ordered, motions = _with_motions(planner, extended, np.array(rows))
     return LaboratoryProtocol(
         robot=robot,
         given=extended,
         plan=ordered,
-        settings=settings,
+        sensors=sensors,
         motions=motions,
         boards=boards_under(preset_rig("ideal", robot), ordered.foot_poses),
         notes=_notes(planner, ordered, motions),
     )
 
 
-def check_settings(settings: ProtocolSettings) -> None:
-    """Refuse settings that no protocol has.
-
-    Raises:
-        InputError: names the setting, what was found and what was expected.
-    """
-    at_least("repeats", settings.repeats, 0)
-    if not 0 < settings.speed <= FASTEST:
-        raise InputError(f"speed: found {settings.speed:g}, expected above 0 and at most {FASTEST:g} rad/s")
-    if settings.sensors is not None:
-        look_up("preset", settings.sensors, PRESETS, "sensors")
-
-
-def _joined(
+def _with_motions(
     planner: MotionPlanner, plan: PosturePlan, rows: np.ndarray
 ) -> tuple[PosturePlan, tuple[Motion | None, ...]]:
     """Return the plan's rows in order and the motions between them.
@@ -229,21 +205,16 @@ def _joined(
     recorded again.
     """
     placement, motions = plan.placement[rows], []
-    following, numbers = int(plan.placement.max()) + 1, list(placement)
+    following, numbers = int(plan.placement.max()) + 1, placement.tolist()
     for k, row in enumerate(rows):
-        before = rows[k - 1] if k else None
-        if before is None or placement[k] != placement[k - 1] or plan.support[row] != plan.support[before]:
-            motions.append(None)
-            current = (
-                int(placement[k]) if before is None or placement[k] != placement[k - 1] else numbers[k - 1]
-            )
-        else:
-            found = planner.motion(int(before), int(row))
-            current = numbers[k - 1]
-            if found.kind == LIFT:
-                found, current, following = None, following, following + 1
-            motions.append(found)
-        numbers[k] = current
+        motion, moved = None, k == 0 or placement[k] != placement[k - 1]
+        if not moved:
+            numbers[k] = numbers[k - 1]
+            if plan.support[row] == plan.support[rows[k - 1]]:
+                motion = planner.motion(int(rows[k - 1]), int(row))
+                if motion.kind == LIFT:
+                    motion, numbers[k], following = None, following, following + 1
+        motions.append(motion)
     ordered = replace(plan.take(rows), placement=np.array(numbers))
     return replace(ordered, made=plan.made | {"protocol": {"speed": planner.speed}}), tuple(motions)
 
@@ -264,10 +235,10 @@ def _notes(planner: MotionPlanner, plan: PosturePlan, motions: tuple[Motion | No
                     f"Posture {plan.posture[rows[k]]}: the shapes of {links} overlap by "
                     f"{-1e3 * distance[k, pair]:.1f} mm in the model: look before you let the robot go there."
                 )
-    hung = [motion for motion in motions if motion and motion.kind == HOIST]
     notes += [
-        f"Motion from posture {m.start} to {m.end}: in the hoist. On its own feet the robot would break a "
-        f"limit: {m.reason}."
-        for m in hung
+        f"Motion from posture {motion.start} to {motion.end}: in the hoist. On its own feet the robot would "
+        f"break a limit: {motion.reason}."
+        for motion in motions
+        if motion and motion.kind == HOIST
     ]
     return tuple(notes)

@@ -2,79 +2,65 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
 from tulip_testbed.base.errors import listed
-from tulip_testbed.experiments.robot_import.skeleton import Array, Hinge, Skeleton
+from tulip_testbed.experiments.robot_import.skeleton import Hinge, Skeleton
 from tulip_testbed.sim.drive_needs import LEAST_ARMATURE
 
 # Per Nm of torque limit, as TULip's drives.
 ARMATURE, DAMPING, FRICTION = 0.003, 0.04, 0.05  # kg m2, Nm s, Nm
 STRENGTH = 0.4  # torque limit over weight times length of a leg, where the file gives none
 UNLIMITED = np.radians(90.0)  # either way, for hinges without limits
+GRAVITY = 9.81  # m/s2
 
 
-@dataclass(frozen=True)
-class Drive:
-    """A joint's drive.
-
-    Attributes:
-        torque: limit [Nm].
-        armature, damping, friction: [kg m2, Nm s, Nm].
-        range: of the joint, (2,) [rad].
-    """
-
-    torque: float
-    armature: float
-    damping: float
-    friction: float
-    range: Array
-
-
-def drives_of(skeleton: Skeleton, leg: float, gravity: float = 9.81) -> tuple[dict[str, Drive], list[str]]:
+def with_drives(skeleton: Skeleton, leg: float) -> tuple[Skeleton, list[str]]:
     """Complete the drives of all hinges.
 
     Args:
         leg: length of a leg [m].
 
     Returns:
-        the drives by joint; what was assumed.
+        the skeleton with torque, armature, damping, friction and range of every hinge; what was assumed.
     """
-    usual = STRENGTH * skeleton.mass * gravity * leg
-    found: dict[str, Drive] = {}
-    lacking: dict[str, list[str]] = {"torque": [], "armature": [], "damping": [], "friction": [], "range": []}
+    usual = STRENGTH * skeleton.mass * GRAVITY * leg
+    lacking: dict[str, list[str]] = {
+        f"torque limit {usual:.3g} Nm ({STRENGTH:g} of the weight times the leg's length)": [],
+        f"rotor inertia {ARMATURE:g} kg m2 per Nm of torque limit": [],
+        f"damping {DAMPING:g} Nm s per Nm of torque limit": [],
+        f"dry friction {FRICTION:g} of the torque limit": [],
+        f"range of {np.degrees(UNLIMITED):g} deg either way": [],
+    }
 
-    def note(kind: str, hinge: Hinge, lacks: bool) -> bool:
-        if lacks:
-            lacking[kind].append(hinge.name)
-        return lacks
-
-    for hinge in skeleton.hinges:
-        torque = usual if note("torque", hinge, hinge.torque is None) else float(hinge.torque or usual)
-        weak = note("armature", hinge, hinge.armature < LEAST_ARMATURE * torque)
-        loose = note("damping", hinge, hinge.damping <= 0)
-        slick = note("friction", hinge, hinge.friction <= 0)
-        free = note("range", hinge, not np.isfinite(hinge.range).all())
-        found[hinge.name] = Drive(
+    def completed(hinge: Hinge) -> Hinge:
+        torque = float(hinge.torque or usual)
+        lacks = (
+            hinge.torque is None,
+            hinge.armature < LEAST_ARMATURE * torque,
+            hinge.damping <= 0,
+            hinge.friction <= 0,
+            not np.isfinite(hinge.range).all(),
+        )
+        for names, lack in zip(lacking.values(), lacks, strict=True):
+            names += [hinge.name] * lack
+        _, weak, loose, slick, free = lacks
+        return replace(
+            hinge,
             torque=torque,
             armature=ARMATURE * torque if weak else hinge.armature,
             damping=DAMPING * torque if loose else hinge.damping,
             friction=FRICTION * torque if slick else hinge.friction,
             range=np.array([-UNLIMITED, UNLIMITED]) if free else np.clip(hinge.range, -np.pi, np.pi),
         )
-    words = {
-        "torque": f"torque limit {usual:.3g} Nm ({STRENGTH:g} of the weight times the leg's length)",
-        "armature": f"rotor inertia {ARMATURE:g} kg m2 per Nm of torque limit",
-        "damping": f"damping {DAMPING:g} Nm s per Nm of torque limit",
-        "friction": f"dry friction {FRICTION:g} of the torque limit",
-        "range": f"range of {np.degrees(UNLIMITED):g} deg either way",
-    }
+
+    links = [replace(link, hinges=tuple(map(completed, link.hinges))) for link in skeleton.links]
     count = len(skeleton.hinges)
     assumed = [
-        f"{words[kind]} for {'all joints' if len(names) == count else listed(names)}"
-        for kind, names in lacking.items()
+        f"{words} for {'all joints' if len(names) == count else listed(names)}"
+        for words, names in lacking.items()
         if names
     ]
-    return found, assumed
+    return Skeleton(tuple(links)), assumed

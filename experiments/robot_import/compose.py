@@ -5,7 +5,6 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from tulip_testbed.experiments.robot_import.completed_drives import Drive
 from tulip_testbed.experiments.robot_import.feet import Foot, Stance
 from tulip_testbed.experiments.robot_import.skeleton import (
     LEAST_INERTIA,
@@ -23,17 +22,17 @@ CORNER_RADIUS = 0.002  # m
 DARKEST = 0.35  # colours are lightened, so that black robots can be seen
 
 
-def compose(name: str, skeleton: Skeleton, stance: Stance, drives: dict[str, Drive]) -> mujoco.MjSpec:
-    """Return the robot alone: links, hinges, motors, shapes and sole corners.
-
-    Args:
-        drives: by joint.
-    """
+def compose(name: str, skeleton: Skeleton, stance: Stance) -> mujoco.MjSpec:
+    """Return the robot alone: links, hinges with complete drives, motors, shapes and sole corners."""
     spec = mujoco.MjSpec()
     spec.modelname = name
     spec.compiler.degree = False
     spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
-    frames = _frames(skeleton, stance)
+    # Place and axes of every link's frame in the world at zero angles.
+    frames = [(link.place, link.turn) for link in skeleton.links]
+    frames[0] = skeleton.links[0].place, stance.axes
+    for foot in stance.feet:
+        frames[foot.link] = foot.origin, foot.axes
     bodies: list[mujoco.MjsBody] = []
     meshes: dict[int, str] = {}
     for k, link in enumerate(skeleton.links):
@@ -45,39 +44,30 @@ def compose(name: str, skeleton: Skeleton, stance: Stance, drives: dict[str, Dri
             body = _body(bodies[link.parent], link, frames[k], frames[link.parent])
         bodies.append(body)
         for hinge in link.hinges:
-            drive = drives[hinge.name]
             body.add_joint(
                 name=hinge.name,
                 type=mujoco.mjtJoint.mjJNT_HINGE,
                 pos=turn.T @ (hinge.anchor - place),
                 axis=turn.T @ hinge.axis,
                 limited=mujoco.mjtLimited.mjLIMITED_TRUE,
-                range=drive.range,
-                armature=drive.armature,
-                damping=[drive.damping, 0, 0],
-                frictionloss=drive.friction,
+                range=hinge.range,
+                armature=hinge.armature,
+                damping=[hinge.damping, 0, 0],
+                frictionloss=hinge.friction,
                 solref_friction=SOLREF_FRICTION,
                 solimp_friction=SOLIMP_FRICTION,
             )
         for number, shape in enumerate(link.shapes):
             _add_shape(spec, body, shape, frames[k], f"{link.name}_shape{number}", meshes)
     for hinge in skeleton.hinges:
-        limit = drives[hinge.name].torque
+        assert hinge.torque is not None
+        torques = [-hinge.torque, hinge.torque]
         motor = spec.add_actuator(name=hinge.name, target=hinge.name, gear=[1, 0, 0, 0, 0, 0])
         motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
-        motor.forcelimited, motor.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, [-limit, limit]
+        motor.forcelimited, motor.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, torques
     for foot in stance.feet:
         _add_sole(bodies[foot.link], foot)
     return spec
-
-
-def _frames(skeleton: Skeleton, stance: Stance) -> list[tuple[Array, Array]]:
-    """Return place and axes of every link's frame in the world at zero angles."""
-    frames = [(one.place, one.turn) for one in skeleton.links]
-    frames[0] = skeleton.links[0].place, stance.axes
-    for foot in stance.feet:
-        frames[foot.link] = foot.origin, foot.axes
-    return frames
 
 
 def _body(
@@ -142,8 +132,3 @@ def _add_sole(body: mujoco.MjsBody, foot: Foot) -> None:
             conaffinity=0,
             mass=0.0,
         )
-
-
-def add_stand(spec: mujoco.MjSpec, qpos: Array) -> None:
-    """Add the keyframe `stand`."""
-    spec.add_key(name="stand", qpos=qpos)

@@ -98,14 +98,14 @@ def _pair(skeleton: Skeleton, names: tuple[str, str] | None) -> tuple[list[int],
     """Return the links of both feet and the hinges of their toes."""
     links = skeleton.links
     if names is not None:
-        movable = [one.name for one in links if one.hinges]
+        movable = [link.name for link in links if link.hinges]
         for name in names:
             if name not in movable:
                 raise InputError(f"feet: found '{name}', expected two of the links {listed(movable)}")
         if names[0] == names[1]:
             raise InputError(f"feet: found '{names[0]}' twice, expected the right and the left one")
         return [skeleton.number(name) for name in names], frozenset()
-    heights = np.array([one.lowest(UP) for one in links])
+    heights = np.array([link.lowest(UP) for link in links])
     order = [int(k) for k in np.argsort(heights) if np.isfinite(heights[k]) and k > 0]
     if not order:
         raise InputError("found no geometry of any link, expected that of feet; state them by name")
@@ -211,7 +211,7 @@ def _forward(soles: list[tuple[Array, Array]], ankles: list[Array], known: int |
 
 def _side(name: str) -> str:
     """Return 'left' or 'right' if a name says so, else nothing."""
-    words = re.split(r"[^a-z]+|(?<=[a-z])(?=[A-Z])", name.lower())
+    words = re.split(r"[^a-z]+", name.lower())
     for side in ("left", "right"):
         if side in name.lower() or side[0] in words:
             return side

@@ -77,33 +77,31 @@ def _mjcf(path: Path) -> Parsed:
     there = {file.name for file in files}
     files_of = {mesh.name or Path(mesh.file).stem: mesh.file for mesh in spec.meshes if mesh.file}
     missing = {name: file for name, file in files_of.items() if Path(file).name not in there}
-    problems = ()
-    if missing:
-        problems = (f"{len(missing)} meshes are missing: {listed(missing.values())}",)
-        for geom in [one for one in spec.geoms if one.meshname in missing]:
-            spec.delete(geom)
-        for mesh in [one for one in spec.meshes if (one.name or Path(one.file).stem) in missing]:
-            spec.delete(mesh)
-    loops = [one for one in spec.equalities if one.type in LOOPS]
+    problems = (f"{len(missing)} meshes are missing: {listed(missing.values())}",) if missing else ()
+    unseen = [geom for geom in spec.geoms if geom.meshname in missing]
+    for element in [
+        *unseen,
+        *(mesh for mesh in spec.meshes if (mesh.name or Path(mesh.file).stem) in missing),
+    ]:
+        spec.delete(element)
+    loops = [equality for equality in spec.equalities if equality.type in LOOPS]
     if loops:
-        names = listed(f"{one.name1} and {one.name2}" for one in loops)
+        names = listed(f"{loop.name1} and {loop.name2}" for loop in loops)
         raise InputError(
             f"{path}: found closed loops (<equality> {shortened(names, 200)}): statics does not determine "
             "their forces, and base parameters are those of a tree; expected a tree of hinges"
         )
     coupled = [
         name
-        for one in spec.equalities
-        for name in (one.name1, one.name2)
-        if one.type == mujoco.mjtEq.mjEQ_JOINT and name
+        for equality in spec.equalities
+        for name in (equality.name1, equality.name2)
+        if equality.type == mujoco.mjtEq.mjEQ_JOINT and name
     ]
     if spec.plugins:
         raise InputError(f"{path}: found plugins, expected rigid bodies alone")
-    for kind in ("equalities", "pairs", "excludes", "sensors"):
-        for one in list(getattr(spec, kind)):
-            spec.delete(one)
-    for geom in list(spec.worldbody.geoms):
-        spec.delete(geom)
+    of_world = list(spec.worldbody.geoms)
+    for element in [*spec.equalities, *spec.pairs, *spec.excludes, *spec.sensors, *of_world]:
+        spec.delete(element)
     return Parsed(spec, frozenset(coupled), problems=problems)
 
 
@@ -135,18 +133,14 @@ def _try(parsed: Parsed, path: Path) -> None:
 def _left_out(model: mujoco.MjModel, root: int) -> list[str]:
     """Say which forces of the file the prepared robot does not have."""
     own = [j for j in range(model.njnt) if int(model.body_rootid[model.jnt_bodyid[j]]) == root]
-    springs = [model.joint(j).name for j in own if np.any(model.jnt_stiffness[j])]
-    floating = [model.body(b).name for b in np.flatnonzero(model.body_gravcomp).tolist()]
-    strained = [model.tendon(t).name for t in range(model.ntendon) if np.any(model.tendon_stiffness[t])]
-    lines = [
-        f"left out: {what} {listed(names)}"
-        for what, names in (
-            ("springs of the joints", springs),
-            ("springs of the tendons", strained),
-            ("compensation of the weight of", floating),
-        )
-        if names
-    ]
+    floating = np.flatnonzero(model.body_gravcomp).tolist()
+    strained = [t for t in range(model.ntendon) if np.any(model.tendon_stiffness[t])]
+    forces = {
+        "springs of the joints": [model.joint(j).name for j in own if np.any(model.jnt_stiffness[j])],
+        "springs of the tendons": [model.tendon(t).name for t in strained],
+        "compensation of the weight of": [model.body(b).name for b in floating],
+    }
+    lines = [f"left out: {force} {listed(names)}" for force, names in forces.items() if names]
     if not np.allclose(model.opt.gravity, EARTH):
         lines.append(f"left out: gravity {listed(model.opt.gravity)}; it is {listed(EARTH)} m/s2")
     return lines
@@ -155,39 +149,35 @@ def _left_out(model: mujoco.MjModel, root: int) -> list[str]:
 def _root(model: mujoco.MjModel, path: Path) -> int:
     """Return the first body of the tree with the most hinges."""
     roots = [b for b in range(1, model.nbody) if model.body_parentid[b] == 0]
-    hinge = model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
-    count = {b: int((hinge & (model.body_rootid[model.jnt_bodyid] == b)).sum()) for b in roots}
-    best = max(count, key=lambda b: count[b], default=0)
-    if not best or not count[best]:
+    of_hinges = model.body_rootid[model.jnt_bodyid[model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE]]
+    best = max(roots, key=lambda b: int((of_hinges == b).sum()), default=0)
+    if not best or best not in of_hinges:
         raise InputError(f"{path}: found no hinge joint, expected a robot on two legs")
     return best
 
 
-def _driven(model: mujoco.MjModel, root: int, mimic: frozenset[str], assumed: list[str]) -> frozenset[str]:
+def _driven(
+    model: mujoco.MjModel, root: int, followers: frozenset[str], assumed: list[str]
+) -> frozenset[str]:
     """Return the hinges that something drives; without any drive in the file, all hinges."""
-    kinds = mujoco.mjtJoint
-    names = {kind: [] for kind in (kinds.mjJNT_HINGE, kinds.mjJNT_SLIDE, kinds.mjJNT_BALL)}
-    for j in range(model.njnt):
-        inside = int(model.body_rootid[model.jnt_bodyid[j]]) == root and int(model.jnt_bodyid[j]) != root
-        if inside and (kind := kinds(int(model.jnt_type[j]))) in names:
-            names[kind].append(model.joint(j).name)
-    hinges = [name for name in names[kinds.mjJNT_HINGE] if name not in mimic]
-    acts = {
-        model.joint(int(model.actuator_trnid[i, 0])).name
-        for i in range(model.nu)
-        if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
-    }
-    for words, found in (
-        ("joints that follow another one", [n for n in names[kinds.mjJNT_HINGE] if n in mimic]),
-        ("sliding joints", names[kinds.mjJNT_SLIDE]),
-        ("ball joints", names[kinds.mjJNT_BALL]),
-        ("joints that nothing drives", [n for n in hinges if acts and n not in acts]),
+    inside = (model.body_rootid[model.jnt_bodyid] == root) & (model.jnt_bodyid != root)
+
+    def named(kind: mujoco.mjtJoint) -> list[str]:
+        return [model.joint(int(j)).name for j in np.flatnonzero(inside & (model.jnt_type == kind))]
+
+    by_joint = np.flatnonzero(model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT)
+    driven = {model.joint(int(model.actuator_trnid[i, 0])).name for i in by_joint}
+    every = named(mujoco.mjtJoint.mjJNT_HINGE)
+    hinges = [name for name in every if name not in followers]
+    for words, names in (
+        ("joints that follow another one", [name for name in every if name in followers]),
+        ("sliding joints", named(mujoco.mjtJoint.mjJNT_SLIDE)),
+        ("ball joints", named(mujoco.mjtJoint.mjJNT_BALL)),
+        ("joints that nothing drives", [name for name in hinges if driven and name not in driven]),
     ):
-        if found:
-            assumed.append(f"fixed: {words}: {listed(found)}")
-    if not acts:
-        return frozenset(hinges)
-    return frozenset(name for name in hinges if name in acts)
+        if names:
+            assumed.append(f"fixed: {words}: {listed(names)}")
+    return frozenset(name for name in hinges if not driven or name in driven)
 
 
 def _reference(model: mujoco.MjModel, assumed: list[str]) -> dict[str, float]:
@@ -197,10 +187,9 @@ def _reference(model: mujoco.MjModel, assumed: list[str]) -> dict[str, float]:
     qpos = model.qpos0 if wanted is None else model.key(wanted).qpos
     if wanted is not None:
         assumed.append(f"keyframe '{wanted}' is the start of the search for a standing posture")
-    found = {}
-    for j in range(model.njnt):
-        joint = model.joint(j)
+    angles = {}
+    for joint in map(model.joint, range(model.njnt)):
         if joint.type[0] in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
             value = float(qpos[joint.qposadr[0]])
-            found[joint.name] = float(np.clip(value, *joint.range)) if joint.limited[0] else value
-    return found
+            angles[joint.name] = float(np.clip(value, *joint.range)) if joint.limited[0] else value
+    return angles

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import product
 
 import mujoco
 import numpy as np
@@ -68,7 +69,7 @@ class Shape:
         elif self.kind == kinds.mjGEOM_CAPSULE:
             radius, local = x, np.array([[0, 0, y], [0, 0, -y]])
         elif self.kind == kinds.mjGEOM_BOX:
-            local = np.array([[a * x, b * y, c * z] for a in (1, -1) for b in (1, -1) for c in (1, -1)])
+            local = np.array(list(product((x, -x), (y, -y), (z, -z))))
         else:
             angle = 2 * np.pi * np.arange(ROUND) / ROUND
             rim = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(ROUND)])
@@ -108,7 +109,7 @@ class Link:
 
     def solid(self) -> tuple[Shape, ...]:
         """Return the shapes that collide, or all if none does."""
-        return tuple(one for one in self.shapes if one.collides) or self.shapes
+        return tuple(shape for shape in self.shapes if shape.collides) or self.shapes
 
     def lowest(self, up: Array) -> float:
         """Return the height of its lowest point along a direction [m], infinite without shapes."""
@@ -124,23 +125,21 @@ class Skeleton:
     @property
     def mass(self) -> float:
         """Return the mass of the whole robot [kg]."""
-        return sum(one.mass for one in self.links)
+        return sum(link.mass for link in self.links)
 
     @property
     def hinges(self) -> tuple[Hinge, ...]:
         """Return all hinges in order."""
-        return tuple(hinge for one in self.links for hinge in one.hinges)
+        return tuple(hinge for link in self.links for hinge in link.hinges)
 
     def number(self, name: str) -> int:
         """Return the number of a link."""
-        return next(k for k, one in enumerate(self.links) if one.name == name)
+        return next(k for k, link in enumerate(self.links) if link.name == name)
 
     def path(self, link: int) -> tuple[int, ...]:
         """Return the links from the root to a link, both included."""
-        path = [link]
-        while self.links[path[0]].parent >= 0:
-            path.insert(0, self.links[path[0]].parent)
-        return tuple(path)
+        above = self.links[link].parent
+        return (*(self.path(above) if above >= 0 else ()), link)
 
     def beyond(self, link: int) -> float:
         """Return the mass that a link carries, its own included [kg]."""
@@ -188,7 +187,7 @@ def skeleton_of(source: Source) -> Skeleton:
     for body in range(1, model.nbody):
         if int(model.body_rootid[body]) != root:
             continue
-        hinges = tuple(_hinges(source, data, body))
+        hinges = _hinges(source, data, body)
         if hinges or body == root:
             numbers[body] = len(links)
             parent = -1 if body == root else numbers[int(model.body_parentid[body])]
@@ -207,9 +206,9 @@ def joined(link: Link, other: Link) -> Link:
         return replace(link, shapes=link.shapes + other.shapes)
     center = (link.mass * link.center + other.mass * other.center) / mass
     inertia = np.zeros((3, 3))
-    for one in (link, other):
-        arm = one.center - center
-        inertia += one.inertia + one.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    for part in (link, other):
+        arm = part.center - center
+        inertia += part.inertia + part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     return replace(link, mass=mass, center=center, inertia=inertia, shapes=link.shapes + other.shapes)
 
 
@@ -217,15 +216,15 @@ def fixed(skeleton: Skeleton, names: frozenset[str]) -> Skeleton:
     """Return a skeleton in which some hinges do not move any more, at their zero."""
     links: list[Link] = []
     numbers: list[int] = []
-    for one in skeleton.links:
-        hinges = tuple(hinge for hinge in one.hinges if hinge.name not in names)
-        parent = -1 if one.parent < 0 else numbers[one.parent]
+    for link in skeleton.links:
+        hinges = tuple(hinge for hinge in link.hinges if hinge.name not in names)
+        parent = -1 if link.parent < 0 else numbers[link.parent]
         if hinges or parent < 0:
             numbers.append(len(links))
-            links.append(replace(one, parent=parent, hinges=hinges))
+            links.append(replace(link, parent=parent, hinges=hinges))
         else:
             numbers.append(parent)
-            links[parent] = joined(links[parent], one)
+            links[parent] = joined(links[parent], link)
     return Skeleton(tuple(links))
 
 
@@ -248,52 +247,45 @@ def _link(source: Source, data: mujoco.MjData, body: int, parent: int, hinges: t
     )
 
 
-def _hinges(source: Source, data: mujoco.MjData, body: int) -> list[Hinge]:
-    model, found = source.model, []
-    first = int(model.body_jntadr[body])
-    for k in range(first, first + int(model.body_jntnum[body])):
-        joint, dof = model.joint(k), int(model.jnt_dofadr[k])
-        if joint.name not in source.driven:
-            continue
-        found.append(
-            Hinge(
-                name=joint.name,
-                anchor=data.xanchor[k].copy(),
-                axis=data.xaxis[k].copy(),
-                range=joint.range.copy() if joint.limited[0] else np.array([-np.inf, np.inf]),
-                torque=source.torque.get(joint.name),
-                armature=float(model.dof_armature[dof]),
-                damping=float(np.ravel(model.dof_damping[dof])[0]),
-                friction=float(model.dof_frictionloss[dof]),
-            )
+def _hinges(source: Source, data: mujoco.MjData, body: int) -> tuple[Hinge, ...]:
+    model, first = source.model, int(source.model.body_jntadr[body])
+    joints = [model.joint(k) for k in range(first, first + int(model.body_jntnum[body]))]
+    return tuple(
+        Hinge(
+            name=joint.name,
+            anchor=data.xanchor[joint.id].copy(),
+            axis=data.xaxis[joint.id].copy(),
+            range=joint.range.copy() if joint.limited[0] else np.array([-np.inf, np.inf]),
+            torque=source.torque.get(joint.name),
+            armature=float(model.dof_armature[joint.dofadr[0]]),
+            damping=float(np.ravel(model.dof_damping[joint.dofadr[0]])[0]),
+            friction=float(model.dof_frictionloss[joint.dofadr[0]]),
         )
-    return found
+        for joint in joints
+        if joint.name in source.driven
+    )
 
 
 def _shape(source: Source, data: mujoco.MjData, geom: int) -> Shape:
-    model = source.model
-    kind = mujoco.mjtGeom(int(model.geom_type[geom]))
-    vertices = None
+    model, vertices = source.model, None
+    kind, body = mujoco.mjtGeom(int(model.geom_type[geom])), model.geom_bodyid[geom]
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
         mesh = int(model.geom_dataid[geom])
         if mesh not in source.hulls:
-            source.hulls[mesh] = hull(_vertices(model, mesh))
+            first = int(model.mesh_vertadr[mesh])
+            every = model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])].astype(float)
+            source.hulls[mesh] = hull(every)
         vertices = source.hulls[mesh]
+    turn = data.xmat[body].reshape(3, 3)
     return Shape(
         kind=kind,
         size=model.geom_size[geom].copy(),
-        place=data.xpos[model.geom_bodyid[geom]]
-        + data.xmat[model.geom_bodyid[geom]].reshape(3, 3) @ model.geom_pos[geom],
-        turn=data.xmat[model.geom_bodyid[geom]].reshape(3, 3) @ rotation(model.geom_quat[geom]),
+        place=data.xpos[body] + turn @ model.geom_pos[geom],
+        turn=turn @ rotation(model.geom_quat[geom]),
         vertices=vertices,
         collides=bool(source.collides[geom]),
         color=model.geom_rgba[geom].astype(float),
     )
-
-
-def _vertices(model: mujoco.MjModel, mesh: int) -> Array:
-    first = int(model.mesh_vertadr[mesh])
-    return model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])].astype(float)
 
 
 def hull(vertices: Array) -> Array:
@@ -315,6 +307,6 @@ def rotation(quaternion: np.ndarray) -> Array:
 
 def quaternion(turn: np.ndarray) -> Array:
     """Return the unit quaternion of a rotation matrix, (4,)."""
-    found = np.zeros(4)
-    mujoco.mju_mat2Quat(found, np.ascontiguousarray(turn).ravel())
-    return found
+    unit = np.zeros(4)
+    mujoco.mju_mat2Quat(unit, np.ascontiguousarray(turn).ravel())
+    return unit

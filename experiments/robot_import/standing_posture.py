@@ -30,14 +30,13 @@ class Standing:
 
     Attributes:
         qpos: of the model, root first, (nq,).
-        height: of the root's origin over the soles, and with straight legs (at zero angles) [m].
+        height: of the root's origin over the soles [m].
         spacing: of the feet's origins to the side [m].
         leg: from the hip (first hinge of a leg) to the sole, with straight legs [m].
     """
 
     qpos: Array
     height: float
-    straight: float
     spacing: float
     leg: float
 
@@ -84,8 +83,7 @@ def standing(
         return np.array(out)
 
     def residuals(x: Array) -> Array:
-        found = equations(x)
-        return np.concatenate([found, CENTER * data.subtree_com[1, :2], STAY * (x[2:] - wanted)])
+        return np.concatenate([equations(x), CENTER * data.subtree_com[1, :2], STAY * (x[2:] - wanted)])
 
     rng = np.random.default_rng(0)
 
@@ -113,18 +111,18 @@ def standing(
         )
     best = _apart(best, clearance, ROOM * leg, ~legs, (low, high), rng)
     place(best)
-    return Standing(data.qpos.copy(), float(best[1]), straight, spacing, leg)
+    return Standing(data.qpos.copy(), float(best[1]), spacing, leg)
 
 
 def _at_limits(names: tuple[str, ...], angles: Array, low: Array, high: Array) -> str:
     """Name the joints that have come to a limit."""
     stuck = np.minimum(angles - low, high - angles) < 1e-3
-    found = [
+    joints = [
         f"{name} [{np.degrees(a):.0f}, {np.degrees(b):.0f}] deg"
         for name, a, b, is_stuck in zip(names, low - LIMIT, high + LIMIT, stuck, strict=True)
         if is_stuck
     ]
-    return f"{listed(found)} at their limits" if found else "no joint at its limit"
+    return f"{listed(joints)} at their limits" if joints else "no joint at its limit"
 
 
 def _apart(
@@ -147,8 +145,8 @@ def _apart(
         trial = x.copy()
         step = SPREAD * (k + 1) / TRIES * rng.standard_normal(int(free.sum()))
         trial[2:][free] = np.clip(x[2:][free] + step, limits[0][free], limits[1][free])
-        if (found := clearance(trial[2:])) > most:
-            best, most = trial, found
+        if (room_left := clearance(trial[2:])) > most:
+            best, most = trial, room_left
     return best
 
 

@@ -159,10 +159,10 @@ def hull_of_file(file: Path) -> bytes | None:
         return None
     try:
         mesh = trimesh.load(file, force="mesh")
-        found = trimesh.convex.convex_hull(mesh)  # pyrefly: ignore
+        hull = trimesh.convex.convex_hull(mesh)  # pyrefly: ignore
         if file.suffix.lower() == ".dae":
-            found.apply_transform(_upright(read_bytes(file)))
-        return found.export(file_type="stl")
+            hull.apply_transform(_upright(read_bytes(file)))
+        return hull.export(file_type="stl")
     except Exception:  # a broken file may raise anything in any of its readers
         return None
 

@@ -55,8 +55,8 @@ class Named(NamedTuple):
 def read_name(name: str) -> Named:
     """Return what the name of a table's column says."""
     bare, unit = name, ""
-    if found := BRACKETS.match(name):
-        bare, unit = found.groups()
+    if in_brackets := BRACKETS.match(name):
+        bare, unit = in_brackets.groups()
         unit = KNOWN.get(unit.strip().lower(), unit.strip())
     else:
         for end in ENDS:
@@ -116,51 +116,42 @@ def propose(
         columns: of the table. names: all of the contract's. required: those of them that are necessary.
         stated: what the user says.
     """
-    mapping, undecided = dict(stated), []
+    mapping, undecided, silent = dict(stated), [], []
     used = {entry.column for entry in stated.values()}
     free = [column for column in columns if column not in used]
     exact = [name for name in names if name in free and name not in mapping]
-    free = [column for column in free if column not in exact]
-    read = {column: read_name(column) for column in free}
-    silent = []
+    read = {column: read_name(column) for column in free if column not in exact}
     for name in names:
-        if name in mapping or name in exact:
+        matches = [] if name in mapping or name in exact else _matches(name, read)
+        if len(matches) > 1 and name in required:
+            undecided.append(f"{name}: columns {listed(map(repr, matches))} could be it; state one")
+        if len(matches) != 1:
             continue
-        found = _matches(name, read)
-        if len(found) > 1:
-            if name in required:
-                undecided.append(f"{name}: columns {listed(map(repr, found))} could be it; state one")
-            continue
-        if not found:
-            continue
-        unit, quantity = read[found[0]].unit, quantity_of(name)
-        units = UNITS[quantity] if quantity else {}
-        if quantity is None:
-            mapping[name] = MappingEntry(column=found[0])
-        elif unit in units:
-            mapping[name] = MappingEntry(column=found[0], unit=unit)
+        (column,), quantity = matches, quantity_of(name)
+        unit, units = read[column].unit, UNITS[quantity] if quantity else {}
+        if quantity is None or unit in units:
+            mapping[name] = MappingEntry(column=column, unit=unit if quantity else None)
         elif name in required:
             written = f"has the unit '{unit}'" if unit else "has no unit in its name"
-            undecided.append(f"{name}: column '{found[0]}' {written}; state one of {listed(units)}")
+            undecided.append(f"{name}: column '{column}' {written}; state one of {listed(units)}")
         else:
-            silent.append(found[0])
+            silent.append(column)
     taken = {entry.column for entry in mapping.values()}
     silent = [column for column in silent if column not in taken]
-    left = [column for column in free if column not in taken and column not in silent]
-    return Proposal(mapping, exact, undecided, silent, left)
+    unused = [column for column in read if column not in taken and column not in silent]
+    return Proposal(mapping, exact, undecided, silent, unused)
 
 
 def _matches(name: str, read: dict[str, Named]) -> list[str]:
     """Return the columns whose names have the words of a column of the contract, but for filling ones."""
     role, words = wanted(name)
-    same = [column for column, one in read.items() if one.role == role and one.words == words]
-    if same:
+    of_role = {column: named.words for column, named in read.items() if named.role == role}
+    if same := [column for column, others in of_role.items() if others == words]:
         return same
     if name in WHOLE:
         cores = [{name}, *({other} for other in OTHER_WORDS.get(name, ()))]
-        return [column for column, one in read.items() if one.role == role and one.words - COUNTS in cores]
-    core = words - FILLING
-    return [column for column, one in read.items() if one.role == role and one.words - FILLING == core]
+        return [column for column, others in of_role.items() if others - COUNTS in cores]
+    return [column for column, others in of_role.items() if others - FILLING == words - FILLING]
 
 
 def with_units(stated: dict[str, MappingEntry]) -> dict[str, MappingEntry]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,49 +38,46 @@ class SignCheck:
     doubtful: list[str]
 
 
+class _Evidence(NamedTuple):
+    """A confirmation of the sign of a column, or a doubt in it; "" for none."""
+
+    column: str
+    confirms: str
+    doubt: str = ""
+
+
 def check_signs(measurements: Measurements, nominal: Nominal) -> SignCheck:
     """Turn each sign, one at a time, and see whether the robot fits better or worse."""
-    confirmed: dict[str, str] = {}
-    doubtful: list[str] = []
+    signs = SignCheck({}, [])
     for part in (_by_range, _by_closed_legs, _by_weight, _by_center):
-        for name, how, doubt in part(measurements, nominal):
-            if doubt and name in confirmed:
-                continue  # by its range: another joint of the closed legs has the wrong sign
-            if doubt:
-                doubtful.append(doubt)
-            else:
-                confirmed.setdefault(name, how)
-    return SignCheck(confirmed, doubtful)
+        for column, confirms, doubt in part(measurements, nominal):
+            if not doubt:
+                signs.confirmed.setdefault(column, confirms)
+            # A range may have confirmed it: then another joint of the closed legs has the wrong sign.
+            elif column not in signs.confirmed:
+                signs.doubtful.append(doubt)
+    return signs
 
 
-Finding = tuple[str, str, str]  # column, what confirms it, or the doubt
-
-
-def _by_closed_legs(m: Measurements, nominal: Nominal) -> Iterator[Finding]:
+def _by_closed_legs(m: Measurements, nominal: Nominal) -> Iterator[_Evidence]:
     """Soles lie level on level ground only if all joints between them have the right sign."""
     angles = m.joint_angles[m.support == BOTH]
     if not len(angles):
         return
     base = _open(angles, m, nominal)
     for k, joint in enumerate(m.joints):
-        turned = _open(_turned(angles, k), m, nominal)
+        turned = _open(angles * np.where(np.arange(len(m.joints)) == k, -1, 1), m, nominal)
         name = f"q.{joint}"
         if base > LEVEL and turned < base / CLEARLY:
-            yield (
-                name,
-                "",
-                f"{name}: the soles would be level within {number(turned, '.2g')} rad with its sign turned, "
-                f"they are within {number(base, '.2g')} rad",
+            text = (
+                f"the soles would be level within {number(turned, '.2g')} rad with its sign turned, they are"
             )
+            yield _Evidence(name, "", f"{name}: {text} within {number(base, '.2g')} rad")
         elif base <= LEVEL and turned > CLEARLY * max(base, LEVEL / CLEARLY):
-            yield name, "closed legs", ""
+            yield _Evidence(name, "closed legs")
     if base > LEVEL:
-        text = "closed legs: by the angles the soles are level"
-        yield (
-            "",
-            "",
-            f"{text} within {number(base, '.2g')} rad only, expected {LEVEL:g}: a sign, unit or zero",
-        )
+        text = f"by the angles the soles are level within {number(base, '.2g')} rad only, expected {LEVEL:g}"
+        yield _Evidence("", "", f"closed legs: {text}: a sign, unit or zero")
 
 
 def _open(angles: np.ndarray, m: Measurements, nominal: Nominal) -> float:
@@ -89,32 +87,22 @@ def _open(angles: np.ndarray, m: Measurements, nominal: Nominal) -> float:
     return float(np.sqrt((error**2).sum(axis=1).mean()))
 
 
-def _turned(values: np.ndarray, k: int) -> np.ndarray:
-    other = values.copy()
-    other[:, k] *= -1
-    return other
-
-
-def _by_range(m: Measurements, nominal: Nominal) -> Iterator[Finding]:
+def _by_range(m: Measurements, nominal: Nominal) -> Iterator[_Evidence]:
     """Check the sign of a joint with a one-sided range."""
     for k, joint in enumerate(m.joints):
         low, high = nominal.parameters.tree.joint_range[k]
-        values = m.joint_angles[:, k]
+        values, name = m.joint_angles[:, k], f"q.{joint}"
         beyond, turned = (
             float(np.maximum(low - angles, angles - high).max()) for angles in (values, -values)
         )
-        name = f"q.{joint}"
         if beyond > BEYOND_RANGE > turned:
-            yield (
-                name,
-                "",
-                f"{name}: leaves its range by {number(beyond, '.2g')} rad, not with its sign turned",
-            )
+            text = f"leaves its range by {number(beyond, '.2g')} rad, not with its sign turned"
+            yield _Evidence(name, "", f"{name}: {text}")
         elif beyond <= BEYOND_RANGE < turned:
-            yield name, "range of the joint", ""
+            yield _Evidence(name, "range of the joint")
 
 
-def _by_weight(m: Measurements, nominal: Nominal) -> Iterator[Finding]:
+def _by_weight(m: Measurements, nominal: Nominal) -> Iterator[_Evidence]:
     """Check that the vertical forces carry the robot."""
     if m.contacts is None:
         names, total = [f"cell.{plate}" for plate in PLATES], m.cell_forces.sum(axis=1)
@@ -122,27 +110,21 @@ def _by_weight(m: Measurements, nominal: Nominal) -> Iterator[Finding]:
         assert m.wrenches is not None
         names = [f"wrench.{plate}.fz" for plate in PLATES]
         total = np.nansum(m.wrenches[..., m.contacts.channels.index("fz")], axis=1)
-    weight, found = nominal.mass * m.gravity, float(np.median(total))
-    if abs(found / weight - 1) < NEAR_WEIGHT:
-        for name in names:
-            yield name, "weight", ""
+    weight, load = nominal.mass * m.gravity, float(np.median(total))
+    if abs(load / weight - 1) < NEAR_WEIGHT:
+        yield from (_Evidence(name, "weight") for name in names)
     else:
-        text = f"weight: the vertical forces sum to {number(found, '.4g')} N"
-        yield "", "", f"{text}, the robot's model weighs {number(weight, '.4g')} N: a unit, sign or zero"
+        text = f"weight: the vertical forces sum to {number(load, '.4g')} N, the robot's model weighs"
+        yield _Evidence("", "", f"{text} {number(weight, '.4g')} N: a unit, sign or zero")
 
 
-def _by_center(m: Measurements, nominal: Nominal) -> Iterator[Finding]:
+def _by_center(m: Measurements, nominal: Nominal) -> Iterator[_Evidence]:
     """Check the moments' signs: the centre of pressure must lie below the nominal centre of mass."""
-    if m.contacts is None:
+    if m.contacts is None or (base := _apart(m, nominal)) is None:
         return
-    base = _apart(m, nominal)
-    if base is None:
-        return
+    assert m.wrenches is not None
     for k, channel in enumerate(m.contacts.channels):
-        if channel not in ("mx", "my"):
-            continue
-        for p, plate in enumerate(PLATES):
-            assert m.wrenches is not None
+        for p, plate in enumerate(PLATES if channel in ("mx", "my") else ()):
             readings = m.wrenches.copy()
             readings[:, p, k] *= -1
             turned = _apart(dataclasses.replace(m, wrenches=readings), nominal)
@@ -150,17 +132,14 @@ def _by_center(m: Measurements, nominal: Nominal) -> Iterator[Finding]:
                 continue
             name = f"wrench.{plate}.{channel}"
             if base > NEAR_CENTER and turned < base / CLEARLY:
-                yield (
-                    name,
-                    "",
-                    f"{name}: the centre of pressure fits {base / turned:.1f} times as well with its sign "
-                    "turned",
-                )
+                text = f"fits {base / turned:.1f} times as well with its sign turned"
+                yield _Evidence(name, "", f"{name}: the centre of pressure {text}")
             elif base <= NEAR_CENTER and turned > CLEARLY * base:
-                yield name, "centre of pressure", ""
+                yield _Evidence(name, "centre of pressure")
     if base > NEAR_CENTER:
-        text = f"centre of pressure: {number(1e3 * base, '.0f')} mm from the model's centre of mass"
-        yield "", "", f"{text} (r.m.s.), expected {1e3 * NEAR_CENTER:.0f} or less: a sign, unit, zero or pose"
+        text = f"centre of pressure: {number(1e3 * base, '.0f')} mm from the model's centre of mass (r.m.s.)"
+        expected = f"expected {1e3 * NEAR_CENTER:.0f} or less"
+        yield _Evidence("", "", f"{text}, {expected}: a sign, unit, zero or pose")
 
 
 def _apart(m: Measurements, nominal: Nominal) -> float | None:

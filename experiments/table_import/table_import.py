@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,17 +23,18 @@ from tulip_testbed.experiments.table_import.import_map import ONE, ImportMap, wi
 from tulip_testbed.experiments.table_import.sign_checks import SignCheck, check_signs
 from tulip_testbed.identification.contact_readings import ASSUMED_FORCE, ASSUMED_MOMENT
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.measurements import read_measurements
+from tulip_testbed.measurements import Measurements, read_measurements
 from tulip_testbed.measurements.column_mapping import check_mapping
 from tulip_testbed.measurements.contact_entries import CopEntry, WrenchEntry
 from tulip_testbed.measurements.contract import WHOLE
-from tulip_testbed.measurements.manifest import manifest_from
+from tulip_testbed.measurements.manifest import Manifest, manifest_from
 from tulip_testbed.measurements.measurement_folder import known_columns, required_columns
 from tulip_testbed.sim.robot import Robot, joint_names
 
 GRAVITY = 9.81  # m/s2
 AS_WRITTEN = ("time", "window", "samples", "speed", "acceleration")  # exact names that others use too
 LIFTED = 0.05  # of the weight, below which a foot may be in the air
+SIGNED = ("q.", "wrench.", "cop.", "plate.", "motor.", "q_command.")  # columns with a sign begin with one
 
 
 @dataclass(frozen=True)
@@ -77,13 +77,12 @@ class ImportedTable(Result):
 
     def tables(self) -> list[Table | str]:
         """Return the mapping, and what was assumed and is to be decided."""
-        columns = (Column("of the contract"), Column("of the table"), Column("unit"), Column("sign"))
-        columns = (*columns, Column("found by"), Column("sign checked by"))
+        names = ("of the contract", "of the table", "unit", "sign", "found by", "sign checked by")
         rows = [
-            [name, one.column, one.unit or "", f"{one.sign:+d}", one.by, one.checked or ""]
-            for name, one in self.mapped.items()
+            [name, source.column, source.unit or "", f"{source.sign:+d}", source.by, source.checked or ""]
+            for name, source in self.mapped.items()
         ]
-        parts: list[Table | str] = [Table("Columns", columns, rows)]
+        parts: list[Table | str] = [Table("Columns", tuple(map(Column, names)), rows)]
         if self.unused:
             parts.append(f"Not read: {listed(self.unused)}")
         for title, lines in (("Assumed", self.assumed), ("Problems", self.problems)):
@@ -92,19 +91,6 @@ class ImportedTable(Result):
         if self.folder is None:
             return [*parts, "No folder was written; state what is missing with `map`."]
         return [*parts, f"Measurement folder: {self.folder}"]
-
-
-@dataclass
-class _Work:
-    """The state of an import."""
-
-    table: Read
-    robot: Robot
-    stated: ImportMap
-    assumed: list[str] = field(default_factory=list)
-    problems: list[str] = field(default_factory=list)
-    missing: list[str] = field(default_factory=list)
-    added: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 def import_table(table: Path, robot: Robot, folder: Path, stated: ImportMap) -> ImportedTable:
@@ -119,244 +105,236 @@ def import_table(table: Path, robot: Robot, folder: Path, stated: ImportMap) -> 
         InputError: a table that cannot be read, a statement that does not fit it, or a folder that exists.
     """
     stated = stated.model_copy(update={"columns": with_units(stated.columns)})
-    work = _Work(Read(table, read_bytes(table)), robot, stated)
-    manifest = _manifest(work)
-    if stated.contacts is None and stated.plates is None:
-        names = tuple(name for name in known_columns(manifest) if not name.startswith(("cell", "plate.")))
-        required = tuple(name for name in names if name in (*WHOLE, *_angles(work)))
-        work.missing.append(
-            "contacts: not stated; state kind, mount, channels, zero and pose of both as [[contacts]], or "
-            "the cells and heights of [plates] (docs/reference/measurements.md)"
-        )
-    else:
-        names = known_columns(manifest)
-        constant = stated.constant_joints
-        required = required_columns(tuple(manifest.joints), manifest.contacts, constant)
-    check_mapping(stated.columns, known_columns(manifest), "map", "columns")
-    _check_columns(work)
-    found = propose(list(work.table.types), names, required, stated.columns)
-    work.problems += found.undecided
-    if found.silent:
-        work.assumed.append(
-            f"not used, since no unit is written in the name: {listed(map(repr, found.silent))}; state it to "
-            "use one"
-        )
-    _complete(work, found)
-    has = {*found.mapping, *found.exact, *work.added}
-    if lacks := [name for name in required if name not in has]:
-        undecided = {text.partition(":")[0] for text in found.undecided}
-        if angles := [name for name in lacks if name.startswith("q.") and name not in undecided]:
-            work.missing.append(
-                f"no column for {listed(angles)}; state one, or a constant in [constant_joints]"
-            )
-        if others := [name for name in lacks if not name.startswith("q.") and name not in undecided]:
-            work.missing.append(f"no column for {listed(others)}; state one")
-        work.missing += [text for text in found.undecided if text.partition(":")[0] in lacks]
-        work.problems = [text for text in work.problems if text not in work.missing]
-    signs = SignCheck({}, [])
-    if not work.missing:
-        signs = _write(work, found, manifest.model_dump(exclude_unset=True), Path(folder))
-    mapped = _mapped(found, stated, signs, work)
-    _tell_signs(work, mapped)
-    return ImportedTable(
-        mapped=mapped,
-        assumed=tuple(work.assumed),
-        problems=(*work.missing, *work.problems, *signs.doubtful),
-        unused=tuple(found.unused),
-        folder=None if work.missing else str(folder),
-    )
-
-
-def _angles(work: _Work) -> list[str]:
-    constant = work.stated.constant_joints
-    return [f"q.{joint}" for joint in joint_names(work.robot.model) if joint not in constant]
-
-
-def _manifest(work: _Work) -> Any:
-    """Return the manifest without its mapping; without contacts it is that of any plates."""
-    stated, robot = work.stated, work.robot
-    joints = joint_names(robot.model)
-    for joint in stated.constant_joints:
-        look_up("joint", joint, joints, "map: key 'constant_joints'")
-    if stated.contacts is not None and stated.plates is not None:
-        raise InputError("map: found 'contacts' and 'plates', expected one of them")
-    if stated.gravity is None:
-        work.assumed.append(f"gravity {GRAVITY:g} m/s2")
-    if work.stated.weighed_mass is None:
-        work.assumed.append("the weighed mass is unknown")
-    work.assumed += _unstated(stated.contacts or [])
-    plain = json.loads(stated.model_dump_json(exclude_none=True))
-    corners = {"front_left": [1, 1], "front_right": [1, -1], "rear_right": [-1, -1], "rear_left": [-1, 1]}
-    nothing = {side: {"cells": corners, "top_height": 0.0} for side in ("right", "left")}
-    contacts = [with_unknowns(entry) for entry in plain.get("contacts", [])]
-    return manifest_from(
-        {
-            "format": "tulip-measurements",
-            "version": 2 if contacts else 1,
-            "robot": {
-                "model": robot.model_file.name,
-                "sha256": robot.model_hash,
-                "stance_foot": robot.stance_foot,
-                "swing_foot": robot.swing_foot,
-            },
-            "joints": list(joints),
-            **({"contacts": contacts} if contacts else {"plates": plain.get("plates", nothing)}),
-            "weighed_mass": plain.get("weighed_mass"),
-            "gravity": plain.get("gravity", GRAVITY),
-            "sensors": stated.sensors.model_dump(),
-            **{key: plain[key] for key in ("gains", "tolerances", "constant_joints") if plain.get(key)},
-        }
-    )
-
-
-def _unstated(contacts: Sequence[Any]) -> list[str]:
-    """Say what is assumed of contact sensors of which a data sheet would say more."""
-    lines = []
-    if any(isinstance(one, WrenchEntry) and one.covariance is None for one in contacts):
-        lines.append(
-            "the contact sensors' `covariance` is unknown: every averaged reading is taken to err by "
-            f"{ASSUMED_FORCE:g} N or {ASSUMED_MOMENT:g} Nm (1 s.d.)"
-        )
-    if any(isinstance(one, CopEntry) and one.sd is None for one in contacts):
-        lines.append(
-            "the `sd` of the centres of pressure is unknown: their forces are taken to err by "
-            f"{ASSUMED_FORCE:g} N and the moments by {ASSUMED_MOMENT:g} Nm (1 s.d.)"
-        )
-    if any(isinstance(one, WrenchEntry) and one.mount == "foot" and one.below is None for one in contacts):
-        lines.append(
-            "no `below` is stated: the foot is assumed to have no mass below its sensor, as in a sole; "
-            "an ankle's sensor "
-            "does not weigh the foot, whose mass and centre it needs"
-        )
-    return lines
-
-
-def _check_columns(work: _Work) -> None:
-    for name, entry in work.stated.columns.items():
-        look_up("column", entry.column, work.table.types, f"{work.table.path}: map of {name}")
-
-
-def _complete(work: _Work, found: Proposal) -> None:
-    """Add the numbers of postures and placements, and say what the support and plain names stand for."""
-    has, count = {*found.mapping, *found.exact}, len(work.table)
-    for name in AS_WRITTEN:
-        if name in found.exact:
-            work.assumed.append(f"column '{name}' is the contract's `{name}`, in its unit")
-    if "posture" not in has:
-        work.added["posture"] = np.arange(1, count + 1)
-        work.assumed.append("postures are numbered by row: none was measured twice")
-    if "placement" not in has:
-        _add_placement(work, found)
-    if "support" not in has:
-        work.assumed.append("both feet carry the robot in all rows (support 'double')")
-
-
-def _add_placement(work: _Work, found: Proposal) -> None:
-    count = len(work.table)
-    poses = [name for name in (*found.mapping, *found.exact) if name.startswith("plate.")]
-    how = work.stated.placement
-    if how is None and poses:
-        columns = [found.mapping[name].column if name in found.mapping else name for name in poses]
-        values = np.column_stack([work.table.numbers(column) for column in columns])
-        moved = np.append(False, (values[1:] != values[:-1]).any(axis=1))
-        work.added["placement"] = 1 + np.cumsum(moved)
-        work.assumed.append("a new placement begins where a plate's recorded pose changes")
-        return
-    if how is None:
-        work.assumed.append(
-            f"every row is a placement of its own, as if the feet were moved between any two; state "
-            f"placement = '{ONE}' if they stayed"
-        )
-    work.added["placement"] = np.ones(count, int) if how == ONE else np.arange(1, count + 1)
-
-
-def _write(work: _Work, found: Proposal, manifest: dict[str, Any], folder: Path) -> SignCheck:
-    """Write the folder, read it as everybody will, and hold it against the robot.
-
-    An entry that cannot be read is a problem, and nothing is left.
-    """
-    with_mapping = {name: entry.model_dump(exclude_none=True) for name, entry in found.mapping.items()}
-    try:
-        with new_folder(folder) as working:
-            paths = _tables(work, working)
-            manifest |= {"mapping": with_mapping} if with_mapping else {}
-            manifest |= {"software": software(), "tables": {path.name: sha256(path) for path in paths}}
-            write_json(working / "manifest.json", manifest)
-            try:
-                measurements = read_measurements(working)
-            except InputError as error:
-                raise _RefusedError(_of_the_table(str(error), working, work.table.path, found)) from None
-    except _RefusedError as refused:
-        work.missing.append(str(refused))
-        return SignCheck({}, [])
-    _tell_lifted(work, measurements)
-    return check_signs(measurements, nominal_robot(work.robot))
-
-
-def _of_the_table(message: str, working: Path, table: Path, found: Proposal) -> str:
-    """Return a message on a folder that is not written as one on the table and the map."""
-    for path in working.iterdir():
-        name = "map" if path.name == "manifest.json" else str(table)
-        message = message.replace(str(path), name)
-    message = message.partition("; `tt.check(")[0].replace(str(working), "map")
-    named = [name for name in found.mapping if f"'{name}'" in message]
-    return message + "".join(f"; {name} is column '{found.mapping[name].column}'" for name in named)
+    return _Import(Read(table, read_bytes(table)), robot, stated).carried_out(Path(folder))
 
 
 class _RefusedError(InputError):
     """The folder would break the contract."""
 
 
-def _tables(work: _Work, folder: Path) -> list[Path]:
-    """Write the table as it is; with columns that were added as CSV."""
-    source = work.table.path
-    if not work.added:
-        path = folder / f"postures{source.suffix if source.suffix == '.parquet' else '.csv'}"
-        write_bytes(path, read_bytes(source))
-        return [path]
-    content = work.table.table
-    for name, values in work.added.items():
-        content = content.append_column(name, pa.array(values))
-    path = folder / "postures.csv"
-    pyarrow.csv.write_csv(content, path)
-    return [path]
+class _Import:
+    """An import at work; a class because every step may assume something or find something missing."""
 
+    def __init__(self, table: Read, robot: Robot, stated: ImportMap) -> None:
+        self.table, self.robot, self.stated = table, robot, stated
+        self.assumed: list[str] = []
+        self.problems: list[str] = []
+        self.missing: list[str] = []
+        self.added: dict[str, np.ndarray] = {}  # columns that the table lacks
 
-def _tell_lifted(work: _Work, measurements: Any) -> None:
-    m = measurements
-    if m.contacts is None:
-        loads = m.cell_forces.reshape(-1, 2, 4).sum(axis=2)
-    else:
-        loads = m.wrenches[..., m.contacts.channels.index("fz")]
-    share = loads / np.nansum(loads, axis=1, keepdims=True)
-    light = (np.nan_to_num(share) < LIFTED).any(axis=1) & (m.support == "double")
-    if light.any():
-        work.problems.append(
-            f"support: in row {int(light.argmax()) + 1} one foot carries less than {100 * LIFTED:.0f} % of "
-            "the weight, though both are said to stand; state a column 'support'"
+    def carried_out(self, folder: Path) -> ImportedTable:
+        """Map the table, write the folder if nothing is missing, and check the signs."""
+        manifest, stated = self._manifest(), self.stated
+        names = known_columns(manifest)
+        check_mapping(stated.columns, names, "map", "columns")
+        for name, entry in stated.columns.items():
+            look_up("column", entry.column, self.table.types, f"{self.table.path}: map of {name}")
+        joints = tuple(manifest.joints)
+        if stated.contacts is None and stated.plates is None:
+            names = tuple(name for name in names if not name.startswith(("cell", "plate.")))
+            angles = [f"q.{joint}" for joint in joints if joint not in stated.constant_joints]
+            required = tuple(name for name in names if name in (*WHOLE, *angles))
+            self.missing.append(
+                "contacts: not stated; state kind, mount, channels, zero and pose of both as [[contacts]], "
+                "or the cells and heights of [plates] (docs/reference/measurements.md)"
+            )
+        else:
+            required = required_columns(joints, manifest.contacts, stated.constant_joints)
+        proposal = propose(list(self.table.types), names, required, stated.columns)
+        if proposal.silent:
+            self.assumed.append(
+                f"not used, since no unit is written in the name: {listed(map(repr, proposal.silent))}; "
+                "state it to use one"
+            )
+        self._complete(proposal)
+        self._find_missing(proposal, required)
+        signs = SignCheck({}, [])
+        if not self.missing:
+            signs = self._written(proposal, manifest.model_dump(exclude_unset=True), folder)
+        mapped = self._mapped(proposal, signs)
+        unchecked = [
+            name
+            for name, source in mapped.items()
+            if name.startswith(SIGNED) and source.by != "statement" and not source.checked
+        ]
+        if unchecked:
+            self.assumed.append(f"signs +1, which nothing here has checked: {listed(unchecked)}")
+        return ImportedTable(
+            mapped=mapped,
+            assumed=tuple(self.assumed),
+            problems=(*self.missing, *self.problems, *signs.doubtful),
+            unused=tuple(proposal.unused),
+            folder=None if self.missing else str(folder),
         )
 
-
-def _mapped(found: Proposal, stated: ImportMap, signs: SignCheck, work: _Work) -> dict[str, MappedColumn]:
-    rows = {}
-    for name in (*found.exact, *found.mapping):
-        entry = found.mapping.get(name)
-        rows[name] = MappedColumn(
-            column=name if entry is None else entry.column,
-            unit=None if entry is None else entry.unit,
-            sign=1 if entry is None else entry.sign,
-            by="name" if entry is None else "statement" if name in stated.columns else "words of the name",
-            checked=signs.confirmed.get(name) or signs.confirmed.get(name.rpartition(".")[0]),
+    def _manifest(self) -> Manifest:
+        """Return the manifest without its mapping; without contacts it is that of any plates."""
+        stated, robot = self.stated, self.robot
+        joints = joint_names(robot.model)
+        for joint in stated.constant_joints:
+            look_up("joint", joint, joints, "map: key 'constant_joints'")
+        if stated.contacts is not None and stated.plates is not None:
+            raise InputError("map: found 'contacts' and 'plates', expected one of them")
+        if stated.gravity is None:
+            self.assumed.append(f"gravity {GRAVITY:g} m/s2")
+        if stated.weighed_mass is None:
+            self.assumed.append("the weighed mass is unknown")
+        self._assume_sensors()
+        plain = json.loads(stated.model_dump_json(exclude_none=True))
+        corners = {"front_left": [1, 1], "front_right": [1, -1], "rear_right": [-1, -1], "rear_left": [-1, 1]}
+        nothing = {side: {"cells": corners, "top_height": 0.0} for side in ("right", "left")}
+        contacts = [with_unknowns(entry) for entry in plain.get("contacts", [])]
+        return manifest_from(
+            {
+                "format": "tulip-measurements",
+                "version": 2 if contacts else 1,
+                "robot": {
+                    "model": robot.model_file.name,
+                    "sha256": robot.model_hash,
+                    "stance_foot": robot.stance_foot,
+                    "swing_foot": robot.swing_foot,
+                },
+                "joints": list(joints),
+                **({"contacts": contacts} if contacts else {"plates": plain.get("plates", nothing)}),
+                "weighed_mass": plain.get("weighed_mass"),
+                "gravity": plain.get("gravity", GRAVITY),
+                "sensors": stated.sensors.model_dump(),
+                **{key: plain[key] for key in ("gains", "tolerances", "constant_joints") if plain.get(key)},
+            }
         )
-    return rows | {name: MappedColumn(name, None, 1, "added", None) for name in work.added}
 
+    def _assume_sensors(self) -> None:
+        """Say what is assumed of contact sensors of which a data sheet would say more."""
+        contacts = self.stated.contacts or []
+        wrenches = [entry for entry in contacts if isinstance(entry, WrenchEntry)]
+        if any(entry.covariance is None for entry in wrenches):
+            self.assumed.append(
+                "the contact sensors' `covariance` is unknown: every averaged reading is taken to err by "
+                f"{ASSUMED_FORCE:g} N or {ASSUMED_MOMENT:g} Nm (1 s.d.)"
+            )
+        if any(isinstance(entry, CopEntry) and entry.sd is None for entry in contacts):
+            self.assumed.append(
+                "the `sd` of the centres of pressure is unknown: their forces are taken to err by "
+                f"{ASSUMED_FORCE:g} N and the moments by {ASSUMED_MOMENT:g} Nm (1 s.d.)"
+            )
+        if any(entry.mount == "foot" and entry.below is None for entry in wrenches):
+            self.assumed.append(
+                "no `below` is stated: the foot is assumed to have no mass below its sensor, as in a sole; "
+                "an ankle's sensor does not weigh the foot, whose mass and centre it needs"
+            )
 
-SIGNED = ("q.", "wrench.", "cop.", "plate.", "motor.", "q_command.")
+    def _complete(self, proposal: Proposal) -> None:
+        """Add numbers of postures and placements, and say what the support and plain names stand for."""
+        has = {*proposal.mapping, *proposal.exact}
+        self.assumed += [
+            f"column '{name}' is the contract's `{name}`, in its unit"
+            for name in AS_WRITTEN
+            if name in proposal.exact
+        ]
+        if "posture" not in has:
+            self.added["posture"] = np.arange(1, len(self.table) + 1)
+            self.assumed.append("postures are numbered by row: none was measured twice")
+        if "placement" not in has:
+            self.added["placement"] = self._placement(proposal)
+        if "support" not in has:
+            self.assumed.append("both feet carry the robot in all rows (support 'double')")
 
+    def _placement(self, proposal: Proposal) -> np.ndarray:
+        """Return the number of every row's placement, (m,)."""
+        poses = [name for name in (*proposal.mapping, *proposal.exact) if name.startswith("plate.")]
+        count, how = len(self.table), self.stated.placement
+        if how is None and poses:
+            columns = [proposal.mapping[name].column if name in proposal.mapping else name for name in poses]
+            values = np.column_stack([self.table.numbers(column) for column in columns])
+            self.assumed.append("a new placement begins where a plate's recorded pose changes")
+            return 1 + np.cumsum(np.append(False, (values[1:] != values[:-1]).any(axis=1)))
+        if how is None:
+            self.assumed.append(
+                "every row is a placement of its own, as if the feet were moved between any two; state "
+                f"placement = '{ONE}' if they stayed"
+            )
+        return np.ones(count, int) if how == ONE else np.arange(1, count + 1)
 
-def _tell_signs(work: _Work, mapped: Mapping[str, MappedColumn]) -> None:
-    """Say which signs are assumed and which of them nothing has checked."""
-    signed = [name for name in mapped if name.startswith(SIGNED) and mapped[name].by != "statement"]
-    unchecked = [name for name in signed if not mapped[name].checked]
-    if unchecked:
-        work.assumed.append(f"signs +1, which nothing here has checked: {listed(unchecked)}")
+    def _find_missing(self, proposal: Proposal, required: tuple[str, ...]) -> None:
+        """Tell the necessary columns that the table lacks from the doubtful ones."""
+        has = {*proposal.mapping, *proposal.exact, *self.added}
+        lacks = [name for name in required if name not in has]
+        undecided = {text.partition(":")[0]: text for text in proposal.undecided}
+        nowhere = [name for name in lacks if name not in undecided]
+        if angles := [name for name in nowhere if name.startswith("q.")]:
+            self.missing.append(
+                f"no column for {listed(angles)}; state one, or a constant in [constant_joints]"
+            )
+        if others := [name for name in nowhere if not name.startswith("q.")]:
+            self.missing.append(f"no column for {listed(others)}; state one")
+        for name, text in undecided.items():
+            (self.missing if name in lacks else self.problems).append(text)
+
+    def _written(self, proposal: Proposal, manifest: dict[str, Any], folder: Path) -> SignCheck:
+        """Write the folder, read it as everybody will, and hold it against the robot.
+
+        An entry that cannot be read is a problem, and nothing is left.
+        """
+        mapping = {name: entry.model_dump(exclude_none=True) for name, entry in proposal.mapping.items()}
+        try:
+            with new_folder(folder) as working:
+                table = self._write_table(working)
+                manifest |= {"mapping": mapping} if mapping else {}
+                manifest |= {"software": software(), "tables": {table.name: sha256(table)}}
+                write_json(working / "manifest.json", manifest)
+                try:
+                    measurements = read_measurements(working)
+                except InputError as error:
+                    raise _RefusedError(self._of_the_table(str(error), working, proposal)) from None
+        except _RefusedError as refused:
+            self.missing.append(str(refused))
+            return SignCheck({}, [])
+        self._find_lifted(measurements)
+        return check_signs(measurements, nominal_robot(self.robot))
+
+    def _write_table(self, folder: Path) -> Path:
+        """Write the table as it is, or as CSV with columns that were added."""
+        source = self.table.path
+        if not self.added:
+            path = folder / f"postures{source.suffix if source.suffix == '.parquet' else '.csv'}"
+            write_bytes(path, read_bytes(source))
+            return path
+        content = self.table.table
+        for name, values in self.added.items():
+            content = content.append_column(name, pa.array(values))
+        pyarrow.csv.write_csv(content, folder / "postures.csv")
+        return folder / "postures.csv"
+
+    def _of_the_table(self, message: str, working: Path, proposal: Proposal) -> str:
+        """Return a message on a folder that is not written as one on the table and the map."""
+        for path in working.iterdir():
+            name = "map" if path.name == "manifest.json" else str(self.table.path)
+            message = message.replace(str(path), name)
+        message = message.partition("; `check` lists")[0].replace(str(working), "map")
+        named = [name for name in proposal.mapping if f"'{name}'" in message]
+        return message + "".join(f"; {name} is column '{proposal.mapping[name].column}'" for name in named)
+
+    def _find_lifted(self, m: Measurements) -> None:
+        """Tell of a foot in the air that is said to stand."""
+        if m.contacts is None:
+            loads = m.cell_forces.reshape(-1, 2, 4).sum(axis=2)
+        else:
+            assert m.wrenches is not None
+            loads = m.wrenches[..., m.contacts.channels.index("fz")]
+        share = loads / np.nansum(loads, axis=1, keepdims=True)
+        light = (np.nan_to_num(share) < LIFTED).any(axis=1) & (m.support == "double")
+        if light.any():
+            self.problems.append(
+                f"support: in row {int(light.argmax()) + 1} one foot carries less than {100 * LIFTED:.0f} % "
+                "of the weight, though both are said to stand; state a column 'support'"
+            )
+
+    def _mapped(self, proposal: Proposal, signs: SignCheck) -> dict[str, MappedColumn]:
+        confirmed, mapped = signs.confirmed, {}
+        for name in (*proposal.exact, *proposal.mapping):
+            checked = confirmed.get(name) or confirmed.get(name.rpartition(".")[0])
+            mapped[name] = MappedColumn(name, None, 1, "name", checked)
+            if (entry := proposal.mapping.get(name)) is not None:
+                by = "statement" if name in self.stated.columns else "words of the name"
+                mapped[name] = MappedColumn(entry.column, entry.unit, entry.sign, by, checked)
+        return mapped | {name: MappedColumn(name, None, 1, "added", None) for name in self.added}

@@ -11,13 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tulip_testbed.base.numbers import number
-from tulip_testbed.experiments.watching.change_detection import no_changes
+from tulip_testbed.experiments.watching.change_detection import Changes
 from tulip_testbed.experiments.watching.day_model import DayModel
-from tulip_testbed.experiments.watching.design_information import placement_begun
-from tulip_testbed.experiments.watching.recursive_estimate import ANEW, Innovation, begun
-from tulip_testbed.experiments.watching.repeats import first_of
+from tulip_testbed.experiments.watching.recursive_estimate import OF_PLACEMENT, Innovation
+from tulip_testbed.experiments.watching.row_columns import RowColumns
 from tulip_testbed.experiments.watching.watch_state import AGAIN, Fault, WatchState
-from tulip_testbed.identification.distributions import chi2_isf
+from tulip_testbed.identification.distributions import chi2_isf, chi2_sf
 from tulip_testbed.identification.preflight.finding import Finding
 
 FALSE_ALARMS = {"row": 0.001, "repeat": 0.001, "change": 0.003}  # a day
@@ -48,6 +47,36 @@ def levels(model: DayModel) -> Level:
     return Level(row, repeat, float(chi2_isf(change / TESTS, 1)))
 
 
+def repeat_probability(model: DayModel, state: WatchState, columns: RowColumns, first: int) -> float:
+    """Return the p-value of a posture's difference from its last time; 1 if there was none.
+
+    No model of the robot enters but its change.
+
+    Args:
+        columns: of the row. first: the plan's first row with its posture.
+    """
+    past = state.earlier
+    if not past.there[first]:
+        return 1.0
+    here = columns.about(state.belief.mean[: model.parameters])
+    then = past.state[first].astype(float)
+    shared = slice(0, len(state.belief.mean) - OF_PLACEMENT)
+    change = here.state - then
+    left = columns.residual - past.residual[first] - change[:, shared] @ state.belief.mean[shared]
+    prior = model.covariance[-OF_PLACEMENT:, -OF_PLACEMENT:]
+    spread = here.noise(model.noise.encoder) + past.noise[first]
+    spread = spread + change[:, shared] @ state.belief.covariance[shared, shared] @ change[:, shared].T
+    same = past.stance[first] == state.stance
+    for slope in (change,) if same else (here.state, then):
+        spread = spread + slope[:, -OF_PLACEMENT:] @ prior @ slope[:, -OF_PLACEMENT:].T
+    used = here.used & past.used[first]
+    left, spread = left[used], spread[np.ix_(used, used)]
+    scale = 1 / np.sqrt(np.diag(spread))
+    scaled = scale * left
+    square = float(scaled @ np.linalg.solve(scale[:, None] * spread * scale, scaled))
+    return float(chi2_sf(square, used.sum()))
+
+
 def fault_of_changes(model: DayModel, state: WatchState, level: Level) -> WatchState:
     """Return the state with the change that the evidence shows, if it shows one.
 
@@ -59,35 +88,32 @@ def fault_of_changes(model: DayModel, state: WatchState, level: Level) -> WatchS
     if ratio[slot, direction] <= level.ratio:
         return state
     onset = int(state.changes.onset[slot])
-    before = next(one for one in state.history if one.count == onset)
-    rows = state.taken[onset - state.count :]
+    before = next(known for known in state.history if known.count == onset)
+    rows = list(state.taken[onset - state.count :])
     size = float(state.changes.pull[slot, direction] / state.changes.information[slot, direction])
     fault = Fault(int(direction), onset, int(model.plan.posture[rows[0]]), size)
-    done = state.done.copy()
-    done[list(rows)] = AGAIN
     moved, anew = before.placement != state.placement, before.stance != state.stance
     there = state.earlier.there.copy()
-    there[[first_of(model, row) for row in rows]] = False
+    there[[model.first_row(int(posture)) for posture in model.plan.posture[rows]]] = False
     return replace(
-        state,
-        belief=begun(model, before.belief, ANEW) if anew else before.belief,
-        information=placement_begun(before.information) if moved else before.information,
+        state.marked(rows, AGAIN),
+        belief=before.belief.begun(model, OF_PLACEMENT) if anew else before.belief,
+        information=before.information.placement_begun() if moved else before.information,
         earlier=replace(state.earlier, there=there),
-        done=done,
         fault=fault,
         odd=0,
     )
 
 
-def fault_of_odd_rows(model: DayModel, state: WatchState, found: Innovation, planned: int) -> WatchState:
+def fault_of_odd_rows(model: DayModel, state: WatchState, innovation: Innovation, posture: int) -> WatchState:
     """Return the state with one more row that does not fit; several in succession are a change."""
-    weighed = found.precision @ found.faults
-    pull, information = found.value @ weighed, (found.faults * weighed).sum(axis=0)
+    weighed = innovation.precision @ innovation.faults
+    pull, information = innovation.value @ weighed, (innovation.faults * weighed).sum(axis=0)
     first = state.odd == 0
     state = replace(
         state,
         odd=state.odd + 1,
-        odd_posture=int(model.plan.posture[planned]) if first else state.odd_posture,
+        odd_posture=posture if first else state.odd_posture,
         odd_pull=pull if first else state.odd_pull + pull,
         odd_information=information if first else state.odd_information + information,
     )
@@ -100,46 +126,41 @@ def fault_of_odd_rows(model: DayModel, state: WatchState, found: Innovation, pla
     return replace(state, fault=Fault(direction, state.count, state.odd_posture, size), odd=0)
 
 
-def still_there(model: DayModel, state: WatchState, found: Innovation) -> tuple[WatchState, Finding]:
-    """Return the state with or without the change after one more row, and what to say if it has gone.
+def still_there(model: DayModel, state: WatchState, innovation: Innovation) -> tuple[WatchState, Finding]:
+    """Return the state with or without the change after one more row, and what to say of it.
 
     While a change is there, no row is taken in.
     """
     fault = state.fault
     assert fault is not None
-    signature = fault.size * found.faults[:, fault.direction]
-    there = float(signature @ found.precision @ (found.value - signature / 2))
+    signature = fault.size * innovation.faults[:, fault.direction]
+    there = float(signature @ innovation.precision @ (innovation.value - signature / 2))
     gone = max(0.0, fault.gone - there)
-    seen = f"the change since posture {fault.posture} is gone"
-    told = Finding("change", "warn", seen, "", "", "Measure the postures since then again.")
     if gone <= GONE:
-        return replace(state, fault=replace(fault, gone=gone)), told
-    empty = no_changes(len(state.belief.mean), len(model.directions))
-    return replace(state, fault=None, changes=empty, history=(), odd=0), told
+        fault = replace(fault, gone=gone)
+        seen = (
+            f"the change since posture {fault.posture} is still there "
+            f"({model.directions[fault.direction].words(fault.size)}); "
+            f"evidence that it has gone: {number(fault.gone, '.1f')} of {GONE:g}"
+        )
+        again = f"Correct it and measure again from posture {fault.posture} on; until then nothing counts."
+        return replace(state, fault=fault), _change(fault, seen, again)
+    seen = f"the change since posture {fault.posture} is gone"
+    cleared = Finding("change", "warn", seen, "", "", "Measure the postures since then again.")
+    empty = Changes.none(len(state.belief.mean), len(model.directions))
+    return replace(state, fault=None, changes=empty, history=(), odd=0), cleared
 
 
 def noticed(model: DayModel, fault: Fault) -> Finding:
     """Tell of a change that was noticed now."""
-    one = model.directions[fault.direction]
-    return Finding(
-        "change",
-        "fail",
-        f"since posture {fault.posture} something is different; best explanation: {one.told(fault.size)}",
-        "a laboratory that stays as it is",
-        f"from posture {fault.posture} on",
+    return _change(
+        fault,
+        f"since posture {fault.posture} something is different; best explanation: "
+        f"{model.directions[fault.direction].words(fault.size)}",
         f"Look there first, correct it, and measure again from posture {fault.posture} on.",
     )
 
 
-def clearer(model: DayModel, fault: Fault) -> Finding:
-    """Tell of a change that is still there."""
-    one = model.directions[fault.direction]
-    return Finding(
-        "change",
-        "fail",
-        f"the change since posture {fault.posture} is still there ({one.told(fault.size)}); "
-        f"evidence that it has gone: {number(fault.gone, '.1f')} of {GONE:g}",
-        "a laboratory that stays as it is",
-        f"from posture {fault.posture} on",
-        f"Correct it and measure again from posture {fault.posture} on; until then nothing counts.",
-    )
+def _change(fault: Fault, seen: str, advice: str) -> Finding:
+    where = f"from posture {fault.posture} on"
+    return Finding("change", "fail", seen, "a laboratory that stays as it is", where, advice)

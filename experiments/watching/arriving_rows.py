@@ -32,6 +32,17 @@ class Line:
     number: int
     end: int
 
+    @property
+    def is_row(self) -> bool:
+        """Return whether the line holds values: it is not empty and no comment."""
+        return bool(self.text.strip(b' \t\r",;')) and not self.text.lstrip(b' "').startswith(b"#")
+
+    @property
+    def is_prepared(self) -> bool:
+        """Return whether most values are empty: a row that was prepared and is not measured yet."""
+        values = _names(self.text)
+        return self.is_row and 2 * values.count("") > len(values)
+
 
 @dataclass(frozen=True)
 class Place:
@@ -39,7 +50,7 @@ class Place:
 
     Attributes:
         lines: number of lines. size: bytes up to the end of the last one.
-        header: the first line; b"": none yet.
+        header: the first line that holds values; b"": none yet.
         last: the last line that was read.
     """
 
@@ -50,18 +61,11 @@ class Place:
 
     def after(self, line: Line) -> Place:
         """Return the place after one more line."""
-        return Place(line.number, line.end, self.header or line.text, line.text)
+        header = self.header or (line.text if line.is_row else b"")
+        return Place(line.number, line.end, header, line.text)
 
 
-def is_row(text: bytes) -> bool:
-    """Return whether a line holds values: it is not empty and no comment."""
-    return bool(text.strip(b' \t\r",;')) and not text.lstrip(b' "').startswith(b"#")
-
-
-def is_prepared(text: bytes) -> bool:
-    """Return whether most values of a line are empty: a row that was prepared and is not measured yet."""
-    values = _names(text)
-    return is_row(text) and 2 * values.count("") > len(values)
+BEGINNING = Place()
 
 
 def new_lines(path: Path, place: Place) -> list[Line]:
@@ -84,7 +88,9 @@ def new_lines(path: Path, place: Place) -> list[Line]:
                 f"{path}: found {size} bytes, expected at least the {place.size} that were read: rows "
                 "may only be added at the end"
             )
-        _check_beginning(path, file.read(min(place.size, MOST_LINE)), place)
+        beginning = file.read(min(place.size, MOST_LINE))
+        if place.header and place.header not in beginning:
+            raise _another_header(path, 1, beginning.split(b"\n")[0].rstrip(b"\r"), place)
         file.seek(max(place.size - len(place.last) - 2, 0))
         before = file.read(place.size - file.tell())
         if place.last and place.last not in before:
@@ -97,32 +103,28 @@ def new_lines(path: Path, place: Place) -> list[Line]:
         raise InputError(
             f"{path}: line {place.lines + 1}: found more than {MOST_AT_ONCE} bytes, expected a row"
         )
-    return list(itertools.takewhile(lambda line: not is_prepared(line.text), _complete(path, content, place)))
+    *complete, rest = (text + b"\n" for text in content.split(b"\n"))
+    lines = lines_of(complete or [rest], place, path)  # of half a line the ending alone is checked
+    arrived = list(itertools.takewhile(lambda line: not line.is_prepared, lines))
+    return arrived if complete else []
 
 
-def _complete(path: Path, content: bytes, place: Place) -> Iterator[Line]:
+def lines_of(stream: Iterable[bytes], place: Place, path: Path) -> Iterator[Line]:
+    """Yield the lines of a stream; its end also ends a line.
+
+    Raises:
+        InputError: names `path` and the line that holds a carriage return alone.
+    """
     number, end = place.lines, place.size
-    *whole_lines, _ = content.split(b"\n")
-    if not whole_lines:
-        _check_line_end(path, number + 1, content)
-    for text in whole_lines:
-        _check_line_end(path, number + 1, text)
-        number, end = number + 1, end + len(text) + 1
-        yield Line(text.rstrip(b"\r"), number, end)
-
-
-def _check_line_end(path: Path, number: int, text: bytes) -> None:
-    if b"\r" in text.rstrip(b"\r"):
-        raise InputError(
-            f"{path}: line {number}: found a carriage return (CR) within the line, expected lines that end "
-            "with LF or CR LF"
-        )
-
-
-def _check_beginning(path: Path, beginning: bytes, place: Place) -> None:
-    """Refuse a file whose header has changed during the day."""
-    if place.header and place.header not in beginning:
-        raise _another_header(path, 1, beginning.split(b"\n")[0].rstrip(b"\r"), place)
+    for whole in stream:
+        number, end = number + 1, end + len(whole)
+        text = whole.rstrip(b"\n").rstrip(b"\r")
+        if b"\r" in text:
+            raise InputError(
+                f"{path}: line {number}: found a carriage return (CR) within the line, expected lines that "
+                "end with LF or CR LF"
+            )
+        yield Line(text, number, end)
 
 
 def is_header(path: Path, line: Line, place: Place) -> bool:
@@ -142,26 +144,13 @@ def is_header(path: Path, line: Line, place: Place) -> bool:
 
 def _another_header(path: Path, number: int, now: bytes, place: Place) -> InputError:
     gone = [name for name in _names(place.header) if name not in _names(now)]
-    found = f"that column {listed(map(repr, gone))} vanished during the day" if gone else "another header"
-    return InputError(f"{path}: line {number}: found {found}, expected the header of the first row")
+    change = f"that column {listed(map(repr, gone))} vanished during the day" if gone else "another header"
+    return InputError(f"{path}: line {number}: found {change}, expected the header of the first row")
 
 
 def _names(header: bytes) -> list[str]:
     text = header.decode("utf-8-sig", "replace")
     return [name.strip().strip('"') for name in text.replace(";", ",").split(",")]
-
-
-def lines_of(stream: Iterable[bytes], place: Place, path: Path) -> Iterator[Line]:
-    """Yield the lines of a stream; its end also ends a line.
-
-    Raises:
-        InputError: names `path` and the line that holds a carriage return alone.
-    """
-    number, end = place.lines, place.size
-    for whole in stream:
-        _check_line_end(path, number + 1, whole.rstrip(b"\n"))
-        number, end = number + 1, end + len(whole)
-        yield Line(whole.rstrip(b"\r\n"), number, end)
 
 
 def row_of(line: Line, header: bytes, manifest: Manifest, path: Path, where: Path) -> Measurements:

@@ -38,66 +38,70 @@ class Changes:
     pull: np.ndarray
     information: np.ndarray
 
+    @classmethod
+    def none(cls, numbers: int, directions: int) -> Changes:
+        """Return the evidence before the first row."""
+        onsets = RECENT + EARLIER
+        return cls(
+            onset=np.full(onsets, -1),
+            bias=np.zeros((onsets, numbers, directions)),
+            pull=np.zeros((onsets, directions)),
+            information=np.zeros((onsets, directions)),
+        )
+
     @property
     def ratio(self) -> np.ndarray:
         """Return twice the logarithm of the likelihood ratio of every fault from every onset, (o, c)."""
         seen = (self.information > LEAST_SEEN) & (self.onset >= 0)[:, None]
         return np.where(seen, self.pull**2 / np.where(seen, self.information, 1.0), 0.0)
 
+    @property
+    def newest(self) -> int:
+        """Return the place of the last onset: the evidence of one row alone."""
+        return int(self.onset.argmax())
 
-def newest(changes: Changes) -> int:
-    """Return the place of the last onset: the evidence of one row alone."""
-    return int(changes.onset.argmax())
+    def begun(self, numbers: int) -> Changes:
+        """Return the evidence in a new placement or stance: its last numbers are not biased yet."""
+        bias = self.bias.copy()
+        bias[:, -numbers:] = 0.0
+        return replace(self, bias=bias)
+
+    def with_row(self, innovation: Innovation, count: int, ramps: np.ndarray) -> Changes:
+        """Return the evidence with one more row that the filter takes in.
+
+        Args:
+            count: number of the row, from 0. ramps: which directions grow with every row, (c,) bool.
+        """
+        changes = self._with_onset(count)
+        grown = np.where(ramps, (count - changes.onset[:, None] + 1) / RAMP, 1.0)
+        seen = innovation.faults * grown[:, None] - innovation.state @ changes.bias
+        weighed = innovation.precision @ seen
+        return Changes(
+            onset=changes.onset,
+            bias=changes.bias + innovation.gain @ seen,
+            pull=changes.pull + innovation.value @ weighed,
+            information=changes.information + (seen * weighed).sum(axis=1),
+        )
+
+    def _with_onset(self, count: int) -> Changes:
+        """Return the evidence with an onset at this row, in the place of one that is no longer looked at.
+
+        Recent onsets are in the first `RECENT` places, by their number; one that leaves them is kept if its
+        number is a multiple of `APART`.
+        """
+        parts = {name: values.copy() for name, values in vars(self).items()}
+        at, onset = count % RECENT, self.onset
+        if onset[at] >= 0 and onset[at] % APART == 0:
+            kept = RECENT + (onset[at] // APART) % EARLIER
+            for values in parts.values():
+                values[kept] = values[at]
+        for values in parts.values():
+            values[at] = 0
+        parts["onset"][at] = count
+        return Changes(**parts)
 
 
-def no_changes(numbers: int, directions: int) -> Changes:
-    """Return the evidence before the first row."""
-    slots = RECENT + EARLIER
-    return Changes(
-        onset=np.full(slots, -1),
-        bias=np.zeros((slots, numbers, directions)),
-        pull=np.zeros((slots, directions)),
-        information=np.zeros((slots, directions)),
-    )
-
-
-def changes_begun(changes: Changes, numbers: int) -> Changes:
-    """Return the evidence in a new placement or stance: its last numbers are not biased yet."""
-    bias = changes.bias.copy()
-    bias[:, -numbers:] = 0.0
-    return replace(changes, bias=bias)
-
-
-def with_row(changes: Changes, found: Innovation, count: int, ramps: np.ndarray) -> Changes:
-    """Return the evidence with one more row that the filter takes in.
-
-    Args:
-        count: number of the row, from 0. ramps: which directions grow with every row, (c,) bool.
-    """
-    changes = _with_onset(changes, count)
-    grown = np.where(ramps, (count - changes.onset[:, None] + 1) / RAMP, 1.0)
-    seen = found.faults * grown[:, None] - found.state @ changes.bias
-    weighed = found.precision @ seen
-    return Changes(
-        onset=changes.onset,
-        bias=changes.bias + found.gain @ seen,
-        pull=changes.pull + found.value @ weighed,
-        information=changes.information + (seen * weighed).sum(axis=1),
-    )
-
-
-def _with_onset(changes: Changes, count: int) -> Changes:
-    """Return the evidence with an onset at this row, in the place of one that is no longer looked at.
-
-    Recent onsets are in the first `RECENT` places, by their number; one that leaves them is kept if its
-    number is a multiple of `APART`.
-    """
-    onset, bias = changes.onset.copy(), changes.bias.copy()
-    pull, information = changes.pull.copy(), changes.information.copy()
-    at = count % RECENT
-    if onset[at] >= 0 and onset[at] % APART == 0:
-        kept = RECENT + (onset[at] // APART) % EARLIER
-        onset[kept], bias[kept] = onset[at], bias[at]
-        pull[kept], information[kept] = pull[at], information[at]
-    onset[at], bias[at], pull[at], information[at] = count, 0.0, 0.0, 0.0
-    return Changes(onset, bias, pull, information)
+def is_onset(onset: int, count: int) -> bool:
+    """Return whether an onset is still looked at when row `count` comes."""
+    back = count - onset
+    return back < RECENT or (onset % APART == 0 and back < RECENT + APART * EARLIER + APART)

@@ -13,14 +13,13 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import block_diag
 
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.families import Family, families_in
 from tulip_testbed.calibration.linear_model import weighed_precision
 from tulip_testbed.calibration.linearisation import joint_compliance, mixing_of
 from tulip_testbed.calibration.self_calibration import usual_tolerances
 from tulip_testbed.effects.catalogue import catalogue, targets_in
 from tulip_testbed.effects.effect import Effect
-from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.effects.instance import effect_label
 from tulip_testbed.identification.base_parameters import common_support, standard_parameters
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.observation import LEAST_LOAD, Observation, observe
@@ -59,28 +58,18 @@ class Direction:
     ramp: bool
 
     @property
-    def instance(self) -> EffectInstance:
-        """Return the effect at one plausible size."""
-        return EffectInstance(self.effect, self.target, self.sizes)
-
-    @property
     def label(self) -> str:
         """Return name and target."""
-        return self.instance.label
+        return effect_label(self.effect.name, self.target)
 
-    def told(self, size: float) -> str:
+    def words(self, size: float) -> str:
         """Tell the change in words.
 
         Args:
             size: in plausible sizes; of a ramp, in ten postures.
         """
-        values = [
-            p.text(size * v)
-            for number, (p, v) in enumerate(
-                zip(self.effect.parameters_on(self.target), self.sizes, strict=True)
-            )
-            if number in self.effect.sizes and v
-        ]
+        parameters = self.effect.parameters_on(self.target)
+        values = [parameters[k].text(size * self.sizes[k]) for k in self.effect.sizes if self.sizes[k]]
         sort = "drifts by about {} in ten postures" if self.ramp else "changed by about {}"
         return f"{self.label}: {sort.format(', '.join(values))}"
 
@@ -96,7 +85,6 @@ class DayModel:
         families: of ordinary imperfections. mixing: members from their deviates, (q, k).
         covariance: of the state before the day, (n, n); plates and stance are the last nine.
         directions: faults that may begin. unseen: s.d. of joint compliances, (n_joints,) [rad/Nm].
-        cell_margin: least reading of a loaded cell, (2, 4) [N].
     """
 
     plan: PosturePlan
@@ -121,10 +109,14 @@ class DayModel:
             out.setdefault(number, []).append(row)
         return out
 
+    def first_row(self, posture: int) -> int:
+        """Return the first row of the plan with a posture; 0 if it holds none."""
+        return self.of_posture.get(posture, [0])[0]
+
     @cached_property
     def ramps(self) -> np.ndarray:
         """Return which directions are ramps, (c,) bool."""
-        return np.array([one.ramp for one in self.directions])
+        return np.array([direction.ramp for direction in self.directions])
 
     def observe(self, rows: Measurements) -> Observation:
         """Return an observation in which no row depends on another one.
@@ -134,32 +126,36 @@ class DayModel:
         seen = observe(rows, self.nominal)
         forces = seen.cell_forces.reshape(len(seen), 2, 4)
         margin = max(LEAST_LOAD, 4 * self.noise.cell)
-        first = [self.of_posture.get(number, [0])[0] for number in rows.posture.tolist()]
-        progress = np.array(first) / max(len(self.plan) - 1, 1)
+        first = np.array([self.first_row(posture) for posture in rows.posture.tolist()])
         loaded = forces.min(axis=2) > margin - seen.board_share
-        return replace(seen, cell_sd=self.noise.cell, time_fraction=progress, on_four_cells=loaded)
+        return replace(
+            seen,
+            cell_sd=self.noise.cell,
+            time_fraction=first / max(len(self.plan) - 1, 1),
+            on_four_cells=loaded,
+        )
 
 
 def day_model(plan: PosturePlan, robot: Robot, header: MeasurementHeader) -> DayModel:
     """Prepare the watch of a day.
 
     Args:
-        header: of the day's measurements.
+        header: of the day's measurements, by plates on four cells.
 
     Raises:
-        InputError: a plan of another robot, or contact sensors other than plates on four cells.
+        InputError: a plan of another robot.
     """
     check_fits("plan", plan, robot)
-    if header.contacts is not None:
-        raise InputError(
-            f"watch: found {header.contacts.mount} sensors of wrenches, expected plates on four cells each"
-        )
     nominal = nominal_robot(robot, common_support(plan.support))
     observed = observe(Measurements.without_rows(header), nominal)
-    noise = _noise(observed)
+    sheet = header.sensors  # what it does not state is assumed: one row cannot tell it
+    stated = replace(
+        sheet, encoder_sd=sheet.encoder_sd or ASSUMED_ENCODER, cell_sd=sheet.cell_sd or ASSUMED_CELL
+    )
+    noise = noise_of(replace(observed, measurements=replace(observed.measurements, sensors=stated)))
     families = families_in(observed, usual_tolerances(observed, None))
     mixing, _ = mixing_of(families)
-    sizes = np.concatenate([np.zeros(0), *(np.full(len(f), f.tolerance) for f in families)])
+    sizes = np.concatenate([np.zeros(0), *(np.full(len(part), part.tolerance) for part in families)])
     prior = block_diag(
         base_prior(nominal),
         1 / weighed_precision(observed) ** 2,
@@ -190,32 +186,20 @@ def base_prior(nominal: Nominal) -> np.ndarray:
     spread[:, :, 0] = MASS_SD * standard
     for axis in (1, 2, 3):
         spread[:, axis, axis] = CENTER_SD * mass
-    each = block_diag(*(one @ one.T for one in spread))
+    each = block_diag(*(link @ link.T for link in spread))
     by_mass = np.tile([1.0, 0.0, 0.0, 0.0], len(mass))
     slope = (nominal.parameters.from_standard - np.outer(nominal.value, by_mass)) / total
     return slope @ each @ slope.T
 
 
-def _noise(observed: Observation) -> Noise:
-    """Return the noise by the data sheets; what they do not state is assumed: one row cannot tell it."""
-    sheet = observed.measurements.sensors
-    stated = replace(
-        sheet,
-        encoder_sd=sheet.encoder_sd or ASSUMED_ENCODER,
-        cell_sd=sheet.cell_sd or ASSUMED_CELL,
-    )
-    return noise_of(replace(observed, measurements=replace(observed.measurements, sensors=stated)))
-
-
 def _directions(robot: Robot) -> tuple[Direction, ...]:
-    out = []
-    for name in STEPS:
-        effect = catalogue()[name]
-        for target in targets_in(effect, robot, None, ()):
-            out += [Direction(effect, target, sizes, False) for sizes in _sizes(effect)]
-            if name in RAMPS:
-                out += [Direction(effect, target, sizes, True) for sizes in _sizes(effect)]
-    return tuple(out)
+    return tuple(
+        Direction(effect, target, sizes, ramp)
+        for effect in map(catalogue().__getitem__, STEPS)
+        for target in targets_in(effect, robot, None, ())
+        for ramp in ((False, True) if effect.name in RAMPS else (False,))
+        for sizes in _sizes(effect)
+    )
 
 
 def _sizes(effect: Effect) -> list[tuple[float, ...]]:

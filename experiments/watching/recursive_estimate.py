@@ -1,24 +1,25 @@
 """The state of a day by the rows so far: a Kalman filter, linear about the present base parameters.
 
+The second estimate is the information of the postures about the base parameters by the data sheets alone. It
+is that of generalised least squares on the centre of pressure, with the errors of the plates' recorded poses
+common to a placement. It depends on where the robot stood and on the stated noise, not on what the residuals
+are: an experimenter who stops when it suffices does not choose the errors, and intervals keep their coverage.
+
 Reference: R. E. Kalman, A new approach to linear filtering and prediction problems, J. Basic Eng. 82, 1960.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tulip_testbed.experiments.watching.day_model import PLATES, STANCE, DayModel
 from tulip_testbed.experiments.watching.row_columns import RowColumns
 
-
-@dataclass(frozen=True, eq=False)
-class Belief:
-    """Mean, (n,), and covariance, (n, n), of the state."""
-
-    mean: np.ndarray
-    covariance: np.ndarray
+OF_PLACEMENT = PLATES + STANCE  # numbers of the state that begin again with a placement
+CENTER = slice(0, 2)  # residuals of the centre of pressure
+LEAST_SHARE = 1e-10  # of the largest eigenvalue, below which parameters are not determined yet
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,48 +48,102 @@ class Innovation:
         return float(self.value @ self.precision @ self.value)
 
 
-def first_belief(model: DayModel) -> Belief:
-    """Return what is known before the first row."""
-    return Belief(np.zeros(len(model.covariance)), model.covariance)
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """Mean, (n,), and covariance, (n, n), of the state."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
+
+    def begun(self, model: DayModel, numbers: int) -> Belief:
+        """Return the belief in a new placement (`OF_PLACEMENT` numbers begin again) or stance (`STANCE`)."""
+        mean, covariance = self.mean.copy(), self.covariance.copy()
+        mean[-numbers:] = 0.0
+        covariance[-numbers:] = covariance[:, -numbers:] = 0.0
+        covariance[-numbers:, -numbers:] = model.covariance[-numbers:, -numbers:]
+        return Belief(mean, covariance)
+
+    def predict(self, model: DayModel, row: RowColumns) -> Innovation:
+        """Predict a posture and return by how much it is missed.
+
+        Args:
+            row: one row, see `RowColumns.row`.
+        """
+        here = row.about(self.mean[: model.parameters])
+        across = here.state @ self.covariance
+        covariance = across @ here.state.T + here.noise(model.noise.encoder)
+        covariance = (covariance + covariance.T) / 2
+        scale = 1 / np.sqrt(np.diag(covariance))
+        precision = scale[:, None] * np.linalg.inv(scale[:, None] * covariance * scale) * scale
+        return Innovation(
+            value=here.residual - here.state @ self.mean,
+            covariance=covariance,
+            precision=precision,
+            gain=across.T @ precision,
+            state=here.state,
+            faults=here.faults,
+            freedom=int(here.used.sum()),
+        )
+
+    def updated(self, innovation: Innovation) -> Belief:
+        """Return the belief with the posture taken in."""
+        mean = self.mean + innovation.gain @ innovation.value
+        covariance = self.covariance - innovation.gain @ innovation.covariance @ innovation.gain.T
+        return Belief(mean, (covariance + covariance.T) / 2)
 
 
-def begun(model: DayModel, belief: Belief, numbers: int) -> Belief:
-    """Return the belief in a new placement (`PLATES + STANCE` numbers begin again) or stance (`STANCE`)."""
-    mean, covariance = belief.mean.copy(), belief.covariance.copy()
-    mean[-numbers:] = 0.0
-    covariance[-numbers:] = covariance[:, -numbers:] = 0.0
-    covariance[-numbers:, -numbers:] = model.covariance[-numbers:, -numbers:]
-    return Belief(mean, covariance)
+@dataclass(frozen=True, eq=False)
+class DesignInformation:
+    """Information on the base parameters; the present placement is kept apart until it ends.
 
-
-def innovation(model: DayModel, belief: Belief, row: RowColumns) -> Innovation:
-    """Predict a posture and return by how much it is missed.
-
-    Args:
-        row: one row, see `RowColumns.row`.
+    Attributes:
+        settled: of the placements that have ended, (p, p) [1/m2].
+        own, across, within: of the present one, on the parameters, (p, p), between them and the plates'
+            errors, (p, 6), and on these, (6, 6).
     """
-    here = row.about(belief.mean[: model.parameters])
-    across = here.state @ belief.covariance
-    covariance = across @ here.state.T + here.noise(model.noise.encoder)
-    covariance = (covariance + covariance.T) / 2
-    scale = 1 / np.sqrt(np.diag(covariance))
-    precision = scale[:, None] * np.linalg.inv(scale[:, None] * covariance * scale) * scale
-    return Innovation(
-        value=here.residual - here.state @ belief.mean,
-        covariance=covariance,
-        precision=precision,
-        gain=across.T @ precision,
-        state=here.state,
-        faults=here.faults,
-        freedom=int(here.used.sum()),
-    )
 
+    settled: np.ndarray
+    own: np.ndarray
+    across: np.ndarray
+    within: np.ndarray
 
-def updated(belief: Belief, found: Innovation) -> Belief:
-    """Return the belief with the posture taken in."""
-    mean = belief.mean + found.gain @ found.value
-    covariance = belief.covariance - found.gain @ found.covariance @ found.gain.T
-    return Belief(mean, (covariance + covariance.T) / 2)
+    @classmethod
+    def none(cls, parameters: int) -> DesignInformation:
+        """Return the information before the first row."""
+        p = parameters
+        return cls(np.zeros((p, p)), np.zeros((p, p)), np.zeros((p, PLATES)), np.zeros((PLATES, PLATES)))
 
+    @property
+    def whole(self) -> np.ndarray:
+        """Return the information of all rows, (p, p)."""
+        inner = np.eye(PLATES) + self.within
+        return self.settled + self.own - self.across @ np.linalg.solve(inner, self.across.T)
 
-ANEW = PLATES + STANCE
+    def standard_errors(self) -> np.ndarray:
+        """Return the standard errors of the base parameters, (p,) [m]; infinite until all are determined."""
+        whole = self.whole
+        scale = 1 / np.sqrt(np.maximum(np.diag(whole), 1e-300))
+        scaled = scale[:, None] * whole * scale
+        values = np.linalg.eigvalsh(scaled)
+        if values[0] <= LEAST_SHARE * values[-1]:
+            return np.full(len(whole), np.inf)
+        return scale * np.sqrt(np.diag(np.linalg.inv(scaled)))
+
+    def placement_begun(self) -> DesignInformation:
+        """Return the information as a new placement begins."""
+        return replace(self.none(len(self.settled)), settled=self.whole)
+
+    def with_posture(self, model: DayModel, row: RowColumns) -> DesignInformation:
+        """Return the information with one more posture."""
+        by_angles = row.by_angles[CENTER]
+        noise = model.noise.encoder**2 * by_angles @ by_angles.T + row.cells[CENTER, CENTER]
+        base = row.state[CENTER, : model.parameters]
+        plates = row.state[CENTER, -OF_PLACEMENT:-STANCE]
+        weighed = np.linalg.solve(noise, np.concatenate([base, plates], axis=1))
+        p = model.parameters
+        return replace(
+            self,
+            own=self.own + base.T @ weighed[:, :p],
+            across=self.across + base.T @ weighed[:, p:],
+            within=self.within + plates.T @ weighed[:, p:],
+        )

@@ -5,7 +5,7 @@ No posture depends on another: the columns of one row are the same, computed alo
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,11 +20,11 @@ from tulip_testbed.identification.residual_channels import (
     SIZE,
     constants_of_stances,
     difference,
+    fields,
     residuals,
     residuals_in_use,
     sensitivity,
 )
-from tulip_testbed.identification.residual_channels import fields as columns_of_fields
 from tulip_testbed.identification.residual_noise import floor
 from tulip_testbed.measurements import Measurements
 
@@ -66,7 +66,7 @@ class RowColumns:
 
     def row(self, k: int) -> RowColumns:
         """Return one row, without the axis of rows."""
-        return RowColumns(**{one.name: getattr(self, one.name)[k] for one in fields(self)})
+        return RowColumns(**{name: values[k] for name, values in vars(self).items()})
 
     def about(self, theta: np.ndarray) -> RowColumns:
         """Return a row linearised about other base parameters.
@@ -93,13 +93,13 @@ class RowColumns:
 def row_columns(model: DayModel, rows: Measurements) -> RowColumns:
     """Compute the columns of some postures of a day."""
     seen, m, p = model.observe(rows), len(rows), model.parameters
-    at, theta, noise = columns_of_fields(seen), model.nominal.value, model.noise
+    at, theta, noise = fields(seen), model.nominal.value, model.noise
     used = residuals_in_use(seen)
     reach = sensitivity(seen, theta)
     joints = at["angles"].stop
     members, member_angles = _families(model, seen, theta, reach)
     faults, fault_angles = _faults(model, seen, theta, reach)
-    planned = np.array([model.of_posture.get(number, [0])[0] for number in rows.posture.tolist()])
+    planned = np.array([model.first_row(posture) for posture in rows.posture.tolist()])
     left = residuals(seen, theta)
     left[:, ANCHORED] -= model.plan.swing_pose[planned]
     left[:, -1] = np.arctan2(np.sin(left[:, -1]), np.cos(left[:, -1]))
@@ -134,15 +134,10 @@ def _families(
     model: DayModel, seen: Observation, theta: np.ndarray, reach: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Differentiate the residuals and the angles by the deviates of all members, (m, 11, k), (m, j, k)."""
-    columns, angles = [], []
-    for family in model.families:
-        one, by_angles = _family(seen, theta, reach, family)
-        columns.append(one)
-        angles.append(by_angles)
-    joints = seen.joint_angles.shape[1]
-    whole = np.concatenate([np.zeros((len(seen), SIZE, 0)), *columns], axis=2)
-    turned = np.concatenate([np.zeros((len(seen), joints, 0)), *angles], axis=2)
-    return whole @ model.mixing, turned @ model.mixing
+    parts = [_family(seen, theta, reach, family) for family in model.families]
+    parts.insert(0, (np.zeros((len(seen), SIZE, 0)), np.zeros((*seen.joint_angles.shape, 0))))
+    columns, angles = (np.concatenate(part, axis=2) for part in zip(*parts, strict=True))
+    return columns @ model.mixing, angles @ model.mixing
 
 
 def _family(
@@ -150,12 +145,11 @@ def _family(
 ) -> tuple[np.ndarray, np.ndarray]:
     columns, angles = [], []
     for number, size in enumerate((STEP * family.steps).tolist()):
-        one = family.single(number, size)
-        after = one.effect.remove(seen, one.target, one.values)
+        member = family.single(number, size)
+        after = member.effect.remove(seen, member.target, member.values)
         if after.tree is not seen.tree or after.cells is not seen.cells:
-            return member_columns(seen, theta, reach, family), np.zeros(
-                (len(seen), seen.joint_angles.shape[1], len(family))
-            )
+            still = np.zeros((*seen.joint_angles.shape, len(family)))
+            return member_columns(seen, theta, reach, family), still
         change = difference(seen, after) / size
         columns.append(-(reach @ change[..., None])[..., 0])
         angles.append(-change[:, : seen.joint_angles.shape[1]])
@@ -173,12 +167,12 @@ def _faults(
     columns = np.zeros((len(seen), SIZE, len(model.directions)))
     angles = np.zeros((len(seen), joints, len(model.directions)))
     known: dict[tuple[str, tuple[float, ...]], int] = {}
-    for k, one in enumerate(model.directions):
-        if (twin := known.setdefault((one.label, one.sizes), k)) < k:
+    for k, direction in enumerate(model.directions):
+        if (twin := known.setdefault((direction.label, direction.sizes), k)) < k:
             columns[..., k], angles[..., k] = columns[..., twin], angles[..., twin]
             continue
-        sizes = tuple(STEP * value for value in one.sizes)
-        change = difference(begun, one.effect.remove(begun, one.target, sizes)) / STEP
+        sizes = tuple(STEP * value for value in direction.sizes)
+        change = difference(begun, direction.effect.remove(begun, direction.target, sizes)) / STEP
         columns[..., k] = -(reach @ change[..., None])[..., 0]
         angles[..., k] = -change[:, :joints]
     return columns, angles

@@ -2,82 +2,256 @@
 
 from __future__ import annotations
 
+import atexit
+import math
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from tulip_testbed.base.alone import alone_on
-from tulip_testbed.base.errors import InputError, listed, look_up, shortened
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.errors import InputError, look_up, shortened
 from tulip_testbed.base.files import read_bytes
+from tulip_testbed.base.numbers import number
+from tulip_testbed.base.result import Result
+from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.experiments.watching.arriving_rows import (
+    BEGINNING,
     TABLE,
     Line,
     Place,
     is_header,
-    is_row,
     lines_of,
     new_lines,
     row_of,
 )
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
-from tulip_testbed.experiments.watching.state_file import (
-    Kept,
+from tulip_testbed.experiments.watching.watch_row import CHANGED, OK, Verdict, watch_row
+from tulip_testbed.experiments.watching.watch_state import (
+    WatchState,
     check_state_file,
+    first_state,
     key_of,
     read_state,
     write_state,
 )
-from tulip_testbed.experiments.watching.watch_row import Verdict, watch_row
-from tulip_testbed.experiments.watching.watch_state import WatchState, first_state
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.regressor import check_robot
+from tulip_testbed.identification.residual_channels import CHANNELS
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.measurements.manifest import Manifest
 from tulip_testbed.measurements.measurement_folder import header_in, read_manifest
-from tulip_testbed.sim.plan_folder import check_model
-from tulip_testbed.sim.robot import Robot, joint_names
+from tulip_testbed.sim.robot import Robot
 
 POLL = 0.25  # s, between two looks at a file
 EVERY = "all"
-
-
-@dataclass(frozen=True, eq=False)
-class WatchSettings:
-    """The subject of a watch.
-
-    Attributes:
-        folder: measurement folder; nothing is written into it.
-        state: file that keeps the state; None: it is not kept.
-        targets: standard errors that are wanted, by base parameter or "all" [m].
-        follow: wait for more rows; otherwise judge those that are there.
-        rows: lines of a CSV after their header, in place of the folder's table.
-    """
-
-    folder: Path
-    plan: PosturePlan
-    robot: Robot
-    state: Path | None = None
-    targets: Mapping[str, float] | None = None
-    follow: bool = True
-    rows: Iterable[bytes] | None = None
+LATEST = 12  # rows that are shown
 
 
 @dataclass(frozen=True, eq=False)
 class Arrival:
-    """The result of a line.
+    """The result of a line of the table.
 
     Attributes:
-        line: its number in the table. verdict: None if it could not be read.
+        line: its number. verdict: None if it could not be read.
         problem: why it could not be read, otherwise "".
-        state: after the row.
     """
 
     line: int
     verdict: Verdict | None
     problem: str = ""
-    state: WatchState | None = None
+
+
+View = Callable[[Callable[[str], None]], AbstractContextManager[Callable[[Verdict], None]]]
+
+
+class Watch(Result):
+    """A day that is being watched: an iterator of what comes of every row, as soon as it is there.
+
+    It ends when every posture of the plan is measured. The state is written after a row was yielded: a
+    process that is killed between both yields that row again. A hidden file next to the state, .NAME.lock,
+    keeps a second watch of the same state out.
+
+    Attributes:
+        latest: arrivals of the last rows.
+        address: where a browser sees the day; None: nowhere.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        plan: PosturePlan,
+        robot: Robot,
+        out: Path | None = None,
+        targets: Mapping[str, float] | None = None,
+        once: bool = False,
+        rows: Iterable[bytes] | None = None,
+        view: View | None = None,
+    ) -> None:
+        """Begin to watch; a view opens at once, everything else is looked at when the first row is asked for.
+
+        Args:
+            folder: measurement folder; nothing is written into it.
+            out: file that keeps the state; None: it is not kept.
+            targets: standard errors that are wanted, by base parameter or "all" [m].
+            once: judge the rows that are there and end, rather than wait for more.
+            rows: lines of a CSV after their header, in place of the folder's table.
+            view: called with a function that takes the address; yields the function to call with verdicts.
+        """
+        self.folder, self.plan, self.robot = folder, plan, robot
+        self._out, self._targets, self._once, self._rows = out, targets or {}, once, rows
+        self.latest: deque[Arrival] = deque(maxlen=LATEST)
+        self._last: Verdict | None = None
+        self._arrivals, self._opened = self._judged(), ExitStack()
+        addresses: list[str] = []
+        self._log = None
+        if view is not None:
+            self._log = self._opened.enter_context(view(addresses.append))
+            atexit.register(self._opened.close)
+        self.address = next(iter(addresses), None)
+
+    def __iter__(self) -> Iterator[Arrival]:
+        return self
+
+    def __next__(self) -> Arrival:
+        arrival = next(self._arrivals)
+        self.latest.append(arrival)
+        if arrival.verdict is not None:
+            self._last = arrival.verdict
+            if self._log is not None:
+                self._log(arrival.verdict)
+        return arrival
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the document of the last verdict; empty before the first one."""
+        return {} if self._last is None else self._last.to_json()
+
+    def tables(self) -> list[Table | str]:
+        """Return the standard errors with their targets, and what to do now."""
+        if self._last is None:
+            return [] if self.latest else ["No row has arrived."]
+        columns = (
+            Column("no.", format="d"),
+            Column("parameter"),
+            Column("s.e.", "mm", ".2f"),
+            Column("target", "mm", ".2f"),
+            Column("met"),
+        )
+        rows = []
+        for k, (name, error) in enumerate(self._last.standard_errors.items(), 1):
+            target = self._target(name)
+            met = Cell("yes", mark="pass") if error <= target else Cell("no", mark="warn")
+            wanted = math.isfinite(target)
+            rows.append([k, name, 1e3 * error, 1e3 * target if wanted else None, met if wanted else ""])
+        note = "By the data sheets and the postures so far; the readings' scatter does not enter."
+        return [Table("Standard errors of the base parameters", columns, rows, note), self.advice()]
+
+    def latest_table(self) -> Table:
+        """Return the last postures and what to do now."""
+        channels = (Column(channel, format=".1f") for channel in CHANNELS)
+        columns = (Column("posture", format="d"), Column("verdict"), *channels, Column("found"))
+        rows = []
+        for arrival in self.latest:
+            if (verdict := arrival.verdict) is None:
+                nothing = [math.nan] * len(CHANNELS)
+                rows.append([None, Cell("unreadable", mark="fail"), *nothing, arrival.problem])
+                continue
+            mark = {OK: "pass", CHANGED: "fail"}.get(verdict.verdict, "warn")
+            misfit = [verdict.misfit[channel] for channel in CHANNELS]
+            rows.append([verdict.posture, Cell(verdict.verdict, mark=mark), *misfit, verdict.seen])
+        title = "Last postures; misfit by channel in standard deviations"
+        return Table(title, columns, rows, self.advice())
+
+    def advice(self) -> str:
+        """Say what to do now, and how the standard errors stand."""
+        if (last := self._last) is None:
+            return ""
+        told = [f"Stop: {last.stop}."] if last.stop else []
+        if last.onset is not None:
+            told.append(
+                f"Something changed at posture {last.onset}: correct it and measure from there again."
+            )
+        if last.next is not None:
+            again = " again" if last.next == last.posture else ""
+            told.append(f"Next: posture {last.next}{again}; {last.left} left.")
+        errors = last.standard_errors
+        name = max(errors, key=lambda parameter: errors[parameter])
+        if math.isfinite(errors[name]):
+            told.append(f"Largest standard error: {number(1e3 * errors[name], '.2f')} mm ({name}).")
+        else:
+            told.append("The postures do not determine all base parameters yet.")
+        if self._targets:
+            missed = sum(error > self._target(name) for name, error in errors.items())
+            told.append(f"Targets that are not met: {missed} of {len(errors)}.")
+        return " ".join(told)
+
+    def _judged(self) -> Iterator[Arrival]:
+        """Yield what comes of every row."""
+        out, where = self._out, self.folder / "manifest.json"
+        with self._opened:
+            if out is not None:
+                check_state_file(out)
+                self._opened.enter_context(alone_on(out))
+            manifest = read_manifest(self.folder)
+            model = self._model(manifest, where)
+            targets = _targets_of(model, self._targets)
+            key = key_of(self.plan, read_bytes(where))
+            state = (None if out is None else read_state(out, key, model)) or first_state(model)
+            place = state.place
+            path = self.folder / TABLE if self._rows is None else Path("standard input")
+            stream = None if self._rows is None else lines_of(self._rows, BEGINNING, path)
+            known = stream is not None and state.row >= 0  # rows that a stream may bring again
+            judge = one_blas_thread(watch_row)
+            while lines := self._lines(path, place, stream):
+                for line in lines:
+                    before, place = place, place.after(line)
+                    if not line.is_row or is_header(path, line, before):
+                        continue
+                    try:
+                        row = row_of(line, before.header, manifest, path, where)
+                    except InputError as error:
+                        yield Arrival(line.number, None, str(error))
+                        continue
+                    known = known and _is_known(state, row, path)
+                    if known:
+                        place = before
+                        continue
+                    state, verdict = judge(model, state, row, targets)
+                    yield Arrival(line.number, verdict)
+                    if out is not None:
+                        write_state(out, key, replace(state, place=place))
+                    if verdict.next is None:
+                        return
+
+    def _lines(self, path: Path, place: Place, stream: Iterator[Line] | None) -> list[Line]:
+        """Return the next lines of a stream or a file; none at the end of what is to be judged."""
+        if stream is not None:
+            return [line for line in (next(stream, None),) if line is not None]
+        while not (lines := new_lines(path, place)) and not self._once:
+            time.sleep(POLL)
+        return lines
+
+    def _model(self, manifest: Manifest, where: Path) -> DayModel:
+        """Prepare the day; refuse another robot's folder or plan, and sensors other than plates on cells."""
+        if manifest.plates is None:
+            raise InputError(
+                f"{where}: key 'contacts': found sensors of wrenches, expected plates on four cells each: a "
+                "watch reads no others yet"
+            )
+        header = header_in(manifest, where)
+        nothing = Measurements.without_rows(header)
+        check_robot(nominal_robot(self.robot).parameters, nothing, self.robot, str(self.folder))
+        return day_model(self.plan, self.robot, header)
+
+    def _target(self, name: str) -> float:
+        return self._targets.get(name, self._targets.get(EVERY, math.inf))
 
 
 def read_targets(texts: Sequence[str]) -> dict[str, float]:
@@ -86,123 +260,26 @@ def read_targets(texts: Sequence[str]) -> dict[str, float]:
     Raises:
         InputError: with what was found and what is valid.
     """
-    found: dict[str, float] = {}
+    targets: dict[str, float] = {}
     for text in texts:
         name, _, value = text.partition("=")
-        if name in found:
-            raise InputError(f"target: {name}: found two values, expected one")
+        if name in targets:
+            raise InputError(f"targets: {name}: found two values, expected one")
         try:
-            found[name] = 1e-3 * float(value)
+            targets[name] = 1e-3 * float(value)
         except ValueError:
             raise InputError(
-                f"target: found {shortened(repr(text))}, expected NAME=MILLIMETRES, for instance all=2"
+                f"targets: found {shortened(repr(text))}, expected NAME=MILLIMETRES, for instance all=2"
             ) from None
-    return found
+    return targets
 
 
-def targets_of(model: DayModel, given: Mapping[str, float] | None) -> np.ndarray | None:
-    """Return the standard error that is wanted of every base parameter, (p,) [m]; None: none is.
-
-    Raises:
-        InputError: an unknown parameter, or a target that is not above zero.
-    """
-    if not given:
-        return None
-    names = model.nominal.parameters.names
-    out = np.full(len(names), np.inf)
-    for name, value in sorted(given.items(), key=lambda each: each[0] != EVERY):
-        look_up("parameter", name, (EVERY, *names), "target")
-        if not 0 < value < np.inf:
-            raise InputError(f"target: {name}: found {value:g}, expected a standard error above 0 [m]")
-        out[slice(None) if name == EVERY else names.index(name)] = value
-    return out
-
-
-def watch_day(settings: WatchSettings, pause: Callable[[float], None] = time.sleep) -> Iterator[Arrival]:
-    """Yield what comes of every row as it arrives, until every posture of the plan is measured.
-
-    The state is written after a row was yielded: a process that is killed between both yields that row again.
-    A hidden file in the folder of the state, .NAME.lock, keeps a second watch of the same state out.
-
-    Args:
-        pause: called with the time to wait between two looks at the file [s].
-
-    Raises:
-        InputError: a folder, plan or state that cannot be used; a table whose header changes or that becomes
-            shorter; another watch keeps the same state.
-    """
-    if settings.state is None:
-        yield from _watched(settings, pause)
-        return
-    check_state_file(settings.state)
-    with alone_on(settings.state):
-        yield from _watched(settings, pause)
-
-
-def _watched(settings: WatchSettings, pause: Callable[[float], None]) -> Iterator[Arrival]:
-    s, where = settings, Path(settings.folder) / "manifest.json"
-    manifest = read_manifest(s.folder)
-    model = _model(s, manifest, where)
-    targets = targets_of(model, s.targets)
-    key, kept = key_of(s.plan, read_bytes(where)), Kept(first_state(model), Place())
-    if s.state is not None:
-        kept = read_state(s.state, key, model) or kept
-    path = Path(s.folder) / TABLE if s.rows is None else Path("standard input")
-    stream = None if s.rows is None else lines_of(s.rows, Place(), path)
-    skipped = kept.place.lines if stream is not None else 0
-    judge = one_blas_thread(watch_row)
-    while True:
-        lines = list(_taken(stream)) if stream is not None else new_lines(path, kept.place)
-        for line in lines:
-            if not is_row(line.text):
-                kept = Kept(kept.state, _passed(kept.place, line))
-                continue
-            if is_header(path, line, kept.place):
-                kept = Kept(kept.state, kept.place.after(line))
-                continue
-            try:
-                row = row_of(line, kept.place.header, manifest, path, where)
-            except InputError as error:
-                yield Arrival(line.number, None, str(error), kept.state)
-                kept = Kept(kept.state, kept.place.after(line))
-                continue
-            if skipped and _known(kept.state, row, path):
-                continue
-            skipped = 0
-            state, verdict = judge(model, kept.state, row, targets)
-            kept = Kept(state, kept.place.after(line))
-            yield Arrival(line.number, verdict, "", state)
-            if s.state is not None:
-                write_state(s.state, key, kept)
-            if verdict.next is None:
-                return
-        if lines:
-            continue
-        if stream is not None or not s.follow:
-            return
-        pause(POLL)
-
-
-def _taken(stream: Iterator[Line]) -> Iterator[Line]:
-    """Yield the next line of a stream, if there is one."""
-    line = next(stream, None)
-    if line is not None:
-        yield line
-
-
-def _passed(place: Place, line: Line) -> Place:
-    """Return the place after a line that holds no values."""
-    return Place(line.number, line.end, place.header, line.text)
-
-
-def _known(state: WatchState, row: Measurements, path: Path) -> bool:
-    """Return whether a row was judged before the watch was killed: a stream may bring it again.
+def _is_known(state: WatchState, row: Measurements, path: Path) -> bool:
+    """Return whether a row was judged before the watch was killed.
 
     Raises:
         InputError: neither rows nor state have a time, so that nobody can tell.
     """
-    if state.row < 0:
-        return False
     if not np.isfinite([row.time[0], state.time]).all():
         raise InputError(
             f"{path}: found no 'time' in the rows of a stream that goes on, expected one: without it, rows "
@@ -211,25 +288,15 @@ def _known(state: WatchState, row: Measurements, path: Path) -> bool:
     return bool(row.time[0] <= state.time)
 
 
-def _model(settings: WatchSettings, manifest: Manifest, where: Path) -> DayModel:
-    """Prepare the day of a folder.
-
-    Raises:
-        InputError: another robot's folder or plan, or sensors that are not plates on cells.
-    """
-    robot = settings.robot
-    check_model(where, manifest.robot.model, manifest.robot.sha256, robot)
-    if tuple(manifest.joints) != (joints := joint_names(robot.model)):
-        found, expected = listed(manifest.joints), listed(joints)
-        raise InputError(f"{where}: key 'joints': found {found}, expected {expected}")
-    feet = (manifest.robot.stance_foot, manifest.robot.swing_foot)
-    if feet != robot.feet:
-        raise InputError(
-            f"{where}: key 'robot': found the feet {listed(feet)}, expected {listed(robot.feet)}"
-        )
-    if manifest.plates is None:
-        raise InputError(
-            f"{where}: key 'contacts': found sensors of wrenches, expected plates on four cells each: a "
-            "watch reads no others yet"
-        )
-    return day_model(settings.plan, robot, header_in(manifest, where))
+def _targets_of(model: DayModel, given: Mapping[str, float]) -> np.ndarray | None:
+    """Return the standard error that is wanted of every base parameter, (p,) [m]; None: none is."""
+    if not given:
+        return None
+    names = model.nominal.parameters.names
+    targets = np.full(len(names), np.inf)
+    for name, value in sorted(given.items(), key=lambda each: each[0] != EVERY):
+        look_up("parameter", name, (EVERY, *names), "targets")
+        if not 0 < value < np.inf:
+            raise InputError(f"targets: {name}: found {value:g}, expected a standard error above 0 [m]")
+        targets[slice(None) if name == EVERY else names.index(name)] = value
+    return targets

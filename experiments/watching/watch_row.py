@@ -11,23 +11,30 @@ import numpy as np
 from tulip_testbed.base.numbers import number
 from tulip_testbed.experiments.watching.alarm import (
     Level,
-    clearer,
     fault_of_changes,
     fault_of_odd_rows,
     levels,
     noticed,
+    repeat_probability,
     still_there,
 )
-from tulip_testbed.experiments.watching.change_detection import newest, with_row
 from tulip_testbed.experiments.watching.day_model import DayModel
-from tulip_testbed.experiments.watching.design_information import with_posture
-from tulip_testbed.experiments.watching.history import remembered
-from tulip_testbed.experiments.watching.next_posture import left, next_posture, stop_reason
-from tulip_testbed.experiments.watching.recursive_estimate import Innovation, innovation, updated
-from tulip_testbed.experiments.watching.repeats import repeat_probability, with_earlier
-from tulip_testbed.experiments.watching.row_checks import USUAL, as_planned, plausible, settled, spreads_of
+from tulip_testbed.experiments.watching.plan_progress import (
+    begin_row,
+    next_posture,
+    planned_row,
+    stop_reason,
+)
+from tulip_testbed.experiments.watching.recursive_estimate import Innovation
+from tulip_testbed.experiments.watching.row_checks import (
+    USUAL,
+    as_planned,
+    order_findings,
+    plausible,
+    settled,
+    spreads_of,
+)
 from tulip_testbed.experiments.watching.row_columns import RowColumns, row_columns
-from tulip_testbed.experiments.watching.set_up import order_findings, planned_row, set_up, twice
 from tulip_testbed.experiments.watching.watch_state import AGAIN, MEASURED, WatchState
 from tulip_testbed.identification.distributions import chi2_sf
 from tulip_testbed.identification.preflight.finding import Finding
@@ -36,7 +43,8 @@ from tulip_testbed.measurements import Measurements
 
 OK, NOT_SETTLED, REPEAT, CHANGED = "ok", "not settled", "repeat", "changed"
 UNUSABLE, UNPLANNED = "unusable", "not in the plan"
-VERDICTS = (OK, NOT_SETTLED, REPEAT, CHANGED, UNUSABLE, UNPLANNED)
+TOLD = ("result", "seen", "expected", "where", "advice")  # of a finding in JSON
+SERIOUS_FIRST = ("fail", "warn", "pass")
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +52,8 @@ class Verdict:
     """The judgement of a watch on a posture.
 
     Attributes:
-        posture: its number. verdict: one of `VERDICTS`.
+        posture: its number.
+        verdict: "ok", "not settled", "repeat", "changed", "unusable" or "not in the plan".
         findings: what was found, the most serious first.
         next: number of the posture to measure next; None: all are measured.
         standard_errors: of the base parameters so far, by name [m]; infinite until they are determined.
@@ -64,26 +73,29 @@ class Verdict:
     left: int
     onset: int | None = None
 
-    def document(self) -> dict[str, Any]:
-        """Return the verdict for JSON."""
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON document."""
         return {
             "posture": self.posture,
             "verdict": self.verdict,
             "findings": [
-                {
-                    "check": one.name,
-                    "result": one.result,
-                    "seen": one.seen,
-                    "expected": one.expected,
-                    "where": one.where,
-                    "advice": one.advice,
-                }
-                for one in self.findings
+                {"check": finding.name} | {name: getattr(finding, name) for name in TOLD}
+                for finding in self.findings
             ],
             "next": self.next,
             "standard_errors": dict(self.standard_errors),
             "stop": self.stop or None,
         }
+
+    @property
+    def seen(self) -> str:
+        """Return the findings as one text."""
+        return "; ".join(f"{finding.name}: {finding.seen}" for finding in self.findings)
+
+    def __str__(self) -> str:
+        seen = f" - {self.seen}" if self.findings else ""
+        then = "" if self.next is None else f"; next {self.next}"
+        return f"posture {self.posture}: {self.verdict}{seen}{then}"
 
 
 def watch_row(
@@ -98,155 +110,142 @@ def watch_row(
     Returns:
         the state after the row, and the verdict; the state that was given is not changed.
     """
-    level = levels(model)
-    state = replace(state, seen=state.seen + 1)
-    posture = int(row.posture[0])
+    posture, level = int(row.posture[0]), levels(model)
     planned = planned_row(model, state, posture, int(row.placement[0]))
+    misfit: Mapping[str, float] = dict.fromkeys(CHANNELS, float("nan"))
     if planned is None:
-        found = Finding(
+        wrong = Finding(
             "posture", "fail", f"posture {posture}", "a posture of the plan", "", "Look at its number."
         )
-        return state, _verdict(model, state, targets, UNPLANNED, [found], posture)
-    if float(row.time[0]) == state.time and planned == state.row:
-        return state, _verdict(model, state, targets, UNUSABLE, [twice(posture)], posture)
-    findings = order_findings(model, state, row, planned)
-    bad, verdict = _unusable(model, state, row, planned, level)
-    findings += bad
-    state = set_up(model, state, row, planned)
-    if verdict:
-        state = replace(state, done=_marked(state.done, planned, AGAIN))
-        return state, _verdict(model, state, targets, verdict, findings, posture)
-    state = replace(state, spreads=_remembered(state.spreads, row))
-    columns = row_columns(model, row).row(0)
-    return _judged(model, state, targets, columns, planned, level, findings)
-
-
-def _judged(
-    model: DayModel,
-    state: WatchState,
-    targets: np.ndarray | None,
-    columns: RowColumns,
-    planned: int,
-    level: Level,
-    findings: list[Finding],
-) -> tuple[WatchState, Verdict]:
-    """Hold a plausible row against the model of the day."""
-    found, posture = innovation(model, state.belief, columns), int(model.plan.posture[planned])
-    misfit = _misfit(found)
-    if state.fault is not None:
-        state, cleared = still_there(model, state, found)
-        if state.fault is not None:
-            findings = [clearer(model, state.fault), *findings]
-            state = replace(state, done=_marked(state.done, planned, AGAIN))
-            return state, _verdict(model, state, targets, CHANGED, findings, posture, misfit)
-        findings = [cleared, *findings]
-    again = repeat_probability(model, state, columns, planned)
-    alone = float(chi2_sf(found.chi_square, found.freedom))
-    changes = with_row(state.changes, found, state.count, model.ramps)
-    sudden = float(changes.ratio[newest(changes)].max())
-    if alone < level.row or again < level.repeat or sudden > level.ratio:
-        findings = [_odd(found, alone, again), *findings]
-        state = replace(state, done=_marked(state.done, planned, AGAIN))
-        state = fault_of_odd_rows(model, state, found, planned)
-        if state.fault is not None:
-            findings = [noticed(model, state.fault), *findings]
-        verdict = REPEAT if state.fault is None else CHANGED
-        return state, _verdict(model, state, targets, verdict, findings, posture, misfit)
-    state = remembered(state, planned)
-    state = replace(
-        state,
-        odd=0,
-        changes=changes,
-        belief=updated(state.belief, found),
-        information=with_posture(state.information, model, columns),
-        earlier=with_earlier(model, state, columns, planned),
-        done=_marked(state.done, planned, MEASURED),
-        count=state.count + 1,
+        verdict, findings = UNPLANNED, [wrong]
+    elif float(row.time[0]) == state.time and planned == state.row:
+        # Its noise is the same, so that it would count for more than it says.
+        seen = f"posture {posture} at the same time as in the row before"
+        wanted, where = "a row for every measurement", f"posture {posture}"
+        twice = Finding("order", "fail", seen, wanted, where, "Delete one of the two rows.")
+        verdict, findings = UNUSABLE, [twice]
+    else:
+        findings = order_findings(model, state, row, planned)
+        verdict, odd = _unusable(model, state, row, planned, level)
+        findings += odd
+        state = begin_row(model, state, row, planned)
+        if verdict:
+            state = state.marked(planned, AGAIN)
+        else:
+            spreads = spreads_of(row)[None]
+            spreads = np.concatenate([state.spreads, spreads])[-USUAL:] if len(state.spreads) else spreads
+            columns = row_columns(model, row).row(0)
+            innovation = state.belief.predict(model, columns)
+            misfit = _misfit(innovation)
+            state = replace(state, spreads=spreads)
+            state, verdict, told = _judge(model, state, columns, innovation, planned, level)
+            findings = [*told, *findings]
+    errors = state.information.standard_errors()
+    left = int((state.done != MEASURED).sum())
+    return state, Verdict(
+        posture=posture,
+        verdict=verdict,
+        findings=tuple(sorted(findings, key=lambda finding: SERIOUS_FIRST.index(finding.result))),
+        next=next_posture(model, state, verdict == OK),
+        standard_errors=dict(zip(model.nominal.parameters.names, errors.tolist(), strict=True)),
+        stop=stop_reason(state, left, errors, targets),
+        misfit=misfit,
+        left=left,
+        onset=None if state.fault is None else state.fault.posture,
     )
-    state = fault_of_changes(model, state, level)
-    if state.fault is not None:
-        findings = [noticed(model, state.fault), *findings]
-        return state, _verdict(model, state, targets, CHANGED, findings, posture, misfit)
-    return state, _verdict(model, state, targets, OK, findings, posture, misfit)
 
 
 def _unusable(
     model: DayModel, state: WatchState, row: Measurements, planned: int, level: Level
-) -> tuple[list[Finding], str]:
-    """Return what the row alone shows, and the verdict if it cannot be used, otherwise ""."""
+) -> tuple[str, list[Finding]]:
+    """Return the verdict if the row alone cannot be used, otherwise "", and what it shows."""
     findings = plausible(row, model.nominal, level.row)
-    if any(one.result == "fail" for one in findings):
-        return findings, UNUSABLE
-    off = as_planned(row, model.plan.joint_angles[planned], model.plan.joints)
+    if any(finding.result == "fail" for finding in findings):
+        return UNUSABLE, findings
+    off = as_planned(row, model.plan.joint_angles[planned])
     if off is not None:
-        return [off, *findings], UNUSABLE
-    rest = settled(row, state.spreads)
-    if rest is not None:
-        return [rest, *findings], NOT_SETTLED if rest.result == "fail" else ""
-    return findings, ""
+        return UNUSABLE, [off, *findings]
+    unrest = settled(row, state.spreads)
+    if unrest is not None:
+        return NOT_SETTLED if unrest.result == "fail" else "", [unrest, *findings]
+    return "", findings
 
 
-def _remembered(spreads: np.ndarray, row: Measurements) -> np.ndarray:
-    one = spreads_of(row)[None]
-    return one if not len(spreads) else np.concatenate([spreads, one])[-USUAL:]
+def _judge(
+    model: DayModel,
+    state: WatchState,
+    columns: RowColumns,
+    innovation: Innovation,
+    planned: int,
+    level: Level,
+) -> tuple[WatchState, str, list[Finding]]:
+    """Hold a plausible row against the model of the day and take it in if it fits."""
+    posture, findings = int(model.plan.posture[planned]), []
+    if state.fault is not None:
+        state, change = still_there(model, state, innovation)
+        findings = [change]
+        if state.fault is not None:
+            return state.marked(planned, AGAIN), CHANGED, findings
+    first = model.first_row(posture)
+    again = repeat_probability(model, state, columns, first)
+    alone = float(chi2_sf(innovation.chi_square, innovation.freedom))
+    changes = state.changes.with_row(innovation, state.count, model.ramps)
+    sudden = float(changes.ratio[changes.newest].max())
+    if alone < level.row or again < level.repeat or sudden > level.ratio:
+        findings = [_odd(innovation, alone, again), *findings]
+        state = fault_of_odd_rows(model, state.marked(planned, AGAIN), innovation, posture)
+        verdict = REPEAT if state.fault is None else CHANGED
+    else:
+        here = columns.about(state.belief.mean[: model.parameters])
+        state = state.remembered(planned)
+        state = replace(
+            state.marked(planned, MEASURED),
+            odd=0,
+            changes=changes,
+            belief=state.belief.updated(innovation),
+            information=state.information.with_posture(model, columns),
+            earlier=state.earlier.changed(
+                first,
+                there=True,
+                stance=state.stance,
+                residual=columns.residual,
+                state=here.state,
+                noise=here.noise(model.noise.encoder),
+                used=columns.used,
+            ),
+            count=state.count + 1,
+        )
+        state = fault_of_changes(model, state, level)
+        verdict = OK if state.fault is None else CHANGED
+    told = [] if state.fault is None else [noticed(model, state.fault)]
+    return state, verdict, [*told, *findings]
 
 
-def _marked(done: np.ndarray, row: int, mark: int) -> np.ndarray:
-    out = done.copy()
-    out[row] = mark
-    return out
-
-
-def _misfit(found: Innovation) -> dict[str, float]:
+def _misfit(innovation: Innovation) -> dict[str, float]:
     """Return the innovation of each channel in its own standard deviations, root mean square."""
-    share = found.value / np.sqrt(np.diag(found.covariance))
+    share = innovation.value / np.sqrt(np.diag(innovation.covariance))
     return {name: float(np.sqrt((share[ROWS[name]] ** 2).mean())) for name in CHANNELS}
 
 
-def _odd(found: Innovation, alone: float, again: float) -> Finding:
+def _odd(innovation: Innovation, alone: float, again: float) -> Finding:
     """Tell of a posture that does not fit."""
-    worst = max(_misfit(found).items(), key=lambda each: each[1])
+    channel, size = max(_misfit(innovation).items(), key=lambda each: each[1])
     if again < alone:
         return Finding(
             "repeats",
             "fail",
             f"differs from its repeat (p = {number(again, '.1g')})",
             "repeats that agree within the stated noise",
-            f"channel {worst[0]}",
+            f"channel {channel}",
             "Measure it again; if it differs again, look for what moved.",
             again,
         )
     return Finding(
         "prediction",
         "fail",
-        f"{number(worst[1], '.1f')} s.d. from the prediction in channel {worst[0]} "
-        f"(p = {number(alone, '.1g')})",
+        f"{number(size, '.1f')} s.d. from the prediction in channel {channel} (p = {number(alone, '.1g')})",
         "readings as the postures before predict them",
-        f"channel {worst[0]}",
+        f"channel {channel}",
         "Measure it again; if it does not fit again, something has changed.",
         alone,
-    )
-
-
-def _verdict(
-    model: DayModel,
-    state: WatchState,
-    targets: np.ndarray | None,
-    verdict: str,
-    findings: list[Finding],
-    posture: int,
-    misfit: Mapping[str, float] | None = None,
-) -> Verdict:
-    errors = state.information.standard_errors()
-    order = ("fail", "warn", "pass")
-    return Verdict(
-        posture=posture,
-        verdict=verdict,
-        findings=tuple(sorted(findings, key=lambda one: order.index(one.result))),
-        next=next_posture(model, state, verdict == OK),
-        standard_errors=dict(zip(model.nominal.parameters.names, errors.tolist(), strict=True)),
-        stop=stop_reason(model, state, errors, targets),
-        misfit=misfit or dict.fromkeys(CHANNELS, float("nan")),
-        left=left(state),
-        onset=None if state.fault is None else state.fault.posture,
     )

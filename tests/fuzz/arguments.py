@@ -176,7 +176,7 @@ ARGUMENT_KINDS: dict[str, Change] = {
     "no choices": line(REFUSED, with_value(CHOICES, NO_NAMES)),
     "no effects": line(REFUSED, with_value("effects: simulate", EFFECT_TEXTS)),
     "no tolerances": line(REFUSED, with_value("tolerances: identify discover", TOLERANCE_TEXTS)),
-    "no targets": line(REFUSED, with_value("target: watch", TARGET_TEXTS)),
+    "no targets": line(REFUSED, with_value("targets: watch", TARGET_TEXTS)),
     "no samples": line(REFUSED, with_value("samples: export", NO_WHOLE)),
     "no inputs": line(REFUSED, instead(INPUTS, NO_INPUTS)),
     "no outputs": line(REFUSED, instead(OUTPUTS, NO_OUTPUTS)),

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -26,20 +27,16 @@ from tulip_testbed.experiments.effect_list import EffectList
 from tulip_testbed.experiments.effect_list import list_effects as _list_effects
 from tulip_testbed.experiments.plan_search import PlanSettings, set_up_search
 from tulip_testbed.experiments.planning_run import CHOSEN, check_out, search_plan
-from tulip_testbed.experiments.protocols.protocol_run import (
-    LaboratoryProtocol,
-    ProtocolSettings,
-    check_settings,
-    protocol_of,
-)
+from tulip_testbed.experiments.protocols.protocol_run import LaboratoryProtocol, protocol_of
 from tulip_testbed.experiments.usable_plan import check_plan, measured_for, random_plan
-from tulip_testbed.experiments.watching.watch_day import Arrival, WatchSettings, watch_day
+from tulip_testbed.experiments.watching.watch_day import Watch
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.planning.search_defaults import HOPS, SOLVERS
-from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.plan_folder import write_plan
 from tulip_testbed.sim.robot import Robot
 
+Targets = Mapping[str, float]
 NOISY = ("wii", "force-plate")  # sensors with noise of readings on plates
 
 
@@ -320,9 +317,7 @@ def protocol(
 
     robot, place = robot or load_robot(), Path(out)
     check_new(place)
-    settings = ProtocolSettings(sensors, speed, repeats)
-    check_settings(settings)
-    made = protocol_of(robot, plan_of(plan, robot), settings, progress)
+    made = protocol_of(robot, plan_of(plan, robot), sensors, speed, repeats, progress)
     missing = write_protocol(place, made)
     return replace(made, folder=place, missing=tuple(missing), files=tuple(contents(place)))
 
@@ -330,33 +325,43 @@ def protocol(
 @checked
 def watch(
     folder: str | Path,
-    plan: PosturePlan,
     robot: Robot | None = None,
-    state: str | Path | None = None,
-    targets: Mapping[str, float] | None = None,
-    follow: bool = True,
+    *,
+    plan: PlanSource,
+    out: str | Path | None = None,
+    targets: Targets | None = None,
+    once: bool = False,
     rows: Iterable[bytes] | None = None,
-) -> Iterator[Arrival]:
-    """Check a day's postures while they are measured, and say when to stop.
+    view: bool = False,
+) -> Watch:
+    """Check postures while they are measured, and say when to stop.
+
+    Each row is compared with the postures before it, the robot's CAD model, the repeats and the data sheets'
+    noise. The watch ends when every posture is measured, or by Ctrl-C.
 
     Args:
-        folder: measurement folder whose manifest.json is written and whose postures.csv grows. Nothing is
+        folder: measurement folder whose manifest.json is written and whose postures.csv grows; nothing is
             written into it.
-        plan: postures that are being measured.
         robot: the nominal robot; TULip if None.
-        state: file that keeps the state, so that a watch that ended goes on; None: it is not kept.
+        plan: postures that are being measured, or their folder, or the name of a shipped plan.
+        out: file that keeps the state, so that a watch that was killed goes on; None: it is not kept.
         targets: standard errors at which to stop, by base parameter or "all" [m].
-        follow: wait for more rows until every posture is measured; otherwise judge those that are there.
+        once: judge the rows that are there and end.
         rows: lines of a CSV after their header, in place of the folder's postures.csv.
+        view: also show the day in rerun, in a browser of this machine.
 
     Returns:
-        what came of every row, as soon as it is there; `verdict` says what it shows, which posture is next
-        and whether the day may end.
+        an iterator of what came of every row, as soon as it is there; `verdict` says what it shows, which
+        posture is next and whether the day may end.
 
     Raises:
         InputError: another robot's folder or plan, sensors other than plates on four cells, a state of
             another day; while rows arrive, a table whose header changes or that becomes shorter.
     """
-    place = None if state is None else Path(state)
-    robot = robot or load_robot()
-    return watch_day(WatchSettings(Path(folder), plan, robot, place, targets, follow, rows))
+    robot, shown = robot or load_robot(), None
+    planned, place = plan_of(plan, robot), None if out is None else Path(out)
+    if view:
+        from tulip_testbed.viewer.watch_view import served_watch  # rerun takes half a second to load
+
+        shown = partial(served_watch, planned, robot)
+    return Watch(Path(folder), planned, robot, place, targets, once, rows, shown)

@@ -81,6 +81,13 @@ COMMANDS: dict[str, Command] = {
     "plan next": Command("next_experiment", ("tulip plan next runs/found --out plans/next",), saved=True),
     "plan show": Command("describe_plan", ("tulip plan show plans/best --draw pictures/best",)),
     "protocol": Command("protocol", ("tulip protocol optimal --sensors wii --out monday",)),
+    "watch": Command(
+        "watch",
+        (
+            "tulip watch lab/monday --plan random --out runs/monday.state --targets all=2",
+            "logger | tulip watch lab/monday --plan plans/next --stdin --json",
+        ),
+    ),
     "robot": Command(
         "describe_robot", ("tulip robot g1_29dof.urdf --out my/g1", "tulip robot my/g1/robot.toml")
     ),

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from tulip_testbed.cli.readers import READERS, read_robot
+from tulip_testbed.cli.readers import KINDS, READERS, read_robot
 from tulip_testbed.cli.signatures import REQUIRED, Argument, PublicFunction
 
 OUT, JSON, ROBOT, VALUE, PROGRESS = "out", "json", "robot", "value", "progress"
@@ -67,7 +67,9 @@ def _carry_out(function: PublicFunction, given: dict[str, Any], out: Path | None
         result = getattr(tulip_testbed, function.name)(**_arguments(function, given))
     if out is not None:
         result.save(out)
-    if as_json:
+    if isinstance(result, Iterator):
+        _follow(result, as_json)
+    elif as_json:
         print_json(result.to_json())
     else:
         show(*result.tables())
@@ -77,37 +79,59 @@ def _carry_out(function: PublicFunction, given: dict[str, Any], out: Path | None
     return result.exit_code
 
 
+def _follow(watch: Any, as_json: bool) -> None:
+    """Show what arrives while it arrives."""
+    from tulip_testbed.cli.terminal import live_table, print_json, say, show
+
+    if watch.address is not None:
+        say(watch.address)
+    with nullcontext() if as_json else live_table() as update:
+        for arrival in watch:
+            verdict = arrival.verdict
+            if verdict is None:
+                say(f"tulip: {arrival.problem}")
+            elif as_json:
+                print_json(verdict.to_json(), indent=None)
+                if verdict.verdict != "ok" or verdict.stop:
+                    say(str(verdict))
+            if update is not None:
+                update(watch.latest_table(), "" if verdict is None else str(verdict))
+    if not watch.latest:
+        say(str(watch))
+    elif not as_json:
+        show(*watch.tables())
+
+
 def _options(argument: Argument) -> Iterator[Parameter]:
     """Yield the options of one parameter of the library; the command line shows progress itself."""
     if argument.name == PROGRESS:
         return
     reader = READERS.get(argument.annotation)
     if reader is None:
-        yield _option(
-            argument.name, _kind(argument.annotation), argument.default, argument, argument.by_place
-        )
+        yield _option(argument.name, _kind(argument), argument.default, argument.by_place)
         return
-    for one in inspect.signature(reader).parameters.values():
-        if one.name == ROBOT and reader is not read_robot:
+    for name, option in inspect.signature(reader).parameters.items():
+        if name == ROBOT and reader is not read_robot:
             yield from _options(Argument(ROBOT, "Robot | None", None, False, ""))
             continue
-        kind = eval(one.annotation, reader.__globals__)
-        default = REQUIRED if one.default is Parameter.empty else one.default
-        name = argument.name if one.name == VALUE else one.name
-        yield _option(name, kind, default, argument, argument.by_place and one.name == VALUE)
+        kind = eval(option.annotation, reader.__globals__)
+        default = REQUIRED if option.default is Parameter.empty else option.default
+        by_place = argument.by_place and name == VALUE
+        yield _option(argument.name if name == VALUE else name, kind, default, by_place)
 
 
-def _kind(annotation: str) -> Any:
-    """Return the type that tyro reads for a plain parameter."""
-    kind = eval(
-        annotation.replace("str | Path", "Path").replace("Sequence[str]", "tuple[str, ...]"), {"Path": Path}
-    )
-    return Annotated[kind, tyro.conf.UseAppendAction] if kind == tuple[str, ...] else kind
+def _kind(argument: Argument) -> Any:
+    """Return the type that tyro reads for a parameter without a reader, with its help."""
+    if argument.annotation in KINDS:
+        return KINDS[argument.annotation]
+    plain = argument.annotation.replace("str | Path", "Path").replace("Sequence[str]", "tuple[str, ...]")
+    kind = eval(plain, {"Path": Path})
+    if kind == tuple[str, ...]:
+        kind = Annotated[kind, tyro.conf.UseAppendAction]
+    return Annotated[kind, tyro.conf.arg(help=argument.text)] if argument.text else kind
 
 
-def _option(name: str, kind: Any, default: Any, argument: Argument, by_place: bool) -> Parameter:
-    if argument.text and argument.annotation not in READERS:
-        kind = Annotated[kind, tyro.conf.arg(help=argument.text)]
+def _option(name: str, kind: Any, default: Any, by_place: bool) -> Parameter:
     if by_place and name != OUT:
         kind = Annotated[kind, tyro.conf.Positional]
     default = Parameter.empty if default is REQUIRED else default
@@ -130,6 +154,6 @@ def _arguments(function: PublicFunction, given: dict[str, Any]) -> dict[str, Any
             arguments[name] = robot
         else:
             wanted = inspect.signature(reader).parameters
-            options = {one: given[name if one == VALUE else one] for one in wanted if one != ROBOT}
-            arguments[name] = reader(**options, **({ROBOT: robot} if ROBOT in wanted else {}))
+            values = {part: given[name if part == VALUE else part] for part in wanted if part != ROBOT}
+            arguments[name] = reader(**values, **({ROBOT: robot} if ROBOT in wanted else {}))
     return arguments

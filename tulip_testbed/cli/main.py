@@ -1,7 +1,7 @@
 """The command line: one function per command; bad input ends in one line and exit code 2.
 
-Only the module of the command that is asked for is loaded, and the simulator only when the command runs: help
-is quick.
+A message names a parameter of the library's function, such as `robot_spread`: its option is --robot-spread,
+which may also be written --robot_spread. The simulator is loaded only when a command runs: help is quick.
 """
 
 from __future__ import annotations
@@ -9,28 +9,18 @@ from __future__ import annotations
 import errno
 import functools
 import io
-import re
-import shlex
 import signal
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, redirect_stderr
-from importlib import import_module
-from inspect import Parameter, signature
 from pathlib import Path
 from typing import Any
 
 from tulip_testbed.base.errors import InputError, InputWarning, choices, listed, shortened
 from tulip_testbed.cli.commands import COMMANDS
 
-# Commands that are still functions of their own: NAME is NAME_command of the module NAME_command.
-MODULES: dict[str, str] = {
-    "watch": "Check postures while they are measured, and say when to stop.",
-}
 Command = Callable[..., int]
-CALL = re.compile(r"`tt\.(\w+)\('(.*?)'\)`")
-SETTING = re.compile(r"`(\w+)=([^`]*)`")
 
 
 def main(arguments: list[str] | None = None, loaded: Callable[[], object] = lambda: None) -> int:
@@ -48,14 +38,12 @@ def main(arguments: list[str] | None = None, loaded: Callable[[], object] = lamb
     if given and given[-1] in ("-h", "--help") and name in (given[-1], *groups()):
         print(usage(None if name == given[-1] else name))
         return 0
-    command = None
     try:
-        command = command_of(name)
-        return _carry_out(str(name), command, rest, loaded)
+        return _carry_out(str(name), command_of(name), rest, loaded)
     except InputError as error:
         from tulip_testbed.cli.terminal import refuse
 
-        refuse(str(error) if command is None else _with_flags(str(error), command))
+        refuse(str(error))
         return 2
     except OSError as error:
         if error.filename is None or not (error.strerror or ""):  # of stdout, see `run`
@@ -79,7 +67,7 @@ def split_name(given: list[str]) -> tuple[str | None, list[str]]:
 
 def summaries() -> dict[str, str]:
     """Return the summary of every command."""
-    return MODULES | {name: command.summary for name, command in COMMANDS.items()}
+    return {name: command.summary for name, command in COMMANDS.items()}
 
 
 def groups() -> set[str]:
@@ -118,7 +106,7 @@ def command_of(name: str | None) -> Command:
     Raises:
         InputError: there is no such command.
     """
-    names = [*COMMANDS, *MODULES]
+    names = list(COMMANDS)
     if name is None:
         raise InputError(f"found no command; valid: {listed(names)}; `tulip --help` explains them")
     if name not in names:
@@ -130,9 +118,7 @@ def command_of(name: str | None) -> Command:
             names = [full for full in names if full.startswith(f"{name} ")]
             raise InputError(f"{name}: found no command that it names; valid: {listed(names)}")
         raise InputError(f"unknown command '{shortened(name)}'; {choices(name, names)}")
-    if name in COMMANDS:
-        return COMMANDS[name].load()
-    return getattr(import_module(f"tulip_testbed.cli.{name}_command"), f"{name}_command")
+    return COMMANDS[name].load()
 
 
 def _carry_out(name: str, command: Command, arguments: list[str], loaded: Callable[[], object]) -> int:
@@ -206,48 +192,13 @@ def _warnings_in_our_words() -> Iterator[None]:
 
         def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
             if issubclass(category, InputWarning):
-                say(f"tulip: warning: {_as_commands(str(message))}")
+                say(f"tulip: warning: {message}")
             else:
                 others(message, category, *where, **more)
 
         warnings.showwarning = show
         warnings.simplefilter("always", InputWarning)
         yield
-
-
-def _with_flags(message: str, command: Command) -> str:
-    """Write a library's message in the command line's words.
-
-    The parameters that it begins with become flags, `name=VALUE` becomes `--name VALUE`, and a call of the
-    library such as `tt.check('FOLDER')` its command.
-    """
-    flags = {name for name, p in signature(command).parameters.items() if _is_option(p)}
-    message = _as_commands(message)
-    message = SETTING.sub(lambda m: f"`{_setting(m[1], m[2])}`" if m[1] in flags else m[0], message)
-    place, colon, rest = message.partition(": ")
-    words = place.split(", ")
-    if not colon or any(word.split(" ")[0] not in flags for word in words):
-        return message
-    return ", ".join(map(_flag, words)) + colon + rest
-
-
-def _is_option(parameter: Parameter) -> bool:
-    from tyro.conf import Positional
-
-    by_place = Positional in getattr(parameter.annotation, "__metadata__", ())
-    return parameter.kind is Parameter.KEYWORD_ONLY and not by_place
-
-
-def _as_commands(message: str) -> str:
-    return CALL.sub(lambda m: f"`tulip {m[1]} {shlex.quote(m[2])}`", message)
-
-
-def _setting(name: str, value: str) -> str:
-    return _flag(name) if value == "True" else f"{_flag(name)} {value}"
-
-
-def _flag(name: str) -> str:
-    return f"--{name.replace('_', '-')}"
 
 
 def run(loaded: Callable[[], object]) -> None:

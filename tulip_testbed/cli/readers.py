@@ -1,18 +1,21 @@
-"""How the command line gives what is no plain value: a reader's parameters are the options of a command.
+"""How the command line gives values that are not plain.
 
-A reader is found by the annotation of the parameter that it reads. Its own parameter `value` is an option
-with the name of that parameter; its parameter `robot` is what the option --robot reads. The simulator is
-loaded when a reader is called: help does not need it.
+Folders and files that the library reads itself are given as paths: `KINDS`. Other values have a reader, whose
+parameters are the options of a command. Its own parameter `value` is an option with the name of the
+parameter that it reads; its parameter `robot` is what the option --robot reads. Both are found by the
+annotation of the parameter. The simulator is loaded when a reader is called: help does not need it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import sys
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.sim.shipped import PLAN_NAMES, TULIP
 
 Corrections = Annotated[
@@ -28,6 +31,36 @@ PlanFolder = Annotated[
         f"{PLAN_NAMES[0]} if left out",
     ),
 ]
+RUN = Annotated[Path, tyro.conf.arg(metavar="RUN", help="run folder or measurement folder")]
+POOL = "plan folder to choose from, or a shipped plan's name; the measured postures if left out"
+
+# By annotation, as the functions of the API have it.
+KINDS: dict[str, Any] = {
+    "Measured": Annotated[Path, tyro.conf.arg(metavar="FOLDER", help="measurement folder")],
+    "Several": Annotated[
+        tuple[Path, ...],
+        tyro.conf.arg(metavar="FOLDER [FOLDER ...]", help="measurement folders: experiments with one robot"),
+    ],
+    "Measured | None": Annotated[
+        Path | None, tyro.conf.arg(metavar="FOLDER", help="measurements before the plan")
+    ],
+    "Viewed": Annotated[
+        Path, tyro.conf.arg(metavar="FOLDER", help="folder of a run, a plan or measurements")
+    ],
+    "Exportable": RUN,
+    "Proposable": RUN,
+    "Reported": RUN,
+    "Reported | None": Annotated[
+        Path | None, tyro.conf.arg(metavar="[RUN]", help="a second run, to compare")
+    ],
+    "Planned": PlanFolder,
+    "PlanSource": Annotated[
+        Path,
+        tyro.conf.arg(metavar="PLAN", help="plan folder that is being measured, or a shipped plan's name"),
+    ],
+    "PlanSource | None": PlanFolder,
+    "PosturePlan | str | Path | None": Annotated[Path | None, tyro.conf.arg(metavar="PLAN", help=POOL)],
+}
 
 
 def read_robot(
@@ -37,71 +70,6 @@ def read_robot(
     from tulip_testbed.experiments.description import described_robot
 
     return described_robot(robot)
-
-
-def read_folder(
-    value: Annotated[Path, tyro.conf.arg(metavar="FOLDER", help="measurement folder")],
-) -> Path:
-    """Name one measurement folder, which the library reads."""
-    return value
-
-
-def read_folders(
-    value: Annotated[
-        tuple[Path, ...],
-        tyro.conf.arg(metavar="FOLDER [FOLDER ...]", help="measurement folders: experiments with one robot"),
-    ],
-) -> list[Path]:
-    """Name measurement folders, which the library reads."""
-    return list(value)
-
-
-def read_run(
-    value: Annotated[Path, tyro.conf.arg(metavar="RUN", help="run folder or measurement folder")],
-) -> Path:
-    """Name a run folder, which the library reads."""
-    return value
-
-
-def read_second_run(
-    value: Annotated[Path | None, tyro.conf.arg(metavar="[RUN]", help="a second run, to compare")] = None,
-) -> Path | None:
-    """Name a second run folder, which the library reads."""
-    return value
-
-
-def read_earlier(
-    value: Annotated[
-        Path | None, tyro.conf.arg(metavar="FOLDER", help="measurements before the plan")
-    ] = None,
-) -> Path | None:
-    """Name a measurement folder, which the library reads."""
-    return value
-
-
-def read_pool(
-    value: Annotated[
-        Path | None,
-        tyro.conf.arg(
-            metavar="PLAN",
-            help="plan folder to choose from, or a shipped plan's name; the measured postures if left out",
-        ),
-    ] = None,
-) -> Path | None:
-    """Name a plan, which the library reads."""
-    return value
-
-
-def read_viewed(
-    value: Annotated[Path, tyro.conf.arg(metavar="FOLDER", help="folder of a run, a plan or measurements")],
-) -> Path:
-    """Name a folder, which the library reads."""
-    return value
-
-
-def read_plan_name(value: PlanFolder = None) -> Path | None:
-    """Name a plan, which the library reads."""
-    return value
 
 
 def read_plan_folder(robot: Any, value: PlanFolder = None) -> Any:
@@ -134,6 +102,32 @@ def read_stated_tolerances(
     return read_tolerances(value)
 
 
+def read_standard_errors(
+    value: Annotated[
+        tuple[str, ...],
+        tyro.conf.arg(
+            metavar="NAME=MM [NAME=MM ...]",
+            help="standard errors at which to stop, in mm, by base parameter or all",
+        ),
+    ] = (),
+) -> Mapping[str, float]:
+    """Read standard errors that are wanted."""
+    from tulip_testbed.experiments.watching.watch_day import read_targets
+
+    return read_targets(value)
+
+
+def read_standard_input(
+    stdin: Annotated[
+        bool, tyro.conf.arg(help="read the rows as CSV lines after a header from standard input")
+    ] = False,
+) -> Iterable[bytes] | None:
+    """Return the lines of standard input, if they are to be read."""
+    if stdin and sys.stdin is None:
+        raise InputError("stdin: standard input is closed, expected rows")
+    return sys.stdin.buffer if stdin else None
+
+
 def read_plain_laboratory(robot: Any, sensors: SensorsName = "wii", corrections: Corrections = None) -> Any:
     """Set up a laboratory without hidden effects."""
     from tulip_testbed.experiments.laboratory import Laboratory
@@ -158,23 +152,13 @@ def read_laboratory(
     return read_plain_laboratory(robot, sensors, corrections).with_effects(*effects)
 
 
-# By annotation, as the functions of the API have it.
 READERS: dict[str, Callable[..., Any]] = {
     "Robot | None": read_robot,
-    "Measured": read_folder,
-    "Several": read_folders,
-    "Exportable": read_run,
-    "Viewed": read_viewed,
-    "Proposable": read_run,
-    "Measured | None": read_earlier,
-    "PosturePlan | str | Path | None": read_pool,
-    "Reported": read_run,
-    "Reported | None": read_second_run,
     "PosturePlan": read_plan_folder,
-    "PlanSource | None": read_plan_name,
     "Effects": read_corrections,
     "Mapping[str, float] | None": read_stated_tolerances,
+    "Targets | None": read_standard_errors,
+    "Iterable[bytes] | None": read_standard_input,
     "Laboratory": read_laboratory,
     "PlainLaboratory": read_plain_laboratory,
-    "Planned": read_plan_name,
 }

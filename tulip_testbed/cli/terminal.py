@@ -54,15 +54,6 @@ def show(*parts: Table | str) -> None:
         before = part
 
 
-def show_verdict(verdict: str, more: str = "") -> None:
-    """Print a verdict in its colour.
-
-    Args:
-        more: follows it.
-    """
-    _console().print(Text.assemble("Verdict: ", (verdict, STYLES.get(verdict, "bold")), printable(more)))
-
-
 def show_whole(lines: Iterable[str]) -> None:
     """Print lines that a person may copy: whole, at any width."""
     screen = _console()
@@ -85,20 +76,11 @@ def working_on(text: str) -> Status:
     return ERR.status(text)
 
 
-def print_json(document: dict[str, Any]) -> None:
-    """Print one JSON document on stdout."""
+def print_json(document: dict[str, Any], indent: int | None = 1) -> None:
+    """Print one JSON document on stdout, at once; without `indent` on one line."""
     try:
-        json.dump(finite(document), sys.stdout, indent=1)
+        json.dump(finite(document), sys.stdout, indent=indent)
         sys.stdout.write("\n")
-        sys.stdout.flush()
-    except BrokenPipeError:
-        fall_silent()
-
-
-def print_line_of_json(document: dict[str, Any]) -> None:
-    """Print one JSON document on a line of stdout, at once."""
-    try:
-        sys.stdout.write(json.dumps(finite(document)) + "\n")
         sys.stdout.flush()
     except BrokenPipeError:
         fall_silent()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,14 +12,11 @@ from markupsafe import Markup
 
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import new_folder, write_text
-from tulip_testbed.experiments.protocols.measurement_start import (
-    empty_measurements,
-    rows_to_fill_in,
-    unknown_entries,
-)
+from tulip_testbed.experiments.example import empty_measurements
 from tulip_testbed.experiments.protocols.motion import FREE, Motion
 from tulip_testbed.experiments.protocols.motion_files import motion_csv, motion_name, motion_yaml
 from tulip_testbed.experiments.protocols.protocol_run import LaboratoryProtocol
+from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.measurements.cells import CORNERS, PLATES
 from tulip_testbed.measurements.measurement_folder import write_start
 from tulip_testbed.pages.page import filled, png
@@ -26,6 +24,7 @@ from tulip_testbed.pages.placement_drawing import Mark, drawing, marks, placemen
 from tulip_testbed.rendering import rendered
 from tulip_testbed.sim.plan_folder import write_plan
 
+KNOWN = ("posture", "placement", "support")  # columns of the rows to fill in that the plan knows
 TEMPLATE = "protocol.html.j2"
 PAGE, PLAN, TRAJECTORIES = "protocol.html", "plan", "trajectories"
 MEASUREMENTS, ROWS = "measurements", "rows.csv"
@@ -88,7 +87,7 @@ def write_protocol(folder: Path, protocol: LaboratoryProtocol) -> list[str]:
         InputError: the folder exists or cannot be written.
     """
     plan, robot = protocol.plan, protocol.robot
-    empty = empty_measurements(robot, protocol.settings.sensors)
+    empty = empty_measurements(robot, protocol.sensors)
     with new_folder(folder) as working:
         page, missing = protocol_page(protocol)
         write_text(working / PAGE, page)
@@ -133,7 +132,7 @@ def protocol_page(protocol: LaboratoryProtocol) -> tuple[str, list[str]]:
         foot = ("right", "left")[placement.datum]
         svg = Markup(drawing(placement, scale))
         sheets.append(Sheet(number, svg, tuple(marks(placement)), boards, foot, groups))
-    empty = empty_measurements(robot, protocol.settings.sensors)
+    empty = empty_measurements(robot, protocol.sensors)
     contacts = empty.contacts
     page = filled(
         TEMPLATE,
@@ -189,3 +188,19 @@ def _pictures(protocol: LaboratoryProtocol, missing: list[str]) -> dict[int, str
         int(plan.posture[row]): "data:image/png;base64," + base64.b64encode(png(image)).decode()
         for row, image in zip(rows, images, strict=True)
     }
+
+
+def rows_to_fill_in(empty: Measurements, plan: PosturePlan) -> str:
+    """Return the rows to measure as CSV in the columns of the measurement folder, without readings."""
+    columns = list(empty.columns())
+    known = zip(*(getattr(plan, name).tolist() for name in KNOWN), strict=True)
+    rows = [[str(dict(zip(KNOWN, row, strict=True)).get(name, "")) for name in columns] for row in known]
+    return "\n".join(",".join(row) for row in [columns, *rows]) + "\n"
+
+
+def unknown_entries(empty: Measurements) -> list[str]:
+    """Name the entries of the manifest that a person has to fill in."""
+    sheet = dataclasses.asdict(empty.sensors)
+    cells = empty.contacts is None
+    wanted = [name for name, value in sheet.items() if value is None and (cells or "cell" not in name)]
+    return ["weighed_mass", *(f"sensors.{name}" for name in wanted)]

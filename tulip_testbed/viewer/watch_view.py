@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 
 from tulip_testbed.experiments.discovery_tables import CHANNEL_NAMES
 from tulip_testbed.experiments.watching.watch_row import OK, Verdict
-from tulip_testbed.experiments.watching.watch_tables import line
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.residual_channels import CHANNELS
@@ -88,7 +87,7 @@ def log_verdict(
         recording.log("errors/largest", rr.Scalars(float(errors.max())))
         recording.log("errors/median", rr.Scalars(float(np.median(errors))))
     level = rr.TextLogLevel.INFO if verdict.verdict == OK else rr.TextLogLevel.WARN
-    recording.log("verdicts", rr.TextLog(line(verdict), level=level))
+    recording.log("verdicts", rr.TextLog(str(verdict), level=level))
     there = np.flatnonzero(plan.posture == verdict.posture)[:1]
     if not len(there):
         return

@@ -1,13 +1,16 @@
-"""Ranges and margins for plans, scaled to a robot."""
+"""The description (TOML) of a prepared robot, with ranges and margins for plans that are scaled to it."""
 
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import mujoco
 import numpy as np
 
+from tulip_testbed.base.column import printable
 from tulip_testbed.experiments.robot_import.feet import Stance
+from tulip_testbed.experiments.robot_import.skeleton import Skeleton
 from tulip_testbed.experiments.robot_import.standing_posture import Standing
 
 # Of a leg's length, unless deg; chosen so that legs of ordinary humanoids reach most of it.
@@ -17,6 +20,22 @@ STABILITY, SOLE = 0.2, 0.15  # of a sole's width
 CELL = 0.009  # of the weight, as TULip's
 ROOM = 0.01  # m, between the soles
 FREE, MOST_FREE = 0.25, 40.0  # of the range of a joint that is not between the feet, either way; deg
+
+
+def description(name: str, path: Path, skeleton: Skeleton, stance: Stance, planning: str = "") -> str:
+    """Return the description of a robot as TOML.
+
+    Args:
+        path: of the published file. planning: see `planning_table`.
+    """
+    right, left = (skeleton.links[foot.link].name for foot in stance.feet)
+    return (
+        f"# Prepared by `tulip robot` from {printable(path.name)}; everything here can be edited.\n"
+        f"name = {json.dumps(name)}\n"
+        'model = "robot.xml"         # the robot alone: links, hinges, motors, sole corners, keyframe stand\n'
+        f"stance_foot = {json.dumps(right)}\n"
+        f"swing_foot = {json.dumps(left)}\n\n{planning}"
+    )
 
 
 def planning_table(
@@ -49,16 +68,13 @@ def planning_table(
     ]
     if free:
         lines += ["", "[planning.joints_deg]       # joints that are not between the feet"]
-        for name in free:
-            low, high = _range(model, name, standing)
-            lines.append(f"{json.dumps(name)} = [{low:.1f}, {high:.1f}]")
+    for name in free:
+        joint = model.joint(name)
+        at = float(np.degrees(standing.qpos[joint.qposadr[0]]))
+        low, high = np.degrees(joint.range)
+        reach = min(FREE * (high - low), MOST_FREE)
+        least, most = max(float(low), at - reach), min(float(high), at + reach)
+        # Within the range, as written.
+        within = f"[{np.ceil(10 * least + 0.1) / 10:.1f}, {np.floor(10 * most - 0.1) / 10:.1f}]"
+        lines.append(f"{json.dumps(name)} = {within}")
     return "\n".join(lines) + "\n"
-
-
-def _range(model: mujoco.MjModel, name: str, standing: Standing) -> tuple[float, float]:
-    joint = model.joint(name)
-    at = float(np.degrees(standing.qpos[joint.qposadr[0]]))
-    low, high = np.degrees(joint.range)
-    reach = min(FREE * (high - low), MOST_FREE)
-    least, most = max(float(low), at - reach), min(float(high), at + reach)
-    return float(np.ceil(10 * least + 0.1) / 10), float(np.floor(10 * most - 0.1) / 10)  # within, as written
