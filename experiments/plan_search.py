@@ -1,4 +1,4 @@
-"""What a search for a plan is to find, checked before the work."""
+"""Settings of a search for a plan, checked before the work, and the search from each random start."""
 
 from __future__ import annotations
 
@@ -184,7 +184,7 @@ class Search:
         return Job(next_round_count(placements, hops), run, best)
 
     def folder(self, out: Path) -> ResumableFolder:
-        """Return the folder of the search's states, beside the plan that it makes."""
+        """Return the folder of the search's states, next to the plan that it makes."""
         made_with = {
             "settings": dataclasses.asdict(self.settings),
             "measured": None if self.measured is None else plan_hash(as_plan(self.robot, self.measured)),

@@ -15,6 +15,7 @@ import pyarrow.parquet
 import pytest
 
 import tulip_testbed as tt
+from tests import dying_work
 from tests.montecarlo_work import LAYOUT, Regressions, bytes_of, run_regressions
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.montecarlo.parallel_runs import collect, computed_by
@@ -121,15 +122,15 @@ def test_a_full_disk_leaves_what_was_written(undisturbed, tmp_path, monkeypatch)
 def test_a_worker_that_dies_is_told(tmp_path):
     killed = "a worker process ended by SIGKILL.*, as the system does when memory runs out"
     with computed_by(2, None), pytest.raises(InputError, match=killed):
-        collect(RunChunks(tmp_path, 4, 1), _die, lambda count: None)
+        collect(RunChunks(tmp_path, 4, 1), dying_work.die, lambda count: None)
     with computed_by(2, None), pytest.raises(InputError, match="process ended by SIGSEGV") as error:
-        collect(RunChunks(tmp_path, 4, 1), _crash, lambda count: None)
+        collect(RunChunks(tmp_path, 4, 1), dying_work.crash, lambda count: None)
     assert "memory" not in str(error.value)
     with (
         computed_by(2, None),
         pytest.raises(InputError, match=r"worker process failed .*serialize") as error,
     ):
-        collect(RunChunks(tmp_path, 4, 1), _unreadable, lambda count: None)
+        collect(RunChunks(tmp_path, 4, 1), dying_work.unreadable, lambda count: None)
     assert "memory" not in str(error.value)
 
 
@@ -140,27 +141,6 @@ def test_without_a_folder_nothing_is_said_to_stay(monkeypatch, robot, plan):
     monkeypatch.setattr("tulip_testbed.experiments.montecarlo.montecarlo_run.collect", fail)
     with pytest.raises(InputError, match=r"^no space; nothing was kept$"):
         tt.monte_carlo(tt.Laboratory(robot), plan, runs=2, workers=1)
-
-
-def _die(runs):
-    os.kill(os.getpid(), signal.SIGKILL)
-
-
-def _crash(runs):
-    os.kill(os.getpid(), signal.SIGSEGV)
-
-
-def _unreadable(runs):
-    return _Unreadable()
-
-
-class _Unreadable:
-    def __reduce__(self):
-        return _refuse, ()
-
-
-def _refuse():
-    raise ValueError("not to be read")
 
 
 @pytest.mark.parametrize("damage", ["cut", "other runs", "other columns"])

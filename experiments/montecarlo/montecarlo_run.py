@@ -35,10 +35,6 @@ from tulip_testbed.sim.plan_folder import write_plan
 from tulip_testbed.sim.robot_check import warn_of_robot
 
 
-class Interrupted(KeyboardInterrupt):
-    """Stopped by the user; says what stays."""
-
-
 @dataclass(frozen=True)
 class Place:
     """Where the work is done.
@@ -70,7 +66,7 @@ def montecarlo(
 
     Raises:
         InputError: what cannot be run, written or read; runs that were written stay.
-        Interrupted: by Ctrl-C, after the folder was begun.
+        KeyboardInterrupt: by Ctrl-C; after the folder was begun it says what stays.
     """
     settings.check()
     if laboratory.sensors == "ideal":
@@ -159,5 +155,5 @@ def _collect_missing(chunks: RunChunks, job: Work, place: Place, progress: Progr
         if place.stays:
             stays = f"{place.folder} holds {chunks.done()} of {chunks.runs} runs; the same command resumes"
         if isinstance(error, KeyboardInterrupt):
-            raise Interrupted(f"interrupted; {stays}") from None
+            raise KeyboardInterrupt(f"interrupted; {stays}") from None
         raise InputError(f"{error}; {stays}") from None
