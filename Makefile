@@ -44,7 +44,7 @@ durations: setup  ## record the processor time of every test of `make test` (tes
 	$(BIN)/python -m pytest -q $(SHARED) -p tests.durations
 
 test-docs: setup  ## every command of the tutorials, compared with what the page shows (three minutes)
-	$(BIN)/python -m pytest -q tests/test_documented.py -m slow
+	$(BIN)/python -m pytest -q tests/test_docs.py -m slow
 
 lint: setup
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/pyrefly check && $(BIN)/python -m tests.plain_english

@@ -6,6 +6,7 @@ import dataclasses
 import fcntl
 import os
 import pickle
+import shutil
 import tempfile
 from collections.abc import Callable
 from functools import partial
@@ -24,6 +25,7 @@ import pytest
 
 import tulip_testbed as tt
 from tests.drawing import WHEN, decide, obstacle_to, unreachable
+from tests.edited_files import BUILT, change_texts
 from tests.effect_changes import SEED, first
 from tests.foreign_robots import ROBOTS, write_robot
 from tests.synthetic import Bench, synthetic_bench
@@ -44,6 +46,7 @@ from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.scene import nominal_plates
+from tulip_testbed.sim.shipped import TULIP
 
 DISCOVERED_SEED = 141
 
@@ -100,6 +103,18 @@ def chromium(drawing) -> None:
 @pytest.fixture(scope="session")
 def robot() -> Robot:
     return load_robot()
+
+
+@pytest.fixture
+def edited_tulip(tmp_path) -> Callable[..., Robot]:
+    """Load a copy of TULip with other texts, `FILE: TEXT => ANOTHER`; its scene is built if so asked."""
+
+    def load(*changes: str, built: bool = True, name: str = "own") -> Robot:
+        folder = shutil.copytree(TULIP.parent, tmp_path / name)
+        change_texts(folder, [BUILT] * built + list(changes))
+        return load_robot(folder / "tulip.toml")
+
+    return load
 
 
 @pytest.fixture(scope="session")
@@ -161,6 +176,12 @@ def static_run(robot, plan) -> Run:
     """An experiment of the statics engine with an encoder's offset, in memory."""
     laboratory = Laboratory(robot, "force-plate").with_effects("encoder-offset:right_knee=0.01")
     return laboratory.run(plan, DISCOVERED_SEED, "statics")
+
+
+@pytest.fixture(scope="session")
+def run(robot) -> Run:
+    """The shipped plan on force plates, by statics."""
+    return Laboratory(robot, "force-plate").run(tt.plans.random, seed=3, engine="statics")
 
 
 @pytest.fixture(scope="session")

@@ -1,12 +1,41 @@
-"""The torques that hold a robot on one foot, by MuJoCo's inverse dynamics: what plans are compared with."""
+"""What plans are compared with: postures on both feet, and torques on one foot, by MuJoCo."""
 
 from __future__ import annotations
 
 import mujoco
 import numpy as np
 
+from tulip_testbed.identification.feasibility import place_polygon, stability_margin, support_polygon
+from tulip_testbed.identification.planning_ranges import planning_ranges
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.path import ClosedChain
-from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.robot import Robot, sole_corners
+
+
+def check_standing(robot: Robot, plan: PosturePlan) -> None:
+    """Check that postures stand flat on both soles where the plan says, within the ranges of TULip."""
+    model, ranges, data = robot.model, planning_ranges(robot), mujoco.MjData(robot.model)
+    low, high = np.array([model.joint(name).range for name in plan.joints]).T
+    assert ((plan.joint_angles >= low) & (plan.joint_angles <= high)).all()
+    for axis, (least, most) in enumerate((ranges.swing_x, ranges.swing_y, ranges.swing_yaw)):
+        assert plan.swing_pose[:, axis].min() >= least - 1e-9
+        assert plan.swing_pose[:, axis].max() <= most + 1e-9
+    soles = [sole_corners(model, foot)[:, :2] for foot in robot.feet]
+    for angles, planned in zip(plan.joint_angles, plan.swing_pose, strict=True):
+        data.qpos[:7], data.qpos[7:] = [0, 0, 0, 1, 0, 0, 0], angles
+        mujoco.mj_forward(model, data)
+        stance, swing = (data.body(foot) for foot in robot.feet)
+        base = stance.xmat.reshape(3, 3)
+        offset, turn = base.T @ (swing.xpos - stance.xpos), base.T @ swing.xmat.reshape(3, 3)
+        pose = [*offset[:2], np.arctan2(turn[1, 0], turn[0, 0])]
+        np.testing.assert_allclose(pose, planned, rtol=0, atol=1e-7)
+        np.testing.assert_allclose([offset[2], *turn[:, 2]], [0, 0, 0, 1], rtol=0, atol=1e-7)  # flat
+        com = base.T @ (data.subtree_com[1] - stance.xpos)
+        feet = [place_polygon(sole, at) for sole, at in zip(soles, (np.zeros(3), planned), strict=True)]
+        margin = stability_margin(com[:2], support_polygon(np.array(feet)))
+        assert margin > ranges.stability_margin - 1e-7
+        hip = base.T @ (data.body("torso").xpos - stance.xpos)
+        assert hip[2] + 0.06 > ranges.least_height - 1e-9
 
 
 def holding_torques(robot: Robot, model: mujoco.MjModel, angles: np.ndarray, point: np.ndarray) -> np.ndarray:

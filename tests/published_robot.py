@@ -60,40 +60,17 @@ def write_published(folder: Path, turn: float = 0.0, names: tuple[str, str] = ("
                 joint(f"{name}_{part}", "revolute", above, f"{name}_{part}_link", here, axis, limits, 60),
             ]
             above = f"{name}_{part}_link"
+        arm, forearm = f"{name}_arm", f"{name}_forearm"
+        shoulder = ("chest", arm, f"0 {0.2 * side} 0.35", "0 1 0", "-2 2", 15)
+        finger = (forearm, f"{name}_finger", "0 0 -0.24", "1 0 0", "0 1", 1)
+        mimic = f'<mimic joint="{name}_elbow"/></joint>'
         parts += [
-            link(f"{name}_arm", 1.1, "0 0 -0.1", box("0.05 0.05 0.22", "0 0 -0.12")),
-            joint(
-                f"{name}_shoulder",
-                "revolute",
-                "chest",
-                f"{name}_arm",
-                f"0 {0.2 * side} 0.35",
-                "0 1 0",
-                "-2 2",
-                15,
-            ),
-            link(f"{name}_forearm", 0.8, "0.02 0 -0.1", box("0.04 0.04 0.22", "0 0 -0.12")),
-            joint(
-                f"{name}_elbow",
-                "continuous",
-                f"{name}_arm",
-                f"{name}_forearm",
-                "0 0 -0.26",
-                "0 1 0",
-                None,
-                10,
-            ),
+            link(arm, 1.1, "0 0 -0.1", box("0.05 0.05 0.22", "0 0 -0.12")),
+            joint(f"{name}_shoulder", "revolute", *shoulder),
+            link(forearm, 0.8, "0.02 0 -0.1", box("0.04 0.04 0.22", "0 0 -0.12")),
+            joint(f"{name}_elbow", "continuous", arm, forearm, "0 0 -0.26", "0 1 0", None, 10),
             link(f"{name}_finger", 0.01),
-            joint(
-                f"{name}_finger",
-                "revolute",
-                f"{name}_forearm",
-                f"{name}_finger",
-                "0 0 -0.24",
-                "1 0 0",
-                "0 1",
-                1,
-            ).replace("</joint>", f'<mimic joint="{name}_elbow"/></joint>'),
+            joint(f"{name}_finger", "revolute", *finger).replace("</joint>", mimic),
         ]
     if turn:
         parts += [
@@ -116,17 +93,7 @@ def link(name: str, mass: float | None, center: str = "0 0 0", shape: str = "") 
     return f'<link name="{name}">{inertia}{shape}</link>\n'
 
 
-def joint(
-    name: str,
-    kind: str,
-    parent: str,
-    child: str,
-    place: str,
-    axis: str = "1 0 0",
-    limits: str | None = None,
-    effort: float = 0,
-    rpy: str = "0 0 0",
-) -> str:
+def joint(name, kind, parent, child, place, axis="1 0 0", limits=None, effort=0, rpy="0 0 0") -> str:
     low, high = (limits or "0 0").split()
     limit = f'<limit lower="{low}" upper="{high}" effort="{effort}" velocity="5"/>' if kind != "fixed" else ""
     return (
@@ -160,6 +127,9 @@ def center_of_mass(joints: dict[str, float]) -> np.ndarray:
         nonlocal total, first
         total, first = total + mass, first + mass * (place + turned @ np.array(center.split(), float))
 
+    def bend(name: str) -> np.ndarray:
+        return about("0 1 0", joints.get(name, 0.0))
+
     waist = about("0 0 1", joints.get("waist", 0.0))
     chest = np.array([0, 0, 0.08])
     add(6.0, "0 0 0.2", chest, waist)
@@ -171,15 +141,9 @@ def center_of_mass(joints: dict[str, float]) -> np.ndarray:
                 place = place + turned @ np.array(here.split(), float)
             turned = turned @ about(axis, joints.get(f"{name}_{part}", 0.0))
             add(mass, "0.02 0 -0.03" if part == "ankle_roll" else "0.005 0 -0.12", place, turned)
-        shoulder, upper = (
-            chest + waist @ [0, 0.2 * side, 0.35],
-            waist @ about("0 1 0", joints.get(f"{name}_shoulder", 0.0)),
-        )
+        shoulder, upper = chest + waist @ [0, 0.2 * side, 0.35], waist @ bend(f"{name}_shoulder")
         add(1.1, "0 0 -0.1", shoulder, upper)
-        elbow, lower = (
-            shoulder + upper @ [0, 0, -0.26],
-            upper @ about("0 1 0", joints.get(f"{name}_elbow", 0.0)),
-        )
+        elbow, lower = shoulder + upper @ [0, 0, -0.26], upper @ bend(f"{name}_elbow")
         add(0.8, "0.02 0 -0.1", elbow, lower)
         add(0.01, "0 0 0", elbow + lower @ [0, 0, -0.24], lower)
     return first / total

@@ -1,6 +1,6 @@
 """Structural derivation of the base parameters: counts, names, ranks, invariance."""
 
-import shutil
+import dataclasses
 from pathlib import Path
 
 import mujoco
@@ -9,12 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.base_parameters import _frame_matrix, base_parameters, standard_parameters
-from tulip_testbed.identification.kinematics import link_rotations
+from tulip_testbed.identification.kinematics import link_rotations, tree_of
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.measurements.cells import CORNERS
-from tulip_testbed.sim.robot import Robot, load_robot, sole_point
+from tulip_testbed.sim.robot import Robot, sole_point
 
 # facts: number -> links that the parameter unites, and its axis
 PAPER = {
@@ -62,28 +61,6 @@ def test_rank_on_the_shipped_plan_is_the_structural_count(parameters, plan):
     assert singular[25] < 1e-7
 
 
-def test_noisy_angles_raise_the_rank(parameters, plan):
-    """Why the columns are fixed structurally and not on measured angles."""
-    noisy = plan.joint_angles + 1e-3 * np.random.default_rng(0).standard_normal(plan.joint_angles.shape)
-    rotations = link_rotations(parameters.tree, parameters.base, noisy)
-    frames = rotations[:, :, :2].transpose(0, 2, 1, 3).reshape(2 * len(plan), -1)
-    assert np.linalg.svd(frames, compute_uv=False)[25] > 1e-4
-
-
-def test_total_com_does_not_depend_on_the_stance_foot(robot, model, plan):
-    """Base frame under the right or the left foot: the same point in the world."""
-    standard = standard_parameters(model)
-    com = {}
-    for support in ("right", "left"):
-        parameters = base_parameters(robot, support=support)
-        com[support] = parameters.regressor(plan.joint_angles) @ parameters.values(standard)
-    x, y, yaw = plan.swing_pose.T
-    c, s = np.cos(yaw), np.sin(yaw)
-    left = com["left"]
-    moved = np.column_stack([x + c * left[:, 0] - s * left[:, 1], y + s * left[:, 0] + c * left[:, 1]])
-    assert moved == pytest.approx(com["right"], abs=1e-7)
-
-
 def test_swapping_left_and_right_mirrors_the_parameters(robot, model):
     standard = standard_parameters(model)
     standard[:, 2] += 0.01 * np.arange(13) * standard[:, 0]  # an unsymmetric robot
@@ -99,17 +76,6 @@ def test_swapping_left_and_right_mirrors_the_parameters(robot, model):
         side = name.split("_")[0]
         other = values[name.replace(side, swap.get(side, side))]
         assert value == pytest.approx(-other if name.endswith("y") else other, abs=1e-12)
-
-
-def test_unknown_foot_and_support_are_refused(robot, tmp_path):
-    for path in robot.files:
-        shutil.copy(path, tmp_path)
-    description = tmp_path / robot.path.name
-    description.write_text(description.read_text().replace('"right_foot"\n', '"third_foot"\n'))
-    with pytest.raises(InputError, match=r"unknown foot 'third_foot'; .*valid: torso, .*left_foot"):
-        load_robot(description)
-    with pytest.raises(InputError, match="expected one of double, right, left"):
-        base_parameters(robot, support="both")
 
 
 def random_tree(seed: int, bodies: int) -> tuple[mujoco.MjModel, Robot]:
@@ -191,3 +157,12 @@ def test_random_trees_com_is_mujocos(seed, bodies):
     com = base.T @ (data.subtree_com[1] - foot.xpos) - sole_point(model, robot.stance_foot)
     estimate = parameters.regressor(angles[None])[0] @ parameters.values(standard_parameters(model))
     assert estimate == pytest.approx(com[:2], abs=1e-12)
+
+
+def test_lengths_leave_the_turns_of_a_tree(robot):
+    tree = tree_of(robot.model)
+    edges = tuple(dataclasses.replace(edge, anchor=2 * edge.anchor) for edge in tree.edges)
+    longer, anew = tree.with_lengths(edges), dataclasses.replace(tree, edges=edges)
+    assert longer.turns is tree.turns
+    for turn, other in zip(longer.turns, anew.turns, strict=True):
+        np.testing.assert_array_equal(turn, other)

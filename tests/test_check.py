@@ -3,14 +3,16 @@
 import dataclasses
 import json
 import re
+import warnings
 
 import numpy as np
 import pytest
 
+import tulip_testbed as tt
 from studies.study_check import FAULTS, HEALTHY
-from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.errors import InputWarning
 from tulip_testbed.cli.main import main
-from tulip_testbed.experiments.check_folder import check_folder
+from tulip_testbed.experiments.check_folder import check_folder, warn_of_faults
 from tulip_testbed.identification.preflight import preflight
 from tulip_testbed.identification.preflight.finding import STATISTICAL_CHECKS
 from tulip_testbed.measurements import write_measurements
@@ -50,14 +52,6 @@ def test_a_check_without_power_does_not_pass(wii, nominal):
     assert finding.result == "not evaluated"
     assert "no power" in finding.seen
     assert "would be detected" in found(measured, nominal)["single placements"].seen
-
-
-def test_another_robots_folder_is_said_to_be_one(wii, tmp_path, foreign):
-    write_measurements(tmp_path / "data", wii.run.measurements)
-    with pytest.raises(
-        InputError, match=r"found robot 'tulip.xml' with other joints, .*give the robot that was measured"
-    ):
-        check_folder(tmp_path / "data", foreign["humanoid"])
 
 
 CAUGHT_BY = {
@@ -202,3 +196,39 @@ def test_the_printed_example_can_be_read(robot, tmp_path):
     checks = {check["name"]: check["result"] for check in check_folder(folder, robot).to_json()["checks"]}
     assert {name for name, result in checks.items() if result == "fail"} == {"identifiable"}
     assert checks["feet on plates"] == "pass"
+
+
+# --- warnings of identify and discover ------------------------------------------------------------
+
+
+def test_discover_and_identify_warn_of_faults(precise, robot, monkeypatch):
+    monkeypatch.setattr("tulip_testbed.api.measured.discover_effects", lambda *a, **k: None)
+    wrong = FAULTS["one encoder's sign wrong"](precise, np.random.default_rng(0))
+    failed = [check.name for check in tt.check(wrong, robot).checks if check.result == "fail"]
+    for call in (tt.discover, warn_of_faults):
+        with pytest.warns(InputWarning, match=f"found faults in .*{failed[-1]}"):
+            call(wrong, robot)
+
+
+def test_a_fault_is_one_line_that_points_to_the_preflight(precise, robot, tmp_path, capsys):
+    wrong, data = FAULTS["one cell drifts by 5 N"](precise, np.random.default_rng(0)), tmp_path / "data"
+    tt.write_measurements(data, wrong)
+    found = "found faults in 'weight balance', 'drift'.*check.* says more$"
+    for measured, where in ((wrong, ""), (data, f"{data}: ")):
+        with pytest.warns(InputWarning, match=f"{where}{found}"):
+            tt.identify(measured, robot)
+    capsys.readouterr()
+    assert main(["identify", str(data)]) == 0
+    said = capsys.readouterr().err
+    assert re.fullmatch(f"tulip: warning: {data}: {found[:-1]}\n", said)
+    assert main(["check", str(data)]) == 1
+
+
+def test_a_fault_that_is_corrected_for_is_none(robot):
+    lab = tt.Laboratory(robot, sensors="force-plate").with_effects("cell-gain:right.front_left=0.1")
+    measured = lab.run(tt.plans.random, engine="statics").measurements
+    with pytest.warns(InputWarning, match="'weight balance'"):
+        tt.identify(measured, robot)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        tt.identify(measured, robot, corrections="cell-gain:right.front_left=0.1")

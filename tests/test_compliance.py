@@ -17,9 +17,8 @@ from tulip_testbed.sim.drives import Drives, add_drives
 from tulip_testbed.sim.dynamics.hold import hold, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import load_robot, sole_corners, sole_point
+from tulip_testbed.sim.robot import sole_corners, sole_point
 from tulip_testbed.sim.scene import load_scene
-from tulip_testbed.sim.shipped import TULIP
 
 PENDULUM = """
 <mujoco>
@@ -172,20 +171,3 @@ def test_rigid_is_the_default_and_the_robot_file_says_otherwise(tmp_path, robot)
     settings = robot.settings | {"drives": {"wind_up": 0.01, "backlash": 0.001}}
     flexible = preset_rig("wii", dataclasses.replace(robot, settings=settings))
     assert flexible.drives == Drives(0.01, 0.001)
-    for wrong, message in (
-        ({"backlash": 0.01}, r"tulip.toml: \[drives\]: found backlash = 0.01 and no wind_up"),
-        ({"windup": 0.01}, "unknown key 'windup'; did you mean 'wind_up'. valid: wind_up, backlash"),
-        ({"wind_up": "soft"}, "key 'wind_up': found 'soft', expected a number, 0 or more"),
-        ({"wind_up": -1.0}, "found -1.0"),
-    ):
-        with pytest.raises(InputError, match=message):
-            preset_rig("wii", dataclasses.replace(robot, settings=robot.settings | {"drives": wrong}))
-
-
-def test_load_robot_knows_the_tables(tmp_path):
-    (tmp_path / "a.xml").write_text(TULIP.with_name("tulip.xml").read_text())
-    path = tmp_path / "robot.toml"
-    path.write_text(
-        'model = "a.xml"\nstance_foot = "right_foot"\nswing_foot = "left_foot"\n[compliance]\nsole = 1e-5\n'
-    )
-    assert load_robot(path).settings["compliance"] == {"sole": 1e-5}

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 from dm_env import test_utils
 
-from tests.test_composer import PERIOD, cells
-from tulip_testbed.base.errors import InputError
+from tests.test_composer import cells
 from tulip_testbed.measurements import lay_boards
 from tulip_testbed.sim.composer import laboratory_environment
 from tulip_testbed.sim.rig import preset_rig
@@ -58,24 +57,6 @@ def test_an_episode_keeps_its_repeatability_and_a_seed_its_readings(robot, stand
     assert np.abs(first[0] - other[0]).min() > 1e-3
 
 
-def test_delay_and_buffer_are_dm_controls(rig, stand):
-    options = {
-        "joint_encoders": {"delay": 2 * PERIOD},
-        "motor_encoders": {"buffer_size": 4, "update_interval": PERIOD},
-    }
-    environment = laboratory_environment(rig, stand, observable_options=options)
-    plain = laboratory_environment(rig, stand)
-    late, prompt = [environment.reset()], [plain.reset()]
-    for k in range(6):
-        command = stand + 0.01 * k
-        late.append(environment.step(command))
-        prompt.append(plain.step(command))
-    assert np.array_equal(late[0].observation["robot/motor_encoders"], np.tile(stand, (4, 1)))
-    angles = [step.observation["robot/joint_encoders"] for step in prompt]
-    assert np.array_equal(late[6].observation["robot/joint_encoders"], angles[4])
-    assert np.array_equal(late[6].observation["robot/motor_encoders"], angles[3:7])
-
-
 def test_sensors_read_at_their_sample_rate(rig, stand):
     """100 Hz: every tenth millisecond a new reading, in between the last one."""
     environment = laboratory_environment(rig, stand, control_timestep=0.001)
@@ -105,45 +86,6 @@ def test_an_episode_ends_when_the_robot_tips(rig, stand, actuation):
     while not (step := environment.step(limp)).last():
         assert environment.physics.time() < 5
     assert (step.reward, step.discount) == (2.5, 1.0)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"joint_angles": np.zeros(11)}, r"joint_angles: found shape \(11,\), expected \(12,\)"),
-        ({"joint_angles": np.full(12, np.nan)}, "joint_angles: found a number that is not finite"),
-        ({"joint_angles": np.full(12, 20.0)}, r"found 20 for 'right_hip_yaw', .* rad; degrees\?"),
-        ({"joint_angles": ["a"] * 12}, "joint_angles: found .*expected .* numbers"),
-        ({"time_limit": -1.0}, "time_limit: found -1.0, expected a time above 0 s"),
-        ({"control_timestep": float("nan")}, "control_timestep: found nan"),
-        ({"joint_angles": 0.1 * (np.arange(12) == 3)}, "heights .* expected both soles flat"),
-        ({"plate_poses": np.zeros(3)}, r"plate_poses: found shape \(3,\), expected \(2, 3\)"),
-        ({"actuation": "speeds"}, "unknown actuation 'speeds'; valid: angles, torques"),
-        ({"control_timestep": 0.0123}, "control_timestep: .*multiple"),
-        ({"observable_options": {"cell": {}}}, "unknown observable 'cell'; did you mean 'cells'. valid: "),
-        ({"observable_options": {"cells": {"lag": 1}}}, "'cells': unknown option 'lag'; valid: .*delay"),
-    ],
-)
-def test_what_does_not_fit_is_refused(rig, stand, arguments, message):
-    with pytest.raises(InputError, match=message):
-        laboratory_environment(rig, **({"joint_angles": stand} | arguments))
-
-
-@pytest.mark.parametrize(
-    ("actuation", "action", "message"),
-    [
-        ("angles", np.zeros(11), r"action: found shape \(11,\), expected \(12,\)"),
-        ("torques", np.zeros((12, 1)), r"action: found shape \(12, 1\), expected \(12,\)"),
-        ("torques", np.full(12, np.nan), "action: found a number that is not finite"),
-        ("angles", np.full(12, 20.0), "action: found an angle of 20, expected radians"),
-        ("angles", "up", "action: found 'up', expected 12 numbers"),
-    ],
-)
-def test_an_action_that_cannot_be_one_is_refused(rig, stand, actuation, action, message):
-    environment = laboratory_environment(rig, stand, actuation=actuation)
-    environment.reset()
-    with pytest.raises(InputError, match=message):
-        environment.step(action)
 
 
 def test_no_display_no_warning():

@@ -14,8 +14,8 @@ from tulip_testbed.measurements.contract import check_contract
 
 
 @pytest.fixture(scope="module")
-def measured(robot):
-    return tt.Laboratory(robot).run(tt.plans.random, engine="statics").measurements
+def measured(run):
+    return run.measurements
 
 
 def changed(m, **fields):
@@ -88,9 +88,14 @@ WRONG = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_measurements_in_memory_are_held_against_the_contract(measured, robot, tmp_path, name):
+def test_measurements_in_memory_are_held_against_the_contract(measured, name):
     change, message = WRONG[name]
-    wrong = change(measured)
+    with pytest.raises(tt.InputError, match=f"^measurements: .*{message}"):
+        check_contract(change(measured))
+
+
+def test_every_door_holds_measurements_against_the_contract(measured, robot, tmp_path):
+    wrong = changed(measured, joint_angles=np.rad2deg)
     for call in (
         lambda: tt.identify(wrong, robot),
         lambda: tt.discover(wrong, robot),
@@ -98,7 +103,7 @@ def test_measurements_in_memory_are_held_against_the_contract(measured, robot, t
         lambda: tt.optimize_plan(robot, after=wrong),
         lambda: tt.view(wrong, robot, save=tmp_path / "view.rrd"),
     ):
-        with pytest.raises(tt.InputError, match=f"^measurements: .*{message}"):
+        with pytest.raises(tt.InputError, match=r"^measurements: column 'q\."):
             call()
     assert list(tmp_path.iterdir()) == []
 
@@ -137,10 +142,8 @@ def test_what_a_simulator_measured_is_fine_and_quickly_checked(measured, robot, 
 
 def test_measurements_are_made_from_arrays_in_memory(measured, robot):
     m = measured
-    rows = {
-        name: getattr(m, name).tolist()
-        for name in ("placement", "joint_angles", "cell_forces", "plate_poses")
-    }
+    names = ("placement", "joint_angles", "cell_forces", "plate_poses")
+    rows = {name: getattr(m, name).tolist() for name in names}
     made = Measurements.from_arrays(m.header, posture=m.posture, time=m.time, **rows)
     assert made.header.stated.keys() == m.header.stated.keys()
     assert np.array_equal(made.support, m.support)
@@ -148,13 +151,46 @@ def test_measurements_are_made_from_arrays_in_memory(measured, robot):
     assert made.command is None
     assert np.array_equal(tt.identify(made, robot).full.value, tt.identify(m, robot).full.value)
     for wrong, message in (
-        ({"joint_angels": 0}, "measurements: unknown field 'joint_angels'; did you mean 'joint_angles'"),
-        ({"cell_forces": None}, "measurements: found no cell_forces, expected values of every row"),
-        (
-            {"placement": [1, 2]},
-            r"measurements: placement: found int64 \(2,\), expected an array of whole num",
-        ),
-        ({"plate_poses": [[1], [1, 2]]}, "measurements: found no array of numbers"),
+        ({"joint_angels": 0}, "unknown field 'joint_angels'; did you mean 'joint_angles'"),
+        ({"cell_forces": None}, "found no cell_forces, expected values of every row"),
+        ({"placement": [1, 2]}, r"placement: found int64 \(2,\), expected an array of whole num"),
+        ({"plate_poses": [[1], [1, 2]]}, "found no array of numbers"),
     ):
-        with pytest.raises(tt.InputError, match=f"^{message}"):
+        with pytest.raises(tt.InputError, match=f"^measurements: {message}"):
             Measurements.from_arrays(m.header, **(rows | wrong))
+
+
+def test_a_plan_whose_swing_foot_is_elsewhere_is_refused(robot, tmp_path):
+    pose = tt.plans.random.swing_pose.copy()
+    pose[:5, 0] += 5.0
+    wrong = dataclasses.replace(tt.plans.random, swing_pose=pose)
+    message = (
+        r"columns 'swing\.\*', row 1: found 4\.\d+, .*, expected .*, where the joint angles put the foot"
+    )
+    with pytest.raises(tt.InputError, match=f"plan: {message}"):
+        tt.Laboratory(robot).run(wrong, engine="statics")
+    tt.plans.write(tmp_path / "plan", wrong)
+    with pytest.raises(tt.InputError, match=message):
+        tt.plans.read(tmp_path / "plan", robot)
+
+
+def test_a_plan_in_memory_must_fit_the_robot(foreign, robot):
+    plan = tt.plans.random
+    angles = plan.joint_angles.copy()
+    angles[3, 2] = np.nan
+    for wrong, at, message in (
+        (plan, foreign["humanoid"], "made for another robot"),
+        (dataclasses.replace(plan, joints=plan.joints[::-1]), robot, "plan: found joints"),
+        (dataclasses.replace(plan, joint_angles=angles), robot, "plan: row 4: found joint_angles"),
+        (plan.take(np.zeros(len(plan), bool)), robot, "plan: found .* joint angles"),
+        (dataclasses.replace(plan, joint_angles=np.degrees(plan.joint_angles)), robot, "expected within"),
+    ):
+        with pytest.raises(tt.InputError, match=message):
+            tt.Laboratory(at).run(wrong, engine="statics")
+        with pytest.raises(tt.InputError, match=message):
+            tt.atlas(wrong, at)
+
+
+def test_the_shipped_plan_cannot_be_changed():
+    with pytest.raises(ValueError, match="read-only"):
+        tt.plans.random.joint_angles[0, 0] += 0.05

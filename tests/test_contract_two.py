@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from tests.contact_folders import EXAMPLE, GROUND, POSE, assert_same, contacts_of, readings, write_contacts
 from tests.fuzz.documents import STRANGE, json_values, places
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.check_folder import check_folder
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.measurements import read_measurements, write_measurements
-from tulip_testbed.measurements.contacts import VERTICAL, WRENCH, Contacts
+from tulip_testbed.measurements.contacts import VERTICAL, WRENCH
 from tulip_testbed.measurements.contract import check_contract
-
-EXAMPLE = Path(__file__).parent.parent / "docs" / "how-to" / "your-data"
-POSE = {"x": 0.01, "y": 0.0, "z": -0.03, "roll": 0.0, "pitch": 0.0, "yaw": 0.5}
-CHANNELS = {"wrench": list(WRENCH), "vertical": list(VERTICAL)}
 
 
 @pytest.fixture(scope="module")
@@ -30,63 +26,12 @@ def plates():
     return read_measurements(EXAMPLE)
 
 
-def contact(name, **changes):
-    entry = {
-        "name": name,
-        "kind": "wrench",
-        "mount": "foot",
-        "channels": CHANNELS["wrench"],
-        "pose": POSE,
-        "covariance": None,
-        "zero": "tared",
-        "below": None,
-    } | changes
-    return {key: value for key, value in entry.items() if value != "absent"}
-
-
-def on_ground(**changes):
-    return {"mount": "ground", "pose": "absent", "below": "absent", "top_height": 0.05} | changes
-
-
-def readings(m):
-    """Columns of six-axis sensors under each foot that carry what the cells do, by name."""
-    columns = {}
-    for p, side in enumerate(("right", "left")):
-        forces, cells = m.cell_forces[:, 4 * p : 4 * p + 4], m.cells[p]
-        channels = (0 * forces[:, 0], 0 * forces[:, 0], forces.sum(axis=1), forces @ cells[:, 1])
-        for channel, values in zip(WRENCH, (*channels, -forces @ cells[:, 0], 0 * forces[:, 0]), strict=True):
-            columns[f"wrench.{side}.{channel}"] = values
-    return columns
-
-
 @pytest.fixture
 def write(plates, tmp_path):
-    """Write a folder by hand: the contacts of the manifest, other keys, and columns."""
-
-    def written(contacts, columns=None, drop=(), plate_poses=True, **keys):
-        folder = tmp_path / "data"
-        folder.mkdir(exist_ok=True)
-        manifest = json.loads((EXAMPLE / "manifest.json").read_text())
-        manifest |= {"version": 2, "contacts": contacts} | keys
-        del manifest["plates"]
-        (folder / "manifest.json").write_text(json.dumps(manifest))
-        table = {k: v for k, v in plates.columns().items() if not k.startswith(("cell", "q_std"))}
-        if not plate_poses:
-            table = {k: v for k, v in table.items() if not k.startswith("plate.")}
-        table |= readings(plates) if columns is None else columns
-        table = {k: np.asarray(v) for k, v in table.items() if k not in drop}
-        lines = [",".join(f'"{name}"' for name in table)]
-        for row in range(len(plates)):
-            values = [v[row] for v in table.values()]
-            lines.append(",".join("" if isinstance(v, float) and np.isnan(v) else str(v) for v in values))
-        (folder / "postures.csv").write_text("\n".join(lines) + "\n")
-        return folder
-
-    return written
-
-
-def pair(**changes):
-    return [contact("right", **changes), contact("left", **changes)]
+    """Write a folder by hand: the contacts of the manifest, other columns and keys."""
+    return lambda contacts, columns=None, drop=(), **keys: write_contacts(
+        tmp_path / "data", plates, contacts, columns, drop, **keys
+    )
 
 
 def refusal(folder):
@@ -97,22 +42,11 @@ def refusal(folder):
     return message
 
 
-def same(one, other):
-    for field in dataclasses.fields(one):
-        a, b = getattr(one, field.name), getattr(other, field.name)
-        if isinstance(a, Contacts):
-            same(a, b)
-        elif isinstance(a, np.ndarray):
-            assert np.array_equal(a, b, equal_nan=a.dtype.kind == "f"), field.name
-        else:
-            assert a == b, field.name
-
-
 def test_wrench_sensors_in_the_feet_are_read(write, plates):
     below = {"mass": 0.4, "mass_sd": 0.02, "center": [0.02, 0.0, -0.04], "center_sd": 0.005}
     zero = [0, 0, 1.5, None, 0.1, 0.1]
     covariance = (np.diag([1.0, 1.0, 4.0, 0.01, 0.01, 0.01])).tolist()
-    m = read_measurements(write(pair(below=below, zero=zero, covariance=covariance), plate_poses=False))
+    m = read_measurements(write(contacts_of(below=below, zero=zero, covariance=covariance), poses=False))
     assert m.contacts is not None
     assert m.contacts.mount == "foot"
     assert m.contacts.channels == WRENCH
@@ -137,21 +71,21 @@ def test_wrench_sensors_in_the_feet_are_read(write, plates):
         {"zero": [None, 0, 0.25, 0, 0, 0]},
         {"below": {"mass": 0.4, "mass_sd": 0.02, "center": [0.0, 0.0, -0.04], "center_sd": [0.1, 0.2, 0.3]}},
         {"covariance": np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]).tolist()},
-        on_ground(),
-        on_ground(channels=CHANNELS["vertical"]),
+        GROUND,
+        GROUND | {"channels": list(VERTICAL)},
     ],
 )
 def test_what_is_read_is_written_and_read_again(write, tmp_path, changes):
     folder = write(
-        pair(**changes),
-        plate_poses="top_height" in changes,
+        contacts_of(**changes),
+        poses="top_height" in changes,
         constant_joints={"right_knee": {"value": 0.25, "sd": 0.01}},
         drop=("q.right_knee",),
         gains={"left_knee": 5000.0},
     )
     m = read_measurements(folder)
     write_measurements(tmp_path / "again", m)
-    same(m, read_measurements(tmp_path / "again"))
+    assert_same(m, read_measurements(tmp_path / "again"))
     manifest = json.loads((tmp_path / "again" / "manifest.json").read_text())
     assert manifest["version"] == 2
     assert manifest["constant_joints"] == {"right_knee": {"value": 0.25, "sd": 0.01}}
@@ -167,15 +101,6 @@ def test_version_one_is_written_as_before(plates, tmp_path):
     assert manifest["version"] == 1
 
 
-def test_contacts_in_version_one_are_refused(write):
-    folder = write(pair())
-    manifest = json.loads((folder / "manifest.json").read_text()) | {"version": 1}
-    plates = json.loads((EXAMPLE / "manifest.json").read_text())["plates"]
-    (folder / "manifest.json").write_text(json.dumps(manifest | {"plates": plates}))
-    assert "key 'contacts': found [{'name': 'right'" in (message := refusal(folder))
-    assert "expected no such key in version 1" in message
-
-
 def test_four_corner_cells_are_the_case_of_version_one(write, plates):
     cells = json.loads((EXAMPLE / "manifest.json").read_text())["plates"]["right"]["cells"]
     entries = [
@@ -184,7 +109,7 @@ def test_four_corner_cells_are_the_case_of_version_one(write, plates):
     columns = {k: v for k, v in plates.columns().items() if k.startswith("cell.")}
     m = read_measurements(write(entries, columns))
     assert m.contacts is None
-    same(m, plates)
+    assert_same(m, plates)
 
 
 def three_cells(m):
@@ -206,14 +131,8 @@ def pressure(m):
     for p in (0, 1):
         x, y, yaw = m.plate_poses[:, p].T
         fz, mx, my = m.wrenches[:, p].T
-        place = np.array([-my / fz, mx / fz])
-        turned = np.array(
-            [
-                x + np.cos(yaw) * place[0] - np.sin(yaw) * place[1],
-                y + np.sin(yaw) * place[0] + np.cos(yaw) * place[1],
-            ]
-        )
-        total, moment = total + fz, moment + (fz * turned).T
+        a, b, c, s = -my / fz, mx / fz, np.cos(yaw), np.sin(yaw)
+        total, moment = total + fz, moment + (fz * np.array([x + c * a - s * b, y + s * a + c * b])).T
     return moment / total[:, None]
 
 
@@ -257,96 +176,27 @@ def test_centres_of_pressure_are_read_as_vertical_wrenches(write, plates):
 def test_a_foot_in_the_air_may_lack_its_reading(write, plates, tmp_path):
     columns = readings(plates)
     support = np.where(np.arange(len(plates)) == 4, "right", "double")
-    for channel in WRENCH:
-        columns[f"wrench.left.{channel}"] = np.where(
-            support == "right", np.nan, columns[f"wrench.left.{channel}"]
-        )
-    folder = write(pair(), columns | {"support": support})
+    left = {name: np.where(support == "right", np.nan, v) for name, v in columns.items() if "left" in name}
+    columns |= left
+    folder = write(contacts_of(), columns | {"support": support})
     m = read_measurements(folder)
     assert m.wrenches is not None
     assert np.isnan(m.wrenches[4, 1]).all()
     assert np.isfinite(np.delete(m.wrenches, 4, axis=0)).all()
     write_measurements(tmp_path / "again", m)
-    same(m, read_measurements(tmp_path / "again"))
-    stands = refusal(write(pair(), columns))
-    assert (
-        "column 'wrench.left.fx', row 5: found nothing, expected a number, since this foot stands" in stands
-    )
-    broken = dataclasses.replace(m, support=np.full(len(m), "double"))
+    assert_same(m, read_measurements(tmp_path / "again"))
+    broken = replace(m, support=np.full(len(m), "double"))
     with pytest.raises(InputError, match=r"measurements: column 'wrench.left.fx', row 5: found nan"):
         check_contract(broken)
     columns["wrench.left.fz"][4] = 0.2
-    some = refusal(write(pair(), columns | {"support": support}))
+    some = refusal(write(contacts_of(), columns | {"support": support}))
     assert "column 'wrench.left.fx', row 5: found nothing, expected all of the contact's readings" in some
-
-
-@pytest.mark.parametrize(
-    ("contacts", "message"),
-    [
-        (pair(kind="scale"), "contacts.0': found {'name': 'right', 'kind': 'scale'"),
-        (pair(pose="absent"), "expected key 'pose' with mount 'foot'"),
-        (pair(mount="ground"), "expected key 'top_height' with mount 'ground'"),
-        (pair(**on_ground(pose=POSE)), "expected no key 'pose' with mount 'ground'"),
-        (
-            pair(channels=["fz"]),
-            "expected channels ['fx', 'fy', 'fz', 'mx', 'my', 'mz'] or ['fz', 'mx', 'my']",
-        ),
-        (pair(covariance="absent"), "keys 'contacts.0.wrench.covariance', 'contacts.1.wrench.covariance'"),
-        (pair(covariance=[[1.0]]), "expected a covariance of 6 rows, one a channel"),
-        (pair(covariance=[[1.0, 2.0], [2.0, 1.0]]), "none of its eigenvalues below zero"),
-        (pair(covariance=[[1.0, 2.0], [0.0, 1.0]]), "expected a symmetric matrix"),
-        (pair(zero="taerd"), "zero': found 'taerd'; expected 'tared', 'unknown' or a list of s.d."),
-        (pair(zero=[0, 1]), "expected a zero of 6 s.d., one a channel"),
-        (pair(zero=[-1.0] * 6), "or a list of s.d., one a channel"),
-        (pair(masss=3), "masss': found 3; expected no such key"),
-        (pair()[:1], "found [{'name': 'right'"),
-        ([contact("right"), contact("right")], "one contact named 'right' and one named 'left'"),
-        (
-            [contact("right"), contact("left", **on_ground())],
-            "the same 'mount' of both, found foot and ground",
-        ),
-        (
-            [contact("right", channels=CHANNELS["vertical"]), contact("left")],
-            "expected the same 'channels' of both",
-        ),
-        (
-            [
-                contact("right"),
-                {
-                    "name": "left",
-                    "kind": "cells",
-                    "cells": {"a": [0, 1], "b": [1, 0], "c": [0, 0]},
-                    "top_height": 0,
-                },
-            ],
-            "expected the same 'kind' of both, found wrench and cells",
-        ),
-        (
-            [
-                {
-                    "name": s,
-                    "kind": "cells",
-                    "cells": {"a": [0, 0], "b": [1, 1], "c": [2, 2]},
-                    "top_height": 0,
-                }
-                for s in ("right", "left")
-            ],
-            "expected cells that are not on one line",
-        ),
-    ],
-)
-def test_wrong_contacts_are_named(write, contacts, message):
-    assert message in refusal(write(contacts))
 
 
 @pytest.mark.parametrize(
     ("factor", "channels", "message"),
     [
-        (
-            0.0,
-            ("fz",),
-            "column 'wrench.*.fz', row 1: found 0.0, expected the robot's weight as their sum [N]",
-        ),
+        (0.0, ("fz",), "'wrench.*.fz', row 1: found 0.0, expected the robot's weight as their sum [N]"),
         (1e3, ("mx", "my"), "expected a moment within 2 m times the weight [Nm]"),
         (1e9, ("fz",), "column 'wrench.right.fz', row 1: found"),
     ],
@@ -354,12 +204,9 @@ def test_wrong_contacts_are_named(write, contacts, message):
 def test_implausible_wrenches_are_refused_unless_the_zero_is_unknown(
     write, plates, factor, channels, message
 ):
-    columns = readings(plates)
-    for side in ("right", "left"):
-        for channel in channels:
-            columns[f"wrench.{side}.{channel}"] *= factor
-    assert message in refusal(write(pair(), columns))
-    folder = write(pair(zero="unknown"), columns)
+    columns = {k: v * factor if k.endswith(channels) else v for k, v in readings(plates).items()}
+    assert message in refusal(write(contacts_of(), columns))
+    folder = write(contacts_of(zero="unknown"), columns)
     if factor < 1e9:
         assert len(read_measurements(folder)) == len(plates)
     else:
@@ -382,8 +229,8 @@ def test_a_table_keeps_its_own_names_units_and_signs(write, plates):
         "posture": {"column": "no"},
         "time": {"column": "clock", "unit": "min"},
     }
-    direct = read_measurements(write(pair()))
-    folder = write(pair(), columns | own, drop=tuple(mapping), mapping=mapping)
+    direct = read_measurements(write(contacts_of()))
+    folder = write(contacts_of(), columns | own, drop=tuple(mapping), mapping=mapping)
     mapped = read_measurements(folder)
     for name in ("joint_angles", "wrenches", "time"):
         assert getattr(mapped, name) == pytest.approx(getattr(direct, name), rel=1e-12, abs=1e-12)
@@ -391,72 +238,34 @@ def test_a_table_keeps_its_own_names_units_and_signs(write, plates):
     write_measurements(folder.parent / "plain", mapped)
     again = read_measurements(folder.parent / "plain")
     assert "mapping" not in json.loads((folder.parent / "plain" / "manifest.json").read_text())
-    same(mapped, again)
-
-
-@pytest.mark.parametrize(
-    ("name", "entry", "message"),
-    [
-        (
-            "q.right_kne",
-            {"column": "F1", "unit": "rad"},
-            "unknown column 'q.right_kne'; did you mean 'q.right_knee'",
-        ),
-        (
-            "q.right_knee",
-            {"column": "F1"},
-            "key 'mapping.q.right_knee.unit': found nothing; expected a unit of angle",
-        ),
-        ("q.right_knee", {"column": "F1", "unit": "degrees"}, "found 'degrees'; expected a unit of angle"),
-        ("wrench.left.mx", {"column": "F1", "unit": "N"}, "valid: Nm, Nmm, kNm"),
-        ("q.right_knee", {"column": "F1", "unit": "deg", "sign": 2}, "found 2; expected 1 or -1"),
-        ("q_std.right_knee", {"column": "F1", "unit": "deg", "sign": -1}, "found -1; expected 1"),
-        ("q.right_knee", {"column": "F2", "unit": "deg"}, "found no column 'F2' (mapped to q.right_knee)"),
-        ("posture", {"column": "F1", "unit": "m"}, "found 'm'; expected no unit"),
-    ],
-)
-def test_a_wrong_mapping_is_named(write, plates, name, entry, message):
-    columns = readings(plates) | {"F1": np.arange(len(plates)) / 100}
-    folder = write(pair(), columns, drop=(name,), mapping={name: entry})
-    assert message in refusal(folder)
-
-
-def test_two_columns_for_one_are_refused(write, plates):
-    columns = readings(plates) | {"RKnee": plates.joint_angles[:, 3]}
-    mapping = {"q.right_knee": {"column": "RKnee", "unit": "rad"}}
-    assert "found column 'q.right_knee' and, by the manifest's mapping, 'RKnee'" in refusal(
-        write(pair(), columns, mapping=mapping)
-    )
+    assert_same(mapped, again)
 
 
 def test_a_constant_joint_is_filled_in(write, plates, tmp_path):
     constant = {"right_knee": {"value": 0.25, "sd": 0.02}}
-    m = read_measurements(write(pair(), drop=("q.right_knee",), constant_joints=constant))
+    m = read_measurements(write(contacts_of(), drop=("q.right_knee",), constant_joints=constant))
     knee = m.joints.index("right_knee")
     assert m.joint_angles[:, knee].tolist() == [0.25] * len(m)
     assert m.constant_joints == {"right_knee": 0.02}
     assert "q.right_knee" not in m.columns()
-    assert "lists in 'constant_joints'" in refusal(write(pair(), constant_joints=constant))
-    unknown = {"neck": {"value": 0.0, "sd": 0.1}}
-    assert "unknown joint 'neck'" in refusal(write(pair(), constant_joints=unknown))
     moved = m.joint_angles.copy()
     moved[3, knee] += 0.1
     with pytest.raises(InputError, match=r"column 'q.right_knee', row 4: found 0.35, expected 0.25"):
-        write_measurements(tmp_path / "no", dataclasses.replace(m, joint_angles=moved))
+        write_measurements(tmp_path / "no", replace(m, joint_angles=moved))
 
 
 def test_speed_and_acceleration_are_read_in_both_versions(write, plates, tmp_path):
     speed = np.linspace(0, 0.1, len(plates))
-    m = read_measurements(write(pair(), readings(plates) | {"speed": speed, "acceleration": speed}))
+    m = read_measurements(write(contacts_of(), readings(plates) | {"speed": speed, "acceleration": speed}))
     assert m.speed is not None
     assert m.speed.tolist() == speed.tolist()
     assert m.acceleration is not None
     assert m.acceleration.tolist() == speed.tolist()
-    one = dataclasses.replace(plates, speed=speed)
+    one = replace(plates, speed=speed)
     write_measurements(tmp_path / "one", one)
-    same(one, read_measurements(tmp_path / "one"))
+    assert_same(one, read_measurements(tmp_path / "one"))
     with pytest.raises(InputError, match=r"column 'speed', row 2: found -0.004"):
-        check_contract(dataclasses.replace(plates, speed=-speed))
+        check_contract(replace(plates, speed=-speed))
 
 
 @pytest.mark.parametrize(
@@ -466,38 +275,30 @@ def test_speed_and_acceleration_are_read_in_both_versions(write, plates, tmp_pat
         (lambda m: {"wrenches": None}, r"wrenches: found NoneType"),
         (lambda m: {"contacts": None}, r"cell_forces: found float64 \(24, 0\)"),
         (lambda m: {"top_height": np.array([0.1, 0.1])}, r"top_height: found other than zeros"),
+        (lambda m: {"contacts": replace(m.contacts, mount="wall")}, r"contacts: mount: found 'wall'"),
         (
-            lambda m: {"contacts": dataclasses.replace(m.contacts, mount="wall")},
-            r"contacts: mount: found 'wall'",
-        ),
-        (
-            lambda m: {"contacts": dataclasses.replace(m.contacts, zero_sd=np.zeros(6))},
-            r"contacts: zero_sd: found \(6,\), expected an array of numbers \(2, 6\)",
+            lambda m: {"contacts": replace(m.contacts, zero_sd=np.zeros(6))},
+            r"zero_sd: found \(6,\), expected",
         ),
         (lambda m: {"constant_joints": {"neck": 0.1}}, r"constant_joints: unknown joint 'neck'"),
     ],
 )
 def test_contacts_in_memory_are_held_against_the_contract(write, change, message):
-    m = read_measurements(write(pair(), plate_poses=False))
+    m = read_measurements(write(contacts_of(), poses=False))
     check_contract(m)
     with pytest.raises(InputError, match=message):
-        check_contract(dataclasses.replace(m, **change(m)))
+        check_contract(replace(m, **change(m)))
 
 
 def test_check_lists_what_a_folder_of_version_two_lacks(write, robot):
-    folder = write(pair(), drop=("wrench.left.fz", "q.right_knee"))
+    folder = write(contacts_of(), drop=("wrench.left.fz", "q.right_knee"))
     told = check_folder(folder, robot).to_json()
     assert told["verdict"] == "could not read"
     assert "columns missing: q.right_knee, wrench.left.fz" in " ".join(told["complaints"]["table"])
     assert not told["complaints"]["manifest"]
 
 
-@settings(
-    max_examples=60,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
+@settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_any_change_of_the_contacts_is_read_or_refused_in_one_line(write, plates, data):
     """Keys that are lost, and values of another type, size or length."""
@@ -505,7 +306,7 @@ def test_any_change_of_the_contacts_is_read_or_refused_in_one_line(write, plates
     covariance = np.diag([1.0, 1.0, 4.0, 0.01, 0.01, 0.01]).tolist()
     kind = data.draw(st.sampled_from(["wrench", "cop", "cells"]))
     if kind == "wrench":
-        entries = pair(below=below, covariance=covariance, zero=[0, 0, 1.5, None, 0.1, 0.1])
+        entries = contacts_of(below=below, covariance=covariance, zero=[0, 0, 1.5, None, 0.1, 0.1])
     else:
         more = (
             {"sd": [0.1, 0.1, 1.0], "mount": "ground"}
@@ -524,7 +325,6 @@ def test_any_change_of_the_contacts_is_read_or_refused_in_one_line(write, plates
         columns |= {f"cop.{side}.{axis}": columns[f"wrench.{side}.fz"] / 1e3 for axis in ("x", "y")}
         columns[f"cop.{side}.fz"] = columns[f"wrench.{side}.fz"]
     drop = ("q.right_knee", "q.left_knee")
-    assert len(read_measurements(write(entries, columns, drop, mapping=document["mapping"], **constant)))
     inside, key = data.draw(st.sampled_from(list(places(document))))
     if isinstance(inside, dict) and data.draw(st.booleans()):
         del inside[key]

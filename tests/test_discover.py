@@ -23,7 +23,7 @@ from tulip_testbed.discovery.next_experiment import doubts_of, rank_experiments
 from tulip_testbed.discovery.patterns import patterns
 from tulip_testbed.discovery.story import WORTHWHILE, story
 from tulip_testbed.effects.injection import edited
-from tulip_testbed.effects.instance import check_instances
+from tulip_testbed.effects.instance import EffectInstance, check_instances
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_noise import noise_of
@@ -31,31 +31,6 @@ from tulip_testbed.sim.random_robots import draw_robot, edit_of
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
-
-
-def names(found):
-    return [(o.effect.name, o.target) for o in found.adopted]
-
-
-def after(found):
-    assert found.heldout is not None
-    return found.heldout.after
-
-
-def before(found):
-    assert found.heldout is not None
-    return found.heldout.before
-
-
-def floor(found):
-    assert found.heldout is not None
-    return found.heldout.floor
-
-
-def interval(found, number):
-    (one,) = found.adopted
-    assert one.intervals[number] is not None
-    return one.intervals[number]
 
 
 def test_a_pattern_tells_the_reading_that_errs(robot, plan, nominal):
@@ -78,59 +53,126 @@ def test_a_pattern_tells_the_reading_that_errs(robot, plan, nominal):
 @pytest.mark.parametrize("preset", ["wii", pytest.param("force-plate", marks=pytest.mark.slow)])
 def test_no_gap_no_name(robot, plan, preset):
     found = discover(measured(robot, plan, preset), robot)
-    assert found.verdict == "none"
-    assert found.adopted == ()
-    assert after(found)["AFTC"] < floor(found)["AFTC"]
+    assert (found.verdict, found.adopted) == ("none", ())
+    assert found.heldout is not None
+    assert found.heldout.after["AFTC"] < found.heldout.floor["AFTC"]
     assert "No gap" in story(found, [])[0]
 
 
+def hidden_in(robot, plan, preset, texts, seed=SEED):
+    """Return the effects that are written and measurements with them."""
+    hidden = [EffectInstance.parse(text, robot, plan.placement.tolist()) for text in texts.split(" & ")]
+    values = [(effect.effect.name, effect.target, effect.values) for effect in hidden]
+    return hidden, measured(robot, plan, preset, *values, seed=seed)
+
+
+def check_named(found, hidden):
+    """Check verdict, names and sizes; some dozen sizes at once: 1.5 half widths are 99.7 %."""
+    assert found.verdict == "named"
+    adopted = {effect.label: effect for effect in found.adopted}
+    assert adopted.keys() == {effect.label for effect in hidden}
+    for effect in hidden:
+        sized = adopted[effect.label]
+        for value, estimate, interval in zip(effect.values, sized.values, sized.intervals, strict=True):
+            if interval is None:
+                assert estimate == value
+            else:
+                assert abs(value - sum(interval) / 2) < 1.5 * (interval[1] - interval[0]) / 2
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("preset", "name", "target", "value"),
+    ("preset", "text"),
     [
-        pytest.param("wii", "encoder-offset", "left_ankle_roll", 0.012, marks=pytest.mark.slow),
-        ("force-plate", "joint-compliance", "right_ankle_roll", 0.0008),
-        pytest.param("wii", "sole-compliance", "", 0.0008, marks=pytest.mark.slow),
-        pytest.param("wii", "cell-gain", "left.rear_left", 0.12, marks=pytest.mark.slow),
-        pytest.param("force-plate", "thermal-gain-drift", "", -0.01, marks=pytest.mark.slow),
+        ("wii", "encoder-offset:left_ankle_roll=0.012"),
+        ("force-plate", "joint-compliance:right_ankle_roll=0.0008"),
+        ("wii", "sole-compliance=0.0008"),
+        ("wii", "cell-gain:left.rear_left=0.12"),
+        ("force-plate", "thermal-gain-drift=-0.01"),
+        ("force-plate", "swapped-cells:right=front_left,rear_right"),
     ],
 )
-def test_a_hidden_effect_is_named_sized_and_predicts(robot, plan, preset, name, target, value):
-    found = discover(measured(robot, plan, preset, (name, target, (value,))), robot)
-    assert found.verdict == "named"
-    assert names(found) == [(name, target)]
-    low, high = interval(found, 0)
-    middle, half = (low + high) / 2, (high - low) / 2
-    assert abs(value - middle) < 1.5 * half  # five cases at once: 1.5 half widths is 99.7 %
-    assert after(found)["AFTC"] < min(1.1, before(found)["AFTC"])
-    assert found.heldout is not None
-    worse = dataclasses.replace(found.heldout, after=after(found) | {"T": 1.2})
+def test_a_hidden_effect_is_named_sized_and_predicts(robot, plan, preset, text):
+    hidden, data = hidden_in(robot, plan, preset, text)
+    found = discover(data, robot)
+    check_named(found, hidden)
+    heldout = found.heldout
+    assert heldout is not None
+    assert heldout.after["AFTC"] < min(1.1, heldout.before["AFTC"])
+    worse = dataclasses.replace(heldout, after=heldout.after | {"T": 1.2})
     assert "channel T" in " ".join(_reasons(found.selection, found.patterns[0], worse))
 
 
+OTHER_SEED = 7501  # no development seed
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("preset", "name", "target", "value"),
+    ("preset", "texts", "seed"),
     [
-        pytest.param("wii", "encoder-offset", "left_ankle_roll", 0.003, marks=pytest.mark.slow),
-        ("force-plate", "joint-compliance", "right_ankle_roll", 0.0002),
+        # The formula of a yielding knee alone is 8 % off: the whole robot sinks and shifts its load.
+        ("force-plate", "joint-compliance:right_knee=0.0008", SEED),
+        # A change lies between two postures; at the end one is beyond the last time that a search tries.
+        ("wii", "encoder-slip:right_knee=0.004,0.47", SEED),
+        ("force-plate", "encoder-slip:left_ankle_pitch=0.0028,0.9", SEED),
+        ("force-plate", "encoder-gain:left_knee=0.01 & cell-gain:right.front_left=0.02", SEED),
+        ("force-plate", "link-length:left_lower_leg=0.006 & link-length:right_ankle=0.005", SEED),
+        # Which one is off is no question: a drift of all gains, 15 tolerances large.
+        ("wii", "thermal-gain-drift=0.046", SEED),
+        ("force-plate", "creep:left.front_right=0.02,0.1", OTHER_SEED),
+        ("force-plate", "plate-drift:right=-0.5", OTHER_SEED),
+        ("force-plate", "encoder-load:left_ankle_pitch=5e-6", OTHER_SEED),
+        ("force-plate", "lag:right_hip_pitch=0.002", OTHER_SEED),
+        ("force-plate", "logged-command:left_knee=command", OTHER_SEED),
+        ("force-plate", "rocking:right.front_left=0.0003", OTHER_SEED),
     ],
 )
-def test_a_small_fault_is_an_ordinary_imperfection(robot, plan, preset, name, target, value):
+def test_hidden_effects_are_named_with_their_sizes(robot, plan, preset, texts, seed):
+    hidden, data = hidden_in(robot, plan, preset, texts, seed)
+    found = discover(data, robot, hold_out=False)
+    check_named(found, hidden)
+    check_instances(found.adopted, robot, "adopted")
+    for effect in found.adopted:
+        if effect.effect.name == "encoder-slip":
+            low, high = effect.intervals[1] or (0.0, 1.0)
+            assert high - low < 0.05
+        if effect.label == "joint-compliance:right_knee":
+            assert effect.values[0] == pytest.approx(8e-4, rel=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(
+    strict=True, reason="named: compliance and lag of that joint, see docs/studies/ordinary-laboratories.md"
+)
+def test_without_motors_a_logged_command_is_not_named_something_else(robot, plan):
+    """Dry friction bears a part of the load, which neither servo nor compliance explains."""
+    (hidden,), data = hidden_in(robot, plan, "force-plate", "logged-command:right_knee=command", OTHER_SEED)
+    found = discover(dataclasses.replace(data, motor=None), robot)
+    assert found.verdict == "unknown" or [effect.label for effect in found.adopted] == [hidden.label]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("preset", "text"),
+    [
+        ("wii", "encoder-offset:left_ankle_roll=0.003"),
+        ("force-plate", "joint-compliance:right_ankle_roll=0.0002"),
+    ],
+)
+def test_a_small_fault_is_an_ordinary_imperfection(robot, plan, preset, text):
     """It is the clearest of them, with its interval; nothing is named."""
-    found = discover(measured(robot, plan, preset, (name, target, (value,))), robot)
-    assert found.verdict == "calibrated"
-    assert found.adopted == ()
-    clearest = max(found.calibrated, key=_clarity)
-    assert (clearest.effect.name, clearest.target) == (name, target)
-    assert clearest.intervals[0] is not None
-    low, high = clearest.intervals[0]
-    assert abs(value - (low + high) / 2) < 1.5 * (high - low) / 2
+    (hidden,), data = hidden_in(robot, plan, preset, text)
+    found = discover(data, robot)
+    assert (found.verdict, found.adopted) == ("calibrated", ())
 
+    def clarity(member):
+        low, high = member.intervals[0]
+        return abs(member.values[0]) / (high - low)
 
-def _clarity(one):
-    low, high = one.intervals[0]
-    return abs(one.values[0]) / (high - low)
+    clearest = max(found.calibrated, key=clarity)
+    assert clearest.label == hidden.label
+    low, high = clearest.intervals[0] or (np.inf, np.inf)
+    assert abs(hidden.values[0] - (low + high) / 2) < 1.5 * (high - low) / 2
 
 
 @pytest.mark.parametrize("preset", ["force-plate", pytest.param("wii", marks=pytest.mark.slow)])
@@ -171,34 +213,6 @@ def _timeless(m):
 
 
 @pytest.mark.slow
-def test_a_knee_that_yields_by_degrees_is_sized_through_the_laboratory(robot, plan):
-    """The formula alone is 8 % off: the whole robot sinks and shifts its load."""
-    data = measured(robot, plan, "force-plate", ("joint-compliance", "right_knee", (8e-4,)))
-    found = discover(data, robot, hold_out=False)
-    assert names(found) == [("joint-compliance", "right_knee")]
-    assert found.adopted[0].values[0] == pytest.approx(8e-4, rel=0.02)
-    assert interval(found, 0)[0] < 8e-4 < interval(found, 0)[1]
-
-
-@pytest.mark.slow
-def test_a_change_in_time_is_found_between_two_postures(robot, plan):
-    data = measured(robot, plan, "wii", ("encoder-slip", "right_knee", (0.004, 0.47)))
-    found = discover(data, robot, hold_out=False)
-    assert names(found) == [("encoder-slip", "right_knee")]
-    low, high = interval(found, 1)
-    assert low <= 0.47 <= high
-    assert high - low < 0.05
-
-
-@pytest.mark.slow
-def test_exchanged_cells_are_found_and_undone(robot, plan):
-    found = discover(measured(robot, plan, "force-plate", ("swapped-cells", "right", (0.0, 2.0))), robot)
-    assert names(found) == [("swapped-cells", "right")]
-    assert found.adopted[0].values == (0.0, 2.0)
-    assert after(found)["AFTC"] < 1.1
-
-
-@pytest.mark.slow
 def test_twins_are_not_named_and_an_experiment_is_proposed(robot, plan):
     tare = measured(robot, plan, "wii", ("cell-tare", "left.rear_left", (4.0,)))
     found = discover(tare, robot, tolerances=EXACT)
@@ -212,14 +226,6 @@ def test_twins_are_not_named_and_an_experiment_is_proposed(robot, plan):
     (advice,) = [line for line in story(found, ranking) if line.startswith("To separate them")]
     assert f"({ranking[0].words})" in advice
     assert "measure the quantity in question directly" in " ".join(story(found, []))
-
-
-@pytest.mark.slow
-def test_two_effects_are_both_named(robot, plan):
-    hidden = (("encoder-gain", "left_knee", (0.01,)), ("cell-gain", "right.front_left", (0.02,)))
-    found = discover(measured(robot, plan, "force-plate", *hidden), robot, hold_out=False)
-    assert found.verdict == "named"
-    assert sorted(names(found)) == sorted((name, target) for name, target, _ in hidden)
 
 
 @pytest.mark.slow
@@ -257,24 +263,6 @@ def test_a_calibration_that_does_not_converge_is_refused_in_one_sentence(robot, 
     run = Laboratory(robot, "wii").run(plan.take(plan.placement <= 8), seed=1, engine="statics")
     with pytest.raises(InputError, match="rows of which no calibration converges; expected a smaller fault"):
         discover(run.measurements, robot)
-
-
-@pytest.mark.slow
-def test_a_change_at_the_end_of_the_catalogue_s_times_is_found_there(robot, plan):
-    """It lies between two postures, of which one is beyond the last time that a search tries."""
-    data = measured(robot, plan, "force-plate", ("encoder-slip", "left_ankle_pitch", (0.0028, 0.9)))
-    found = discover(data, robot, hold_out=False)
-    assert names(found) == [("encoder-slip", "left_ankle_pitch")]
-    low, high = interval(found, 0)
-    assert low < 0.0028 < high
-    check_instances(found.adopted, robot, "adopted")
-
-
-@pytest.mark.slow
-def test_two_of_one_family_do_not_hide_one_another(robot, plan):
-    hidden = (("link-length", "left_lower_leg", (0.006,)), ("link-length", "right_ankle", (0.005,)))
-    found = discover(measured(robot, plan, "force-plate", *hidden), robot, hold_out=False)
-    assert set(names(found)) == {(name, target) for name, target, _ in hidden}
 
 
 @pytest.mark.parametrize(
@@ -324,16 +312,6 @@ def test_of_many_placements_those_are_sought_that_stand_out(robot, plan, nominal
     assert 17 in numbers
     sought = [c.target for c in candidates(observed) if c.effect.name == "placement-blunder"]
     assert sought == [str(number) for number in numbers]
-
-
-@pytest.mark.slow
-def test_a_family_of_one_member_is_named_however_unusual(robot, plan):
-    """Which one is off is no question: a drift of all gains, 15 tolerances large."""
-    hidden = ("thermal-gain-drift", "", (0.046,))
-    found = discover(measured(robot, plan, "wii", hidden), robot, hold_out=False)
-    assert names(found) == [hidden[:2]]
-    low, high = interval(found, 0)
-    assert low < 0.046 < high
 
 
 def test_evidence_that_is_lost_on_the_way_is_a_reason():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 
 import numpy as np
 import pytest
@@ -17,7 +16,6 @@ from tulip_testbed.effects.targets import check_target, leg_links
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import ANCHORED, ROWS, residuals
 from tulip_testbed.measurements import Measurements
-from tulip_testbed.measurements.cells import CORNERS
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.rig import preset_rig
 
@@ -201,13 +199,6 @@ def test_a_rigid_payload_is_absorbed(noiseless, few, base, nominal):
     assert np.abs(raw[:, ROWS["A"]]).max() > 1.0  # mm
     for channel, least in (("A", 1e-3), ("F", 1e-9), ("C", 1e-3)):  # mm, N, mrad
         assert np.abs(simulated[:, ROWS[channel]]).max() < least
-
-
-def test_cells_swap_by_their_corners():
-    choices = catalogue()["swapped-cells"].parameters
-    assert all(parameter.choices == CORNERS for parameter in choices)
-    pairs = {frozenset(pair) for pair in itertools.product(*(p.grid for p in choices)) if len(set(pair)) == 2}
-    assert len(pairs) == 6
 
 
 def test_links_whose_length_closes_the_legs(robot):

@@ -48,12 +48,6 @@ def test_one_effect_is_explained(capsys):
     )
 
 
-def test_what_is_wrong_is_named_and_nothing_is_written(tmp_path, capsys):
-    message = refused(capsys, "simulate", "--out", tmp_path / "data", "--effects", "random=3")
-    assert "effects random=3: found a target or values, expected `random` alone" in message
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_hidden_effect_leaves_the_noise_and_the_folder_as_they_are(tmp_path):
     plain = simulated(tmp_path / "plain")
     hidden = simulated(tmp_path / "data", "--effects", OFFSET, "--truth", tmp_path / "truth.json")
@@ -82,13 +76,6 @@ def test_what_is_far_beyond_plausible_is_doubted(tmp_path, capsys):
     simulated(tmp_path / "data", "--effects", "encoder-offset:right_knee=0.5")
     warned = " ".join(capsys.readouterr().err.split())
     assert "encoder-offset:right_knee: offset 0.5 rad (28.6 deg) is 29 times what is plausible" in warned
-
-
-def test_who_takes_more_than_there_is_is_named(tmp_path, capsys):
-    text = "payload-step:torso=-20,0.5"
-    message = refused(capsys, "simulate", "--out", tmp_path / "data", "--effects", text)
-    assert f"effect {text}: found a laboratory that cannot be built" in message
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_several_effects(tmp_path):
@@ -123,11 +110,6 @@ def test_a_random_effect_tells_the_truth_file_alone(style, tmp_path, capsys):
     assert not [word for word in words if word in printed]
     assert not [word for word in [effect["name"], "effect", "random", *values] if word in folder]
     assert '"reason": "' not in printed
-
-
-def test_a_random_effect_wants_a_truth_file(tmp_path, capsys):
-    message = refused(capsys, "simulate", "--out", tmp_path / "data", "--effects", "random")
-    assert "effects random: found no file for the truth, expected `truth=FILE`" in message
 
 
 def test_a_random_effect_that_cannot_be_simulated_is_not_named(tmp_path, capsys, monkeypatch):

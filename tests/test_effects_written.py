@@ -20,7 +20,6 @@ from tulip_testbed.effects.instance import (
     effect_label,
     split_label,
 )
-from tulip_testbed.effects.random_effects import read_effects
 from tulip_testbed.sim.robot import load_robot
 
 PLACEMENTS = (1, 2, 30)
@@ -86,50 +85,6 @@ def test_how_an_effect_is_written(text, written, robot):
     assert str(EffectInstance.parse(text, robot)) == written
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("", "unknown effect ''"),
-        ("offset:right_knee=1", "unknown effect 'offset'; valid: "),
-        ("randm", "wrench-zero, law, random"),
-        ("random=3", "found a target or values, expected `random` alone"),
-        ("unsettled=1", "which only the full dynamics can simulate"),
-        ("encoder-offset:knee=0.01", "unknown target 'knee'; valid: right_hip_yaw"),
-        ("encoder-offset=0.01", "found no target, expected JOINT"),
-        ("encoder-offset:right_knee", "found 0 values, expected 1: encoder-offset:JOINT=OFFSET"),
-        ("encoder-offset:right_knee=1,2", "found 2 values, expected 1"),
-        ("encoder-offset:right_knee=a", "offset: found 'a', expected a number [rad]"),
-        ("encoder-offset:right_knee=nan", "found nan, expected a finite number"),
-        ("encoder-offset:right_knee=36", "found 36, expected at most 1.75 in size"),
-        ("joint-compliance:right_knee=-1e-4", "compliance [rad/Nm]: found -0.0001, expected 0 or more"),
-        ("swapped-cells:left=front_left,front_left", "found the same choice twice"),
-        (
-            "swapped-cells:left=0,2",
-            "unknown first '0'; valid: front_left, front_right, rear_right, rear_left",
-        ),
-        ("law=1", "WHAT/OF/SHAPE"),
-        ("law:encoder:right_knee/own-angle=1", "WHAT/OF/SHAPE"),
-        ("law:encode:right_knee/own-angle/sine=1", "encoder, encoders"),
-        ("law:encoder:right_knee/cop/linear=1", "own-angle, angle:JOINT"),
-        ("law:encoder:right_knee/angle/linear=1", "angle:JOINT"),
-        ("law:cell:left.front_left/cop/sine=1", "linear, quadratic"),
-        ("law:encoder:right_knee/own-angle/sine-gain=1", "linear, quadratic, sine"),
-        ("law:encoder:nobody/time/linear=1", "does not have"),
-        ("law:encoder:right_knee/angle:right_knee/linear=1,0,1", "does not have"),
-        ("law:encoder:right_knee/own-angle/linear=0.01,1,0", "FROM < TO"),
-        ("law:encoder:right_knee/own-angle/linear=0.01", "FROM"),
-        ("law:encoder:right_knee/own-angle/linear=nan,0,1", "finite"),
-    ],
-)
-def test_what_is_wrong_is_named_with_its_place_and_what_is_valid(text, words, robot):
-    with pytest.raises(InputError) as refusal:
-        read_effects([text], robot, PLACEMENTS, seed=0, statics=True, where="rig.json, key 'effects'")
-    message = str(refusal.value)
-    assert message.startswith("rig.json, key 'effects'")
-    assert words in message
-    assert "\n" not in message
-
-
 def test_a_placement_is_any_number_until_the_experiment_is_known(robot):
     text = "placement-blunder:70=0.01,0"
     assert EffectInstance.parse(text, robot).target == "70"
@@ -189,11 +144,4 @@ def test_the_catalogue_is_a_table():
     assert page.count("<tr>") == len(catalogue()) + 1
     assert "<td>tilt=ABOUT_X,ABOUT_Y</td><td>rad, rad</td><td>s.d. 1 deg</td><td>The floor is" in page
     assert "joint&#x27;s encoder" in page
-
-
-def test_the_face_of_the_room(robot):
-    """The subpackage of the same name does not hide the function."""
-    assert effects.catalogue()["tilt"].name == "tilt"
-    assert "gravity stays vertical" in effects.explanation("tilt")
-    assert effects.parse("tilt=0.01,0", robot) == EffectInstance(catalogue()["tilt"], "", (0.01, 0.0))
     assert repr(effects.catalogue()["tilt"]) == "<Effect tilt=ABOUT_X,ABOUT_Y>"

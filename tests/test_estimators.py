@@ -1,15 +1,19 @@
-"""The least-squares core against certified values, and the standard errors against repetition."""
+"""The least-squares core and the estimators against certified values, statsmodels and repetition."""
 
 import csv
 from pathlib import Path
 
 import numpy as np
 import pytest
+import statsmodels.api as sm
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from statsmodels.regression.mixed_linear_model import VCSpec
 
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.identification.estimators import least_squares, solve_least_squares
+from tulip_testbed.identification import variance_components
+from tulip_testbed.identification.estimators import estimate_by, least_squares, solve_least_squares
+from tulip_testbed.identification.estimators.ordinary import by_qr
 from tulip_testbed.identification.regressor import Regression
 from tulip_testbed.identification.statistics import (
     correlations,
@@ -18,6 +22,7 @@ from tulip_testbed.identification.statistics import (
     residual_norms,
     standard_errors,
 )
+from tulip_testbed.identification.variance_components import fit_components
 
 # NIST StRD Longley: estimate and standard deviation of b0 to b6, residual s.d.
 LONGLEY = [
@@ -142,3 +147,119 @@ def test_simplified_model_refuses_unknown_numbers():
     assert data.keep([1, 3]).names == ("a", "c")
     with pytest.raises(InputError, match="unknown parameter numbers 9; valid: 1 to 4"):
         data.keep([1, 9])
+
+
+# NIST StRD Filip: estimate and standard deviation of b0 to b10, residual s.d. squared.
+FILIP = [
+    (-1467.48961422980, 298.084530995537),
+    (-2772.17959193342, 559.779865474950),
+    (-2316.37108160893, 466.477572127796),
+    (-1127.97394098372, 227.204274477751),
+    (-354.478233703349, 71.6478660875927),
+    (-75.1242017393757, 15.2897178747400),
+    (-10.8753180355343, 2.23691159816033),
+    (-1.06221498588947, 0.221624321934227),
+    (-0.670191154593408e-01, 0.142363763154724e-01),
+    (-0.246781078275479e-02, 0.535617408889821e-03),
+    (-0.402962525080404e-04, 0.896632837373868e-05),
+]
+# NIST StRD Wampler 3: y by x = 0 ... 20; all estimates are 1.
+WAMPLER = [760, -2042, 2111, -1684, 3888, 1858, 11379, 17560, 39287, 64382, 113159, 175108, 273291, 400186]
+WAMPLER += [581243, 811568, 1121004, 1506550, 2002767, 2611612, 3369180]
+WAMPLER_SD = [2152.32624678170, 2363.55173469681, 779.343524331583, 101.475507550350, 5.64566512170752]
+WAMPLER_SD += [0.112324854679312]
+
+
+def test_filip_certified_values():
+    """Condition number 2e15: the solver keeps seven digits; the check of the rank refuses such data."""
+    table = np.loadtxt(Path(__file__).parent / "data" / "filip.csv", delimiter=",", skiprows=1)
+    matrix, output = np.vander(table[:, 1], 11, increasing=True), table[:, 0]
+    value, c = by_qr(matrix, output)
+    residual = output - matrix @ value
+    deviation = np.sqrt(residual @ residual / (82 - 11) * np.diag(c))
+    for k, (certified, certified_deviation) in enumerate(FILIP):
+        assert value[k] == pytest.approx(certified, rel=1e-6)
+        assert deviation[k] == pytest.approx(certified_deviation, rel=1e-6)
+    with pytest.raises(InputError, match="not determined"):
+        solve_least_squares(matrix, output)
+
+
+def test_wampler_certified_values():
+    matrix, output = np.vander(np.arange(21.0), 6, increasing=True), np.array(WAMPLER, dtype=float)
+    value, c = solve_least_squares(matrix, output)
+    residual = output - matrix @ value
+    assert value == pytest.approx(np.ones(6), rel=1e-7)
+    assert np.sqrt(residual @ residual / 15 * np.diag(c)) == pytest.approx(WAMPLER_SD, rel=1e-9)
+
+
+def made(seed, placement_sd=3.0, outliers=0):
+    """30 placements of 4 to 6 postures; errors of both plates, then independent ones of s.d. 1."""
+    rng = np.random.default_rng(seed)
+    placement = np.repeat(np.arange(30), rng.integers(4, 7, 30))
+    count = len(placement)
+    left = rng.uniform(0.2, 0.8, count)
+    share = np.column_stack([1 - left, left])
+    plates = placement_sd * np.array([0.5, 1.0])[:, None, None] * rng.standard_normal((2, 30, 2))
+    matrix = rng.standard_normal((2 * count, 8))
+    output = np.einsum("mp,pma->ma", share, plates[:, placement]) + rng.standard_normal((count, 2))
+    output[:outliers] += 30.0
+    return Regression(matrix, output.ravel(), np.arange(1, 9), tuple("abcdefgh"), placement, share)
+
+
+def plates(data, plate):
+    """Z of one plate's placement errors, (2m, 2 placements)."""
+    size = data.placement.max() + 1
+    design = np.zeros((len(data.placement), 2, size, 2))
+    for axis in (0, 1):
+        design[np.arange(len(design)), axis, data.placement, axis] = data.load_share[:, plate]
+    return design.reshape(len(data.output), 2 * size)
+
+
+def test_least_squares_is_that_of_statsmodels():
+    data = made(0)
+    found, theirs = estimate_by(data, "least-squares"), sm.OLS(data.output, data.matrix).fit()
+    assert found.value == pytest.approx(theirs.params, rel=1e-9, abs=1e-12)
+    assert found.covariance == pytest.approx(theirs.cov_params(), rel=1e-8, abs=1e-14)
+
+
+def test_huber_is_that_of_statsmodels_and_shrugs_off_outliers():
+    """Their H1 covariance has Huber's small-sample factor K squared on top."""
+    data = made(1, outliers=6)
+    found = estimate_by(data, "robust")
+    theirs = sm.RLM(data.output, data.matrix, M=sm.robust.norms.HuberT()).fit(tol=1e-10, maxiter=500)
+    assert found.value == pytest.approx(theirs.params, abs=1e-7)
+    psi = sm.robust.norms.HuberT().psi_deriv(theirs.sresid)
+    k = 1 + 8 / len(psi) * psi.var() / psi.mean() ** 2
+    assert k**2 * found.covariance == pytest.approx(theirs.bcov_scaled, rel=1e-3, abs=1e-9)
+    plain = np.abs(estimate_by(data, "least-squares").value).max()
+    assert np.abs(found.value).max() < 0.5 * plain
+
+
+def test_generalised_least_squares_is_that_of_statsmodels():
+    data = made(2)
+    found, fit = estimate_by(data, "placement"), fit_components(data, None)
+    size = fit.scale[0] * estimate_by(data, "least-squares").sigma
+    covariance = size**2 * np.eye(len(data.output))
+    for plate, sd in enumerate(fit.placement_sd):
+        covariance += sd**2 * plates(data, plate) @ plates(data, plate).T
+    theirs = sm.GLS(data.output, data.matrix, sigma=covariance).fit()
+    assert found.value == pytest.approx(theirs.params, rel=1e-7, abs=1e-10)
+    assert found.covariance == pytest.approx(theirs.normalized_cov_params, rel=1e-6, abs=1e-12)
+
+
+def test_restricted_maximum_likelihood_is_that_of_statsmodels(monkeypatch):
+    """With no belief in any data sheet. Their standard errors allow a little for the variances' own errors:
+    1 %."""
+    monkeypatch.setattr(variance_components, "NO_PRIOR", 1e4)
+    data = made(3)
+    found = estimate_by(data, "placement")
+    groups = np.repeat(data.placement, 2)
+    rows = [np.flatnonzero(groups == g) for g in range(30)]
+    columns = [[2 * g, 2 * g + 1] for g in range(30)]
+    mats = [[plates(data, plate)[r][:, c] for r, c in zip(rows, columns, strict=True)] for plate in (0, 1)]
+    spec = VCSpec(["right", "left"], [[["x", "y"]] * 30] * 2, mats)
+    model = sm.MixedLM(data.output, data.matrix, groups, exog_vc=spec)
+    theirs = model.fit(reml=True, method=["bfgs", "powell"])
+    assert np.square(found.placement_sd) == pytest.approx(theirs.vcomp, rel=2e-3)
+    assert found.value == pytest.approx(theirs.fe_params, abs=1e-4)
+    assert standard_errors(found.covariance) == pytest.approx(theirs.bse_fe, rel=1e-2)

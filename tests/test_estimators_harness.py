@@ -84,12 +84,6 @@ def test_few_placements_and_single_postures_are_no_obstacle(bench, name):
         assert np.isfinite(standard_errors(found.covariance)).all()
 
 
-def test_an_unknown_estimator_is_told_the_known_ones(bench):
-    data = bench.draw(np.random.default_rng(5), **WII)
-    with pytest.raises(InputError, match="estimator: unknown estimator 'best'; valid: mixed-model, least-sq"):
-        estimate_by(data, "best")
-
-
 @pytest.mark.parametrize("name", ESTIMATORS)
 def test_what_the_postures_do_not_show_is_refused(bench, name):
     data = bench.draw(np.random.default_rng(6), **WII)

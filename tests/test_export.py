@@ -23,7 +23,6 @@ from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
 from tulip_testbed.identification.pseudo_inertia import pseudo_inertia, pseudo_inertias
 from tulip_testbed.measurements import write_measurements
-from tulip_testbed.sim.plan_folder import write_plan
 from tulip_testbed.sim.random_robots import draw_robot
 from tulip_testbed.sim.robot import joint_names
 
@@ -303,16 +302,6 @@ def test_folders_of_every_kind(run, robot, tmp_path, capsys):
     assert main(["export", str(tmp_path / "data"), "--out", str(model), "--samples", "0", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["files"] == [str(model)]
-    write_plan(tmp_path / "plan", tt.plans.random)
-    for arguments, message in (
-        ([tmp_path / "plan", "--out", tmp_path / "b.xml"], "holds no estimate"),
-        ([tmp_path / "data", "--out", model], "exists already"),
-        ([tmp_path / "data", "--out", tmp_path / "b.sdf"], "expected .xml, .urdf"),
-        ([tmp_path / "none", "--out", tmp_path / "b.xml"], "no such folder"),
-    ):
-        assert main(["export", *map(str, arguments)]) == 2
-        assert message in capsys.readouterr().err
-    assert not (tmp_path / "b.xml").exists()
 
 
 def test_a_validation_is_exported_as_its_report_says(run, robot, tmp_path):

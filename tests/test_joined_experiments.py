@@ -217,21 +217,6 @@ def test_the_keys_are_written_and_read(pair, tmp_path):
         tt.write_measurements(tmp_path / "both", joined(pair))
 
 
-@pytest.mark.parametrize(
-    ("texts", "message"),
-    [
-        (["plate turned"], "found 'plate turned', expected one of"),
-        ([LEFT, LEFT], "contradict each other"),
-        ([MASS, MASS.replace("2 kg", "3 kg")], "contradict each other"),
-        (["plates exchanged", "plates exchanged"], "contradict each other"),
-        (["known mass 0 kg at torso (0, 0, 0)"], "expected more than 0"),
-    ],
-)
-def test_manipulations_that_make_no_sense_are_refused(texts, message):
-    with pytest.raises(InputError, match=message):
-        arrangement_of(texts)
-
-
 def test_folders_that_do_not_belong_together_are_refused(pair, noisy, few):
     first, second = pair
     with pytest.raises(InputError, match="tuesday and monday: found the same measurements twice"):
@@ -248,15 +233,6 @@ def test_folders_that_do_not_belong_together_are_refused(pair, noisy, few):
     strange = dataclasses.replace(second, experiments=(Experiment("", ("encoder re-zeroed: right_elbow",)),))
     with pytest.raises(InputError, match="right_elbow"):
         joined([first, strange])
-
-
-def test_a_laboratory_refuses_what_it_does_not_have(robot, lab):
-    with pytest.raises(InputError, match="wrench sensors"):
-        Laboratory(robot, sensors="foot-ft").manipulated("plates exchanged")
-    with pytest.raises(InputError, match="nose"):
-        lab.manipulated("known mass 1 kg at nose (0, 0, 0)")
-    with pytest.raises(InputError, match="one session only"):
-        lab.with_effects("tilt:@2=0.01,0")
 
 
 def test_a_finding_of_one_session_says_so():

@@ -22,26 +22,15 @@ from tulip_testbed.sim.plates import tare
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import sole_corners
 from tulip_testbed.sim.scene import load_scene
-from tulip_testbed.sim.sensors import PRESETS, averaged_sd, sample
+from tulip_testbed.sim.sensors import PRESETS, averaged_sd
 
 
-def test_centre_of_pressure_is_the_com_within_0_05_mm(ideal):
-    truth = np.array([held.com for held in ideal.run.truth.held])
-    error = center_of_pressure(ideal.run.measurements) - truth
-    assert 1e3 * np.sqrt((error**2).mean()) < 0.05
-
-
-def test_with_the_plates_as_they_lie_it_is_the_com_within_2_um(ideal):
-    """What is left above is feet that moved a little since the plates were measured."""
+def test_the_centre_of_pressure_is_the_com(ideal):
     lying = np.array([attempt.true_plates for attempt in ideal.run.truth.measured])
     placed = dataclasses.replace(ideal.run.measurements, plate_poses=lying)
     truth = np.array([held.com for held in ideal.run.truth.held])
-    assert 1e6 * np.sqrt(((center_of_pressure(placed) - truth) ** 2).mean()) < 2
-
-
-def test_forces_balance_within_0_01_n(ideal):
-    total = ideal.run.measurements.cell_forces.sum(axis=1)
-    assert np.abs(total - 23.0 * 9.81).max() < 0.01
+    for measured, most in ((placed, 2e-6), (ideal.run.measurements, 5e-5)):
+        assert np.sqrt(((center_of_pressure(measured) - truth) ** 2).mean()) < most
 
 
 def test_stance_foot_stays_flat_and_the_chain_closed(ideal, parameters, plan):
@@ -263,23 +252,6 @@ def test_paths_keep_the_feet(robot, model, parameters, plan):
     assert swing == pytest.approx(np.tile(swing[-1], (50, 1, 1)), abs=1e-6)
     assert path[-1] == pytest.approx(plan.joint_angles[1])
     assert np.abs(np.diff(path, axis=0)).max() < 0.2
-
-
-def test_sampled_readings_have_the_stated_spread():
-    """4000 postures: the s.d. of an s.d. is 1.1 %; 4 s.d. is 4.5 %."""
-    rng = np.random.default_rng(8)
-    truth = rng.uniform(0, 1, 4000)
-    mean, sd = sample(truth, 0.3, 2.0, 0.0, 400, rng)
-    assert (mean - truth).std() == pytest.approx(averaged_sd(0.3, 2.0, 0.0, 400), rel=0.045)
-    assert sd.mean() == pytest.approx(2.0, rel=0.01)
-    still, none = sample(truth, 0.0, 0.0, 0.01, 10, rng)
-    assert (still - truth).std() == pytest.approx(averaged_sd(0.0, 0.0, 0.01, 10), rel=0.045)
-    assert none.max() < 1e-12
-
-
-def test_presets_hold_no_systematic_effect():
-    assert all(sensors.cell_gain == {} for sensors in PRESETS.values())
-    assert averaged_sd(0.0, 0.0, 0.0, 3000) == 0.0
 
 
 def test_a_posture_whose_repeat_could_be_used_is_not_dropped(ideal):

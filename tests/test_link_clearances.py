@@ -22,7 +22,7 @@ from tulip_testbed.identification.link_shapes import GROUND, link_shapes
 from tulip_testbed.identification.planning.constraints import evaluate, inequality_names
 from tulip_testbed.identification.planning.objectives import objectives
 from tulip_testbed.identification.planning.optimal_plan import optimize_plan, smallest_margins
-from tulip_testbed.identification.planning.path_order import sequences, with_free_paths
+from tulip_testbed.identification.planning.path_order import with_free_paths
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning.search import design_of
 from tulip_testbed.identification.planning_ranges import planning_margins
@@ -267,13 +267,6 @@ def test_postures_without_a_free_path_are_placed_anew(problem, random_plan, monk
     assert {a.tobytes() for a in apart.joint_angles} == set(rows)
     for number, pose in zip(apart.placement, apart.swing_pose, strict=True):
         assert pose.tolist() == first.swing_pose[first.placement == (1 + (number + 1) % 2)][0].tolist()
-
-
-def test_sequences_use_every_posture_once():
-    room = np.array([[-1.0, 2.0, 1.0], [2.0, -1.0, -1.0], [1.0, -1.0, -1.0]])
-    assert [part.tolist() for part in sequences(room, 3)] == [[0, 1, 2], [0, 0, 1]]
-    assert [part.tolist() for part in sequences(room, 3, 1)] == [[1, 0, 2], [0, 0, 0]]
-    assert [part.tolist() for part in sequences(room, 1)] == [[0, 1, 2], [0, 1, 2]]
 
 
 def test_the_report_gives_the_nearest_links(robot, plan, humanoid, random_plan):

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from tests.holding import holding_torques
-from tests.test_cli import refused
 from tests.test_link_clearances import Collisions
 from tulip_testbed import plans
 from tulip_testbed.experiments.described_plan import describe_plan, regressor_by_mujoco
@@ -227,13 +226,6 @@ def test_the_shipped_plan_promises_a_third_of_the_papers_errors(robot):
     np.testing.assert_allclose(
         plan.made["described"]["predicted_standard_error_mm"], said.predicted_standard_error_mm, rtol=1e-6
     )
-
-
-def test_options_that_do_not_go_together(capsys, tmp_path):
-    new = ("plan", "optimal", "--out", tmp_path / "new", "--right", 3, "--left", 3)
-    assert "found postures on one foot in the paper's trials" in refused(capsys, *new, "--table1")
-    assert "right, left: found with single_support" in refused(capsys, *new, "--single-support", 4)
-    assert "left: found -1" in refused(capsys, "plan", "optimal", "--out", tmp_path / "new", "--left", -1)
 
 
 def test_measurements_on_either_foot_are_known_to_the_next_plan(robot, plate):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import shutil
 
 import numpy as np
 import pytest
@@ -14,108 +13,10 @@ from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.scene import load_scene
 from tulip_testbed.sim.scene_check import check_scene
-from tulip_testbed.sim.shipped import PLANS, TULIP
+from tulip_testbed.sim.shipped import PLANS
 from tulip_testbed.sim.statics.solved_plan import solve_plan
-
-KNEE = '<joint name="right_knee"'
-TENDON = '<tendon><fixed name="t"{}><joint joint="right_knee" coef="1"/></fixed></tendon><actuator>'
-
-
-@pytest.fixture
-def own(tmp_path):
-    """Load TULip with other texts in its model; its scene is built."""
-
-    def loaded(*texts, file="tulip.xml", built=True):
-        folder = shutil.copytree(TULIP.parent, tmp_path / "own")
-        edits = [(file, *pair) for pair in texts]
-        if built:
-            edits.append(("tulip.toml", 'scene = "scene_plates.xml"', 'plate = "plate.xml"'))
-        for name, old, new in edits:
-            text = (folder / name).read_text()
-            assert old in text
-            (folder / name).write_text(text.replace(old, new))
-        return tt.load_robot(folder / "tulip.toml")
-
-    return loaded
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ('<body name="right_ankle"', '<body gravcomp="1" name="right_ankle"', "gravcomp in body 'right_ank"),
-        (
-            "<actuator>",
-            '<equality><joint joint1="right_knee" joint2="left_knee"/></equality><actuator>',
-            "<equality> joint",
-        ),
-        (
-            "<actuator>",
-            '<equality><weld name="w" body1="right_foot"/></equality><actuator>',
-            "<equality> weld 'w'",
-        ),
-        *(
-            ('cone="elliptic"/>', f'cone="elliptic"><flag {name}="disable"/></option>', f"{name} disabled")
-            for name in ("gravity", "contact", "limit", "spring", "frictionloss", "actuation", "sensor")
-        ),
-        ('cone="elliptic"/>', 'cone="elliptic"><flag override="enable"/></option>', "override enabled"),
-        ('cone="elliptic"', 'cone="elliptic" actuatorgroupdisable="0"', "actuator groups"),
-        ('cone="elliptic"', 'cone="elliptic" wind="1 0 0" density="1"', "wind"),
-        ("<actuator>", TENDON.format(' limited="true" range="0 1"'), "a limited range in tendon 't'"),
-        ("<actuator>", TENDON.format(' frictionloss="1"'), "frictionloss in tendon 't'"),
-        ("<actuator>", TENDON.format(' stiffness="1 2"'), "more than one number in tendon 't'"),
-        (KNEE, f'{KNEE} stiffness="1 2"', "more than one number in joint 'right_knee'"),
-        (
-            '<freejoint name="torso"/>',
-            '<joint type="free" name="torso" stiffness="1"/>',
-            "stiffness 1 in the free joint 'torso'",
-        ),
-        (
-            '<freejoint name="torso"/>',
-            '<joint type="free" name="torso" frictionloss="2"/>',
-            "frictionloss 2 in the free joint 'torso'",
-        ),
-        ('<mujoco model="tulip">', '<mujoco model="t"><compiler settotalmass="9"/>', "settotalmass 9"),
-        ("</actuator>", '<general name="a" site="imu" gear="0 0 1 0 0 0"/></actuator>', "acts on a site"),
-        (
-            "</actuator>",
-            '<adhesion name="a" body="right_foot" ctrlrange="0 1"/></actuator>',
-            "acts on a body",
-        ),
-        (
-            "</actuator>",
-            '<motor name="a" tendon="t"/></actuator>' + TENDON.format("").removesuffix("<actuator>"),
-            "acts on a tendon",
-        ),
-    ],
-)
-@pytest.mark.filterwarnings("ignore:compiler attribute")
-def test_what_acts_in_the_dynamics_alone_is_refused_as_the_robot_is_loaded(own, old, new, message):
-    with pytest.raises(tt.InputError, match=rf"tulip\.xml: .*found .*{message}.*, expected"):
-        own((old, new))
-
-
-def test_a_scene_that_switches_physics_off_or_clips_a_cell_is_refused(own, tmp_path):
-    odd = own(
-        ("<default>", '<option><flag gravity="disable"/></option><default>'),
-        file="scene_plates.xml",
-        built=False,
-    )
-    with pytest.raises(tt.InputError, match=r"scene_plates\.xml: found .*gravity disabled"):
-        check_scene(preset_rig("ideal", odd))
-    shutil.rmtree(tmp_path / "own")
-    other = own(
-        ('<include file="tulip.xml"/>', '<include file="odd.xml"/>'), file="scene_plates.xml", built=False
-    )
-    text = (other.folder / "tulip.xml").read_text()
-    (other.folder / "odd.xml").write_text(text.replace('range="0 120"', 'range="120 0"', 1))
-    with pytest.raises(tt.InputError, match=r"joint 'right_knee': found range \[120, 0\]"):
-        check_scene(preset_rig("ideal", tt.load_robot(other.path)))
-    shutil.rmtree(tmp_path / "own")
-    touch = '<touch name="plate_front_left"'
-    clipped = own((touch, f'{touch} cutoff="50"'), file="plate.xml")
-    with pytest.raises(tt.InputError, match="plate_front_left': found a cutoff of 50 N, expected none"):
-        check_scene(preset_rig("ideal", clipped))
 
 
 def test_an_edit_that_statics_does_not_have_is_refused_by_it(robot, two):
@@ -130,15 +31,12 @@ def test_an_edit_that_statics_does_not_have_is_refused_by_it(robot, two):
 REF = 0.5  # rad
 
 
-def test_a_joint_that_is_drawn_bent_is_the_same_robot(own, robot):
+def test_a_joint_that_is_drawn_bent_is_the_same_robot(edited_tulip, robot):
     """`ref` moves the zero of a joint's angle; static run and dynamics agree, and with the robot without."""
     degrees = np.degrees(REF)
-    bent = own(
-        (
-            f'{KNEE} class="drive_90w_111" range="0 120"',
-            f'{KNEE} class="drive_90w_111" ref="{degrees}" range="{degrees} {120 + degrees}"',
-        )
-    )
+    drive = '<joint name="right_knee" class="drive_90w_111"'
+    moved = f'ref="{degrees}" range="{degrees} {120 + degrees}"'
+    bent = edited_tulip(f'tulip.xml: {drive} range="0 120" => {drive} {moved}')
     plan = read_plan(PLANS / "random", robot)
     plan = plan.take(np.flatnonzero(plan.placement == 2))
     angles = plan.joint_angles.copy()
@@ -164,8 +62,16 @@ def test_a_joint_that_is_drawn_bent_is_the_same_robot(own, robot):
     assert np.abs(soles[0] - soles[1]).max() < 1e-9
 
 
-def test_contact_pairs_of_the_robot_do_not_act_in_a_scene_that_is_built(own):
-    pair = '<contact><pair geom1="right_foot_front_left" geom2="left_foot_front_left"/></contact><actuator>'
-    from tulip_testbed.sim.scene import load_scene
+def test_contact_pairs_of_the_robot_do_not_act_in_a_scene_that_is_built(edited_tulip):
+    pair = '<contact><pair geom1="right_foot_front_left" geom2="left_foot_front_left"/></contact>'
+    robot = edited_tulip(f"tulip.xml: <actuator> => {pair}<actuator>")
+    assert load_scene(robot).compile().npair == 8
 
-    assert load_scene(own(("<actuator>", pair))).compile().npair == 8
+
+def test_a_clipped_range_in_a_scene_written_by_hand_is_refused(edited_tulip):
+    """Of a robot that the scene includes from another file than the description."""
+    robot = edited_tulip('scene_plates.xml: file="tulip.xml" => file="odd.xml"', built=False)
+    text = (robot.folder / "tulip.xml").read_text()
+    (robot.folder / "odd.xml").write_text(text.replace('range="0 120"', 'range="120 0"', 1))
+    with pytest.raises(tt.InputError, match=r"joint 'right_knee': found range \[120, 0\]"):
+        check_scene(preset_rig("ideal", tt.load_robot(robot.path)))

@@ -108,18 +108,6 @@ def check_table(folder):
     assert set(table.column("truth.17").to_pylist()) == {table.column("truth.17")[0].as_py()}
 
 
-def test_bad_options_are_refused_before_the_work(tmp_path, capsys):
-    out = tmp_path / "run"
-    asked = ("montecarlo", "--out", out, "--runs")
-    assert "runs: found 0, expected 1 or more" in refused(capsys, *asked, 0)
-    for name in ("magic", ""):
-        message = refused(capsys, *asked, 5, "--estimator", name)
-        assert f"unknown estimator '{name}'; valid: mixed-model, least-squares" in message
-    assert "unknown engine 'ray'; valid: dynamics, statics" in refused(capsys, *asked, 5, "--engine", "ray")
-    assert "robot_spread: found 2.0" in refused(capsys, *asked, 5, "--robot-spread", 2.0)
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.filterwarnings("default")  # distributed's own
 def test_an_unreachable_cluster_leaves_nothing(small, tmp_path, capsys, monkeypatch):
     pytest.importorskip("distributed")
@@ -127,10 +115,6 @@ def test_an_unreachable_cluster_leaves_nothing(small, tmp_path, capsys, monkeypa
     options = ("--out", tmp_path / "run", "--runs", 5, "--scheduler", "tcp://127.0.0.1:9")
     assert "no Dask scheduler within 1 s" in refused(capsys, "montecarlo", small, *options)
     assert not (tmp_path / "run").exists()
-
-
-def test_another_folder_is_refused(small, tmp_path, capsys):
-    assert "holds no Monte Carlo" in refused(capsys, "montecarlo", small, "--out", tmp_path, "--runs", 5)
 
 
 @pytest.mark.parametrize("engine", ["statics", "dynamics"])

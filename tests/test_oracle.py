@@ -3,14 +3,13 @@
 from pathlib import Path
 from types import SimpleNamespace
 
-import mujoco
 import numpy as np
 import pytest
 from scipy.linalg import subspace_angles
 
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
 from tulip_testbed.identification.kinematics import frame_positions, link_rotations
-from tulip_testbed.sim.robot import joint_names, sole_point
+from tulip_testbed.sim.robot import sole_point
 
 FOLDER = Path(__file__).parent / "data" / "oracle"
 SUPPORTS = ("right", "double")
@@ -48,26 +47,6 @@ def test_com_of_the_closed_form(case, support):
     turned = np.einsum("mfab,fb->ma", rotations[:, frames], first_moment)
     com = (np.einsum("f,mfa->ma", mass, positions) + turned) / mass.sum()
     assert np.abs(com - case.oracle[f"{support}.com"]).max() < 1e-12
-
-
-@pytest.mark.parametrize("support", SUPPORTS)
-def test_com_of_mujoco(case, support):
-    data = mujoco.MjData(case.model)
-    columns = [case.model.joint(name).qposadr[0] for name in joint_names(case.model)]
-    for angles, expected in zip(case.oracle[f"{support}.angles"], case.oracle[f"{support}.com"], strict=True):
-        data.qpos[columns] = angles
-        mujoco.mj_kinematics(case.model, data)
-        mujoco.mj_comPos(case.model, data)
-        foot = data.body(case.robot.stance_foot)
-        com = foot.xmat.reshape(3, 3).T @ (data.subtree_com[1] - foot.xpos)
-        assert np.abs(com - sole_point(case.model, case.robot.stance_foot) - expected).max() < 1e-12
-
-
-@pytest.mark.parametrize("support", SUPPORTS)
-def test_com_of_the_base_parameters(case, support):
-    parameters = case.parameters[support]
-    com = parameters.regressor(case.oracle[f"{support}.angles"]) @ parameters.values(case.standard)
-    assert np.abs(com - case.oracle[f"{support}.com"][:, :2]).max() < 1e-12
 
 
 @pytest.mark.parametrize("support", SUPPORTS)

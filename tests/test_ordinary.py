@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
-from tests.test_cli import refused
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.families import families_of, tolerances_of
 from tulip_testbed.calibration.ordinary_laboratory import draw_members
@@ -180,13 +179,7 @@ def test_a_monte_carlo_does_not_depend_on_workers_and_records_its_setting(robot,
             run_folder(tmp_path / "1", document).begun()
 
 
-def test_impossible_scales_are_refused(robot, plan, tmp_path, capsys):
-    asked = ("montecarlo", "--out", tmp_path / "run", "--runs", 1, "--imperfections")
-    assert "imperfections: found -1.0, expected 0 (an exact laboratory)" in refused(capsys, *asked, -1)
-    assert "imperfections: found nan" in refused(capsys, *asked, "nan")
-    asked = ("validate", "--out", tmp_path / "run", "--sensors", "ideal")
-    assert "imperfections: found 1 with sensors ideal" in refused(capsys, *asked)
-    assert list(tmp_path.iterdir()) == []
+def test_impossible_scales_are_refused(robot, plan):
     for scale in (-1.0, np.inf):
         with pytest.raises(InputError, match=r"imperfections: found .*, expected 0"):
             tt.monte_carlo(tt.Laboratory(robot), plan, runs=1, imperfections=scale)

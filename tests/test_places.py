@@ -17,18 +17,13 @@ import pytest
 import tulip_testbed as tt
 from tests.test_cli import refused
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.base.files import check_new, is_folder, new_folder, read_bytes, write_bytes
+from tulip_testbed.base.files import check_new, read_bytes, write_bytes
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments import truth_record
 from tulip_testbed.experiments.truth_record import write_experiment
 from tulip_testbed.sim.shipped import TULIP
 
 TULIP_COMMAND = [sys.executable, "-c", "import tulip_testbed.cli.entry as entry; entry.run()"]
-
-
-@pytest.fixture(scope="module")
-def run(robot):
-    return tt.Laboratory(robot).run(tt.plans.random, engine="statics")
 
 
 @pytest.fixture
@@ -137,43 +132,47 @@ WRONG_PATHS = {
     "x" * 256: "found a name of 2",
     "ä" * 128 + "/y": "found a name of 2",
 }
+COMMANDS = """
+check NAME
+identify NAME
+discover NAME
+plan show NAME
+view NAME
+report NAME --out a.html
+report NAME NAME
+identify data --corrections NAME
+simulate --out NAME
+simulate --out data --truth NAME
+validate --out NAME
+montecarlo --runs 10 --out NAME
+robot NAME
+plan show --draw NAME
+view NAME --save a.rrd
+"""
+
+
+def calls(run, name):
+    """Yield a call of every function of the library that takes a path."""
+    yield from (lambda: tt.load_robot(name), lambda: tt.read_measurements(name), lambda: tt.identify(name))
+    yield from (lambda: tt.discover(Path(name)), lambda: tt.check(name), lambda: tt.plans.read(name))
+    yield lambda: tt.report(name, "/tmp/a.html")
+    yield lambda: tt.write_measurements(name, run.measurements)
+    yield lambda: tt.plans.write(name, run.plan)
+    yield lambda: tt.view(run, save=f"{name}.rrd")
+    yield lambda: tt.report(run, f"{name}.html")
+    yield lambda: tt.monte_carlo(run.laboratory, run.plan, runs=2, out=name)
+    yield lambda: check_new(Path(name))
+    yield lambda: write_bytes(Path(name), b"")
 
 
 @pytest.mark.parametrize("name", WRONG_PATHS)
-def test_a_path_that_no_file_can_have_is_one_message(run, robot, tmp_path, monkeypatch, capsys, name):
-    message = WRONG_PATHS[name]
+def test_a_path_that_no_file_can_have_is_one_message(run, tmp_path, monkeypatch, capsys, name):
     monkeypatch.chdir(tmp_path)
-    for command in (
-        *(("check", name), ("identify", name), ("discover", name), ("plan", "show", name), ("view", name)),
-        *(
-            ("report", name, "--out", "a.html"),
-            ("report", name, name),
-            ("identify", "data", "--corrections", name),
-        ),
-        *(("simulate", "--out", name), ("simulate", "--out", "data", "--truth", name)),
-        *(("validate", "--out", name), ("montecarlo", "--runs", "10", "--out", name)),
-        *(
-            ("robot", name),
-            ("plan", "show", "--draw", name),
-            ("view", name, "--save", "a.rrd"),
-        ),
-    ):
-        assert message in refused(capsys, *command), command
-    for call in (
-        lambda: tt.load_robot(name),
-        lambda: tt.read_measurements(name),
-        lambda: tt.write_measurements(name, run.measurements),
-        lambda: tt.identify(name),
-        lambda: tt.discover(Path(name)),
-        lambda: tt.check(name),
-        lambda: tt.plans.read(name),
-        lambda: tt.plans.write(name, run.plan),
-        lambda: tt.view(run, save=f"{name}.rrd"),
-        lambda: tt.report(run, f"{name}.html"),
-        lambda: tt.report(name, "a.html"),
-        lambda: tt.monte_carlo(run.laboratory, run.plan, runs=2, out=name),
-    ):
-        with pytest.raises(InputError, match=message):
+    for line in COMMANDS.strip().splitlines():
+        words = [name if word == "NAME" else word for word in line.split()]
+        assert WRONG_PATHS[name] in refused(capsys, *words), line
+    for call in calls(run, name):
+        with pytest.raises(InputError, match=WRONG_PATHS[name]):
             call()
     assert list(tmp_path.iterdir()) == []
 
@@ -199,44 +198,19 @@ def as_nobody():
         os.seteuid(0)
 
 
-def test_below_a_folder_that_may_not_be_searched_everything_is_one_message(data, run, tmp_path, robot):
-    new, said = tmp_path / "new", "Permission denied"
-    is_folder(data)
-    calls = [
-        lambda: tt.read_measurements(data),
-        lambda: tt.check(data, robot),
-        lambda: tt.plans.read(data, robot),
-        lambda: tt.report(data, "/tmp/a.html", robot=robot),
-        lambda: tt.write_measurements(new, run.measurements),
-        lambda: tt.load_robot(data / "tulip.toml"),
-        lambda: tt.report(run, new.with_suffix(".html")),
-        lambda: tt.view(run, save=new.with_suffix(".rrd")),
-        lambda: tt.monte_carlo(run.laboratory, run.plan, runs=2, out=new),
-        lambda: check_new(new),
-        lambda: write_bytes(new, b""),
-    ]
-    mode = tmp_path.stat().st_mode
-    tmp_path.chmod(0)
+def test_below_a_folder_that_may_not_be_searched_everything_is_one_message(run, tmp_path):
+    name = str(tmp_path / "shut" / "data")
+    tt.write_measurements(name, run.measurements)
+    (tmp_path / "shut").chmod(0)
+    lines = ("check", "identify data --corrections", "plan show", "simulate --engine statics --out", "robot")
     try:
-        for call in calls:
-            with as_nobody(), pytest.raises(InputError, match=said):
+        for call in calls(run, name):
+            with as_nobody(), pytest.raises(InputError, match="Permission denied"):
                 call()
-        with as_nobody(), pytest.raises(InputError, match=said), new_folder(new):
-            pass
         with as_nobody():
-            codes = [
-                main(command)
-                for command in (
-                    ["check", str(data)],
-                    ["identify", str(data), "--corrections", str(new)],
-                    ["plan", "show", str(data)],
-                    ["simulate", "--engine", "statics", "--out", str(new)],
-                    ["robot", str(data / "tulip.toml")],
-                )
-            ]
-        assert codes == [2] * 5
+            assert [main([*line.split(), name]) for line in lines] == [2] * len(lines)
     finally:
-        tmp_path.chmod(mode)
+        (tmp_path / "shut").chmod(0o755)
 
 
 def test_a_full_disk_gives_no_stump_of_a_view(run, tmp_path):

@@ -10,7 +10,7 @@ import pytest
 from tests.holding import holding_torques
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.atlases.planned_experiment import usable
-from tulip_testbed.experiments.described_plan import describe_plan, regressor_by_mujoco
+from tulip_testbed.experiments.described_plan import describe_plan
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.usable_plan import as_plan, joined
 from tulip_testbed.identification.base_parameters import base_parameters
@@ -177,14 +177,6 @@ def test_what_blocks_postures_on_one_foot_is_named(robot, plate, optimal):
     goal = objectives(problem.nominal, SIGMA)["condition"]
     with pytest.raises(InputError, match=r"found 0 postures on the stance foot .* stability margin"):
         single_support_plan(problem, goal, optimal, np.zeros((26, 26)), 2, SEED)
-
-
-def test_the_plan_is_described_by_other_code_than_made_it(robot, plan, parameters, with_one_foot):
-    both = regressor_by_mujoco(robot, plan.joint_angles, parameters, plan.support)
-    np.testing.assert_allclose(both, parameters.regressor(plan.joint_angles), atol=1e-12)
-    larger = base_parameters(robot, support="right")
-    mixed = regressor_by_mujoco(robot, with_one_foot.joint_angles, larger, with_one_foot.support)
-    np.testing.assert_allclose(mixed, larger.regressor(with_one_foot.joint_angles), atol=1e-12)
 
 
 @pytest.mark.parametrize("preset", ["wii", "force-plate"])

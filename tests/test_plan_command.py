@@ -21,7 +21,6 @@ from tulip_testbed.drawings import contact_sheet, support_polygons
 from tulip_testbed.experiments import planning_run as planning
 from tulip_testbed.experiments.described_plan import DescribedPlan
 from tulip_testbed.experiments.plan_search import PlanSettings, set_up_search, state_folder
-from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.measurements import write_measurements
 from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.rig import preset_rig
@@ -156,28 +155,6 @@ def test_the_next_postures_and_their_description(data, tmp_path, capsys):
         assert again[key] == said[key]
         assert again["made"]["described"][key] == said[key]
     assert "too few for 25 base parameters" in refused(capsys, "plan", "show", out)
-
-
-def test_options_that_do_not_go_together(data, tmp_path, capsys):
-    new = ("plan", "optimal", "--out", tmp_path / "new")
-    assert "after, table1: found both" in refused(capsys, *new, "--table1", "--after", data)
-    assert "solver: found ipopt for a plan after measurements" in refused(
-        capsys, *new, "--solver", "ipopt", "--after", data
-    )
-    assert "unknown solver 'snopt'; valid: slsqp, ipopt" in refused(capsys, *new, "--solver", "snopt")
-    assert "repeats: found 99, expected at most" in refused(capsys, *new, "--repeats", 99)
-    few = refused(capsys, *new, "--placements", 2, "--postures-per-placement", 7, "--seed", 901)
-    assert "postures on 2 placements do not determine 25 base parameters" in few
-    assert "single_support: found -1" in refused(capsys, *new, "--single-support", -1)
-    assert "found a plan folder" in refused(capsys, *new, "--after", DEFAULT_PLAN)
-    manifest = data / "manifest.json"
-    text = manifest.read_text()
-    other = json.loads(text)
-    other["robot"]["sha256"] = "0" * 64
-    manifest.write_text(json.dumps(other))
-    assert "hash mismatch of the robot's model" in refused(capsys, *new, "--after", data)
-    manifest.write_text(text)
-    assert not (tmp_path / "new").exists()
 
 
 def test_polygons_are_drawn_as_svg(robot, plan):

@@ -10,16 +10,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.holding import check_standing
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
-from tulip_testbed.identification.feasibility import place_polygon, stability_margin, support_polygon
 from tulip_testbed.identification.planning.blocks import information, information_slope
 from tulip_testbed.identification.planning.closed_chain import holding_torques
 from tulip_testbed.identification.planning.constraints import evaluate, inequality_names
 from tulip_testbed.identification.planning.footing import footing
 from tulip_testbed.identification.planning.interior_point import interior_point
 from tulip_testbed.identification.planning.linear_steps import evaluate_plan
-from tulip_testbed.identification.planning.objectives import OBJECTIVES, condition_number, objectives
+from tulip_testbed.identification.planning.objectives import OBJECTIVES, objectives
 from tulip_testbed.identification.planning.optimal_plan import optimize_plan, smallest_margins
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning.search import design_of, repair_start, search
@@ -28,7 +28,6 @@ from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import sole_corners
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 
 STEP = 1e-6
@@ -128,32 +127,13 @@ def test_holding_torques_balance_the_robot(problem, model, robot, plan):
         assert left[6:] == pytest.approx(torque[row], abs=1e-6)
 
 
-def test_small_plan_improves_and_keeps_every_constraint(problem, small, model, robot):
+def test_small_plan_improves_and_keeps_every_constraint(problem, small, robot):
     """Recomputed from joint angles through MuJoCo and the random search's own geometry."""
     assert small.made["final_objective"] < 0.6 * small.made["initial_objective"]
-    ranges, data = problem.ranges, mujoco.MjData(model)
-    low, high = np.array([model.joint(j).range for j in small.joints]).T
-    assert ((small.joint_angles >= low) & (small.joint_angles <= high)).all()
-    for axis, interval in enumerate((ranges.swing_x, ranges.swing_y, ranges.swing_yaw)):
-        assert small.swing_pose[:, axis].min() >= interval[0] - 1e-9
-        assert small.swing_pose[:, axis].max() <= interval[1] + 1e-9
-    for row in range(len(small)):
-        data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
-        data.qpos[7:] = small.joint_angles[row]
-        mujoco.mj_forward(model, data)
-        stance, swing = data.body("right_foot"), data.body("left_foot")
-        base = stance.xmat.reshape(3, 3)
-        offset, relative = base.T @ (swing.xpos - stance.xpos), base.T @ swing.xmat.reshape(3, 3)
-        pose = [*offset[:2], np.arctan2(relative[1, 0], relative[0, 0])]
-        assert pose == pytest.approx(small.swing_pose[row], abs=1e-7)
-        assert abs(offset[2]) < 1e-7
-        com = base.T @ (data.subtree_com[1] - stance.xpos)
-        feet = [
-            place_polygon(sole_corners(model, f)[:, :2], p)
-            for f, p in (("right_foot", np.zeros(3)), ("left_foot", small.swing_pose[row]))
-        ]
-        assert stability_margin(com[:2], support_polygon(np.array(feet))) > ranges.stability_margin
-        assert (base.T @ (data.body("torso").xpos - stance.xpos))[2] + 0.06 > ranges.least_height - 1e-9
+    check_standing(robot, small)
+    margins = smallest_margins(problem, small)
+    assert all(margin["value"] > -1e-6 for margin in margins.values())
+    assert set(margins) >= {"stability margin", "cell load", "torques", "joint limits"}
 
 
 def test_objective_is_recomputed_from_the_plan_file(tmp_path, robot, model, parameters, small):
@@ -187,12 +167,6 @@ def test_optimal_postures_stand_in_the_full_dynamics(robot, model):
     rig = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=0))
     done = run_dynamics(rig, plan.take(np.isin(plan.placement, (2, 12, 22))), 214)
     assert len(done.truth.dropped) <= 1
-
-
-def test_no_margin_is_negative(problem, small):
-    margins = smallest_margins(problem, small)
-    assert all(margin["value"] > -1e-6 for margin in margins.values())
-    assert set(margins) >= {"stability margin", "cell load", "torques", "joint limits"}
 
 
 def test_chance_margin_covers_robots_that_differ(problem, plan):
@@ -233,9 +207,3 @@ def test_what_cannot_be_repaired_is_refused_with_its_reason(robot, plate, plan):
     goal = objectives(problem.nominal, SIGMA)["condition"]
     with pytest.raises(InputError, match=r"cannot be repaired .* expected 1 that can; blocked by cell load"):
         repair_start(problem, goal, plan.joint_angles[:5], plan.swing_pose[:5], 5, 1, "ranges")
-
-
-def test_condition_number_and_slots_are_named(problem):
-    matrix = np.random.default_rng(3).standard_normal((60, 25))
-    assert condition_number(matrix.T @ matrix) == pytest.approx(np.linalg.cond(matrix), rel=1e-9)
-    assert len(set(inequality_names(problem))) > 10

@@ -221,18 +221,6 @@ def test_pages_ask_the_network_for_nothing(folder):
     assert seen.complaints == []
 
 
-def test_command_refuses_and_leaves_nothing(tmp_path, capsys, monkeypatch):
-    out = tmp_path / "day"
-    assert main(["protocol", "optimal", "--out", str(out), "--speed", "0"]) == 2
-    assert "speed: found 0, expected above 0" in capsys.readouterr().err
-    assert main(["protocol", "nothing", "--out", str(out)]) == 2
-    assert "no shipped plan has this name" in capsys.readouterr().err
-    assert not out.exists()
-    out.mkdir()
-    assert main(["protocol", "optimal", "--out", str(out)]) == 2
-    assert "exists already" in capsys.readouterr().err
-
-
 def test_another_robot_s_plan_is_refused(tmp_path, small_plan):
     other = replace(small_plan, robot={"model": "other.xml", "sha256": "0" * 64})
     with pytest.raises(tt.InputError, match="made for another robot than TULip"):

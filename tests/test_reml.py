@@ -1,14 +1,16 @@
-"""The restricted likelihood against dense formulas, finite differences and marginalisation by quadrature."""
+"""The restricted likelihood and predictive densities against dense formulas, differences and quadrature."""
 
 import dataclasses
 
 import numpy as np
 import pytest
 from scipy.integrate import dblquad
+from scipy.linalg import block_diag
 from scipy.optimize import approx_fprime, minimize
 from scipy.stats import multivariate_normal
 
 from tulip_testbed.calibration.linear_problem import Problem
+from tulip_testbed.calibration.prediction import Prediction
 from tulip_testbed.calibration.reml import bounded, fit, objective, parts_of_variance
 from tulip_testbed.calibration.reml import given as fit_with
 from tulip_testbed.identification.noise_structure import NoiseStructure, groups
@@ -312,3 +314,27 @@ def test_the_excess_is_bounded_in_every_direction():
     np.testing.assert_allclose(bounded(excess, information), expected, atol=1e-12)
     small = 0.4 / share[-1] * excess
     np.testing.assert_array_equal(bounded(small, information), small)
+
+
+@pytest.mark.parametrize("channels", ["A", "AT", "ATC"])
+def test_density_and_chi_square_are_those_of_the_dense_covariance(channels):
+    rng = np.random.default_rng(2)
+    sizes, unit = (5, 3, 7), 10.0 ** rng.uniform(-4, 2, 15)
+    factors = [rng.standard_normal((n, n)) for n in sizes]
+    ends = np.cumsum(sizes)[:-1]
+    noise = tuple(
+        (factor @ factor.T + np.eye(len(factor))) * np.outer(part, part)
+        for factor, part in zip(factors, np.split(unit, ends), strict=True)
+    )
+    estimates = 3 * unit[:, None] * rng.standard_normal((15, 4))
+    channel = np.array(list("ATCATACCTTTAAAC"))
+    whole = Prediction(unit * rng.standard_normal(15), channel, noise, estimates)
+    found, rows = whole.of(channels), np.isin(channel, list(channels))
+    covariance = (block_diag(*noise) + estimates @ estimates.T)[np.ix_(rows, rows)]
+    scaled = covariance / np.outer(unit[rows], unit[rows])
+    dense = multivariate_normal(np.zeros(rows.sum()), scaled)
+    expected = dense.logpdf(whole.residual[rows] / unit[rows]) - np.log(unit[rows]).sum()
+    assert found.log_density == pytest.approx(expected)
+    inverse = np.linalg.solve(scaled, found.residual / unit[rows])
+    assert found.chi_square == pytest.approx(inverse @ (found.residual / unit[rows]))
+    assert found.variance == pytest.approx(np.diag(covariance))

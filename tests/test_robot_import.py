@@ -142,9 +142,7 @@ BOX = '<geom type="box" size=".1 .04 .01" pos=".03 0 -.05"/>'
 ROD = '<geom type="capsule" size=".01" fromto="-.05 0 -.05 .1 0 -.05"/>'
 
 
-def mjcf(
-    legs: int = 6, more: str = "", foot: str = '<geom type="box" size=".1 .04 .01" pos=".03 0 -.05"/>'
-) -> str:
+def mjcf(legs: int = 6, more: str = "", foot: str = BOX) -> str:
     """An MJCF humanoid with `legs` hinges a leg."""
     axes = ("0 0 1", "1 0 0", "0 1 0", "0 1 0", "0 1 0", "1 0 0")[:legs]
     chains = []
@@ -173,10 +171,7 @@ def mjcf(
             mjcf(more='<equality><connect body1="left3" body2="right3" anchor="0 0 0"/></equality>'),
             r"found closed loops \(<equality> left3 and right3\): statics does not determine their forces",
         ),
-        (
-            mjcf(foot='<geom type="capsule" size=".01" fromto="-.05 0 -.05 .1 0 -.05"/>'),
-            "on a line or narrower than",
-        ),
+        (mjcf(foot=ROD), "on a line or narrower than"),
         (mjcf(foot=""), "found no geometry of any link, expected that of feet; state them by name"),
         ("<sdf><model/></sdf>", "found an SDF, expected an MJCF or a URDF"),
         ("<robot><link name='a'/></robot>", "found no hinge joint, expected a robot on two legs"),

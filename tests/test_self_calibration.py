@@ -59,6 +59,7 @@ def test_members_and_base_parameters_are_recovered(ordinary, found, plan):
         assert np.abs(z).max() < 4.5, one.family.name
         inside = (one.interval95[:, 0] <= one.value) & (one.value <= one.interval95[:, 1])
         assert inside.all() or one.family.positive
+        assert (one.interval95 >= 0).all() or not one.family.positive
     error = found.theta - run.laboratory.true_base_parameters(plan)
     assert error @ np.linalg.solve(found.covariance, error) < 52.6  # 99.9 % of chi-square with 25
     plain = identify(run.measurements, run.laboratory.robot, estimator=MIXED_MODEL).full
@@ -87,12 +88,6 @@ def test_the_budget_is_the_whole_variance(found):
     assert len(found.sources) == len(found.shares)
 
 
-def test_intervals_of_compliances_are_not_negative(found):
-    for one in found.families:
-        if one.family.positive:
-            assert (one.interval95 >= 0).all()
-
-
 def test_a_tolerance_of_zero_leaves_the_family_out(ordinary, nominal):
     observed = observe(ordinary[0].measurements, nominal)
     exact = dict.fromkeys(TOLERANCES, 0.0)
@@ -116,32 +111,10 @@ def test_identify_takes_tolerances(ordinary, robot):
         found = tt.identify(measurements, robot, estimator="self-calibrating", tolerances=exact)
     assert found.calibration is not None
     assert not found.calibration.families
-    stated = {"encoder-offset": 0.01}
-    with pytest.raises(InputError, match="tolerances: encoder-offset: found with estimator mixed-model"):
-        tt.identify(measurements, robot, estimator="mixed-model", tolerances=stated)
-    with pytest.raises(InputError, match=r"tolerances: found list, expected a dictionary or None"):
-        tt.identify(measurements, robot, tolerances=["tilt=0"])  # pyrefly: ignore
-    with pytest.raises(InputError, match=r"tolerances: tilt: found 'small', expected 0"):
-        tt.identify(measurements, robot, tolerances={"tilt": "small"})  # pyrefly: ignore
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("encoder-ofset=1", "tolerances: unknown family 'encoder-ofset'; did you mean 'encoder-offset'"),
-        ("tilt", "tolerances: tilt: found 'tilt', expected tilt=VALUE"),
-        ("tilt=nan", r"tolerances: tilt: found nan, expected 0 \(exact\) or a number within"),
-        ("tilt=-1", "tolerances: tilt: found -1.0, expected"),
-        ("tilt=1e-300", "tolerances: tilt: found 1e-300, expected"),
-        ("cell-tare=1000", r"within \[1e-12, 100\] N"),
-    ],
-)
-def test_tolerances_that_cannot_be_read_are_named(text, message):
+def test_tolerances_are_read():
     assert read_tolerances(["tilt=0", "cell-tare=0.1"]) == {"tilt": 0.0, "cell-tare": 0.1}
-    with pytest.raises(InputError, match=message):
-        read_tolerances([text])
-    with pytest.raises(InputError, match="tolerances: tilt: found two values, expected one"):
-        read_tolerances(["tilt=0", "tilt=1"])
 
 
 def test_tolerances_follow_the_sensors():
@@ -215,18 +188,6 @@ def test_loads_are_those_of_the_estimated_robot(ordinary, nominal, robot):
     assert unsure.standard == pytest.approx(model * total / model[:, 0].sum(), abs=1e-6)
 
 
-def test_identify_reports_families_members_and_budget(ordinary):
-    run, _ = ordinary
-    fit = identify(run.measurements, run.laboratory.robot, estimator="self-calibrating")
-    text = repr(fit)
-    for heading in ("Ordinary imperfections", "Calibrated", "Budget of the standard errors"):
-        assert heading in text
-    assert len(fit.simplified.value) == 13
-    assert fit["torso.x"].standard_error > 0
-    assert fit.correlations.above(0.85) is not None
-    assert fit.full.residual.shape == (2 * len(run.measurements),)
-
-
 @pytest.mark.parametrize("most", [12, 11, 0])
 def test_too_few_postures_name_the_families_to_leave_out(ordinary, robot, nominal, most):
     """With more families than `most` nothing can be estimated; the least determined go first."""
@@ -271,9 +232,3 @@ def test_sensors_finer_than_contacts_are_exact(plan, robot):
         sheet = dataclasses.replace(measured.sensors, encoder_sd=0.0, cell_sd=cell_sd)
         fits.append(identify(dataclasses.replace(measured, sensors=sheet), robot).full.value)
     np.testing.assert_allclose(fits[0], fits[1], atol=1e-6)  # m
-
-
-def test_a_weighed_mass_of_another_robot_is_refused(ordinary, robot):
-    heavy = dataclasses.replace(ordinary[0].measurements, weighed_mass=(1e5, 0.01))
-    with pytest.raises(InputError, match="'weighed_mass': found 100000 kg, expected about 23"):
-        identify(heavy, robot)

@@ -259,11 +259,6 @@ def test_a_result_shows_its_tables_and_sentences():
     assert Found()._repr_html_().endswith("<p>Verdict: \\x1b[2J&lt;b&gt;</p>")
 
 
-def test_a_row_of_another_length_is_a_mistake():
-    with pytest.raises(ValueError, match="zip"):
-        made([[1, "torso.x"]]).text()
-
-
 def test_a_table_without_rows():
     assert made().text(80).splitlines()[0] == "Parameters"
     assert made().frame().empty

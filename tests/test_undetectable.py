@@ -97,15 +97,6 @@ def test_the_report_has_them_by_target_and_reads_without(found):
 
 
 @pytest.mark.slow
-def test_a_notebook_lists_what_may_hide_where_there_is_no_gap(found):
-    titles = [part.title for part in found.tables() if not isinstance(part, str)]
-    assert titles == [
-        "Effects that show only if larger than plausible",
-        "Residuals on held-out placements, as multiples of the noise",
-    ]
-
-
-@pytest.mark.slow
 def test_the_least_size_is_found_nine_times_in_ten(found):
     """By the test's own distribution: a shift of the residuals by that size, in many draws of the noise."""
     one = found.discovery.selection.weak[0]

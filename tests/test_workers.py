@@ -6,9 +6,12 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from threading import Event, Thread
 
 import pytest
+from threadpoolctl import threadpool_info
 
+from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.sim.plan_folder import write_plan
 
 MOST = 20  # s, until the last worker is gone
@@ -103,3 +106,26 @@ def test_no_worker_outlives_its_command(how, command, plan, tmp_path):
         process.kill()
         for number in filter(alive, found):
             os.kill(number, signal.SIGKILL)
+
+
+def test_linear_algebra_has_one_thread_until_the_last_call_has_ended():
+    def threads():
+        return [one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"]
+
+    inside, leave = [Event(), Event()], [Event(), Event()]
+
+    @one_blas_thread
+    def work(k):
+        inside[k].set()
+        leave[k].wait(10)
+
+    before, calls = threads(), [Thread(target=work, args=(k,)) for k in (0, 1)]
+    for call, event in zip(calls, inside, strict=True):
+        call.start()
+        event.wait(10)
+    leave[0].set()
+    calls[0].join()
+    assert set(threads()) == {1}
+    leave[1].set()
+    calls[1].join()
+    assert threads() == before

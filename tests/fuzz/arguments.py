@@ -9,206 +9,140 @@ from pathlib import Path
 
 from tests.fuzz.changes import EITHER, REFUSED, SAME, Change, Draw, Expected, one
 
+Line = tuple[str, ...]
 COMMAND, DATA, PLAN, RUN, MADE = "command.json", "BASE/data", "BASE/plan", "BASE/run", "MADE/x"
-IDENTIFY = ("identify", DATA, "--estimator", "least-squares", "--json")
-SIMULATE = ("simulate", PLAN, "--engine", "statics", "--workers", "1", "--json", "--out", MADE)
-MONTECARLO = ("montecarlo", PLAN, "--runs", "2", "--workers", "1", "--json", "--out", MADE)
-RANDOM = ("plan", "random", "--placements", "6", "--per-placement", "5", "--json", "--out", MADE)
-SEARCH = (
-    "plan",
-    "optimal",
-    "--placements",
-    "5",
-    "--postures-per-placement",
-    "6",
-    "--hops",
-    "0",
-    "--json",
-    "--out",
-    MADE,
-)
-VALIDATE = ("validate", PLAN, "--workers", "1", "--json", "--out", MADE)
-DISCOVER = ("discover", DATA, "--no-check", "--workers", "1", "--json", "--out", MADE)
-REPORT = ("report", RUN, "--json", "--out", f"{MADE}.html")
-COMPARE, CHECK, MODEL = ("report", RUN, RUN, "--json"), ("check", DATA, "--json"), ("robot", "--json")
-EXPORT = ("export", RUN, "--json", "--out", f"{MADE}.xml")
-PROTOCOL = ("protocol", PLAN, "--json", "--out", MADE)
-WATCH, NEXT = (
-    ("watch", DATA, "--plan", PLAN, "--once", "--json"),
-    ("plan", "next", RUN, "--json", "--out", MADE),
-)
-EFFECTS, ATLAS = ("atlas", "effects", "--json"), ("atlas", PLAN, "--json")
-TOLERANCE = ("atlas", "tolerance", PLAN, "--json")
 
-Lines = Sequence[Sequence[str]]
+
+def words(text: str, **names: str) -> Line:
+    return tuple(text.format(data=DATA, plan=PLAN, run=RUN, out=f"--json --out {MADE}", **names).split())
+
+
+LINES = {
+    name: words(text)
+    for name, text in {
+        "identify": "identify {data} --estimator least-squares --json",
+        "simulate": "simulate {plan} --engine statics --workers 1 {out}",
+        "montecarlo": "montecarlo {plan} --runs 2 --workers 1 {out}",
+        "random": "plan random --placements 6 --per-placement 5 {out}",
+        "search": "plan optimal --placements 5 --postures-per-placement 6 --hops 0 {out}",
+        "validate": "validate {plan} --workers 1 {out}",
+        "discover": "discover {data} --no-check --workers 1 {out}",
+        "report": "report {run} {out}.html",
+        "compare": "report {run} {run} --json",
+        "check": "check {data} --json",
+        "robot": "robot --json",
+        "effects": "atlas effects --json",
+        "export": "export {run} {out}.xml",
+        "protocol": "protocol {plan} {out}",
+        "watch": "watch {data} --plan {plan} --once --json",
+        "next": "plan next {run} {out}",
+        "atlas": "atlas {plan} --json",
+        "tolerance": "atlas tolerance {plan} --json",
+        "show": "plan show {plan} --json",
+        "view": "view {run} --save MADE/x.rrd",
+    }.items()
+}
 HUGE = ("10000000000000", "9" * 30, "9" * 5_000)
 NO_WHOLE = ("-1", "nan", "1.5", "1e3", "", "x", "inf", "0x1", "None", "[1]", "\x1b[31m", "1 2", "½", "-9" * 9)
 NO_NUMBER = ("nan", "inf", "-inf", "-1", "1e400", "", "x", "1,5", "\x9b", "1 2", "0x1p3")
 NO_NAMES = ("", " ", "nose", "wii ", "\x1b[2J", "[red]x", "x" * 10_000, "None", "\u202e", "a\nb", "*", "../x")
-SEEDS = tuple((line, "--seed") for line in (SIMULATE, MONTECARLO, RANDOM, SEARCH, VALIDATE, DISCOVER))
-SIZES = (
-    *((MONTECARLO, "--runs"), (RANDOM, "--placements"), (RANDOM, "--per-placement"), (SEARCH, "--repeats")),
-    *((SEARCH, "--placements"), (SEARCH, "--postures-per-placement"), (SEARCH, "--single-support")),
-    *((SEARCH, "--right"), (SEARCH, "--left")),
-)
-WORKERS = tuple((line, "--workers") for line in (SIMULATE, MONTECARLO, VALIDATE, DISCOVER))
-CHOICES = (
-    *((line, "--sensors") for line in (SIMULATE, MONTECARLO, VALIDATE)),
-    *((line, "--sensors") for line in (SEARCH, TOLERANCE, ATLAS)),
-    *((line, "--estimator") for line in (IDENTIFY, MONTECARLO, VALIDATE)),
-    *((MONTECARLO, "--engine"), (MONTECARLO, "--scheduler"), (SEARCH, "--objective"), (SEARCH, "--solver")),
-    *((SIMULATE, "--effects"), (IDENTIFY, "--tolerances"), (DISCOVER, "--tolerances")),
-)
+VALUES = ("", "nan", "inf", "-inf", "1e400", "x", "1,2", "1e9", "=1", "1 2")
+KNEE = [f"encoder-offset:right_knee={value}" for value in VALUES]
 EFFECT_TEXTS = (
-    *("encoder-offset", "encoder-offset:right_knee", "encoder-offset:nose=0.01", "encoder-offset=0.01"),
-    *(
-        f"encoder-offset:right_knee={x}"
-        for x in ("", "nan", "inf", "-inf", "1e400", "x", "1,2", "1e9", "=1", "1 2")
-    ),
-    *("cell-tare:right.nose=1", ":=", "=", ":", "cell-tare:=1", "swapped-cells:right=a,b", "tilt=1e300,1"),
+    *words("encoder-offset encoder-offset:right_knee encoder-offset:nose=0.01 encoder-offset=0.01"),
+    *words("cell-tare:right.nose=1 := = : cell-tare:=1 swapped-cells:right=a,b tilt=1e300,1"),
+    *KNEE,
 )
-TARGET_TEXTS = (
-    "",
-    "all",
-    "all=",
-    "=1",
-    "nose=1",
-    *(f"all={x}" for x in ("0", "-1", "nan", "inf", "x", "1e400")),
-)
-TOLERANCE_TEXTS = (
-    "tilt",
-    "tilt=",
-    "=1",
-    "magic=1",
-    "tilt=nan",
-    "tilt=-1",
-    "tilt=1e400",
-    "tilt=x",
-    "tilt=1=2",
-)
-DESCRIBE, VIEW = ("plan", "show", PLAN, "--json"), ("view", RUN, "--save", f"{MADE}.rrd")
-OF_A_ROBOT = (IDENTIFY, SIMULATE, MONTECARLO, MODEL, COMPARE, REPORT, CHECK, RANDOM, EXPORT, PROTOCOL, WATCH)
-NAMED = (
-    *((line, "--robot") for line in OF_A_ROBOT),
-    *((line, "--corrections") for line in (IDENTIFY, SIMULATE, MONTECARLO, VALIDATE)),
-    *((line, "--after") for line in (SEARCH, DESCRIBE)),
-)
-READ = (
-    *((line, DATA) for line in (IDENTIFY, CHECK, DISCOVER, WATCH)),
-    *((line, PLAN) for line in (SIMULATE, MONTECARLO, VALIDATE, TOLERANCE, ATLAS, DESCRIBE, PROTOCOL, WATCH)),
-    *((line, RUN) for line in (COMPARE, REPORT, VIEW, EXPORT, NEXT)),
-    *(((*line, option, "HERE"), "HERE") for line, option in NAMED),
-)
+TARGET_TEXTS = ("", *words("all all= =1 nose=1 all=0 all=-1 all=nan all=inf all=x all=1e400"))
+TOLERANCE_TEXTS = words("tilt tilt= =1 magic=1 tilt=nan tilt=-1 tilt=1e400 tilt=x tilt=1=2")
+UNKNOWN = (*words("--nose --sed -x --json=1 --seed nose --[red] --no-no"), "", "--\x1b[2J", "\u202e")
+NOT_UTF_8 = os.fsdecode(b"\xff")
 NO_INPUTS = (
-    *(
-        "",
-        "BASE/gone",
-        "BASE",
-        "BASE/empty",
-        "BASE/pipe",
-        "BASE/file",
-        "BASE/loop",
-        "/dev/zero",
-        "/dev/tty",
-        "/",
-    ),
-    *(
-        "a\x00b",
-        os.fsdecode(b"\xff"),
-        "x" * 300,
-        "x/" * 3_000,
-        "BASE/file/x",
-        "\x1b[2J",
-        "~",
-        "\n",
-        "/proc/1/mem",
-    ),
-)
-WRITTEN = (
-    *((line, MADE) for line in (SIMULATE, MONTECARLO, RANDOM, SEARCH, VALIDATE, DISCOVER, PROTOCOL)),
-    (EXPORT, f"{MADE}.xml"),
-    ((*WATCH, "--out", "HERE"), "HERE"),
-    *(((*SIMULATE, "--truth", "HERE"), "HERE"), ((*ATLAS, "--out", "HERE"), "HERE")),
-    *((REPORT, f"{MADE}.html"), (("view", RUN, "--save", f"{MADE}.rrd"), f"{MADE}.rrd")),
-    (("plan", "show", PLAN, "--json", "--draw", "HERE"), "HERE"),
+    *("", "a\x00b", NOT_UTF_8, "x" * 300, "x/" * 3_000, "\x1b[2J", "~", "\n"),
+    *words("BASE/gone BASE BASE/empty BASE/pipe BASE/file BASE/loop BASE/file/x"),
+    *words("/dev/zero /dev/tty / /proc/1/mem"),
 )
 NO_OUTPUTS = (
-    *(
-        "",
-        "BASE",
-        "BASE/empty",
-        "BASE/file",
-        "BASE/file/x",
-        "BASE/pipe",
-        "BASE/loop",
-        "BASE/loop/x",
-        "/",
-        ".",
-    ),
-    *("..", "/dev/null", "/proc/x", "/sys/x", "a\x00b", os.fsdecode(b"\xff"), "x" * 300, "MADE/" + "y" * 300),
-)
-CONFLICTS: Lines = (
-    (*SEARCH, "--table1", "--after", DATA),
-    (*SEARCH, "--solver", "ipopt", "--after", DATA),
-    (*SEARCH, "--repeats", "31"),
-    ("view", RUN, "--save", "MADE/x.rrd", "--serve"),
-    (*SIMULATE, "--truth", f"{MADE}/truth.json"),
-    (*SIMULATE, "--truth", MADE),
-    (*SIMULATE, "--truth", "MADE"),
-    (*MONTECARLO, "--sensors", "ideal"),
-    (*MONTECARLO, "--scheduler", "127.0.0.1"),
-    (*MONTECARLO, "--robot-spread", "0.1", "--corrections", "BASE/gone"),
-    ("montecarlo", PLAN, "--out", MADE),
-    ("simulate", PLAN),
-    ("report", RUN),
-    ("report", RUN, DATA),
-    ("report", RUN, RUN, RUN),
-    ("identify",),
-    ("identify", DATA, DATA),
-    ("identify", RUN),
-    ("report", DATA, "--out", "MADE/x.html"),
-    ("report", RUN, "--out", "MADE/x.txt"),
-    ("simulate", DATA, "--out", MADE),
-    ("check", PLAN),
-    *(("watch", DATA), ("watch", DATA, "--plan", DATA, "--once"), ("watch", PLAN, "--plan", PLAN, "--once")),
-    (*WATCH, "--out", f"{DATA}/state"),
-    *(("protocol", PLAN), ("protocol", DATA, "--out", MADE), ("protocol", RUN, "--out", MADE)),
-    *(("export", RUN), ("export", PLAN, "--out", f"{MADE}.xml"), ("export", RUN, "--out", f"{MADE}.txt")),
-    *(("plan", "next", DATA), ("plan", "next", PLAN), ("plan", "next", RUN)),
-)
-UNKNOWN = (
-    "--nose",
-    "--sed",
-    "-x",
-    "--json=1",
-    "--seed",
-    "nose",
-    "",
-    "--\x1b[2J",
-    "--[red]",
-    "\u202e",
-    "--no-no",
-)
-ALIKE: Lines = (
-    ("identify", "--json", "--estimator", "least-squares", DATA),
-    ("identify", DATA, "--estimator=least-squares", "--json"),
-    ("identify", "BASE/../base/./data/", "--estimator", "least-squares", "--json"),
-    ("identify", DATA, "--estimator", "robust", "--estimator", "least-squares", "--json"),
-    (*IDENTIFY, "--no-json", "--json"),
-)
-HELP: Lines = (
-    (),
-    ("--help",),
-    ("-h",),
-    ("--version",),
-    ("",),
-    ("nose",),
-    ("identify", "--help"),
-    ("\x1b[2J",),
+    *("", "a\x00b", NOT_UTF_8, "x" * 300, "MADE/" + "y" * 300),
+    *words("BASE BASE/empty BASE/file BASE/file/x BASE/pipe BASE/loop BASE/loop/x"),
+    *words("/ . .. /dev/null /proc/x /sys/x"),
 )
 
 
-def line(expected: Expected, lines: Lines) -> Change:
+def options(text: str) -> list[tuple[Line, str]]:
+    """Read `OPTION: COMMAND COMMAND`, a line each."""
+    pairs = [line.split(": ") for line in text.strip().splitlines()]
+    return [(LINES[name], f"--{option}") for option, names in pairs for name in names.split()]
+
+
+def with_value(text: str, values: Sequence[str]) -> list[Line]:
+    return [(*line, option, value) for line, option in options(text) for value in values]
+
+
+def instead(places: Sequence[tuple[Line, str]], values: Sequence[str]) -> list[Line]:
+    return [tuple(new if word == old else word for word in line) for line, old in places for new in values]
+
+
+SEEDS = "seed: simulate montecarlo random search validate discover"
+SIZES = """
+runs: montecarlo
+placements: random search
+per-placement: random
+repeats: search
+postures-per-placement: search
+single-support: search
+right: search
+left: search
+"""
+CHOICES = """
+sensors: simulate montecarlo validate search tolerance atlas
+estimator: identify montecarlo validate
+engine: montecarlo
+scheduler: montecarlo
+objective: search
+solver: search
+effects: simulate
+tolerances: identify discover
+"""
+NAMED = """
+robot: identify simulate montecarlo robot compare report check random export protocol watch
+corrections: identify simulate montecarlo validate
+after: search show
+"""
+READ = {
+    DATA: "identify check discover watch",
+    PLAN: "simulate montecarlo validate tolerance atlas show protocol watch",
+    RUN: "compare report view export next",
+}
+WRITTEN = {
+    MADE: "simulate montecarlo random search validate discover protocol",
+    f"{MADE}.xml": "export",
+    f"{MADE}.html": "report",
+    f"{MADE}.rrd": "view",
+}
+HERE = {"watch": "--out", "simulate": "--truth", "atlas": "--out", "show": "--draw"}
+INPUTS = [(LINES[name], place) for place, names in READ.items() for name in names.split()]
+INPUTS += [((*line, option, "HERE"), "HERE") for line, option in options(NAMED)]
+OUTPUTS = [(LINES[name], place) for place, names in WRITTEN.items() for name in names.split()]
+OUTPUTS += [((*LINES[name], option, "HERE"), "HERE") for name, option in HERE.items()]
+ALIKE = """
+identify --json --estimator least-squares {data}
+identify {data} --estimator=least-squares --json
+identify BASE/../base/./data/ --estimator least-squares --json
+identify {data} --estimator robust --estimator least-squares --json
+{identify} --no-json --json
+"""
+HELP: list[Line] = [(), ("",), ("\x1b[2J",), ("identify", "--help")]
+HELP += [(word,) for word in words("--help -h --version nose")]
+
+
+def lines(text: str) -> list[Line]:
+    """Read command lines in which `{name}` stands for one of those above."""
+    names = {name: " ".join(line) for name, line in LINES.items()}
+    return [words(line, **names) for line in text.strip().splitlines()]
+
+
+def line(expected: Expected, given: Sequence[Line]) -> Change:
     """Give one of the command lines."""
 
     def change(folder: Path, draw: Draw) -> Expected:
@@ -218,67 +152,36 @@ def line(expected: Expected, lines: Lines) -> Change:
         (folder / "loop").symlink_to(folder / "loop")
         made = folder.with_name("made")
         made.mkdir()
-        words = [word.replace("BASE", str(folder)).replace("MADE", str(made)) for word in one(draw, lines)]
-        (folder / COMMAND).write_text(json.dumps(words))
+        chosen = [word.replace("BASE", str(folder)).replace("MADE", str(made)) for word in one(draw, given)]
+        (folder / COMMAND).write_text(json.dumps(chosen))
         return expected
 
     return change
 
 
-def with_value(options: Sequence[tuple[Sequence[str], str]], values: Sequence[str]) -> Lines:
-    return [(*line, option, value) for line, option in options for value in values]
-
-
-def instead(places: Sequence[tuple[Sequence[str], str]], values: Sequence[str]) -> Lines:
-    return [[value if word == old else word for word in line] for line, old in places for value in values]
-
-
-ALL = (
-    IDENTIFY,
-    SIMULATE,
-    MONTECARLO,
-    RANDOM,
-    SEARCH,
-    VALIDATE,
-    DISCOVER,
-    REPORT,
-    COMPARE,
-    CHECK,
-    MODEL,
-    EFFECTS,
-    EXPORT,
-    PROTOCOL,
-    WATCH,
-    NEXT,
-)
+WORKERS = "workers: simulate montecarlo validate discover"
+ALL = [given for name, given in LINES.items() if name not in ("atlas", "tolerance", "show", "view")]
 ARGUMENT_KINDS: dict[str, Change] = {
     "seeds": line(
         REFUSED,  # random postures without a seed are what they are by default
-        [given for given in with_value(SEEDS, NO_WHOLE) if given != (*RANDOM, "--seed", "None")],
+        [given for given in with_value(SEEDS, NO_WHOLE) if given != (*LINES["random"], "--seed", "None")],
     ),
-    "large seeds": line(EITHER, with_value(SEEDS[:3], HUGE)),
+    "large seeds": line(EITHER, with_value("seed: simulate montecarlo random", HUGE)),
     "sizes": line(REFUSED, with_value(SIZES, NO_WHOLE)),
     "large sizes": line(REFUSED, with_value(SIZES, HUGE)),
     "no workers": line(REFUSED, with_value(WORKERS, ("0", *NO_WHOLE))),
-    "many workers": line(EITHER, with_value(WORKERS[:2], HUGE)),
-    "imperfections": line(
-        REFUSED, with_value([(SIMULATE, "--imperfections"), (MONTECARLO, "--imperfections")], NO_NUMBER)
-    ),
-    "robot spread": line(
-        REFUSED, with_value([(MONTECARLO, "--robot-spread")], (*NO_NUMBER, "0", "2", "1e-400"))
-    ),
+    "many workers": line(EITHER, with_value("workers: simulate montecarlo", HUGE)),
+    "imperfections": line(REFUSED, with_value("imperfections: simulate montecarlo", NO_NUMBER)),
+    "robot spread": line(REFUSED, with_value("robot-spread: montecarlo", (*NO_NUMBER, "0", "2", "1e-400"))),
     "no choices": line(REFUSED, with_value(CHOICES, NO_NAMES)),
-    "no effects": line(REFUSED, with_value([(SIMULATE, "--effects")], EFFECT_TEXTS)),
-    "no tolerances": line(
-        REFUSED, with_value([(IDENTIFY, "--tolerances"), (DISCOVER, "--tolerances")], TOLERANCE_TEXTS)
-    ),
-    "no targets": line(REFUSED, with_value([(WATCH, "--targets")], TARGET_TEXTS)),
-    "no samples": line(REFUSED, with_value([(EXPORT, "--samples")], NO_WHOLE)),
-    "no inputs": line(REFUSED, instead(READ, NO_INPUTS)),
-    "no outputs": line(REFUSED, instead(WRITTEN, NO_OUTPUTS)),
-    "conflicts": line(REFUSED, CONFLICTS),
+    "no effects": line(REFUSED, with_value("effects: simulate", EFFECT_TEXTS)),
+    "no tolerances": line(REFUSED, with_value("tolerances: identify discover", TOLERANCE_TEXTS)),
+    "no targets": line(REFUSED, with_value("targets: watch", TARGET_TEXTS)),
+    "no samples": line(REFUSED, with_value("samples: export", NO_WHOLE)),
+    "no inputs": line(REFUSED, instead(INPUTS, NO_INPUTS)),
+    "no outputs": line(REFUSED, instead(OUTPUTS, NO_OUTPUTS)),
     "unknown words": line(REFUSED, [(*given, word) for given in ALL for word in UNKNOWN]),
-    "the same otherwise": line(SAME, ALIKE),
+    "the same otherwise": line(SAME, lines(ALIKE)),
     "help": line(EITHER, HELP),
     "no subject of an explanation": line(
         REFUSED, [("atlas", "effects", name) for name in NO_NAMES if name != "None"]

@@ -238,11 +238,7 @@ CONTENTS: dict[str, tuple] = {  # of files: what has to come of it, of which fil
     "wrong JSON": (wrong_json, REFUSED, *JSON),
     "harmless JSON": (changes.harmless, SAME, *JSON),
     "fine JSON": (fine_json, SAME, *JSON),
-    "another robot": (
-        put("robot.sha256", "0" * 64, "", "x" * 10_000, "\x1b"),
-        refused("hash mismatch"),
-        *JSON,
-    ),
+    "another robot": (put("robot.sha256", "0" * 64, "\x1b", "x" * 9_999), refused("hash mismatch"), *JSON),
 }
 MEASURED_CONTENTS: dict[str, tuple] = {
     "wrong joints": (put("joints", make=wrong_joints), refused(WHOLE), JSON[0]),

@@ -23,33 +23,29 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tests.fuzz.changes import Draw, Expected
-from tests.fuzz.readings import on_page, reading, result, text_of
+from tests.fuzz.readings import reading, result
 from tests.fuzz.records import CHUNK
-from tests.fuzz.targets import KINDS, ON_PAGES, PAGES, Intact, commands
+from tests.fuzz.targets import KINDS, Intact, command
 from tulip_testbed.cli.main import main
 from tulip_testbed.sim.robot import load_robot
 
-SECONDS, MEMORY = (
-    240,
-    3 * 2**30,
-)  # of one command [s]; of the process that runs them, half of it libraries [bytes]
+SECONDS = 240  # of one command
+MEMORY = 3 * 2**30  # bytes of the process that runs them, half of it libraries
 NOBODY = 65534
 NOTE = re.compile(r"((Run|Plan|Measurement) folder|Report|View|Atlas|Left out): ")
-MANY_ROWS = "too many rows"  # a watch judges each of them, for minutes
 JUDGING = ("montecarlo", "validate", "check")  # commands whose exit code 1 is a verdict
 TOLERANCE = 1e-6  # of a result, relative to its largest number
 MAY_BE_NULL = (
     "truth",
     "made",
     "rig",
-    "relative_standard_error",
-    "predicted_relative_standard_error_percent",
     "found",
     "description",
     "complaints",
     "example_manifest",
     "example_row",
 )
+MAY_BE_NULL += ("relative_standard_error", "predicted_relative_standard_error_percent")
 
 
 class Run(NamedTuple):
@@ -63,11 +59,8 @@ class Run(NamedTuple):
 def limit() -> None:
     """Prepare the process that runs the commands."""
     warnings.simplefilter("error")
-    for late in (
-        "typeguard",
-        "tulip_testbed.api",
-        "tulip_testbed.cli.terminal",
-    ):  # when a case may run as one who cannot read them
+    # When a case may run as one who cannot read them.
+    for late in ("typeguard", "tulip_testbed.api", "tulip_testbed.cli.terminal"):
         import_module(late)
     codecs.lookup("utf-8-sig")
     _ = load_robot().model  # its trial in a process of its own, with an interpreter that others may not use
@@ -105,14 +98,13 @@ class Judge:
 
     Args:
         place: an empty folder for the intact inputs.
-        brief: run only the first command that reads an input.
     """
 
-    def __init__(self, place: Path, brief: bool) -> None:
-        self.brief, self.place = brief, place
+    def __init__(self, place: Path) -> None:
+        self.place = place
         self.results: dict[str, Any] = {}
         self._start()
-        self.intact = Intact(place, lambda arguments: self.tulip(arguments, place), brief)
+        self.intact = Intact(place, lambda arguments: self.tulip(arguments, place))
 
     def _start(self) -> None:
         # Its memory is limited, so it does not live long enough to fill up.
@@ -135,8 +127,8 @@ class Judge:
         if target not in self.results:
             with tempfile.TemporaryDirectory() as place:
                 folder = self._copy(target, Path(place))
-                (first, *_) = commands(target, folder, Path(place) / "made", self.intact)
-                self.results[target] = json.loads(self.tulip(first, self.place).out)
+                done = self.tulip(command(target, folder, self.intact), self.place)
+                self.results[target] = json.loads(done.out)
         return self.results[target]
 
     def _copy(self, target: str, home: Path) -> Path:
@@ -146,41 +138,27 @@ class Judge:
         return Path(shutil.copytree(self.intact(target), home / "base"))
 
     def message(self, target: str, kind: str, draw: Draw) -> str:
-        """Make an input of a kind, run the commands, and return the refusal; nothing if it was accepted.
+        """Make an input of a kind, run the command, and return the refusal; nothing if it was accepted.
 
         Raises:
             AssertionError: it ended otherwise.
         """
         with tempfile.TemporaryDirectory() as place:
-            home, here, made = Path(place), Path(place) / "here", Path(place) / "made"
+            home, here = Path(place), Path(place) / "here"
             home.chmod(0o755)
             here.mkdir()
             folder = self._copy(target, home)
             expected = KINDS[target][kind](folder, draw)
-            there, nobody, runs = set(home.rglob("*")), kind.startswith("closed"), []
-            given = commands(target, folder, made, self.intact)
-            if target in PAGES and any(words in kind for words in ON_PAGES):
-                given.append(["report", str(folder), "--out", str(made / "page.html")])
-            for arguments in given[: 1 if self.brief else None]:
-                runs.append(self.tulip(arguments, here, nobody))
-                check_output(runs[-1], arguments)
-                if runs[-1].code > (arguments[:1] in [[name] for name in JUDGING]):
-                    break
-            refused = runs[-1].code > (given[len(runs) - 1][:1] in [[name] for name in JUDGING])
-            if target == "measurements" and not self.brief:
-                check_preflight(self.tulip(["check", str(folder), "--json"], here, nobody), runs[-1])
-                if kind != MANY_ROWS:
-                    watch = ["watch", str(folder), "--plan", str(self.intact("plan")), "--once", "--json"]
-                    check_watch(self.tulip(watch, here, nobody))
+            there = set(home.rglob("*"))
+            arguments = command(target, folder, self.intact)
+            run = self.tulip(arguments, here, nobody=kind.startswith("closed"))
+            check_output(run, arguments)
             check_left(home, there | {folder / CHUNK})
-            if refused:
-                return check_refusal(runs[-1], expected, home, target)
-            if target == "arguments" and expected.outcome == "either":
-                return ""
-            before = self.result(target) if expected.outcome == "same" else None
-            check_result(json.loads(runs[0].out), expected, target, folder, before)
-            if (page := made / "page.html").exists():
-                check_page(page, target, folder)
+            if run.code > (arguments[:1] in [[name] for name in JUDGING]):
+                return check_refusal(run, expected, home, target)
+            if target != "arguments" or expected.outcome != "either":
+                before = self.result(target) if expected.outcome == "same" else None
+                check_result(json.loads(run.out), expected, target, folder, before)
             return ""
 
 
@@ -201,24 +179,6 @@ def check_left(home: Path, there: set[Path]) -> None:
     new = set(home.rglob("*")) - there
     left = [path for path in new if "made" not in path.parts or path.name.endswith(".partial")]
     assert not left, f"left behind: {left}"
-
-
-def check_preflight(checked: Run, identified: Run) -> None:
-    """Check that a preflight reads what identify can; it may judge more strictly."""
-    assert checked.code in (0, 1, 2), checked
-    assert checked.err.count("\n") <= (checked.code == 2), checked
-    assert not checked.out or isinstance(json.loads(checked.out), dict)
-    assert identified.code or checked.code < 2, f"it cannot read what identify can: {checked}"
-
-
-def check_watch(watched: Run) -> None:
-    """Check that a watch judges rows or says what is wrong; it may read more than others do."""
-    assert watched.code in (0, 2), watched
-    for text in watched.out.splitlines():
-        assert {"posture", "verdict", "next", "stop"} <= set(json.loads(text)), text
-    if watched.code == 2:
-        refusals = [text for text in watched.err.splitlines() if text.startswith("tulip: ")]
-        assert refusals, watched.err
 
 
 def check_refusal(run: Run, expected: Expected, home: Path, target: str) -> str:
@@ -242,7 +202,7 @@ def check_refusal(run: Run, expected: Expected, home: Path, target: str) -> str:
 def check_result(document: Any, expected: Expected, target: str, folder: Path, before: Any) -> None:
     """Check that a result is complete and agrees with the intact input's or with an independent reading."""
     assert expected.outcome != "refused", "accepted"
-    assert target in (*PAGES, "resume") or not unknown(document), "a result that is no number"
+    assert target in ("run", "montecarlo", "resume") or not unknown(document), "a result that is no number"
     wanted = result(target, before) if expected.outcome == "same" else reading(target, folder)
     for name, found in result(target, document).items():
         check_alike(found, wanted[name], name)
@@ -257,15 +217,6 @@ def check_alike(found: Any, right: Any, name: str) -> None:
         return
     most = TOLERANCE * max(np.nan_to_num(np.abs(rights)).max(initial=0.0), 1e-9)
     np.testing.assert_allclose(numbers, rights, rtol=0, atol=most, err_msg=name)
-
-
-def check_page(page: Path, target: str, folder: Path) -> None:
-    """Check that a page says what the files hold."""
-    text = text_of(page.read_text("utf-8"))
-    signs = {sign for sign in text if not sign.isprintable()}
-    assert not signs, f"control characters on the page: {signs}"
-    missing = [words for words in on_page(target, folder) if words not in text]
-    assert not missing, f"not on the page: {missing}"
 
 
 def unknown(value: Any) -> bool:

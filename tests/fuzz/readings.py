@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import html
 import itertools
 import json
-import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
@@ -21,10 +19,8 @@ from tulip_testbed.sim.robot import load_robot
 
 QUANTITIES = {
     "run": ("estimate", "standard_error", "truth"),
-    "discovery": ("before_mm", "after_mm", "standard_error_mm"),
     "montecarlo": ("bias", "standard_error", "coverage95"),
 }
-READABLE = 0.01, 1e6  # size of the numbers that are looked for on a page
 
 
 def result(target: str, document: Any) -> dict[str, Any]:
@@ -71,8 +67,6 @@ def reading(target: str, folder: Path) -> dict[str, Any]:
         return _masses(folder)
     if target == "run":
         return _validation(json.loads((folder / "report.json").read_text("utf-8-sig")))
-    if target == "discovery":
-        return _discovery(json.loads((folder / "discovery.json").read_text("utf-8-sig")))
     if target in ("montecarlo", "resume"):
         return _calibration(folder, target == "resume")
     if target == "rig":
@@ -96,25 +90,6 @@ def _validation(report: Any) -> dict[str, Any]:
         "numbers": [row["number"] for row in rows],
         "checks": {c["name"]: [c["result"], c["value"]] for c in report["checks"]},
         "how many checks": len(report["checks"]),
-    }
-
-
-def _discovery(report: Any) -> dict[str, Any]:
-    rows, checks = report["parameters"], {}
-    for channel, ratio in report["gap"].items():
-        for side in ("before", "after") if ratio else ():
-            checks[f"gap {channel}, {side}"] = ratio[side]
-    for found in report["candidates"]:
-        label = ":".join(filter(None, (found["name"], found["target"])))
-        checks[f"ln BF {label}"] = found["log_bayes_factor"]
-        for p in found["parameters"]:
-            unit = f" [{p['unit']}]" if p["unit"] else ""
-            checks[f"{label} {p['name']}{unit}"] = p["value"]
-    return {name: [row[name] for row in rows] for name in QUANTITIES["discovery"]} | {
-        "verdict": report["verdict"],
-        "numbers": [row["number"] for row in rows],
-        "checks": {name: [None, value] for name, value in checks.items() if value is not None},
-        "how many checks": sum(value is not None for value in checks.values()),
     }
 
 
@@ -179,32 +154,3 @@ def _identification(folder: Path, effects: Any) -> dict[str, Any]:
         moment[:, 1] += cell * (y + np.sin(yaw) * a + np.cos(yaw) * b)
     estimates = np.linalg.lstsq(matrix, (moment / force[:, None]).ravel(), rcond=None)[0]
     return {"postures": len(table), "estimates": estimates, "mass": np.mean(force / manifest["gravity"])}
-
-
-# --- pages -------------------------------------------------------------------------------------
-
-
-def text_of(page: str) -> str:
-    """Return what a page says, without its scripts."""
-    page = re.sub(r"<(script|style)\b.*?</\1>", " ", page, flags=re.DOTALL)
-    return " ".join(html.unescape(re.sub(r"<[^>]*>", " ", page)).split())
-
-
-def on_page(target: str, folder: Path) -> list[str]:
-    """Return texts that the page of a run must hold."""
-    if target == "run":
-        report = json.loads((folder / "report.json").read_text("utf-8-sig"))
-        values = [1e3 * row["estimate"] for row in report["full"]["parameters"]]
-        mass = report["total_mass"]["estimate"]
-        texts = [report["verdict"], f"{report['postures_used']} of {report['postures_planned']}"]
-        return texts + [f"{x:.2f}" for x in values if _readable(x)] + [f"{mass:.3f}"] * _readable(mass)
-    if target == "discovery":
-        report = json.loads((folder / "discovery.json").read_text("utf-8-sig"))
-        values = [row[name] for row in report["parameters"] for name in ("before_mm", "after_mm")]
-        return [f"{x:.2f}" for x in values if x is not None and _readable(x)]
-    found = _calibration(folder, whole=True)
-    return [f"{found['identified']} of {found['runs']}"]
-
-
-def _readable(value: float) -> bool:
-    return READABLE[0] < abs(value) < READABLE[1]

@@ -1,4 +1,4 @@
-"""Edited run, discovery, Monte Carlo and rig folders and states of searches, and what has to come of each.
+"""Edited run, Monte Carlo and rig folders and states of searches, and what has to come of each.
 
 Whoever edits also lists the new hashes, so that they do not betray it.
 """
@@ -33,7 +33,7 @@ from tests.fuzz.changes import (
 from tests.fuzz.documents import edited, put
 
 HASHES = {"run.json": "outputs", "rig.json": "files"}  # where a folder lists its files
-RUN, REPORT, TRUTH, FOUND = "run.json", "report.json", "truth.json", "discovery.json"
+RUN, REPORT, TRUTH = "run.json", "report.json", "truth.json"
 STATE_NAME = "seed-311.json"
 CHUNK, STATE = "runs/chunk-000000.parquet", f"made/.plan.search/{STATE_NAME}"
 SEARCH = "made/.plan.search/search.json"
@@ -183,7 +183,6 @@ TABLE_EDITS: dict[str, tuple[folders.Edit, Expected]] = {
 
 RUNS = (0, -1, 1, 2, 4, 26, 10**6, 10**13, 10**250, "3", None, True, 2.5)
 FIELDS = (None, "x" * 64, "0" * 64, "", "\x1b", 1, [], {})
-NO_LISTS = [f"a list {edit} in {RUN}" for edit in ("of another length", "in another order")]
 RUN_KINDS: dict[str, Change] = {
     **documents_of(RUN, REPORT, TRUTH),
     **others(RUN, REPORT, TRUTH, "residuals.csv"),
@@ -191,12 +190,6 @@ RUN_KINDS: dict[str, Change] = {
     "harmless residuals": residuals(SAME, changes.harmless),
     "spoiled residuals": residuals(REFUSED, changes.spoiled),
     "other parameters as CSV": sealed(content(changes.truncated, SAME, "parameters.csv")),
-}
-DISCOVERY_KINDS: dict[str, Change] = {
-    **{kind: how for kind, how in documents_of(RUN, FOUND).items() if kind not in NO_LISTS},
-    **others(RUN, FOUND, "residuals.csv", "story.txt"),
-    "no residuals": residuals(REFUSED, no_residuals),
-    "harmless residuals": residuals(SAME, changes.harmless),
 }
 MONTECARLO_KINDS: dict[str, Change] = {
     **documents_of(RUN),

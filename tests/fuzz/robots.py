@@ -23,7 +23,7 @@ from tests.fuzz.changes import (
     swap,
 )
 
-TOML, ROBOT, SCENE, PLATE, PAPER = "tulip.toml", "tulip.xml", "scene_plates.xml", "plate.xml", "table2.csv"
+TOML, ROBOT, PAPER = "tulip.toml", "tulip.xml", "table2.csv"
 WHOLE_LINE = re.compile(r"^([\w-]+) = ([^\[\n]*|\[.*\]\s*(#.*)?)$", re.MULTILINE)  # a key with its value
 STRANGE_TOML = (
     *("true", "-1", "0", "1e300", "nan", "-inf", "9" * 26, '"x"', '""', '"\\u0000"', "[]", "[[]]", "{}"),
@@ -86,33 +86,9 @@ diaginertia="0.25 0.23 0.075" => diaginertia="1 1 100"
 <body name="right_ankle" pos="0 0 -0.2732"> => <body name="right_ankle" quat="0 0 0 0">
 <actuator> => <keyframe><key name="stand" qpos="1 2"/></keyframe><actuator>
 """
-NO_DRIVE = """
-<motor name="left_knee" joint="left_knee" class="drive_90w_111"/> =>
-<motor name="left_knee" joint="left_knee" => <motor joint="right_knee" | <motor body="left_foot"
-ctrlrange="-25.4 25.4" forcerange="-25.4 25.4" => | ctrlrange="-25.4 25.4" forcerange="-25.4 0"
-"""
 LIMITS = """
 ctrlrange="-25.4 25.4" forcerange="-25.4 25.4" => ctrlrange="-25.4 25.4" | forcerange="-25.4 25.4"
 """
-NO_SCENE = """
-name="floor" type => name="ground" type
-<frame name="right_plate_place" => <frame name="here"
-prefix="left_" => prefix="other_"
-<include file="tulip.xml"/> =>
-<default> => <option timestep="0.5"/><default> | <option gravity="0 0 9"/><default>
-file="plate.xml" => file="scene_plates.xml"
-"""
-NO_PLATE = """
-name="plate_top" => name="top"
-<touch name="plate_front_left" => <touch name="front" | <force name="plate_front_left"
-mass="3.5" => mass="-3.5"
-<site name="plate_front_left" => <site name="front"
-"""
-
-BUILT = """
-scene = "scene_plates.xml" => | plate = "plate.xml"
-"""
-
 # --- a text to put in before the end -----------------------------------------------------------
 
 END = "</mujoco>"
@@ -159,11 +135,6 @@ def lines(*values: str) -> Make:
 
 def endless_toml(text: str, draw: Draw) -> list:
     return [f"{text}\nx = {nested * 100_000}" for nested in ("[", "{a=")]
-
-
-def drives(text: str, draw: Draw) -> list:
-    keys = ("[drives]\nwind_up", "[drives]\nbacklash", "[compliance]\nsole", "[compliance]\nsole_tilt")
-    return [f"{text}\n{key} = {value}\n" for key in keys for value in STRANGE_TOML]
 
 
 def tree(edit: str) -> Make:
@@ -274,18 +245,4 @@ ROBOT_KINDS: dict[str, Change] = {
     "a wrong table of the paper": content(swap(WRONG_PAPER), REFUSED, PAPER),
     "a spoiled table of the paper": content(changes.spoiled, REFUSED, PAPER),
     "includes that are fine": includes_that_are_fine,
-}
-PLATE_KINDS: dict[str, Change] = {  # what only a simulation reads
-    **{f"{edit} in a scene": content(tree(edit), EITHER, SCENE, PLATE) for edit in TREE_EDITS},
-    "flipped bytes in a scene": content(changes.flipped, EITHER, SCENE, PLATE),
-    "spoiled scene": content(changes.spoiled, REFUSED, SCENE, PLATE),
-    "wrong scene": content(wrong_mjcf, REFUSED, SCENE),
-    "wrong plate": content(wrong_mjcf, refused(WHOLE), PLATE),  # the scene that loads it may be named
-    "no scene": content(swap(NO_SCENE), refused(WHOLE, "scene"), SCENE),
-    "no plate": content(swap(NO_PLATE), refused(WHOLE, "scene"), PLATE),
-    "a scene elsewhere": elsewhere("xml", TOML, f'"{SCENE}"', '"{}"'),
-    "a plate elsewhere": elsewhere("xml", TOML, f'scene = "{SCENE}"', 'plate = "{}"'),
-    "scenes that are built": content(swap(BUILT), SAME, TOML),
-    "strange drives": content(drives, EITHER, TOML),
-    "no drive": content(swap(NO_DRIVE), refused(WHOLE), ROBOT),
 }

@@ -1,4 +1,4 @@
-"""What people hand to the program: its kinds of change, an intact input, and the commands that read it."""
+"""What people hand to the program: its kinds of change, an intact input, and the command that reads it."""
 
 from __future__ import annotations
 
@@ -9,19 +9,12 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from tests.fuzz import records
 from tests.fuzz.arguments import ARGUMENT_KINDS, COMMAND
 from tests.fuzz.changes import Change
 from tests.fuzz.folders import MEASUREMENT_KINDS, PLAN_KINDS
 from tests.fuzz.names import FOLDER_KINDS, NAME_KINDS
-from tests.fuzz.records import (
-    DISCOVERY_KINDS,
-    MONTECARLO_KINDS,
-    RESUME_KINDS,
-    RIG_KINDS,
-    RUN_KINDS,
-    STATE_KINDS,
-)
-from tests.fuzz.robots import PLATE_KINDS, ROBOT_KINDS
+from tests.fuzz.robots import ROBOT_KINDS
 from tulip_testbed.base.progress import Advance
 from tulip_testbed.effects.instance import instances_of
 from tulip_testbed.experiments.laboratory import Laboratory
@@ -38,23 +31,20 @@ from tulip_testbed.sim.shipped import ASSETS
 KINDS: dict[str, dict[str, Change]] = {
     "measurements": MEASUREMENT_KINDS,
     "plan": PLAN_KINDS,
-    "robot": ROBOT_KINDS | PLATE_KINDS,
-    "run": RUN_KINDS,
-    "discovery": DISCOVERY_KINDS,
-    "montecarlo": MONTECARLO_KINDS,
-    "resume": RESUME_KINDS,
-    "rig": RIG_KINDS,
-    "state": STATE_KINDS,
+    "robot": ROBOT_KINDS,
+    "run": records.RUN_KINDS,
+    "montecarlo": records.MONTECARLO_KINDS,
+    "resume": records.RESUME_KINDS,
+    "rig": records.RIG_KINDS,
+    "state": records.STATE_KINDS,
     "names": NAME_KINDS,
     "folders": FOLDER_KINDS,
     "arguments": ARGUMENT_KINDS,
 }
-PAGES = ("run", "discovery", "montecarlo")  # a page takes seconds: only these kinds of change get one
-ON_PAGES = ("another number", "hostile text", "failed")
-SHAPE = ("--placements", "6", "--per-placement", "5", "--seed", "107")
 SEARCHED = PlanSettings(seed=311, placements=5, postures_per_placement=6, hops=1)
 INTERRUPTED = 3  # rounds
 EFFECTS = ("encoder-offset:right_knee=0.01", "cell-tare:left.front_right=0.5")
+IDENTIFY = ("--estimator", "least-squares", "--json")
 Tulip = Callable[[list[str]], Any]
 
 
@@ -64,11 +54,10 @@ class Intact:
     Args:
         place: an empty folder.
         tulip: runs a command.
-        brief: leave the full dynamics out.
     """
 
-    def __init__(self, place: Path, tulip: Tulip, brief: bool) -> None:
-        self.place, self.tulip, self.brief = place, tulip, brief
+    def __init__(self, place: Path, tulip: Tulip) -> None:
+        self.place, self.tulip = place, tulip
 
     def __call__(self, target: str) -> Path:
         """Return the folder of an input."""
@@ -80,28 +69,17 @@ class Intact:
         return path
 
     def _plan(self, path: Path) -> None:
-        self.tulip(["plan", "random", "--out", str(path), *SHAPE])
+        shape = ["--placements", "6", "--per-placement", "5", "--seed", "107"]
+        self.tulip(["plan", "random", "--out", str(path), *shape])
 
     def _measurements(self, path: Path) -> None:
-        plan = str(self("plan"))
-        self.tulip(["simulate", plan, "--engine", "statics", "--workers", "1", "--out", str(path)])
+        how = ["--engine", "statics", "--workers", "1"]
+        self.tulip(["simulate", str(self("plan")), *how, "--out", str(path)])
 
     def _run(self, path: Path) -> None:
-        plan = self("plan")
-        if self.brief:
-            robot = load_robot()
-            run = Laboratory(robot, "wii").run(read_plan(plan, robot), 1, "statics")
-            write_validation(path, validation_record(judge(run)))
-        else:
-            self.tulip(["validate", str(plan), "--workers", "1", "--out", str(path)])
-
-    def _discovery(self, path: Path) -> None:
-        data = str(self.place / "with an effect")
-        plan, effect = str(self("plan")), "encoder-offset:right_knee=0.03"
-        self.tulip(
-            ["simulate", plan, "--engine", "statics", "--workers", "1", "--out", data, "--effects", effect]
-        )
-        self.tulip(["discover", data, "--no-check", "--workers", "1", "--out", str(path)])
+        robot = load_robot()
+        run = Laboratory(robot, "wii").run(read_plan(self("plan"), robot), 1, "statics")
+        write_validation(path, validation_record(judge(run)))
 
     def _montecarlo(self, path: Path) -> None:
         self.tulip(montecarlo(self("plan"), path))
@@ -143,53 +121,25 @@ def montecarlo(plan: Path, out: Path) -> list[str]:
     return ["montecarlo", str(plan), "--runs", "3", "--workers", "1", "--out", str(out), "--json"]
 
 
-def commands(target: str, folder: Path, made: Path, intact: Intact) -> list[list[str]]:
-    """Return the commands that read an input; each is run if those before it succeed."""
-    base, robot = str(folder), ["--robot", str(folder / "tulip.toml")]
-    identify = ["--estimator", "least-squares", "--json"]
-    plan, data, few = str(made / "plan"), str(made / "data"), ["--placements", "3", "--per-placement", "5"]
+def command(target: str, folder: Path, intact: Intact) -> list[str]:
+    """Return the command that reads an input."""
+    base = str(folder)
+    if target in ("robot", "names"):
+        return ["robot", f"{base}/tulip.toml", "--json"]
     if target == "measurements":  # the independent reading solves eq. 8
-        return [["identify", base, *identify], ["identify", base]]
+        return ["identify", base, *IDENTIFY]
     if target == "plan":
-        return [["plan", "show", base, "--json"], ["plan", "show", base]]
-    if target in PAGES:
-        whole = str(intact(target))
-        return [["report", base, whole, "--json"], ["report", base, whole]]
+        return ["plan", "show", base, "--json"]
+    if target in ("run", "montecarlo"):
+        return ["report", base, str(intact(target)), "--json"]
     if target == "resume":
-        return [montecarlo(intact("plan"), folder)]
+        return montecarlo(intact("plan"), folder)
     if target == "rig":
-        return [["identify", str(folder.with_name("data")), "--corrections", base, *identify]]
+        return ["identify", str(folder.with_name("data")), "--corrections", base, *IDENTIFY]
     if target == "state":
-        number = {"placements": 5, "postures-per-placement": 6, "hops": 1, "seed": 311}
-        options = [word for name, value in number.items() for word in (f"--{name}", str(value))]
-        return [["plan", "optimal", "--out", str(folder / "made" / "plan"), *options, "--json"]]
-    if target == "folders":
-        inside = folder if (folder / "data").exists() else next(folder.iterdir())
-        own, run = str(inside / "data"), str(inside / "run")
-        return [
-            *(["identify", own, *identify], ["identify", own], ["report", run, str(intact("run"))]),
-            [
-                "simulate",
-                f"{run}/plan",
-                "--engine",
-                "statics",
-                "--workers",
-                "1",
-                "--out",
-                str(made / inside.name),
-            ],
-            ["report", run, "--out", f"{made / 'of'}{inside.name[:99]}.html"],
-        ]
-    if target == "arguments":
-        path = folder / COMMAND
-        return [json.loads(path.read_text()) if path.exists() else ["identify", f"{base}/data", *identify]]
-    several = [] if target == "robot" else [["plan", "show", plan, *robot], ["identify", data, *robot]]
-    enough = few if target == "robot" else SHAPE[:4]
-    return [
-        *(["robot", *robot[1:], "--json"], ["robot", *robot[1:]]),
-        ["plan", "random", "--out", plan, *enough, "--seed", "107", *robot],
-        ["simulate", plan, "--out", data, "--workers", "1", "--sensors", "ideal", *robot]
-        if target == "robot"
-        else ["simulate", plan, "--out", data, "--workers", "1", "--engine", "statics", *robot],
-        *several,
-    ]
+        options = "--placements 5 --postures-per-placement 6 --hops 1 --seed 311 --json"
+        return ["plan", "optimal", "--out", f"{base}/made/plan", *options.split()]
+    if target == "arguments" and (folder / COMMAND).exists():
+        return json.loads((folder / COMMAND).read_text())
+    inside = folder if (folder / "data").exists() else next(folder.iterdir())
+    return ["identify", str(inside / "data"), *IDENTIFY]

@@ -1,15 +1,17 @@
-"""The study of hidden effects: what it draws, hides and counts; the campaign that settles a doubt."""
+"""The studies: their runner, hidden effects, and the signatures in the docs."""
 
 from __future__ import annotations
 
-from collections import Counter
+import importlib
+from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from studies import study_campaign, study_hidden_effects
+from studies import runner, study_campaign, study_check, study_hidden_effects
 from studies.hidden_effects.hiding import (
     LEFT_OUT,
     NOTHING,
@@ -24,12 +26,16 @@ from studies.hidden_effects.hiding import (
 )
 from studies.hidden_effects.judging import Found, Outcome, carry_out
 from studies.hidden_effects.outside_faults import FAULTS
-from studies.study_hidden_effects import SETTINGS, cases, figures
+from studies.runner import Settings, header, row
+from studies.study_hidden_effects import SETTINGS, figures
+from studies.teaching.signature import example, examples, lever, signature
+from studies.teaching.variables import VARIABLES
 from tests.effect_changes import first
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.self_calibration import usual_tolerances
 from tulip_testbed.discovery.unusual_members import STANDS_OUT
 from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
@@ -37,6 +43,64 @@ from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.sensors import PRESETS
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
+
+
+@pytest.fixture
+def seen(monkeypatch: pytest.MonkeyPatch) -> list[Settings]:
+    """Put a study of one table in the place of `check`; return the list of the settings that it gets."""
+    given: list[Settings] = []
+
+    def study(settings: Settings) -> Iterator[str]:
+        given.append(settings)
+        yield header("a", "b")
+        yield row(1, "two")
+
+    monkeypatch.setattr(study_check, "study", study)
+    return given
+
+
+def test_every_study_has_a_module_and_a_sentence() -> None:
+    found = runner.studies()
+    assert {"atlas", "check", "hidden-effects", "verdict"} <= found.keys()
+    for name, sentence in found.items():
+        module = importlib.import_module(f"studies.study_{name.replace('-', '_')}")
+        assert sentence == str(module.__doc__).split("\n")[0]
+        assert callable(module.study)
+        assert isinstance(module.SETTINGS, Settings)
+
+
+def test_a_study_gets_its_own_settings_and_those_of_the_command(seen: list[Settings]) -> None:
+    assert runner.main(["check"]) == 0
+    assert runner.main(["check", "--seed", "7", "--size", "0.1", "--only", "wii"]) == 0
+    assert seen[0] == study_check.SETTINGS
+    assert (seen[1].seed, seen[1].count(300), seen[1].count(2), seen[1].only) == (7, 30, 1, ("wii",))
+
+
+def test_the_file_holds_the_command_and_what_was_printed(
+    seen: list[Settings], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "a table.md"
+    assert runner.main(["check", "--size", "0.5", "--out", str(out)]) == 0
+    text = out.read_text()
+    assert text == capsys.readouterr().out
+    assert text.startswith(f"`python -m studies check --size 0.5 --out '{out}'` (seed 104)\n")
+    assert "\n\n| a | b |\n|---|---|\n| 1 | two |\n\n" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["chek"], "unknown study 'chek'; did you mean 'check'? valid: atlas, campaign, check"),
+        (["check", "--only", "wii", "kinect"], "unknown part 'kinect'; valid: wii, force-plate"),
+    ],
+)
+def test_unknown_names_are_refused(
+    arguments: list[str], message: str, seen: list[Settings], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert runner.main(arguments) == 2
+    assert message in capsys.readouterr().err
+    assert not seen
+
 
 SMALL = replace(SETTINGS, seed=7, size=0.1)
 
@@ -48,15 +112,6 @@ def world(robot, plan):
 
 def trial(case, world, seed=3):
     return draw_trial(case, world, seed, np.random.default_rng(seed))
-
-
-def test_every_arm_has_its_share_of_the_cases():
-    every = cases(SMALL)
-    assert every == cases(SMALL)
-    assert every != cases(replace(SMALL, seed=8))
-    count = Counter((case.arm, case.dynamics) for case in every)
-    arms = {NOTHING: 20, SCATTER: 4, PRIOR: 12, SINGLE: 20, TWO: 6, LEFT_OUT: 6, OUTSIDE: 6}
-    assert count == {(arm, False): n for arm, n in arms.items()} | {(NOTHING, True): 2, (PRIOR, True): 8}
 
 
 def test_the_perfect_world_is_scale_zero(world):
@@ -197,3 +252,49 @@ def test_tilt_against_tether_is_settled_by_removing_the_cable(robot):
     assert found.right
     before, after = found.errors
     assert after < before
+
+
+DOCS = Path(__file__).resolve().parents[1] / "docs" / "pictures"
+
+
+def test_every_effect_has_a_picture_without_references():
+    assert {path.stem for path in (DOCS / "signatures").iterdir()} == set(catalogue())
+    for path in (DOCS / "signatures").glob("*.svg"):
+        text = path.read_text()
+        assert path.stat().st_size < 40_000, path.name
+        links = [part.split('"')[0] for part in text.split('href="')[1:]]
+        assert links
+        assert all(link.startswith("#") for link in links), path.name
+
+
+def test_columns_of_the_ankle_roll_pair_differ_by_its_cosine(nominal, plan):
+    columns = nominal.parameters.regressor(plan.joint_angles)
+    for side, (leg, foot) in (("right", (11, 12)), ("left", (14, 15))):
+        roll = plan.joint_angles[:, plan.joints.index(f"{side}_ankle_roll")]
+        assert columns[:, :, leg] == pytest.approx(np.cos(roll)[:, None] * columns[:, :, foot], abs=1e-6)
+
+
+def test_an_offset_moves_the_error_by_its_lever(robot, two):
+    found = signature(EffectInstance.parse("encoder-offset:right_knee=0.001", robot), robot, two)
+    predicted = -np.degrees(0.001) * lever(found.observed, "right_knee")
+    assert found.error == pytest.approx(predicted, abs=0.02)
+    assert np.abs(found.error).max() > 0.2
+
+
+def test_a_tilt_moves_the_error_by_the_height(robot, two):
+    found = signature(EffectInstance.parse("tilt=0.01,0.02", robot), robot, two)
+    expected = 1e3 * found.observed.height[:, None] * [0.02, -0.01]
+    assert found.error == pytest.approx(expected, abs=0.03)
+
+
+def test_there_is_an_example_of_every_effect(robot):
+    found = examples(robot)
+    assert [one.effect.name for one in found] == list(catalogue())
+    assert set(VARIABLES) <= set(catalogue())
+    for one in found:
+        assert EffectInstance.parse(str(one), robot, (1, 2, 3)).label == one.label
+    assert example(catalogue()["cell-tare"], robot).values == (1.645,)
+
+
+def test_an_effect_of_the_dynamics_is_predicted(robot, two):
+    assert not signature(example(catalogue()["unsettled"], robot), robot, two).simulated

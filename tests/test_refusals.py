@@ -1,0 +1,210 @@
+"""Refuse what the table tests/refusals.txt lists, in one line with the words that it states.
+
+Changes that are drawn at random, and what the commands make of them, are in `tests/fuzz`.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tulip_testbed as tt
+from tests.contact_folders import EXAMPLE, contacts_of, write_contacts
+from tests.edited_files import BUILT, change_texts
+from tulip_testbed.calibration.families import read_tolerances
+from tulip_testbed.cli.main import main
+from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.effects.random_effects import read_effects
+from tulip_testbed.experiments.description import described_robot
+from tulip_testbed.experiments.identify import identify
+from tulip_testbed.experiments.rig_folder import read_rig, write_rig
+from tulip_testbed.experiments.validate import judge
+from tulip_testbed.experiments.validation_record import write_validation
+from tulip_testbed.experiments.validation_result import validation_record
+from tulip_testbed.identification.base_parameters import base_parameters
+from tulip_testbed.identification.planning_ranges import free_joint_ranges, planning_ranges
+from tulip_testbed.measurements import read_measurements
+from tulip_testbed.measurements.manipulations import arrangement_of
+from tulip_testbed.sim.composer import laboratory_environment
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.robot import load_robot
+from tulip_testbed.sim.scene_check import check_scene
+from tulip_testbed.sim.shipped import TULIP
+
+TABLE = Path(__file__).with_name("refusals.txt").read_text()
+
+
+def rows(section: str):
+    """Parametrize a test by the rows of a section: changes, and words of the message."""
+    lines = TABLE.split(f"[{section}]\n")[1].split("\n\n")[0].splitlines()
+    pairs = [line.rsplit("| ", 1) for line in lines if line[0] != "#"]
+    cases = [([part.strip() for part in change.split(" & ")], words.strip()) for change, words in pairs]
+    names = [" & ".join(changes)[:60] for changes, _ in cases]
+    return pytest.mark.parametrize(("changes", "words"), cases, ids=names)
+
+
+def refuse(words: str, call, *arguments, **options) -> None:
+    with pytest.raises(tt.InputError) as refusal:
+        call(*arguments, **options)
+    assert "\n" not in str(refusal.value)
+    check_words(words, str(refusal.value))
+
+
+def check_words(words: str, message: str) -> None:
+    at = 0
+    for part in words.split(" ... "):
+        assert (at := message.find(part, at)) >= 0, message
+
+
+def change_folder(folder, changes) -> None:
+    """Change keys of the manifest and columns of the table."""
+    manifest = json.loads((folder / "manifest.json").read_text())
+    lines = [line for line in (folder / "postures.csv").read_text().splitlines() if line[0] != "#"]
+    names, *table = [line.split(",") for line in lines]
+    names = [name.strip('"') for name in names]
+    for change in changes:
+        trail, _, value = change.partition(" = ")
+        if trail.startswith("@"):
+            name, _, row = trail.removesuffix(" -")[1:].partition("[")
+            if name not in names:
+                names, table = [*names, name], [[*cells, ""] for cells in table]
+            column = names.index(name)
+            for k, cells in enumerate([names, *table]):
+                if not value:
+                    del cells[column]
+                elif k and row in ("", f"{k}]"):
+                    cells[column] = value
+            continue
+        *above, key = [int(part) if part.isdigit() else part for part in trail.removesuffix(" -").split(".")]
+        places = [manifest]
+        for part in above:
+            places = [inner for place in places for inner in (place if part == "*" else [place[part]])]
+        for place in places:
+            for each in range(len(place)) if key == "*" else [key]:
+                if not value:
+                    del place[each]
+                elif key == "*":
+                    place[each] = json.loads(value) | {"name": place[each]["name"]}
+                else:
+                    place[each] = json.loads(value)
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    (folder / "postures.csv").write_text("\n".join(",".join(cells) for cells in [names, *table]) + "\n")
+
+
+@rows("measurements")
+def test_a_measurement_folder_is_refused(tmp_path, changes, words):
+    folder = shutil.copytree(EXAMPLE, tmp_path / "data")
+    change_folder(folder, changes)
+    refuse(words, read_measurements, folder)
+
+
+@rows("identified")
+def test_measurements_of_another_robot_are_refused(tmp_path, robot, changes, words):
+    folder = shutil.copytree(EXAMPLE, tmp_path / "data")
+    change_folder(folder, changes)
+    refuse(words, identify, read_measurements(folder), robot)
+
+
+@rows("contacts")
+def test_contacts_and_mappings_are_refused(tmp_path, changes, words):
+    plates = read_measurements(EXAMPLE)
+    folder = write_contacts(tmp_path / "data", plates, contacts_of(), {"F1": np.arange(len(plates)) / 100})
+    change_folder(folder, changes)
+    refuse(words, read_measurements, folder)
+
+
+@rows("robot")
+@pytest.mark.filterwarnings("ignore:compiler attribute")
+def test_a_robot_is_refused(tmp_path, changes, words):
+    folder = shutil.copytree(TULIP.parent, tmp_path / "robot")
+    change_texts(folder, changes if changes[0].startswith(("scene", "tulip.toml")) else [BUILT, *changes])
+    refuse(words, lambda: check_scene(preset_rig("ideal", described_robot(folder / "tulip.toml"))))
+
+
+@rows("humanoid")
+def test_ranges_of_free_joints_are_refused(tmp_path, foreign, changes, words):
+    folder = shutil.copytree(foreign["humanoid"].folder, tmp_path / "robot")
+    change_texts(folder, changes)
+
+    def ranges():
+        robot = load_robot(folder / "robot.toml")
+        free_joint_ranges(robot, robot.model, planning_ranges(robot))
+
+    refuse(words, ranges)
+
+
+@rows("corrections")
+def test_corrections_are_refused(tmp_path, robot, changes, words):
+    texts = ("encoder-offset:right_knee=0.01", "joint-compliance:left_ankle_roll=0.0005")
+    effects = [EffectInstance.parse(text, robot) for text in texts]
+    write_rig(tmp_path / "rig", robot, effects, "force-plate")
+    change_texts(tmp_path / "rig", changes)
+    refuse(f"{tmp_path} ... {words}", read_rig, tmp_path / "rig", robot)
+
+
+@rows("effects")
+def test_an_effect_is_refused(robot, changes, words):
+    where = "rig.json, key 'effects'"
+    asked = {"seed": 0, "statics": True, "where": where}
+    refuse(f"{where} ... {words}", read_effects, changes, robot, (1, 2, 30), **asked)
+
+
+@rows("tolerances")
+def test_tolerances_are_refused(changes, words):
+    refuse(words, read_tolerances, changes)
+
+
+@rows("manipulations")
+def test_manipulations_are_refused(changes, words):
+    refuse(words, arrangement_of, changes)
+
+
+@pytest.fixture(scope="module")
+def names(robot, run):
+    """What the calls use."""
+    standing = {"joint_angles": robot.model.key("stand").qpos[7:]}
+
+    def composed(preset="ideal", **options):
+        return laboratory_environment(preset_rig(preset, robot), **(standing | options))
+
+    def stepped(action, actuation="angles"):
+        environment = composed(actuation=actuation)
+        environment.reset()
+        environment.step(action)
+
+    own = {"composed": composed, "stepped": stepped, "np": np, "tt": tt, "base_parameters": base_parameters}
+    return own | {"run": run, "lab": run.laboratory, "plan": tt.plans.random}
+
+
+@rows("calls")
+def test_a_call_is_refused(names, monkeypatch, changes, words):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    refuse(words, eval, changes[0], names)
+
+
+@pytest.fixture(scope="module")
+def folders(names, tmp_path_factory):
+    """A folder with measurements, a plan and the run of a validation."""
+    place = tmp_path_factory.mktemp("folders")
+    tt.write_measurements(place / "data", names["run"].measurements)
+    tt.plans.write(place / "plan", names["plan"])
+    write_validation(place / "run", validation_record(judge(names["run"])))
+    return place
+
+
+@rows("commands")
+def test_a_command_is_refused(folders, monkeypatch, capsys, changes, words):
+    monkeypatch.chdir(folders)
+    before = sorted(folders.iterdir())
+    try:
+        code = main(changes[0].split())
+    except SystemExit as end:  # of the parser of arguments
+        code = end.code
+    check_words(words, " ".join(capsys.readouterr().err.split()))
+    assert code == 2
+    assert sorted(folders.iterdir()) == before

@@ -1,0 +1,483 @@
+"""Six-axis and smaller sensors in the ankles, in the soles and on the ground, in both engines.
+
+Their readings are compared with cells, with MuJoCo's contact forces and weights, and with the data sheet.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.stats import ks_2samp
+
+import tulip_testbed as tt
+from studies.study_equilibrium import compare, excess_wrenches, laboratories
+from tulip_testbed.cli.main import main
+from tulip_testbed.effects.injection import edited, from_then_on
+from tulip_testbed.effects.instance import removed
+from tulip_testbed.experiments.identify import identify
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.observation import observe
+from tulip_testbed.identification.residual_channels import residuals
+from tulip_testbed.measurements import PosturePlan, read_measurements, write_measurements
+from tulip_testbed.measurements.contacts import VERTICAL, WRENCH
+from tulip_testbed.sim.dynamics.dynamic_run import read_again, run_dynamics
+from tulip_testbed.sim.dynamics.hold import hold, put_down
+from tulip_testbed.sim.dynamics.stand import Stand
+from tulip_testbed.sim.path import ClosedChain
+from tulip_testbed.sim.rig import Rig, preset_rig
+from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.scene import boards_under
+from tulip_testbed.sim.sensors import PRESETS
+from tulip_testbed.sim.statics.solved_plan import solve_plan
+from tulip_testbed.sim.statics.static_run import run_statics
+from tulip_testbed.sim.wrench_sensors import add_foot_sensors, foot_addresses, in_sensor_frame
+
+NAMES = ("foot-ft", "plate-ft", "plate-cop", "sole-ft", "sole-3axis")
+WHOLE = ("foot-ft", "plate-ft", "sole-ft")  # of six axes
+GRAVITY = 9.81
+TILTED = {  # m, rad: mountings
+    "foot-ft": (0.01, -0.02, 0.03, 0.2, -0.3, 0.4),
+    "plate-ft": (0.0,) * 6,
+    "sole-ft": (0.01, -0.02, 0.03, 0.0, 0.0, 0.4),
+}
+
+
+def changed_rig(robot: Robot, name: str, exact: bool = True, **changes: Any) -> Rig:
+    """Return a preset's laboratory with changed wrench sensors, in which nothing is measured twice.
+
+    Args:
+        exact: encoders and records are exact, and wrench sensors err by their zeros alone.
+    """
+    rig = preset_rig(name, robot)
+    wrench: Any = PRESETS[name].wrench
+    base = PRESETS["ideal"] if exact else rig.sensors
+    wrench = dataclasses.replace(wrench.exact if exact else wrench, **changes)
+    protocol = dataclasses.replace(rig.protocol, repeats=0)
+    return dataclasses.replace(rig, sensors=dataclasses.replace(base, wrench=wrench), protocol=protocol)
+
+
+def laboratory(robot: Robot, name: str) -> tt.Laboratory:
+    return tt.Laboratory(robot, name, nominal=changed_rig(robot, name))
+
+
+def by_ideal_cells(robot: Robot, plan: PosturePlan) -> Any:
+    rig = preset_rig("ideal", robot)
+    rig = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=0))
+    return tt.Laboratory(robot, "ideal", nominal=rig).run(plan, 3, "statics")
+
+
+def statics(rig: Rig, plan: PosturePlan, runs: int = 1) -> list[Any]:
+    return list(run_statics(solve_plan(rig, plan), np.random.SeedSequence(7).spawn(runs)))
+
+
+def heavy_foot(spec: mujoco.MjSpec) -> None:
+    """Make the left foot 0.3 kg heavier and move its centre of mass."""
+    foot = spec.body("left_foot")
+    foot.mass, foot.ipos = foot.mass + 0.3, [0.05, 0.01, -0.04]
+
+
+@pytest.fixture(scope="module")
+def mixed_few() -> Any:
+    """Both feet and each foot alone, 28 postures."""
+    plan = tt.plans.mixed
+    return plan.take(np.isin(plan.placement, np.unique(plan.placement)[::4]))
+
+
+@pytest.fixture(scope="module")
+def static(robot, mixed_few) -> dict[str, Any]:
+    """The same equilibria by four ideal cells and by every exact sensor."""
+    runs: dict[str, Any] = {name: laboratory(robot, name).run(mixed_few, 3, "statics") for name in NAMES}
+    return runs | {"ideal": by_ideal_cells(robot, mixed_few)}
+
+
+@pytest.fixture(scope="module")
+def dynamic(robot, plan) -> Any:
+    return run_dynamics(changed_rig(robot, "foot-ft"), plan.take(plan.placement <= 3), 7)
+
+
+def feet_in_base(robot: Robot, measured: Any) -> np.ndarray:
+    """Return the feet's frames by row and side from MuJoCo's kinematics, (m, 2, 4, 4)."""
+    data, chain = mujoco.MjData(robot.model), ClosedChain(robot.model, robot)
+    frames = np.tile(np.eye(4), (len(measured), 2, 1, 1))
+    for row, angles in enumerate(measured.joint_angles):
+        data.qpos[:7] = chain.base_pose(angles, int(measured.support[row] == "left"))
+        data.qpos[7:] = angles
+        mujoco.mj_kinematics(robot.model, data)
+        for side, foot in enumerate(robot.feet):
+            frames[row, side, :3, :3] = data.body(foot).xmat.reshape(3, 3)
+            frames[row, side, :3, 3] = data.body(foot).xpos
+    return frames
+
+
+def sensors_in_base(robot: Robot, measured: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return rotation (m, 2, 3, 3) and origin (m, 2, 3) of the sensors' frames in the base frame.
+
+    On the ground by the recorded pose of the plate, its top at height zero; in the foot by MuJoCo.
+    """
+    if measured.contacts.mount == "foot":
+        frames = feet_in_base(robot, measured)
+        turn = frames[..., :3, :3]
+        return turn, frames[..., :3, 3] + np.einsum("mpab,pb->mpa", turn, measured.contacts.pose[:, :3])
+    x, y, yaw = np.moveaxis(measured.plate_poses, -1, 0)
+    zero, one = np.zeros_like(x), np.ones_like(x)
+    rows = [[np.cos(yaw), -np.sin(yaw), zero], [np.sin(yaw), np.cos(yaw), zero], [zero, zero, one]]
+    return np.moveaxis(np.array(rows), (0, 1), (2, 3)), np.stack([x, y, zero], axis=-1)
+
+
+def ground_wrenches(robot: Robot, run: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return forces and moments of the ground about the base frame's origin, (m, 2, 3) twice [N, Nm].
+
+    Zeros and what hangs below the sensor are taken off. Channels that are not read are zero.
+    """
+    measured = run.measurements
+    turn, origin = sensors_in_base(robot, measured)
+    wrench = np.zeros((len(measured), 2, 6))
+    kept = [WRENCH.index(channel) for channel in measured.contacts.channels]
+    wrench[..., kept] = np.nan_to_num(measured.wrenches - run.truth.zeros)  # nan: in the air
+    force = np.einsum("mpab,mpb->mpa", turn, wrench[..., :3])
+    moment = np.einsum("mpab,mpb->mpa", turn, wrench[..., 3:]) + np.cross(origin, force)
+    if measured.contacts.below.any():
+        feet = feet_in_base(robot, measured)
+        mass, center = measured.contacts.below[:, 0], measured.contacts.below[:, 1:]
+        weight = np.multiply.outer(-mass * GRAVITY, [0.0, 0.0, 1.0])
+        place = feet[..., :3, 3] + np.einsum("mpab,pb->mpa", feet[..., :3, :3], center)
+        force, moment = force - weight, moment - np.cross(place, np.broadcast_to(weight, place.shape))
+    return force, moment
+
+
+def by_cells(measured: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return weight and centre of pressure from the cells of both plates at their recorded places."""
+    moment = np.zeros((len(measured), 2))
+    for side in (0, 1):
+        forces = measured.cell_forces[:, 4 * side : 4 * side + 4]
+        x, y, yaw = measured.plate_poses[:, side].T
+        for k, (a, b) in enumerate(measured.cells[side]):
+            place = np.array([x + a * np.cos(yaw) - b * np.sin(yaw), y + a * np.sin(yaw) + b * np.cos(yaw)])
+            moment += (forces[:, k] * place).T
+    total = measured.cell_forces.sum(axis=1)
+    return total, moment / total[:, None]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_sensor_says_what_four_ideal_cells_say(static, robot, name):
+    cells, run = static["ideal"].measurements, static[name]
+    assert np.array_equal(run.measurements.joint_angles, cells.joint_angles)
+    assert set(cells.support) == {"double", "right", "left"}
+    force, moment = (part.sum(axis=1) for part in ground_wrenches(robot, run))
+    pressure = np.column_stack([-moment[:, 1], moment[:, 0]]) / force[:, 2:]
+    total, center = by_cells(cells)
+    # A foot is tilted by microradians, so that a little of the horizontal force is in the vertical one.
+    loose = {"sole-3axis": 1e-4, "foot-ft": 2e-3}.get(name, 1e-6)
+    np.testing.assert_allclose(force[:, 2], total, rtol=0, atol=loose)
+    np.testing.assert_allclose(pressure, center, rtol=0, atol=2e-5 if name == "foot-ft" else 1e-6)
+
+
+@pytest.mark.parametrize("name", WHOLE)
+def test_horizontal_forces_of_both_feet_cancel_and_each_foot_has_some(static, robot, name):
+    forces = ground_wrenches(robot, static[name])[0][..., :2]
+    tilted = 1e-6 if name == "plate-ft" else 5e-3  # N: microradians of the vertical force
+    np.testing.assert_allclose(forces.sum(axis=1), 0.0, atol=tilted)
+    both = static[name].measurements.support == "double"
+    assert np.abs(forces[both]).max() > 1.0
+    np.testing.assert_allclose(forces[~both], 0.0, atol=tilted)
+
+
+@pytest.mark.parametrize("name", WHOLE)
+def test_a_foot_in_the_air_reads_its_zero_minus_its_weight(static, robot, name):
+    """Of which a plate, which is tared, and a sole have nothing."""
+    m, zeros = static[name].measurements, static[name].truth.zeros
+    feet = feet_in_base(robot, m)[..., :3, :3]
+    for side, support in enumerate(("left", "right")):
+        foot, hanging = robot.model.body(robot.feet[side]), np.flatnonzero(m.support == support)
+        assert len(hanging) >= 5
+        weight = feet[hanging, side].mT @ [0.0, 0.0, -foot.mass[0] * GRAVITY * (name == "foot-ft")]
+        expected = zeros[side] + np.hstack([weight, np.cross(foot.ipos, weight)])
+        np.testing.assert_allclose(
+            m.wrenches[hanging, side], expected, atol=2e-3 * (name == "foot-ft") + 1e-9
+        )
+        assert name != "foot-ft" or np.abs(weight[:, 0]).max() > 0.1  # N, tilted
+    assert zeros.any() == (name != "plate-ft")
+
+
+@pytest.mark.parametrize("name", WHOLE)
+@pytest.mark.parametrize("sticks", [False, True])
+def test_the_dynamics_sum_up_mujocos_contacts(robot, plan, name, sticks):
+    """Each contact's force by `mj_contactForce`, what dry friction holds, and the weight below the sensor."""
+    rig = edited(changed_rig(robot, name, mounting=TILTED[name]), heavy_foot)
+    stand = Stand(rig, boards_under(rig, plan.foot_poses[:1])[0] + [0.004, -0.006, 0.02])
+    put_down(stand, plan.joint_angles[0])
+    held, reason = hold(stand, plan.joint_angles[0])
+    assert held is not None, reason
+    model, data = stand.model, stand.data
+    if not sticks:
+        stand.stiction.release(data)
+        stand.run(1.0)
+    assert data.xfrc_applied.any() == sticks
+    mujoco.mj_forward(model, data)
+    *place, roll, pitch, yaw = TILTED[name]
+    (cr, sr), (cp, sp), (cy, sy) = ((np.cos(a), np.sin(a)) for a in (roll, pitch, yaw))
+    mounted = (
+        np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+        @ [[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]]
+        @ [[1, 0, 0], [0, cr, -sr], [0, sr, cr]]
+    )
+    for side, (foot, plate) in enumerate(zip(robot.feet, ("right_plate", "left_plate"), strict=True)):
+        body, own = data.body(plate if name == "plate-ft" else foot), model.body(foot).id
+        geom = robot.model.geom(f"{foot}_front_left")
+        height = {"plate-ft": 0.05, "sole-ft": geom.pos[2] - geom.size[0]}.get(name, 0.0)
+        turn = body.xmat.reshape(3, 3)
+        origin = body.xpos + turn @ np.add(place, [0, 0, height])
+        force, moment = np.zeros(3), np.zeros(3)
+        for k, contact in enumerate(data.contact):
+            bodies = model.geom_bodyid[[contact.geom1, contact.geom2]].tolist()
+            if own not in bodies:
+                continue
+            local = np.zeros(6)
+            mujoco.mj_contactForce(model, data, k, local)
+            # The force is that of the first geom on the second one, along the frame's rows.
+            push = contact.frame.reshape(3, 3).T @ local[:3] * (1 if bodies[1] == own else -1)
+            force += push
+            moment += np.cross(contact.pos - origin, push)
+        assert force[2] > 50  # N, up: of the ground on the foot
+        weight = [0.0, 0.0, -model.body_mass[own] * GRAVITY * (name == "foot-ft")]
+        for push in (data.xfrc_applied[own, :3], weight):
+            force += push
+            moment += np.cross(data.xipos[own] - origin, push)
+        moment += data.xfrc_applied[own, 3:]
+        axes = turn @ mounted
+        expected = np.concatenate([axes.T @ force, axes.T @ moment])
+        np.testing.assert_allclose(stand.wrenches()[side], expected, atol=2e-3 if name == "foot-ft" else 1e-6)
+
+
+def test_a_sensor_carries_all_that_hangs_on_its_foot():
+    """A foot of two links in the air, against moments by hand; the sensor stands on its head."""
+    spec = mujoco.MjSpec()
+    spec.option.gravity = [0, 0, -10]
+    leg = spec.worldbody.add_body(name="leg")
+    leg.add_geom(size=[0.1], mass=5)
+    foot = leg.add_body(name="foot", pos=[0, 0, -1])
+    foot.add_geom(size=[0.1], mass=2, pos=[0.1, 0, 0])
+    toe = foot.add_body(name="toe", pos=[0.3, 0, 0])
+    toe.add_geom(size=[0.1], mass=1, pos=[0.1, 0, 0])
+    add_foot_sensors(spec, ["foot"], (0.0, 0.0, 0.2, np.pi, 0.0, 0.0))
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    reading = -data.sensordata[foot_addresses(model, ["foot"])][0]
+    # 30 N down are up for the sensor; 0.1 m x 20 N + 0.4 m x 10 N pitch the foot, against its own y.
+    np.testing.assert_allclose(reading, [0, 0, 30, 0, -6, 0], atol=1e-9)
+    whole = np.array([0.0, 0, -30, 0, 6, 0])
+    np.testing.assert_allclose(in_sensor_frame((0.0, 0.0, 0.2, np.pi, 0.0, 0.0), whole), reading, atol=1e-9)
+
+
+SLOW = [("foot-ft", kind) for kind in ("as it is", "soft soles", "flexible drives")]
+QUICK = [("foot-ft", "pulled by ropes"), ("foot-ft", "heavy foot")]
+QUICK += [(name, kind) for name in ("plate-ft", "sole-ft") for kind in ("as it is", "soft soles")]
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"), [*QUICK, *(pytest.param(*case, marks=pytest.mark.slow) for case in SLOW)]
+)
+def test_statics_reads_what_the_dynamics_read(robot, plan, name, kind):
+    """Every channel, for sensors that are mounted askew, without the joints' dry friction."""
+    rigs = laboratories(changed_rig(robot, name, mounting=TILTED[name]))
+    rig = rigs[kind] if kind in rigs else edited(rigs["as it is"], heavy_foot)
+    few = plan.take(np.arange(5, 8))
+    found = compare(solve_plan(rig, few), list(run_dynamics(rig, few, 1).truth.attempts))
+    assert len(found.held) == 3
+    assert np.abs(found.wrenches[..., :3]).max() < 0.02  # N
+    assert np.abs(found.wrenches[..., 3:]).max() < 0.004  # Nm
+
+
+def test_with_dry_friction_forces_between_the_legs_scatter_alike(robot, plan, dynamic):
+    """Horizontal forces cannot be predicted, only their scatter (docs/studies/equilibrium.md)."""
+    held = [a for a in dynamic.truth.attempts if a.held is not None]
+    solved_plan = solve_plan(changed_rig(robot, "foot-ft"), plan.take(plan.placement <= 3))
+    actual, drawn = excess_wrenches(solved_plan, held, np.random.default_rng(301))
+    assert np.abs(actual[..., :2]).max() > 0.3  # N
+    ratio = drawn.std(axis=0) / actual.std(axis=0)
+    assert (ratio > 0.3).all()
+    assert (ratio < 3).all()
+    for side in (0, 1):
+        for k in range(6):
+            assert ks_2samp(actual[:, side, k], drawn[:, side, k]).pvalue > 0.01 / 12
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_readings_scatter_as_the_data_sheet_says_about_constant_zeros(robot, mixed_few, name):
+    runs = statics(changed_rig(robot, name, exact=False), mixed_few.take(np.arange(8)), 60)
+    contacts = runs[0].measurements.contacts
+    assert contacts.mount == ("ground" if name.startswith("plate") else "foot")
+    kept = [WRENCH.index(channel) for channel in contacts.channels]
+    read = np.concatenate([run.measurements.wrenches for run in runs])
+    true = np.concatenate([run.truth.wrenches[..., kept] for run in runs])
+    zeros = np.array([run.truth.zeros for run in runs])
+    if name == "plate-cop":
+        read, true = (
+            np.stack([-w[..., 2] / w[..., 0], w[..., 1] / w[..., 0], w[..., 0]], axis=-1)
+            for w in (read, np.where(np.isnan(read), np.nan, true))
+        )
+        stated = contacts.cop_sd[0]
+    else:
+        true = true + np.repeat(zeros, [len(run.measurements) for run in runs], axis=0)
+        stated = np.sqrt(np.diag(contacts.covariance))
+    found, count = np.sqrt(np.nanmean((read - true) ** 2, axis=(0, 1))), np.isfinite(read[..., 0]).sum()
+    np.testing.assert_allclose(found / stated, 1, atol=5 / np.sqrt(2 * count))
+    assert contacts.below.any() == (name == "foot-ft")
+    sheet: Any = PRESETS[name].wrench
+    if contacts.mount == "ground":
+        assert not contacts.zero_sd.any()
+        assert runs[0].measurements.sensors.placement_sd == PRESETS[name].placement_sd
+    else:
+        spread = np.sqrt((zeros**2).mean(axis=(0, 1))) / np.array(sheet.zero_sd)
+        np.testing.assert_allclose(spread, 1, atol=5 / np.sqrt(240))
+
+
+def test_the_dynamics_read_through_the_same_sensors(robot, plan, dynamic):
+    """The held postures read again: s.d. as stated, zeros those of the experiment."""
+    rig, few = changed_rig(robot, "foot-ft", exact=False), plan.take(plan.placement <= 3)
+    again: list[Any] = [read_again(rig, few, dynamic, np.random.default_rng(seed)) for seed in range(10)]
+    errors = np.array([m.wrenches - dynamic.truth.wrenches - dynamic.truth.zeros for m in again])
+    sd = np.sqrt(np.diag(again[0].contacts.covariance))
+    scatter = np.sqrt((errors**2).mean(axis=(0, 1, 2))) / sd
+    np.testing.assert_allclose(scatter, 1, atol=5 / np.sqrt(2 * errors[..., 0].size))
+    sheet: Any = PRESETS["foot-ft"].wrench
+    expected = np.hypot(sheet.noise, np.array(sheet.resolution) / np.sqrt(12))
+    np.testing.assert_allclose(again[0].wrenches_sd.mean(axis=(0, 1)), expected, rtol=0.02)
+
+
+def test_measurements_say_what_a_user_knows_and_no_more(dynamic, static):
+    for run in (dynamic, static["foot-ft"]):
+        m, zeros = run.measurements, run.truth.zeros
+        assert np.abs(zeros).min() > 0
+        assert (m.contacts.mount, m.contacts.channels) == ("foot", WRENCH)
+        assert np.isposinf(m.contacts.zero_sd).all()
+        np.testing.assert_allclose(m.contacts.below, [[0.6, 0.03, 0, -0.035]] * 2, atol=1e-12)
+        assert m.sensors.cell_sd is m.sensors.cell_resolution is m.sensors.placement_sd is None
+        parts = [*vars(m).values(), *vars(m.contacts).values()]
+        arrays = [part for part in parts if isinstance(part, np.ndarray) and part.dtype.kind == "f"]
+        assert not any(np.isin(np.abs(part), np.abs(zeros)).any() for part in arrays)
+
+
+def test_what_hangs_below_is_stated_of_the_nominal_foot(robot, mixed_few):
+    """A heavier foot hangs heavier on its sensor, by an edit or as told by run; the stated one stays."""
+    plain = changed_rig(robot, "foot-ft", exact=False)
+    (run,) = statics(edited(plain, heavy_foot), mixed_few)
+    solved = solve_plan(plain, mixed_few)
+    m = solved.mechanism
+    standard = np.column_stack([m.mass, m.mass[:, None] * m.center])[solved.links]
+    standard[[m.bodies[k].name for k in solved.links].index("left_foot")] *= 2
+    told: Any = run_statics(solved, [np.random.SeedSequence(6)], standard[None])[0]
+    for heavy, mass in ((run, 0.9), (told, 1.2)):
+        hanging = heavy.truth.wrenches[heavy.measurements.support == "right", 1, :3]
+        np.testing.assert_allclose(np.linalg.norm(hanging, axis=1), mass * GRAVITY, atol=1e-9)
+    np.testing.assert_allclose(run.measurements.contacts.below[:, 0], 0.6)
+    np.testing.assert_allclose(run.measurements.contacts.below_sd, [[0.012, 0.002, 0.002, 0.002]] * 2)
+
+
+def test_what_changes_during_the_experiment_changes_the_wrenches(robot, plan):
+    def heavier(spec: mujoco.MjSpec) -> None:
+        spec.body("torso").mass += 1.0
+
+    rig = from_then_on(changed_rig(robot, "foot-ft"), 0.5, lambda before: edited(before, heavier))
+    (run,) = statics(rig, plan.take(plan.placement <= 4))
+    down = run.truth.wrenches[..., 2].sum(axis=1)
+    np.testing.assert_allclose(down[-1] - down[0], GRAVITY, atol=1e-4)  # soles tilt by microradians
+
+
+def test_a_tared_sensor_has_no_zeros(robot, plan):
+    (run,) = statics(changed_rig(robot, "foot-ft", zero_sd=(0.0,) * 6), plan.take(np.arange(2)))
+    assert not run.measurements.contacts.zero_sd.any()
+    np.testing.assert_allclose(run.measurements.wrenches, run.truth.wrenches, atol=1e-9)
+
+
+def test_the_sensors_do_not_change_how_the_robot_stands(robot, plan):
+    one = plan.take(np.arange(1))
+    plates, feet = (run_dynamics(preset_rig(name, robot), one, 5).truth for name in ("ideal", "foot-ideal"))
+    assert plates.wrenches is plates.zeros is None
+    assert np.array_equal(plates.held[0].cell_forces, feet.held[0].cell_forces)
+    assert np.array_equal(plates.held[0].joint_angles, feet.held[0].joint_angles)
+
+
+def test_a_folder_holds_what_they_read_and_not_the_truth(tmp_path, robot):
+    folder, truth = tmp_path / "data", tmp_path / "truth.json"
+    arguments = ["--engine", "statics", "--sensors", "foot-ft", "--seed", "4", "--out", str(folder)]
+    assert main(["simulate", *arguments, "--truth", str(truth)]) == 0
+    read: Any = read_measurements(folder, robot)
+    known = json.loads(truth.read_text())
+    error = read.wrenches - np.array(known["wrenches"]) - np.array(known["zeros"])
+    sd = np.sqrt(np.diag(read.contacts.covariance))
+    np.testing.assert_allclose(error.std(axis=(0, 1)) / sd, 1, atol=5 / np.sqrt(4 * len(read)))
+    text = (folder / "manifest.json").read_text()
+    assert not any(f"{abs(zero):.6g}" in text for zero in np.ravel(known["zeros"]))
+
+
+@pytest.mark.parametrize("name", ["plate-ft", "plate-cop"])
+def test_exact_plates_recover_every_parameter_of_the_shipped_plan(robot, name):
+    run = laboratory(robot, name).run(tt.plans.random, 5, "statics")
+    error = identify(run.measurements, robot).full.value - run.laboratory.true_base_parameters(run.plan)
+    assert np.abs(error).max() < 1e-4  # m
+
+
+@pytest.mark.parametrize("name", ["sole-ft", pytest.param("sole-3axis", marks=pytest.mark.slow)])
+def test_exact_soles_recover_all_that_their_zeros_leave(robot, name):
+    """On both feet alone the same five directions are hidden as in the ankles; on the mixed plan none."""
+    for plan, hidden in ((tt.plans.random, 5), (tt.plans.mixed, 0)):
+        run = laboratory(robot, name).run(plan, 5, "statics")
+        found = identify(run.measurements, robot)
+        assert len(found.confounded) == hidden
+        along = np.linalg.qr(found.confounded.T)[0] if hidden else np.zeros((len(found.full.value), 0))
+        error = found.full.value - run.laboratory.true_base_parameters(plan)
+        assert np.abs(error - along @ (along.T @ error)).max() < 1e-3
+
+
+def test_a_centre_of_pressure_is_written_as_one(tmp_path, robot, mixed_few):
+    run: Any = tt.Laboratory(robot, "plate-cop").run(mixed_few, 7, "statics")
+    measured: Any = run.measurements
+    write_measurements(tmp_path / "data", measured)
+    manifest = json.loads((tmp_path / "data" / "manifest.json").read_text())
+    assert [entry["kind"] for entry in manifest["contacts"]] == ["cop", "cop"]
+    x, y, load = (measured.columns()[f"cop.right.{axis}"] for axis in ("x", "y", "fz"))
+    assert np.array_equal(np.isnan(x), measured.support == "left")
+    # On the plate of 0.5 m by 0.3 m, against the true wrench about its top.
+    truth = run.truth.wrenches[measured.support != "left", 0]
+    assert np.abs(x[~np.isnan(x)] + truth[:, 4] / truth[:, 2]).max() < 5 * 0.0015
+    assert np.abs(y[~np.isnan(y)] - truth[:, 3] / truth[:, 2]).max() < 5 * 0.0015
+    assert np.abs(load[~np.isnan(load)] - truth[:, 2]).max() < 5 * 4.5
+    read: Any = read_measurements(tmp_path / "data")
+    assert read.contacts.channels == VERTICAL
+    np.testing.assert_allclose(read.contacts.covariance, measured.contacts.covariance, rtol=1e-9)
+    assert np.array_equal(read.contacts.cop_sd, measured.contacts.cop_sd)
+
+
+@pytest.mark.parametrize("engine", ["statics", "dynamics"])
+@pytest.mark.parametrize("name", NAMES)
+def test_both_engines_hand_over_what_the_contract_takes(tmp_path, robot, plan, name, engine):
+    run: Any = tt.Laboratory(robot, sensors=name).run(plan.take(np.arange(1)), 2, engine, workers=1)
+    write_measurements(tmp_path / "data", run.measurements)
+    read: Any = read_measurements(tmp_path / "data")
+    np.testing.assert_allclose(read.wrenches, run.measurements.wrenches, rtol=1e-12, atol=1e-12)
+    vertical = read.contacts.channels.index("fz")
+    weight = read.wrenches[..., vertical].sum(axis=1) - run.truth.zeros[:, vertical].sum()
+    below = read.contacts.below[:, 0].sum() * GRAVITY
+    np.testing.assert_allclose(weight + below, run.truth.mass * GRAVITY, atol=5 * 4.5 * np.sqrt(2))
+
+
+@pytest.mark.parametrize("name", ["plate-ft", "plate-cop", "sole-ft"])
+@pytest.mark.parametrize("effect", ["tilt=0.02,0.03", "tether=5,2"])
+def test_a_push_is_removed_at_the_height_of_the_readings(robot, mixed_few, name, effect):
+    """A plate's wrench is stated at its top, 50 mm over the floor on which cells stand."""
+    few = mixed_few.take(mixed_few.support == "double")
+    pushed_lab, nominal = laboratory(robot, name).with_effects(effect), nominal_robot(robot)
+    pushed = observe(pushed_lab.run(few, 3, "statics").measurements, nominal)
+    plain = observe(laboratory(robot, name).run(few, 3, "statics").measurements, nominal)
+    means = [
+        residuals(observed, nominal.value)[:, :2].mean(axis=0)
+        for observed in (removed(pushed, list(pushed_lab.hidden)), plain)
+    ]
+    assert np.abs(means[0] - means[1]).max() < 2e-4
