@@ -21,13 +21,15 @@ from tulip_testbed.experiments.checks import (
     mass_check,
     sigma_check,
     skipped,
+    worst_balance,
 )
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, DEFAULT_SEED, ORDINARY
 from tulip_testbed.experiments.identification_result import ESTIMATORS, Identification
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.imperfections import check_imperfections, drawn, single_stream
 from tulip_testbed.experiments.laboratory import Laboratory, Run, tries
-from tulip_testbed.experiments.run_summary import worst_balance
+from tulip_testbed.experiments.run_file import configuration_of, made_by
+from tulip_testbed.experiments.truth_record import SimulatedTruth
 from tulip_testbed.experiments.usable_plan import identifiable_regressor
 from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.identification.base_parameters import BaseParameters, renumbered
@@ -74,22 +76,41 @@ def validate(
     laboratory = drawn(laboratory, imperfections, single_stream(seed))
     with progress("holding postures", tries(laboratory, plan), 0) as advance:
         run = laboratory.run(plan, seed, engine, workers, advance)
-    result = judge(run, estimator)
-    return dataclasses.replace(result, wall_s=time.perf_counter() - began, imperfections=imperfections)
+    return judge(run, estimator, imperfections, began)
 
 
-def judge(run: Run, estimator: str = DEFAULT_ESTIMATOR) -> Validation:
+def judge(
+    run: Run,
+    estimator: str = DEFAULT_ESTIMATOR,
+    imperfections: float = 0.0,
+    began: float | None = None,
+) -> Validation:
     """Identify the robot from a run and hold the estimates against its truth.
+
+    Args:
+        imperfections: scale of those that were drawn for the laboratory.
+        began: when the work began, by `time.perf_counter`; None: now.
 
     Raises:
         InputError: measurements that do not suffice.
     """
-    began = time.perf_counter()
-    laboratory = run.laboratory
-    found = identify(run.measurements, laboratory.robot, estimator=estimator, adopted=laboratory.known)
-    truth = laboratory.true_base_parameters(run.plan)
-    checks = tuple(evaluate(run, found, truth))
-    return Validation(run, found, _least_squares(run), truth, checks, time.perf_counter() - began)
+    began, laboratory = began or time.perf_counter(), run.laboratory
+    robot, truth = laboratory.robot, laboratory.true_base_parameters(run.plan)
+    identification = identify(run.measurements, robot, estimator=estimator, adopted=laboratory.known)
+    configuration = configuration_of(laboratory, run.plan, run.seed, run.engine, imperfections)
+    return Validation(
+        identification=identification,
+        least_squares=_least_squares(run),
+        truth=truth,
+        checks=tuple(evaluate(run, identification, truth)),
+        wall_s=time.perf_counter() - began,
+        imperfections=float(imperfections),
+        robot=robot,
+        plan=run.plan,
+        measurements=run.measurements,
+        simulation=SimulatedTruth.of(run),
+        made=made_by("validate", configuration, robot),
+    )
 
 
 def _least_squares(run: Run) -> Identification | None:
@@ -100,12 +121,12 @@ def _least_squares(run: Run) -> Identification | None:
         return None
 
 
-def evaluate(run: Run, found: Identification, truth: np.ndarray) -> list[Check]:
+def evaluate(run: Run, identification: Identification, truth: np.ndarray) -> list[Check]:
     """Make the checks of the verdict."""
-    full, simplified = found.full, found.simplified
+    full, simplified = identification.full, identification.simplified
     robot = run.laboratory.robot
     settings = robot.settings
-    pairs = [renumbered(robot, found.parameters, e["pair"]) for e in settings.get("correlated", [])]
+    pairs = [renumbered(robot, identification.parameters, e["pair"]) for e in settings.get("correlated", [])]
     # With noise-free sensors the statistical checks have nothing to measure errors by.
     noisy = dataclasses.replace(run.laboratory.rig.sensors, cell_gain={}) != Sensors()
     checks = []
@@ -123,11 +144,11 @@ def evaluate(run: Run, found: Identification, truth: np.ndarray) -> list[Check]:
     if not noisy:
         checks.append(skipped("joint chi-square and |z|", "noise-free data have no standard errors to test"))
     taken = run.measurements
-    measured = correlations_at(found.parameters, taken.joint_angles, taken.support)
-    planned = planned_correlations(run, found.parameters)
+    measured = correlations_at(identification.parameters, taken.joint_angles, taken.support)
+    planned = planned_correlations(run, identification.parameters)
     checks += correlation_checks(full.numbers, measured, planned, pairs)
-    if found.calibration is not None and noisy:
-        data = correlations(found.calibration.data_covariance)
+    if identification.calibration is not None and noisy:
+        data = correlations(identification.calibration.data_covariance)
         checks += data_correlation_checks(full.numbers, data, planned, pairs)
     placements = len(np.unique(run.measurements.placement))
     known = settings.get("residual_sigma_mm", {})
@@ -138,7 +159,7 @@ def evaluate(run: Run, found: Identification, truth: np.ndarray) -> list[Check]:
         rate = paper["postures_used"] / paper["postures_planned"]
         source = f"the paper: {paper['postures_used']} of {paper['postures_planned']}"
         checks.append(below("share of dropped postures", 1 - usable, 1 - rate, source))
-    checks.append(mass_check(*found.mass, run.truth.mass, len(run.measurements), noisy))
+    checks.append(mass_check(*identification.mass, run.truth.mass, len(run.measurements), noisy))
     return [*checks, *balance_checks(run)]
 
 

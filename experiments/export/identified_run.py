@@ -14,7 +14,7 @@ from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.rig_folder import RIG, read_rig
 from tulip_testbed.experiments.run_file import kind_of
-from tulip_testbed.experiments.validation_record import read_validation
+from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.measurements import Measurements, read_experiments
 from tulip_testbed.sim.robot import Robot
 
@@ -38,11 +38,9 @@ def identified_run(
     folder = Path(folder)
     kind = kind_of(folder)
     if kind == "validation":
-        record = read_validation(folder, robot)
-        known = (record.document.configuration.model_extra or {}).get("adopted", [])
-        effects = _effects([EffectDocument.model_validate(one) for one in known], robot, folder)
-        measurements, estimator, adopted = record.measurements, record.report.estimator, effects
-    elif kind == "discovery":
+        identification = Validation.load(folder, robot).identification
+        return identification, identification.measurements, identification.corrections
+    if kind == "discovery":
         found = read_discovery(folder, robot)
         effects = _effects(found.report.effects, robot, folder)
         measurements = found.measurements
