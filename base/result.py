@@ -57,8 +57,15 @@ Numbers = Annotated[np.ndarray, _of(int), _LISTED]
 Flags = Annotated[np.ndarray, _of(bool), _LISTED]
 
 
+class Outside:
+    """The mark of a field that is no part of the JSON document, such as the robot; None in what is read."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.with_default_schema(core_schema.any_schema(), default=None)
+
+
 @dataclass(frozen=True)
-class Kept:
+class Kept(Outside):
     """The mark of a field that a run folder keeps in a file or folder of its own, outside the JSON document.
 
     Attributes:
@@ -71,16 +78,13 @@ class Kept:
     write: Callable[[Path, Any], object]
     read: Callable[..., Any]
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        return core_schema.with_default_schema(core_schema.any_schema(), default=None)
-
 
 def _nothing(*_: Any) -> None:
     """Leave a folder as it is."""
 
 
 # A field that neither the document nor the folder holds: None in a result that was read.
-InMemory = Annotated[Item, Kept("", _nothing, _nothing), Field(exclude=True)]
+InMemory = Annotated[Item, Outside(), Field(exclude=True)]
 # A field that whoever reads the folder gives, such as the robot.
 Given = Annotated[Item, Kept("", _nothing, lambda folder, given: given), Field(exclude=True)]
 # The folder itself; None: the result is in memory alone.
@@ -94,7 +98,7 @@ class Documented:
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON document; NaN is null."""
-        return finite(_adapter(type(self)).dump_python(self, mode="json", exclude=set(_kept(type(self)))))
+        return finite(_adapter(type(self)).dump_python(self, mode="json", exclude=set(_outside(type(self)))))
 
     @classmethod
     def from_json(cls, document: Mapping[str, Any], where: str = "document") -> Self:
@@ -188,9 +192,13 @@ def _adapter(kind: type[Documented]) -> TypeAdapter[Any]:
 
 
 @cache
-def _kept(kind: type[Documented]) -> dict[str, Kept]:
-    """Return the marks of the fields that are kept outside the document, by field."""
+def _outside(kind: type[Documented]) -> dict[str, Outside]:
+    """Return the marks of the fields that are no part of the document, by field."""
     hints = get_type_hints(kind, include_extras=True)
     fields = [field.name for field in dataclasses.fields(kind)]  # pyrefly: ignore[bad-argument-type]
     marks = {name: getattr(hints[name], "__metadata__", ()) for name in fields}
-    return {name: mark for name, of_field in marks.items() for mark in of_field if isinstance(mark, Kept)}
+    return {name: mark for name, of_field in marks.items() for mark in of_field if isinstance(mark, Outside)}
+
+
+def _kept(kind: type[Documented]) -> dict[str, Kept]:
+    return {name: mark for name, mark in _outside(kind).items() if isinstance(mark, Kept)}

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
 
 import numpy as np
 import scipy
@@ -96,17 +95,6 @@ class WeaklyDetectable:
         """Return that size in SI units; None for an effect of several sizes."""
         prior = self.candidate.prior
         return self.multiple * float(prior[0]) if len(prior) == 1 else None
-
-    def document(self) -> dict[str, Any]:
-        """Return it for JSON."""
-        effect = self.candidate.effect
-        return {
-            "name": effect.name,
-            "target": self.candidate.target or None,
-            "least_over_prior": self.multiple,
-            "least": self.least,
-            "unit": None if self.least is None else effect.parameters[effect.sizes[0]].unit,
-        }
 
 
 def weakly_detectable(fits: Sequence[Fitted], level: float) -> tuple[WeaklyDetectable, ...]:

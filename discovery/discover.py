@@ -89,7 +89,7 @@ class Discovery:
     @property
     def corrections(self) -> tuple[EffectInstance, ...]:
         """Return what the new nominal laboratory has: effects, and imperfections that are not zero."""
-        return self.adopted + tuple(member for member in self.calibrated if _clear(member))
+        return self.adopted + tuple(member for member in self.calibrated if clear_of_zero(member))
 
     @cached_property
     def explanations(self) -> tuple[Explanation, ...]:
@@ -116,8 +116,8 @@ class Discovery:
         return sorted(others.values(), key=lambda one: -one.log_bayes_factor)[:RUNNERS_UP]
 
 
-def _clear(member: EffectInstance) -> bool:
-    """Whether the interval of a value leaves zero out."""
+def clear_of_zero(member: EffectInstance) -> bool:
+    """Return whether the interval of a value leaves zero out."""
     return any(i is not None and not i[0] <= 0 <= i[1] for i in member.intervals)
 
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
-
 import numpy as np
 
 from tulip_testbed.base.table import Column, Table
@@ -16,20 +13,6 @@ from tulip_testbed.measurements.contacts import Contacts
 SPREAD = "Spread: estimated s.d. of the members, with its 95 % interval; 1 is usual."
 LARGEST_PARTS = 4
 LEAST_SHARE = 0.01
-
-
-def family_documents(families: Sequence[CalibratedFamily]) -> list[dict[str, Any]]:
-    """Return the families with their spreads for JSON."""
-    return [
-        {
-            "name": one.family.name,
-            "tolerance": one.family.tolerance,
-            "spread": one.spread,
-            "low95": one.spread95[0],
-            "high95": one.spread95[1],
-        }
-        for one in families
-    ]
 
 
 def calibration_report(

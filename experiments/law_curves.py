@@ -6,15 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tulip_testbed.effects.instance import EffectDocument, EffectInstance
-from tulip_testbed.effects.laws import LAW, sentence_of
+from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.effects.laws import sentence_of
 from tulip_testbed.effects.laws import grammar as g
 from tulip_testbed.effects.laws.law_sentence import FINE, TURN, as_what, what_errs
 from tulip_testbed.effects.laws.misread import split_values
 from tulip_testbed.effects.laws.quantities import quantity, readings
 from tulip_testbed.effects.laws.shapes import basis
-from tulip_testbed.experiments.discovery_record import DiscoveryRecord
-from tulip_testbed.experiments.residual_curves import about_stances, assumed_noise
+from tulip_testbed.experiments.discovery_result import Discovered
+from tulip_testbed.experiments.residual_curves import about_stances
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
@@ -47,26 +47,27 @@ class LawCurve:
     sd: np.ndarray
 
 
-def law_curves(run: DiscoveryRecord) -> list[LawCurve]:
+def law_curves(discovery: Discovered) -> list[LawCurve]:
     """Compute the curves of the adopted laws of one quantity.
 
     The error of a reading is the law's, and what is left of the posture's residuals along the reading's
     sensitivity, weighed by the noise of the other readings alone.
     """
-    found = [one for one in run.report.effects if one.name == LAW]
-    return [curve for one in found if (curve := _curve(run, one)) is not None]
+    return [curve for law, _ in discovery.laws if (curve := _curve(discovery, law)) is not None]
 
 
-def _curve(run: DiscoveryRecord, document: EffectDocument) -> LawCurve | None:
-    law = EffectInstance.from_document(document, run.robot, "effects")
+def _curve(discovery: Discovered, law: EffectInstance) -> LawCurve | None:
     sentence = sentence_of(law.target)
     if sentence.kind not in DRAWN or sentence.quantity in (g.NOTHING, g.COP):
         return None
-    observed = observe(run.measurements, nominal_robot(run.robot, common_support(run.measurements.support)))
+    observed = observe(
+        discovery.measurements,
+        nominal_robot(discovery.robot, common_support(discovery.measurements.support)),
+    )
     sizes, fixed, ends = split_values(sentence, law.values)
-    white = whitening(observed, observed.nominal.value, assumed_noise(run))
+    white = whitening(observed, observed.nominal.value, discovery.noise)
     used = residuals_in_use(observed)
-    left = np.where(used, about_stances(run.after, observed.stance), 0.0)
+    left = np.where(used, about_stances(discovery.residual("after"), observed.stance), 0.0)
     weight = np.where(used, 1 / np.maximum(np.diagonal(white.own, axis1=1, axis2=2), 1e-300), 0.0)
     first = fields(observed)["angles" if sentence.kind in (g.ENCODER, g.ENCODERS) else "cells"].start
     at, error, sd = [], [], []

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tulip_testbed.experiments.discovery_record import DiscoveryRecord
+from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.identification.residual_channels import ANCHORED, residuals_in_use
-from tulip_testbed.identification.residual_noise import Noise, whitening
+from tulip_testbed.identification.residual_noise import whitening
 
 # What each part is called, its unit, how many of it go on one SI unit, its channel.
 SHOWN = (
@@ -45,40 +45,36 @@ class Curve:
     sd: np.ndarray
 
 
-def residual_curves(run: DiscoveryRecord) -> list[Curve]:
+def residual_curves(discovery: Discovered) -> list[Curve]:
     """Compute all residuals in the order of time, with the standard deviations that the noise gives them.
 
     The swing foot's x, y and yaw are known up to a constant of the stance, hence given about its mean.
     """
-    observed = observe(run.measurements, nominal_robot(run.robot, common_support(run.measurements.support)))
-    sd = _spread(run, observed)
-    before, after = (about_stances(side, observed.stance) for side in (run.before, run.after))
-    order = time_order(run)
+    observed = observe(discovery.measurements, nominal_robot(discovery.robot, common_support(discovery.measurements.support)))
+    sd = _spread(discovery, observed)
+    before, after = (
+        about_stances(discovery.residual(side), observed.stance) for side in ("before", "after")
+    )
+    order = time_order(discovery)
     return [
         Curve(channel, name, unit, *(scale * side[order, j] for side in (before, after, sd)))
         for j, (name, unit, scale, channel) in enumerate(SHOWN)
     ]
 
 
-def time_order(run: DiscoveryRecord) -> np.ndarray:
+def time_order(discovery: Discovered) -> np.ndarray:
     """Return the rows of the measurements in the order of time, (m,)."""
-    return np.argsort(run.measurements.time, kind="stable")
+    return np.argsort(discovery.measurements.time, kind="stable")
 
 
-def _spread(run: DiscoveryRecord, observed: Observation) -> np.ndarray:
+def _spread(discovery: Discovered, observed: Observation) -> np.ndarray:
     """Compute the standard deviation of every residual by the noise that the discovery assumed, (m, 11)."""
-    noise = assumed_noise(run)
+    noise = discovery.noise
     white = whitening(observed, observed.nominal.value, noise)
     n = len(observed.tree.joints)
     levers = white.sensitivity[..., n + 8 : n + 14] * noise.plates
     variance = np.diagonal(white.own, axis1=1, axis2=2) + (levers**2).sum(axis=2)
     return np.sqrt(np.where(residuals_in_use(observed), variance, np.nan))
-
-
-def assumed_noise(run: DiscoveryRecord) -> Noise:
-    """Return the noise that the discovery assumed."""
-    stated = run.report.noise
-    return Noise(stated.encoder_sd, stated.cell_sd, np.array(stated.placement_sd), ())
 
 
 def about_stances(residual: np.ndarray, stance: np.ndarray) -> np.ndarray:

@@ -109,7 +109,7 @@ def judge(
         plan=run.plan,
         measurements=run.measurements,
         simulation=SimulatedTruth.of(run),
-        made=made_by("validate", configuration, robot),
+        document=made_by("validate", configuration, robot),
     )
 
 

@@ -66,7 +66,7 @@ class Validation(SavedRun):
         imperfections: scale of those that were drawn for the laboratory; 0: it is exact.
         robot: the nominal one. plan, measurements: of the experiment.
         simulation: what only the simulation knows.
-        made: how it was made. folder: where it is saved; None: in memory alone.
+        document: how it was made. folder: where it is saved; None: in memory alone.
     """
 
     kind = "validation"
@@ -81,7 +81,7 @@ class Validation(SavedRun):
     plan: Annotated[PosturePlan, Kept(PLAN_FOLDER, write_plan, read_plan)]
     measurements: Annotated[Measurements, MEASURED]
     simulation: Annotated[SimulatedTruth, TRUTH]
-    made: Annotated[RunFile[Configuration], Kept(RUN_FILE, write_run_file, read_made)]
+    document: Annotated[RunFile[Configuration], Kept(RUN_FILE, write_run_file, read_made)]
     folder: Place = None
 
     @classmethod
