@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -30,7 +31,7 @@ class Document(BaseModel):
             InputError: names the file, the key, what was found and what was expected.
         """
         try:
-            return cls.model_validate(read_json(path))
+            return cls.model_validate_json(json.dumps(read_json(path)))
         except ValidationError as error:
             raise InputError(f"{path}: {validation_message(error)}") from None
 

@@ -12,7 +12,7 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.experiments.discovery_record import DiscoveryRecord
-from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
 from tulip_testbed.experiments.records import Record
 from tulip_testbed.experiments.validation_record import ValidationRecord
 
@@ -28,7 +28,7 @@ SHOWN = {
     "standard_error_ratio": Column("found over stated s.e.", "", ".3f"),
     "coverage95": Column("coverage of 95 %", "%", ".1f", 100),
 }
-Judged = ValidationRecord | MonteCarloRecord | DiscoveryRecord
+Judged = ValidationRecord | MonteCarlo | DiscoveryRecord
 QUANTITIES = {
     "validation": ("estimate", "standard_error", "truth"),
     "Monte Carlo": ("bias", "standard_error", "standard_error_ratio", "coverage95"),
@@ -74,7 +74,7 @@ def compare(first: Record, second: Record) -> Comparison:
     both = [_models(first), _models(second)]
     return Comparison(
         runs=(_name(first), _name(second)),
-        verdict=(first.report.verdict, second.report.verdict),
+        verdict=(_report(first)["verdict"], _report(second)["verdict"]),
         settings=differences(first.document.plain(), second.document.plain()),
         checks=_checks(_judged(first), _judged(second)),
         models={
@@ -149,6 +149,10 @@ def _name(run: Record) -> str:
     return "in memory" if run.folder is None else str(run.folder)
 
 
+def _report(run: Judged) -> dict[str, Any]:
+    return run.to_json() if isinstance(run, MonteCarlo) else run.report.plain()
+
+
 def _check_alike(first: Judged, second: Judged) -> None:
     """Refuse what has no common measure."""
     where = f"{_name(first)}, {_name(second)}: cannot be compared"
@@ -165,17 +169,17 @@ def _check_alike(first: Judged, second: Judged) -> None:
 
 
 def _models(run: Judged) -> dict[str, list[dict[str, Any]]]:
-    report = run.report.plain()
+    report = _report(run)
     if isinstance(run, DiscoveryRecord):
         return {"full": report["parameters"]}
-    full = report if isinstance(run, MonteCarloRecord) else report["full"]
+    full = report if isinstance(run, MonteCarlo) else report["full"]
     return {"full": full["parameters"], "simplified": report["simplified"]["parameters"]}
 
 
 def _judged(run: Judged) -> list[dict[str, Any]]:
     """Return a run's checks; of a discovery the gap by channel, its explanations and their sizes."""
     if not isinstance(run, DiscoveryRecord):
-        return run.report.plain()["checks"]
+        return _report(run)["checks"]
     gap = [
         {"name": f"gap {channel}, {side}", "result": None, "value": getattr(ratio, side)}
         for channel, ratio in run.report.gap.items()

@@ -8,26 +8,21 @@ from typing import overload
 from tulip_testbed.experiments.discovering import Discovered
 from tulip_testbed.experiments.discovery_record import DiscoveryRecord, discovery_record, read_discovery
 from tulip_testbed.experiments.laboratory import Run
-from tulip_testbed.experiments.montecarlo.montecarlo_record import (
-    MonteCarloRecord,
-    montecarlo_record,
-    read_montecarlo,
-)
-from tulip_testbed.experiments.montecarlo.montecarlo_run import MonteCarlo
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
 from tulip_testbed.experiments.run_file import run_kind
 from tulip_testbed.experiments.validate import judge
 from tulip_testbed.experiments.validation_record import ValidationRecord, read_validation
 from tulip_testbed.experiments.validation_result import Validation, validation_record
 from tulip_testbed.sim.robot import Robot
 
-Record = ValidationRecord | MonteCarloRecord | DiscoveryRecord
+Record = ValidationRecord | MonteCarlo | DiscoveryRecord
 Result = Run | Validation | MonteCarlo | Discovered
 
 
 @overload
 def record_of(result: Discovered) -> DiscoveryRecord: ...
 @overload
-def record_of(result: MonteCarlo) -> MonteCarloRecord: ...
+def record_of(result: MonteCarlo) -> MonteCarlo: ...
 @overload
 def record_of(result: Run | Validation) -> ValidationRecord: ...
 @overload
@@ -41,7 +36,7 @@ def record_of(result: Result) -> Record:
     if isinstance(result, Discovered):
         return discovery_record(result)
     if isinstance(result, MonteCarlo):
-        return montecarlo_record(result)
+        return result
     return validation_record(judge(result) if isinstance(result, Run) else result)
 
 
@@ -53,7 +48,7 @@ def read_record(folder: Path, robot: Robot) -> Record:
     """
     readers = {
         "validation": read_validation,
-        "Monte Carlo": read_montecarlo,
+        "Monte Carlo": MonteCarlo.load,
         "discovery": read_discovery,
     }
     return readers[run_kind(folder)](folder, robot)

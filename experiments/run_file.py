@@ -9,12 +9,12 @@ from typing import Any, ClassVar, Generic, Literal, Self, TypeVar
 
 from pydantic import Field
 
-from tulip_testbed.base.document import Document, Seed, first_difference
+from tulip_testbed.base.document import Document, Seed
 from tulip_testbed.base.errors import InputError, listed, shortened
 from tulip_testbed.base.files import is_folder, present, sha256
 from tulip_testbed.base.machine import machine
 from tulip_testbed.base.result import RESULT_FILE, Result
-from tulip_testbed.base.table_files import finite, read_json, software
+from tulip_testbed.base.table_files import finite, software
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.measurements.folder_kind import KINDS
@@ -107,29 +107,6 @@ def write_run_file(path: Path, made: RunFile[Made]) -> None:
 def read_made(path: Path, robot: Robot) -> RunFile[Configuration]:
     """Read the run.json of a run in a laboratory."""
     return RunFile[Configuration].read(path)
-
-
-def check_configuration(file: Path, document: Document, what: str) -> None:
-    """Refuse to go on with a run of another configuration; another machine may.
-
-    Its last digits differ, its random numbers do not.
-
-    Args:
-        file: the document that is there. what: it speaks of, such as "runs".
-
-    Raises:
-        InputError: names the first setting that differs.
-    """
-    found, asked = (
-        {key: value for key, value in content.items() if key != "machine"}
-        for content in (read_json(file), document.plain())
-    )
-    if (other := first_difference(found, asked)) is not None:
-        name, there, here = other
-        raise InputError(
-            f"{file.parent}: holds {what} of another configuration: {name} is {shortened(repr(there))} there "
-            f"and {shortened(repr(here))} here; give a new name"
-        )
 
 
 class SavedRun(Result):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import mujoco
 import numpy as np
@@ -63,13 +62,12 @@ def source_of(
     """
     rig = laboratory.rig
     model = true_model(rig) if laboratory.known else rig.robot.model
+    of_all = _Repeated(laboratory, plan, model, spread, engine, imperfections)
     if imperfections:
         laboratory.check(plan, engine)
         near = _similar(laboratory, plan, imperfections) if engine == "statics" else None
-        return partial(_ordinary, laboratory, plan, model, spread, engine, imperfections, near)
-    if engine == "dynamics":
-        return partial(_hold, rig, plan, model, spread)
-    return partial(_solve, solve_plan(rig, plan), model, spread)
+        return replace(of_all, solved=near)
+    return replace(of_all, solved=solve_plan(rig, plan)) if engine == "statics" else of_all
 
 
 def _similar(laboratory: Laboratory, plan: PosturePlan, scale: float) -> SolvedPlan | None:
@@ -80,127 +78,87 @@ def _similar(laboratory: Laboratory, plan: PosturePlan, scale: float) -> SolvedP
         return None
 
 
-def _robots(
-    model: mujoco.MjModel, spread: float | None, streams: list[np.random.SeedSequence]
-) -> list[np.ndarray]:
-    """Return the standard parameters of every run's robot."""
-    if spread is None:
-        return [standard_parameters(model)] * len(streams)
-    return [draw_robot(model, spread, np.random.default_rng(stream)) for stream in streams]
+@dataclass(frozen=True)
+class _Repeated:
+    """The source of runs in one laboratory; arguments as of `source_of`.
+
+    Attributes:
+        model: the robot that stands there.
+        solved: equilibria of the plan, in ordinary laboratories those of a similar one; None: dynamics.
+    """
+
+    laboratory: Laboratory
+    plan: PosturePlan
+    model: mujoco.MjModel
+    spread: float | None
+    engine: str
+    imperfections: float
+    solved: SolvedPlan | None = None
+
+    def __call__(self, streams: Sequence[np.random.SeedSequence]) -> list[Outcome | str]:
+        # So the laboratory's stream is the same with and without random robots or imperfections.
+        parts = [stream.spawn(3) for stream in streams]
+        robots = [self._robot(of_robot) for of_robot, _, _ in parts]
+        if self.solved is not None and not self.imperfections:
+            return _solved(self.solved, np.array(robots), [of_noise for _, of_noise, _ in parts])
+        carry_out = self._ordinary if self.imperfections else self._exact
+        outcomes: list[Outcome | str] = []
+        for standard, (_, of_noise, of_members) in zip(robots, parts, strict=True):
+            try:
+                outcomes.append(carry_out(standard, of_noise, of_members))
+            except InputError as error:
+                outcomes.append(str(error))
+        return outcomes
+
+    def _robot(self, stream: np.random.SeedSequence) -> np.ndarray:
+        """Return the standard parameters of a run's robot."""
+        if self.spread is None:
+            return standard_parameters(self.model)
+        return draw_robot(self.model, self.spread, np.random.default_rng(stream))
+
+    def _exact(
+        self, standard: np.ndarray, of_noise: np.random.SeedSequence, _: np.random.SeedSequence
+    ) -> Outcome:
+        """Hold one experiment in the full dynamics of the exact laboratory."""
+        outcome = _held(edited(self.laboratory.rig, edit_of(self.model, standard)), self.plan, of_noise)
+        return replace(outcome, truth=replace(outcome.truth, standard=standard))
+
+    def _ordinary(
+        self, standard: np.ndarray, of_noise: np.random.SeedSequence, of_members: np.random.SeedSequence
+    ) -> OrdinaryOutcome:
+        """Carry out one experiment in a laboratory of its own."""
+        laboratory = drawn(self.laboratory, self.imperfections, of_members)
+        laboratory.check_effects(self.plan, self.engine)
+        rig = laboratory.rig
+        if self.spread is not None:
+            rig = edited(rig, edit_of(self.model, standard))
+        if self.engine == "dynamics":
+            outcome = _held(rig, self.plan, of_noise)
+        else:
+            (outcome,) = run_statics(solve_plan(rig, self.plan, self.solved), [of_noise])
+        base = true_base_parameters(rig, common_support(self.plan.support))
+        return OrdinaryOutcome(outcome.measurements, outcome.truth, base)
 
 
-def _hold(
-    rig: Rig,
-    plan: PosturePlan,
-    model: mujoco.MjModel,
-    spread: float | None,
-    streams: Sequence[np.random.SeedSequence],
+def _solved(
+    plan: SolvedPlan, robots: np.ndarray, streams: list[np.random.SeedSequence]
 ) -> list[Outcome | str]:
-    of_robot, of_laboratory = _split(streams)
-    robots = _robots(model, spread, of_robot)
-    return [_hold_one(rig, plan, model, *run) for run in zip(robots, of_laboratory, strict=True)]
-
-
-def _hold_one(
-    rig: Rig, plan: PosturePlan, model: mujoco.MjModel, standard: np.ndarray, stream: np.random.SeedSequence
-) -> Outcome | str:
+    """Carry out experiments by statics, all at once."""
     try:
-        held = run_dynamics(edited(rig, edit_of(model, standard)), plan, _number_of(stream))
-        _check_balance(held, rig)
-    except InputError as error:
-        return str(error)
-    return replace(held, truth=replace(held.truth, standard=standard))
-
-
-def _solve(
-    solved_plan: SolvedPlan,
-    model: mujoco.MjModel,
-    spread: float | None,
-    streams: Sequence[np.random.SeedSequence],
-) -> list[Outcome | str]:
-    of_robot, of_laboratory = _split(streams)
-    return _solve_all(solved_plan, np.array(_robots(model, spread, of_robot)), of_laboratory)
-
-
-def _solve_all(
-    solved_plan: SolvedPlan, robots: np.ndarray, streams: list[np.random.SeedSequence]
-) -> list[Outcome | str]:
-    try:
-        done = run_statics(solved_plan, streams, robots)
+        return list(run_statics(plan, streams, robots))
     except InputError as error:
         if len(streams) == 1:
             return [str(error)]
         # One run without a single posture: which one, the message does not say.
-        singly = (_solve_all(solved_plan, robots[k : k + 1], [stream]) for k, stream in enumerate(streams))
+        singly = (_solved(plan, robots[k : k + 1], [stream]) for k, stream in enumerate(streams))
         return [outcome for (outcome,) in singly]
-    return list(done)
 
 
-def _ordinary(
-    laboratory: Laboratory,
-    plan: PosturePlan,
-    model: mujoco.MjModel,
-    spread: float | None,
-    engine: str,
-    scale: float,
-    near: SolvedPlan | None,
-    streams: Sequence[np.random.SeedSequence],
-) -> list[Outcome | str]:
-    of_robot, of_laboratory, of_members = _split(streams, 3)
-    runs = zip(_robots(model, spread, of_robot), of_laboratory, of_members, strict=True)
-    found: list[Outcome | str] = []
-    for standard, stream, members in runs:
-        try:
-            edit = None if spread is None else edit_of(model, standard)
-            found.append(_ordinary_one(drawn(laboratory, scale, members), plan, edit, engine, near, stream))
-        except InputError as error:
-            found.append(str(error))
-    return found
-
-
-def _ordinary_one(
-    laboratory: Laboratory,
-    plan: PosturePlan,
-    edit: Callable[[mujoco.MjSpec], None] | None,
-    engine: str,
-    near: SolvedPlan | None,
-    stream: np.random.SeedSequence,
-) -> OrdinaryOutcome:
-    """Carry out one experiment in a laboratory of its own.
-
-    Raises:
-        InputError: a laboratory in which nothing can be measured.
-    """
-    laboratory.check_effects(plan, engine)
-    rig = laboratory.rig if edit is None else edited(laboratory.rig, edit)
-    if engine == "dynamics":
-        outcome = run_dynamics(rig, plan, _number_of(stream))
-        _check_balance(outcome, rig)
-    else:
-        (outcome,) = run_statics(solve_plan(rig, plan, near), [stream])
-    base = true_base_parameters(rig, common_support(plan.support))
-    return OrdinaryOutcome(outcome.measurements, outcome.truth, base)
-
-
-def _check_balance(held: Outcome, rig: Rig) -> None:
-    """Refuse a run whose holds are out of balance, so that it counts as one that could not be identified.
-
-    Raises:
-        InputError: names the balance and its bound.
-    """
-    for check in held_balance(held.truth, rig, whole=False):
+def _held(rig: Rig, plan: PosturePlan, stream: np.random.SeedSequence) -> Outcome:
+    """Carry out an experiment in the full dynamics; refuse holds out of balance: the run counts as failed."""
+    seed = int.from_bytes(stream.generate_state(4, np.uint32).tobytes(), "little")
+    outcome = run_dynamics(rig, plan, seed)
+    for check in held_balance(outcome.truth, rig, whole=False):
         if check.result == "fail":
             raise InputError(f"{check.name}: {check.source}")
-
-
-def _number_of(stream: np.random.SeedSequence) -> int:
-    return int.from_bytes(stream.generate_state(4, np.uint32).tobytes(), "little")
-
-
-def _split(streams: Sequence[np.random.SeedSequence], parts: int = 2) -> list[list[np.random.SeedSequence]]:
-    """Streams of the robots, of the laboratories' noise and of their imperfections, by run.
-
-    So the laboratory's stream is the same with and without random robots or imperfections.
-    """
-    children = [stream.spawn(parts) for stream in streams]
-    return [[child[k] for child in children] for k in range(parts)]
+    return outcome

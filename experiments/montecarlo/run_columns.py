@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,9 +11,11 @@ import numpy as np
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.table_files import Columns
 from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.montecarlo.laboratory_runs import OrdinaryOutcome, Source, stream_of
-from tulip_testbed.experiments.montecarlo.model_fits import Fit, Fits, fit
+from tulip_testbed.experiments.montecarlo.run_chunks import RunChunks
 from tulip_testbed.identification.base_parameters import BaseParameters, renumbered, simplified_numbers
+from tulip_testbed.identification.estimators import Estimate
 from tulip_testbed.identification.statistics import correlations, residual_norms, standard_errors
 from tulip_testbed.sim.outcome import Outcome
 from tulip_testbed.sim.robot import Robot
@@ -54,12 +56,38 @@ class Layout:
         return [*names, "mass", "mass_se", "mass_dof", "true_mass"]
 
 
-def check_identified(path: Path, columns: Columns) -> None:
-    """Refuse what no run that could be identified gives.
+def read_runs(chunks: RunChunks, layout: Layout) -> Columns:
+    """Read all runs, those that could not be identified included.
 
     Raises:
-        InputError: names the file, the column and the run.
+        InputError: a chunk is missing, damaged or holds what no run gives.
     """
+    names = ["rows", "dropped", *layout.columns(), "failure"]
+    parts = [chunks.read(index, names) for index in range(len(chunks))]
+    for index, part in enumerate(parts):
+        _check_identified(chunks.path(index), identified(part))
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def identified(runs: Columns) -> Columns:
+    """Return the runs that could be identified."""
+    good = runs["failure"] == ""
+    return {name: values[good] for name, values in runs.items()}
+
+
+def matrix(runs: Columns, names: Sequence[str]) -> np.ndarray:
+    """Return columns side by side, (runs, columns)."""
+    return np.column_stack([runs[name] for name in names]).astype(float)
+
+
+def errors_of(runs: Columns, model: str, numbers: Sequence[int]) -> np.ndarray:
+    """Return the estimates minus the truth of a model's parameters, (runs, p) [m]."""
+    value, truth = ([f"{name}.{n}" for n in numbers] for name in (f"{model}.value", "truth"))
+    return matrix(runs, value) - matrix(runs, truth)
+
+
+def _check_identified(path: Path, columns: Columns) -> None:
+    """Refuse what no run that could be identified gives; names the file, the column and the run."""
     for name, values in columns.items():
         if name in ("run", "failure"):
             continue
@@ -125,54 +153,68 @@ class Job:
             return record, outcome
         record |= {"rows": len(outcome.measurements), "dropped": len(outcome.truth.dropped)}
         try:
-            fits = fit(outcome.measurements, self.robot, self.parameters, self.estimator, self.adopted)
+            fit = identify(
+                outcome.measurements,
+                self.robot,
+                estimator=self.estimator,
+                parameters=self.parameters,
+                adopted=self.adopted,
+            )
         except InputError as error:
             return record, str(error)
         if isinstance(outcome, OrdinaryOutcome):
             truth = outcome.base
         else:
             truth = self.parameters.values(outcome.truth.standard)
-        return record | numbers_of(self.layout, fits, truth, outcome.truth.mass), ""
+        models = {"full": fit.full, "simplified": fit.simplified}
+        mass = (*fit.mass, len(outcome.measurements) - 1, outcome.truth.mass)
+        return record | numbers_of(self.layout, models, truth, mass), ""
 
 
-def numbers_of(layout: Layout, fits: Fits, truth: np.ndarray, true_mass: float) -> dict[str, float]:
+def numbers_of(
+    layout: Layout,
+    models: Mapping[str, Estimate],
+    truth: np.ndarray,
+    mass: tuple[float, float, float, float],
+) -> dict[str, float]:
     """Return the columns of `Layout` of one run.
 
     Args:
+        models: estimates by the model's name.
         truth: of all base parameters, (p,) [m].
+        mass: the total mass, its standard error with its degrees of freedom, and the truth [kg].
     """
     record = {f"truth.{number}": float(truth[number - 1]) for number in layout.numbers}
     for model in layout.models:
-        record |= _model_numbers(model, fits.models[model], truth)
+        record |= _model_numbers(model, models[model], truth)
     if layout.pairs:
-        rho, place = correlations(fits.models["full"].covariance), layout.models["full"].index
+        rho, place = correlations(models["full"].covariance), layout.models["full"].index
         record |= {f"full.correlation.{a}.{b}": float(rho[place(a), place(b)]) for a, b in layout.pairs}
-    mass, mass_se = fits.mass
-    return record | {
-        "mass": mass,
-        "mass_se": mass_se,
-        "mass_dof": float(fits.postures - 1),
-        "true_mass": true_mass,
+    names = ("mass", "mass_se", "mass_dof", "true_mass")
+    return record | {name: float(value) for name, value in zip(names, mass, strict=True)}
+
+
+def _model_numbers(model: str, estimate: Estimate, truth: np.ndarray) -> dict[str, float]:
+    columns = {
+        "value": estimate.value,
+        "se": standard_errors(estimate.covariance),
+        "dof": estimate.interval_dof,
     }
-
-
-def _model_numbers(model: str, found: Fit, truth: np.ndarray) -> dict[str, float]:
-    columns = {"value": found.value, "se": standard_errors(found.covariance), "dof": found.dof}
     record = {
         f"{model}.{what}.{number}": float(value)
         for what, values in columns.items()
-        for number, value in zip(found.numbers, values, strict=True)
+        for number, value in zip(estimate.numbers, values, strict=True)
     }
-    norms = residual_norms(found.residual)
-    error = found.value - truth[found.numbers - 1]
+    norms = residual_norms(estimate.residual)
+    error = estimate.value - truth[estimate.numbers - 1]
     scalars = {
-        "sigma": found.sigma,
-        "condition_number": found.condition_number,
+        "sigma": estimate.sigma,
+        "condition_number": estimate.condition_number,
         "residual_mean": norms.mean,
         "residual_sd": norms.sd,
         "residual_max": norms.max,
-        "chi_square": chi_square(error, found.covariance),
-        "residual_dof": found.residual_dof,
+        "chi_square": chi_square(error, estimate.covariance),
+        "residual_dof": estimate.dof,
     }
     return record | {f"{model}.{name}": float(value) for name, value in scalars.items()}
 

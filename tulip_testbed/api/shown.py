@@ -12,7 +12,7 @@ from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.experiments.comparison import Comparison, compare
 from tulip_testbed.experiments.discovering import Discovered
 from tulip_testbed.experiments.laboratory import Run
-from tulip_testbed.experiments.montecarlo.montecarlo_run import MonteCarlo
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
 from tulip_testbed.experiments.records import Record, read_record, record_of
 from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.measurements import Measurements, PosturePlan

@@ -19,14 +19,14 @@ from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.checks import check_table
 from tulip_testbed.experiments.correlation_table import NO_CORRELATION, correlation_table
 from tulip_testbed.experiments.estimate_report import ModelReport
-from tulip_testbed.experiments.montecarlo.calibration_report import CalibrationRow
-from tulip_testbed.experiments.montecarlo.calibration_tables import (
-    calibration_check_table,
-    calibration_table,
+from tulip_testbed.experiments.montecarlo.coverage import ParameterCoverage
+from tulip_testbed.experiments.montecarlo.coverage_tables import (
+    coverage_check_table,
+    coverage_table,
     spread_table,
 )
-from tulip_testbed.experiments.montecarlo.calibration_verdict import BIAS, COVERAGE, RATIO
-from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
+from tulip_testbed.experiments.montecarlo.coverage_verdict import BIAS, COVERAGE, RATIO
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
 from tulip_testbed.experiments.parameter_tables import models, parameter_table, read_reported
 from tulip_testbed.experiments.records import Record
 from tulip_testbed.experiments.settings_table import settings_tables
@@ -192,24 +192,25 @@ def validation_page(run: ValidationRecord) -> Page:
     )
 
 
-def montecarlo_page(run: MonteCarloRecord) -> Page:
+def montecarlo_page(run: MonteCarlo) -> Page:
     """Make the page of a Monte Carlo."""
-    report, content = run.report, run.report.plain()
+    content = run.to_json()
     missing: list[str] = []
-    rows = {model: of.parameters for model, of in report.models.items()}
+    rows = {model: of.parameters for model, of in run.models.items()}
     places = {"full": content, "simplified": content["simplified"]}
-    tables = tuple(calibration_table(model, places[model]["parameters"]) for model in rows)
+    tables = tuple(coverage_table(model, places[model]["parameters"]) for model in rows)
     figures: tuple[Figure, ...] = ()
-    if report.identified > 1:
+    if run.identified > 1:
+        errors = run.errors_mm
         figures = (
-            *_calibration_figures(rows),
-            *(drawn.error_boxes(m, [row.number for row in rows[m]], run.errors_mm[m]) for m in rows),
+            *_coverage_figures(rows),
+            *(drawn.error_boxes(m, [row.number for row in rows[m]], errors[m]) for m in rows),
         )
     size = len(run.plan)
     chosen = np.unique(np.linspace(0, size - 1, PICTURES).astype(int))
     sections = (
-        Section("Checks", tables=(calibration_check_table(content["checks"]),)),
-        Section("Calibration and coverage", words.calibration_words(content), (), figures[:3]),
+        Section("Checks", tables=(coverage_check_table(content["checks"]),)),
+        Section("Coverage", words.coverage_words(content), (), figures[:3]),
         Section("Errors", figures=figures[3:]),
         Section("Parameters", tables=(*tables, spread_table(content))),
         Section("Postures", pictures=_planned_pictures(run.robot, run.plan, chosen, missing)),
@@ -218,14 +219,12 @@ def montecarlo_page(run: MonteCarloRecord) -> Page:
     facts = (
         ("sensors", run.document.configuration.preset),
         ("seed", str(run.document.settings.seed)),
-        ("estimator", report.estimator),
-        *_imperfections_fact(report.imperfections),
-        ("runs identified", f"{report.identified} of {report.runs}"),
+        ("estimator", run.estimator),
+        *_imperfections_fact(run.imperfections),
+        ("runs identified", f"{run.identified} of {run.runs}"),
         ("postures planned", str(size)),
     )
-    return Page(
-        title_of(run), report.verdict, words.montecarlo_sentence(report), facts, sections, tuple(missing)
-    )
+    return Page(title_of(run), run.verdict, words.montecarlo_sentence(run), facts, sections, tuple(missing))
 
 
 def how_it_was_made(run: Record) -> Section:
@@ -238,7 +237,7 @@ def _imperfections_fact(scale: float) -> tuple[tuple[str, str], ...]:
     return (("imperfections", f"scale {scale:g}" if scale else "none: an exact laboratory"),)
 
 
-def _calibration_figures(rows: dict[str, list[CalibrationRow]]) -> tuple[Figure, ...]:
+def _coverage_figures(rows: dict[str, list[ParameterCoverage]]) -> tuple[Figure, ...]:
     def of(name: str) -> dict[str, list[tuple[int, float, list[float]]]]:
         return {
             model: [(row.number, getattr(row, name), getattr(row, f"{name}_interval")) for row in found]
@@ -262,9 +261,9 @@ def _calibration_figures(rows: dict[str, list[CalibrationRow]]) -> tuple[Figure,
     )
 
 
-def _relative_bias(row: CalibrationRow) -> tuple[float, list[float]]:
-    bias, error, stated = np.array([row.bias, row.bias_mc_error, row.standard_error], float)
-    middle, half = bias / stated, 1.96 * error / stated
+def _relative_bias(row: ParameterCoverage) -> tuple[float, list[float]]:
+    middle = row.bias / row.standard_error
+    half = 1.96 * row.bias_mc_error / row.standard_error
     return middle, [middle - half, middle + half]
 
 

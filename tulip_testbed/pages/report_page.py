@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tulip_testbed.base.files import check_new, write_bytes
 from tulip_testbed.experiments.discovery_record import DiscoveryRecord
-from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
 from tulip_testbed.experiments.records import Record
 from tulip_testbed.pages import ENDING
 from tulip_testbed.pages.discovery_page import discovery_page
@@ -17,7 +17,7 @@ def page_of(run: Record) -> Page:
     """Make the page of a run of any kind."""
     if isinstance(run, DiscoveryRecord):
         return discovery_page(run)
-    return montecarlo_page(run) if isinstance(run, MonteCarloRecord) else validation_page(run)
+    return montecarlo_page(run) if isinstance(run, MonteCarlo) else validation_page(run)
 
 
 def write_page(path: Path, run: Record) -> Page:

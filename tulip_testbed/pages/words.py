@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from tulip_testbed.experiments import parameter_tables
-from tulip_testbed.experiments.montecarlo import calibration_tables
-from tulip_testbed.experiments.montecarlo.calibration_report import CalibrationReport
+from tulip_testbed.experiments.montecarlo import coverage_tables
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
 from tulip_testbed.experiments.validation_record import Report
 
 POLYGON_WORDS = (
@@ -56,15 +56,15 @@ def validation_sentence(report: Report) -> str:
     )
 
 
-def montecarlo_sentence(report: CalibrationReport) -> str:
+def montecarlo_sentence(run: MonteCarlo) -> str:
     """Return the meaning of a Monte Carlo's verdict in a sentence."""
-    failed = [check.name for check in report.checks if check.result == "fail"]
+    failed = [check.name for check in run.checks if check.result == "fail"]
     if failed:
         return f"The estimator is wrong about its own errors: {', '.join(failed)}."
-    if report.shown:
-        return f"The estimator is right about its own errors: {report.identified} runs show it."
+    if run.shown:
+        return f"The estimator is right about its own errors: {run.identified} runs show it."
     return (
-        f"Inconclusive: nothing in {report.identified} runs contradicts the estimator's own errors, but "
+        f"Inconclusive: nothing in {run.identified} runs contradicts the estimator's own errors, but "
         "they are too few to show that these are right: some intervals reach beyond the bounds."
     )
 
@@ -74,9 +74,9 @@ def parameter_words(report: dict[str, Any]) -> tuple[str, ...]:
     return (f"Estimator: {report['estimator']}. {parameter_tables.LEGEND}",)
 
 
-def calibration_words(report: dict[str, Any]) -> tuple[str, ...]:
+def coverage_words(report: dict[str, Any]) -> tuple[str, ...]:
     """Return the explanation of the figures of a Monte Carlo, with the results that its tables lack."""
-    return (calibration_tables.LEGEND, *calibration_tables.calibration_lines(report))
+    return (coverage_tables.LEGEND, *coverage_tables.coverage_lines(report))
 
 
 def dropped(report: dict[str, Any]) -> str:

@@ -9,10 +9,9 @@ import rerun.blueprint as rrb
 from tulip_testbed.base.document import first_difference
 from tulip_testbed.colours import ESTIMATE, MEASURED, SKELETON, rgb
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.experiments.montecarlo.calibration_tables import calibration_check_table
+from tulip_testbed.experiments.montecarlo.coverage_tables import coverage_check_table
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of, stream_of
-from tulip_testbed.experiments.montecarlo.montecarlo_folder import montecarlo_file
-from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, montecarlo_file
 from tulip_testbed.identification.base_parameters import common_support, standard_parameters
 from tulip_testbed.identification.contact_pressure import contact_pressure
 from tulip_testbed.identification.nominal import nominal_robot
@@ -26,7 +25,7 @@ CLOUD_RUNS, BINS = 100, 40
 MOST_Z = 5.0  # standard errors that the picture of all parameters reaches
 
 
-def log_montecarlo(recording: rr.RecordingStream, run: MonteCarloRecord) -> None:
+def log_montecarlo(recording: rr.RecordingStream, run: MonteCarlo) -> None:
     """Log a Monte Carlo and the layout of its views."""
     recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     subject = planned(run.plan, run.robot)
@@ -47,7 +46,7 @@ def log_montecarlo(recording: rr.RecordingStream, run: MonteCarloRecord) -> None
     recording.send_blueprint(laid_out(montecarlo_views(run, subject, bool(clouds))))
 
 
-def cop_clouds(run: MonteCarloRecord) -> tuple[dict[int, np.ndarray], str]:
+def cop_clouds(run: MonteCarlo) -> tuple[dict[int, np.ndarray], str]:
     """Simulate the first runs again from their seeds; return every posture's CoP and a sentence about them.
 
     The folder holds estimates, not measurements; the same seed gives the same measurements again.
@@ -55,7 +54,7 @@ def cop_clouds(run: MonteCarloRecord) -> tuple[dict[int, np.ndarray], str]:
     Returns:
         by posture number, (k, 2) [m]; empty where a run takes minutes.
     """
-    settings = run.document.settings.asked
+    settings = run.document.settings
     if settings.engine == "dynamics":
         return {}, "No CoP clouds: every run in the full dynamics would take a minute again."
     made = Laboratory(run.robot, run.document.configuration.preset)
@@ -114,10 +113,10 @@ def _ellipse(cloud: np.ndarray) -> np.ndarray:
     return 2 * circle * np.sqrt(np.maximum(values, 0)) @ vectors.T
 
 
-def _log_errors(recording: rr.RecordingStream, run: MonteCarloRecord) -> None:
+def _log_errors(recording: rr.RecordingStream, run: MonteCarlo) -> None:
     """Log all runs' errors as columns of points, and a histogram on the `parameter` line."""
     for model, errors in run.errors_mm.items():
-        rows = run.report.models[model].parameters
+        rows = run.models[model].parameters
         numbers = [row.number for row in rows]
         rng = np.random.default_rng(0)  # sideways only, so that points do not hide each other
         for k, number in enumerate(numbers):
@@ -146,14 +145,12 @@ def _log_errors(recording: rr.RecordingStream, run: MonteCarloRecord) -> None:
         recording.log(f"errors/{model}/numbers", labels, static=True)
 
 
-def _text(run: MonteCarloRecord, note: str) -> str:
-    report = run.report
-    open_ended = report.verdict == "pass" and not report.shown
+def _text(run: MonteCarlo, note: str) -> str:
     lines = [
-        f"## Verdict: {report.verdict}{', inconclusive' if open_ended else ''}",
-        f"{report.identified} of {report.runs} runs identified, estimator {report.estimator}.",
+        f"## Verdict: {run.verdict}{'' if run.conclusive else ', inconclusive'}",
+        f"{run.identified} of {run.runs} runs identified, estimator {run.estimator}.",
         "",
-        calibration_check_table(report.plain()["checks"]).markdown(),
+        coverage_check_table(run.to_json()["checks"]).markdown(),
         "",
         note,
         "",
@@ -163,7 +160,7 @@ def _text(run: MonteCarloRecord, note: str) -> str:
     return "\n".join(lines)
 
 
-def montecarlo_views(run: MonteCarloRecord, subject: Subject, clouds: bool) -> Views:
+def montecarlo_views(run: MonteCarlo, subject: Subject, clouds: bool) -> Views:
     """Arrange the views of a Monte Carlo.
 
     Args:

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from tulip_testbed.experiments.discovery_record import DiscoveryRecord
-from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
 from tulip_testbed.experiments.records import Record, read_record
 from tulip_testbed.experiments.run_file import kind_of
 from tulip_testbed.measurements import Measurements, PosturePlan, Series, read_measurements, read_series
@@ -39,7 +39,7 @@ def record_view(run: Record) -> View:
     title = f"{name} ({run.kind})"
     if isinstance(run, DiscoveryRecord):
         return View(title, partial(log_discovery, run=run))
-    if isinstance(run, MonteCarloRecord):
+    if isinstance(run, MonteCarlo):
         return View(title, partial(log_montecarlo, run=run))
     return View(title, partial(log_postures, subject=validated(run)))
 

@@ -1,8 +1,8 @@
-"""Results on disk: one Parquet file for every chunk of runs, each whole or absent."""
+"""The runs of a Monte Carlo on disk: one Parquet file for every chunk of them, each whole or absent."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,11 +14,11 @@ from tulip_testbed.base.errors import InputError, shortened
 from tulip_testbed.base.files import present, read_bytes, write_bytes
 from tulip_testbed.base.table_files import MOST_UNPACKED, Columns
 
-TEXTS = ("failure", "outcome")  # columns of texts; all others hold numbers
+TEXT = "failure"  # the column of texts; all others hold numbers
 
 
 @dataclass(frozen=True)
-class Chunks:
+class RunChunks:
     """The runs 0 to `runs` - 1 in files of `size` runs.
 
     The files together are one table, in order; most readers of Parquet take the folder's name for it.
@@ -32,14 +32,20 @@ class Chunks:
         return -(-self.runs // self.size)
 
     def runs_of(self, index: int) -> range:
+        """Return the numbers of a chunk's runs."""
         return range(index * self.size, min((index + 1) * self.size, self.runs))
 
     def path(self, index: int) -> Path:
+        """Return the file of a chunk."""
         return self.folder / f"chunk-{index:06d}.parquet"
 
     def missing(self) -> list[int]:
-        """Chunks that are still to be computed."""
+        """Return the chunks that are still to be computed."""
         return [index for index in range(len(self)) if not present(self.path(index))]
+
+    def done(self) -> int:
+        """Return how many runs are there."""
+        return self.runs - sum(len(self.runs_of(index)) for index in self.missing())
 
     def write(self, columns: Columns) -> int:
         """Write the chunk that begins with the first of these runs; returns how many runs it holds.
@@ -54,20 +60,11 @@ class Chunks:
         write_bytes(self.path(index), sink.getvalue().to_pybytes())
         return len(runs)
 
-    def read(self, names: list[str]) -> Iterator[Columns]:
-        """Yield some columns, chunk by chunk in order.
+    def read(self, index: int, names: Sequence[str]) -> Columns:
+        """Return the numbers of a chunk's runs and some more columns.
 
         Raises:
-            InputError: a file is missing or damaged.
-        """
-        for index in range(len(self)):
-            yield self.read_one(index, names)
-
-    def read_one(self, index: int, names: list[str]) -> Columns:
-        """Return some columns of one chunk.
-
-        Raises:
-            InputError: the file is missing or damaged.
+            InputError: the file is missing or damaged, or a column does not hold what it should.
         """
         path, runs = self.path(index), self.runs_of(index)
         wanted = [*dict.fromkeys(["run", *names])]
@@ -82,15 +79,11 @@ class Chunks:
 
 
 def _table(path: Path, names: list[str], rows: int) -> pa.Table | None:
-    """Return some columns of a file; None if it lacks one, has one twice, or has not as many rows.
-
-    Raises:
-        InputError: the file is missing or damaged.
-    """
+    """Return some columns of a file; None if it lacks one, has one twice, or has not as many rows."""
     try:
         with pa.parquet.ParquetFile(pa.BufferReader(read_bytes(path))) as file:
-            found, said = file.schema_arrow.names, file.metadata
-            if said.num_rows != rows or any(found.count(name) != 1 for name in names):
+            there, said = file.schema_arrow.names, file.metadata
+            if said.num_rows != rows or any(there.count(name) != 1 for name in names):
                 return None
             groups = range(min(said.num_row_groups, rows))
             if sum(said.row_group(k).total_byte_size for k in groups) > MOST_UNPACKED:
@@ -101,14 +94,10 @@ def _table(path: Path, names: list[str], rows: int) -> pa.Table | None:
 
 
 def _column(path: Path, name: str, column: pa.ChunkedArray) -> np.ndarray:
-    """Return a column of numbers, or of texts if it is one of `TEXTS`.
-
-    Raises:
-        InputError: it holds something else, or nothing in some row.
-    """
-    kind, expected = column.type, "texts" if name in TEXTS else "numbers"
+    """Return a column of numbers, or of texts if it is `TEXT`; refuse anything else."""
+    kind, expected = column.type, "texts" if name == TEXT else "numbers"
     numbers = pa.types.is_integer(kind) or pa.types.is_floating(kind)
-    if not (pa.types.is_string(kind) if name in TEXTS else numbers) or column.null_count:
+    if not (pa.types.is_string(kind) if name == TEXT else numbers) or column.null_count:
         found = f"{column.null_count} rows without any" if column.null_count else kind
         raise InputError(f"{path}: column '{name}': found {shortened(found)}, expected {expected}")
     values = column.to_numpy()

@@ -8,7 +8,7 @@ from tulip_testbed.base.column import Column
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.experiments.imperfections import imperfections_line
-from tulip_testbed.experiments.montecarlo.calibration_verdict import BIAS, COVERAGE, LEVEL, RATIO
+from tulip_testbed.experiments.montecarlo.coverage_verdict import BIAS, COVERAGE, LEVEL, RATIO
 
 LEGEND = (
     "bias: mean error, ± its Monte Carlo standard error; stated s.e.: by the estimator; found s.e.: s.d. of "
@@ -29,7 +29,7 @@ SPREADS = {
 }
 
 
-def calibration_table(model: str, rows: list[dict[str, Any]]) -> Table:
+def coverage_table(model: str, rows: list[dict[str, Any]]) -> Table:
     """Return bias, standard errors and coverage of a model's parameters.
 
     Args:
@@ -87,7 +87,7 @@ def spread_table(report: dict[str, Any]) -> Table:
     return Table("Variation over the runs", columns, rows)
 
 
-def calibration_check_table(checks: list[dict[str, Any]]) -> Table:
+def coverage_check_table(checks: list[dict[str, Any]]) -> Table:
     """Return the checks of the verdict."""
     columns = (
         Column("check"),
@@ -124,7 +124,7 @@ def calibration_check_table(checks: list[dict[str, Any]]) -> Table:
     return Table("Checks", columns, rows, note)
 
 
-def calibration_lines(report: dict[str, Any]) -> list[str]:
+def coverage_lines(report: dict[str, Any]) -> list[str]:
     """Describe the total mass, the errors of all parameters together, and the runs that failed."""
     lines = [imperfections_line(report["imperfections"], several=True)]
     for model, found in (("full", report), ("simplified", report["simplified"])):
@@ -155,15 +155,15 @@ def _path(model: str, name: str) -> str:
     return name if model == "full" else f"{model}.{name}"
 
 
-def calibration_report(report: dict[str, Any]) -> list[Table | str]:
+def coverage_report(report: dict[str, Any]) -> list[Table | str]:
     """Return the tables and sentences of a Monte Carlo; the verdict is not among them."""
     models = {"full": report["parameters"], "simplified": report["simplified"]["parameters"]}
     return [
-        *(calibration_table(model, rows) for model, rows in models.items() if rows),
+        *(coverage_table(model, rows) for model, rows in models.items() if rows),
         LEGEND,
         "",
         spread_table(report),
-        *calibration_lines(report),
+        *coverage_lines(report),
         "",
-        calibration_check_table(report["checks"]),
+        coverage_check_table(report["checks"]),
     ]

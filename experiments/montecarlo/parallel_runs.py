@@ -1,4 +1,4 @@
-"""Where the chunks are computed: processes of this machine (loky), or a Dask cluster; both through joblib."""
+"""Compute runs in processes of this machine (loky) or on a Dask cluster, both through joblib."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import joblib
 
 from tulip_testbed.base.errors import InputError, shortened
 from tulip_testbed.base.workers import deaf_to_interruptions, watched
+from tulip_testbed.experiments.montecarlo.run_chunks import RunChunks
 
 PATIENCE = 10  # s, for a scheduler that does not answer and for its first worker
 
@@ -19,8 +20,8 @@ Work = Callable[[Sequence[int]], Any]
 
 
 @contextmanager
-def engine(workers: int, address: str | None) -> Iterator[None]:
-    """Everything that `compute` is given inside of the block goes to this engine.
+def computed_by(workers: int, address: str | None) -> Iterator[None]:
+    """Send everything that `collect` is given inside of the block to these processes.
 
     Args:
         workers: processes of this machine, if there is no address.
@@ -37,6 +38,24 @@ def engine(workers: int, address: str | None) -> Iterator[None]:
             client = stack.enter_context(_client(address))
             stack.enter_context(joblib.parallel_config("dask", client=client))
         yield
+
+
+def collect(chunks: RunChunks, work: Work, advance: Callable[[int], None]) -> None:
+    """Compute every missing chunk and write each as soon as it is there.
+
+    Args:
+        work: from run numbers to their columns.
+        advance: called with the number of runs of each chunk that was written.
+
+    Raises:
+        InputError: a chunk could not be computed or written; those before it stay.
+    """
+    results = _compute(work, (chunks.runs_of(index) for index in chunks.missing()))
+    try:
+        for columns in results:
+            advance(chunks.write(columns))
+    finally:
+        results.close()
 
 
 def _client(address: str) -> Any:
@@ -66,12 +85,8 @@ def _client(address: str) -> Any:
     return client
 
 
-def compute(work: Work, chunks: Iterable[Sequence[int]]) -> Generator[Any]:
-    """Yield the work's results in the order in which they come.
-
-    Raises:
-        InputError: a worker died.
-    """
+def _compute(work: Work, chunks: Iterable[Sequence[int]]) -> Generator[Any]:
+    """Yield the work's results in the order in which they come."""
     parallel = joblib.Parallel(return_as="generator_unordered", batch_size=1)
     try:
         # As an argument the work is sent to a cluster once, and need not be hashable: joblib's Dask backend

@@ -1,0 +1,158 @@
+"""The verdict: is the estimator right about its own errors, as far as these runs can tell?
+
+Every check holds a quantity of all parameters against bounds and asks two questions.
+
+It *fails* when the interval of any parameter lies wholly beyond a bound. The intervals hold for all
+parameters and checks at once (Bonferroni), so an estimator inside of all bounds is failed with a probability
+of at most `LEVEL`. A pass alone is no proof: few runs fail nothing.
+
+It is *shown* when the intervals of all parameters lie wholly inside of the bounds (two one-sided tests,
+Schuirmann 1987). All of them have to, so each may have the level by itself (intersection-union, Berger 1982):
+an estimator with any parameter beyond a bound is shown to be right with a probability of at most `LEVEL`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Literal
+
+import numpy as np
+
+from tulip_testbed.base.result import Figure
+from tulip_testbed.experiments.montecarlo.coverage import WHOLE_LEVEL, Errors, Estimates, Interval, share
+from tulip_testbed.experiments.validate import NEGLIGIBLE
+from tulip_testbed.identification.distributions import f_ppf, f_sf
+
+LEVEL = 0.01
+BIAS = (-0.1, 0.1)  # of the standard error
+RATIO = (0.9, 1.1)
+COVERAGE = (0.93, 0.97)  # of 95 % intervals
+# Runs that could not be identified are missing from all counts: so many move a coverage by a twentieth of
+# the room that its bounds leave.
+MOST_FAILED = 0.001
+
+
+@dataclass(frozen=True)
+class CoverageCheck:
+    """One line of the verdict.
+
+    Attributes:
+        shown: whether the runs suffice to show it, if it passes.
+        number: the parameter that lies furthest out; None: no single parameter.
+        value, interval: its own, at the confidence of all checks together. bounds: low and high.
+        beyond: all parameters whose interval lies wholly beyond a bound.
+        source: where the bounds come from, or why the check was not evaluated.
+    """
+
+    name: str
+    result: Literal["pass", "fail", "not evaluated"]
+    shown: bool = False
+    number: int | None = None
+    value: Figure = np.nan
+    interval: Interval | None = None
+    bounds: Interval | None = None
+    beyond: tuple[int, ...] = ()
+    source: str = ""
+
+
+def checks(runs: int, models: Mapping[str, Errors], outside: Mapping[str, float]) -> list[CoverageCheck]:
+    """Make all checks.
+
+    Args:
+        runs: how many were asked for. models: errors in those that could be identified, by model.
+        outside: largest true size of a parameter that a model leaves out, by model [m].
+    """
+    count = models["full"].count
+    done = [_failed_runs(runs - count, runs)]
+    judged = [name for name in models if outside[name] <= NEGLIGIBLE]
+    family = sum(3 * len(models[name].numbers) + 1 for name in judged)
+    for name, errors in models.items():
+        if count < 2:
+            done.append(_skipped(f"{name} model", f"{count} runs identified, at least 2 needed"))
+        elif name not in judged:
+            done.append(
+                _skipped(f"{name} model", "the true robot is outside this model: its bias is no error")
+            )
+        else:
+            done += _model_checks(name, errors, 1 - LEVEL / family)
+    return done
+
+
+def verdict(done: list[CoverageCheck]) -> Literal["pass", "fail"]:
+    """Return "fail" if any check fails, else "pass"."""
+    return "fail" if any(check.result == "fail" for check in done) else "pass"
+
+
+def shown(done: list[CoverageCheck]) -> bool:
+    """Return whether the runs suffice to show every check that was evaluated."""
+    evaluated = [check for check in done if check.result != "not evaluated"]
+    return len(evaluated) > 1 and all(check.shown for check in evaluated)  # the first is of failed runs
+
+
+def whole_bounds(size: int, dof: float) -> tuple[float, float]:
+    """Return the shares of runs beyond the 95 % point of F if all s.e. were off by the factors `RATIO`."""
+    limit = f_ppf(1 - WHOLE_LEVEL, size, dof)
+    low, high = (float(f_sf(limit / ratio**2, size, dof)) for ratio in RATIO)
+    return low, high
+
+
+def _failed_runs(failed: int, runs: int) -> CoverageCheck:
+    low, high = share(np.array([failed]), runs, 1 - 2 * LEVEL).interval[:, 0].tolist()
+    return CoverageCheck(
+        name="share of runs that could not be identified",
+        result="pass" if low <= MOST_FAILED else "fail",
+        shown=high <= MOST_FAILED,
+        value=failed / runs,
+        interval=[low, high],
+        bounds=[0.0, MOST_FAILED],
+        source="they are missing from all counts",
+    )
+
+
+def _skipped(name: str, source: str) -> CoverageCheck:
+    return CoverageCheck(name, "not evaluated", source=source)
+
+
+def _model_checks(name: str, errors: Errors, confidence: float) -> list[CoverageCheck]:
+    size, source = len(errors.numbers), f"interval of {100 * confidence:.4g} %"
+    held: list[tuple[str, Callable[[float], Estimates], tuple[float, float]]] = [
+        ("bias over s.e.", errors.relative_bias, BIAS),
+        ("empirical over reported s.e.", errors.standard_error_ratio, RATIO),
+        ("coverage of 95 % intervals", partial(errors.coverage, 0.95), COVERAGE),
+    ]
+    done = [_held(f"{name}: {what}", at, confidence, b, errors.numbers, source) for what, at, b in held]
+    if errors.exceeded is not None:
+        what = f"{name}: runs whose chi-square / {size} exceeds 95 % of F"
+        exceeded = partial(share, np.array([errors.exceeded]), errors.count)
+        source += f"; bounds: all s.e. off by the factors {RATIO[0]:g} and {RATIO[1]:g}"
+        done.append(_held(what, exceeded, confidence, whole_bounds(size, errors.residual_dof), None, source))
+    return done
+
+
+def _held(
+    name: str,
+    estimate: Callable[[float], Estimates],
+    confidence: float,
+    bounds: tuple[float, float],
+    numbers: np.ndarray | None,
+    source: str,
+) -> CoverageCheck:
+    """Hold intervals against bounds; reports the parameter that lies furthest out."""
+    at_once, alone = estimate(confidence), estimate(1 - 2 * LEVEL).interval
+    (low, high), (least, most) = at_once.interval, bounds
+    beyond = np.maximum(at_once.value - most, least - at_once.value)
+    worst = int(np.argmax(np.where(np.isnan(beyond), np.inf, beyond)))
+    out = ~((low <= most) & (high >= least))  # and where there is no number at all
+    return CoverageCheck(
+        name=name,
+        result="fail" if out.any() else "pass",
+        shown=bool(((alone[0] >= least) & (alone[1] <= most)).all()),
+        number=None if numbers is None else int(numbers[worst]),
+        value=float(at_once.value[worst]),
+        interval=[float(low[worst]), float(high[worst])],
+        bounds=list(bounds),
+        beyond=() if numbers is None else tuple(numbers[out].tolist()),
+        source=source,
+    )

@@ -1,0 +1,245 @@
+"""The result of a Monte Carlo: its figures are a JSON document, and its folder holds the runs behind them."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+import numpy as np
+
+from tulip_testbed.base.errors import InputError, shortened
+from tulip_testbed.base.machine import machine
+from tulip_testbed.base.result import Outside, Result
+from tulip_testbed.base.table import Table
+from tulip_testbed.base.table_files import Columns, software, write_json
+from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.experiments.montecarlo.coverage import (
+    Coverage,
+    Distribution,
+    ModelCoverage,
+    coverage_of,
+    distribution,
+    model_coverage,
+    model_errors,
+    summarise_errors,
+)
+from tulip_testbed.experiments.montecarlo.coverage_tables import TOO_FEW, coverage_report, coverage_table
+from tulip_testbed.experiments.montecarlo.coverage_verdict import CoverageCheck, checks, shown, verdict
+from tulip_testbed.experiments.montecarlo.run_chunks import RunChunks
+from tulip_testbed.experiments.montecarlo.run_columns import (
+    Layout,
+    errors_of,
+    identified,
+    layout_of,
+    matrix,
+    read_runs,
+)
+from tulip_testbed.experiments.montecarlo.settings import Settings
+from tulip_testbed.experiments.run_file import (
+    PLAN_FOLDER,
+    RUN_FILE,
+    VERSION,
+    Configuration,
+    RunFile,
+    check_robot,
+    configuration_of,
+)
+from tulip_testbed.experiments.usable_plan import planned_parameters
+from tulip_testbed.measurements import PosturePlan
+from tulip_testbed.sim.plan_folder import read_plan, write_plan
+from tulip_testbed.sim.robot import Robot
+
+CHUNK_FOLDER, REPORT_FILE = "runs", "report.json"
+
+
+class MonteCarloFile(RunFile[Configuration]):
+    """run.json of a Monte Carlo: everything that its runs depend on."""
+
+    settings: Settings
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class MonteCarlo(ModelCoverage, Result):
+    """Many runs of one experiment, and whether the errors are as large as the estimator states [m; kg].
+
+    The full model's figures are the result's own, those of the simplified model are in `simplified`.
+
+    Attributes:
+        runs: how many. estimator, imperfections: see `Settings`.
+        correlations: of pairs of parameters, by "A,B". total_mass: its errors [kg].
+        rows, dropped: measured rows and postures without one, over the runs.
+        identified: how many runs could be. failures: how many could not, by reason.
+        verdict: "pass", or "fail" if any check fails; a pass of too few runs is not `conclusive`.
+        shown: whether there are enough runs to show that all checks hold.
+        document: run.json. every_run: the columns of the run folder, all runs. plan, robot: of the runs.
+        folder: of the runs; None: in memory alone.
+    """
+
+    kind: ClassVar[str] = "Monte Carlo"
+    runs: int
+    estimator: str
+    imperfections: float
+    correlations: dict[str, Distribution]
+    simplified: ModelCoverage
+    total_mass: Coverage
+    rows: Distribution
+    dropped: Distribution
+    identified: int
+    failures: dict[str, int]
+    checks: list[CoverageCheck]
+    verdict: Literal["pass", "fail"]
+    shown: bool
+    document: Annotated[MonteCarloFile, Outside()]
+    every_run: Annotated[Columns, Outside()]
+    plan: Annotated[PosturePlan, Outside()]
+    robot: Annotated[Robot, Outside()]
+    folder: Annotated[Path | None, Outside()] = None
+
+    @property
+    def conclusive(self) -> bool:
+        """Return whether the runs settle the verdict: a check failed, or all are shown to hold."""
+        return self.shown or self.verdict == "fail"
+
+    @property
+    def models(self) -> dict[str, ModelCoverage]:
+        """Return the models that the robot has, by name."""
+        return {"full": self} | ({"simplified": self.simplified} if self.simplified.parameters else {})
+
+    @property
+    def errors_mm(self) -> dict[str, np.ndarray]:
+        """Return estimate minus truth of every identified run by model, (runs, p) [mm]."""
+        runs = identified(self.every_run)
+        return {
+            name: 1e3 * errors_of(runs, name, [row.number for row in model.parameters])
+            for name, model in self.models.items()
+        }
+
+    @property
+    def exit_code(self) -> int:
+        """Return 0 for a pass, 1 for a failed check."""
+        return 0 if self.verdict == "pass" else 1
+
+    def table(self) -> Table:
+        """Return bias, ratio of standard errors and coverage of the full model's parameters."""
+        return coverage_table("full", self.to_json()["parameters"])
+
+    def to_frame(self) -> Any:
+        """Return a pandas DataFrame with one row per parameter of the full model, indexed by name."""
+        return self.table().frame().set_index("parameter")
+
+    def tables(self) -> list[Table | str]:
+        """Return the parameters, how residuals vary, the checks and the verdict."""
+        enough = (", shown" if self.shown else ", inconclusive") if self.verdict == "pass" else ""
+        said = f"Verdict: {self.verdict}{enough}; estimator {self.estimator}, {self.runs} runs"
+        return [*coverage_report(self.to_json()), said, *([] if self.conclusive else [TOO_FEW])]
+
+    def write_into(self, folder: Path) -> None:
+        """Write a run folder, which more runs can be added to."""
+        (folder / CHUNK_FOLDER).mkdir()
+        write_plan(folder / PLAN_FOLDER, self.plan)
+        self.document.write(folder / RUN_FILE)
+        chunks = RunChunks(folder / CHUNK_FOLDER, self.runs, self.document.settings.chunk)
+        for index in range(len(chunks)):
+            rows = list(chunks.runs_of(index))
+            chunks.write({name: values[rows] for name, values in self.every_run.items()})
+        write_json(folder / REPORT_FILE, self.to_json())
+
+    @classmethod
+    def load(cls, folder: str | Path, *context: Any) -> Self:
+        """Read a run folder; the figures are computed again from its runs.
+
+        Args:
+            context: the robot.
+
+        Raises:
+            InputError: another kind or version of run, another robot's, one without its plan, an unfinished
+                one.
+        """
+        folder, (robot,) = Path(folder), context
+        document = MonteCarloFile.read(folder / RUN_FILE)
+        settings = document.settings
+        check_robot(folder, document.inputs, robot)
+        plan = read_plan(folder / PLAN_FOLDER, robot)
+        if (found := plan_hash(plan)) != (expected := document.inputs.get("plan", "none")):
+            raise InputError(
+                f"{folder / PLAN_FOLDER}: hash mismatch: found a plan with sha256 {found[:12]}..., expected "
+                f"{shortened(expected[:12])}... by {RUN_FILE}"
+            )
+        chunks = RunChunks(folder / CHUNK_FOLDER, settings.runs, settings.chunk)
+        if (done := chunks.done()) < settings.runs:
+            raise InputError(
+                f"{folder}: holds {done} of {settings.runs} runs; the command that made it does the rest"
+            )
+        layout = layout_of(robot, planned_parameters(robot, plan))
+        return cls.of(read_runs(chunks, layout), layout, document, plan=plan, robot=robot, folder=folder)
+
+    @classmethod
+    def of(cls, every_run: Columns, layout: Layout, document: MonteCarloFile, **beside: Any) -> Self:
+        """Compute the figures; the same bits for the same runs.
+
+        Args:
+            every_run: columns of `layout`, rows, dropped and failure. beside: plan, robot, folder.
+        """
+        settings, runs = document.settings, identified(every_run)
+        models = {model: model_errors(runs, model, numbers) for model, numbers in layout.models.items()}
+        coverage = {
+            model: model_coverage(runs, model, errors, layout.names) for model, errors in models.items()
+        }
+        error = matrix(runs, ["mass"]) - matrix(runs, ["true_mass"])
+        (mass,) = coverage_of(summarise_errors(error, matrix(runs, ["mass_se"]), matrix(runs, ["mass_dof"])))
+        left_out = {
+            model: [f"truth.{n}" for n in layout.numbers if n not in numbers]
+            for model, numbers in layout.models.items()
+        }
+        outside = {
+            model: float(np.abs(matrix(runs, names)).max(initial=0.0)) if names else 0.0
+            for model, names in left_out.items()
+        }
+        done = checks(settings.runs, models, outside)
+        return cls(
+            runs=settings.runs,
+            estimator=settings.estimator,
+            imperfections=float(settings.imperfections),
+            **coverage["full"],
+            correlations={
+                f"{a},{b}": distribution(runs[f"full.correlation.{a}.{b}"]) for a, b in layout.pairs
+            },
+            simplified=ModelCoverage(**coverage.get("simplified", {"parameters": []})),
+            total_mass=Coverage(**mass),
+            rows=distribution(runs["rows"].astype(float)),
+            dropped=distribution(runs["dropped"].astype(float)),
+            identified=models["full"].count,
+            failures=dict(Counter(str(reason) for reason in every_run["failure"] if reason)),
+            checks=done,
+            verdict=verdict(done),
+            shown=shown(done),
+            document=document,
+            every_run=every_run,
+            **beside,
+        )
+
+
+def montecarlo_file(laboratory: Laboratory, plan: PosturePlan, settings: Settings) -> MonteCarloFile:
+    """Make the run.json of a Monte Carlo."""
+    return MonteCarloFile(
+        format="tulip-montecarlo",
+        version=VERSION,
+        command="montecarlo",
+        settings=settings,
+        configuration=configuration_of(laboratory, plan, settings.seed, settings.engine),
+        inputs=laboratory.robot.hashes | {"plan": plan_hash(plan)},
+        software=software(),
+        machine=machine(),
+    )
+
+
+def plan_hash(plan: PosturePlan) -> str:
+    """Hash everything that a plan asks for, which is in its arrays, in hexadecimal."""
+    digest = hashlib.sha256()
+    for field in fields(plan):
+        if isinstance(array := getattr(plan, field.name), np.ndarray):
+            digest.update(f"{field.name} {array.dtype} {array.shape} ".encode() + array.tobytes())
+    return digest.hexdigest()
