@@ -75,8 +75,8 @@ class CalibratedFamily:
 class SelfCalibration:
     """Base parameters and members of an experiment.
 
-    A document holds the results, not what they were computed from: `observed`, `noise`, `problem`, `solved` and
-    `linear` are None in a calibration that was read.
+    A document holds the results, not what they were computed from: `observed`, `noise`, `problem`, `solved`
+    and `linear` are None in a calibration that was read.
 
     Attributes:
         observed: the readings with all members and effects removed at their estimate.

@@ -159,7 +159,7 @@ class EffectInstance:
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Let documents hold an effect; whoever reads one knows the robot and checks it by `check_instance`."""
+        """Let documents hold effects; who reads them checks by `check_instance` that the robot has them."""
         read = core_schema.no_info_after_validator_function(
             cls.from_document, handler.generate_schema(EffectDocument)
         )

@@ -81,9 +81,7 @@ def discover_effects(
     if check and any(not effect.effect.misreads for effect in discovery.adopted):
         with progress("the adopted model in full dynamics", 80, 0) as advance:
             checked = check_in_dynamics(discovery, discovery.adopted, workers, advance)
-    inputs = DiscoveryConfiguration(
-        measurements=source, robot=robot.path.name, seed=seed, no_check=not check
-    )
+    inputs = DiscoveryConfiguration(measurements=source, robot=robot.path.name, seed=seed, no_check=not check)
     document = made_by("discover", inputs, robot)
     return _told(discovery, measurements, robot, before, after, checked, document)
 

@@ -166,8 +166,8 @@ class Discovered(SavedRun):
             check_instance(one, robot, placements, str(result))
         if (count := len(read.residual("before"))) != len(measured):
             raise InputError(
-                f"{Path(folder) / RESIDUAL_FILE}: found {count} rows, expected {len(measured)}, as many as the "
-                "measurements have"
+                f"{Path(folder) / RESIDUAL_FILE}: found {count} rows, expected {len(measured)}, as many as "
+                "the measurements have"
             )
         before = read.before.placed(robot, measured, f"{result}: key 'before'")
         after = read.after and read.after.placed(robot, measured, f"{result}: key 'after'")

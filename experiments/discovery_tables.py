@@ -218,9 +218,7 @@ def moved_table(
         mark = "moved" if abs(move or 0.0) > bound else ""
         if not (mark or all_of_them):
             continue
-        error = Cell(
-            new.full.clustered_standard_error[k], f"{side}.full.clustered_standard_error.{k}", mark
-        )
+        error = Cell(new.full.clustered_standard_error[k], f"{side}.full.clustered_standard_error.{k}", mark)
         cells = [
             Cell(int(estimate.numbers[k]), f"before.full.numbers.{k}", mark),
             Cell(estimate.names[k], f"before.full.names.{k}", mark),
@@ -257,8 +255,8 @@ def moved_words(
     largest = max(sizes, key=lambda name: sizes[name])
     removed = listed([effect.label for effect in adopted])
     return (
-        f"{count or 'None'} of {len(before)} parameters moved by more than {bound:.1f} standard errors, which "
-        f"noise exceeds in any of them at most once in 20 times; the largest move is "
+        f"{count or 'None'} of {len(before)} parameters moved by more than {bound:.1f} standard errors, "
+        f"which noise exceeds in any of them at most once in 20 times; the largest move is "
         f"that of {largest}, {sizes[largest]:.1f}. Before: nothing removed from the measurements. After: "
         f"{removed} removed. Both by the self-calibrating estimator, which estimates ordinary imperfections "
         "with the base parameters and takes up a part of the effect before."

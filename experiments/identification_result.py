@@ -129,7 +129,10 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
         if self.corrections:
             _, observed = without(measurements, nominal_robot(robot, parameters.support), self.corrections)
             parameters = replace(parameters, tree=observed.tree)
-        kept = {"full": range(1, len(parameters.names) + 1), "simplified": simplified_numbers(robot, parameters)}
+        kept = {
+            "full": range(1, len(parameters.names) + 1),
+            "simplified": simplified_numbers(robot, parameters),
+        }
         for model, numbers in kept.items():
             estimate = getattr(self, model)
             check_parameters(

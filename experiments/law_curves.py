@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tulip_testbed.effects.instance import EffectInstance
-from tulip_testbed.effects.laws import sentence_of
 from tulip_testbed.effects.laws import grammar as g
+from tulip_testbed.effects.laws import sentence_of
 from tulip_testbed.effects.laws.law_sentence import FINE, TURN, as_what, what_errs
 from tulip_testbed.effects.laws.misread import split_values
 from tulip_testbed.effects.laws.quantities import quantity, readings

@@ -188,7 +188,9 @@ def plan_report(document: dict[str, Any], parameters: BaseParameters, plan: Post
         f"(relative standard error below {WELL_IDENTIFIED:.0f} %), preset {document['preset']}, sigma "
         f"{document['sigma_mm']:.2f} mm.",
         prediction_table(document, parameters),
-        correlation_table("full", [(p["a"], p["b"], p["rho"]) for p in pairs], parameters, plan.joint_angles) if pairs else NO_CORRELATION,
+        correlation_table("full", [(p["a"], p["b"], p["rho"]) for p in pairs], parameters, plan.joint_angles)
+        if pairs
+        else NO_CORRELATION,
         "Margins are known for six joints a leg only." if margins is None else margin_table(margins),
         clearance_table(document["clearances"]),
     ]

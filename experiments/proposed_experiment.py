@@ -201,9 +201,7 @@ def proposed(one: NextExperiment) -> ProposedExperiment:
         settled_per_minute=float(one.rate),
         separation=one.separation,
         separation_now=one.before,
-        predictions=tuple(
-            Prediction(label, *(FACTORS * row[:5]).tolist()) for label, row in one.predicted
-        ),
+        predictions=tuple(Prediction(label, *(FACTORS * row[:5]).tolist()) for label, row in one.predicted),
     )
 
 

@@ -50,11 +50,11 @@ def residual_curves(discovery: Discovered) -> list[Curve]:
 
     The swing foot's x, y and yaw are known up to a constant of the stance, hence given about its mean.
     """
-    observed = observe(discovery.measurements, nominal_robot(discovery.robot, common_support(discovery.measurements.support)))
-    sd = _spread(discovery, observed)
-    before, after = (
-        about_stances(discovery.residual(side), observed.stance) for side in ("before", "after")
+    observed = observe(
+        discovery.measurements, nominal_robot(discovery.robot, common_support(discovery.measurements.support))
     )
+    sd = _spread(discovery, observed)
+    before, after = (about_stances(discovery.residual(side), observed.stance) for side in ("before", "after"))
     order = time_order(discovery)
     return [
         Curve(channel, name, unit, *(scale * side[order, j] for side in (before, after, sd)))

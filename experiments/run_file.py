@@ -16,7 +16,7 @@ from tulip_testbed.base.machine import machine
 from tulip_testbed.base.result import RESULT_FILE, Result
 from tulip_testbed.base.table_files import finite, software
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.measurements.folder_kind import KINDS
 from tulip_testbed.sim.robot import Robot
 

@@ -43,9 +43,7 @@ from tulip_testbed.sim.robot import Robot
 
 TRUTH_FILE = "truth.json"
 MEASURED = Kept(MEASUREMENT_FOLDER, write_measurements, lambda folder, robot: read_measurements(folder))
-TRUTH = Kept(
-    TRUTH_FILE, lambda path, truth: truth.write(path), lambda path, robot: SimulatedTruth.read(path)
-)
+TRUTH = Kept(TRUTH_FILE, lambda path, truth: truth.write(path), lambda path, robot: SimulatedTruth.read(path))
 
 
 def _each_once(checks: tuple[Check, ...]) -> tuple[Check, ...]:
@@ -92,7 +90,8 @@ class Validation(SavedRun):
             context: the robot.
 
         Raises:
-            InputError: another kind or version of run, another robot's, or a file that is not what was written.
+            InputError: another kind or version of run, another robot's, or a file that is not what was
+                written.
         """
         read = super().load(folder, *context)
         where, robot, measured = Path(folder), read.robot, read.measurements
