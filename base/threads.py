@@ -7,11 +7,11 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import Lock
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import numpy.linalg  # noqa: F401  threadpoolctl limits the libraries that are loaded by then
 import scipy.linalg  # noqa: F401
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from tulip_testbed.base.errors import at_least, at_most
 
@@ -19,13 +19,19 @@ P = ParamSpec("P")
 R = TypeVar("R")
 MOST_WORKERS = 1000
 _lock = Lock()
-_inside: list[threadpool_limits] = []  # one entry for every call under way, of which the last restores
+_inside: list[Any] = []  # one entry for every call under way, of which the last restores
+
+
+@functools.cache
+def _libraries() -> ThreadpoolController:
+    """Find the loaded libraries once: reading the memory map takes milliseconds."""
+    return ThreadpoolController()
 
 
 @contextmanager
 def _one_blas_thread() -> Iterator[None]:
     with _lock:
-        _inside.append(_inside[0] if _inside else threadpool_limits(limits=1, user_api="blas"))
+        _inside.append(_inside[0] if _inside else _libraries().limit(limits=1, user_api="blas"))
     try:
         yield
     finally:

@@ -19,7 +19,8 @@ LIMIT = 7.0  # largest size of the logarithm of a scale
 WIDEST = np.log(20.0)
 MOST_STEPS = 60
 HALVINGS = 5  # of a step that does not gain
-ALONE = np.log(2.0)  # s.d. of ln tau of a family of one
+FEW = 2  # members that hardly determine the spread of their family
+ALONE = np.log(2.0)  # s.d. of ln tau of a family of so few
 SETTLED = 1e-6  # of the log-likelihood, in the spreads alone
 LEAST_CURVATURE = 0.25  # the s.d. of the logarithm of a scale is at most two
 
@@ -89,7 +90,7 @@ def _log_prior(log_spread: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, n
     Args:
         count: number of members of each family.
     """
-    alone = count == 1
+    alone = count <= FEW
     odds = np.exp(2 * log_spread) / (1 + np.exp(2 * log_spread))
     value = np.where(
         alone,

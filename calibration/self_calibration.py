@@ -39,7 +39,7 @@ from tulip_testbed.identification.residual_noise import noise_of, with_cell_nois
 
 ROUNDS = 12
 WORSE = 10.0  # ln of the evidence, by which the last linearisation may lie below the best
-STANDS = 0.1  # s.e. by which nothing moves any more
+STANDS = 0.25  # s.e. by which nothing moves any more: the next step would move it by about a fifth of that
 
 
 def self_calibrate(

@@ -1,6 +1,6 @@
-"""Measure the calibration of the default estimator by Monte Carlo (docs/studies/calibration.md; hours, resumable).
+"""Measure the coverage of the estimators by Monte Carlo (docs/studies/coverage.md; hours, resumable).
 
-The part `calibration` includes wrong data sheets and random robots; `dynamics` compares runs in statics with
+The part `coverage` includes wrong data sheets and random robots; `dynamics` compares runs in statics with
 runs in the full dynamics.
 """
 
@@ -11,7 +11,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow.dataset
@@ -21,19 +20,19 @@ from studies.runner import Settings, header, row, shipped_plan
 from studies.study_estimators import scaled
 from tulip_testbed.cli.terminal import progress
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.experiments.montecarlo.calibration_report import report
-from tulip_testbed.experiments.montecarlo.chunks import Chunks
-from tulip_testbed.experiments.montecarlo.collect import collect
-from tulip_testbed.experiments.montecarlo.engine import engine
+from tulip_testbed.experiments.montecarlo.coverage import ParameterCoverage
 from tulip_testbed.experiments.montecarlo.laboratory_runs import Source, source_of
-from tulip_testbed.experiments.montecarlo.run_columns import Job, Layout, layout_of
-from tulip_testbed.experiments.montecarlo.summary import summarise
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, montecarlo_file
+from tulip_testbed.experiments.montecarlo.parallel_runs import collect, computed_by
+from tulip_testbed.experiments.montecarlo.run_chunks import RunChunks
+from tulip_testbed.experiments.montecarlo.run_columns import Job, Layout, layout_of, read_runs
+from tulip_testbed.experiments.montecarlo.settings import Settings as RunSettings
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.sim.outcome import Outcome
 from tulip_testbed.sim.robot import load_robot
 
-SETTINGS = Settings(seed=401, only=("calibration", "dynamics"))
+SETTINGS = Settings(seed=401, only=("coverage", "dynamics"))
 LEVEL = 0.01  # of all comparisons of statics and dynamics together
 
 
@@ -90,29 +89,31 @@ def with_sheet(
     ]
 
 
-def carry_out(arm: Arm, seed: int, settings: Settings) -> tuple[dict[str, Any], Path, Layout]:
-    """Carry out the missing runs of an arm; return its report, and the folder and layout of its runs."""
+def carry_out(arm: Arm, seed: int, settings: Settings) -> tuple[MonteCarlo, Path, Layout]:
+    """Carry out the missing runs of an arm; return its result, and the folder and layout of its runs."""
     robot, runs = load_robot(), settings.count(arm.runs)
     parameters = base_parameters(robot)
     layout = layout_of(robot, parameters)
     place = settings.folder("montecarlo") / arm.name.replace(", ", "-").replace(" ", "-")
     place.mkdir(exist_ok=True)
-    chunks = Chunks(place, runs, 25 if arm.engine == "statics" else 1)
+    asked = RunSettings(runs, seed, arm.estimator, arm.spread, arm.engine, imperfections=0)
+    chunks = RunChunks(place, runs, asked.chunk)
+    laboratory, plan = Laboratory(robot, arm.preset), shipped_plan(robot, arm.placements)
     if chunks.missing():
-        laboratory, plan = Laboratory(robot, arm.preset), shipped_plan(robot, arm.placements)
         inner = source_of(laboratory, plan, arm.spread, arm.engine)
         wrong = inner if arm.sheet == 1 else partial(with_sheet, inner, arm.sheet)
         job = Job(wrong, robot, parameters, layout, arm.estimator, seed)
-        with engine(settings.workers, None), progress(arm.name, runs) as advance:
+        with computed_by(settings.workers, None), progress(arm.name, runs) as advance:
             collect(chunks, job, advance)
-    return report(summarise(chunks, layout), layout, arm.estimator, imperfections=0).plain(), place, layout
+    document = montecarlo_file(laboratory, plan, asked)
+    return MonteCarlo.of(read_runs(chunks, layout), layout, document, plan=plan, robot=robot), place, layout
 
 
-def extremes(rows: list[dict[str, Any]]) -> list[str]:
+def extremes(rows: list[ParameterCoverage]) -> list[str]:
     """Return the largest bias over s.e. and the ranges of the ratio and of the coverage [%]."""
-    ratio = np.array([r["standard_error_ratio"] for r in rows])
-    coverage = 100 * np.array([r["coverage95"] for r in rows])
-    bias = np.array([r["bias"] / r["standard_error"] for r in rows])
+    ratio = np.array([row.standard_error_ratio for row in rows])
+    coverage = 100 * np.array([row.coverage95 for row in rows])
+    bias = np.array([row.bias / row.standard_error for row in rows])
     return [
         f"{bias[np.abs(bias).argmax()]:+.3f}",
         f"{ratio.min():.3f} to {ratio.max():.3f}",
@@ -140,35 +141,35 @@ def compare(arms: list[tuple[Path, Layout]]) -> Iterator[str]:
     yield f"\n{len(columns)} comparisons, each at {limit:.2g}: {differ or 'none'} differ"
 
 
-def calibration(settings: Settings) -> Iterator[str]:
+def coverage(settings: Settings) -> Iterator[str]:
     """Yield a table of all arms and, for each preset, one of all parameters."""
     yield header("arm", "runs", "model", "worst bias / s.e.", "s.d. / s.e.", "95 % coverage", "verdict")
     tables = {}
     for k, arm in enumerate(ARMS):
-        found, _, _ = carry_out(arm, settings.seed + k, settings)
-        tables[arm.name] = found["parameters"]
-        verdict, runs = found["verdict"] + (", shown" if found["shown"] else ""), settings.count(arm.runs)
-        yield row(arm.name, runs, "full", *extremes(found["parameters"]), verdict)
-        yield row(arm.name, runs, "simplified", *extremes(found["simplified"]["parameters"]), "")
+        result, _, _ = carry_out(arm, settings.seed + k, settings)
+        tables[arm.name] = result.parameters
+        verdict = result.verdict + (", shown" if result.shown else "")
+        yield row(arm.name, result.runs, "full", *extremes(result.parameters), verdict)
+        yield row(arm.name, result.runs, "simplified", *extremes(result.simplified.parameters), "")
     for preset in ("wii", "force-plate"):
         yield f"\n{preset}, full model\n"
         yield header("nr", "bias / s.e.", "s.d. / s.e.", "coverage %", "least squares: ratio", "coverage %")
         pairs = (tables[f"{preset}, {name}"] for name in ("default", "least squares"))
         for ours, plain in zip(*pairs, strict=True):
             yield row(
-                ours["number"],
-                f"{ours['bias'] / ours['standard_error']:+.3f}",
-                f"{ours['standard_error_ratio']:.3f}",
-                f"{100 * ours['coverage95']:.1f}",
-                f"{plain['standard_error_ratio']:.3f}",
-                f"{100 * plain['coverage95']:.1f}",
+                ours.number,
+                f"{ours.bias / ours.standard_error:+.3f}",
+                f"{ours.standard_error_ratio:.3f}",
+                f"{100 * ours.coverage95:.1f}",
+                f"{plain.standard_error_ratio:.3f}",
+                f"{100 * plain.coverage95:.1f}",
             )
 
 
 def study(settings: Settings) -> Iterator[str]:
     """Yield the tables of the parts."""
-    if "calibration" in settings.only:
-        yield from calibration(settings)
+    if "coverage" in settings.only:
+        yield from coverage(settings)
     if "dynamics" in settings.only:
         runs = settings.count(DYNAMIC[0].runs)
         yield "\n" + header(f"{runs} runs each, 50 postures", "dynamics", "statics", "p")

@@ -182,16 +182,16 @@ def moved_wii(once, robot, plan) -> Validation:
 
 
 @pytest.fixture(scope="session")
-def calibration(once, robot, plan, tmp_path_factory) -> Path:
+def coverage(once, robot, plan, tmp_path_factory) -> Path:
     """The folder of a Monte Carlo of two chunks in exact laboratories, by the quickest estimator."""
 
     def make() -> Path:
-        folder = tmp_path_factory.mktemp("calibration") / "montecarlo"
+        folder = tmp_path_factory.mktemp("coverage") / "montecarlo"
         exact = {"estimator": MIXED_MODEL, "imperfections": 0.0, "workers": 1}
         tt.monte_carlo(Laboratory(robot), plan, runs=40, seed=103, out=folder, **exact)
         return folder
 
-    return once("calibration", make)
+    return once("coverage", make)
 
 
 @pytest.fixture(scope="session")

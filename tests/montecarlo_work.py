@@ -11,12 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from tulip_testbed.base.table_files import Columns
-from tulip_testbed.experiments.montecarlo.chunks import Chunks
-from tulip_testbed.experiments.montecarlo.collect import collect
-from tulip_testbed.experiments.montecarlo.engine import engine
 from tulip_testbed.experiments.montecarlo.laboratory_runs import stream_of
-from tulip_testbed.experiments.montecarlo.model_fits import Fit, Fits
-from tulip_testbed.experiments.montecarlo.run_columns import Layout, numbers_of
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, MonteCarloFile
+from tulip_testbed.experiments.montecarlo.parallel_runs import collect, computed_by
+from tulip_testbed.experiments.montecarlo.run_chunks import RunChunks
+from tulip_testbed.experiments.montecarlo.run_columns import Layout, numbers_of, read_runs
+from tulip_testbed.experiments.montecarlo.settings import Settings
+from tulip_testbed.identification.estimators import Estimate
 
 LAYOUT = Layout(("a.x", "b.x", "c.x"), {"full": (1, 2, 3), "simplified": (1, 3)}, ((1, 3),))
 TRUTH = np.array([0.1, 0.0, -0.3])
@@ -52,37 +53,50 @@ class Regressions:
         rng = np.random.default_rng(stream_of(self.seed, run))
         matrix = rng.standard_normal((ROWS, 3))
         output = matrix @ TRUTH + 0.01 * rng.standard_normal(ROWS)
-        fits = {name: self.fit(matrix, output, numbers) for name, numbers in LAYOUT.models.items()}
-        return numbers_of(LAYOUT, Fits(ROWS, fits, (23.0 + 0.1 * rng.standard_normal(), 0.1)), TRUTH, 23.0)
+        models = {name: self.fit(matrix, output, numbers) for name, numbers in LAYOUT.models.items()}
+        mass = (23.0 + 0.1 * rng.standard_normal(), 0.1, ROWS - 1, 23.0)
+        return numbers_of(LAYOUT, models, TRUTH, mass)
 
-    def fit(self, matrix: np.ndarray, output: np.ndarray, numbers: tuple[int, ...]) -> Fit:
+    def fit(self, matrix: np.ndarray, output: np.ndarray, numbers: tuple[int, ...]) -> Estimate:
         kept = matrix[:, np.array(numbers) - 1]
         value, squares, *_ = np.linalg.lstsq(kept, output, rcond=None)
         dof = len(output) - len(value)
         covariance = squares[0] / dof * np.linalg.inv(kept.T @ kept)
-        return Fit(
+        stated = self.factor**2 * covariance
+        return Estimate(
             numbers=np.array(numbers),
+            names=tuple(LAYOUT.names[n - 1] for n in numbers),
             value=value + self.shift * np.sqrt(np.diag(covariance)),
-            covariance=self.factor**2 * covariance,
-            dof=np.full(len(value), float(dof)),
+            covariance=stated,
+            clustered_covariance=stated,
             residual=output - kept @ value,
-            residual_dof=float(dof),
             sigma=float(np.sqrt(squares[0] / dof)),
+            placement_sd=(0.0, 0.0),
+            dof=dof,
+            interval_dof=np.full(len(value), float(dof)),
+            joint_dof=dof,
             condition_number=float(np.linalg.cond(kept)),
         )
 
 
 def run_regressions(
     folder: Path, runs: int, size: int, work: Regressions, workers: int = 1, address: str | None = None
-) -> Chunks:
+) -> RunChunks:
     """Carry out what is missing in a folder of chunks."""
-    chunks = Chunks(folder, runs, size)
-    with engine(workers, address):
+    chunks = RunChunks(folder, runs, size)
+    with computed_by(workers, address):
         collect(chunks, work, lambda count: None)
     return chunks
 
 
-def bytes_of(chunks: Chunks) -> list[bytes]:
+def result_of(chunks: RunChunks) -> MonteCarlo:
+    """Judge the runs of a folder of chunks; there are neither laboratory nor plan."""
+    settings = Settings(chunks.runs, 1, "stand-in", None, imperfections=0)
+    document = MonteCarloFile.model_construct(settings=settings)
+    return MonteCarlo.of(read_runs(chunks, LAYOUT), LAYOUT, document, plan=None, robot=None)
+
+
+def bytes_of(chunks: RunChunks) -> list[bytes]:
     return [chunks.path(index).read_bytes() for index in range(len(chunks))]
 
 

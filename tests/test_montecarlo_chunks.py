@@ -17,17 +17,16 @@ import pytest
 import tulip_testbed as tt
 from tests.montecarlo_work import LAYOUT, Regressions, bytes_of, run_regressions
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.experiments.montecarlo.chunks import Chunks
-from tulip_testbed.experiments.montecarlo.collect import collect
-from tulip_testbed.experiments.montecarlo.engine import engine
-from tulip_testbed.experiments.montecarlo.summary import summarise
+from tulip_testbed.experiments.montecarlo.parallel_runs import collect, computed_by
+from tulip_testbed.experiments.montecarlo.run_chunks import RunChunks
+from tulip_testbed.experiments.montecarlo.run_columns import read_runs
 
 ROOT = Path(__file__).parent.parent
 RUNS, SIZE = 23, 5
 
 
 @pytest.fixture(scope="module")
-def undisturbed(tmp_path_factory) -> Chunks:
+def undisturbed(tmp_path_factory) -> RunChunks:
     return run_regressions(tmp_path_factory.mktemp("undisturbed"), RUNS, SIZE, Regressions())
 
 
@@ -49,21 +48,21 @@ def test_a_dask_cluster_writes_the_same_bytes(undisturbed, tmp_path):
 @pytest.mark.filterwarnings("default")
 def test_nobody_at_the_address(monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("tulip_testbed.experiments.montecarlo.engine.PATIENCE", 1)
+    monkeypatch.setattr("tulip_testbed.experiments.montecarlo.parallel_runs.PATIENCE", 1)
     began = time.perf_counter()
-    with pytest.raises(InputError, match="no Dask scheduler within 1 s"), engine(1, "tcp://127.0.0.1:9"):
+    with pytest.raises(InputError, match="no Dask scheduler within 1 s"), computed_by(1, "tcp://127.0.0.1:9"):
         pass
     assert time.perf_counter() - began < 5
     with (
         pytest.raises(InputError, match="expected the scheduler's"),
-        engine(1, "no address"),
+        computed_by(1, "no address"),
     ):
         pass
 
 
 def test_without_dask_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(InputError, match=r"tulip-testbed\[cluster\]"), engine(1, "tcp://127.0.0.1:9"):
+    with pytest.raises(InputError, match=r"tulip-testbed\[cluster\]"), computed_by(1, "tcp://127.0.0.1:9"):
         pass
 
 
@@ -96,7 +95,7 @@ def test_killed_at_any_moment_it_goes_on_to_the_same_bytes(undisturbed, tmp_path
             break
     assert observed[0] < len(undisturbed)
     subprocess.run(command, cwd=ROOT, check=True)
-    assert bytes_of(Chunks(tmp_path, RUNS, SIZE)) == bytes_of(undisturbed)
+    assert bytes_of(RunChunks(tmp_path, RUNS, SIZE)) == bytes_of(undisturbed)
     assert {p.suffix for p in tmp_path.iterdir()} == {".parquet"}
 
 
@@ -110,7 +109,7 @@ def test_a_full_disk_leaves_what_was_written(undisturbed, tmp_path, monkeypatch)
         return written(path, content)
 
     monkeypatch.setattr(Path, "write_bytes", until_full)
-    chunks = Chunks(tmp_path, RUNS, SIZE)
+    chunks = RunChunks(tmp_path, RUNS, SIZE)
     with pytest.raises(InputError, match="No space left on device"):
         run_regressions(tmp_path, RUNS, SIZE, Regressions())
     monkeypatch.undo()
@@ -121,13 +120,16 @@ def test_a_full_disk_leaves_what_was_written(undisturbed, tmp_path, monkeypatch)
 
 def test_a_worker_that_dies_is_told(tmp_path):
     killed = "a worker process ended by SIGKILL.*, as the system does when memory runs out"
-    with engine(2, None), pytest.raises(InputError, match=killed):
-        collect(Chunks(tmp_path, 4, 1), _die, lambda count: None)
-    with engine(2, None), pytest.raises(InputError, match="process ended by SIGSEGV") as error:
-        collect(Chunks(tmp_path, 4, 1), _crash, lambda count: None)
+    with computed_by(2, None), pytest.raises(InputError, match=killed):
+        collect(RunChunks(tmp_path, 4, 1), _die, lambda count: None)
+    with computed_by(2, None), pytest.raises(InputError, match="process ended by SIGSEGV") as error:
+        collect(RunChunks(tmp_path, 4, 1), _crash, lambda count: None)
     assert "memory" not in str(error.value)
-    with engine(2, None), pytest.raises(InputError, match=r"a worker process failed .*serialize") as error:
-        collect(Chunks(tmp_path, 4, 1), _unreadable, lambda count: None)
+    with (
+        computed_by(2, None),
+        pytest.raises(InputError, match=r"worker process failed .*serialize") as error,
+    ):
+        collect(RunChunks(tmp_path, 4, 1), _unreadable, lambda count: None)
     assert "memory" not in str(error.value)
 
 
@@ -172,7 +174,7 @@ def test_a_damaged_chunk_is_named(tmp_path, damage):
     else:
         pa.parquet.write_table(pa.table({"run": np.arange(5, 10)}), path)
     with pytest.raises(InputError, match=r"chunk-000001\.parquet"):
-        list(chunks.read(["full.sigma"]))
+        read_runs(chunks, LAYOUT)
 
 
 @pytest.mark.parametrize(
@@ -200,7 +202,7 @@ def test_what_no_run_gives_is_refused_by_column(tmp_path, name, values, message)
     table = table.set_column(table.column_names.index(name), name, pa.array(values))
     pa.parquet.write_table(table, chunks.path(1))
     with pytest.raises(InputError, match=rf"chunk-000001\.parquet: .*{re.escape(message)}"):
-        summarise(chunks, LAYOUT)
+        read_runs(chunks, LAYOUT)
 
 
 def test_a_column_that_comes_twice_and_rows_without_end_are_refused(tmp_path):
@@ -209,4 +211,4 @@ def test_a_column_that_comes_twice_and_rows_without_end_are_refused(tmp_path):
     for table in (intact.select([*intact.column_names, "mass"]), pa.concat_tables([intact] * 1_000)):
         pa.parquet.write_table(table, chunks.path(1))
         with pytest.raises(InputError, match=r"chunk-000001\.parquet: not the chunk of runs 5 to 9"):
-            summarise(chunks, LAYOUT)
+            read_runs(chunks, LAYOUT)

@@ -10,12 +10,8 @@ from tulip_testbed.base.document import first_difference
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.machine import machine
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.experiments.montecarlo.montecarlo_folder import (
-    check_folder,
-    montecarlo_file,
-    open_folder,
-    raise_runs,
-)
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, montecarlo_file
+from tulip_testbed.experiments.montecarlo.montecarlo_run import raise_runs, run_folder
 from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.usable_plan import random_plan
 
@@ -31,18 +27,22 @@ def document_of(scenario, settings=SETTINGS):
     return montecarlo_file(scenario[0], scenario[1], settings)
 
 
+def kept(folder, scenario, settings=SETTINGS):
+    return run_folder(folder, document_of(scenario, settings))
+
+
 def begin(folder, scenario, settings=SETTINGS):
-    with open_folder(folder, document_of(scenario, settings), scenario[1]) as chunks:
-        return chunks
+    with kept(folder, scenario, settings).opened():
+        pass
 
 
 def test_begun_and_resumed(scenario, tmp_path):
     folder = tmp_path / "run"
-    assert not check_folder(folder, document_of(scenario))
+    assert not kept(folder, scenario).begun()
     assert not folder.exists()
-    assert begin(folder, scenario) == folder / "runs"
+    begin(folder, scenario)
     before = (folder / "run.json").read_bytes()
-    assert check_folder(folder, document_of(scenario))
+    assert kept(folder, scenario).begun()
     begin(folder, scenario)
     assert (folder / "run.json").read_bytes() == before
 
@@ -128,11 +128,11 @@ def test_what_is_no_monte_carlo_is_refused(scenario, tmp_path):
 
 
 def test_two_at_once_are_refused(scenario, tmp_path):
-    document = document_of(scenario)
+    folder = kept(tmp_path / "run", scenario)
     with (
-        open_folder(tmp_path / "run", document, scenario[1]),
+        folder.opened(),
         pytest.raises(InputError, match="another process is at work"),
-        open_folder(tmp_path / "run", document, scenario[1]),
+        folder.opened(),
     ):
         pass
     begin(tmp_path / "run", scenario)
@@ -153,10 +153,16 @@ def test_more_runs_in_the_same_folder(robot, plan, tmp_path):
 
     carried_out("raised", 1)
     found, straight = carried_out("raised", 2), carried_out("straight", 2)
-    assert found.report.runs == 2
+    assert found.runs == 2
     assert found.errors_mm["full"].tolist() == straight.errors_mm["full"].tolist()
-    for file in ("run.json", "report.json", "runs/chunk-000000.parquet"):
-        assert (tmp_path / "raised" / file).read_bytes() == (tmp_path / "straight" / file).read_bytes()
+    straight.save(tmp_path / "saved")
+    for file in ("run.json", "report.json", "runs/chunk-000000.parquet", "plan/plan.json"):
+        expected = (tmp_path / "straight" / file).read_bytes()
+        assert (tmp_path / "raised" / file).read_bytes() == expected
+        assert (tmp_path / "saved" / file).read_bytes() == expected
+    assert MonteCarlo.load(tmp_path / "saved", robot).to_json() == straight.to_json()
+    assert MonteCarlo.from_json(straight.to_json()).tables() == straight.tables()
+    assert carried_out("saved", 3).runs == 3
 
 
 def test_more_runs_of_another_kind_are_refused(scenario, tmp_path):
@@ -165,7 +171,7 @@ def test_more_runs_of_another_kind_are_refused(scenario, tmp_path):
     raise_runs(tmp_path / "run", document_of(scenario, dataclasses.replace(SETTINGS, runs=200, seed=6)))
     assert (tmp_path / "run" / "run.json").read_bytes() == before
     with (
-        open_folder(tmp_path / "run", document_of(scenario), scenario[1]),
+        kept(tmp_path / "run", scenario).opened(),
         pytest.raises(InputError, match="another process is at work"),
     ):
         raise_runs(tmp_path / "run", document_of(scenario, dataclasses.replace(SETTINGS, runs=200)))

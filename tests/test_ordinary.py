@@ -18,9 +18,8 @@ from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, ORDINARY
 from tulip_testbed.experiments.imperfections import drawn, single_stream
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.laboratory_runs import OrdinaryOutcome, source_of, stream_of
-from tulip_testbed.experiments.montecarlo.montecarlo_folder import montecarlo_file, open_folder
-from tulip_testbed.experiments.montecarlo.montecarlo_record import read_montecarlo
-from tulip_testbed.experiments.montecarlo.montecarlo_run import Place, montecarlo
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, montecarlo_file
+from tulip_testbed.experiments.montecarlo.montecarlo_run import Place, montecarlo, run_folder
 from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.validate import evaluate, judge, validate
 from tulip_testbed.experiments.validation_record import read_validation, write_validation
@@ -166,21 +165,19 @@ def test_a_monte_carlo_does_not_depend_on_workers_and_records_its_setting(robot,
     settings = Settings(3, SEED, "self-calibrating", None, "statics", 0.5)
     for workers in (1, 2):
         found = montecarlo(laboratory, part, settings, Place(tmp_path / f"{workers}", workers, None))
-        assert found.report.plain()["imperfections"] == 0.5
+        assert found.imperfections == 0.5
     one, two = (
         {p.name: p.read_bytes() for p in (tmp_path / name).rglob("*") if p.is_file()} for name in "12"
     )
     assert one == two
     assert json.loads(one["run.json"])["settings"]["imperfections"] == 0.5
-    assert read_montecarlo(tmp_path / "1", robot).report.imperfections == 0.5
-    assert read_montecarlo(tmp_path / "1", robot).document.settings.asked == settings
+    read = MonteCarlo.load(tmp_path / "1", robot)
+    assert read.imperfections == 0.5
+    assert read.document.settings == settings
     for other, there, here in ((0.0, 0.5, 0.0), (1.0, 0.5, 1.0)):
         document = montecarlo_file(laboratory, part, dataclasses.replace(settings, imperfections=other))
-        with (
-            pytest.raises(InputError, match=f"settings.imperfections is {there} there and {here} here"),
-            open_folder(tmp_path / "1", document, part),
-        ):
-            pass
+        with pytest.raises(InputError, match=f"settings.imperfections is {there} there and {here} here"):
+            run_folder(tmp_path / "1", document).begun()
 
 
 def test_impossible_scales_are_refused(robot, plan, tmp_path, capsys):

@@ -18,7 +18,7 @@ from tulip_testbed.discovery.dynamics_check import DynamicsCheck
 from tulip_testbed.experiments.discovery_record import discovery_record, read_discovery, write_discovery
 from tulip_testbed.experiments.estimate_report import ParameterRow
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
 from tulip_testbed.experiments.montecarlo.montecarlo_run import Place, montecarlo
 from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.records import read_record, record_of
@@ -68,8 +68,8 @@ def empty(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["run", "montecarlo"])
-def test_no_run_file_breaks_the_reader(name, run, calibration, robot, empty):  # noqa: F811
-    folder = {"run": run, "montecarlo": calibration}[name]
+def test_no_run_file_breaks_the_reader(name, run, coverage, robot, empty):  # noqa: F811
+    folder = {"run": run, "montecarlo": coverage}[name]
     document = json.loads((folder / "run.json").read_text())
     tried = 0
     for changed in mutations(document):
@@ -217,8 +217,8 @@ def test_a_monte_carlo_in_memory_is_the_one_in_its_folder(robot, plan, tmp_path)
     read = read_record(tmp_path / "runs", robot)
     assert same(memory, read)
     assert same_page(page_of(memory), page_of(read))
-    assert isinstance(read, MonteCarloRecord)
-    assert json.loads((tmp_path / "runs" / "report.json").read_text()) == read.report.plain()
+    assert isinstance(read, MonteCarlo)
+    assert json.loads((tmp_path / "runs" / "report.json").read_text()) == read.to_json()
 
 
 def test_any_result_in_memory_has_a_page_and_a_view(static_run, discovered, robot, plan, tmp_path):
@@ -228,7 +228,7 @@ def test_any_result_in_memory_has_a_page_and_a_view(static_run, discovered, robo
         record = record_of(result)
         page = write_page(tmp_path / f"{kind}.html", record)
         assert page.title == f"TULip: {kind}"
-        assert page.verdict == record.report.verdict
+        assert page.verdict == (record if isinstance(record, MonteCarlo) else record.report).verdict
         view = record_view(record)
         assert view.title == f"TULip ({kind})"
         assert window.save(tmp_path / f"{kind}.rrd", view.title, view.log) > 1e5

@@ -34,9 +34,9 @@ def page(run, tmp_path_factory):  # noqa: F811
 
 
 @pytest.fixture(scope="module")
-def calibration_page(calibration, tmp_path_factory):
+def coverage_page(coverage, tmp_path_factory):
     path = tmp_path_factory.mktemp("report") / "montecarlo.html"
-    assert main(["report", str(calibration), "--out", str(path)]) == 0
+    assert main(["report", str(coverage), "--out", str(path)]) == 0
     assert path.stat().st_size < MOST_BYTES
     return path
 
@@ -63,14 +63,14 @@ def test_a_browser_has_nothing_to_complain_of(page, run, tmp_path):  # noqa: F81
 
 @pytest.mark.slow
 @draws_with("chromium")
-def test_a_browser_shows_a_montecarlo(calibration_page, calibration, tmp_path):
-    observed = browse(calibration_page, tmp_path / "page.png")
+def test_a_browser_shows_a_montecarlo(coverage_page, coverage, tmp_path):
+    observed = browse(coverage_page, tmp_path / "page.png")
     assert observed.complaints == []
     assert observed.requests == []
-    expected = flattened(json.loads((calibration / "report.json").read_text()))
+    expected = flattened(json.loads((coverage / "report.json").read_text()))
     expected |= {
         f"run.{key}": value
-        for key, value in flattened(json.loads((calibration / "run.json").read_text())).items()
+        for key, value in flattened(json.loads((coverage / "run.json").read_text())).items()
     }
     assert {key: expected[key] for key in observed.cells} == observed.cells
     assert "parameters.24.coverage95" in observed.cells
@@ -151,14 +151,14 @@ def test_bad_input(run, tmp_path, capsys):  # noqa: F811
     assert not (tmp_path / "x.html").exists()
 
 
-def test_an_unfinished_montecarlo_is_not_reported(calibration, tmp_path, capsys):
-    shutil.copytree(calibration, tmp_path / "part")
+def test_an_unfinished_montecarlo_is_not_reported(coverage, tmp_path, capsys):
+    shutil.copytree(coverage, tmp_path / "part")
     (tmp_path / "part" / "runs" / "chunk-000001.parquet").unlink()
     message = refused(capsys, "report", tmp_path / "part", "--out", tmp_path / "x.html")
     assert "holds 25 of 40 runs" in message
 
 
-def test_two_runs_side_by_side(run, calibration, ideal, tmp_path, capsys):  # noqa: F811
+def test_two_runs_side_by_side(run, coverage, ideal, tmp_path, capsys):  # noqa: F811
     write_validation(tmp_path / "ideal", validation_record(ideal))
     assert main(["report", str(run), str(tmp_path / "ideal"), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
@@ -170,7 +170,7 @@ def test_two_runs_side_by_side(run, calibration, ideal, tmp_path, capsys):  # no
     assert row["estimate"] == [report["full"]["parameters"][9]["estimate"] for report in reports]
     assert main(["report", str(run), str(run)]) == 0
     assert "none" in capsys.readouterr().out
-    assert main(["report", str(calibration), str(calibration)]) == 0
+    assert main(["report", str(coverage), str(coverage)]) == 0
     capsys.readouterr()
-    message = refused(capsys, "report", run, calibration)
+    message = refused(capsys, "report", run, coverage)
     assert "found a validation and a Monte Carlo, expected two of a kind" in message

@@ -22,10 +22,7 @@ from tests.test_cli import refused
 from tests.test_series import raw_series, write_series
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
-from tulip_testbed.experiments.montecarlo.chunks import Chunks
-from tulip_testbed.experiments.montecarlo.montecarlo_folder import CHUNK_FOLDER
-from tulip_testbed.experiments.montecarlo.montecarlo_record import read_montecarlo
-from tulip_testbed.experiments.montecarlo.settings import CHUNK
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.experiments.validation_record import read_validation, write_validation
 from tulip_testbed.experiments.validation_result import validation_record
@@ -99,8 +96,8 @@ def test_rerun_draws_every_view_of_a_run(run, robot, tmp_path, monkeypatch):
 
 @pytest.mark.slow
 @draws_with("vulkan")
-def test_rerun_draws_every_view_of_a_montecarlo(calibration, robot, tmp_path, monkeypatch):
-    saved = read_montecarlo(calibration, robot)
+def test_rerun_draws_every_view_of_a_montecarlo(coverage, robot, tmp_path, monkeypatch):
+    saved = MonteCarlo.load(coverage, robot)
     monkeypatch.setattr(montecarlo, "laid_out", side_by_side)
     window.save(tmp_path / "m.rrd", "m", lambda recording: montecarlo.log_montecarlo(recording, saved))
     found = look(tmp_path / "m.rrd", {"parameter": 3, "posture": 5}, tmp_path / "m.png")
@@ -120,15 +117,14 @@ def test_a_view_of_150_postures_is_small_and_soon_there(wii, tmp_path, capsys):
         assert "View: " in capsys.readouterr().out
 
 
-def test_clouds_are_those_of_the_runs(calibration, robot):
+def test_clouds_are_those_of_the_runs(coverage, robot):
     """The mass that the folder recorded is that of the measurements made anew."""
-    saved = read_montecarlo(calibration, robot)
+    saved = MonteCarlo.load(coverage, robot)
     clouds, note = montecarlo.cop_clouds(saved)
     assert "40 runs" in note
     assert len(clouds) > 100
     # Repeats give a posture two points in a run.
-    chunks = Chunks(calibration / CHUNK_FOLDER, 40, CHUNK)
-    assert sum(map(len, clouds.values())) == sum(int(part["rows"].sum()) for part in chunks.read(["rows"]))
+    assert sum(map(len, clouds.values())) == saved.every_run["rows"].sum()
 
 
 def test_links_are_drawn_where_mujoco_has_them(run, robot, model):

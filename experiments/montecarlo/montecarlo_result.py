@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
+from pydantic import Field
 
 from tulip_testbed.base.errors import InputError, shortened
 from tulip_testbed.base.machine import machine
@@ -43,7 +44,8 @@ from tulip_testbed.experiments.run_file import (
     RUN_FILE,
     VERSION,
     Configuration,
-    RunFile,
+    Head,
+    Machine,
     check_robot,
     configuration_of,
 )
@@ -55,14 +57,18 @@ from tulip_testbed.sim.robot import Robot
 CHUNK_FOLDER, REPORT_FILE = "runs", "report.json"
 
 
-class MonteCarloFile(RunFile[Configuration]):
+class MonteCarloFile(Head):
     """run.json of a Monte Carlo: everything that its runs depend on."""
 
     settings: Settings
+    configuration: Configuration
+    inputs: dict[str, str]
+    software: dict[str, str]
+    machine: Machine = Field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class MonteCarlo(ModelCoverage, Result):
+class MonteCarlo(Result, ModelCoverage):
     """Many runs of one experiment, and whether the errors are as large as the estimator states [m; kg].
 
     The full model's figures are the result's own, those of the simplified model are in `simplified`.

@@ -11,11 +11,9 @@ ROOT = Path(__file__).parent.parent.parent
 PEAK = """
 import resource, sys
 from pathlib import Path
-from tulip_testbed.experiments.montecarlo.calibration_report import report
-from tulip_testbed.experiments.montecarlo.summary import summarise
-from tests.montecarlo_work import LAYOUT, Regressions, run_regressions
+from tests.montecarlo_work import Regressions, result_of, run_regressions
 chunks = run_regressions(Path(sys.argv[1]), int(sys.argv[2]), 25, Regressions(), int(sys.argv[3]))
-report(summarise(chunks, LAYOUT), LAYOUT, "stand-in")
+result_of(chunks)
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """
 

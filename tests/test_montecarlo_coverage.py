@@ -1,0 +1,247 @@
+"""Errors against stated errors: wrong standard errors are found out, right ones are not accused."""
+
+import numpy as np
+import pyarrow.parquet
+import pytest
+from scipy.stats import binom, f, t
+
+from tests.montecarlo_work import LAYOUT, TRUTH, Regressions, result_of, run_regressions
+from tulip_testbed.base.table import Table
+from tulip_testbed.experiments.montecarlo.coverage import (
+    BINS,
+    QUANTILES,
+    Distribution,
+    Errors,
+    distribution,
+    summarise_errors,
+)
+from tulip_testbed.experiments.montecarlo.coverage_tables import coverage_check_table
+from tulip_testbed.experiments.montecarlo.coverage_verdict import (
+    LEVEL,
+    CoverageCheck,
+    checks,
+    shown,
+    verdict,
+    whole_bounds,
+)
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
+from tulip_testbed.experiments.montecarlo.run_chunks import RunChunks
+
+RUNS, FEW, FAILING = 5000, 200, (3, 77)
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory):
+    """The identified runs, as another reader of Parquet has them, and their result."""
+    chunks = run_regressions(tmp_path_factory.mktemp("runs"), FEW, 30, Regressions(seed=107, failing=FAILING))
+    whole = pyarrow.parquet.read_table(chunks.folder)
+    good = np.delete(np.arange(FEW), FAILING)
+    return {name: whole.column(name).to_numpy()[good] for name in whole.column_names}, result_of(chunks)
+
+
+def test_errors_and_stated_errors(table):
+    runs, result = table
+    assert (result.runs, result.identified) == (FEW, FEW - len(FAILING))
+    assert result.failures == {"too little": 2}
+    for model, numbers in LAYOUT.models.items():
+        rows = result.models[model].parameters
+        error = np.column_stack([runs[f"{model}.value.{n}"] - TRUTH[n - 1] for n in numbers])
+        stated = np.column_stack([runs[f"{model}.se.{n}"] for n in numbers])
+        np.testing.assert_allclose([row.bias for row in rows], error.mean(axis=0), rtol=1e-10)
+        found = [row.empirical_standard_error for row in rows]
+        np.testing.assert_allclose(found, error.std(axis=0, ddof=1), rtol=1e-12)
+        mean = np.sqrt((stated**2).mean(axis=0))
+        np.testing.assert_allclose([row.standard_error for row in rows], mean, rtol=1e-12)
+        np.testing.assert_allclose(result.errors_mm[model], 1e3 * error, rtol=1e-12)
+        for level in (50, 90, 95):
+            limit = t.ppf((1 + level / 100) / 2, runs[f"{model}.dof.1"][0])
+            held = (np.abs(error / stated) <= limit).mean(axis=0)
+            assert [getattr(row, f"coverage{level}") for row in rows] == held.tolist()
+        statistic = runs[f"{model}.chi_square"] / len(numbers)
+        beyond = (statistic > f.ppf(0.95, len(numbers), 20 - len(numbers))).mean()
+        assert result.models[model].beyond_95.share == beyond
+
+
+def test_distributions(table):
+    runs, result = table
+    spreads = {
+        "rows": (1, result.rows),
+        "full.sigma": (1e3, result.sigma_mm),
+        "full.chi_square": (1, result.chi_square),
+        "simplified.condition_number": (1, result.simplified.condition_number),
+        "full.correlation.1.3": (1, result.correlations["1,3"]),
+    }
+    for name, (scale, spread) in spreads.items():
+        is_described(spread, scale * runs[name].astype(float))
+
+
+def is_described(spread: Distribution, values: np.ndarray):
+    assert spread.mean == pytest.approx(values.mean(), rel=1e-12)
+    assert spread.sd == pytest.approx(values.std(ddof=1), rel=1e-9, abs=1e-12)
+    assert (spread.min, spread.max) == pytest.approx((values.min(), values.max()), rel=1e-12)
+    # A quantile is off by at most a bin, and the bins' own quantiles lie between neighbouring values.
+    room = 1.001 * np.ptp(values) / BINS + 1e-15
+    at = np.array([spread.quantile05, spread.quantile50, spread.quantile95])
+    assert (at >= np.quantile(values, QUANTILES, method="lower") - room).all()
+    assert (at <= np.quantile(values, QUANTILES, method="higher") + room).all()
+
+
+def test_a_distribution_of_many_runs_of_none_and_of_a_constant():
+    values = 5.0 * np.random.default_rng(108).normal(size=20_000) + 100.0
+    is_described(distribution(values), values)
+    assert np.isnan(distribution(np.empty(0)).mean)
+    constant = distribution(np.ones(4))
+    assert constant.sd == 0
+    assert constant.quantile50 == pytest.approx(1.0, abs=1e-3)
+
+
+def test_the_figures_do_not_depend_on_the_chunks(table, tmp_path):
+    other = run_regressions(tmp_path, FEW, 7, Regressions(seed=107, failing=FAILING))
+    assert result_of(other).to_json() == table[1].to_json()
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say():
+    """2,000 Monte Carlos of 50 runs: an error of 1.3 stated s.e. and a bias of 0.2."""
+    error = 0.2 + 1.3 * np.random.default_rng(109).standard_normal((50, 2000))
+    errors = summarise_errors(error, np.ones_like(error), np.full(error.shape, 40.0))
+    for estimates, truth in ((errors.relative_bias(0.9), 0.2), (errors.standard_error_ratio(0.9), 1.3)):
+        low, high = estimates.interval
+        held = ((low <= truth) & (truth <= high)).mean()
+        assert abs(held - 0.9) < 3.3 * np.sqrt(0.9 * 0.1 / 2000)
+
+
+def judged(folder, runs, **changes) -> MonteCarlo:
+    return result_of(run_regressions(folder, runs, 500, Regressions(seed=111, **changes)))
+
+
+def failed(result: MonteCarlo) -> dict[str, CoverageCheck]:
+    return {check.name: check for check in result.checks if check.result == "fail"}
+
+
+def test_a_true_estimator_is_shown_to_be_right(tmp_path):
+    result = judged(tmp_path, RUNS)
+    assert result.conclusive
+    assert (result.verdict, result.shown, result.exit_code) == ("pass", True, 0)
+    assert result.parameters[0].standard_error_ratio == pytest.approx(1.0, abs=0.07)
+    assert result.parameters[2].coverage95 == pytest.approx(0.95, abs=0.015)
+    assert result.correlations["1,3"].mean == pytest.approx(0.0, abs=0.03)
+
+
+@pytest.mark.parametrize("runs", [1, 2])
+def test_a_pass_of_few_runs_prints_and_is_not_conclusive(tmp_path, runs):
+    result = judged(tmp_path, runs)
+    assert (result.verdict, result.conclusive) == ("pass", False)
+    assert ("± - g, found over stated s.e. -," in str(result)) == (runs == 1)
+
+
+def test_halved_standard_errors_fail(tmp_path):
+    result = judged(tmp_path, 300, factor=0.5)
+    assert (result.verdict, result.shown, result.exit_code) == ("fail", False, 1)
+    found = failed(result)
+    for model, numbers in (("full", (1, 2, 3)), ("simplified", (1, 3))):
+        assert found[f"{model}: empirical over reported s.e."].beyond == numbers
+        assert found[f"{model}: coverage of 95 % intervals"].beyond == numbers
+    assert "full: runs whose chi-square / 3 exceeds 95 % of F" in found
+    assert result.parameters[0].standard_error_ratio == pytest.approx(2.0, abs=0.25)
+
+
+def test_doubled_standard_errors_fail(tmp_path):
+    found = failed(judged(tmp_path, 1000, factor=2.0))
+    assert found["full: coverage of 95 % intervals"].value > 0.99
+    assert found["full: empirical over reported s.e."].value < 0.6
+
+
+def test_a_bias_fails(tmp_path):
+    found = failed(judged(tmp_path, 1000, shift=0.3))
+    assert found["full: bias over s.e."].beyond == (1, 2, 3)
+
+
+def test_few_runs_fail_nothing_and_show_nothing(tmp_path):
+    result = judged(tmp_path, 20)
+    assert (result.verdict, result.shown) == ("pass", False)
+
+
+def test_one_run_is_reported_and_not_judged(tmp_path):
+    result = judged(tmp_path, 1)
+    assert {check.result for check in result.checks[1:]} == {"not evaluated"}
+    assert not result.shown
+
+
+def test_failed_runs_fail_the_verdict(tmp_path):
+    result = judged(tmp_path, 60, failing=(5, 6, 7))
+    assert failed(result).keys() == {"share of runs that could not be identified"}
+    assert not failed(judged(tmp_path / "one", 60, failing=(5,)))  # as chance alone may have it
+    nothing = judged(tmp_path / "all", 2, failing=(0, 1))
+    assert nothing.to_json()["parameters"][0]["bias"] is None
+    assert all(isinstance(part, Table | str) for part in nothing.tables())
+
+
+def drawn(rng: np.random.Generator, factor: float, size: int, runs: int) -> Errors:
+    """Errors of runs that are `factor` times as large as stated."""
+    z = factor * rng.standard_normal((runs, size))
+    return summarise_errors(z, np.ones_like(z), np.full(z.shape, 1e9), tuple(range(1, size + 1)))
+
+
+def outcomes(factor: float, size: int, runs: int, seed: int) -> list[list[CoverageCheck]]:
+    rng = np.random.default_rng(seed)
+    return [checks(runs, {"full": drawn(rng, factor, size, runs)}, {"full": 0.0}) for _ in range(300)]
+
+
+MOST = binom.ppf(0.999, 300, LEVEL)  # of 300 verdicts at a level of 1 %
+
+
+def test_a_true_estimator_is_rarely_failed():
+    assert sum(verdict(found) == "fail" for found in outcomes(1.0, 25, 400, 112)) <= MOST
+
+
+def test_an_estimator_on_a_bound_is_rarely_failed_for_it():
+    ratios = [found[2] for found in outcomes(1.1, 25, 400, 113)]
+    assert {check.name for check in ratios} == {"full: empirical over reported s.e."}
+    assert sum(check.result == "fail" for check in ratios) <= MOST
+
+
+def test_an_estimator_on_a_bound_is_rarely_shown_to_be_right():
+    assert sum(found[2].shown for found in outcomes(1.1, 1, 2500, 114)) <= MOST
+    assert sum(shown(found) for found in outcomes(1.0, 25, 5000, 115)) > 250
+
+
+def test_bounds_of_the_whole_are_those_of_the_ratios():
+    """By drawing: 25 normal errors 1.1 times as large as stated."""
+    low, high = whole_bounds(25, 1e9)
+    rng = np.random.default_rng(114)
+    statistic = (rng.standard_normal((40_000, 25)) ** 2).sum(axis=1)
+    limit = np.quantile(statistic, 0.95)
+    assert (1.21 * statistic > limit).mean() == pytest.approx(high, abs=0.01)
+    assert (0.81 * statistic > limit).mean() == pytest.approx(low, abs=0.004)
+
+
+def test_a_robot_outside_of_the_simplified_model_is_reported_and_not_judged(tmp_path):
+    chunks = run_regressions(tmp_path, 40, 40, Regressions(seed=111))
+    columns = chunks.read(0, ["failure", "rows", "dropped", *LAYOUT.columns()])
+    columns["truth.2"] = np.full(40, 0.01)
+    (tmp_path / "other").mkdir()
+    changed = RunChunks(tmp_path / "other", 40, 40)
+    changed.write(columns)
+    result = result_of(changed)
+    assert {c.name: c.result for c in result.checks}["simplified model"] == "not evaluated"
+    assert len(result.simplified.parameters) == 2
+
+
+def test_a_pass_that_is_not_shown_reads_inconclusive():
+    row = {
+        "name": "full: bias over s.e.",
+        "result": "pass",
+        "shown": False,
+        "number": 3,
+        "value": 0.2159,
+        "interval": [-0.05, 0.48],
+        "bounds": [-0.1, 0.1],
+        "beyond": [],
+        "source": "somewhere",
+    }
+    lines = [coverage_check_table([row | {"shown": shown}]).text(90) for shown in (False, True)]
+    assert all("0.0500 to 0.4800" in text and "-0.1 to 0.1" in text for text in lines)
+    results = [next(line for line in text.splitlines() if "0.2159" in line) for text in lines]
+    assert "inconclusive" in results[0]
+    assert "inconclusive" not in results[1]
+    assert "pass" in results[1]
