@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
@@ -36,8 +37,13 @@ from tulip_testbed.identification.residual_noise import Noise
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.robot import Robot
 
-NAMED, AMBIGUOUS, UNKNOWN, CALIBRATED, NONE = "named", "ambiguous", "unknown", "calibrated", "none"
-DESCRIBED = "described"
+Verdict = Literal["none", "calibrated", "named", "described", "ambiguous", "unknown"]
+NONE: Verdict = "none"
+CALIBRATED: Verdict = "calibrated"
+NAMED: Verdict = "named"
+DESCRIBED: Verdict = "described"
+AMBIGUOUS: Verdict = "ambiguous"
+UNKNOWN: Verdict = "unknown"
 ADOPTED = (NAMED, DESCRIBED)  # verdicts whose effects are added to the model
 REPORTED_PATTERNS, RUNNERS_UP = 5, 5
 # Standard errors, r.m.s., by which laws that do as well may differ in the base parameters. On five
@@ -68,7 +74,7 @@ class Discovery:
         wall_s: duration [s].
     """
 
-    verdict: str
+    verdict: Verdict
     observed: Observation
     noise: Noise
     repeats: PureError
@@ -346,7 +352,7 @@ def _unexplained(selection: Selection) -> list[str]:
 
 def _verdict(
     selection: Selection, reasons: tuple[str, ...], equivalents: list[tuple[Fitted, ...]], described: bool
-) -> str:
+) -> Verdict:
     if not selection.lacks_fit:
         return NONE
     if reasons:

@@ -175,7 +175,8 @@ def _models(run: RunResult) -> dict[str, list[dict[str, Any]]]:
             for model, estimate in zip(MODELS, estimates, strict=True)
         }
     if isinstance(run, Discovered):
-        before, after = run.before.full, run.after and run.after.full
+        before = run.before.full
+        after = None if run.after is None else run.after.full
         return {
             "full": _rows(
                 before,
@@ -204,7 +205,7 @@ def _judged(run: RunResult) -> list[dict[str, Any]]:
         return run.to_json()["checks"]
     sides = {"before": run.heldout.before, "after": run.heldout.after}
     values = {
-        f"gap {channel}, {side}": by_channel[channel]
+        f"gap {'all' if channel == 'AFTC' else channel}, {side}": by_channel[channel]
         for channel in CHANNEL_NAMES
         for side, by_channel in sides.items()
         if channel in by_channel

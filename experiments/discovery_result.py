@@ -6,7 +6,7 @@ import csv
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import Field, computed_field
@@ -19,7 +19,7 @@ from tulip_testbed.base.table import Table
 from tulip_testbed.base.table_files import Columns
 from tulip_testbed.base.table_files import Table as TableFile
 from tulip_testbed.calibration.calibration_result import CalibratedFamily
-from tulip_testbed.discovery.discover import Discovery, clear_of_zero
+from tulip_testbed.discovery.discover import Discovery, Verdict, clear_of_zero
 from tulip_testbed.discovery.dynamics_check import DynamicsCheck
 from tulip_testbed.discovery.experiment_information import Explanation
 from tulip_testbed.discovery.held_out import HeldOut
@@ -120,7 +120,7 @@ class Discovered(SavedRun):
 
     kind = "discovery"
 
-    verdict: Literal["none", "calibrated", "named", "described", "ambiguous", "unknown"]
+    verdict: Verdict
     adopted: tuple[EffectInstance, ...]
     calibrated: tuple[EffectInstance, ...]
     families: tuple[CalibratedFamily, ...]
@@ -170,7 +170,9 @@ class Discovered(SavedRun):
                 "the measurements have"
             )
         before = read.before.placed(robot, measured, f"{result}: key 'before'")
-        after = read.after and read.after.placed(robot, measured, f"{result}: key 'after'")
+        after = read.after
+        if after is not None:
+            after = after.placed(robot, measured, f"{result}: key 'after'")
         return replace(read, before=before, after=after)
 
     @computed_field

@@ -98,7 +98,8 @@ class Validation(SavedRun):
         result = where / RESULT_FILE
         own = read.identification.placed(robot, measured, f"{result}: key 'identification'")
         plain = read.least_squares
-        plain = plain and plain.placed(robot, measured, f"{result}: key 'least_squares'")
+        if plain is not None:
+            plain = plain.placed(robot, measured, f"{result}: key 'least_squares'")
         if read.truth.shape != (count := len(own.parameters.names),):
             raise InputError(f"{result}: key 'truth': found {read.truth.size} numbers, expected {count}")
         read.simulation.check(own.parameters.tree.links, measured, where / TRUTH_FILE)
@@ -183,7 +184,7 @@ class Validation(SavedRun):
             own.parameters,
             self.truth,
             read_reported(self.robot),
-            least_squares=plain and getattr(plain, model),
+            least_squares=None if plain is None else getattr(plain, model),
             where="identification.",
         )
 
