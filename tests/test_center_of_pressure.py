@@ -16,7 +16,7 @@ from tulip_testbed.identification.center_of_pressure import (
 
 @pytest.fixture
 def measured(wii):
-    return wii.run.measurements
+    return wii.measurements
 
 
 def test_all_weight_on_one_cell_is_at_that_cell(measured):

@@ -21,7 +21,7 @@ FAULT = "one cell drifts by 5 N"
 def test_healthy_measurements_are_identified_without_a_word(wii, precise, robot, variant):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        for measured in (wii.run.measurements, precise):
+        for measured in (wii.measurements, precise):
             warn_of_faults(HEALTHY[variant](measured), robot)
 
 

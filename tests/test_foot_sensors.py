@@ -16,7 +16,7 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.effects.injection import edited, from_then_on
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.experiments.truth_record import truth_of
+from tulip_testbed.experiments.truth_record import SimulatedTruth
 from tulip_testbed.measurements import PosturePlan, read_measurements
 from tulip_testbed.measurements.contacts import WRENCH
 from tulip_testbed.sim.composer import laboratory_environment
@@ -401,7 +401,7 @@ def test_a_laboratory_takes_the_preset(robot, plan, engine):
 
 def test_the_truth_file_knows_zeros_and_wrenches(robot, plan):
     run: Any = Laboratory(robot, sensors="foot-ft").run(plan.take(np.arange(2)), engine="statics")
-    document: Any = truth_of(run).plain()
+    document: Any = SimulatedTruth.of(run).to_json()
     assert np.array_equal(document["zeros"], run.truth.zeros)
     assert np.array_equal(document["wrenches"], run.truth.wrenches)
     assert document["configuration"]["sensors"]["wrench"]["zero_sd"] == list(SHEET.zero_sd)

@@ -15,11 +15,12 @@ from tulip_testbed.experiments.check_folder import check_folder
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.measurements import read_measurements, write_measurements
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
+from tulip_testbed.sim.outcome import Outcome
 
 
 @pytest.fixture
 def folder(wii, tmp_path):
-    write_measurements(tmp_path / "data", wii.run.measurements)
+    write_measurements(tmp_path / "data", wii.measurements)
     return tmp_path / "data"
 
 
@@ -48,12 +49,12 @@ def same(first, second):
 
 
 def test_round_trip_is_exact(wii, folder):
-    same(wii.run.measurements, read_measurements(folder))
+    same(wii.measurements, read_measurements(folder))
 
 
 def test_csv_alone_says_the_same(wii, folder):
     (folder / "postures.parquet").unlink()
-    same(wii.run.measurements, read_measurements(folder))
+    same(wii.measurements, read_measurements(folder))
 
 
 def test_an_edited_twin_is_not_passed_over(folder):
@@ -86,7 +87,7 @@ def test_any_line_end_will_do(wii, folder, end):
     content = json.loads((folder / "manifest.json").read_text())
     content["tables"] = {path.name: sha256(path)}
     (folder / "manifest.json").write_text(json.dumps(content))
-    same(wii.run.measurements, read_measurements(folder))
+    same(wii.measurements, read_measurements(folder))
 
 
 def test_optional_columns_may_be_absent_and_unknown_spreads_null(folder):
@@ -274,8 +275,8 @@ def test_a_joint_that_is_missing_is_named_alone(folder, robot):
 
 
 def test_measurements_print_as_a_line_and_have_a_frame_with_the_folders_columns(wii, folder):
-    measured = wii.run.measurements
-    for shown in (measured, wii.run.truth, wii.run.outcome, wii.run.plan):
+    measured = wii.measurements
+    for shown in (measured, wii.simulation, Outcome(measured, wii.simulation), wii.plan):
         assert len(repr(shown).splitlines()) == 1, repr(shown)
         assert len(repr(shown)) < 250
     assert repr(measured).startswith(f"Measurements: {len(measured)} rows, ")

@@ -21,7 +21,7 @@ from tulip_testbed.sim.robot import load_robot
 
 QUANTITIES = {
     "run": ("estimate", "standard_error", "truth"),
-    "discovery": ("before_mm", "after_mm", "standard_error_mm"),
+    "discovery": ("before", "after", "standard_error"),
     "montecarlo": ("bias", "standard_error", "coverage95"),
 }
 READABLE = 0.01, 1e6  # size of the numbers that are looked for on a page
@@ -41,12 +41,8 @@ def result(target: str, document: Any) -> dict[str, Any]:
         return {"runs": document["runs"], "identified": document["identified"]} | {
             name: [row[name] for row in rows] for name in QUANTITIES["montecarlo"]
         }
-    estimates = [row["estimate"] for row in document["full"]["parameters"]]
-    return {
-        "postures": document["postures"],
-        "estimates": estimates,
-        "mass": document["total_mass"]["estimate"],
-    }
+    estimates = document["full"]["value"]
+    return {"postures": document["postures"], "estimates": estimates, "mass": document["mass"][0]}
 
 
 def _first_run(target: str, document: Any) -> dict[str, Any]:
@@ -70,9 +66,9 @@ def reading(target: str, folder: Path) -> dict[str, Any]:
     if target in ("robot", "names"):
         return _masses(folder)
     if target == "run":
-        return _validation(json.loads((folder / "report.json").read_text("utf-8-sig")))
+        return _validation(json.loads((folder / "result.json").read_text("utf-8-sig")))
     if target == "discovery":
-        return _discovery(json.loads((folder / "discovery.json").read_text("utf-8-sig")))
+        return _discovery(json.loads((folder / "result.json").read_text("utf-8-sig")))
     if target in ("montecarlo", "resume"):
         return _calibration(folder, target == "resume")
     if target == "rig":
@@ -90,29 +86,40 @@ def _masses(folder: Path) -> dict[str, Any]:
 
 
 def _validation(report: Any) -> dict[str, Any]:
-    rows = report["full"]["parameters"]
-    return {name: [row[name] for row in rows] for name in QUANTITIES["run"]} | {
-        "verdict": report["verdict"],
-        "numbers": [row["number"] for row in rows],
+    full, truth = report["identification"]["full"], report["truth"]
+    return {
+        "estimate": full["value"],
+        "standard_error": [variance[k] ** 0.5 for k, variance in enumerate(full["covariance"])],
+        "truth": [truth[number - 1] for number in full["numbers"]],
+        "verdict": "fail" if any(c["result"] == "fail" for c in report["checks"]) else "pass",
+        "numbers": full["numbers"],
         "checks": {c["name"]: [c["result"], c["value"]] for c in report["checks"]},
         "how many checks": len(report["checks"]),
     }
 
 
 def _discovery(report: Any) -> dict[str, Any]:
-    rows, checks = report["parameters"], {}
-    for channel, ratio in report["gap"].items():
-        for side in ("before", "after") if ratio else ():
-            checks[f"gap {channel}, {side}"] = ratio[side]
-    for found in report["candidates"]:
-        label = ":".join(filter(None, (found["name"], found["target"])))
-        checks[f"ln BF {label}"] = found["log_bayes_factor"]
-        for p in found["parameters"]:
+    before, after, checks = report["before"]["full"], report["after"], {}
+    last = before if after is None else after["full"]
+    for side, k in (("before", 0), ("after", 1)):
+        checks |= {
+            f"gap {channel if len(channel) == 1 else 'all'}, {side}": value
+            for channel, value in report["heldout"][side].items()
+        }
+        checks[f"gap mm, {side}"] = report["heldout"]["millimetres"][k]
+    for one in report["explanations"]:
+        effect = one["instance"]
+        label = ":".join(filter(None, (effect["name"], effect["target"])))
+        checks[f"ln BF {label}"] = one["log_bayes_factor"]
+        for p in effect["parameters"]:
             unit = f" [{p['unit']}]" if p["unit"] else ""
             checks[f"{label} {p['name']}{unit}"] = p["value"]
-    return {name: [row[name] for row in rows] for name in QUANTITIES["discovery"]} | {
+    return {
+        "before": before["value"],
+        "after": [None] * len(before["value"]) if after is None else last["value"],
+        "standard_error": [row[k] ** 0.5 for k, row in enumerate(last["clustered_covariance"])],
         "verdict": report["verdict"],
-        "numbers": [row["number"] for row in rows],
+        "numbers": before["numbers"],
         "checks": {name: [None, value] for name, value in checks.items() if value is not None},
         "how many checks": sum(value is not None for value in checks.values()),
     }
@@ -193,15 +200,14 @@ def text_of(page: str) -> str:
 def on_page(target: str, folder: Path) -> list[str]:
     """Return texts that the page of a run must hold."""
     if target == "run":
-        report = json.loads((folder / "report.json").read_text("utf-8-sig"))
-        values = [1e3 * row["estimate"] for row in report["full"]["parameters"]]
-        mass = report["total_mass"]["estimate"]
-        texts = [report["verdict"], f"{report['postures_used']} of {report['postures_planned']}"]
-        return texts + [f"{x:.2f}" for x in values if _readable(x)] + [f"{mass:.3f}"] * _readable(mass)
+        report = json.loads((folder / "result.json").read_text("utf-8-sig"))
+        values = [1e3 * value for value in report["identification"]["full"]["value"]]
+        mass, verdict = report["identification"]["mass"][0], _validation(report)["verdict"]
+        return [verdict, *(f"{x:.2f}" for x in values if _readable(x)), *([f"{mass:.3f}"] * _readable(mass))]
     if target == "discovery":
-        report = json.loads((folder / "discovery.json").read_text("utf-8-sig"))
-        values = [row[name] for row in report["parameters"] for name in ("before_mm", "after_mm")]
-        return [f"{x:.2f}" for x in values if x is not None and _readable(x)]
+        sides = _discovery(json.loads((folder / "result.json").read_text("utf-8-sig")))
+        values = [1e3 * x for side in ("before", "after") for x in sides[side] if x is not None]
+        return [f"{x:.2f}" for x in values if _readable(x)]
     found = _calibration(folder, whole=True)
     return [f"{found['identified']} of {found['runs']}"]
 

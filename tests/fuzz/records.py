@@ -33,7 +33,7 @@ from tests.fuzz.changes import (
 from tests.fuzz.documents import edited, put
 
 HASHES = {"run.json": "outputs", "rig.json": "files"}  # where a folder lists its files
-RUN, REPORT, TRUTH, FOUND = "run.json", "report.json", "truth.json", "discovery.json"
+RUN, REPORT, TRUTH, RESULT = "run.json", "report.json", "truth.json", "result.json"
 STATE_NAME = ".plan.state.json"
 CHUNK, STATE = "runs/chunk-000000.parquet", f"made/{STATE_NAME}"
 RIG = "rig.json"
@@ -185,18 +185,15 @@ CHUNKS = (0, -1, 2, 26, 10**13, "25", None)
 FIELDS = (None, "x" * 64, "0" * 64, "", "\x1b", 1, [], {})
 NO_LISTS = [f"a list {edit} in {RUN}" for edit in ("of another length", "in another order")]
 RUN_KINDS: dict[str, Change] = {
-    **documents_of(RUN, REPORT, TRUTH),
-    **others(RUN, REPORT, TRUTH, "residuals.csv"),
+    **documents_of(RUN, RESULT, TRUTH),
+    **others(RUN, RESULT, TRUTH),
+}
+DISCOVERY_KINDS: dict[str, Change] = {
+    **{kind: how for kind, how in documents_of(RUN, RESULT).items() if kind not in NO_LISTS},
+    **others(RUN, RESULT, "residuals.csv"),
     "no residuals": residuals(REFUSED, no_residuals),
     "harmless residuals": residuals(SAME, changes.harmless),
     "spoiled residuals": residuals(REFUSED, changes.spoiled),
-    "other parameters as CSV": sealed(content(changes.truncated, SAME, "parameters.csv")),
-}
-DISCOVERY_KINDS: dict[str, Change] = {
-    **{kind: how for kind, how in documents_of(RUN, FOUND).items() if kind not in NO_LISTS},
-    **others(RUN, FOUND, "residuals.csv", "story.txt"),
-    "no residuals": residuals(REFUSED, no_residuals),
-    "harmless residuals": residuals(SAME, changes.harmless),
 }
 MONTECARLO_KINDS: dict[str, Change] = {
     **documents_of(RUN),

@@ -27,8 +27,6 @@ from tulip_testbed.experiments.plan_state import state_file
 from tulip_testbed.experiments.planning_run import PlanSettings, carry_out, set_up_search
 from tulip_testbed.experiments.rig_folder import write_rig
 from tulip_testbed.experiments.validate import judge
-from tulip_testbed.experiments.validation_record import write_validation
-from tulip_testbed.experiments.validation_result import validation_record
 from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.robot import load_robot
 from tulip_testbed.sim.shipped import ASSETS
@@ -89,7 +87,7 @@ class Intact:
         if self.brief:
             robot = load_robot()
             run = Laboratory(robot, "wii").run(read_plan(plan, robot), 1, "statics")
-            write_validation(path, validation_record(judge(run)))
+            judge(run).save(path)
         else:
             self.tulip(["validate", str(plan), "--workers", "1", "--out", str(path)])
 
