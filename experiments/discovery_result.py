@@ -169,10 +169,10 @@ class Discovered(SavedRun):
                 f"{Path(folder) / RESIDUAL_FILE}: found {count} rows, expected {len(measured)}, as many as "
                 "the measurements have"
             )
-        before = read.before.placed(robot, measured, f"{result}: key 'before'")
+        before = read.before.placed(robot, measured, str(result), "before.")
         after = read.after
         if after is not None:
-            after = after.placed(robot, measured, f"{result}: key 'after'")
+            after = after.placed(robot, measured, str(result), "after.")
         return replace(read, before=before, after=after)
 
     @computed_field

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import Field, computed_field
 
-from tulip_testbed.base.errors import look_up
+from tulip_testbed.base.errors import InputError, look_up
 from tulip_testbed.base.result import Array, Given, InMemory, Kept, Result
 from tulip_testbed.base.table import Table
 from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING, SUMMARY
@@ -115,16 +115,16 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
         found = super().load(folder, *context)
         return found.placed(found.robot, found.measurements, str(folder))
 
-    def placed(self, robot: Robot, measurements: Measurements, where: str) -> Self:
+    def placed(self, robot: Robot, measurements: Measurements, where: str, key: str = "") -> Self:
         """Return an identification that was read together with its robot and its measurements.
 
         Args:
-            where: place of the document, for messages.
+            where, key: file of the document and what its keys begin with, for messages.
 
         Raises:
             InputError: estimates of other parameters than the robot has, or corrections that it cannot have.
         """
-        check_instances(self.corrections, robot, where)
+        check_instances(self.corrections, robot, f"{where}: key '{key}corrections'")
         parameters = base_parameters(robot, support=common_support(measurements.support))
         if self.corrections:
             _, observed = without(measurements, nominal_robot(robot, parameters.support), self.corrections)
@@ -134,11 +134,18 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
             "simplified": simplified_numbers(robot, parameters),
         }
         for model, numbers in kept.items():
-            estimate = getattr(self, model)
+            estimate, count = getattr(self, model), len(numbers)
+            shapes = dict.fromkeys(("numbers", "value", "interval_dof"), (count,))
+            shapes |= dict.fromkeys(("covariance", "clustered_covariance"), (count, count))
+            for name, shape in (shapes | {"residual": (2 * len(measurements),)}).items():
+                if (size := getattr(estimate, name).shape) != shape:
+                    raise InputError(
+                        f"{where}: key '{key}{model}.{name}': found numbers of shape {size}, expected {shape}"
+                    )
             check_parameters(
                 where,
-                model,
-                list(zip(estimate.numbers.tolist(), estimate.names, strict=True)),
+                f"{key}{model}",
+                list(zip(estimate.numbers.tolist(), estimate.names, strict=False)),
                 [(number, parameters.names[number - 1]) for number in numbers],
             )
         return replace(self, robot=robot, measurements=measurements, parameters=parameters)

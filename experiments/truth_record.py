@@ -76,8 +76,8 @@ class SimulatedTruth(Truth, Documented):
             )
         if self.attempts and [one.posture for one in self.measured] != measurements.posture.tolist():
             raise InputError(f"{where}: found other postures than in the measurements")
-        if self.com is not None and self.com.shape != (len(measurements), 2):
-            raise InputError(f"{where}: key 'attempts': found no centre of mass of two numbers in each")
+        if any(held.com.shape != (2,) for held in self.held):
+            raise InputError(f"{where}: key 'attempts': found a centre of mass of other than two numbers")
 
 
 def check_places(out: Path, truth: Path | None) -> None:

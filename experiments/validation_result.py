@@ -96,10 +96,10 @@ class Validation(SavedRun):
         read = super().load(folder, *context)
         where, robot, measured = Path(folder), read.robot, read.measurements
         result = where / RESULT_FILE
-        own = read.identification.placed(robot, measured, f"{result}: key 'identification'")
+        own = read.identification.placed(robot, measured, str(result), "identification.")
         plain = read.least_squares
         if plain is not None:
-            plain = plain.placed(robot, measured, f"{result}: key 'least_squares'")
+            plain = plain.placed(robot, measured, str(result), "least_squares.")
         if read.truth.shape != (count := len(own.parameters.names),):
             raise InputError(f"{result}: key 'truth': found {read.truth.size} numbers, expected {count}")
         read.simulation.check(own.parameters.tree.links, measured, where / TRUTH_FILE)
