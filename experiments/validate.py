@@ -76,26 +76,22 @@ def validate(
     laboratory = drawn(laboratory, imperfections, single_stream(seed))
     with progress("holding postures", tries(laboratory, plan), 0) as advance:
         run = laboratory.run(plan, seed, engine, workers, advance)
-    return judge(run, estimator, imperfections, began)
+    return _judged(run, estimator, imperfections, began)
 
 
-def judge(
-    run: Run,
-    estimator: str = DEFAULT_ESTIMATOR,
-    imperfections: float = 0.0,
-    began: float | None = None,
-) -> Validation:
+def judge(run: Run, estimator: str = DEFAULT_ESTIMATOR) -> Validation:
     """Identify the robot from a run and hold the estimates against its truth.
-
-    Args:
-        imperfections: scale of those that were drawn for the laboratory.
-        began: when the work began, by `time.perf_counter`; None: now.
 
     Raises:
         InputError: measurements that do not suffice.
     """
-    began, laboratory = began or time.perf_counter(), run.laboratory
-    robot, truth = laboratory.robot, laboratory.true_base_parameters(run.plan)
+    return _judged(run, estimator, 0.0, time.perf_counter())
+
+
+def _judged(run: Run, estimator: str, imperfections: float, began: float) -> Validation:
+    """Judge a run in whose laboratory imperfections of this scale were drawn."""
+    laboratory, robot = run.laboratory, run.laboratory.robot
+    truth = laboratory.true_base_parameters(run.plan)
     identification = identify(run.measurements, robot, estimator=estimator, adopted=laboratory.known)
     configuration = configuration_of(laboratory, run.plan, run.seed, run.engine, imperfections)
     return Validation(

@@ -21,9 +21,9 @@ from tulip_testbed.discovery.experiment_information import Explanation
 from tulip_testbed.discovery.patterns import Pattern
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.comparison import compare
+from tulip_testbed.experiments.discovery_curves import residual_curves
 from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.proposed_experiment import Prediction, ProposedExperiment
-from tulip_testbed.experiments.residual_curves import residual_curves
 from tulip_testbed.experiments.rig_folder import DIFF
 from tulip_testbed.experiments.run_file import kind_of
 from tulip_testbed.pages.discovery_page import discovery_page
@@ -243,7 +243,17 @@ def test_a_document_that_lacks_something_is_refused_by_name(found, robot, tmp_pa
             Discovered.load(work, robot)
         path.write_bytes(kept)
 
-    for key in ("verdict", "story", "explanations", "heldout", "before", "noise", "repeats", "patterns", "check"):
+    for key in (
+        "verdict",
+        "story",
+        "explanations",
+        "heldout",
+        "before",
+        "noise",
+        "repeats",
+        "patterns",
+        "check",
+    ):
         check("result.json", json.dumps({k: v for k, v in document.items() if k != key}), key)
         check("result.json", json.dumps(document | {key: 3}), key)
     check("result.json", "[]", "result")

@@ -29,9 +29,9 @@ from tulip_testbed.effects.instance import EffectInstance, injected, removed
 from tulip_testbed.effects.laws import law_effect, sentence_of, sentences
 from tulip_testbed.effects.removal import without
 from tulip_testbed.effects.true_robot import true_base_parameters
+from tulip_testbed.experiments.discovery_curves import law_curves
 from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.identify import identify
-from tulip_testbed.experiments.law_curves import law_curves
 from tulip_testbed.experiments.rig_folder import read_rig
 from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.identification.nominal import nominal_robot

@@ -14,8 +14,8 @@ from tulip_testbed.base.files import sha256
 from tulip_testbed.experiments.check_folder import check_folder
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.measurements import read_measurements, write_measurements
-from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.outcome import Outcome
+from tulip_testbed.sim.plan_folder import read_plan, write_plan
 
 
 @pytest.fixture

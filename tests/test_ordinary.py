@@ -219,15 +219,16 @@ def test_all_that_identifies_has_one_default():
     assert inspect.signature(tt.simulate).parameters["imperfections"].default == 0
 
 
-def test_the_verdict_fails_wrong_estimates(validated):
+def test_the_verdict_fails_wrong_estimates(validated, robot, plan):
     """Estimates that are off by five standard errors, and standard errors of a third of their size."""
+    run = drawn(Laboratory(robot, "wii"), 1.0, single_stream(SEED)).run(plan, SEED, "statics")
     found = validated.identification
     for change in (
         {"value": found.full.value + 5 * np.sqrt(np.diag(found.full.covariance))},
         {"clustered_covariance": found.full.clustered_covariance / 9},
     ):
         wrong = dataclasses.replace(found, full=dataclasses.replace(found.full, **change))
-        checks = evaluate(validated.run, wrong, validated.truth)
+        checks = evaluate(run, wrong, validated.truth)
         assert "full model: all errors" in {check.name for check in checks if check.result == "fail"}
 
 

@@ -13,7 +13,6 @@ import pytest
 from tests.test_view import run  # noqa: F401
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import sha256
-from tulip_testbed.base.result import Result
 from tulip_testbed.discovery.dynamics_check import DynamicsCheck
 from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.laboratory import Laboratory
@@ -21,7 +20,7 @@ from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
 from tulip_testbed.experiments.montecarlo.montecarlo_run import Place, montecarlo
 from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.run_file import kind_of
-from tulip_testbed.experiments.saved_runs import read_run
+from tulip_testbed.experiments.saved_runs import RunResult, read_run
 from tulip_testbed.experiments.validate import judge
 from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.pages.run_page import page_of, write_page
@@ -116,10 +115,12 @@ def static(static_run) -> Validation:
     return judge(static_run)
 
 
-def same(first: Result, second: Result) -> bool:
+def same(first: RunResult, second: RunResult) -> bool:
     """Document, tables and settings alike; in memory nothing is known of hashes and folders."""
     documents = [result.to_json() | {"rig": None} for result in (first, second)]
-    tables = [[str(part) for part in result.tables() if "Run folder" not in str(part)] for result in (first, second)]
+    tables = [
+        [str(part) for part in result.tables() if "Run folder" not in str(part)] for result in (first, second)
+    ]
     made = [result.document.plain() | {"outputs": {}} for result in (first, second)]
     return documents[0] == documents[1] and tables[0] == tables[1] and made[0] == made[1]
 
@@ -179,9 +180,7 @@ def test_the_same_run_gives_the_same_bytes(static, static_run, robot, tmp_path):
     again = static_run.laboratory.run(static_run.plan, static_run.seed, "statics")
     static.save(tmp_path / "first")
     judge(again).save(tmp_path / "second")
-    first, second = (
-        Validation.load(tmp_path / name, robot).document.outputs for name in ("first", "second")
-    )
+    first, second = (Validation.load(tmp_path / name, robot).document.outputs for name in ("first", "second"))
     assert first.keys() == second.keys()
     timed = ("result.json", "measurements/manifest.json")
     assert all(first[name] == second[name] for name in first if name not in timed)
@@ -258,10 +257,20 @@ EDITED = [
     ("result.json", ("identification", "mass"), "23", "key 'identification.mass': found '23'"),
     ("result.json", ("identification", "mass"), GONE, "key 'identification.mass': found nothing"),
     ("result.json", (*IDENTIFIED, "value", 3), "x", "key 'identification.full.value': found"),
-    ("result.json", (*IDENTIFIED, "numbers", 24), GONE, "key 'identification.full.numbers': found numbers of shape (24,)"),
+    (
+        "result.json",
+        (*IDENTIFIED, "numbers", 24),
+        GONE,
+        "key 'identification.full.numbers': found numbers of shape (24,)",
+    ),
     ("result.json", (*IDENTIFIED, "names", 9), "x", "key 'identification.full.9': found parameter 10"),
     ("result.json", (*IDENTIFIED, "placement_sd"), [1.0], "key 'identification.full.placement_sd"),
-    ("result.json", ("identification", "simplified", "numbers", 0), 7, "key 'identification.simplified.0': found"),
+    (
+        "result.json",
+        ("identification", "simplified", "numbers", 0),
+        7,
+        "key 'identification.simplified.0': found",
+    ),
     ("result.json", ("truth",), [0.1], "key 'truth': found 1 numbers, expected 25"),
     ("truth.json", ("version",), 1, "key 'version': found 1; expected 2"),
     ("truth.json", ("attempts", 0, "held", "com"), [0.1], "key 'attempts'"),
@@ -288,11 +297,27 @@ EXPLAINED = ("explanations", 0)
 EDITED_DISCOVERY = [
     (("verdict",), "found", "key 'verdict': found 'found'"),
     ((*EXPLAINED, "log_bayes_factor"), None, "key 'explanations.0.log_bayes_factor': found None"),
-    ((*EXPLAINED, "instance", "parameters", 0, "value"), "0", "key 'explanations.0.instance.parameters.0.value"),
-    ((*EXPLAINED, "instance", "parameters", 0, "unit"), GONE, "key 'explanations.0.instance.parameters.0.unit"),
-    ((*EXPLAINED, "instance", "name"), "nothing", "key 'explanations.0.instance': effects: unknown effect 'nothing'"),
+    (
+        (*EXPLAINED, "instance", "parameters", 0, "value"),
+        "0",
+        "key 'explanations.0.instance.parameters.0.value",
+    ),
+    (
+        (*EXPLAINED, "instance", "parameters", 0, "unit"),
+        GONE,
+        "key 'explanations.0.instance.parameters.0.unit",
+    ),
+    (
+        (*EXPLAINED, "instance", "name"),
+        "nothing",
+        "key 'explanations.0.instance': effects: unknown effect 'nothing'",
+    ),
     ((*EXPLAINED, "instance", "target"), "left_nose", "unknown target 'left_nose'"),
-    (("adopted", 0, "parameters", 0, "value"), 9.0, "key 'adopted.0': encoder-offset, offset: found 9 outside"),
+    (
+        ("adopted", 0, "parameters", 0, "value"),
+        9.0,
+        "key 'adopted.0': encoder-offset, offset: found 9 outside",
+    ),
     (("heldout", "floor"), GONE, "key 'heldout.floor': found nothing"),
     (("noise", "encoder"), "1", "key 'noise.encoder': found '1'"),
     (("repeats", "p"), [], "key 'repeats.p': found []"),

@@ -10,8 +10,8 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.effects.true_robot import true_base_parameters, true_model
 from tulip_testbed.experiments.checks import within
 from tulip_testbed.experiments.identify import identify
-from tulip_testbed.experiments.validate import evaluate
 from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.experiments.validate import evaluate
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.estimators import MIXED_MODEL

@@ -11,9 +11,8 @@ import plotly.graph_objects as go
 from tulip_testbed.base.numbers import number
 from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL
 from tulip_testbed.discovery.experiment_information import Explanation
+from tulip_testbed.experiments.discovery_curves import Curve, LawCurve
 from tulip_testbed.experiments.discovery_tables import behind
-from tulip_testbed.experiments.law_curves import LawCurve
-from tulip_testbed.experiments.residual_curves import Curve
 from tulip_testbed.pages.figures import Figure, figure
 
 BEFORE, AFTER = MEASURED, ESTIMATE

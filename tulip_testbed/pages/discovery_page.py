@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from tulip_testbed.experiments.discovery_curves import Curve, law_curves, residual_curves, time_order
 from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.discovery_tables import (
     CHANNEL_NAMES,
@@ -19,9 +20,7 @@ from tulip_testbed.experiments.discovery_tables import (
     undetectable_table,
     weak_table,
 )
-from tulip_testbed.experiments.law_curves import law_curves
 from tulip_testbed.experiments.proposed_experiment import experiment_table
-from tulip_testbed.experiments.residual_curves import Curve, residual_curves, time_order
 from tulip_testbed.experiments.rig_folder import DIFF
 from tulip_testbed.pages import discovery_figures as drawn
 from tulip_testbed.pages.figures import Figure

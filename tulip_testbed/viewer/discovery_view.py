@@ -9,15 +9,20 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from tulip_testbed.base.numbers import number
 from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL, rgb
 from tulip_testbed.discovery.experiment_information import Explanation
+from tulip_testbed.experiments.discovery_curves import (
+    Curve,
+    LawCurve,
+    law_curves,
+    residual_curves,
+    time_order,
+)
 from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.discovery_tables import CHANNEL_NAMES, behind, explanation_table, gap_table
-from tulip_testbed.experiments.law_curves import law_curves
-from tulip_testbed.experiments.residual_curves import Curve, residual_curves, time_order
 from tulip_testbed.pages.words import VERDICTS
 from tulip_testbed.viewer.balance_series import ABOVE_GROUND, factor_for, from_above, log_balance
-from tulip_testbed.viewer.law_view import law_view, log_law
 from tulip_testbed.viewer.layout import space_view
 from tulip_testbed.viewer.plates_view import log_plates, log_subject_loads
 from tulip_testbed.viewer.robot_view import log_geometry, log_motion
@@ -27,6 +32,8 @@ COLOURS = {"before": MEASURED, "after": ESTIMATE}
 LAYERS = {"before": "as_measured", "after": "corrected"}  # rerun draws in the order of names, the last on top
 PALE = (250, 250, 250)
 BAR, STEP = 100.0, 14.0  # pixels: the longest bar, from bar to bar
+WIDTH, HEIGHT = 100.0, 60.0  # pixels of the picture of a law; rerun draws y downwards
+SPACE = 8.0  # pixels around it
 
 
 @dataclass(frozen=True)
@@ -222,4 +229,46 @@ def laid_out(views: DiscoveryViews) -> rrb.Blueprint:
         rrb.TimePanel(timeline="posture", state="collapsed", fps=2.0),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
+    )
+
+
+def log_law(recording: rr.RecordingStream, k: int, law: LawCurve) -> None:
+    """Log the curve of law k over its range, the postures' errors, and the ends of both scales."""
+    low = np.array([min(law.x.min(), law.at.min()), min(law.curve.min(), law.error.min())])
+    high = np.array([max(law.x.max(), law.at.max()), max(law.curve.max(), law.error.max())])
+    span = np.maximum(high - low, 1e-12)
+
+    def placed(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        part = (np.column_stack([x, y]) - low) / span
+        return np.column_stack([WIDTH * part[:, 0], HEIGHT * (1 - part[:, 1])])
+
+    points = rr.Points2D(placed(law.at, law.error), colors=rgb(MEASURED), radii=rr.Radius.ui_points(2))
+    recording.log(f"law/{k}/residuals", points, static=True)
+    strip = rr.LineStrips2D([placed(law.x, law.curve)], colors=rgb(ESTIMATE), radii=rr.Radius.ui_points(2))
+    recording.log(f"law/{k}/curve", strip, static=True)
+    ends = [
+        ([0.0, HEIGHT + SPACE / 2], f"{number(low[0], '.3g')} {law.x_unit}"),
+        ([WIDTH, HEIGHT + SPACE / 2], f"{number(high[0], '.3g')} {law.x_unit}"),
+        ([-SPACE / 2, HEIGHT], f"{number(low[1], '.3g')} {law.unit}"),
+        ([-SPACE / 2, 0.0], f"{number(high[1], '.3g')} {law.unit}"),
+    ]
+    labels = rr.Points2D(
+        [place for place, _ in ends],
+        colors=(40, 40, 40),
+        radii=rr.Radius.ui_points(0.0),
+        labels=[text for _, text in ends],
+        show_labels=True,
+    )
+    recording.log(f"law/{k}/scales", labels, static=True)
+
+
+def law_view(k: int, law: LawCurve) -> rrb.View:
+    """Return the view of law k."""
+    return rrb.Spatial2DView(
+        origin=f"law/{k}",
+        name=law.title,
+        background=PALE,
+        visual_bounds=rrb.VisualBounds2D(
+            x_range=[-2 * SPACE, WIDTH + 2 * SPACE], y_range=[-SPACE, HEIGHT + 2 * SPACE]
+        ),
     )
