@@ -15,7 +15,7 @@ from tulip_testbed.base.files import present
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Documented, Result
 from tulip_testbed.base.table import Cell, Column, Table
-from tulip_testbed.base.table_files import json_text
+from tulip_testbed.base.table_files import finite, json_text
 from tulip_testbed.discovery.discover import AMBIGUOUS
 from tulip_testbed.discovery.experiment_information import Explanation
 from tulip_testbed.discovery.next_experiment import (
@@ -111,13 +111,14 @@ class Proposals(Result):
 
     def to_json(self) -> dict[str, Any]:
         """Return the experiments for JSON."""
-        assumed = {"posture": POSTURE, "placement": PLACEMENT} | MANIPULATION
-        return {
-            "verdict": self.verdict,
-            "number": self.number,
-            "experiments": [asdict(proposed(one)) for one in self.experiments],
-            "assumed_minutes": assumed,
-        }
+        return finite(
+            {
+                "verdict": self.verdict,
+                "number": self.number,
+                "experiments": [asdict(proposed(one)) for one in self.experiments],
+                "assumed_minutes": {"posture": POSTURE, "placement": PLACEMENT} | MANIPULATION,
+            }
+        )
 
     def tables(self) -> list[Table | str]:
         """Return the ranking, what each explanation predicts for the best, and what is assumed."""

@@ -343,10 +343,10 @@ def test_identify_by_name(wii, tmp_path, capsys):
     assert main(["identify", str(tmp_path / "data"), "--estimator", "prior", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["estimator"] == "prior"
-    links = document["full"]["links"]
-    assert [row["link"] for row in links][:2] == ["torso", "right_hip_yaw"]
-    assert sum(row["mass"] for row in links) == pytest.approx(23.0, abs=0.1)
-    assert all(0 <= row["mass_data_share"] <= 1 for row in links)
+    links = document["full"]["standard"]
+    assert links["links"][:2] == ["torso", "right_hip_yaw"]
+    assert sum(links["mass"]) == pytest.approx(23.0, abs=0.1)
+    assert all(0 <= share <= 1 for share in links["mass_share"])
     assert main(["identify", str(tmp_path / "data"), "--estimator", "prior"]) == 0
     assert "no single link mass" in " ".join(capsys.readouterr().out.split())
 
@@ -412,7 +412,7 @@ def test_the_installed_script_runs_whole(tmp_path):
     for step in steps:
         done = subprocess.run([str(a) for a in (tulip, *step)], capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
-    assert "standard_parameters" in json.loads(truth.read_text())
+    assert "standard" in json.loads(truth.read_text())
     assert {p.name for p in data.iterdir()} == {"manifest.json", "postures.csv", "postures.parquet"}
     assert done is not None
     assert json.loads(done.stdout)["postures"] >= 13
