@@ -60,12 +60,12 @@ def _estimates(
     tolerances: Mapping[str, float] | None,
     calibrate: Calibrate = self_calibrate,
 ) -> tuple[Estimate, Estimate, SelfCalibration]:
-    found = calibrate(observed, tolerances)
-    full = estimate_of(found, data)
+    calibration = calibrate(observed, tolerances)
+    full = estimate_of(calibration, data)
     if len(kept) == len(data.numbers):
-        return full, full, found
+        return full, full, calibration
     columns = [int(np.flatnonzero(data.numbers == number)[0]) for number in kept]
-    return full, estimate_of(found.keep(columns), data.keep(list(kept))), found
+    return full, estimate_of(calibration.keep(columns), data.keep(list(kept))), calibration
 
 
 def _in_excess(
@@ -91,27 +91,28 @@ def _in_excess(
     return ()
 
 
-def estimate_of(found: SelfCalibration, data: Regression) -> Estimate:
+def estimate_of(calibration: SelfCalibration, data: Regression) -> Estimate:
     """Return the estimate of the base parameters as the other estimators give it.
 
     Residuals are those of the centre of pressure with the members removed.
     """
-    theta = np.zeros(found.observed.geometry.regressor.shape[2])
-    theta[data.numbers - 1] = found.theta
-    residual = residuals(found.observed, theta)[:, :2].ravel()
-    dof = len(residual) - len(found.theta)
-    right, left = (float(np.sqrt((sd[:2] ** 2).mean())) for sd in found.noise.plates.reshape(2, 3))
+    theta = np.zeros(calibration.observed.geometry.regressor.shape[2])
+    theta[data.numbers - 1] = calibration.theta
+    residual = residuals(calibration.observed, theta)[:, :2].ravel()
+    dof = len(residual) - len(calibration.theta)
+    right, left = (float(np.sqrt((sd[:2] ** 2).mean())) for sd in calibration.noise.plates.reshape(2, 3))
     return Estimate(
         numbers=data.numbers,
         names=data.names,
-        value=found.theta,
-        covariance=found.covariance,
-        clustered_covariance=found.covariance,
+        value=calibration.theta,
+        covariance=calibration.covariance,
+        clustered_covariance=calibration.covariance,
         residual=residual,
         sigma=float(np.sqrt(residual @ residual / dof)),
         placement_sd=(right, left),
         dof=dof,
-        interval_dof=found.interval_dof,
-        joint_dof=found.joint_dof,
+        interval_dof=calibration.interval_dof,
+        joint_dof=calibration.joint_dof,
         condition_number=float(np.linalg.cond(data.matrix)),
+        prior_share=np.diag(calibration.prior_covariance) / np.diag(calibration.covariance),
     )

@@ -60,15 +60,15 @@ class CalibratedFamily:
         intervals = [(low, high) for low, high in self.interval95.tolist()]
         value = np.maximum(self.value, 0.0) if self.family.positive else self.value
         return [
-            replace(found, intervals=tuple(intervals[width * k : width * (k + 1)]))
-            for k, found in enumerate(self.family.instances(value))
+            replace(effect, intervals=tuple(intervals[width * k : width * (k + 1)]))
+            for k, effect in enumerate(self.family.instances(value))
         ]
 
     @property
     def determined_instances(self) -> list[EffectInstance]:
         """Return those of which the data determine a number."""
         several = self.determined.reshape(len(self.family.targets), -1)
-        return [one for one, known in zip(self.instances, several, strict=True) if known.any()]
+        return [instance for instance, known in zip(self.instances, several, strict=True) if known.any()]
 
 
 @dataclass(frozen=True)
@@ -132,8 +132,8 @@ class SelfCalibration:
 
     def without_members(self, observed: Observation) -> Observation:
         """Return the readings with the members of all families removed; the effects are left in them."""
-        families = [one.family for one in self.families]
-        phi = np.concatenate([np.zeros(0), *(one.value for one in self.families)])
+        families = [calibrated.family for calibrated in self.families]
+        phi = np.concatenate([np.zeros(0), *(calibrated.value for calibrated in self.families)])
         plain = members_removed(observed, families, phi, self.theta, self.covariance)
         if not self.effects:
             return plain
@@ -151,14 +151,14 @@ class SelfCalibration:
         Args:
             most: largest spread that is believed, in tolerances.
         """
-        families = [one.family for one in self.families]
+        families = [calibrated.family for calibrated in self.families]
         _, owner = mixing_of(families)
         width = [part.shape[1] for family in families for part in family.parts]
         spreads = np.repeat(np.minimum(self.solved.spreads[: len(owner)], most), width)
         deviates = self.solved.estimate[len(self.theta) + 1 :][: len(spreads)]
-        found = self.linear.covariance
-        internal = self.solved.scales[SOURCES.index(INTERNAL)] * found.internal
-        unseen = np.concatenate([internal, found.unsure], axis=2)
+        covariance = self.linear.covariance
+        internal = self.solved.scales[SOURCES.index(INTERNAL)] * covariance.internal
+        unseen = np.concatenate([internal, covariance.unsure], axis=2)
         return Background(self.problem.members[..., : len(spreads)] * spreads, deviates / spreads, unseen)
 
     @property
@@ -172,7 +172,7 @@ class SelfCalibration:
     def prior_covariance(self) -> np.ndarray:
         """Return the part of `covariance` that is due to members known by their prior only, (p, p)."""
         p = len(self.theta)
-        known = np.concatenate([np.zeros(0, bool), *(one.determined for one in self.families)])
+        known = np.concatenate([np.zeros(0, bool), *(calibrated.determined for calibrated in self.families)])
         if known.all():
             return np.zeros((p, p))
         chosen = np.append(np.arange(p), p + 1 + np.flatnonzero(~known))
@@ -289,12 +289,12 @@ def _source(family: Family | FreeEffect) -> str:
     return family.start.label if isinstance(family, FreeEffect) else family.name
 
 
-def _with_intervals(found: FreeEffect, sizes: np.ndarray, sd: np.ndarray) -> EffectInstance:
+def _with_intervals(free: FreeEffect, sizes: np.ndarray, sd: np.ndarray) -> EffectInstance:
     """Return an effect at its estimate with the 95 % intervals of its sizes."""
-    (instance,) = found.instances(sizes)
+    (instance,) = free.instances(sizes)
     intervals: list[tuple[float, float] | None] = [None] * len(instance.values)
-    for k, number in enumerate(found.effect.sizes):
-        positive = found.effect.parameters[number].positive
+    for k, number in enumerate(free.effect.sizes):
+        positive = free.effect.parameters[number].positive
         low, high = _intervals(sizes[[k]], sd[[k]], positive)[0].tolist()
         intervals[number] = (low, high)
     return replace(instance, intervals=tuple(intervals))

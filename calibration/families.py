@@ -140,7 +140,7 @@ class Family:
         each = values.reshape(len(self.targets), -1).tolist()
         return [EffectInstance(self.effect, t, tuple(v)) for t, v in zip(self.targets, each, strict=True)]
 
-    def one(self, number: int, value: float) -> EffectInstance:
+    def single(self, number: int, value: float) -> EffectInstance:
         """Return the effect in which one of the numbers has this value and the others are zero."""
         values = np.zeros(len(self))
         values[number] = value
@@ -163,7 +163,7 @@ def tolerances_of(sheet: SensorSheet, given: Mapping[str, float] | None = None) 
     check_tolerances(given)
     of_cells = _place(sheet.cell_sd, "cell_repeatability")
     of_plates = _place(sheet.placement_sd and sheet.placement_sd[0], "placement_sd")
-    found = {
+    value = {
         name: float(coarse ** (1 - place) * fine**place)
         for name, (coarse, fine) in TOLERANCES.items()
         for place in [of_plates if name in OF_PLATES else of_cells]
@@ -171,7 +171,7 @@ def tolerances_of(sheet: SensorSheet, given: Mapping[str, float] | None = None) 
     text = {(0.0, 0.0): "those of preset wii", (1.0, 1.0): "those of preset force-plate"}.get(
         (of_cells, of_plates), "assumed, between those of the presets wii and force-plate"
     )
-    return Tolerances(found | dict(given), text if not given else f"{text}, and as stated")
+    return Tolerances(value | dict(given), text if not given else f"{text}, and as stated")
 
 
 def check_tolerances(given: Mapping[str, float], where: str = "tolerances") -> None:
@@ -203,20 +203,20 @@ def read_tolerances(texts: Sequence[str]) -> dict[str, float]:
     Raises:
         InputError: with what was found and what is valid.
     """
-    found: dict[str, float] = {}
+    tolerances: dict[str, float] = {}
     for text in texts:
         name, _, value = text.partition("=")
         look_up("family", name, TOLERANCES, "tolerances")
-        if name in found:
+        if name in tolerances:
             raise InputError(f"tolerances: {name}: found two values, expected one")
         try:
-            found[name] = float(value)
+            tolerances[name] = float(value)
         except ValueError:
             raise InputError(
                 f"tolerances: {name}: found {shortened(repr(text))}, expected {name}=VALUE (SI units)"
             ) from None
-    check_tolerances(found)
-    return found
+    check_tolerances(tolerances)
+    return tolerances
 
 
 def _place(sd: float | None, name: str) -> float:
@@ -242,7 +242,7 @@ def families_of(
         contacts: wrench sensors; None: plates on cells.
         experiments: those that were joined; empty: one in an ordinary laboratory.
     """
-    others = {(one.effect.name, one.target) for one in free}
+    others = {(effect.effect.name, effect.target) for effect in free}
     return tuple(
         Family(effect, tolerances.value[name], targets)
         for name, effect in catalogue().items()
@@ -262,18 +262,18 @@ def families_in(
 
     The unknown part of a zero is stated or follows from feet in the air: it has no spread.
     """
-    contacts, found = observed.measurements.contacts, observed.contacts
+    contacts, readings = observed.measurements.contacts, observed.contacts
     families = families_of(
         observed.nominal.robot, tolerances, free, contacts, observed.measurements.experiments
     )
-    if contacts is None or found.zero_sd is None or not found.zero_sd.any():
+    if contacts is None or readings.zero_sd is None or not readings.zero_sd.any():
         return families
-    if found.unknown is not None and found.unknown.any():
+    if readings.unknown is not None and readings.unknown.any():
         # A gain multiplies a zero of unknown size: it could be anything.
         families = tuple(family for family in families if family.name != "wrench-gain")
     sd = {
         f"{foot}.{channel}": float(value)
-        for foot, row in zip(PLATES, found.zero_sd, strict=True)
+        for foot, row in zip(PLATES, readings.zero_sd, strict=True)
         for channel, value in zip(contacts.channels, row, strict=True)
         if value > 0
     }

@@ -50,8 +50,8 @@ def at_spread(problem: Problem, reduced: np.ndarray, moment: np.ndarray, log_spr
     """
     parts, q = problem.parts, len(moment)
     root = np.zeros((q, q))
-    for part, one, size in zip(parts, problem.roots, np.exp(log_spread), strict=True):
-        root[part, part] = size * one
+    for part, unit, size in zip(parts, problem.roots, np.exp(log_spread), strict=True):
+        root[part, part] = size * unit
     lower = np.linalg.cholesky(np.eye(q) + root.T @ reduced @ root)
     inverse = np.linalg.inv(lower)
     shrinkage = inverse.T @ inverse
@@ -61,7 +61,7 @@ def at_spread(problem: Problem, reduced: np.ndarray, moment: np.ndarray, log_spr
     own, sizes = (
         np.add.reduceat(values, first) if q else np.zeros(0) for values in (np.diag(shrinkage), deviate**2)
     )
-    count = np.array([len(one) for one in problem.roots])
+    count = np.array([len(unit) for unit in problem.roots])
     prior, slope, curvature = _log_prior(log_spread, count)
     known = list(problem.known)
     together = 2 * shrinkage**2 + 4 * deviate[:, None] * shrinkage * deviate

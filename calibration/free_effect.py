@@ -32,7 +32,7 @@ class FreeEffect:
 
     @property
     def targets(self) -> tuple[str, ...]:
-        """Return its one target."""
+        """Return its target."""
         return (self.start.target,)
 
     @property
@@ -69,7 +69,7 @@ class FreeEffect:
             filled[k] = value
         return [replace(self.start, values=tuple(filled), intervals=())]
 
-    def one(self, number: int, more: float) -> EffectInstance:
+    def single(self, number: int, more: float) -> EffectInstance:
         """Return the effect at the sizes of the start, one of them larger by so much."""
         values = self.sizes
         values[number] += more

@@ -148,10 +148,10 @@ def linear_model(
     )[0]
     known = np.zeros((len(observed), SIZE)) if explained is None else explained
     rest = exact(len(observed)) if background is None else background
-    found = _round(observed, smoothed, theta, noise, channels, propagation, known, rest)
+    model = _round(observed, smoothed, theta, noise, channels, propagation, known, rest)
     for _ in range(rounds - 1):
-        found = _round(observed, found.smoothed, found.theta, noise, channels, propagation, known, rest)
-    return found
+        model = _round(observed, model.smoothed, model.theta, noise, channels, propagation, known, rest)
+    return model
 
 
 def _round(

@@ -108,8 +108,8 @@ def linearised(state: State, families: Families, noise: Noise) -> tuple[Problem,
     slope = used * sensitivity(state.smooth, theta)
     # Members at an estimate carry the noise of cells and plates, by their loads, into the residuals.
     yields = _yields(state.smooth, families)
-    found = state.covariance
-    if found is None:
+    covariance = state.covariance
+    if covariance is None:
         reach = slope[..., : at["plates"].stop].copy()
         reach[..., at["cells"].start :] += slope.take(yields.field, axis=2) @ (
             phi[yields.member][:, None] * yields.rate
@@ -119,8 +119,8 @@ def linearised(state: State, families: Families, noise: Noise) -> tuple[Problem,
         yielding = np.sqrt(joint_compliance(families, square, clean.tree.joints))
         pushed = slope[..., at["angles"]] @ (yielding[:, None] * state.smooth.loads.levers)
         unsure = slope @ _unsure(state.smooth, families, phi)
-        found = _covariance(reach, pushed * SYSTEMATIC * UNSEEN, unsure, noise, clean)
-    reach, weights = found.reach, found.structure.weights(np.log(state.scales))
+        covariance = _covariance(reach, pushed * SYSTEMATIC * UNSEEN, unsure, noise, clean)
+    reach, weights = covariance.reach, covariance.structure.weights(np.log(state.scales))
 
     left = residuals(clean, theta)
     unexplained = left.copy()
@@ -151,7 +151,7 @@ def linearised(state: State, families: Families, noise: Noise) -> tuple[Problem,
     problem = Problem(
         whole=whole,
         flat=p + 1,
-        noise=found.structure,
+        noise=covariance.structure,
         information=information,
         roots=tuple(np.eye(part.shape[1]) for family in families for part in family.parts),
         doubt=_doubt(clean),
@@ -159,7 +159,7 @@ def linearised(state: State, families: Families, noise: Noise) -> tuple[Problem,
         about=state.deviates,
         known=tuple(k for k, j in enumerate(owner) if _spread_is_known(families[j])),
     )
-    return problem, Linearised(smooth, found)
+    return problem, Linearised(smooth, covariance)
 
 
 def _by_sharing(
@@ -264,10 +264,11 @@ def _unsure(observed: Observation, families: Families, phi: np.ndarray) -> np.nd
     for family, sizes in split_members(families, phi):
         if not isinstance(family, FreeEffect):
             continue
-        (one,) = family.instances(sizes)
-        unsure = one.effect.unsure(observed, one.target, one.values)
+        (instance,) = family.instances(sizes)
+        effect, target, values = instance.effect, instance.target, instance.values
+        unsure = effect.unsure(observed, target, values)
         if unsure is not None:
-            predicted = one.effect.remove(observed, one.target, one.values)
+            predicted = effect.remove(observed, target, values)
             out.append(difference(predicted, unsure))
     return np.stack(out, axis=-1) if out else np.zeros((len(observed), fields(observed)["lift"].stop, 0))
 
@@ -330,13 +331,13 @@ def mixing_of(families: Families) -> tuple[np.ndarray, np.ndarray]:
 
 def joint_compliance(families: Families, values: np.ndarray, joints: Sequence[str]) -> np.ndarray:
     """Select the compliances of the joints from all members, (n_joints,); zero where they are exact."""
-    found = {
+    compliances = {
         joint: value
         for family, part in split_members(families, values)
         if family.name == "joint-compliance"
         for joint, value in zip(family.targets, part.tolist(), strict=True)
     }
-    return np.array([found.get(joint, 0.0) for joint in joints])
+    return np.array([compliances.get(joint, 0.0) for joint in joints])
 
 
 def scaled_noise(noise: Noise, scales: np.ndarray) -> Noise:

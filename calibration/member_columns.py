@@ -40,7 +40,7 @@ def member_columns(
     changes, linear = np.zeros((len(observed), len(sizes), sensitivity.shape[2])), []
     plain: np.ndarray | None = None
     for number, size in enumerate(sizes.tolist()):
-        after = _removed(observed, family.one(number, size))
+        after = _removed(observed, family.single(number, size))
         if after.tree is before.tree and after.cells is before.cells:
             changes[:, number] = difference(before, after)
             linear.append(number)
@@ -52,5 +52,5 @@ def member_columns(
     return out
 
 
-def _removed(observed: Observation, one: EffectInstance) -> Observation:
-    return one.effect.remove(observed, one.target, one.values)
+def _removed(observed: Observation, instance: EffectInstance) -> Observation:
+    return instance.effect.remove(observed, instance.target, instance.values)

@@ -1,17 +1,30 @@
-"""Readings without the members of the families and the effects, with the loads of the estimated robot."""
+"""Readings without the members of the families and the effects, with the loads of the estimated robot.
+
+Gravity's torques depend on the base parameters alone. A joint that yields is a softer servo: the closed legs
+share their internal forces by the compliances of servos and joints in series.
+
+An observation computes loads from standard parameters. Here they are the robot's own model, corrected by the
+estimated base parameters: their mean given the estimate, if the model's masses are uncertain by 20 % and its
+centres of mass by 20 mm. Where the data determine the base parameters, torques are theirs; elsewhere the
+model's.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from tulip_testbed.calibration.estimated_loads import with_estimated_loads
 from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.linearisation import OF_LOADS, Families, joint_compliance, split_members
 from tulip_testbed.effects.instance import EffectInstance, removed
+from tulip_testbed.identification.base_parameters import standard_parameters
+from tulip_testbed.identification.estimators.prior import CENTER_SD, MASS_SD
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import difference, moved_by, packed, unpacked
+
+SCALE_SD = 1e-3  # relative, of the total mass, which is weighed
 
 
 def members_removed(
@@ -34,9 +47,9 @@ def members_removed(
     compliance = joint_compliance(families, phi, observed.tree.joints)
     loaded = with_estimated_loads(observed, theta, covariance, compliance)
     every = instances_of_members(families, phi)
-    sized = [one for one in every if one.effect.sizes]
+    sized = [instance for instance in every if instance.effect.sizes]
     # Exchanged readings are undone as they are, and first: they are the last to act.
-    loaded = removed(loaded, [one for one in every if not one.effect.sizes])
+    loaded = removed(loaded, [instance for instance in every if not instance.effect.sizes])
     free = [
         instance
         for family, values in split_members(families, phi)
@@ -52,11 +65,11 @@ def members_removed(
 
 def _removed(observed: Observation, instances: Sequence[EffectInstance]) -> Observation:
     """Remove effects; compliances last, and together, since the loads hardly depend on them."""
-    yielding = [one for one in instances if one.effect.name in OF_LOADS]
-    rest = removed(observed, [one for one in instances if one.effect.name not in OF_LOADS])
+    yielding = [instance for instance in instances if instance.effect.name in OF_LOADS]
+    rest = removed(observed, [instance for instance in instances if instance.effect.name not in OF_LOADS])
     if not yielding:
         return rest
-    change = sum(difference(rest, removed(rest, [one])) for one in yielding)
+    change = sum(difference(rest, removed(rest, [instance])) for instance in yielding)
     return unpacked(rest, packed(rest) + change)
 
 
@@ -64,3 +77,39 @@ def instances_of_members(families: Families, phi: np.ndarray) -> list[EffectInst
     return [
         instance for family, values in split_members(families, phi) for instance in family.instances(values)
     ]
+
+
+def with_estimated_loads(
+    observed: Observation, theta: np.ndarray, covariance: np.ndarray, compliance: np.ndarray
+) -> Observation:
+    """Return the observation with the loads of the estimated robot.
+
+    Args:
+        theta: base parameters, (p,) [m].
+        covariance: of theta, (p, p) [m2].
+        compliance: of the joints between encoder and link, (n_joints,) [rad/Nm].
+    """
+    stiffness = 1 / (1 / observed.servo_gain + np.maximum(compliance, 0.0))
+    model = standard_parameters(observed.nominal.robot.model)
+    mass = model[:, 0]
+    total = observed.weight / observed.measurements.gravity
+    model = model * (total / mass.sum())
+    mass = model[:, 0]
+    # A mass moves its centre's moment with it.
+    spread = np.zeros((*model.shape, 4))
+    spread[:, :, 0] = MASS_SD * model
+    for axis in (1, 2, 3):
+        spread[:, axis, axis] = CENTER_SD * mass
+    n = len(model)
+    prior = np.zeros((n, 4, n, 4))
+    each = np.arange(n)
+    prior[each, :, each, :] = spread @ spread.mT
+    prior = prior.reshape(4 * n, 4 * n)
+    seen = np.vstack([observed.nominal.parameters.from_standard / total, np.tile([1.0, 0, 0, 0], n)])
+    noise = np.zeros((len(seen), len(seen)))
+    noise[:-1, :-1] = covariance
+    noise[-1, -1] = (SCALE_SD * total) ** 2
+    innovation = np.append(theta, total) - seen @ model.ravel()
+    gain = np.linalg.solve(seen @ prior @ seen.T + noise, innovation)
+    standard = model + (prior @ seen.T @ gain).reshape(-1, 4)
+    return replace(observed, standard=standard, servo_stiffness=stiffness)

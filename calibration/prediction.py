@@ -78,22 +78,24 @@ class Prediction:
 
 
 def predicted(
-    found: SelfCalibration, others: Observation, known: Sequence[EffectInstance] = ()
+    calibration: SelfCalibration, others: Observation, known: Sequence[EffectInstance] = ()
 ) -> Prediction:
     """Predict the residuals of postures that took no part in a calibration.
 
     Args:
-        found: the calibration.
-        others: postures of other placements.
+        calibration: made without those postures.
+        others: the postures, of other placements.
         known: effects that are removed from them first, as they are.
     """
-    clean = found.cleaned(removed(others, known))
-    estimate, p = found.solved.estimate, len(found.theta)
-    variance = np.diag(found.mixing @ found.solved.covariance[p + 1 :, p + 1 :] @ found.mixing.T)
-    # `found.noise` holds the scales of the readings already; those of other postures are not estimated anew.
-    scales = np.where(np.array(SOURCES) == INTERNAL, found.solved.scales, 1.0)
+    clean = calibration.cleaned(removed(others, known))
+    estimate, p = calibration.solved.estimate, len(calibration.theta)
+    variance = np.diag(
+        calibration.mixing @ calibration.solved.covariance[p + 1 :, p + 1 :] @ calibration.mixing.T
+    )
+    # The noise holds the scales of the readings already; those of other postures are not estimated anew.
+    scales = np.where(np.array(SOURCES) == INTERNAL, calibration.solved.scales, 1.0)
     state = State(clean, clean, estimate[: p + 1], estimate[p + 1 :], variance, scales, None)
-    problem, linear = linearised(state, found.all, found.noise)
+    problem, linear = linearised(state, calibration.all, calibration.noise)
     structure = linear.covariance.structure
     own = structure.fixed + np.tensordot(scales[: len(structure.own)] ** 2, structure.own, axes=1)
     levers = structure.shared * scales[structure.owner]
@@ -112,7 +114,7 @@ def predicted(
         residual=whole @ np.append(-estimate, 1.0),
         channel=np.concatenate(channel),
         noise=tuple(covariances),
-        estimates=whole[:, :-1] @ _root(found.solved.covariance),
+        estimates=whole[:, :-1] @ _root(calibration.solved.covariance),
     )
 
 

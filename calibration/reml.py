@@ -7,15 +7,15 @@ scales sigma minimise
 
     1/2 (ln|V| + ln|N' V^-1 N| + y' P y) - ln prior,   P = V^-1 - V^-1 N (N' V^-1 N)^-1 N' V^-1
 
-(Patterson and Thompson 1971). With B = G' P_0 G and b = G' P_0 y of V_0 alone, D = R R' and
-S = (I + R'BR)^-1, it is that of V_0 plus 1/2 (-ln|S| - b' R S R' b), which holds at tau = 0 too. All scales
-are estimated by their logarithms. ln tau has the prior of a half-Cauchy tau (Gelman 2006): a family that no
+(Patterson and Thompson 1971). With B = G' P_0 G and b = G' P_0 y of V_0 alone, D = R R' and S = (I +
+R'BR)^-1, it is that of V_0 plus 1/2 (-ln|S| - b' R S R' b), which holds at tau = 0 too. All scales are
+estimated by their logarithms. ln tau has the prior of a half-Cauchy tau (Gelman 2006): a family that no
 reading shows has its mode at tau = 1, and one that the readings do not want becomes small, but never zero.
 One or two members hardly determine the spread of their family: there ln tau is normal about zero, with a
-factor of two as s.d. ln sigma is normal about the data sheet. In the scales of the noise Newton's steps use the
-average information (Gilmour, Thompson and Cullis 1995), in the spreads the Hessian itself. The covariance of
-the estimates holds the uncertainty of the scales to first order (Kass and Steffey 1989). Where columns G hold
-noise, G' V_0^-1 G is corrected for it (Nakamura 1990).
+factor of two as s.d. ln sigma is normal about the data sheet. In the scales of the noise Newton's steps use
+the average information (Gilmour, Thompson and Cullis 1995), in the spreads the Hessian itself. The covariance
+of the estimates holds the uncertainty of the scales to first order (Kass and Steffey 1989). Where columns G
+hold noise, G' V_0^-1 G is corrected for it (Nakamura 1990).
 """
 
 from __future__ import annotations
@@ -108,12 +108,12 @@ def fit(problem: Problem, start: tuple[np.ndarray, np.ndarray] | None = None) ->
         del joint
         at, value = noise.log_scale, noise.value + spread.value
         del noise  # it is large: one at a time
-        found = _on_the_way(problem, at, spread.log_spread, step, value)
-        if found is None:
+        better = _on_the_way(problem, at, spread.log_spread, step, value)
+        if better is None:
             noise = _noise(problem, at)
             break
-        noise, spread = found
-        del found
+        noise, spread = better
+        del better
         if value - noise.value - spread.value < CONVERGED:
             break
     return _result(problem, noise, spread, _joint(problem, noise, spread))
@@ -140,8 +140,8 @@ def given(problem: Problem, scales: np.ndarray, spreads: np.ndarray) -> Fit:
     """Return the estimate with known scales (k,) and spreads (f,)."""
     noise = _noise(problem, np.log(scales))
     spread = at_spread(problem, noise.reduced, noise.moment, np.log(spreads))
-    found = _result(problem, noise, spread, _joint(problem, noise, spread))
-    return replace(found, scale_covariance=0 * found.scale_covariance, covariance=found.conditional)
+    fitted = _result(problem, noise, spread, _joint(problem, noise, spread))
+    return replace(fitted, scale_covariance=0 * fitted.scale_covariance, covariance=fitted.conditional)
 
 
 def objective(problem: Problem, log_scale: np.ndarray, log_spread: np.ndarray) -> tuple[float, np.ndarray]:
@@ -154,22 +154,22 @@ def objective(problem: Problem, log_scale: np.ndarray, log_spread: np.ndarray) -
     return noise.value + spread.value, _joint(problem, noise, spread)[0]
 
 
-def parts_of_variance(problem: Problem, found: Fit) -> np.ndarray:
+def parts_of_variance(problem: Problem, fitted: Fit) -> np.ndarray:
     """Return the parts of the conditional covariance of nu, (2 + k + f, p, p).
 
     They are due to known information, fixed noise, each sigma_k and each tau_f. Without `excess` their sum is
     that covariance.
     """
-    weights, p = problem.noise.weights(np.log(found.scales)), problem.flat
+    weights, p = problem.noise.weights(np.log(fitted.scales)), problem.flat
     # C Z' V_0^-1 K_k V_0^-1 Z C times sigma_k^2, in the rows of nu.
-    of_nu = found.conditional[:p]
+    of_nu = fitted.conditional[:p]
     across = weights(problem.whole @ np.column_stack([of_nu, np.zeros(p)]).T)
     flat = across.reshape(-1, p)
     pushed = chain([problem.noise.fixed @ across], weights.parts(across))
     parts = [of_nu[:, :p] @ problem.information @ of_nu[:, :p].T]
-    parts += [flat.T @ one.reshape(-1, p) for one in pushed]
-    for part, one, size in zip(problem.parts, problem.roots, found.spreads, strict=True):
-        half = np.linalg.solve(size * one, found.conditional[p:, :p][part])
+    parts += [flat.T @ part.reshape(-1, p) for part in pushed]
+    for part, root, size in zip(problem.parts, problem.roots, fitted.spreads, strict=True):
+        half = np.linalg.solve(size * root, fitted.conditional[p:, :p][part])
         parts.append(half.T @ half)
     return np.array(parts)
 

@@ -88,12 +88,12 @@ def self_calibrate(
         clean = members_removed(observed, families, phi, nu[:p], start.covariance, errors)
         smooth = moved_by(clean, start.observed, start.linear.smooth)
         smooth = smooth.changed(tree=clean.tree, cells=clean.cells)
-    found: tuple[Problem, Linearised] | None = None
+    latest: tuple[Problem, Linearised] | None = None
     best: tuple[State, Fit, Observation, float] | None = None
     for count in range(rounds):
         state = State(clean, smooth, nu, deviates, variance, scales, residual_covariance)
-        found = None  # a linear model is large: one at a time
-        problem, linear = found = linearised(state, families, noise)
+        latest = None  # a linear model is large: one at a time
+        problem, linear = latest = linearised(state, families, noise)
         noisy = count == 0 and start is None
         # At first the columns hold the readings' noise: they could explain it with no noise at all.
         solved = given(problem, scales, spreads) if noisy else fit(problem, (scales, spreads))
@@ -111,14 +111,14 @@ def self_calibrate(
             # Without what they have computed, for the sake of memory.
             bare = replace(state, clean=replace(state.clean), smooth=replace(state.smooth))
             best = bare, solved, clean, moved
-    assert found is not None
+    assert latest is not None
     # Where nothing came to rest, the steps may have led away, as they do with a large play. Where it did, an
     # earlier state has nothing to say: its noise was that of other compliances.
     rests = moved < STANDS or (best is not None and moved < STEADY <= best[3])
     if not rests and best is not None and solved.log_evidence < best[1].log_evidence - WORSE:
         state, solved, clean, moved = best
-        found = linearised(state, families, noise)
-    return result_of(clean, families, noise, *found, solved, used.assumed, moved)
+        latest = linearised(state, families, noise)
+    return result_of(clean, families, noise, *latest, solved, used.assumed, moved)
 
 
 def least_determined(observed: Observation, tolerances: Mapping[str, float] | None = None) -> list[str]:
@@ -161,9 +161,9 @@ def _estimated(start: SelfCalibration | None) -> dict[str, tuple[float, float]]:
     if start is None:
         return {}
     out = {}
-    for one in start.families:
-        each = zip(one.value.tolist(), one.standard_error.tolist(), strict=True)
-        out |= dict(zip(one.family.labels, each, strict=True))
+    for calibrated in start.families:
+        each = zip(calibrated.value.tolist(), calibrated.standard_error.tolist(), strict=True)
+        out |= dict(zip(calibrated.family.labels, each, strict=True))
     for effect, error in zip(map(FreeEffect, start.effects), start.effect_errors, strict=True):
         out |= dict(zip(effect.labels, zip(effect.sizes.tolist(), error.tolist(), strict=True), strict=True))
     return out

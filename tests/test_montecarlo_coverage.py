@@ -20,6 +20,7 @@ from tulip_testbed.experiments.montecarlo.coverage_verdict import (
     LEVEL,
     CoverageCheck,
     checks,
+    parameter_bounds,
     shown,
     verdict,
     whole_bounds,
@@ -184,7 +185,24 @@ def drawn(rng: np.random.Generator, factor: float, size: int, runs: int) -> Erro
 
 def outcomes(factor: float, size: int, runs: int, seed: int) -> list[list[CoverageCheck]]:
     rng = np.random.default_rng(seed)
-    return [checks(runs, {"full": drawn(rng, factor, size, runs)}, {"full": 0.0}) for _ in range(300)]
+    return [checks(runs, {"full": drawn(rng, factor, size, runs)}, {"full": 0.0}, 1.0) for _ in range(300)]
+
+
+def test_imperfections_that_only_a_prior_knows_may_be_smaller_than_it_says():
+    """Hand-worked: 45 % of the variance is a prior of one tolerance, of which the runs draw 0.6."""
+    ratio, coverage = parameter_bounds(np.array([0.0, 0.45]), 0.6)
+    assert ratio[0] == pytest.approx([0.9, 0.9 * np.sqrt(0.55 + 0.45 * 0.36)])
+    assert coverage[1] == pytest.approx([0.97062, 0.99012], abs=1e-4)
+    assert (ratio[1] == 1.1).all()
+    assert (coverage[0] == 0.93).all()
+    assert (parameter_bounds(np.array([0.45]), 2.0)[0] == [[0.9], [1.1]]).all()
+    rng, runs = np.random.default_rng(116), 20_000
+    error = np.sqrt(0.55) * rng.standard_normal((runs, 3)) + np.sqrt(0.45) * 0.6 * rng.standard_normal(
+        (runs, 3)
+    )
+    for prior, expected in ((0.45, "pass"), (0.0, "fail")):
+        errors = summarise_errors(error, np.ones_like(error), np.full(error.shape, 1e9), (1, 2, 3), prior)
+        assert verdict(checks(runs, {"full": errors}, {"full": 0.0}, 0.6)) == expected
 
 
 MOST = binom.ppf(0.999, 300, LEVEL)  # of 300 verdicts at a level of 1 %

@@ -7,10 +7,10 @@ import pytest
 
 import tulip_testbed as tt
 from tulip_testbed.base.errors import InputError, InputWarning
-from tulip_testbed.calibration.estimated_loads import with_estimated_loads
 from tulip_testbed.calibration.families import TOLERANCES, families_of, read_tolerances, tolerances_of
 from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.calibration.member_columns import member_columns
+from tulip_testbed.calibration.member_removal import with_estimated_loads
 from tulip_testbed.calibration.self_calibration import least_determined, self_calibrate
 from tulip_testbed.effects.instance import removed
 from tulip_testbed.experiments.identify import identify, warn_of_unrest

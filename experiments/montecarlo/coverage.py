@@ -1,4 +1,4 @@
-"""Errors of estimates over many runs beside the standard errors that the estimator stated."""
+"""Errors of estimates over many runs compared with the standard errors that the estimator stated."""
 
 from __future__ import annotations
 
@@ -104,6 +104,7 @@ class Errors:
         bias: mean error, (p,) [m].
         sd: of the errors, (p,) [m].
         standard_error: root of the mean reported variance, (p,) [m].
+        prior_share: of the mean reported variance, due to imperfections that their prior alone knows, (p,).
         covered: runs whose interval held the truth, by `LEVELS`, (3, p).
         exceeded: runs whose errors together lie beyond the 1 - `WHOLE_LEVEL` quantile; None: one parameter.
         residual_dof: mean degrees of freedom of the residual's variance.
@@ -114,6 +115,7 @@ class Errors:
     bias: np.ndarray
     sd: np.ndarray
     standard_error: np.ndarray
+    prior_share: np.ndarray
     covered: np.ndarray
     exceeded: int | None = None
     residual_dof: float = np.nan
@@ -162,13 +164,18 @@ def share(counts: np.ndarray, count: int, confidence: float) -> Estimates:
 
 
 def summarise_errors(
-    error: np.ndarray, stated: np.ndarray, dof: np.ndarray, numbers: tuple[int, ...] = (0,)
+    error: np.ndarray,
+    stated: np.ndarray,
+    dof: np.ndarray,
+    numbers: tuple[int, ...] = (0,),
+    prior: np.ndarray | float = 0.0,
 ) -> Errors:
     """Summarise the errors of p parameters in n runs.
 
     Args:
         error, stated: estimate minus truth and the stated standard error, (n, p) [m].
         dof: of each parameter's t interval, (n, p).
+        prior: share of the stated variance that a prior alone knows, (n, p).
     """
     count = len(error)
     none = np.full(error.shape[1], np.nan)
@@ -179,6 +186,7 @@ def summarise_errors(
         bias=error.mean(axis=0) if count else none,
         sd=error.std(axis=0, ddof=1) if count > 1 else none,
         standard_error=np.sqrt((stated**2).mean(axis=0)) if count else none,
+        prior_share=(prior * stated**2).sum(axis=0) / (stated**2).sum(axis=0) if count else none,
         covered=np.array(covered),
     )
 
@@ -189,8 +197,10 @@ def model_errors(runs: Columns, model: str, numbers: tuple[int, ...]) -> Errors:
     Args:
         runs: the identified ones.
     """
-    stated, dof = (matrix(runs, [f"{model}.{name}.{n}" for n in numbers]) for name in ("se", "dof"))
-    found = summarise_errors(errors_of(runs, model, numbers), stated, dof, numbers)
+    stated, dof, prior = (
+        matrix(runs, [f"{model}.{name}.{n}" for n in numbers]) for name in ("se", "dof", "prior")
+    )
+    found = summarise_errors(errors_of(runs, model, numbers), stated, dof, numbers, prior)
     # The chi-square over p as F, since the covariance is itself estimated.
     below = runs[f"{model}.residual_dof"]
     limit = len(numbers) * f_ppf(1 - WHOLE_LEVEL, len(numbers), below)

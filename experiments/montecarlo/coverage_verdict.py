@@ -9,6 +9,14 @@ of at most `LEVEL`. A pass alone is no proof: few runs fail nothing.
 It is *shown* when the intervals of all parameters lie wholly inside of the bounds (two one-sided tests,
 Schuirmann 1987). All of them have to, so each may have the level by itself (intersection-union, Berger 1982):
 an estimator with any parameter beyond a bound is shown to be right with a probability of at most `LEVEL`.
+
+Imperfections that the data do not show are as uncertain as their prior says: one tolerance. The laboratories
+of the runs are drawn with a smaller r.m.s. size k, so the errors must be smaller than stated, by the factor
+
+    sqrt(1 - w + w k^2),   w the share of that prior in the variance that the estimator states.
+
+The bounds against standard errors that are too large are moved by this factor, those against standard errors
+that are too small are not.
 """
 
 from __future__ import annotations
@@ -19,8 +27,10 @@ from functools import partial
 from typing import Literal
 
 import numpy as np
+from scipy.special import ndtr
 
 from tulip_testbed.base.result import Figure
+from tulip_testbed.calibration.calibration_result import HALF_95
 from tulip_testbed.experiments.montecarlo.coverage import WHOLE_LEVEL, Errors, Estimates, Interval, share
 from tulip_testbed.experiments.validate import NEGLIGIBLE
 from tulip_testbed.identification.distributions import f_ppf, f_sf
@@ -57,12 +67,15 @@ class CoverageCheck:
     source: str = ""
 
 
-def checks(runs: int, models: Mapping[str, Errors], outside: Mapping[str, float]) -> list[CoverageCheck]:
+def checks(
+    runs: int, models: Mapping[str, Errors], outside: Mapping[str, float], size: float
+) -> list[CoverageCheck]:
     """Make all checks.
 
     Args:
         runs: how many were asked for. models: errors in those that could be identified, by model.
         outside: largest true size of a parameter that a model leaves out, by model [m].
+        size: r.m.s. of the runs' ordinary imperfections, in tolerances.
     """
     count = models["full"].count
     done = [_failed_runs(runs - count, runs)]
@@ -76,7 +89,7 @@ def checks(runs: int, models: Mapping[str, Errors], outside: Mapping[str, float]
                 _skipped(f"{name} model", "the true robot is outside this model: its bias is no error")
             )
         else:
-            done += _model_checks(name, errors, 1 - LEVEL / family)
+            done += _model_checks(name, errors, 1 - LEVEL / family, size)
     return done
 
 
@@ -115,19 +128,32 @@ def _skipped(name: str, source: str) -> CoverageCheck:
     return CoverageCheck(name, "not evaluated", source=source)
 
 
-def _model_checks(name: str, errors: Errors, confidence: float) -> list[CoverageCheck]:
-    size, source = len(errors.numbers), f"interval of {100 * confidence:.4g} %"
-    held: list[tuple[str, Callable[[float], Estimates], tuple[float, float]]] = [
-        ("bias over s.e.", errors.relative_bias, BIAS),
-        ("empirical over reported s.e.", errors.standard_error_ratio, RATIO),
-        ("coverage of 95 % intervals", partial(errors.coverage, 0.95), COVERAGE),
+def parameter_bounds(prior_share: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the bounds of s.d. over s.e. and of the coverage of 95 % intervals, (2, p) each.
+
+    Args:
+        prior_share, size: see `Errors` and `checks`.
+    """
+    least = RATIO[0] * np.sqrt(1 - prior_share * (1 - min(size, 1.0) ** 2))
+    most = np.maximum(COVERAGE[1], 2 * ndtr(HALF_95 / least) - 1)
+    return np.array([least, np.full_like(least, RATIO[1])]), np.array([np.full_like(most, COVERAGE[0]), most])
+
+
+def _model_checks(name: str, errors: Errors, confidence: float, size: float) -> list[CoverageCheck]:
+    count, source = len(errors.numbers), f"interval of {100 * confidence:.4g} %"
+    ratio, coverage = parameter_bounds(errors.prior_share, size)
+    held: list[tuple[str, Callable[[float], Estimates], np.ndarray]] = [
+        ("bias over s.e.", errors.relative_bias, np.tile(np.array(BIAS)[:, None], count)),
+        ("empirical over reported s.e.", errors.standard_error_ratio, ratio),
+        ("coverage of 95 % intervals", partial(errors.coverage, 0.95), coverage),
     ]
     done = [_held(f"{name}: {what}", at, confidence, b, errors.numbers, source) for what, at, b in held]
     if errors.exceeded is not None:
-        what = f"{name}: runs whose chi-square / {size} exceeds 95 % of F"
+        what = f"{name}: runs whose chi-square / {count} exceeds 95 % of F"
         exceeded = partial(share, np.array([errors.exceeded]), errors.count)
         source += f"; bounds: all s.e. off by the factors {RATIO[0]:g} and {RATIO[1]:g}"
-        done.append(_held(what, exceeded, confidence, whole_bounds(size, errors.residual_dof), None, source))
+        bounds = np.array(whole_bounds(count, errors.residual_dof))[:, None]
+        done.append(_held(what, exceeded, confidence, bounds, None, source))
     return done
 
 
@@ -135,11 +161,11 @@ def _held(
     name: str,
     estimate: Callable[[float], Estimates],
     confidence: float,
-    bounds: tuple[float, float],
+    bounds: np.ndarray,
     numbers: np.ndarray | None,
     source: str,
 ) -> CoverageCheck:
-    """Hold intervals against bounds; reports the parameter that lies furthest out."""
+    """Hold intervals against bounds, (2, p); reports the parameter that lies furthest out."""
     at_once, alone = estimate(confidence), estimate(1 - 2 * LEVEL).interval
     (low, high), (least, most) = at_once.interval, bounds
     beyond = np.maximum(at_once.value - most, least - at_once.value)
@@ -152,7 +178,7 @@ def _held(
         number=None if numbers is None else int(numbers[worst]),
         value=float(at_once.value[worst]),
         interval=[float(low[worst]), float(high[worst])],
-        bounds=list(bounds),
+        bounds=bounds[:, worst].tolist(),
         beyond=() if numbers is None else tuple(numbers[out].tolist()),
         source=source,
     )

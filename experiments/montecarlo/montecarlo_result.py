@@ -16,6 +16,7 @@ from tulip_testbed.base.machine import machine
 from tulip_testbed.base.result import Outside, Result
 from tulip_testbed.base.table import Table
 from tulip_testbed.base.table_files import Columns, software, write_json
+from tulip_testbed.calibration.ordinary_laboratory import USUAL
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.coverage import (
     Coverage,
@@ -204,7 +205,7 @@ class MonteCarlo(Result, ModelCoverage):
             model: float(np.abs(matrix(runs, names)).max(initial=0.0)) if names else 0.0
             for model, names in left_out.items()
         }
-        done = checks(settings.runs, models, outside)
+        done = checks(settings.runs, models, outside, USUAL * settings.imperfections)
         return cls(
             runs=settings.runs,
             estimator=settings.estimator,

@@ -24,7 +24,8 @@ SCALARS = (
     *("sigma", "condition_number", "residual_mean", "residual_sd", "residual_max"),
     *("chi_square", "residual_dof"),
 )
-NOT_NEGATIVE = (*SCALARS, "se", "dof", "rows", "dropped")
+QUANTITIES = ("value", "se", "dof", "prior")  # of a parameter
+NOT_NEGATIVE = (*SCALARS, "se", "dof", "prior", "rows", "dropped")
 MOST = 1e12  # of any number of a run: larger ones lose their last digits when they are squared
 
 
@@ -50,7 +51,7 @@ class Layout:
         """Names of the columns that hold numbers; lengths in m, masses in kg."""
         names = [f"truth.{number}" for number in self.numbers]
         for model, numbers in self.models.items():
-            names += [f"{model}.{what}.{n}" for what in ("value", "se", "dof") for n in numbers]
+            names += [f"{model}.{what}.{n}" for what in QUANTITIES for n in numbers]
             names += [f"{model}.{scalar}" for scalar in SCALARS]
         names += [f"full.correlation.{a}.{b}" for a, b in self.pairs]
         return [*names, "mass", "mass_se", "mass_dof", "true_mass"]
@@ -195,10 +196,12 @@ def numbers_of(
 
 
 def _model_numbers(model: str, estimate: Estimate, truth: np.ndarray) -> dict[str, float]:
+    prior = estimate.prior_share
     columns = {
         "value": estimate.value,
         "se": standard_errors(estimate.covariance),
         "dof": estimate.interval_dof,
+        "prior": np.zeros(len(estimate.numbers)) if prior is None else prior,
     }
     record = {
         f"{model}.{what}.{number}": float(value)

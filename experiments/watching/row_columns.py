@@ -150,7 +150,7 @@ def _family(
 ) -> tuple[np.ndarray, np.ndarray]:
     columns, angles = [], []
     for number, size in enumerate((STEP * family.steps).tolist()):
-        one = family.one(number, size)
+        one = family.single(number, size)
         after = one.effect.remove(seen, one.target, one.values)
         if after.tree is not seen.tree or after.cells is not seen.cells:
             return member_columns(seen, theta, reach, family), np.zeros(

@@ -56,6 +56,8 @@ class Estimate:
         interval_dof: degrees of freedom of each parameter's t interval by `covariance`, (p,).
         joint_dof: of the denominator of an F test of all parameters.
         condition_number: condition number of H.
+        prior_share: share of each parameter's variance that is due to imperfections which the data do not
+            show, so that their prior alone says how large they are, (p,); None: the estimator has no prior.
         standard: link masses and centres of mass, if the estimator gives them.
     """
 
@@ -71,6 +73,7 @@ class Estimate:
     interval_dof: Array
     joint_dof: float
     condition_number: float
+    prior_share: np.ndarray | None = None
     standard: StandardEstimate | None = None
 
     @computed_field
