@@ -10,14 +10,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from numbers import Real
-from typing import Annotated
 
 import numpy as np
-from pydantic import PlainSerializer, PlainValidator
 
 from tulip_testbed.base.errors import InputError, look_up, shortened
-from tulip_testbed.effects.catalogue import catalogue, targets_in
-from tulip_testbed.effects.effect import Effect
+from tulip_testbed.effects.catalogue import NamedEffect, catalogue, targets_in
 from tulip_testbed.effects.instance import MOST_PRIORS, EffectInstance, effect_label
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.measurements import SensorSheet
@@ -68,11 +65,6 @@ class Tolerances:
     assumed: str
 
 
-def _named(name: object) -> Effect:
-    """Read the effect of a family, which a document holds by its name."""
-    return catalogue()[look_up("effect", str(name), TOLERANCES, "family")]
-
-
 @dataclass(frozen=True)
 class Family:
     """An effect on all of its targets.
@@ -84,7 +76,7 @@ class Family:
             tolerance is then that of the first [SI].
     """
 
-    effect: Annotated[Effect, PlainValidator(_named), PlainSerializer(lambda effect: effect.name)]
+    effect: NamedEffect
     tolerance: float
     targets: tuple[str, ...]
     known: tuple[float, ...] = ()

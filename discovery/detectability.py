@@ -8,11 +8,14 @@ from functools import cache
 
 import numpy as np
 import scipy
+from pydantic import computed_field
 
 from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.result import Figure
 from tulip_testbed.calibration.linear_model import LinearModel, nuisances, weighing
 from tulip_testbed.discovery.candidates import Candidate, Fitted, standing_out
 from tulip_testbed.discovery.columns import effect_columns
+from tulip_testbed.effects.effect import Parameter
 from tulip_testbed.effects.true_robot import true_base_parameters
 from tulip_testbed.identification.distributions import chi2_isf
 from tulip_testbed.identification.observation import Observation
@@ -76,7 +79,7 @@ class Undetectable:
 
     candidate: Candidate
     parameter: int
-    bias: float
+    bias: Figure
 
 
 @dataclass(frozen=True)
@@ -88,13 +91,20 @@ class WeaklyDetectable:
     """
 
     candidate: Candidate
-    multiple: float
+    multiple: Figure
 
+    @computed_field
     @property
     def least(self) -> float | None:
         """Return that size in SI units; None for an effect of several sizes."""
         prior = self.candidate.prior
         return self.multiple * float(prior[0]) if len(prior) == 1 else None
+
+    @property
+    def size(self) -> Parameter:
+        """Return the first number of the effect that is a size."""
+        effect = self.candidate.effect
+        return effect.parameters_on(self.candidate.target)[effect.sizes[0]]
 
 
 def weakly_detectable(fits: Sequence[Fitted], level: float) -> tuple[WeaklyDetectable, ...]:

@@ -15,7 +15,6 @@ from tulip_testbed.discovery.experiment_information import Explanation
 from tulip_testbed.discovery.story import story
 from tulip_testbed.effects.lasting import everywhere
 from tulip_testbed.experiments.discovery_result import PARTS, Discovered, DiscoveryConfiguration
-from tulip_testbed.experiments.discovery_tables import Hidden, Weak
 from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.proposed_experiment import propose_experiments, proposed
@@ -119,8 +118,8 @@ def _told(
             for k in discovery.effects
             for fitted in discovery.runners_up(k)
         ),
-        undetectable=tuple(map(Hidden.of, discovery.undetectable)),
-        weakly_detectable=tuple(map(Weak.of, discovery.selection.weak)),
+        undetectable=discovery.undetectable,
+        weakly_detectable=discovery.selection.weak,
         where=discovery.where,
         heldout=discovery.heldout,
         next_experiments=tuple(map(proposed, ranking)),

@@ -19,6 +19,7 @@ from tulip_testbed.base.table import Table
 from tulip_testbed.base.table_files import Columns
 from tulip_testbed.base.table_files import Table as TableFile
 from tulip_testbed.calibration.calibration_result import CalibratedFamily
+from tulip_testbed.discovery.detectability import Undetectable, WeaklyDetectable
 from tulip_testbed.discovery.discover import Discovery, Verdict, clear_of_zero
 from tulip_testbed.discovery.dynamics_check import DynamicsCheck
 from tulip_testbed.discovery.experiment_information import Explanation
@@ -28,8 +29,6 @@ from tulip_testbed.discovery.pure_error import PureError
 from tulip_testbed.effects.instance import EffectInstance, check_instance
 from tulip_testbed.effects.laws import LAW, Sentence, sentence_of
 from tulip_testbed.experiments.discovery_tables import (
-    Hidden,
-    Weak,
     dynamics_line,
     explanation_table,
     gap_table,
@@ -126,8 +125,8 @@ class Discovered(SavedRun):
     families: tuple[CalibratedFamily, ...]
     explanations: tuple[Explanation, ...]
     runners_up: tuple[Explanation, ...]
-    undetectable: tuple[Hidden, ...]
-    weakly_detectable: tuple[Weak, ...]
+    undetectable: tuple[Undetectable, ...]
+    weakly_detectable: tuple[WeaklyDetectable, ...]
     where: str
     heldout: HeldOut
     next_experiments: tuple[ProposedExperiment, ...]

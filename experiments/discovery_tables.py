@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from statistics import NormalDist
-from typing import Any, Self
+from typing import Any
 
 from tulip_testbed.base.column import Column
 from tulip_testbed.base.errors import listed
 from tulip_testbed.base.numbers import number
-from tulip_testbed.base.result import Figure
 from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.calibration.calibration_result import CalibratedFamily
 from tulip_testbed.discovery.detectability import Undetectable, WeaklyDetectable
@@ -20,8 +18,6 @@ from tulip_testbed.discovery.experiment_information import Explanation
 from tulip_testbed.discovery.held_out import HeldOut
 from tulip_testbed.discovery.patterns import Pattern
 from tulip_testbed.discovery.pure_error import PureError
-from tulip_testbed.effects.catalogue import catalogue
-from tulip_testbed.effects.effect import Parameter
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.family_tables import SPREAD
 from tulip_testbed.experiments.identification_result import Identification
@@ -35,61 +31,6 @@ CHANNEL_NAMES = {
     "C": "C, closure of the legs",
     "AFTC": "all channels",
 }
-
-
-@dataclass(frozen=True)
-class Hidden:
-    """An effect that these postures cannot detect.
-
-    Attributes:
-        name, target: of the effect; target "": it acts on the whole.
-        parameter: number of the base parameter that it would bias most; None: none is predicted.
-        bias: of that parameter, for a size of one prior s.d. [m].
-    """
-
-    name: str
-    target: str
-    parameter: int | None
-    bias: float | None
-
-    @classmethod
-    def of(cls, effect: Undetectable) -> Self:
-        """Return what a search found undetectable."""
-        candidate, predicted = effect.candidate, bool(effect.parameter)
-        return cls(
-            candidate.effect.name,
-            candidate.target,
-            effect.parameter if predicted else None,
-            float(effect.bias) if predicted else None,
-        )
-
-
-@dataclass(frozen=True)
-class Weak:
-    """An effect that these postures detect only if it is larger than plausible.
-
-    Attributes:
-        name, target: of the effect; target "": it acts on the whole.
-        least_over_prior: least size that is found with 90 % probability, in prior s.d.
-        least: the same [SI]; None for an effect of several sizes.
-    """
-
-    name: str
-    target: str
-    least_over_prior: Figure
-    least: float | None
-
-    @classmethod
-    def of(cls, effect: WeaklyDetectable) -> Self:
-        """Return what a search found weakly detectable."""
-        candidate = effect.candidate
-        return cls(candidate.effect.name, candidate.target, float(effect.multiple), effect.least)
-
-    @property
-    def size(self) -> Parameter:
-        """Return the first number that is a size."""
-        effect = catalogue()[self.name]
-        return effect.parameters_on(self.target)[effect.sizes[0]]
 
 
 def gap_table(heldout: HeldOut) -> Table:
@@ -292,7 +233,7 @@ def repeat_table(repeats: PureError) -> Table:
     return Table("Repeated postures against the stated noise", columns, rows)
 
 
-def undetectable_table(effects: Sequence[Hidden]) -> Table:
+def undetectable_table(effects: Sequence[Undetectable]) -> Table:
     """Return the effects that these postures cannot detect, one per row."""
     columns = (
         Column("effect"),
@@ -300,18 +241,18 @@ def undetectable_table(effects: Sequence[Hidden]) -> Table:
         Column("biases most the parameter no.", format="d"),
         Column("by, per prior s.d.", "mm", ".2f", 1e3),
     )
-    by_name: dict[str, list[Hidden]] = {}
+    by_name: dict[str, list[Undetectable]] = {}
     for effect in effects:
-        by_name.setdefault(effect.name, []).append(effect)
+        by_name.setdefault(effect.candidate.effect.name, []).append(effect)
     rows = []
     for name, of in by_name.items():
-        worst = max(of, key=lambda effect: effect.bias or 0.0)
-        number_of = "not predicted" if worst.parameter is None else worst.parameter
-        rows.append([name, [effect.target for effect in of if effect.target], number_of, worst.bias])
+        worst = max(of, key=lambda effect: effect.bias)
+        biased = [worst.parameter, worst.bias] if worst.parameter else ["not predicted", None]
+        rows.append([name, _targets(of), *biased])
     return Table("Effects that these postures cannot detect", columns, rows)
 
 
-def weak_table(effects: Sequence[Weak]) -> Table:
+def weak_table(effects: Sequence[WeaklyDetectable]) -> Table:
     """Return the effects that show only if larger than plausible, one kind per row."""
     columns = (
         Column("effect"),
@@ -319,17 +260,22 @@ def weak_table(effects: Sequence[Weak]) -> Table:
         Column("shows from (90 %)"),
         Column("over the plausible size"),
     )
-    by_unit: dict[tuple[str, str], list[Weak]] = {}
-    for effect in sorted(effects, key=lambda effect: effect.least_over_prior):
-        by_unit.setdefault((effect.name, effect.size.unit), []).append(effect)
+    by_unit: dict[tuple[str, str], list[WeaklyDetectable]] = {}
+    for effect in sorted(effects, key=lambda effect: effect.multiple):
+        by_unit.setdefault((effect.candidate.effect.name, effect.size.unit), []).append(effect)
     rows = []
     for (name, _), of in by_unit.items():
         ends = of[0], of[-1]
         sizes = [effect.size.text(effect.least) for effect in ends if effect.least is not None]
-        multiples = [number(effect.least_over_prior, ".2g") for effect in ends]
-        targets = [effect.target for effect in of if effect.target]
-        rows.append([name, targets, _from_to(sizes) if sizes else "several numbers", _from_to(multiples)])
+        multiples = [number(effect.multiple, ".2g") for effect in ends]
+        rows.append(
+            [name, _targets(of), _from_to(sizes) if sizes else "several numbers", _from_to(multiples)]
+        )
     return Table("Effects that show only if larger than plausible", columns, rows)
+
+
+def _targets(effects: Sequence[Undetectable | WeaklyDetectable]) -> list[str]:
+    return [effect.candidate.target for effect in effects if effect.candidate.target]
 
 
 def _from_to(ends: list[str]) -> str:

@@ -12,7 +12,6 @@ from tests.meshed_robot import meshed_plan, write_meshed_robot
 from tulip_testbed.base.errors import InputWarning
 from tulip_testbed.discovery.candidates import candidates
 from tulip_testbed.discovery.detectability import by_kind, least_multiple
-from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.experiments.discovery_tables import weak_table
 from tulip_testbed.identification.distributions import chi2_isf
 from tulip_testbed.measurements import PosturePlan
@@ -76,19 +75,17 @@ def test_kinds_without_targets_are_those_of_which_no_target_shows(found):
 
 @pytest.mark.slow
 def test_the_result_has_them_by_target(found):
-    assert {effect.name for effect in found.weakly_detectable} == {
-        one.candidate.effect.name for one in found.discovery.selection.weak
-    }
-    for effect in found.weakly_detectable:
-        sizes = catalogue()[effect.name].sizes
+    weak = found.weakly_detectable
+    assert weak == found.discovery.selection.weak
+    for effect in weak:
+        sizes = effect.candidate.effect.sizes
         if len(sizes) > 1:
             assert effect.least is None
         else:
-            size = catalogue()[effect.name].parameters[sizes[0]]
-            assert effect.least == pytest.approx(effect.least_over_prior * size.prior)
+            size = effect.candidate.effect.parameters[sizes[0]]
+            assert effect.least == pytest.approx(effect.multiple * size.prior)
             assert effect.size.unit == size.unit
-    table = weak_table(found.weakly_detectable)
-    assert len(table.rows) == len({effect.name for effect in found.weakly_detectable})
+    assert len(weak_table(weak).rows) == len({effect.candidate.effect.name for effect in weak})
 
 
 @pytest.mark.slow

@@ -73,7 +73,7 @@ class Estimate:
     interval_dof: Array
     joint_dof: float
     condition_number: float
-    prior_share: np.ndarray | None = None
+    prior_share: Array | None = None
     standard: StandardEstimate | None = None
 
     @computed_field
