@@ -321,7 +321,7 @@ EDITED_DISCOVERY = [
     (("heldout", "floor"), GONE, "key 'heldout.floor': found nothing"),
     (("noise", "encoder"), "1", "key 'noise.encoder': found '1'"),
     (("repeats", "p"), [], "key 'repeats.p': found []"),
-    (("families", 0, "family", "effect"), "tether", "key 'families.0.family.effect': family: unknown"),
+    (("families", 0, "family", "effect"), "nothing", "key 'families.0.family.effect': effects: unknown"),
     (("before", "full", "names", 0), "head.x", "key 'before.full.0': found parameter 1, head.x"),
     (("story",), [], "key 'story'"),
 ]

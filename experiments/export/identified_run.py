@@ -12,31 +12,34 @@ from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.run_file import kind_of
 from tulip_testbed.experiments.validation_result import Validation
-from tulip_testbed.measurements import Measurements, read_experiments
+from tulip_testbed.measurements import read_experiments
 from tulip_testbed.sim.robot import Robot
 
 
 def identified_run(
-    folder: Path, robot: Robot
-) -> tuple[Identification, Measurements, tuple[EffectInstance, ...]]:
-    """Identify the robot of a folder as the folder did.
+    run: Validation | Discovered | str | Path, robot: Robot
+) -> tuple[Identification, tuple[EffectInstance, ...]]:
+    """Return the identification that a run or its folder holds.
 
     Args:
-        folder: of a validation, which names its estimator; of a discovery, whose adopted effects are removed;
-            or of measurements, for the default estimator.
+        run: a validation; a discovery, whose adopted effects are removed; or the folder of either, or of
+            measurements, which are identified by the default estimator.
 
     Returns:
-        the identification, its measurements, and what the folder adds to the nominal laboratory: effects and
-        calibrated imperfections.
+        the identification, and what the run adds to the nominal laboratory: effects and calibrated
+        imperfections.
 
     Raises:
         InputError: a folder without an estimate, of another robot, or that was changed.
     """
-    folder = Path(folder)
+    if isinstance(run, Validation):
+        return run.identification, run.identification.corrections
+    if isinstance(run, Discovered):
+        return run.after or run.before, run.corrections
+    folder = Path(run)
     kind = kind_of(folder)
     if kind == "validation":
-        judged = Validation.load(folder, robot).identification
-        return judged, judged.measurements, judged.corrections
+        return identified_run(Validation.load(folder, robot), robot)
     if kind == "discovery":
         discovery = Discovered.load(folder, robot)
         if discovery.verdict in (AMBIGUOUS, UNKNOWN):
@@ -44,10 +47,9 @@ def identified_run(
                 f"{folder}: found the verdict {discovery.verdict}: nothing was adopted, so the robot keeps "
                 "the bias of what the model lacks"
             )
-        return discovery.after or discovery.before, discovery.measurements, discovery.corrections
+        return identified_run(discovery, robot)
     if kind == "measurement":
-        measurements = read_experiments([folder])
-        return identify(measurements, robot, str(folder)), measurements, ()
+        return identify(read_experiments([folder]), robot, str(folder)), ()
     raise InputError(
         f"{folder}: found a {kind} folder, which holds no estimate of one robot; expected the folder of "
         "a validation, a discovery or measurements"

@@ -39,7 +39,9 @@ MANY_ROWS = "too many rows"  # a watch judges each of them, for minutes
 JUDGING = ("montecarlo", "validate", "check")  # commands whose exit code 1 is a verdict
 TOLERANCE = 1e-6  # of a result, relative to its largest number
 MAY_BE_NULL = (
-    "truth",
+    "calibration",
+    "standard",
+    "prior_share",
     "made",
     "rig",
     "relative_standard_error",

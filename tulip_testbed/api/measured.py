@@ -21,7 +21,7 @@ from tulip_testbed.base.errors import at_least
 from tulip_testbed.base.files import check_new
 from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.threads import one_blas_thread, processes
-from tulip_testbed.effects.instance import Effects
+from tulip_testbed.effects.instance import EffectInstance, Effects
 from tulip_testbed.experiments.check_folder import Preflight, check_folder, check_measurements, warn_of_faults
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, DEFAULT_SEED, SAMPLES
 from tulip_testbed.experiments.discovering import discover_effects
@@ -269,17 +269,11 @@ def export_model(
     """
     robot, file = robot or load_robot(), Path(out)
     check_new(file)
-    weighed, adopted = None, ()
-    if isinstance(run, str | Path):
-        identification, measurements, adopted = identified_run(Path(run), robot)
-        weighed = measurements.weighed_mass
-    elif isinstance(run, Validation):
-        identification, adopted = run.identification, run.identification.corrections
-        weighed = run.measurements.weighed_mass
-    elif isinstance(run, Discovered):
-        identification, adopted = run.after or run.before, run.corrections
-        weighed = run.measurements.weighed_mass
+    adopted: tuple[EffectInstance, ...] = ()
+    if isinstance(run, Identification):
+        identification, weighed = run, None
     else:
-        identification = run
+        identification, adopted = identified_run(run, robot)
+        weighed = identification.measurements.weighed_mass
     place = None if source is None else Path(source)
     return _export_model(identification, robot, Export(file, place, samples, seed, adopted, lengths), weighed)
