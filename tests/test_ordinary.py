@@ -15,6 +15,7 @@ from tulip_testbed.calibration.ordinary_laboratory import draw_members
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.experiments.checks import correlation_checks, data_correlation_checks
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, ORDINARY
+from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.imperfections import drawn, single_stream
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.laboratory_runs import OrdinaryOutcome, source_of, stream_of
@@ -120,6 +121,17 @@ def test_a_validation_in_an_ordinary_laboratory(validated, plan, robot, tmp_path
     assert "least" in text
     text = " ".join(text.split())
     assert f"sigma per axis (eq. 14) {1e3 * plain.full.sigma:.3f} mm" in text
+
+
+def test_an_identification_is_read_as_it_was_written(validated, robot, tmp_path):
+    own = validated.identification
+    own.save(tmp_path / "fit")
+    read = Identification.load(tmp_path / "fit", robot)
+    assert repr(read) == repr(own)
+    assert read.to_json() == own.to_json() == json.loads((tmp_path / "fit" / "result.json").read_text())
+    assert read["torso.x"] == own["torso.x"]
+    with pytest.raises(InputError, match=r"result\.json: cannot read"):
+        Identification.load(tmp_path, robot)
 
 
 def test_the_mass_comes_from_the_calibration(validated):
