@@ -24,7 +24,7 @@ from tulip_testbed.sim.outcome import Truth
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class SimulatedTruth(Truth, Documented):
-    """What only a simulation knows of an experiment.
+    """The truth of an experiment, which only its simulation knows.
 
     Attributes:
         configuration: how it was made. effects: that were hidden in the laboratory.

@@ -183,24 +183,6 @@ def test_one_label_in_two_gaps_is_compared_twice(saved):
     assert values[f"ln BF {label} (gap 2)"] == [5.0] * 2
 
 
-def test_every_file_is_guarded(found, robot, tmp_path):
-    """Changed or removed: each is noticed, and named."""
-    names = [p.relative_to(found) for p in sorted(found.rglob("*")) if p.is_file() and p.name != "run.json"]
-    assert len(names) >= 9
-    work = tmp_path / "work"
-    shutil.copytree(found, work)
-    for name in names:
-        content = (work / name).read_bytes()
-        for damage in ("changed", "removed"):
-            (work / name).unlink()
-            if damage == "changed":
-                (work / name).write_bytes(content + b" ")
-            with pytest.raises(InputError, match=name.name.replace(".", r"\.")):
-                Discovered.load(work, robot)
-            (work / name).write_bytes(content)
-    Discovered.load(work, robot)
-
-
 def test_bad_input(found, foreign, tmp_path, capsys):
     work = tmp_path / "work"
     shutil.copytree(found, work)
