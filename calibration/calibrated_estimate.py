@@ -114,5 +114,5 @@ def estimate_of(calibration: SelfCalibration, data: Regression) -> Estimate:
         interval_dof=calibration.interval_dof,
         joint_dof=calibration.joint_dof,
         condition_number=float(np.linalg.cond(data.matrix)),
-        prior_share=np.diag(calibration.prior_covariance) / np.diag(calibration.covariance),
+        unseen=calibration.unseen,
     )

@@ -26,6 +26,7 @@ from tulip_testbed.calibration.member_removal import members_removed
 from tulip_testbed.calibration.reml import Fit, fit, parts_of_variance
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.identification.degrees_of_freedom import of_f_test, satterthwaite
+from tulip_testbed.identification.estimators import Unseen
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import has_twist, moved_by, packed, unpacked
 from tulip_testbed.identification.residual_noise import Noise
@@ -169,16 +170,22 @@ class SelfCalibration:
         return (self.observed.weight + float(self.solved.estimate[p])) / gravity, error / gravity
 
     @property
-    def prior_covariance(self) -> np.ndarray:
-        """Return the part of `covariance` that is due to members known by their prior only, (p, p)."""
+    def unseen(self) -> Unseen:
+        """Return the members that are known by their prior only."""
         p = len(self.theta)
-        known = np.concatenate([np.zeros(0, bool), *(calibrated.determined for calibrated in self.families)])
-        if known.all():
-            return np.zeros((p, p))
-        chosen = np.append(np.arange(p), p + 1 + np.flatnonzero(~known))
-        both = block_diag(np.eye(p + 1), self.mixing)[chosen]
+        determined = np.concatenate([np.zeros(0, bool), *(each.determined for each in self.families)])
+        labels = [label for calibrated in self.families for label in calibrated.family.labels]
+        value = np.concatenate([np.zeros(0), *(calibrated.value for calibrated in self.families)])
+        chosen = np.flatnonzero(~determined)
+        both = block_diag(np.eye(p + 1), self.mixing)[np.append(np.arange(p), p + 1 + chosen)]
         joint = both @ self.solved.covariance @ both.T
-        return joint[:p, p:] @ np.linalg.solve(joint[p:, p:], joint[p:, :p])
+        carry = np.linalg.solve(joint[p:, p:], joint[p:, :p]).T
+        return Unseen(
+            labels=tuple(labels[k] for k in chosen),
+            value=value[chosen],
+            carry=carry,
+            covariance=self.covariance - carry @ joint[p:, :p],
+        )
 
     @property
     def data_covariance(self) -> np.ndarray:
@@ -186,7 +193,7 @@ class SelfCalibration:
 
         It says what the postures can distinguish; `covariance` says how far the estimate can be trusted.
         """
-        return self.covariance - self.prior_covariance
+        return self.unseen.covariance
 
     def keep(self, columns: Sequence[int]) -> SelfCalibration:
         """Return the estimate of a model with some of the base parameters, the others being zero.

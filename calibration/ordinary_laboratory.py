@@ -13,7 +13,6 @@ from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.rig import Rig
 
 SPREADS = (0.1, 1.0)  # tolerances
-USUAL = float(np.sqrt(np.mean([SPREADS[0] ** 2, SPREADS[0] * SPREADS[1], SPREADS[1] ** 2])))  # their r.m.s.
 
 
 def check_scale(scale: float) -> None:

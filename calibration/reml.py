@@ -11,7 +11,7 @@ scales sigma minimise
 R'BR)^-1, it is that of V_0 plus 1/2 (-ln|S| - b' R S R' b), which holds at tau = 0 too. All scales are
 estimated by their logarithms. ln tau has the prior of a half-Cauchy tau (Gelman 2006): a family that no
 reading shows has its mode at tau = 1, and one that the readings do not want becomes small, but never zero.
-One or two members hardly determine the spread of their family: there ln tau is normal about zero, with a
+Four members or fewer hardly determine the spread of their family: there ln tau is normal about zero, with a
 factor of two as s.d. ln sigma is normal about the data sheet. In the scales of the noise Newton's steps use
 the average information (Gilmour, Thompson and Cullis 1995), in the spreads the Hessian itself. The covariance
 of the estimates holds the uncertainty of the scales to first order (Kass and Steffey 1989). Where columns G

@@ -123,6 +123,16 @@ class EffectInstance:
         return effect_label(self.effect.name, self.target)
 
     @property
+    def sizes(self) -> dict[str, float]:
+        """Return every number by its name, `effect:target` or `effect:target, parameter` [SI]."""
+        parameters = self.effect.parameters
+        several = len(parameters) > 1
+        return {
+            self.label + (f", {parameter.name}" if several else ""): value
+            for parameter, value in zip(parameters, self.values, strict=True)
+        }
+
+    @property
     def finding(self) -> str:
         """Return the effect as a sentence, with values ± half of their 95 % intervals."""
         target, first = split_target(self.target)

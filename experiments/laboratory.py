@@ -85,16 +85,20 @@ class Laboratory:
 
     def __reduce__(self) -> Any:
         """Leave the rig out, which holds functions that cannot be pickled."""
-        return Laboratory, tuple(getattr(self, one.name) for one in fields(self))
+        return Laboratory, tuple(getattr(self, each.name) for each in fields(self))
+
+    @property
+    def _plain(self) -> Rig:
+        """The physical laboratory without effects."""
+        return preset_rig(self.sensors, self.robot) if self.nominal is None else self.nominal
 
     @cached_property
     def rig(self) -> Rig:
         """The physical laboratory with all effects."""
-        plain = preset_rig(self.sensors, self.robot) if self.nominal is None else self.nominal
         if self.experiment is None:
-            return injected(injected(plain, self.known), self.hidden)
+            return injected(injected(self._plain, self.known), self.hidden)
         known, hidden = (as_manipulated(some, self.experiment) for some in (self.known, self.hidden))
-        return injected(injected(manipulated(plain, self.experiment), known), hidden)
+        return injected(injected(manipulated(self._plain, self.experiment), known), hidden)
 
     @checked
     def with_effects(self, *effects: EffectInstance | str) -> Laboratory:
@@ -128,15 +132,13 @@ class Laboratory:
             InputError: a text outside the grammar, manipulations that contradict each other, or what this
                 laboratory does not have.
         """
-        found = Experiment(session, manipulations)
-        check_experiment(
-            preset_rig(self.sensors, self.robot) if self.nominal is None else self.nominal, found
-        )
-        return replace(self, experiment=found)
+        experiment = Experiment(session, manipulations)
+        check_experiment(self._plain, experiment)
+        return replace(self, experiment=experiment)
 
     def _instances(self, effects: Effects) -> tuple[EffectInstance, ...]:
-        found = instances_of(effects, self.robot)
-        for instance in found:
+        instances = instances_of(effects, self.robot)
+        for instance in instances:
             try:
                 check_built(injected(preset_rig("ideal", self.robot), [instance]))
             except InputError as error:
@@ -144,7 +146,7 @@ class Laboratory:
                     f"effect {instance}: found a laboratory that cannot be built, expected one that can: "
                     f"{error}"
                 ) from None
-        return found
+        return instances
 
     @checked
     @one_blas_thread
@@ -190,7 +192,7 @@ class Laboratory:
         """
         look_up("engine", engine, ENGINES, "engine")
         check_fits("plan", plan, self.robot)
-        check_scene(preset_rig(self.sensors, self.robot) if self.nominal is None else self.nominal)
+        check_scene(self._plain)
         self.check_effects(plan, engine)
 
     def check_effects(self, plan: PosturePlan, engine: str) -> None:

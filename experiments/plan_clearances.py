@@ -47,8 +47,9 @@ def clearances_of(robot: Robot, plan: PosturePlan) -> dict[str, list[dict[str, A
         for k, (start, end) in enumerate(steps):
             if foot[start] == carrying:
                 path = chain.path if plan.support[start] == "double" else straight_path
-                found = path_clearances(own, path, plan.joint_angles[start], plan.joint_angles[end], WITHIN)
-                ways[k, columns] = found.distance.min(axis=0, initial=WITHIN)
+                ends = plan.joint_angles[start], plan.joint_angles[end]
+                on_way = path_clearances(own, path, *ends, WITHIN)
+                ways[k, columns] = on_way.distance.min(axis=0, initial=WITHIN)
     return {
         "postures": _nearest(pairs, held, [[int(number)] for number in plan.posture]),
         "paths": _nearest(pairs, ways, [[int(plan.posture[k]) for k in step] for step in steps]),

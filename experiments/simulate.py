@@ -17,7 +17,7 @@ from tulip_testbed.effects.random_effects import RANDOM, read_effects
 from tulip_testbed.experiments.defaults import DEFAULT_SEED
 from tulip_testbed.experiments.dropped_postures import DroppedPosture, usable_postures
 from tulip_testbed.experiments.imperfections import check_imperfections, drawn, single_stream
-from tulip_testbed.experiments.laboratory import Laboratory, Run, tries
+from tulip_testbed.experiments.laboratory import Laboratory, tries
 from tulip_testbed.experiments.proposed_experiment import EXPERIMENT_FILE, read_experiment
 from tulip_testbed.experiments.truth_record import check_places, write_experiment
 from tulip_testbed.experiments.usable_plan import plan_for
@@ -40,7 +40,7 @@ class Simulation(Result):
 
     def tables(self) -> list[Table | str]:
         """Return how many postures could be used, and the folder."""
-        reasons = [one.reason for one in self.dropped]
+        reasons = [posture.reason for posture in self.dropped]
         usable = usable_postures(self.postures_planned, self.rows, reasons)
         return [*usable, f"Measurement folder: {self.measurements}"]
 
@@ -62,13 +62,8 @@ def simulate(
     """Simulate an experiment and write a measurement folder.
 
     Args:
-        plan: postures, their folder, or the name of a shipped plan; None: that of `experiment` or, without
-            one, the shipped one.
-        out: new measurement folder. truth: new file for the truth.
-        effects: to hide, or "random" for one that only the truth file names.
-        imperfections: scale of ordinary ones that are drawn and hidden in the laboratory; 0: none.
-        experiment: folder of a proposed experiment: its postures after its manipulations.
-        session: see `Laboratory.manipulated`. engine, workers: see `Laboratory.run`.
+        plan: None: that of `experiment` or, without one, the shipped one; this and the others: see
+            `tulip_testbed.simulate`.
 
     Raises:
         InputError: what cannot be simulated or written.
@@ -108,7 +103,8 @@ def simulate(
             f"{seed} draws, expected one that can; give another seed"
         ) from None
     write_experiment(out, truth, run)
-    return _simulation(run, out, secret)
+    dropped = (DroppedPosture(posture, None if secret else why) for posture, why in run.truth.dropped)
+    return Simulation(str(out), run.plan.postures, len(run.measurements), tuple(dropped))
 
 
 def _disturbed(
@@ -133,13 +129,3 @@ def _disturbed(
                 "another seed"
             ) from None
     return laboratory
-
-
-def _simulation(run: Run, out: Path, secret: bool) -> Simulation:
-    """Summarise a run.
-
-    Args:
-        secret: whether reasons of lost postures are kept back.
-    """
-    dropped = (DroppedPosture(posture, None if secret else why) for posture, why in run.truth.dropped)
-    return Simulation(str(out), run.plan.postures, len(run.measurements), tuple(dropped))

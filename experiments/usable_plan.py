@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import hashlib
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 
-from tulip_testbed.base.errors import InputError, at_least, at_most, choices
+from tulip_testbed.base.errors import InputError, at_least, at_most, choices, listed
 from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.table_files import MOST_ROWS
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, common_support
+from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.identification.rank import labels, require_identifiable
 from tulip_testbed.identification.regressor import ENCODER_SD, encoder_blur, stacked_regressor
-from tulip_testbed.measurements import PosturePlan
-from tulip_testbed.sim.plan_folder import check_fits, read_plan
+from tulip_testbed.measurements import Measurements, PosturePlan, read_measurements
+from tulip_testbed.sim.plan_folder import check_fits, check_model, read_plan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.robot_check import warn_of_robot
@@ -112,3 +115,77 @@ def random_plan(
     plate = nominal_plates(robot)[0]
     with progress("drawing postures", placements * per_placement, 0) as advance:
         return random_postures(robot, plate, placements, per_placement, seed, progress=advance)
+
+
+def measured_for(robot: Robot, folder: Path, joints: tuple[str, ...]) -> Measurements:
+    """Return the earlier measurements with this robot.
+
+    Raises:
+        InputError: no such folder, or of another robot.
+    """
+    measured = read_measurements(folder)
+    where = f"{folder}: manifest.json"
+    check_model(where, measured.robot["model"], measured.robot["sha256"], robot)
+    if measured.joints != joints:
+        raise InputError(
+            f"{where}: key 'joints': found {listed(measured.joints)}; expected the model's order "
+            f"{listed(joints)}"
+        )
+    return measured
+
+
+def as_plan(robot: Robot, measured: Measurements) -> PosturePlan:
+    """Measured postures as if they were planned; the swing foot is where the angles put it."""
+    nominal = nominal_robot(robot, common_support(measured.support))
+    pose = nominal.other_sole(measured.joint_angles, measured.support)
+    return PosturePlan(
+        joints=measured.joints,
+        joint_angles=measured.joint_angles,
+        posture=measured.posture,
+        placement=measured.placement,
+        support=measured.support,
+        swing_pose=pose,
+        robot={"model": robot.model_file.name, "sha256": robot.model_hash},
+    )
+
+
+def joined(plans: list[PosturePlan]) -> PosturePlan:
+    """Plans one after the other, with the first one's robot and provenance; numbers stay."""
+
+    def stacked(name: str) -> np.ndarray:
+        return np.concatenate([getattr(plan, name) for plan in plans])
+
+    return replace(
+        plans[0],
+        joint_angles=stacked("joint_angles"),
+        posture=stacked("posture"),
+        placement=stacked("placement"),
+        support=stacked("support"),
+        swing_pose=stacked("swing_pose"),
+        torques=None if all(plan.torques is None for plan in plans) else stacked("feed_forward"),
+    )
+
+
+def joined_trials(plans: list[PosturePlan]) -> PosturePlan:
+    """Join several trials into one plan; placements and postures are numbered consecutively."""
+    shift = np.cumsum([0, *(int(p.placement.max()) for p in plans[:-1])])
+    plan = joined(plans)
+    return replace(
+        plan,
+        posture=np.arange(1, len(plan) + 1),
+        placement=np.concatenate([p.placement + s for p, s in zip(plans, shift, strict=True)]),
+        made={
+            "objective": plan.made["objective"],
+            "command": "tulip plan optimal --table1",
+            "trials": [p.made for p in plans],
+        },
+    )
+
+
+def plan_hash(plan: PosturePlan) -> str:
+    """Hash everything that a plan asks for, which is in its arrays, in hexadecimal."""
+    digest = hashlib.sha256()
+    for field in fields(plan):
+        if isinstance(array := getattr(plan, field.name), np.ndarray):
+            digest.update(f"{field.name} {array.dtype} {array.shape} ".encode() + array.tobytes())
+    return digest.hexdigest()

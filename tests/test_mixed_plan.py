@@ -12,9 +12,9 @@ from tests.holding import holding_torques
 from tests.test_cli import refused
 from tests.test_link_clearances import Collisions
 from tulip_testbed import plans
+from tulip_testbed.experiments.described_plan import describe_plan, regressor_by_mujoco
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.parameter_tables import read_reported
-from tulip_testbed.experiments.plan_description import described_plan, regressor_by_mujoco
 from tulip_testbed.identification.base_parameters import base_parameters, common_support
 from tulip_testbed.identification.planning.closed_chain import chain_at
 from tulip_testbed.identification.planning.mixed_plan import (
@@ -164,7 +164,7 @@ def test_margins_hold_in_every_row(problem, other, mixed, robot):
         one = mixed.take(mixed.support == support)
         margins = single_support_margins(own, one.joint_angles, one.swing_pose)
         assert min(margin.values.min() for margin in margins.values()) >= 0
-    said = described_plan(robot, mixed, "wii")["margins"]
+    said = describe_plan(robot, mixed, "plan", "wii").margins or {}
     assert min(margin["value"] for margin in said.values()) > -1e-6
     assert {"left foot: stability margin", "right foot: torques", "sole margin"} <= set(said)
 
@@ -210,19 +210,20 @@ def test_the_shipped_plan_promises_a_third_of_the_papers_errors(robot):
     plan = plans.mixed
     counts = {support: int((plan.support == support).sum()) for support in ("double", "right", "left")}
     assert counts == {"double": 20, "right": 44, "left": 44}
-    said = described_plan(robot, plan, "wii")
+    said = describe_plan(robot, plan, "plan", "wii")
     names = base_parameters(robot, support="mixed").names
     reported = read_reported(robot)
     assert reported is not None
     columns = ("full_mm", "full_rel_se_percent")
     table = np.array([[one[each] for each in columns] for one in reported.parameters.values()], float)
     rows = [names.index(name) for name in base_parameters(robot).names]
-    share = np.array(said["predicted_standard_error_mm"])[rows] / (np.abs(table).prod(axis=1) / 100)
+    share = said.predicted_standard_error_mm[rows] / (np.abs(table).prod(axis=1) / 100)
     assert np.median(share) < 0.2
     assert share.max() < 0.8
-    assert min(margin["value"] for margin in said["margins"].values()) > -1e-6
+    assert said.margins is not None
+    assert min(margin["value"] for margin in said.margins.values()) > -1e-6
     np.testing.assert_allclose(
-        plan.made["described"]["predicted_standard_error_mm"], said["predicted_standard_error_mm"], rtol=1e-6
+        plan.made["described"]["predicted_standard_error_mm"], said.predicted_standard_error_mm, rtol=1e-6
     )
 
 

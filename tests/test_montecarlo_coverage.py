@@ -13,6 +13,7 @@ from tulip_testbed.experiments.montecarlo.coverage import (
     Distribution,
     Errors,
     distribution,
+    model_errors,
     summarise_errors,
 )
 from tulip_testbed.experiments.montecarlo.coverage_tables import coverage_check_table
@@ -20,13 +21,14 @@ from tulip_testbed.experiments.montecarlo.coverage_verdict import (
     LEVEL,
     CoverageCheck,
     checks,
-    parameter_bounds,
     shown,
     verdict,
     whole_bounds,
 )
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
 from tulip_testbed.experiments.montecarlo.run_chunks import RunChunks
+from tulip_testbed.experiments.montecarlo.run_columns import Layout, numbers_of
+from tulip_testbed.identification.estimators import Estimate, Unseen
 
 RUNS, FEW, FAILING = 5000, 200, (3, 77)
 
@@ -185,24 +187,41 @@ def drawn(rng: np.random.Generator, factor: float, size: int, runs: int) -> Erro
 
 def outcomes(factor: float, size: int, runs: int, seed: int) -> list[list[CoverageCheck]]:
     rng = np.random.default_rng(seed)
-    return [checks(runs, {"full": drawn(rng, factor, size, runs)}, {"full": 0.0}, 1.0) for _ in range(300)]
+    return [checks(runs, {"full": drawn(rng, factor, size, runs)}, {"full": 0.0}) for _ in range(300)]
 
 
-def test_imperfections_that_only_a_prior_knows_may_be_smaller_than_it_says():
-    """Hand-worked: 45 % of the variance is a prior of one tolerance, of which the runs draw 0.6."""
-    ratio, coverage = parameter_bounds(np.array([0.0, 0.45]), 0.6)
-    assert ratio[0] == pytest.approx([0.9, 0.9 * np.sqrt(0.55 + 0.45 * 0.36)])
-    assert coverage[1] == pytest.approx([0.97062, 0.99012], abs=1e-4)
-    assert (ratio[1] == 1.1).all()
-    assert (coverage[0] == 0.93).all()
-    assert (parameter_bounds(np.array([0.45]), 2.0)[0] == [[0.9], [1.1]]).all()
-    rng, runs = np.random.default_rng(116), 20_000
-    error = np.sqrt(0.55) * rng.standard_normal((runs, 3)) + np.sqrt(0.45) * 0.6 * rng.standard_normal(
-        (runs, 3)
+def test_what_only_a_prior_knows_is_no_error_of_the_estimator():
+    """Hand-worked: theta = y - 2 phi, y of s.d. 1, phi unknown with a prior of s.d. 1.5; phi is really 3."""
+    rng, runs = np.random.default_rng(116), 4000
+    layout = Layout(("a", "b"), {"full": (1, 2)}, ())
+    rows = []
+    for theta in 0.7 + rng.standard_normal((runs, 2)):
+        unseen = Unseen(("tilt",), np.zeros(1), np.array([[-2.0], [0.0]]), np.eye(2))
+        estimate = one_estimate(theta + np.array([6.0, 0.0]), np.diag([1 + 9.0, 1]), unseen)
+        rows.append(numbers_of(layout, {"full": estimate}, np.array([0.7, 0.7]), (1, 1, 1, 1), {"tilt": 3.0}))
+    columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    plain, given = (model_errors(columns, "full", (1, 2), given) for given in (False, True))
+    assert plain.bias[0] == pytest.approx(6, abs=0.1)
+    assert verdict(checks(runs, {"full": plain}, {"full": 0.0})) == "fail"
+    assert verdict(checks(runs, {"full": given}, {"full": 0.0})) == "pass"
+
+
+def one_estimate(value: np.ndarray, covariance: np.ndarray, unseen: Unseen) -> Estimate:
+    return Estimate(
+        numbers=np.array([1, 2]),
+        names=("a", "b"),
+        value=value,
+        covariance=covariance,
+        clustered_covariance=covariance,
+        residual=np.zeros(4),
+        sigma=1.0,
+        placement_sd=(0.0, 0.0),
+        dof=1000,
+        interval_dof=np.full(2, 1e9),
+        joint_dof=1e9,
+        condition_number=1.0,
+        unseen=unseen,
     )
-    for prior, expected in ((0.45, "pass"), (0.0, "fail")):
-        errors = summarise_errors(error, np.ones_like(error), np.full(error.shape, 1e9), (1, 2, 3), prior)
-        assert verdict(checks(runs, {"full": errors}, {"full": 0.0}, 0.6)) == expected
 
 
 MOST = binom.ppf(0.999, 300, LEVEL)  # of 300 verdicts at a level of 1 %

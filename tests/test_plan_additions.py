@@ -10,9 +10,9 @@ import pytest
 from tests.holding import holding_torques
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.atlases.planned_experiment import usable
+from tulip_testbed.experiments.described_plan import describe_plan, regressor_by_mujoco
 from tulip_testbed.experiments.identify import identify
-from tulip_testbed.experiments.plan_description import described_plan, regressor_by_mujoco
-from tulip_testbed.experiments.planning_run import as_plan, joined
+from tulip_testbed.experiments.usable_plan import as_plan, joined
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.planning.closed_chain import chain_at
 from tulip_testbed.identification.planning.objectives import objectives
@@ -155,9 +155,10 @@ def test_postures_on_one_foot_keep_their_margins_and_show_26_parameters(robot, o
     margins = single_support_margins(one_foot, one.joint_angles, one.swing_pose)
     assert min(m.values.min() for m in margins.values()) >= 0
     assert set(margins) >= {"stability margin", "torques", "swing foot lifted", "cell load"}
-    said = described_plan(robot, with_one_foot, "wii")
-    assert len(said["predicted_standard_error_mm"]) == 26
-    assert said["margins"]["right foot: stability margin"]["value"] >= 0
+    said = describe_plan(robot, with_one_foot, "plan", "wii")
+    assert len(said.predicted_standard_error_mm) == 26
+    assert said.margins is not None
+    assert said.margins["right foot: stability margin"]["value"] >= 0
     found = measured(robot, with_one_foot)
     assert "right" in set(found.support)
     assert len(identify(found, robot).full.value) == 26
@@ -187,20 +188,19 @@ def test_the_plan_is_described_by_other_code_than_made_it(robot, plan, parameter
 @pytest.mark.parametrize("preset", ["wii", "force-plate"])
 def test_predicted_standard_errors_are_what_the_estimator_reports(robot, plan, preset):
     taken = measured(robot, plan, preset)
-    said = described_plan(robot, as_plan(robot, taken), preset)
+    said = describe_plan(robot, as_plan(robot, taken), "plan", preset)
     reported = 1e3 * standard_errors(identify(taken, robot).full.covariance)
-    ratio = reported / said["predicted_standard_error_mm"]
+    ratio = reported / said.predicted_standard_error_mm
     assert 0.85 < np.median(ratio) < 1.15
     assert np.all((ratio > 0.6) & (ratio < 1.6))
 
 
 def test_a_short_plan_is_described_together_with_what_was_measured(robot, plan):
-    taken = as_plan(robot, measured(robot, plan.take(plan.placement <= 10)))
-    new = plan.take(plan.placement > 28)
-    alone = described_plan(robot, taken, "wii")
-    both = described_plan(robot, new, "wii", taken)
-    assert both["condition_number"] == pytest.approx(
+    measurements = measured(robot, plan.take(plan.placement <= 10))
+    taken, new = as_plan(robot, measurements), plan.take(plan.placement > 28)
+    alone = describe_plan(robot, taken, "plan", "wii")
+    both = describe_plan(robot, new, "plan", "wii", measurements)
+    assert both.condition_number == pytest.approx(
         np.linalg.cond(stacked_regressor(base_parameters(robot), joined([taken, new]).joint_angles)), rel=1e-9
     )
-    errors = [np.array(said["predicted_standard_error_mm"]) for said in (both, alone)]
-    assert (errors[0] < errors[1]).all()
+    assert (both.predicted_standard_error_mm < alone.predicted_standard_error_mm).all()

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import json
+import shutil
+from contextlib import contextmanager
 from xml.etree import ElementTree
 
 import numpy as np
@@ -17,8 +19,8 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.drawings import contact_sheet, support_polygons
 from tulip_testbed.experiments import planning_run as planning
-from tulip_testbed.experiments.plan_state import state_file
-from tulip_testbed.experiments.planning_run import PlanSettings, carry_out, set_up_search
+from tulip_testbed.experiments.described_plan import DescribedPlan
+from tulip_testbed.experiments.plan_search import PlanSettings, set_up_search, state_folder
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.measurements import write_measurements
 from tulip_testbed.sim.plan_folder import read_plan
@@ -43,8 +45,8 @@ def test_interrupted_and_gone_on_with_by_the_same_command(tmp_path, robot, monke
     out = tmp_path / "plan"
     write = planning.write_state
 
-    def interrupt(path, key, state):
-        write(path, key, state)
+    def interrupt(path, state):
+        write(path, state)
         if state.rounds == 3:
             raise KeyboardInterrupt
 
@@ -55,10 +57,12 @@ def test_interrupted_and_gone_on_with_by_the_same_command(tmp_path, robot, monke
     first = read_plan(out, robot)
     assert first.made["interrupted"]
     assert first.made["rounds"] == 3
-    assert "left by another run" in refused(capsys, "plan", "optimal", "--out", out, *SMALL[:-1], 5)
-    assert "left by another run" in refused(
-        capsys, "plan", "optimal", "--out", out, *SMALL, "--solver", "ipopt"
-    )
+    other = "holds states of another configuration: settings"
+    assert f"{other}.seed is 311 there" in refused(capsys, "plan", "optimal", "--out", out, *SMALL[:-1], 5)
+    solver = refused(capsys, "plan", "optimal", "--out", out, *SMALL, "--solver", "ipopt")
+    assert f"{other}.solver is 'slsqp' there and 'ipopt' here" in solver
+    with search_of(robot).folder(out).opened():
+        assert "another process is at work" in refused(capsys, "plan", "optimal", "--out", out, *SMALL)
     assert main(["plan", "optimal", "--out", str(out), *SMALL]) == 0
     assert main(["plan", "optimal", "--out", str(tmp_path / "whole"), *SMALL]) == 0
     again, whole = (read_plan(tmp_path / name, robot) for name in ("plan", "whole"))
@@ -69,24 +73,37 @@ def test_interrupted_and_gone_on_with_by_the_same_command(tmp_path, robot, monke
     assert "exists already" in refused(capsys, "plan", "optimal", "--out", out, *SMALL)
 
 
+def search_of(robot):
+    return set_up_search(robot, PlanSettings(311, placements=5, postures_per_placement=3, hops=1))
+
+
+class Stopped(Exception):  # noqa: N818
+    """In the place of a kill."""
+
+
 @pytest.fixture(scope="module")
 def interrupted(robot, tmp_path_factory):
-    """A search and the file that its interruption after one round left."""
-    path = state_file(tmp_path_factory.mktemp("interrupted") / "plan")
-    job = set_up_search(robot, PlanSettings(311, placements=5, postures_per_placement=3, hops=1)).job()
+    """A search and the states that its end after one round left."""
+    out, search = tmp_path_factory.mktemp("interrupted") / "plan", search_of(robot)
 
-    def interrupt(state):
-        raise KeyboardInterrupt
+    @contextmanager
+    def stopping(what, total, done):
+        def stop(count, value=None):
+            raise Stopped
 
-    carry_out(job, path, interrupt)
-    return job, path
+        yield stop
+
+    with pytest.raises(Stopped):
+        planning.search_plan(search, out, "wii", progress=stopping)
+    assert [path.name for path in out.parent.iterdir()] == [".plan.search"]
+    return search, state_folder(out)
 
 
 @pytest.mark.parametrize(
     ("name", "edit", "message"),
     [
-        ("angles", lambda rows: rows[0].pop(), "rows of several lengths"),
-        ("design", lambda rows: rows[0].pop(), "key 'state.design.0'"),
+        ("angles", lambda rows: rows[0].pop(), "key 'angles': .*expected rows of one length"),
+        ("design", lambda rows: [row.pop() for row in rows], r"design: found \(15, 8\), expected"),
         ("design", lambda rows: rows.pop(), r"design: found \(14, 9\), expected \(15, 9\) numbers"),
         (
             "best_design",
@@ -94,39 +111,36 @@ def interrupted(robot, tmp_path_factory):
             "several swing foot poses on one placement",
         ),
         ("best_design", lambda rows: rows[3].__setitem__(2, 1.5), "a plan that breaks a constraint"),
-        ("best_angles", lambda rows: rows[3].__setitem__(3, 1e300), r"key 'state.best_angles.3.3'"),
+        ("best_angles", lambda rows: rows[3].__setitem__(3, 1e300), r"key 'best_angles.3.3'"),
         ("rounds", 10**6, "rounds: found 1000000, expected at most"),
-        ("rounds", -1, "key 'state.rounds': found -1"),
+        ("rounds", -1, "key 'rounds': found -1"),
         ("value", 1.0, "value: found 1, expected"),
         ("initial", 1e6, "initial: found 1e\\+06, expected"),
-        ("initial_condition", None, "key 'state.initial_condition': found None"),
+        ("initial_condition", None, "key 'initial_condition': found None"),
     ],
 )
 def test_an_edited_state_is_refused_by_name(interrupted, tmp_path, name, edit, message):
-    job, intact = interrupted
-    document = json.loads(intact.read_text())
+    search, states = interrupted
+    shutil.copytree(states, state_folder(tmp_path / "plan"))
+    path = state_folder(tmp_path / "plan") / "seed-311.json"
+    document = json.loads(path.read_text())
     if callable(edit):
-        edit(document["state"][name])
+        edit(document[name])
     else:
-        document["state"][name] = edit
-    path = tmp_path / intact.name
+        document[name] = edit
     path.write_text(json.dumps(document))
-    with pytest.raises(InputError, match=rf"state\.json: found no state of an interrupted run \(.*{message}"):
-        carry_out(job, path, lambda state: None)
+    with pytest.raises(InputError, match=rf"seed-311\.json: .*{message}.*; remove it"):
+        planning.search_plan(search, tmp_path / "plan", "wii")
 
 
-def test_killed_when_its_first_plan_was_put_aside_it_leaves_nothing_hidden(tmp_path, plan):
-    (tmp_path / ".out.interrupted").mkdir()
-    planning.keep_plan(tmp_path / "out", plan)
-    assert [path.name for path in tmp_path.iterdir()] == ["out"]
-
-
-def test_of_two_searches_for_one_name_the_slower_leaves_nothing_hidden(tmp_path, plan):
-    planning.keep_plan(tmp_path / "out", plan)
-    (tmp_path / ".out.state.json").touch()
-    with pytest.raises(InputError, match="exists already"):
-        planning.keep_plan(tmp_path / "out", plan)
-    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+def test_killed_when_its_first_plan_was_put_aside_it_leaves_nothing_hidden(interrupted, tmp_path, robot):
+    search, states = interrupted
+    shutil.copytree(states, state_folder(tmp_path / "plan"))
+    (state_folder(tmp_path / "plan") / "interrupted").mkdir()
+    made = planning.search_plan(search, tmp_path / "plan", "wii")
+    assert [path.name for path in tmp_path.iterdir()] == ["plan"]
+    assert read_plan(tmp_path / "plan", robot).joint_angles.tobytes() == made.plan.joint_angles.tobytes()
+    assert DescribedPlan.from_json(made.to_json()).to_json() == made.to_json()
 
 
 def test_the_next_postures_and_their_description(data, tmp_path, capsys):

@@ -211,7 +211,8 @@ def test_a_monte_carlo_in_memory_is_the_one_in_its_folder(robot, plan, tmp_path)
 
 def test_any_result_in_memory_has_a_page_and_a_view(static_run, discovered, robot, plan, tmp_path):
     settings = Settings(10, SEED, "mixed-model", None, imperfections=0)
-    repeated = montecarlo(Laboratory(robot, "wii"), plan, settings, Place(tmp_path / "runs", 1, None))
+    scratch = Place(tmp_path / "runs", 1, None, stays=False)
+    repeated = montecarlo(Laboratory(robot, "wii"), plan, settings, scratch)
     results = {"validation": judge(static_run), "discovery": discovered, "Monte Carlo": repeated}
     for kind, result in results.items():
         page = write_page(tmp_path / f"{kind}.html", dataclasses.replace(result, folder=None))

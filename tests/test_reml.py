@@ -113,8 +113,10 @@ def dense_objective(given: Problem, log_scale: np.ndarray, log_spread: np.ndarra
     n, y = dense_columns(given)
     inner = n.T @ np.linalg.solve(v, n)
     rest = y - n @ np.linalg.solve(inner, n.T @ np.linalg.solve(v, y))
-    several = (np.log1p(np.exp(2 * log_spread)) - log_spread)[:2].sum()
-    prior = 0.5 * ((log_scale / given.doubt) ** 2).sum() + several + 0.5 * (log_spread[2] / np.log(2)) ** 2
+    many = np.log1p(np.exp(2 * log_spread[0])) - log_spread[0]  # five members; the others are few
+    prior = (
+        0.5 * ((log_scale / given.doubt) ** 2).sum() + many + 0.5 * ((log_spread[1:] / np.log(2)) ** 2).sum()
+    )
     return (
         0.5 * (np.linalg.slogdet(v)[1] + np.linalg.slogdet(inner)[1] + rest @ np.linalg.solve(v, rest))
         + prior

@@ -33,6 +33,7 @@ from .experiments.atlases.atlas_result import Atlas as Atlas
 from .experiments.atlases.tolerance import Tolerance as Tolerance
 from .experiments.check_folder import Preflight as Preflight
 from .experiments.comparison import Comparison as Comparison
+from .experiments.described_plan import DescribedPlan as DescribedPlan
 from .experiments.discovery_result import Discovered as Discovered
 from .experiments.export.exported_model import ExportedModel as ExportedModel
 from .experiments.identification_result import Identification as Identification
@@ -45,7 +46,6 @@ from .experiments.protocols.protocol_run import LaboratoryProtocol as Laboratory
 from .experiments.robot_report import RobotReport as RobotReport
 from .experiments.table_import.table_import import ImportedTable as ImportedTable
 from .experiments.validation_result import Validation as Validation
-from .experiments.written_plan import DescribedPlan as DescribedPlan
 from .measurements.cells import PlateGeometry as PlateGeometry
 from .measurements.data import Measurements as Measurements
 from .measurements.data import PosturePlan as PosturePlan

@@ -104,7 +104,6 @@ class Errors:
         bias: mean error, (p,) [m].
         sd: of the errors, (p,) [m].
         standard_error: root of the mean reported variance, (p,) [m].
-        prior_share: of the mean reported variance, due to imperfections that their prior alone knows, (p,).
         covered: runs whose interval held the truth, by `LEVELS`, (3, p).
         exceeded: runs whose errors together lie beyond the 1 - `WHOLE_LEVEL` quantile; None: one parameter.
         residual_dof: mean degrees of freedom of the residual's variance.
@@ -115,7 +114,6 @@ class Errors:
     bias: np.ndarray
     sd: np.ndarray
     standard_error: np.ndarray
-    prior_share: np.ndarray
     covered: np.ndarray
     exceeded: int | None = None
     residual_dof: float = np.nan
@@ -164,18 +162,13 @@ def share(counts: np.ndarray, count: int, confidence: float) -> Estimates:
 
 
 def summarise_errors(
-    error: np.ndarray,
-    stated: np.ndarray,
-    dof: np.ndarray,
-    numbers: tuple[int, ...] = (0,),
-    prior: np.ndarray | float = 0.0,
+    error: np.ndarray, stated: np.ndarray, dof: np.ndarray, numbers: tuple[int, ...] = (0,)
 ) -> Errors:
     """Summarise the errors of p parameters in n runs.
 
     Args:
         error, stated: estimate minus truth and the stated standard error, (n, p) [m].
         dof: of each parameter's t interval, (n, p).
-        prior: share of the stated variance that a prior alone knows, (n, p).
     """
     count = len(error)
     none = np.full(error.shape[1], np.nan)
@@ -186,26 +179,25 @@ def summarise_errors(
         bias=error.mean(axis=0) if count else none,
         sd=error.std(axis=0, ddof=1) if count > 1 else none,
         standard_error=np.sqrt((stated**2).mean(axis=0)) if count else none,
-        prior_share=(prior * stated**2).sum(axis=0) / (stated**2).sum(axis=0) if count else none,
         covered=np.array(covered),
     )
 
 
-def model_errors(runs: Columns, model: str, numbers: tuple[int, ...]) -> Errors:
+def model_errors(runs: Columns, model: str, numbers: tuple[int, ...], given: bool = False) -> Errors:
     """Summarise the errors of a model's parameters.
 
     Args:
         runs: the identified ones.
+        given: that are left if the imperfections which the data do not show were known.
     """
-    stated, dof, prior = (
-        matrix(runs, [f"{model}.{name}.{n}" for n in numbers]) for name in ("se", "dof", "prior")
-    )
-    found = summarise_errors(errors_of(runs, model, numbers), stated, dof, numbers, prior)
+    value, error = ("given", "given_se") if given else ("value", "se")
+    stated, dof = (matrix(runs, [f"{model}.{name}.{n}" for n in numbers]) for name in (error, "dof"))
+    errors = summarise_errors(errors_of(runs, model, numbers, value), stated, dof, numbers)
     # The chi-square over p as F, since the covariance is itself estimated.
     below = runs[f"{model}.residual_dof"]
     limit = len(numbers) * f_ppf(1 - WHOLE_LEVEL, len(numbers), below)
     exceeded = int((runs[f"{model}.chi_square"] > limit).sum())
-    return replace(found, exceeded=exceeded, residual_dof=float(below.mean()) if found.count else np.nan)
+    return replace(errors, exceeded=exceeded, residual_dof=float(below.mean()) if errors.count else np.nan)
 
 
 def distribution(values: np.ndarray, scale: float = 1.0) -> Distribution:
@@ -254,8 +246,8 @@ def model_coverage(runs: Columns, model: str, errors: Errors, names: tuple[str, 
     rows = zip(errors.numbers.tolist(), coverage_of(errors), strict=True)
     beyond = None
     if errors.exceeded is not None and errors.count:
-        found = share(np.array([errors.exceeded]), errors.count, CONFIDENCE)
-        beyond = Share(float(found.value[0]), found.interval[:, 0].tolist())
+        exceeded = share(np.array([errors.exceeded]), errors.count, CONFIDENCE)
+        beyond = Share(float(exceeded.value[0]), exceeded.interval[:, 0].tolist())
     residuals = ("sigma", "residual_mean", "residual_sd", "residual_max")
     return {
         "parameters": [ParameterCoverage(number=n, name=names[n - 1], **row) for n, row in rows],

@@ -55,7 +55,7 @@ def coverage_table(model: str, rows: list[dict[str, Any]]) -> Table:
         *("coverage50", "coverage90", "coverage95", "coverage95_interval"),
     )
     path = _path(model, "parameters")
-    lines = [[Cell(row.get(name), f"{path}.{k}.{name}") for name in names] for k, row in enumerate(rows)]
+    lines = [[Cell(row[name], f"{path}.{k}.{name}") for name in names] for k, row in enumerate(rows)]
     return Table(f"{model.capitalize()} model", columns, lines)
 
 
@@ -67,22 +67,21 @@ def spread_table(report: dict[str, Any]) -> Table:
         Column("unit"),
         *(Column(name, format=".4g") for name in ("mean", "s.d.", "5 %", "median", "95 %")),
     )
-    models = {"full": report, "simplified": report["simplified"]}
     spreads = [
-        (model, *SPREADS[name], found[name], _path(model, name))
-        for model, found in models.items()
+        (model, *SPREADS[name], figures[name], _path(model, name))
+        for model, figures in (("full", report), ("simplified", report["simplified"]))
         for name in SPREADS
-        if found["parameters"]
+        if figures["parameters"]
     ]
-    for pair, found in report["correlations"].items():
-        spreads.append(
-            ("full", f"correlation ({pair.replace(',', ', ')})", "", found, f"correlations.{pair}")
-        )
+    spreads += [
+        ("full", f"correlation ({pair.replace(',', ', ')})", "", spread, f"correlations.{pair}")
+        for pair, spread in report["correlations"].items()
+    ]
     spreads.append(("", "rows measured", "", report["rows"], "rows"))
     names = ("mean", "sd", "quantile05", "quantile50", "quantile95")
     rows = [
-        [model, quantity, unit, *(Cell(found[name], f"{key}.{name}") for name in names)]
-        for model, quantity, unit, found, key in spreads
+        [model, quantity, unit, *(Cell(spread[name], f"{path}.{name}") for name in names)]
+        for model, quantity, unit, spread, path in spreads
     ]
     return Table("Variation over the runs", columns, rows)
 
@@ -101,24 +100,17 @@ def coverage_check_table(checks: list[dict[str, Any]]) -> Table:
     )
     rows = []
     for k, check in enumerate(checks):
-
-        def cell(name: str, check: dict[str, Any] = check, key: str = f"checks.{k}") -> Cell:
-            return Cell(check[name], f"{key}.{name}")
-
-        open_ended = check["result"] == "pass" and not check["shown"]
-        rows.append(
-            [
-                cell("name"),
-                Cell("inconclusive" if open_ended else check["result"], mark=check["result"]),
-                *(cell(name) for name in ("number", "value", "interval", "bounds")),
-                cell("beyond"),
-                cell("source"),
-            ]
+        name, *others = (
+            Cell(check[key], f"checks.{k}.{key}")
+            for key in ("name", "number", "value", "interval", "bounds", "beyond", "source")
         )
+        open_ended = check["result"] == "pass" and not check["shown"]
+        result = Cell("inconclusive" if open_ended else check["result"], mark=check["result"])
+        rows.append([name, result, *others])
     note = (
         f"Bounds: bias within {BIAS[1]:g} s.e., found over stated s.e. {RATIO[0]:g} to {RATIO[1]:g}, "
-        f"coverage {100 * COVERAGE[0]:g} to {100 * COVERAGE[1]:g} %; wider towards small errors where a "
-        "prior alone knows imperfections that are smaller in these laboratories. An estimator inside of them "
+        f"coverage {100 * COVERAGE[0]:g} to {100 * COVERAGE[1]:g} %. Judged are the errors that "
+        "are left if imperfections which the data do not show were known. An estimator inside of the bounds "
         f"fails with a probability below {100 * LEVEL:g} %. Pass: the runs show it, by intervals "
         "wholly inside of the bounds; inconclusive: some still reach beyond them."
     )
@@ -128,8 +120,8 @@ def coverage_check_table(checks: list[dict[str, Any]]) -> Table:
 def coverage_lines(report: dict[str, Any]) -> list[str]:
     """Describe the total mass, the errors of all parameters together, and the runs that failed."""
     lines = [imperfections_line(report["imperfections"], several=True)]
-    for model, found in (("full", report), ("simplified", report["simplified"])):
-        if beyond := found.get("beyond_95"):
+    for model, figures in (("full", report), ("simplified", report["simplified"])):
+        if beyond := figures["beyond_95"]:
             low, high = (100 * end for end in beyond["interval"])
             lines.append(
                 f"Runs whose errors together exceed 95 % of F, {model} model: {100 * beyond['share']:.1f} % "
@@ -154,17 +146,3 @@ def _figure(value: float | None, spec: str, scale: float = 1.0) -> str:
 def _path(model: str, name: str) -> str:
     """Return where a report has something of a model."""
     return name if model == "full" else f"{model}.{name}"
-
-
-def coverage_report(report: dict[str, Any]) -> list[Table | str]:
-    """Return the tables and sentences of a Monte Carlo; the verdict is not among them."""
-    models = {"full": report["parameters"], "simplified": report["simplified"]["parameters"]}
-    return [
-        *(coverage_table(model, rows) for model, rows in models.items() if rows),
-        LEGEND,
-        "",
-        spread_table(report),
-        *coverage_lines(report),
-        "",
-        coverage_check_table(report["checks"]),
-    ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -38,9 +39,11 @@ class OrdinaryOutcome(Outcome):
 
     Attributes:
         base: base parameters of the robot that stood there, with its own lengths, (p,) [m].
+        sizes: of the hidden effects, by the name of every number [SI].
     """
 
     base: np.ndarray
+    sizes: dict[str, float]
 
 
 def source_of(
@@ -137,7 +140,10 @@ class _Repeated:
         else:
             (outcome,) = run_statics(solve_plan(rig, self.plan, self.solved), [of_noise])
         base = true_base_parameters(rig, common_support(self.plan.support))
-        return OrdinaryOutcome(outcome.measurements, outcome.truth, base)
+        sizes: Counter[str] = Counter()
+        for effect in laboratory.hidden:
+            sizes.update(effect.sizes)
+        return OrdinaryOutcome(outcome.measurements, outcome.truth, base, dict(sizes))
 
 
 def _solved(

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections import Counter
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -16,7 +15,6 @@ from tulip_testbed.base.machine import machine
 from tulip_testbed.base.result import Outside, Result
 from tulip_testbed.base.table import Table
 from tulip_testbed.base.table_files import Columns, software, write_json
-from tulip_testbed.calibration.ordinary_laboratory import USUAL
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.coverage import (
     Coverage,
@@ -28,7 +26,14 @@ from tulip_testbed.experiments.montecarlo.coverage import (
     model_errors,
     summarise_errors,
 )
-from tulip_testbed.experiments.montecarlo.coverage_tables import TOO_FEW, coverage_report, coverage_table
+from tulip_testbed.experiments.montecarlo.coverage_tables import (
+    LEGEND,
+    TOO_FEW,
+    coverage_check_table,
+    coverage_lines,
+    coverage_table,
+    spread_table,
+)
 from tulip_testbed.experiments.montecarlo.coverage_verdict import CoverageCheck, checks, shown, verdict
 from tulip_testbed.experiments.montecarlo.run_chunks import RunChunks
 from tulip_testbed.experiments.montecarlo.run_columns import (
@@ -50,7 +55,7 @@ from tulip_testbed.experiments.run_file import (
     check_robot,
     configuration_of,
 )
-from tulip_testbed.experiments.usable_plan import planned_parameters
+from tulip_testbed.experiments.usable_plan import plan_hash, planned_parameters
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.robot import Robot
@@ -139,9 +144,20 @@ class MonteCarlo(Result, ModelCoverage):
 
     def tables(self) -> list[Table | str]:
         """Return the parameters, how residuals vary, the checks and the verdict."""
+        report = self.to_json()
+        models = {"full": report["parameters"], "simplified": report["simplified"]["parameters"]}
         enough = (", shown" if self.shown else ", inconclusive") if self.verdict == "pass" else ""
-        said = f"Verdict: {self.verdict}{enough}; estimator {self.estimator}, {self.runs} runs"
-        return [*coverage_report(self.to_json()), said, *([] if self.conclusive else [TOO_FEW])]
+        return [
+            *(coverage_table(model, rows) for model, rows in models.items() if rows),
+            LEGEND,
+            "",
+            spread_table(report),
+            *coverage_lines(report),
+            "",
+            coverage_check_table(report["checks"]),
+            f"Verdict: {self.verdict}{enough}; estimator {self.estimator}, {self.runs} runs",
+            *([] if self.conclusive else [TOO_FEW]),
+        ]
 
     def write_into(self, folder: Path) -> None:
         """Write a run folder, which more runs can be added to."""
@@ -205,7 +221,8 @@ class MonteCarlo(Result, ModelCoverage):
             model: float(np.abs(matrix(runs, names)).max(initial=0.0)) if names else 0.0
             for model, names in left_out.items()
         }
-        done = checks(settings.runs, models, outside, USUAL * settings.imperfections)
+        judged = {model: model_errors(runs, model, n, given=True) for model, n in layout.models.items()}
+        done = checks(settings.runs, judged, outside)
         return cls(
             runs=settings.runs,
             estimator=settings.estimator,
@@ -241,12 +258,3 @@ def montecarlo_file(laboratory: Laboratory, plan: PosturePlan, settings: Setting
         software=software(),
         machine=machine(),
     )
-
-
-def plan_hash(plan: PosturePlan) -> str:
-    """Hash everything that a plan asks for, which is in its arrays, in hexadecimal."""
-    digest = hashlib.sha256()
-    for field in fields(plan):
-        if isinstance(array := getattr(plan, field.name), np.ndarray):
-            digest.update(f"{field.name} {array.dtype} {array.shape} ".encode() + array.tobytes())
-    return digest.hexdigest()

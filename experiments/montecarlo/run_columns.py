@@ -24,8 +24,10 @@ SCALARS = (
     *("sigma", "condition_number", "residual_mean", "residual_sd", "residual_max"),
     *("chi_square", "residual_dof"),
 )
-QUANTITIES = ("value", "se", "dof", "prior")  # of a parameter
-NOT_NEGATIVE = (*SCALARS, "se", "dof", "prior", "rows", "dropped")
+# Of a parameter: the estimate and its s.e.; both if imperfections that the data do not show were known.
+QUANTITIES = ("value", "se", "dof", "given", "given_se")
+NOT_NEGATIVE = (*SCALARS, "se", "dof", "given_se", "rows", "dropped")
+EXACT: Mapping[str, float] = {}
 MOST = 1e12  # of any number of a run: larger ones lose their last digits when they are squared
 
 
@@ -81,9 +83,13 @@ def matrix(runs: Columns, names: Sequence[str]) -> np.ndarray:
     return np.column_stack([runs[name] for name in names]).astype(float)
 
 
-def errors_of(runs: Columns, model: str, numbers: Sequence[int]) -> np.ndarray:
-    """Return the estimates minus the truth of a model's parameters, (runs, p) [m]."""
-    value, truth = ([f"{name}.{n}" for n in numbers] for name in (f"{model}.value", "truth"))
+def errors_of(runs: Columns, model: str, numbers: Sequence[int], quantity: str = "value") -> np.ndarray:
+    """Return the estimates minus the truth of a model's parameters, (runs, p) [m].
+
+    Args:
+        quantity: "value" or "given" of `QUANTITIES`.
+    """
+    value, truth = ([f"{name}.{n}" for n in numbers] for name in (f"{model}.{quantity}", "truth"))
     return matrix(runs, value) - matrix(runs, truth)
 
 
@@ -164,12 +170,12 @@ class Job:
         except InputError as error:
             return record, str(error)
         if isinstance(outcome, OrdinaryOutcome):
-            truth = outcome.base
+            truth, sizes = outcome.base, outcome.sizes
         else:
-            truth = self.parameters.values(outcome.truth.standard)
+            truth, sizes = self.parameters.values(outcome.truth.standard), {}
         models = {"full": fit.full, "simplified": fit.simplified}
         mass = (*fit.mass, len(outcome.measurements) - 1, outcome.truth.mass)
-        return record | numbers_of(self.layout, models, truth, mass), ""
+        return record | numbers_of(self.layout, models, truth, mass, sizes), ""
 
 
 def numbers_of(
@@ -177,6 +183,7 @@ def numbers_of(
     models: Mapping[str, Estimate],
     truth: np.ndarray,
     mass: tuple[float, float, float, float],
+    sizes: Mapping[str, float] = EXACT,
 ) -> dict[str, float]:
     """Return the columns of `Layout` of one run.
 
@@ -184,10 +191,11 @@ def numbers_of(
         models: estimates by the model's name.
         truth: of all base parameters, (p,) [m].
         mass: the total mass, its standard error with its degrees of freedom, and the truth [kg].
+        sizes: true sizes of the laboratory's imperfections, by name [SI].
     """
     record = {f"truth.{number}": float(truth[number - 1]) for number in layout.numbers}
     for model in layout.models:
-        record |= _model_numbers(model, models[model], truth)
+        record |= _model_numbers(model, models[model], truth, sizes)
     if layout.pairs:
         rho, place = correlations(models["full"].covariance), layout.models["full"].index
         record |= {f"full.correlation.{a}.{b}": float(rho[place(a), place(b)]) for a, b in layout.pairs}
@@ -195,13 +203,18 @@ def numbers_of(
     return record | {name: float(value) for name, value in zip(names, mass, strict=True)}
 
 
-def _model_numbers(model: str, estimate: Estimate, truth: np.ndarray) -> dict[str, float]:
-    prior = estimate.prior_share
+def _model_numbers(
+    model: str, estimate: Estimate, truth: np.ndarray, sizes: Mapping[str, float]
+) -> dict[str, float]:
+    unseen, given, covariance = estimate.unseen, estimate.value, estimate.covariance
+    if unseen is not None:
+        given, covariance = unseen.given(given, sizes), unseen.covariance
     columns = {
         "value": estimate.value,
         "se": standard_errors(estimate.covariance),
         "dof": estimate.interval_dof,
-        "prior": np.zeros(len(estimate.numbers)) if prior is None else prior,
+        "given": given,
+        "given_se": standard_errors(covariance),
     }
     record = {
         f"{model}.{what}.{number}": float(value)
@@ -209,14 +222,13 @@ def _model_numbers(model: str, estimate: Estimate, truth: np.ndarray) -> dict[st
         for number, value in zip(estimate.numbers, values, strict=True)
     }
     norms = residual_norms(estimate.residual)
-    error = estimate.value - truth[estimate.numbers - 1]
     scalars = {
         "sigma": estimate.sigma,
         "condition_number": estimate.condition_number,
         "residual_mean": norms.mean,
         "residual_sd": norms.sd,
         "residual_max": norms.max,
-        "chi_square": chi_square(error, estimate.covariance),
+        "chi_square": chi_square(given - truth[estimate.numbers - 1], covariance),
         "residual_dof": estimate.dof,
     }
     return record | {f"{model}.{name}": float(value) for name, value in scalars.items()}

@@ -31,7 +31,7 @@ class Settings:
     seed: Seed
     estimator: str
     robot_spread: Annotated[float, Field(gt=0, le=1)] | None
-    engine: str = "statics"
+    engine: Annotated[str, Field(pattern="^(statics|dynamics)$")] = "statics"
     imperfections: Annotated[float, Field(ge=0)] = ORDINARY
 
     @property

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from tulip_testbed.base.errors import look_up
 from tulip_testbed.identification.estimators.consistent import physically_consistent
 from tulip_testbed.identification.estimators.errors_in_variables import corrected_least_squares
-from tulip_testbed.identification.estimators.estimate import Estimate, StandardEstimate
+from tulip_testbed.identification.estimators.estimate import Estimate, StandardEstimate, Unseen
 from tulip_testbed.identification.estimators.mixed import mixed_model, placement_effects
 from tulip_testbed.identification.estimators.ordinary import least_squares, solve_least_squares
 from tulip_testbed.identification.estimators.prior import with_prior
@@ -60,6 +60,7 @@ __all__ = [
     "Estimate",
     "Estimator",
     "StandardEstimate",
+    "Unseen",
     "estimate_by",
     "least_squares",
     "solve_least_squares",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +40,32 @@ class StandardEstimate:
 
 
 @dataclass(frozen=True, eq=False)
+class Unseen:
+    """Imperfections that the data do not show: how large they are is what their prior says.
+
+    Attributes:
+        labels: names of their numbers, (u,).
+        value: estimates, (u,) [SI].
+        carry: derivative of the estimated base parameters by them, (p, u) [m/SI].
+        covariance: of the base parameters if they were known, (p, p) [m2].
+    """
+
+    labels: tuple[str, ...]
+    value: Array
+    carry: Array
+    covariance: Array
+
+    def given(self, value: np.ndarray, sizes: Mapping[str, float]) -> np.ndarray:
+        """Return the base parameters (p,) as they were estimated if these imperfections were known.
+
+        Args:
+            value: the estimate, (p,) [m].
+            sizes: true numbers by label, zero if missing [SI].
+        """
+        return value + self.carry @ (np.array([sizes.get(label, 0.0) for label in self.labels]) - self.value)
+
+
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """An estimate of the base parameters with its covariance.
 
@@ -56,8 +83,7 @@ class Estimate:
         interval_dof: degrees of freedom of each parameter's t interval by `covariance`, (p,).
         joint_dof: of the denominator of an F test of all parameters.
         condition_number: condition number of H.
-        prior_share: share of each parameter's variance that is due to imperfections which the data do not
-            show, so that their prior alone says how large they are, (p,); None: the estimator has no prior.
+        unseen: imperfections that the estimator knows by their prior alone; None: it has no prior.
         standard: link masses and centres of mass, if the estimator gives them.
     """
 
@@ -73,7 +99,7 @@ class Estimate:
     interval_dof: Array
     joint_dof: float
     condition_number: float
-    prior_share: Array | None = None
+    unseen: Unseen | None = None
     standard: StandardEstimate | None = None
 
     @computed_field

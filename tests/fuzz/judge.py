@@ -41,7 +41,7 @@ TOLERANCE = 1e-6  # of a result, relative to its largest number
 MAY_BE_NULL = (
     "calibration",
     "standard",
-    "prior_share",
+    "unseen",
     "made",
     "rig",
     "relative_standard_error",

@@ -34,8 +34,9 @@ from tests.fuzz.documents import edited, put
 
 HASHES = {"run.json": "outputs", "rig.json": "files"}  # where a folder lists its files
 RUN, REPORT, TRUTH, RESULT = "run.json", "report.json", "truth.json", "result.json"
-STATE_NAME = ".plan.state.json"
-CHUNK, STATE = "runs/chunk-000000.parquet", f"made/{STATE_NAME}"
+STATE_NAME = "seed-311.json"
+CHUNK, STATE = "runs/chunk-000000.parquet", f"made/.plan.search/{STATE_NAME}"
+SEARCH = "made/.plan.search/search.json"
 RIG = "rig.json"
 
 
@@ -181,7 +182,6 @@ TABLE_EDITS: dict[str, tuple[folders.Edit, Expected]] = {
 # --- kinds -------------------------------------------------------------------------------------
 
 RUNS = (0, -1, 1, 2, 4, 26, 10**6, 10**13, 10**250, "3", None, True, 2.5)
-CHUNKS = (0, -1, 2, 26, 10**13, "25", None)
 FIELDS = (None, "x" * 64, "0" * 64, "", "\x1b", 1, [], {})
 NO_LISTS = [f"a list {edit} in {RUN}" for edit in ("of another length", "in another order")]
 RUN_KINDS: dict[str, Change] = {
@@ -200,7 +200,7 @@ MONTECARLO_KINDS: dict[str, Change] = {
     **others(RUN, CHUNK),
     **{f"{kind} in the runs": runs(*how) for kind, how in TABLE_EDITS.items()},
     "numbers of runs": content(put("settings.runs", *RUNS), refused(WHOLE), RUN),
-    "sizes of chunks": content(put("settings.chunk", *CHUNKS), EITHER, RUN),
+    "another engine": content(put("settings.engine", "dynamics", "", 1, None), EITHER, RUN),
     "garbage for runs": content(folders.garbage, REFUSED, CHUNK),
     "flipped bytes in the runs": content(changes.flipped, EITHER, CHUNK),
     "truncated runs": content(changes.truncated, REFUSED, CHUNK),
@@ -229,10 +229,12 @@ RIG_KINDS: dict[str, Change] = {
     "other targets": content(put("effects.0.target", "left_knee", "nose", "", None, "\x1b"), EITHER, RIG),
 }
 STATE_KINDS: dict[str, Change] = {
-    **{kind: how for kind, how in documents_of(STATE).items() if "harmless" not in kind},  # it is one line
+    # It is one line of numbers.
+    **{k: how for k, how in documents_of(STATE).items() if "harmless" not in k and " text" not in k},
+    **documents_of(SEARCH),
     **{kind: how for kind, how in others(STATE).items() if kind.split()[0] not in ("closed", "folder")},
     **{
-        f"{how} of the best plan": content(put(f"state.best_{what}.7.{k}", *values), expected, STATE)
+        f"{how} of the best plan": content(put(f"best_{what}.7.{k}", *values), expected, STATE)
         for how, what, k, values, expected in (
             # Where the equations are solved from: another start may lead to the same posture.
             ("another knee", "angles", 3, (0.0, 1.0, -2.0, 90.0), EITHER),
@@ -240,7 +242,7 @@ STATE_KINDS: dict[str, Change] = {
             ("another swing foot", "design", 6, (0.5, -0.2, 2.0), refused(STATE_NAME)),
         )
     },
-    "another objective": content(put("state.value", 1.0, 600.0, -1.0, 0), refused(STATE_NAME), STATE),
-    "another start": content(put("state.initial", 1.0, 1e5, -1.0), refused(STATE_NAME), STATE),
-    "other rounds": content(put("state.rounds", 0, 2, 5, 10**6, -1, 2.5), EITHER, STATE),
+    "another objective": content(put("value", 1.0, 600.0, -1.0, 0), refused(STATE_NAME), STATE),
+    "another start": content(put("initial", 1.0, 1e5, -1.0), refused(STATE_NAME), STATE),
+    "other rounds": content(put("rounds", 0, 2, 5, 10**6, -1, 2.5), EITHER, STATE),
 }

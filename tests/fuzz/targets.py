@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +22,11 @@ from tests.fuzz.records import (
     STATE_KINDS,
 )
 from tests.fuzz.robots import PLATE_KINDS, ROBOT_KINDS
+from tulip_testbed.base.progress import Advance
 from tulip_testbed.effects.instance import instances_of
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.experiments.plan_state import state_file
-from tulip_testbed.experiments.planning_run import PlanSettings, carry_out, set_up_search
+from tulip_testbed.experiments.plan_search import PlanSettings, set_up_search
+from tulip_testbed.experiments.planning_run import search_plan
 from tulip_testbed.experiments.rig_folder import write_rig
 from tulip_testbed.experiments.validate import judge
 from tulip_testbed.sim.plan_folder import read_plan
@@ -112,11 +114,19 @@ class Intact:
     def _state(self, path: Path) -> None:
         (path / "made").mkdir(parents=True)
 
-        def interrupt(state: Any) -> None:
-            if state.rounds == INTERRUPTED:
-                raise KeyboardInterrupt
+        @contextmanager
+        def stopping(what: str, total: int, done: int) -> Iterator[Advance]:
+            left = iter(range(INTERRUPTED - 1))
 
-        carry_out(set_up_search(load_robot(), SEARCHED).job(), state_file(path / "made" / "plan"), interrupt)
+            def stop(count: int, /, value: float | None = None) -> None:
+                next(left)
+
+            yield stop
+
+        with suppress(StopIteration):  # in the place of a kill
+            search_plan(
+                set_up_search(load_robot(), SEARCHED), path / "made" / "plan", "wii", progress=stopping
+            )
 
     def _folders(self, path: Path) -> None:
         for target in ("measurements", "run"):

@@ -20,22 +20,24 @@ from tulip_testbed.experiments.atlases.planned_experiment import Planned, planne
 from tulip_testbed.experiments.atlases.tolerance import Tolerance
 from tulip_testbed.experiments.atlases.tolerance import tolerance as _tolerance
 from tulip_testbed.experiments.defaults import DEFAULT_SEED, REPEATS, SPEED
+from tulip_testbed.experiments.described_plan import DescribedPlan
+from tulip_testbed.experiments.described_plan import describe_plan as _describe_plan
 from tulip_testbed.experiments.effect_list import EffectList
 from tulip_testbed.experiments.effect_list import list_effects as _list_effects
-from tulip_testbed.experiments.planning_run import PlanSettings, check_out, measured_for, set_up_search
+from tulip_testbed.experiments.plan_search import PlanSettings, set_up_search
+from tulip_testbed.experiments.planning_run import CHOSEN, check_out, search_plan
 from tulip_testbed.experiments.protocols.protocol_run import (
     LaboratoryProtocol,
     ProtocolSettings,
     check_settings,
     protocol_of,
 )
-from tulip_testbed.experiments.usable_plan import check_plan, random_plan
+from tulip_testbed.experiments.usable_plan import check_plan, measured_for, random_plan
 from tulip_testbed.experiments.watching.watch_day import Arrival, WatchSettings, watch_day
-from tulip_testbed.experiments.written_plan import CHOSEN, DescribedPlan, drawn_plan, search_plan
-from tulip_testbed.experiments.written_plan import describe_plan as _describe_plan
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.planning.search_defaults import HOPS, SOLVERS
 from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.plan_folder import write_plan
 from tulip_testbed.sim.robot import Robot
 
 NOISY = ("wii", "force-plate")  # sensors with noise of readings on plates
@@ -74,7 +76,11 @@ def draw_plan(
     if place is not None:
         check_new(place)
     made = random_plan(robot, placements, per_placement, seed, progress)
-    return drawn_plan(robot, made, "plan" if place is None else str(place), sensors, place)
+    described = _describe_plan(robot, made, "plan" if place is None else str(place), sensors)
+    if place is None:
+        return described
+    write_plan(place, made)
+    return replace(described, notes=(f"Plan folder: {place}",))
 
 
 @checked

@@ -1,0 +1,365 @@
+"""A plan and what it promises: condition number, standard errors, correlations, margins."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass, field
+from typing import Annotated, Any
+
+import mujoco
+import numpy as np
+from pydantic import Field
+
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.numbers import number
+from tulip_testbed.base.result import Array, Figure, Outside, Result
+from tulip_testbed.base.table import Table
+from tulip_testbed.experiments.correlation_table import NO_CORRELATION, correlation_table, united_links
+from tulip_testbed.experiments.plan_clearances import clearance_table, clearances_of
+from tulip_testbed.experiments.usable_plan import as_plan, identifiable_regressor, joined, planned_parameters
+from tulip_testbed.identification.base_parameters import BaseParameters, common_support, standard_parameters
+from tulip_testbed.identification.feasibility import predicted_cell_loads, predicted_foot_loads
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.planning.one_foot import from_other_foot, single_support_margins
+from tulip_testbed.identification.planning.optimal_plan import smallest_margins
+from tulip_testbed.identification.planning.problem import Problem, planning_problem
+from tulip_testbed.identification.reading_noise import ReadingNoise, cell_noise, placement_levers
+from tulip_testbed.identification.statistics import (
+    HIGH_CORRELATION,
+    WELL_IDENTIFIED,
+    high_correlations,
+    relative_standard_errors,
+    standard_errors,
+)
+from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.measurements.data import base_foot, feet_in_contact
+from tulip_testbed.sim.procedure import header_of
+from tulip_testbed.sim.rig import Rig, preset_rig
+from tulip_testbed.sim.robot import Robot, joint_names, sole_point
+from tulip_testbed.sim.scene import boards_under, nominal_plates
+
+LARGE_SHARE = 1000.0  # % of a nominal value: it is near zero
+SEARCHED = (
+    *("objective", "initial_condition_number"),
+    *("measured_objective", "initial_objective", "final_objective"),
+)
+PROMISES = (
+    *("condition_number", "preset", "sigma_mm", "predicted_standard_error_mm"),
+    *("predicted_relative_standard_error_percent", "well_identified"),
+    *("correlations", "margins", "clearances"),
+)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A search of Table I: condition numbers of 50 postures, random and optimal, with the paper's."""
+
+    seed: int
+    initial_condition_number: float
+    condition_number: float
+    paper_initial: float
+    paper: float
+    cpu_s: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class DescribedPlan(Result):
+    """A plan with what it promises.
+
+    Figures are those of the postures after all that were measured before; the margins are of the plan alone.
+
+    Attributes:
+        source: the plan's name or folder. postures, placements: how many there are.
+        condition_number: of the regressor.
+        preset, sigma_mm: of the sensors, and the s.d. of the centre of pressure that they promise [mm].
+        predicted_standard_error_mm, predicted_relative_standard_error_percent: of generalised least squares
+            with this s.d., for the nominal robot, if every posture can be held, (p,) [mm, %].
+        well_identified: how many parameters have a small relative standard error.
+        correlations: `a`, `b`, `rho` of high ones (eq. 15). margins: see `margins_of`.
+        clearances: see `clearances_of`. made: how the plan was made.
+        objective, initial_condition_number, ...: of a search: what it made small, and its figures.
+        trials, chosen: of the paper's six searches; the seeds of those that were joined.
+        wall_s: time of the search [s].
+        plan: the postures. whole: these, after those that were measured before.
+        finished: whether a search came to its end.
+        notes: where plan and pictures are. complete: whether all pictures could be drawn.
+    """
+
+    source: Annotated[str | None, Field(alias="plan")]
+    postures: int
+    placements: int
+    condition_number: float
+    preset: str
+    sigma_mm: float
+    predicted_standard_error_mm: Array
+    predicted_relative_standard_error_percent: Array
+    well_identified: int
+    correlations: list[dict[str, Any]]
+    margins: dict[str, dict[str, Any]] | None
+    clearances: dict[str, list[dict[str, Any]]]
+    made: dict[str, Any]
+    objective: str | None = None
+    initial_condition_number: Figure = math.nan
+    measured_objective: Figure = math.nan
+    initial_objective: Figure = math.nan
+    final_objective: Figure = math.nan
+    trials: list[Trial] = field(default_factory=list)
+    chosen: list[int] = field(default_factory=list)
+    wall_s: Figure = math.nan
+    plan: Annotated[PosturePlan, Outside()]
+    whole: Annotated[PosturePlan, Outside()]
+    robot: Annotated[Robot, Outside()]
+    finished: Annotated[bool, Outside()] = True
+    notes: Annotated[tuple[str, ...], Outside()] = ()
+    complete: Annotated[bool, Outside()] = True
+
+    @property
+    def exit_code(self) -> int:
+        """Return 130 of an interrupted search, 2 if a picture is missing, or else 0."""
+        return (0 if self.complete else 2) if self.finished else 130
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON document, without what only a search has where there was none."""
+        unknown = {*SEARCHED, "wall_s"}
+        document = super().to_json()
+        named = {"plan": document.pop("source")} | document
+        return {key: value for key, value in named.items() if value is not None or key not in unknown}
+
+    def promises(self) -> dict[str, Any]:
+        """Return what the plan promises, as its folder keeps it."""
+        document = self.to_json()
+        return {name: document[name] for name in PROMISES}
+
+    def tables(self) -> list[Table | str]:
+        """Return the trials, or the figures of the plan, and where it is."""
+        if self.trials:
+            return [trial_table(self.trials), *self.notes]
+        parameters = planned_parameters(self.robot, self.whole)
+        pairs = [(pair["a"], pair["b"], pair["rho"]) for pair in self.correlations]
+        return [
+            self._head(),
+            f"{self.well_identified} of {len(parameters.names)} parameters would be well identified "
+            f"(relative standard error below {WELL_IDENTIFIED:.0f} %), preset {self.preset}, sigma "
+            f"{self.sigma_mm:.2f} mm.",
+            self.table(),
+            correlation_table("full", pairs, parameters, self.whole.joint_angles)
+            if pairs
+            else NO_CORRELATION,
+            "Margins are known for six joints a leg only."
+            if self.margins is None
+            else margin_table(self.margins),
+            clearance_table(self.clearances),
+            *self.notes,
+        ]
+
+    def _head(self) -> str:
+        """Describe in a sentence what the plan is, and what a search improved."""
+        size = f"{self.postures} postures on {self.placements} placements"
+        if self.objective is None:
+            return f"{size}, condition number {self.condition_number:.0f}."
+        size += f", objective {self.objective}"
+        if math.isnan(self.measured_objective):
+            first = f"{self.initial_condition_number:.1f}"
+            return f"{size}: condition number {first} -> {self.condition_number:.1f}."
+        criteria = (self.measured_objective, self.initial_objective, self.final_objective)
+        before, random, chosen = (number(value, ".4g") for value in criteria)
+        return (
+            f"{size}: {before} with the {len(self.whole) - len(self.plan)} measured postures, {random} with "
+            f"the random ones to begin with, {chosen} with these; the numbers below are of both together."
+        )
+
+    def table(self) -> Table:
+        """Return the standard errors that the plan promises."""
+        parameters = planned_parameters(self.robot, self.whole)
+        columns = (
+            Column("no.", format="d"),
+            Column("parameter"),
+            Column("s.e.", "mm", ".2f"),
+            Column("of the nominal value", "%", ".1f"),
+            Column("links", extra=True),
+        )
+        errors = self.predicted_standard_error_mm.tolist()
+        shares = self.predicted_relative_standard_error_percent.tolist()
+        rows = [
+            [k, name, error, share if share < LARGE_SHARE else math.inf, united_links(parameters, k)]
+            for k, (name, error, share) in enumerate(zip(parameters.names, errors, shares, strict=True), 1)
+        ]
+        title = f"Predicted standard errors, preset {self.preset}, if every posture can be held"
+        return Table(title, columns, rows, "-: the nominal value is near zero.")
+
+
+def describe_plan(
+    robot: Robot, plan: PosturePlan, source: str | None, preset: str, measured: Measurements | None = None
+) -> DescribedPlan:
+    """Describe a plan.
+
+    Args:
+        source: of the plan, for messages.
+        preset: of the sensors, "wii" or "force-plate".
+        measured: before.
+
+    Raises:
+        InputError: postures that do not identify the robot, or a scene that cannot be.
+    """
+    whole = plan if measured is None else joined([as_plan(robot, measured), plan])
+    identifiable_regressor(source or "plan", robot, whole)
+    rig, parameters = preset_rig(preset, robot), planned_parameters(robot, whole)
+    nominal = parameters.values(standard_parameters(robot.model))
+    matrix = regressor_by_mujoco(robot, whole.joint_angles, parameters, whole.support)
+    rows = matrix.reshape(-1, len(nominal))
+    noise = reading_noise_of(rig, whole, parameters, nominal)
+    covariance = np.linalg.inv(np.tensordot(matrix, noise.weights(matrix), axes=((0, 1), (0, 1))))
+    errors = standard_errors(covariance)
+    relative = relative_standard_errors(nominal, errors)
+    pairs = high_correlations(np.linalg.inv(rows.T @ rows), np.arange(1, len(nominal) + 1), HIGH_CORRELATION)
+    return DescribedPlan(
+        source=source,
+        postures=len(plan),
+        placements=len(np.unique(plan.placement)),
+        condition_number=float(np.linalg.cond(rows)),
+        preset=preset,
+        sigma_mm=1e3 * float(np.sqrt(noise.variance.mean())),
+        predicted_standard_error_mm=1e3 * errors,
+        predicted_relative_standard_error_percent=relative,
+        well_identified=int((relative < WELL_IDENTIFIED).sum()),
+        correlations=[{"a": a, "b": b, "rho": rho} for a, b, rho in pairs],
+        margins=margins_of(robot, plan),
+        clearances=clearances_of(robot, plan),
+        made=plan.made,
+        plan=plan,
+        whole=whole,
+        robot=robot,
+    )
+
+
+def regressor_by_mujoco(
+    robot: Robot, joint_angles: np.ndarray, parameters: BaseParameters, support: np.ndarray
+) -> np.ndarray:
+    """Compute the base regressor by MuJoCo's kinematics, which planning does not use, (m, 2, p) [-].
+
+    The CoM is W(q) phi / M with the standard parameters phi, W = [p_l, R_l] a link, and H theta with
+    theta = B phi / M; so W = H B, and H = W B^+. Places are from the stance foot's sole point, in the axes of
+    the foot that carries.
+    """
+    model = robot.model
+    data = mujoco.MjData(model)
+    joints = [model.joint(name).qposadr[0] for name in joint_names(model)]
+    point = sole_point(model, robot.stance_foot)
+    stacked = np.empty((len(joint_angles), 2, 4 * (model.nbody - 1)))
+    for k, (angles, carrying) in enumerate(zip(joint_angles, base_foot(support), strict=True)):
+        data.qpos[:] = model.qpos0
+        data.qpos[joints] = angles
+        mujoco.mj_kinematics(model, data)
+        foot = data.body(robot.stance_foot)
+        base = data.body(robot.feet[carrying]).xmat.reshape(3, 3)
+        places = (data.xpos[1:] - foot.xpos - foot.xmat.reshape(3, 3) @ point) @ base
+        turns = base.T @ data.xmat[1:].reshape(-1, 3, 3)
+        stacked[k] = np.concatenate([places[:, None], turns.mT], axis=1)[..., :2].reshape(-1, 2).T
+    return stacked @ np.linalg.pinv(parameters.from_standard)
+
+
+def planned_readings(rig: Rig, plan: PosturePlan, com: np.ndarray) -> Measurements:
+    """Compute the readings of the plates by the nominal model, without noise.
+
+    Args:
+        com: nominal centre of mass in the plan view, (m, 2) [m].
+    """
+    robot, model = rig.robot, rig.robot.model
+    plate = dataclasses.replace(nominal_plates(robot)[0], mass=0.0)  # tared
+    weight = float(model.body_subtreemass[0] * -model.opt.gravity[2])
+    feet, stands = plan.foot_poses, feet_in_contact(plan.support)
+    boards = boards_under(rig, feet)
+    cells = []
+    for point, pair, board, on in zip(com, feet, boards, stands, strict=True):
+        share, cop = predicted_foot_loads(point, pair[:, :2])
+        if not on.all():
+            share, cop = on.astype(float), np.where(on[:, None], point, board[:, :2])
+        cells.append(predicted_cell_loads(share, cop, board, plate, weight))
+    count = len(plan)
+    return Measurements.from_arrays(
+        header_of(rig),
+        posture=plan.posture,
+        placement=plan.placement,
+        support=plan.support,
+        window=np.full(count, rig.protocol.window),
+        samples=np.full(count, round(rig.protocol.window * rig.sensors.sample_rate)),
+        joint_angles=plan.joint_angles,
+        cell_forces=np.array(cells),
+        plate_poses=boards,
+    )
+
+
+def reading_noise_of(
+    rig: Rig, plan: PosturePlan, parameters: BaseParameters, nominal: np.ndarray
+) -> ReadingNoise:
+    """Noise of the centre of pressure that the rig's sensors promise at planned postures."""
+    com = nominal_robot(rig.robot, parameters.support).center_of_mass(plan.joint_angles, plan.support)
+    readings = planned_readings(rig, plan, com)
+    sheet = readings.sensors
+    slope = (sheet.encoder_sd or 0.0) * (parameters.slope(plan.joint_angles, plan.support) @ nominal)
+    own = (sheet.cell_sd or 0.0) ** 2 * cell_noise(readings, com) + slope @ slope.mT
+    sd = np.array([*rig.sensors.mark_sd, *rig.sensors.placement_sd])
+    return ReadingNoise(own, placement_levers(readings) * sd, plan.placement)
+
+
+def margins_of(robot: Robot, plan: PosturePlan) -> dict[str, dict[str, Any]] | None:
+    """Return the least margin of every constraint of `tulip plan optimal` over the postures.
+
+    None where the robot has other than six joints a leg. Negative where a plan was not made to keep it, as
+    a random one's.
+    """
+    try:
+        problem = planning_problem(robot, nominal_plates(robot)[0], support=common_support(plan.support))
+    except InputError:
+        return None
+    both = plan.support == "double"
+    least = smallest_margins(problem, plan.take(both)) if both.any() else {}
+    for support in ("right", "left"):
+        if (rows := plan.support == support).any():
+            own = problem if support == "right" else from_other_foot(problem)
+            least |= _single_margins(own, plan.take(rows), f"{support} foot")
+    return least
+
+
+def _single_margins(problem: Problem, plan: PosturePlan, head: str) -> dict[str, dict[str, Any]]:
+    least = {}
+    for name, margin in single_support_margins(problem, plan.joint_angles, plan.swing_pose).items():
+        row = int(margin.values.argmin())
+        least[f"{head}: {name}"] = {
+            "value": float(margin.values[row]),
+            "unit": margin.unit,
+            "posture": int(plan.posture[row]),
+            "at": name,
+        }
+    return least
+
+
+def margin_table(margins: dict[str, dict[str, Any]]) -> Table:
+    """Return the smallest margin of every constraint, of `margins_of`."""
+    columns = (
+        Column("constraint"),
+        Column("margin", format=".3f"),
+        Column("unit"),
+        Column("posture", format="d"),
+        Column("where"),
+    )
+    rows = [[name, m["value"], m["unit"], m["posture"], m["at"]] for name, m in margins.items()]
+    return Table("Smallest margin of every constraint, beyond what `tulip plan optimal` keeps", columns, rows)
+
+
+def trial_table(trials: list[Trial]) -> Table:
+    """Return the condition numbers of several trials with those of the paper's Table I."""
+    columns = (
+        Column("trial", format="d"),
+        Column("seed", format="d"),
+        Column("random", format=".1f"),
+        Column("optimal", format=".1f"),
+        Column("paper: random", format=".1f"),
+        Column("paper: optimal", format=".1f"),
+        Column("CPU time", "s", ".1f"),
+    )
+    rows = [[k, *dataclasses.astuple(trial)] for k, trial in enumerate(trials, 1)]
+    note = "The paper does not publish its ranges, so only the orders of magnitude compare."
+    return Table("Condition numbers of 50 postures, random and optimal (Table I)", columns, rows, note)

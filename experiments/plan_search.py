@@ -1,0 +1,249 @@
+"""What a search for a plan is to find, checked before the work."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from tulip_testbed.base.errors import InputError, at_least, at_most, look_up
+from tulip_testbed.base.machine import machine
+from tulip_testbed.base.resumable import ResumableFolder
+from tulip_testbed.base.table_files import MOST_ROWS, software
+from tulip_testbed.experiments.usable_plan import as_plan, enough, plan_hash
+from tulip_testbed.identification.base_parameters import common_support
+from tulip_testbed.identification.planning.interior_point import casadi_module
+from tulip_testbed.identification.planning.mixed_plan import (
+    MixedStart,
+    mixed_plan_from_state,
+    mixed_start,
+    optimize_mixed_plan,
+)
+from tulip_testbed.identification.planning.objectives import Objective
+from tulip_testbed.identification.planning.optimal_plan import (
+    initial_state,
+    objective_by_name,
+    optimize_plan,
+    plan_from_state,
+    with_repeats,
+)
+from tulip_testbed.identification.planning.problem import Problem, planning_problem
+from tulip_testbed.identification.planning.search import SearchState, round_count
+from tulip_testbed.identification.planning.search_defaults import HOPS, SOLVERS
+from tulip_testbed.identification.planning.sequential import (
+    initial_next_state,
+    measured_information,
+    next_plan_from_state,
+    next_round_count,
+    optimize_next_placements,
+)
+from tulip_testbed.identification.planning.single_support import single_support_plan
+from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.robot_check import warn_of_robot
+from tulip_testbed.sim.scene import nominal_plates
+from tulip_testbed.sim.scene_check import check_scene
+
+SIGMA_MM = 4.16  # the paper's residual per axis (eq. 14)
+Show = Callable[[SearchState], None]
+
+
+@dataclass(frozen=True)
+class PlanSettings:
+    """The settings of a plan.
+
+    Attributes:
+        seed: of everything random.
+        objective: "condition", "d-optimal", "a-optimal", ..., see `identification.planning.objectives`.
+        placements, postures_per_placement: its size.
+        hops: exchanges of a placement's postures.
+        single_support: postures on the right foot alone, after the others.
+        repeats: postures that come twice: half in the same placement, half in another one.
+        solver: of the last round, one of `SOLVERS`.
+        right, left: postures on the right and on the left foot alone, optimised together with the others.
+    """
+
+    seed: int = 1
+    objective: str = "condition"
+    placements: int = 10
+    postures_per_placement: int = 5
+    hops: int = HOPS
+    single_support: int = 0
+    repeats: int = 0
+    solver: str = SOLVERS[0]
+    right: int = 0
+    left: int = 0
+
+    @property
+    def on_one_foot(self) -> dict[str, int]:
+        """Numbers of postures on one foot that are optimised together with those on both, none if 0."""
+        counts = {"right": self.right, "left": self.left}
+        return {foot: count for foot, count in counts.items() if count}
+
+    @property
+    def size(self) -> tuple[int, int, int]:
+        """Placements, postures on each, hops."""
+        return self.placements, self.postures_per_placement, self.hops
+
+
+def state_folder(out: Path) -> Path:
+    """Return where an interrupted search leaves its states, next to its plan."""
+    return out.with_name(f".{out.name}.search")
+
+
+@dataclass(frozen=True)
+class Job:
+    """A search from one random start.
+
+    Attributes:
+        rounds: how many it takes.
+        run: from a state, or from the start; calls back after every round.
+        best: the best plan of a state.
+    """
+
+    rounds: int
+    run: Callable[[Show, SearchState | None], PosturePlan]
+    best: Callable[[SearchState], PosturePlan]
+
+
+@dataclass(frozen=True)
+class Search:
+    """A search for a plan of a robot, checked and ready.
+
+    Attributes:
+        measured: what was measured before, None: nothing.
+        problem: the constraints. goal: what is made small.
+    """
+
+    robot: Robot
+    settings: PlanSettings
+    measured: Measurements | None
+    problem: Problem
+    goal: Objective
+
+    def job(self, seed: int | None = None) -> Job:
+        """Set up the search from a random start.
+
+        Args:
+            seed: of the start; the settings' if None.
+        """
+        seed = self.settings.seed if seed is None else seed
+        if self.settings.on_one_foot:
+            return self._mixed_job(seed)
+        return self._whole_job(seed) if self.measured is None else self._next_job(seed, self.measured)
+
+    def _whole_job(self, seed: int) -> Job:
+        """Search for a whole plan."""
+        problem, goal, solver = self.problem, self.goal, self.settings.solver
+        placements, per, hops = self.settings.size
+
+        def run(show: Show, state: SearchState | None) -> PosturePlan:
+            return optimize_plan(problem, goal, placements, per, seed, hops, show, state, solver)
+
+        def best(state: SearchState) -> PosturePlan:
+            drawn, _ = initial_state(problem, goal, placements, per, seed)
+            return plan_from_state(problem, goal, drawn, state, seed, hops, solver)
+
+        return Job(round_count(goal, hops), run, best)
+
+    def _mixed_job(self, seed: int) -> Job:
+        """Search for a plan on both feet and on one."""
+        problem, goal, solver = self.problem, self.goal, self.settings.solver
+        placements, per, hops = self.settings.size
+
+        @cache
+        def start() -> MixedStart:
+            return mixed_start(problem, goal, placements, per, self.settings.on_one_foot, seed)
+
+        def run(show: Show, state: SearchState | None) -> PosturePlan:
+            return optimize_mixed_plan(problem, goal, start(), seed, hops, show, state, solver)
+
+        def best(state: SearchState) -> PosturePlan:
+            return mixed_plan_from_state(problem, goal, replace(start(), state=state), seed, hops, solver)
+
+        return Job(round_count(goal, hops), run, best)
+
+    def _next_job(self, seed: int, measured: Measurements) -> Job:
+        """Search for the placements that tell most after what was measured."""
+        problem, goal = self.problem, self.goal
+        placements, per, hops = self.settings.size
+        taken = measured_information(problem, measured)
+
+        def run(show: Show, state: SearchState | None) -> PosturePlan:
+            return optimize_next_placements(problem, goal, measured, placements, per, seed, hops, show, state)
+
+        def best(state: SearchState) -> PosturePlan:
+            drawn, _ = initial_next_state(problem, goal, taken, placements, per, seed)
+            return next_plan_from_state(problem, goal, drawn, state, measured, seed, hops)
+
+        return Job(next_round_count(placements, hops), run, best)
+
+    def folder(self, out: Path) -> ResumableFolder:
+        """Return the folder of the search's states, beside the plan that it makes."""
+        made_with = {
+            "settings": dataclasses.asdict(self.settings),
+            "measured": None if self.measured is None else plan_hash(as_plan(self.robot, self.measured)),
+            "robot": self.robot.hashes,
+            "software": software(),
+            "machine": machine(),
+        }
+        return ResumableFolder(state_folder(out), "search.json", made_with, "search", "states")
+
+    def extended(self, plan: PosturePlan) -> PosturePlan:
+        """Add the postures on one foot and the repeats that the settings ask for."""
+        wanted, plate = self.settings, nominal_plates(self.robot)[0]
+        if wanted.single_support:
+            problem = planning_problem(self.robot, plate, support="right")
+            goal = objective_by_name(problem, wanted.objective, 1e-3 * SIGMA_MM)
+            known = np.zeros((len(problem.nominal),) * 2)
+            if self.measured is not None:
+                known = measured_information(problem, self.measured)
+            plan = single_support_plan(problem, goal, plan, known, wanted.single_support, wanted.seed)
+        return with_repeats(plan, wanted.repeats, wanted.seed) if wanted.repeats else plan
+
+
+def set_up_search(
+    robot: Robot, settings: PlanSettings, measured: Measurements | None = None, trials: int = 1
+) -> Search:
+    """Check what a plan is to be, before the work.
+
+    Args:
+        measured: what was measured before: the plan is to tell most next.
+        trials: plans that will be joined.
+
+    Raises:
+        InputError: a setting out of range, a solver that is not installed, too few postures.
+    """
+    for name, least in (
+        *(("seed", 0), ("placements", 1), ("postures_per_placement", 1), ("hops", 0)),
+        *(("single_support", 0), ("repeats", 0), ("right", 0), ("left", 0)),
+    ):
+        at_least(name, getattr(settings, name), least)
+    placements, per, _ = settings.size
+    at_most("placements, postures_per_placement", placements * per, MOST_ROWS)
+    if settings.repeats > (most := trials * placements * per):
+        raise InputError(f"repeats: found {settings.repeats}, expected at most the plan's {most} postures")
+    look_up("solver", settings.solver, SOLVERS, "solver")
+    if settings.solver == "ipopt":
+        if measured is not None:
+            raise InputError("solver: found ipopt for a plan after measurements, expected slsqp")
+        casadi_module()
+    if counts := settings.on_one_foot:
+        if measured is not None:
+            raise InputError("right, left: found postures on one foot after measurements, expected none")
+        if settings.single_support:
+            raise InputError("right, left: found with single_support, expected one of them")
+    check_scene(preset_rig("ideal", robot))
+    warn_of_robot(robot)
+    rows = np.array(["double", *counts]) if measured is None else measured.support
+    support = common_support(rows)
+    problem = planning_problem(robot, nominal_plates(robot)[0], support=support)
+    goal = objective_by_name(problem, settings.objective, 1e-3 * SIGMA_MM)
+    taken = sum(counts.values()) if measured is None else len(measured)
+    enough("placements, postures_per_placement", taken + placements * per, problem.parameters)
+    return Search(robot, settings, measured, problem, goal)
