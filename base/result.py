@@ -10,12 +10,13 @@ from dataclasses import dataclass
 from functools import cache
 from html import escape
 from pathlib import Path
-from typing import Annotated, Any, Self, get_type_hints
+from typing import Annotated, Any, Self, TypeVar, get_type_hints
 
 import numpy as np
 from pydantic import (
     BeforeValidator,
     ConfigDict,
+    Field,
     GetCoreSchemaHandler,
     PlainSerializer,
     PlainValidator,
@@ -34,15 +35,26 @@ from tulip_testbed.base.validation_message import validation_message
 RESULT_FILE = "result.json"
 
 
-def _array(values: Any) -> np.ndarray:
-    """Return numbers of a JSON document as an array; null is not a number."""
-    return np.array(values, float)
+def _of(kind: type) -> PlainValidator:
+    """Read numbers of a JSON document as an array; null is not a number."""
+
+    def array(values: Any) -> np.ndarray:
+        try:
+            return np.array(values, kind)
+        except (TypeError, ValueError, OverflowError):
+            raise ValueError("expected rows of numbers, all of one length") from None
+
+    return PlainValidator(array)
 
 
+Item = TypeVar("Item")
 # A number that an experiment may leave undefined: NaN, in JSON null.
 Figure = Annotated[float, BeforeValidator(lambda value: math.nan if value is None else value)]
-# An array in a result; its shape and unit are in the docstring of the class.
-Array = Annotated[np.ndarray, PlainValidator(_array), PlainSerializer(lambda values: values.tolist())]
+# Arrays in a result; shape and unit are in the docstring of the class.
+_LISTED = PlainSerializer(lambda values: values.tolist())
+Array = Annotated[np.ndarray, _of(float), _LISTED]
+Numbers = Annotated[np.ndarray, _of(int), _LISTED]
+Flags = Annotated[np.ndarray, _of(bool), _LISTED]
 
 
 class Outside:
@@ -67,13 +79,59 @@ class Kept(Outside):
     read: Callable[..., Any]
 
 
-class Result:
-    """What a workflow returns: a frozen dataclass whose fields are the JSON document.
+def _nothing(*_: Any) -> None:
+    """Leave a folder as it is."""
 
-    Fields marked as `Outside` are no part of the document; those marked as `Kept` lie beside it in a folder.
-    """
+
+# A field that neither the document nor the folder holds: None in a result that was read.
+InMemory = Annotated[Item, Outside(), Field(exclude=True)]
+# A field that whoever reads the folder gives, such as the robot.
+Given = Annotated[Item, Kept("", _nothing, lambda folder, given: given), Field(exclude=True)]
+# The folder itself; None: the result is in memory alone.
+Place = Annotated[Path | None, Kept("", _nothing, lambda folder, *context: folder), Field(exclude=True)]
+
+
+class Documented:
+    """A frozen dataclass that is a JSON document: its fields, but those kept beside it, are the keys."""
 
     __pydantic_config__ = ConfigDict(strict=True, arbitrary_types_allowed=True)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON document; NaN is null."""
+        return finite(_adapter(type(self)).dump_python(self, mode="json", exclude=set(_outside(type(self)))))
+
+    @classmethod
+    def from_json(cls, document: Mapping[str, Any], where: str = "document") -> Self:
+        """Read a JSON document; what is kept beside it is None.
+
+        Raises:
+            InputError: names the key, what was found and what was expected.
+        """
+        try:
+            return _adapter(cls).validate_json(json.dumps(document))
+        except ValidationError as error:
+            raise InputError(f"{where}: {validation_message(error)}") from None
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """Read a file.
+
+        Raises:
+            InputError: names the file, the key, what was found and what was expected.
+        """
+        return cls.from_json(read_json(path), str(path))
+
+    def write(self, path: Path) -> None:
+        """Write a file, which appears whole."""
+        write_json(path, self.to_json())
+
+
+class Result(Documented):
+    """What a workflow returns: a frozen dataclass whose fields are the JSON document.
+
+    `--json` prints the document, and a run folder holds it. Fields marked as `Kept` are no part of it; the
+    folder holds them beside it.
+    """
 
     def tables(self) -> list[Table | str]:
         """Return the tables and sentences that terminal, notebook and page show, in this order."""
@@ -87,22 +145,6 @@ class Result:
     def wait(self) -> None:
         """Wait until a window that shows the result is closed."""
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the JSON document, which `--json` prints and a run folder holds; NaN is null."""
-        return finite(_adapter(type(self)).dump_python(self, mode="json", exclude=set(_outside(type(self)))))
-
-    @classmethod
-    def from_json(cls, document: Mapping[str, Any], where: str = "document") -> Self:
-        """Read a JSON document; `Outside` fields are None.
-
-        Raises:
-            InputError: names the key, what was found and what was expected.
-        """
-        try:
-            return _adapter(cls).validate_json(json.dumps(document))
-        except ValidationError as error:
-            raise InputError(f"{where}: {validation_message(error)}") from None
-
     def save(self, folder: str | Path) -> None:
         """Write a new folder, which appears whole or not at all.
 
@@ -114,7 +156,7 @@ class Result:
 
     def write_into(self, folder: Path) -> None:
         """Write the document and all that is kept beside it into a folder."""
-        write_json(folder / RESULT_FILE, self.to_json())
+        self.write(folder / RESULT_FILE)
         for field, kept in _kept(type(self)).items():
             if (value := getattr(self, field)) is not None:
                 kept.write(folder / kept.name, value)
@@ -129,13 +171,9 @@ class Result:
         Raises:
             InputError: a file that is missing or not what was written.
         """
-        place = Path(folder) / RESULT_FILE
-        result = cls.from_json(read_json(place), str(place))
-        parts = {
-            field: kept.read(place.parent / kept.name, *context)
-            for field, kept in _kept(cls).items()
-            if (place.parent / kept.name).exists()
-        }
+        folder = Path(folder)
+        result = cls.read(folder / RESULT_FILE)
+        parts = {field: kept.read(folder / kept.name, *context) for field, kept in _kept(cls).items()}
         return dataclasses.replace(result, **parts)  # pyrefly: ignore[bad-specialization]
 
     def __repr__(self) -> str:
@@ -149,18 +187,18 @@ class Result:
 
 
 @cache
-def _adapter(kind: type[Result]) -> TypeAdapter[Any]:
+def _adapter(kind: type[Documented]) -> TypeAdapter[Any]:
     return TypeAdapter(kind)
 
 
 @cache
-def _outside(kind: type[Result]) -> dict[str, Outside]:
+def _outside(kind: type[Documented]) -> dict[str, Outside]:
     """Return the marks of the fields that are no part of the document, by field."""
     hints = get_type_hints(kind, include_extras=True)
     fields = [field.name for field in dataclasses.fields(kind)]  # pyrefly: ignore[bad-argument-type]
     marks = {name: getattr(hints[name], "__metadata__", ()) for name in fields}
-    return {name: mark for name, of in marks.items() for mark in of if isinstance(mark, Outside)}
+    return {name: mark for name, of_field in marks.items() for mark in of_field if isinstance(mark, Outside)}
 
 
-def _kept(kind: type[Result]) -> dict[str, Kept]:
+def _kept(kind: type[Documented]) -> dict[str, Kept]:
     return {name: mark for name, mark in _outside(kind).items() if isinstance(mark, Kept)}

@@ -6,7 +6,7 @@ from numbers import Real
 
 from pydantic import ValidationError
 
-from tulip_testbed.base.errors import listed, shortened
+from tulip_testbed.base.errors import InputError, listed, shortened
 
 # What is expected, by pydantic's type of complaint; in braces what it says of it.
 EXPECTED = {
@@ -86,7 +86,9 @@ def wrong_values(error: ValidationError) -> list[str]:
     """Describe every value that is not what was expected."""
     texts = []
     for problem in error.errors():
-        if problem["type"] != "missing":
+        if isinstance(problem.get("ctx", {}).get("error"), InputError):  # of a value that reads itself
+            texts.append(f"key '{_place(problem['loc'])}': {problem['ctx']['error']}")
+        elif problem["type"] != "missing":
             words = EXPECTED.get(problem["type"], problem["msg"]).format(**problem.get("ctx", {}))
             expected = shortened(words.removeprefix("expected "), 200)
             found = shortened(repr(problem["input"]))

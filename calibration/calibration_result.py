@@ -9,6 +9,7 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.special import ndtr, ndtri
 
+from tulip_testbed.base.result import Array, Flags, InMemory
 from tulip_testbed.calibration.families import Family
 from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.linear_model import Background
@@ -48,10 +49,10 @@ class CalibratedFamily:
     family: Family
     spread: float
     spread95: tuple[float, float]
-    value: np.ndarray
-    standard_error: np.ndarray
-    interval95: np.ndarray
-    determined: np.ndarray
+    value: Array
+    standard_error: Array
+    interval95: Array
+    determined: Flags
 
     @property
     def instances(self) -> list[EffectInstance]:
@@ -75,6 +76,9 @@ class CalibratedFamily:
 class SelfCalibration:
     """Base parameters and members of an experiment.
 
+    A document holds the results, not what they were computed from: `observed`, `noise`, `problem`, `solved`
+    and `linear` are None in a calibration that was read.
+
     Attributes:
         observed: the readings with all members and effects removed at their estimate.
         theta: base parameters, (p,) [m]. covariance: of theta, with everything that is uncertain, (p, p).
@@ -90,20 +94,20 @@ class SelfCalibration:
         moved: largest change of a number by the last linearisation, in standard errors.
     """
 
-    observed: Observation
-    theta: np.ndarray
-    covariance: np.ndarray
+    observed: InMemory[Observation]
+    theta: Array
+    covariance: Array
     sources: tuple[str, ...]
-    shares: np.ndarray
-    interval_dof: np.ndarray
+    shares: Array
+    interval_dof: Array
     joint_dof: float
     families: tuple[CalibratedFamily, ...]
     effects: tuple[EffectInstance, ...]
-    effect_errors: tuple[np.ndarray, ...]
-    noise: Noise
-    problem: Problem
-    solved: Fit
-    linear: Linearised
+    effect_errors: tuple[Array, ...]
+    noise: InMemory[Noise]
+    problem: InMemory[Problem]
+    solved: InMemory[Fit]
+    linear: InMemory[Linearised]
     assumed: str
     moved: float
 

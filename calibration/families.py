@@ -14,8 +14,7 @@ from numbers import Real
 import numpy as np
 
 from tulip_testbed.base.errors import InputError, look_up, shortened
-from tulip_testbed.effects.catalogue import catalogue, targets_in
-from tulip_testbed.effects.effect import Effect
+from tulip_testbed.effects.catalogue import NamedEffect, catalogue, targets_in
 from tulip_testbed.effects.instance import MOST_PRIORS, EffectInstance, effect_label
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.measurements import SensorSheet
@@ -77,7 +76,7 @@ class Family:
             tolerance is then that of the first [SI].
     """
 
-    effect: Effect
+    effect: NamedEffect
     tolerance: float
     targets: tuple[str, ...]
     known: tuple[float, ...] = ()

@@ -8,7 +8,8 @@ from itertools import product
 
 import numpy as np
 
-from tulip_testbed.effects.catalogue import catalogue, targets_in
+from tulip_testbed.base.result import InMemory
+from tulip_testbed.effects.catalogue import NamedEffect, catalogue, targets_in
 from tulip_testbed.effects.effect import Effect, Values
 from tulip_testbed.effects.instance import EffectInstance, effect_label
 from tulip_testbed.identification.noise_structure import groups
@@ -28,10 +29,10 @@ class Candidate:
             the points of the grid.
     """
 
-    effect: Effect
+    effect: NamedEffect
     target: str
-    settings: np.ndarray
-    price: float = 0.0
+    settings: InMemory[np.ndarray]
+    price: InMemory[float] = 0.0
 
     @property
     def label(self) -> str:

@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
 
 import numpy as np
 import scipy
+from pydantic import computed_field
 
 from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.result import Figure
 from tulip_testbed.calibration.linear_model import LinearModel, nuisances, weighing
 from tulip_testbed.discovery.candidates import Candidate, Fitted, standing_out
 from tulip_testbed.discovery.columns import effect_columns
+from tulip_testbed.effects.effect import Parameter
 from tulip_testbed.effects.true_robot import true_base_parameters
 from tulip_testbed.identification.distributions import chi2_isf
 from tulip_testbed.identification.observation import Observation
@@ -77,7 +79,7 @@ class Undetectable:
 
     candidate: Candidate
     parameter: int
-    bias: float
+    bias: Figure
 
 
 @dataclass(frozen=True)
@@ -89,24 +91,20 @@ class WeaklyDetectable:
     """
 
     candidate: Candidate
-    multiple: float
+    multiple: Figure
 
+    @computed_field
     @property
     def least(self) -> float | None:
         """Return that size in SI units; None for an effect of several sizes."""
         prior = self.candidate.prior
         return self.multiple * float(prior[0]) if len(prior) == 1 else None
 
-    def document(self) -> dict[str, Any]:
-        """Return it for JSON."""
+    @property
+    def size(self) -> Parameter:
+        """Return the first number of the effect that is a size."""
         effect = self.candidate.effect
-        return {
-            "name": effect.name,
-            "target": self.candidate.target or None,
-            "least_over_prior": self.multiple,
-            "least": self.least,
-            "unit": None if self.least is None else effect.parameters[effect.sizes[0]].unit,
-        }
+        return effect.parameters_on(self.candidate.target)[effect.sizes[0]]
 
 
 def weakly_detectable(fits: Sequence[Fitted], level: float) -> tuple[WeaklyDetectable, ...]:

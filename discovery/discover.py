@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
@@ -36,8 +37,13 @@ from tulip_testbed.identification.residual_noise import Noise
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.robot import Robot
 
-NAMED, AMBIGUOUS, UNKNOWN, CALIBRATED, NONE = "named", "ambiguous", "unknown", "calibrated", "none"
-DESCRIBED = "described"
+Verdict = Literal["none", "calibrated", "named", "described", "ambiguous", "unknown"]
+NONE: Verdict = "none"
+CALIBRATED: Verdict = "calibrated"
+NAMED: Verdict = "named"
+DESCRIBED: Verdict = "described"
+AMBIGUOUS: Verdict = "ambiguous"
+UNKNOWN: Verdict = "unknown"
 ADOPTED = (NAMED, DESCRIBED)  # verdicts whose effects are added to the model
 REPORTED_PATTERNS, RUNNERS_UP = 5, 5
 # Standard errors, r.m.s., by which laws that do as well may differ in the base parameters. On five
@@ -68,7 +74,7 @@ class Discovery:
         wall_s: duration [s].
     """
 
-    verdict: str
+    verdict: Verdict
     observed: Observation
     noise: Noise
     repeats: PureError
@@ -89,13 +95,7 @@ class Discovery:
     @property
     def corrections(self) -> tuple[EffectInstance, ...]:
         """Return what the new nominal laboratory has: effects, and imperfections that are not zero."""
-        return self.adopted + tuple(
-            member
-            for member in self.calibrated
-            if any(
-                interval is not None and not interval[0] <= 0 <= interval[1] for interval in member.intervals
-            )
-        )
+        return self.adopted + tuple(member for member in self.calibrated if clear_of_zero(member))
 
     @cached_property
     def explanations(self) -> tuple[Explanation, ...]:
@@ -120,6 +120,11 @@ class Discovery:
                 if one.label not in left and one.log_bayes_factor > 0:
                     others.setdefault(one.label, one)
         return sorted(others.values(), key=lambda one: -one.log_bayes_factor)[:RUNNERS_UP]
+
+
+def clear_of_zero(member: EffectInstance) -> bool:
+    """Return whether the interval of a value leaves zero out."""
+    return any(i is not None and not i[0] <= 0 <= i[1] for i in member.intervals)
 
 
 def discover(
@@ -338,7 +343,7 @@ def _unexplained(selection: Selection) -> list[str]:
 
 def _verdict(
     selection: Selection, reasons: tuple[str, ...], equivalents: list[tuple[Fitted, ...]], described: bool
-) -> str:
+) -> Verdict:
     if not selection.lacks_fit:
         return NONE
     if reasons:

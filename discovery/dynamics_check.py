@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.result import Figure
 from tulip_testbed.discovery.discover import Discovery
 from tulip_testbed.discovery.refit import exact_rig, measured_plan
 from tulip_testbed.effects.instance import EffectInstance, injected, removed
@@ -38,19 +39,9 @@ class DynamicsCheck:
 
     postures: int
     tried: int
-    left: float
-    cells: tuple[float, float]
+    left: Figure
+    cells: tuple[Figure, Figure]
     reason: str
-
-    def document(self) -> dict[str, object]:
-        """Return the check for JSON."""
-        return {
-            "postures": self.postures,
-            "tried": self.tried,
-            "left_over_noise": self.left,
-            "cells_rms_N": {"before": self.cells[0], "after": self.cells[1]},
-            "reason": self.reason or None,
-        }
 
 
 def check_in_dynamics(

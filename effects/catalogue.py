@@ -8,7 +8,9 @@ from dataclasses import fields
 from functools import cache
 from inspect import cleandoc
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import PlainSerializer, PlainValidator
 
 from tulip_testbed.base.column import Column
 from tulip_testbed.base.errors import InputError, listed, look_up
@@ -151,3 +153,11 @@ def targets_in(
     return tuple(
         target for target in targets if split_target(target)[0].partition(".")[2] in contacts.channels
     )
+
+
+# An effect of the catalogue in a document, which holds its name.
+NamedEffect = Annotated[
+    Effect,
+    PlainValidator(lambda name: catalogue()[str(name)]),
+    PlainSerializer(lambda effect: effect.name),
+]

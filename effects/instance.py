@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Strict
+from pydantic import ConfigDict, GetCoreSchemaHandler, with_config
+from pydantic_core import CoreSchema, core_schema
+from typing_extensions import TypedDict
 
 from tulip_testbed.base.arguments import expect
 from tulip_testbed.base.errors import InputError, listed, look_up, shortened, warn
@@ -24,24 +26,23 @@ from tulip_testbed.sim.robot import Robot
 
 MOST_PRIORS = 100.0  # a value of more prior standard deviations than this is refused as a wrong unit
 DOUBTFUL_PRIORS = 10.0  # a value of more is doubtful
-Number = Annotated[float, Strict()]
 
 
-class ParameterDocument(BaseModel):
+@with_config(ConfigDict(extra="forbid", strict=True))
+class ParameterDocument(TypedDict):
     """A parameter's value in SI units, with its 95 % interval or None."""
 
-    model_config = ConfigDict(extra="forbid")
     name: str
-    value: Number
+    value: float
     unit: str
-    low95: Number | None
-    high95: Number | None
+    low95: float | None
+    high95: float | None
 
 
-class EffectDocument(BaseModel):
+@with_config(ConfigDict(extra="forbid", strict=True))
+class EffectDocument(TypedDict):
     """An effect on a target in JSON; target None: the effect acts on the whole."""
 
-    model_config = ConfigDict(extra="forbid")
     name: str
     target: str | None
     parameters: list[ParameterDocument]
@@ -154,8 +155,8 @@ class EffectInstance:
         """Return the values that choose one of several things."""
         return [v for p, v in zip(self.effect.parameters, self.values, strict=True) if p.choices]
 
-    def document(self) -> dict[str, Any]:
-        """Return the effect for JSON, as `EffectDocument` describes it."""
+    def document(self) -> EffectDocument:
+        """Return the effect for JSON."""
         ends = [interval or (None, None) for interval in self.intervals or (None,) * len(self.values)]
         return {
             "name": self.effect.name,
@@ -167,44 +168,52 @@ class EffectInstance:
         }
 
     @classmethod
-    def from_document(
-        cls, document: EffectDocument, robot: Robot, where: str, placements: Sequence[int] | None = None
-    ) -> EffectInstance:
-        """Read what `document` returned.
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Let documents hold effects; who reads them checks by `check_instance` that the robot has them."""
+        read = core_schema.no_info_after_validator_function(
+            cls.from_document, handler.generate_schema(EffectDocument)
+        )
+        return core_schema.json_or_python_schema(
+            read,
+            core_schema.is_instance_schema(cls),
+            serialization=core_schema.plain_serializer_function_ser_schema(cls.document),
+        )
 
-        Args:
-            where: place of the document, for messages.
-            placements: numbers of the experiment's placements; None: unknown, so any number is accepted.
+    @classmethod
+    def from_document(cls, document: EffectDocument) -> EffectInstance:
+        """Read what `document` returned; `check_instance` tells whether a robot has this effect.
 
         Raises:
             InputError: with what is wrong and what is valid.
         """
-        effect = effect_named(document.name, document.target or "", where)
+        target = document["target"] or ""
+        effect = effect_named(document["name"], target, "effects")
+        parameters = document["parameters"]
         expected = [(parameter.name, parameter.unit) for parameter in effect.parameters]
-        found = [(parameter.name, parameter.unit) for parameter in document.parameters]
-        if found != expected:
+        written = [(parameter["name"], parameter["unit"]) for parameter in parameters]
+        if written != expected:
             raise InputError(
-                f"{where}: {effect.name}: found parameters {shortened(listed(found), 120)}, "
+                f"{effect.name}: found parameters {shortened(listed(written), 120)}, "
                 f"expected {listed(expected)} (name, unit)"
             )
-        intervals = tuple(
-            None if p.low95 is None or p.high95 is None else (p.low95, p.high95) for p in document.parameters
-        )
-        values = tuple(parameter.value for parameter in document.parameters)
-        for parameter, value, interval in zip(effect.parameters, values, intervals, strict=True):
-            if interval is not None and interval[0] > interval[1]:
+        intervals = []
+        for parameter in parameters:
+            value, low, high = parameter["value"], parameter["low95"], parameter["high95"]
+            intervals.append(None if low is None or high is None else (low, high))
+            if low is None or high is None:
+                continue
+            if low > high:
                 raise InputError(
-                    f"{where}: {effect.name}, {parameter.name}: found an interval from {interval[0]:g} to "
-                    f"{interval[1]:g}, expected low95 up to high95"
+                    f"{effect.name}, {parameter['name']}: found an interval from {low:g} to {high:g}, "
+                    "expected low95 up to high95"
                 )
-            if interval is not None and not interval[0] <= value <= interval[1]:
+            if not low <= value <= high:
                 raise InputError(
-                    f"{where}: {effect.name}, {parameter.name}: found {value:g} outside of its interval "
-                    f"[{interval[0]:g}, {interval[1]:g}], expected it inside"
+                    f"{effect.name}, {parameter['name']}: found {value:g} outside of its interval "
+                    f"[{low:g}, {high:g}], expected it inside"
                 )
-        read = cls(effect, document.target or "", values, intervals if any(intervals) else ())
-        check_instance(read, robot, placements, where)
-        return read
+        values = tuple(parameter["value"] for parameter in parameters)
+        return cls(effect, target, values, tuple(intervals) if any(intervals) else ())
 
 
 Effects = EffectInstance | str | Sequence[EffectInstance | str]

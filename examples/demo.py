@@ -47,14 +47,14 @@ def main(folder: Path) -> int:
     for line in document["story"]:
         _say(f"   {line}")
     _say("4. What was found is added to the model, and the robot is identified again.")
-    if not document["effects"]:
+    if not document["adopted"]:
         return 1
     after = _run("identify", data, "--corrections", found / "rig", "--json")
     right = _errors(after, truth)
     _say(f"   Now {_judged(right)}.")
     _say(f"   The standard errors are {_ratio(after, before):.2f} times as large as before.")
     _say(f"   Most of the variance comes from {_budget(after)}.")
-    value = document["effects"][0]["parameters"][0]
+    value = document["adopted"][0]["parameters"][0]
     _say(f"   Hidden {SIZE} rad on top of that encoder's own error, {_hidden(truth):.5f} rad in all; ")
     _say(f"   found {value['value']:.5f} [{value['low95']:.5f}, {value['high95']:.5f}].")
     _say("5. For a colleague:")
@@ -76,26 +76,24 @@ def _hidden(truth: Path) -> float:
 
 def _budget(document: dict[str, Any]) -> str:
     """Name the largest sources of the parameters' variance, on average over the parameters."""
-    shares: dict[str, list[float]] = {}
-    for row in document["budget"]:
-        shares.setdefault(row["source"], []).append(row["share"])
-    mean = sorted(((float(np.mean(each)), source) for source, each in shares.items()), reverse=True)
-    return ", ".join(f"{source} ({100 * share:.0f} %)" for share, source in mean[:SOURCES])
+    calibration = document["calibration"]
+    mean = np.mean(calibration["shares"], axis=1)
+    largest = sorted(zip(mean, calibration["sources"], strict=True), reverse=True)[:SOURCES]
+    return ", ".join(f"{source} ({100 * share:.0f} %)" for share, source in largest)
 
 
 def _ratio(document: dict[str, Any], other: dict[str, Any]) -> float:
     """Return the median ratio of two identifications' standard errors."""
-    one, two = (
-        np.array([row["standard_error"] for row in d["full"]["parameters"]]) for d in (document, other)
-    )
-    return float(np.median(one / two))
+    own, others = (np.array(one["full"]["standard_error"]) for one in (document, other))
+    return float(np.median(own / others))
 
 
 def _errors(document: dict[str, Any], truth: Path) -> np.ndarray:
     """Estimate minus truth in stated standard errors, (p,)."""
     true = json.loads(truth.read_text(encoding="utf-8"))["base_parameters"]
-    rows = document["full"]["parameters"]
-    return np.array([(row["estimate"] - true[row["name"]]) / row["standard_error"] for row in rows])
+    full = document["full"]
+    error = np.array(full["value"]) - [true[name] for name in full["names"]]
+    return error / np.array(full["standard_error"])
 
 
 def _judged(errors: np.ndarray) -> str:

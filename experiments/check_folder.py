@@ -10,32 +10,27 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.column import Column
 from tulip_testbed.base.errors import MOST_LISTED, InputError, listed, shortened, warn
 from tulip_testbed.base.result import Result
-from tulip_testbed.base.table import Table
+from tulip_testbed.base.table import Cell, Table, Verbatim
 from tulip_testbed.calibration.families import check_tolerances
 from tulip_testbed.calibration.usual_changes import usual_changes
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.removal import without
-from tulip_testbed.experiments.example import example_manifest, example_row
-from tulip_testbed.experiments.preflight_tables import (
-    advice_table,
-    complaint_lines,
-    counts_line,
-    finding_table,
-    skipped_lines,
-)
+from tulip_testbed.experiments.example import compact_json, example_manifest, example_row
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.preflight import RESULTS, Finding, preflight, worst_of
 from tulip_testbed.identification.preflight.plate_checks import plate_poses
 from tulip_testbed.identification.regressor import check_robot
 from tulip_testbed.measurements import Measurements, Series, read_measurements, read_series
 from tulip_testbed.measurements.folder_kind import check_kind
-from tulip_testbed.measurements.measurement_folder import read_manifest
+from tulip_testbed.measurements.measurement_folder import MAY_LACK, read_manifest
 from tulip_testbed.measurements.survey import complaints
 from tulip_testbed.sim.robot import Robot
 
 UNREADABLE = "could not read"
+NOT_EVALUATED = "not evaluated"
 
 
 @dataclass(frozen=True)
@@ -219,3 +214,66 @@ def preflight_of(measurements: Measurements, nominal: Nominal, findings: Sequenc
         counts={result: results.count(result) for result in RESULTS},
         checks=tuple(findings),
     )
+
+
+def finding_table(checks: Sequence[Finding]) -> Table:
+    """Return every check of a preflight with what was found and what is expected."""
+    columns = (Column("check"), Column("result"), Column("found"), Column("expected"))
+    rows = [[c.name, Cell(c.result, mark=c.result), c.seen, c.expected] for c in checks]
+    return Table("Preflight", columns, rows)
+
+
+def advice_table(checks: Sequence[Finding]) -> Table:
+    """Return where the checks that warn or fail see the fault, and what to do about it."""
+    columns = (Column("check"), Column("result"), Column("where"), Column("what to do"))
+    rows = [
+        [c.name, Cell(c.result, mark=c.result), c.where, c.advice]
+        for c in checks
+        if c.result in ("warn", "fail")
+    ]
+    return Table("Advice", columns, rows)
+
+
+def skipped_lines(checks: Sequence[Finding]) -> list[str]:
+    """Return how many checks were not evaluated, and why."""
+    skipped = [check.seen for check in checks if check.result == NOT_EVALUATED]
+    reasons = [f"{skipped.count(reason)} ({reason})" for reason in dict.fromkeys(skipped)]
+    return [f"Not evaluated: {'; '.join(reasons)}."] if skipped else []
+
+
+def complaint_lines(
+    about: Sequence[str], within: Sequence[str], manifest: Mapping[str, Any], row: Mapping[str, float]
+) -> list[str]:
+    """Return what an incomplete folder lacks, with an example to copy.
+
+    Args:
+        about, within: complaints about the manifest and the table. manifest, row: examples.
+    """
+    lines = ["This folder cannot be read yet:", *(f"  - {text}" for text in (*about, *within))]
+    if about:
+        lines += [
+            "",
+            "An example manifest.json for this robot; replace every null that you know:",
+            *compact_json(dict(manifest)).splitlines(),
+        ]
+    if within:
+        lines += [
+            "",
+            "An example postures.csv with one posture, all joints at zero (rad, N, m):",
+            ",".join(row),
+            ",".join(f"{value:g}" for value in row.values()),
+            "",
+            f"These columns are optional: {', '.join(MAY_LACK)}.",
+        ]
+    return [
+        Verbatim(line) for line in [*lines, "", "docs/how-to/your-data.md explains the format step by step."]
+    ]
+
+
+def counts_line(counts: Mapping[str, int]) -> str:
+    """Return how many checks were evaluated, and how many of them had which result."""
+    some = {result: count for result, count in counts.items() if count}
+    every = sum(some.values())
+    evaluated = every - some.pop(NOT_EVALUATED, 0)
+    results = ", ".join(f"{count} {result}" for result, count in some.items())
+    return f"{evaluated} of {every} checks evaluated: {results}"

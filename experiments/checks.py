@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Literal
 
 import numpy as np
 
 from tulip_testbed.base.column import Column
 from tulip_testbed.base.numbers import number
+from tulip_testbed.base.result import Figure
 from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.identification.distributions import f_ppf, t_ppf
 from tulip_testbed.identification.estimators import Estimate
 from tulip_testbed.identification.statistics import standard_errors
+from tulip_testbed.sim.outcome import Truth
 
 LEVEL = 0.01  # of every statistical check
 IDEAL_ERROR = 1e-3  # m, noise-free data only
@@ -45,14 +49,14 @@ class Check:
 
     Attributes:
         result: "pass", "fail" or "not evaluated".
-        threshold: an upper limit, or [low, high].
+        threshold: an upper limit, or low and high.
         source: where the threshold comes from, or why the check was not evaluated.
     """
 
     name: str
-    result: str
-    value: float | None
-    threshold: Any
+    result: Literal["pass", "fail", "not evaluated"]
+    value: Figure | None
+    threshold: float | tuple[float, float] | None
     source: str
 
 
@@ -62,24 +66,20 @@ def below(name: str, value: float, limit: float, source: str) -> Check:
 
 def within(name: str, value: float, low: float, high: float, source: str) -> Check:
     passed = low <= value <= high
-    return Check(name, "pass" if passed else "fail", float(value), [float(low), float(high)], source)
+    return Check(name, "pass" if passed else "fail", float(value), (float(low), float(high)), source)
 
 
 def skipped(name: str, source: str) -> Check:
     return Check(name, "not evaluated", None, None, source)
 
 
-def verdict(checks: list[Check]) -> str:
+def verdict(checks: Sequence[Check]) -> str:
     """ "fail" if any check fails, else "pass"."""
     return "fail" if any(check.result == "fail" for check in checks) else "pass"
 
 
-def check_table(checks: list[dict[str, Any]]) -> Table:
-    """Return the checks of a verdict.
-
-    Args:
-        checks: `Check`s as a report has them.
-    """
+def check_table(checks: Sequence[Check]) -> Table:
+    """Return the checks of a verdict."""
     columns = (
         Column("check"),
         Column("result"),
@@ -89,14 +89,14 @@ def check_table(checks: list[dict[str, Any]]) -> Table:
     )
     rows = []
     for k, check in enumerate(checks):
-        limit, key = check["threshold"], f"checks.{k}"
+        limit, key = check.threshold, f"checks.{k}"
         rows.append(
             [
-                Cell(check["name"], f"{key}.name"),
-                Cell(check["result"], f"{key}.result", check["result"]),
-                Cell(check["value"], f"{key}.value"),
+                Cell(check.name, f"{key}.name"),
+                Cell(check.result, f"{key}.result", check.result),
+                Cell(check.value, f"{key}.value"),
                 (-math.inf, limit) if isinstance(limit, int | float) else limit,
-                Cell(check["source"], f"{key}.source"),
+                Cell(check.source, f"{key}.source"),
             ]
         )
     return Table("Checks", columns, rows)
@@ -204,11 +204,23 @@ def data_correlation_checks(
     return checks
 
 
+def worst_balance(truth: Truth) -> dict[str, float] | None:
+    """Find the worst of every balance kept in the dynamics, over all held postures; None in statics."""
+    books = [dataclasses.asdict(held.balance) for held in truth.held]
+    if not books:
+        return None
+    worst = {
+        name: max(abs(b[name]) for b in books)
+        for name in ("weight", "moments", "torques", "centre", "kinetic")
+    }
+    return worst | {"least_dissipated": min(b["dissipated"] for b in books)}
+
+
 def balance_check(worst: dict[str, float], weight: float, whole: bool) -> Check:
     """Compare the forces and moments that every hold leaves over with a bound that no real hold comes near.
 
     Args:
-        worst: see `run_summary.worst_balance`. weight: of the robot [N].
+        worst: see `worst_balance`. weight: of the robot [N].
         whole: judge cells and centre of mass as well, which a known or hidden effect may set apart.
     """
     force = IMBALANCE * weight

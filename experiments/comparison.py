@@ -6,34 +6,32 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from tulip_testbed.base.column import Column
 from tulip_testbed.base.document import flattened
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Cell, Table
-from tulip_testbed.experiments.discovery_record import DiscoveryRecord
-from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
-from tulip_testbed.experiments.records import Record
-from tulip_testbed.experiments.validation_record import ValidationRecord
+from tulip_testbed.experiments.discovery_result import Discovered
+from tulip_testbed.experiments.discovery_tables import CHANNEL_NAMES
+from tulip_testbed.experiments.identification_result import MODELS
+from tulip_testbed.experiments.saved_runs import RunResult
+from tulip_testbed.experiments.validation_result import Validation
+from tulip_testbed.identification.estimators import Estimate
 
 NOT_SETTINGS = ("outputs",)  # hashes of results: they differ whenever the results do
 SHOWN = {
     "estimate": Column("estimate", "mm", ".2f", 1e3),
     "standard_error": Column("s.e.", "mm", ".2f", 1e3),
     "truth": Column("truth", "mm", ".2f", 1e3),
-    "before_mm": Column("before", "mm", ".2f"),
-    "after_mm": Column("after", "mm", ".2f"),
-    "standard_error_mm": Column("s.e.", "mm", ".2f"),
+    "before": Column("before", "mm", ".2f", 1e3),
+    "after": Column("after", "mm", ".2f", 1e3),
     "bias": Column("bias", "mm", "+.3f", 1e3),
     "standard_error_ratio": Column("found over stated s.e.", "", ".3f"),
     "coverage95": Column("coverage of 95 %", "%", ".1f", 100),
 }
-Judged = ValidationRecord | MonteCarlo | DiscoveryRecord
-QUANTITIES = {
-    "validation": ("estimate", "standard_error", "truth"),
-    "Monte Carlo": ("bias", "standard_error", "standard_error_ratio", "coverage95"),
-    "discovery": ("before_mm", "after_mm", "standard_error_mm"),
-}
+MONTE_CARLO = ("bias", "standard_error", "standard_error_ratio", "coverage95")
 
 
 @dataclass(frozen=True, repr=False)
@@ -64,23 +62,23 @@ class Comparison(Result):
         ]
 
 
-def compare(first: Record, second: Record) -> Comparison:
+def compare(first: RunResult, second: RunResult) -> Comparison:
     """Compare the settings and the results of two runs.
 
     Raises:
         InputError: runs that cannot be compared; says why.
     """
-    _check_alike(first, second)
     both = [_models(first), _models(second)]
+    _check_alike(first, second, both)
     return Comparison(
         runs=(_name(first), _name(second)),
-        verdict=(_report(first)["verdict"], _report(second)["verdict"]),
+        verdict=(first.verdict, second.verdict),
         settings=differences(first.document.plain(), second.document.plain()),
         checks=_checks(_judged(first), _judged(second)),
         models={
             model: [
                 {"number": a["number"], "name": a["name"]}
-                | {name: [a.get(name), b.get(name)] for name in QUANTITIES[first.kind]}
+                | {quantity: [a[quantity], b[quantity]] for quantity in a if quantity in SHOWN}
                 for a, b in zip(both[0][model], both[1][model], strict=True)
             ]
             for model in both[0]
@@ -145,20 +143,15 @@ def model_difference_table(model: str, rows: list[dict[str, Any]]) -> Table:
     return Table(f"{model.capitalize()} model", columns, lines)
 
 
-def _name(run: Record) -> str:
+def _name(run: RunResult) -> str:
     return "in memory" if run.folder is None else str(run.folder)
 
 
-def _report(run: Judged) -> dict[str, Any]:
-    return run.to_json() if isinstance(run, MonteCarlo) else run.report.plain()
-
-
-def _check_alike(first: Judged, second: Judged) -> None:
+def _check_alike(first: RunResult, second: RunResult, models: list[dict[str, list[dict[str, Any]]]]) -> None:
     """Refuse what has no common measure."""
     where = f"{_name(first)}, {_name(second)}: cannot be compared"
     if first.kind != second.kind:
         raise InputError(f"{where}: found a {first.kind} and a {second.kind}, expected two of a kind")
-    models = [_models(first), _models(second)]
     for model in dict.fromkeys([*models[0], *models[1]]):
         names = [[row["name"] for row in of.get(model, [])] for of in models]
         if names[0] != names[1]:
@@ -168,32 +161,63 @@ def _check_alike(first: Judged, second: Judged) -> None:
             )
 
 
-def _models(run: Judged) -> dict[str, list[dict[str, Any]]]:
-    report = _report(run)
-    if isinstance(run, DiscoveryRecord):
-        return {"full": report["parameters"]}
-    full = report if isinstance(run, MonteCarlo) else report["full"]
-    return {"full": full["parameters"], "simplified": report["simplified"]["parameters"]}
+def _models(run: RunResult) -> dict[str, list[dict[str, Any]]]:
+    """Return the rows of parameters of each model, with the quantities that are compared."""
+    if isinstance(run, Validation):
+        estimates = [getattr(run.identification, model) for model in MODELS]
+        return {
+            model: _rows(
+                estimate,
+                estimate=estimate.value,
+                standard_error=estimate.standard_error,
+                truth=run.truth[estimate.numbers - 1],
+            )
+            for model, estimate in zip(MODELS, estimates, strict=True)
+        }
+    if isinstance(run, Discovered):
+        before = run.before.full
+        after = None if run.after is None else run.after.full
+        return {
+            "full": _rows(
+                before,
+                before=before.value,
+                after=np.full(len(before.names), None) if after is None else after.value,
+                standard_error=(after or before).clustered_standard_error,
+            )
+        }
+    document = run.to_json()
+    parts = {"full": document["parameters"], "simplified": document["simplified"]["parameters"]}
+    return {
+        model: [{name: row.get(name) for name in ("number", "name", *MONTE_CARLO)} for row in rows]
+        for model, rows in parts.items()
+    }
 
 
-def _judged(run: Judged) -> list[dict[str, Any]]:
+def _rows(model: Estimate, /, **quantities: np.ndarray) -> list[dict[str, Any]]:
+    columns = {"number": model.numbers.tolist(), "name": model.names}
+    columns |= {name: values.tolist() for name, values in quantities.items()}
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+def _judged(run: RunResult) -> list[dict[str, Any]]:
     """Return a run's checks; of a discovery the gap by channel, its explanations and their sizes."""
-    if not isinstance(run, DiscoveryRecord):
-        return _report(run)["checks"]
-    gap = [
-        {"name": f"gap {channel}, {side}", "result": None, "value": getattr(ratio, side)}
-        for channel, ratio in run.report.gap.items()
-        if ratio is not None
-        for side in ("before", "after")
-    ]
-    explained = []
-    for found in run.report.candidates:
-        name = found.label if found.gap == 1 else f"{found.label} (gap {found.gap})"
-        explained.append({"name": f"ln BF {name}", "result": None, "value": found.log_bayes_factor})
-        for p in found.parameters:
-            unit = f" [{p.unit}]" if p.unit else ""
-            explained.append({"name": f"{name} {p.name}{unit}", "result": None, "value": p.value})
-    return gap + explained
+    if not isinstance(run, Discovered):
+        return run.to_json()["checks"]
+    sides = {"before": run.heldout.before, "after": run.heldout.after}
+    values = {
+        f"gap {'all' if channel == 'AFTC' else channel}, {side}": by_channel[channel]
+        for channel in CHANNEL_NAMES
+        for side, by_channel in sides.items()
+        if channel in by_channel
+    }
+    values |= {f"gap mm, {side}": run.heldout.millimetres[k] for k, side in enumerate(sides)}
+    for one in run.explanations:
+        effect = one.instance
+        name = effect.label if one.gap == 1 else f"{effect.label} (gap {one.gap})"
+        values[f"ln BF {name}"] = one.log_bayes_factor
+        for parameter, value in zip(effect.effect.parameters, effect.values, strict=True):
+            values[f"{name} {parameter.heading}"] = value
+    return [{"name": name, "result": None, "value": value} for name, value in values.items()]
 
 
 def _checks(first: list[dict[str, Any]], second: list[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -18,7 +18,7 @@ MOST_JOINTS = 3  # to name
 
 def correlation_table(
     model: str,
-    pairs: list[dict[str, Any]],
+    pairs: Sequence[tuple[int, int, float]],
     parameters: BaseParameters,
     joint_angles: np.ndarray | None = None,
     where: str = "",
@@ -26,9 +26,9 @@ def correlation_table(
     """Return every high correlation with the joints that distinguish the two parameters.
 
     Args:
-        model: "full" or "simplified". pairs: `a`, `b` and `rho` of each, as in a model's part of a report.
+        model: "full" or "simplified". pairs: numbers of both parameters and their correlation.
         joint_angles: of the postures, (m, n_joints) [rad], whose ranges are shown; None: they are not.
-        where: what the model's path in the run's JSON begins with.
+        where: path of the pairs in the run's JSON.
     """
     columns = (
         Column("no.", format="d"),
@@ -41,14 +41,14 @@ def correlation_table(
     )
     rows = []
     for k, pair in enumerate(pairs):
-        joints = joints_between(parameters, pair["a"] - 1, pair["b"] - 1)
+        joints = joints_between(parameters, pair[0] - 1, pair[1] - 1)
         names = [_with_range(joint, parameters, joint_angles) for joint in joints]
         if len(names) > MOST_JOINTS:
             names = [f"the {len(names)} joints between them"]
         rows.append(
             [
-                *(Cell(pair[name], f"{where}{model}.correlations.{k}.{name}") for name in ("a", "b", "rho")),
-                " and ".join(meaning(parameters, pair[name]) for name in ("a", "b")),
+                *(Cell(value, where and f"{where}.{k}.{place}") for place, value in enumerate(pair)),
+                " and ".join(meaning(parameters, number) for number in pair[:2]),
                 ", ".join(names) or "no joint: both are of one link",
             ]
         )

@@ -136,7 +136,8 @@ class DescribedPlan(Result):
         """Return the trials, or the figures of the plan, and where it is."""
         if self.trials:
             return [trial_table(self.trials), *self.notes]
-        parameters, pairs = planned_parameters(self.robot, self.whole), self.correlations
+        parameters = planned_parameters(self.robot, self.whole)
+        pairs = [(pair["a"], pair["b"], pair["rho"]) for pair in self.correlations]
         return [
             self._head(),
             f"{self.well_identified} of {len(parameters.names)} parameters would be well identified "

@@ -3,71 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
-from pathlib import Path
-from typing import Any
 
 from tulip_testbed.base.errors import InputError, at_least
 from tulip_testbed.base.progress import Progress, silent
-from tulip_testbed.base.result import Result
-from tulip_testbed.base.table import Table
 from tulip_testbed.base.threads import processes
 from tulip_testbed.calibration.families import check_tolerances
 from tulip_testbed.discovery.candidate_search import first_calibration
-from tulip_testbed.discovery.discover import discover
-from tulip_testbed.discovery.dynamics_check import check_in_dynamics
-from tulip_testbed.experiments.discovery_record import DiscoveryRecord, discovery_record, write_discovery
-from tulip_testbed.experiments.discovery_tables import discovery_summary
-from tulip_testbed.experiments.findings import Findings
+from tulip_testbed.discovery.discover import Discovery, discover
+from tulip_testbed.discovery.dynamics_check import DynamicsCheck, check_in_dynamics
+from tulip_testbed.discovery.experiment_information import Explanation
+from tulip_testbed.discovery.story import story
+from tulip_testbed.effects.lasting import everywhere
+from tulip_testbed.experiments.discovery_result import PARTS, Discovered, DiscoveryConfiguration
+from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.identify import identify
-from tulip_testbed.experiments.rig_folder import RIG
+from tulip_testbed.experiments.proposed_experiment import propose_experiments, proposed
+from tulip_testbed.experiments.rig_folder import rig_files
+from tulip_testbed.experiments.run_file import RunFile, made_by
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.preflight.units import units
 from tulip_testbed.identification.regressor import check_robot
+from tulip_testbed.identification.residual_channels import residuals
 from tulip_testbed.measurements import Measurements, as_joined
 from tulip_testbed.sim.robot import Robot
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Discovered(Findings, Result):
-    """The result of a discovery, see `Findings`.
-
-    Attributes:
-        folder: its run folder; None: it was not saved.
-    """
-
-    folder: Path | None = None
-
-    @cached_property
-    def _record(self) -> DiscoveryRecord:
-        return discovery_record(self)
-
-    def tables(self) -> list[Table | str]:
-        """Return the verdict, the story and the tables that belong to them."""
-        place = [] if self.folder is None else [f"Run folder: {self.folder}"]
-        return [f"Verdict: {self.verdict}", *discovery_summary(self.to_json(), self.story), *place]
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the JSON document, which discovery.json of the run folder holds."""
-        rig = None if self.folder is None or not self._record.rig else str(self.folder / RIG)
-        return self._record.report.plain() | {"rig": rig}
-
-    def save(self, folder: str | Path) -> None:
-        """Write a new run folder, which appears whole or not at all.
-
-        Raises:
-            InputError: the folder exists or cannot be written.
-        """
-        write_discovery(Path(folder), self._record)
-
-    def to_frame(self) -> Any:
-        """Return a pandas DataFrame with one row per parameter, before and after."""
-        before = self.before.to_frame()
-        kept = [name for name in before if name.startswith(("estimate", "s.e."))]
-        if self.after is None:
-            return before[kept]
-        return before[kept].join(self.after.to_frame()[kept], lsuffix=", before", rsuffix=", after")
 
 
 def discover_effects(
@@ -119,7 +77,66 @@ def discover_effects(
     if discovery.adopted:
         after = identify(measurements, robot, source, adopted=discovery.adopted, tolerances=tolerances)
     checked = None
-    if check and any(not one.effect.misreads for one in discovery.adopted):
+    if check and any(not effect.effect.misreads for effect in discovery.adopted):
         with progress("the adopted model in full dynamics", 80, 0) as advance:
             checked = check_in_dynamics(discovery, discovery.adopted, workers, advance)
-    return Discovered(robot, discovery, before, after, checked, source, seed, not check)
+    inputs = DiscoveryConfiguration(measurements=source, robot=robot.path.name, seed=seed, no_check=not check)
+    document = made_by("discover", inputs, robot)
+    return _told(discovery, measurements, robot, before, after, checked, document)
+
+
+def _told(
+    discovery: Discovery,
+    measurements: Measurements,
+    robot: Robot,
+    before: Identification,
+    after: Identification | None,
+    check: DynamicsCheck | None,
+    document: RunFile[DiscoveryConfiguration],
+) -> Discovered:
+    """Return what a discovery found, without what the search alone needs."""
+    explanations, observed = discovery.explanations, discovery.observed.measurements
+    try:
+        proposals = propose_experiments(observed, robot, discovery.verdict, explanations)
+        ranking = proposals.experiments
+    except InputError:  # none can be weighed, which the story says
+        ranking = ()
+    assert discovery.heldout is not None
+    lasting = [effect for effect in discovery.corrections if everywhere(effect.target)]
+    sides = {
+        "before": residuals(discovery.observed, discovery.selection.null.linear.theta),
+        "after": residuals(discovery.fit.linear.observed, discovery.fit.linear.theta),
+    }
+    return Discovered(
+        verdict=discovery.verdict,
+        adopted=discovery.adopted,
+        calibrated=discovery.calibrated,
+        families=discovery.families,
+        explanations=explanations,
+        runners_up=tuple(
+            Explanation(fitted.instance, fitted.log_bayes_factor, k + 1)
+            for k in discovery.effects
+            for fitted in discovery.runners_up(k)
+        ),
+        undetectable=discovery.undetectable,
+        weakly_detectable=discovery.selection.weak,
+        where=discovery.where,
+        heldout=discovery.heldout,
+        next_experiments=tuple(map(proposed, ranking)),
+        before=before,
+        after=after,
+        repeats=discovery.repeats,
+        noise=discovery.noise,
+        alarm_p=discovery.selection.p,
+        patterns=discovery.patterns,
+        story=tuple(story(discovery, ranking)),
+        check=check,
+        wall_s=discovery.wall_s,
+        robot=robot,
+        measurements=measurements,
+        residuals={"posture": observed.posture, "placement": observed.placement, "time": observed.time}
+        | {f"{side}.{part}": values[:, k] for side, values in sides.items() for k, part in enumerate(PARTS)},
+        rig_files=rig_files(robot, lasting) if lasting else {},
+        document=document,
+        discovery=discovery,
+    )

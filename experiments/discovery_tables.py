@@ -1,9 +1,9 @@
-"""Tables of a discovery, from its JSON document."""
+"""Tables of a discovery."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from statistics import NormalDist
 from typing import Any
 
@@ -11,43 +11,52 @@ from tulip_testbed.base.column import Column
 from tulip_testbed.base.errors import listed
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.table import Cell, Table
-from tulip_testbed.discovery.discover import NONE
-from tulip_testbed.effects.catalogue import catalogue
-from tulip_testbed.effects.effect import Parameter
-from tulip_testbed.effects.instance import effect_label
+from tulip_testbed.calibration.calibration_result import CalibratedFamily
+from tulip_testbed.discovery.detectability import Undetectable, WeaklyDetectable
+from tulip_testbed.discovery.dynamics_check import DynamicsCheck
+from tulip_testbed.discovery.experiment_information import Explanation
+from tulip_testbed.discovery.held_out import HeldOut
+from tulip_testbed.discovery.patterns import Pattern
+from tulip_testbed.discovery.pure_error import PureError
+from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.family_tables import SPREAD
+from tulip_testbed.experiments.identification_result import Identification
 
 BY_CHANCE = 0.05  # probability that noise alone marks any parameter as moved
 MOST_P = 0.05  # above it a pattern in the residuals gets no row
-HELD_OUT_MM = "heldout_rms_mm"
 CHANNEL_NAMES = {
     "A": "A, centre of pressure",
     "F": "F, sum of the vertical forces",
     "T": "T, twist of the plates",
     "C": "C, closure of the legs",
-    "all": "all channels",
-    HELD_OUT_MM: "centre of pressure, mm r.m.s. per axis",
+    "AFTC": "all channels",
 }
 
 
-def gap_table(gap: dict[str, Any]) -> Table:
+def gap_table(heldout: HeldOut) -> Table:
     """Return the residuals by channel before and after, and what chance alone may give."""
     columns = (Column("channel"), *(Column(n, format=".2f") for n in ("before", "after", "by chance up to")))
-    rows = [
-        [name, *(Cell(gap[channel][key], f"gap.{channel}.{key}") for key in ("before", "after", "floor"))]
+    rows: list[list[Any]] = [
+        [
+            name,
+            *(
+                Cell(getattr(heldout, side)[channel], f"heldout.{side}.{channel}")
+                for side in ("before", "after", "floor")
+            ),
+        ]
         for channel, name in CHANNEL_NAMES.items()
-        if gap.get(channel)
+        if channel in heldout.before
     ]
+    millimetres = (Cell(value, f"heldout.millimetres.{k}") for k, value in enumerate(heldout.millimetres))
+    rows.append(["centre of pressure, mm r.m.s. per axis", *millimetres])
     note = (
         "Before: the nominal model, everything exact. After: ordinary imperfections and the explanations, "
         "estimated from the other placements. In millimetres the last number is the noise."
-        if gap.get(HELD_OUT_MM)
-        else ""
     )
     return Table("Residuals on held-out placements, as multiples of the noise", columns, rows, note)
 
 
-def candidate_table(candidates: list[dict[str, Any]]) -> Table:
+def explanation_table(explanations: Sequence[Explanation]) -> Table:
     """Return the effects that explain a gap, with their sizes and evidence."""
     columns = (
         Column("gap", format="d"),
@@ -56,26 +65,21 @@ def candidate_table(candidates: list[dict[str, Any]]) -> Table:
         Column("ln of Bayes factor", format=".1f"),
         Column("behind the best", format=".1f"),
     )
-    rows = []
-    for k, (candidate, short) in enumerate(zip(candidates, behind(candidates), strict=True)):
-        key = f"candidates.{k}"
-        rows.append(
-            [
-                Cell(candidate["gap"], f"{key}.gap"),
-                effect_label(candidate["name"], candidate["target"]),
-                "; ".join(
-                    f"{p['name']} {_size(candidate['name'], candidate['target'], p)}"
-                    for p in candidate["parameters"]
-                ),
-                Cell(candidate["log_bayes_factor"], f"{key}.log_bayes_factor"),
-                short,
-            ]
-        )
+    rows = [
+        [
+            Cell(one.gap, f"explanations.{k}.gap"),
+            one.instance.label,
+            _sizes(one.instance),
+            Cell(one.log_bayes_factor, f"explanations.{k}.log_bayes_factor"),
+            short,
+        ]
+        for k, (one, short) in enumerate(zip(explanations, behind(explanations), strict=True))
+    ]
     note = "±: half of the 95 % interval. Rows of one gap explain the same part of the residuals."
     return Table("Explanations", columns, rows, note)
 
 
-def spread_table(families: list[dict[str, Any]]) -> Table:
+def spread_table(families: Sequence[CalibratedFamily]) -> Table:
     """Return the families of ordinary imperfections with their spreads."""
     columns = (
         Column("family"),
@@ -85,77 +89,88 @@ def spread_table(families: list[dict[str, Any]]) -> Table:
         Column("high", "", ".2f"),
     )
     rows = []
-    for k, family in enumerate(families):
-        parameter = catalogue()[family["name"]].parameters[0]
-        figures = (Cell(family[key], f"families.{k}.{key}") for key in ("spread", "low95", "high95"))
-        rows.append([family["name"], parameter.text(family["tolerance"]), *figures])
+    for k, one in enumerate(families):
+        family, key = one.family, f"families.{k}.spread"
+        ends = (Cell(end, f"{key}95.{side}") for side, end in enumerate(one.spread95))
+        tolerance = family.effect.parameters[0].text(family.tolerance)
+        rows.append([family.name, tolerance, Cell(one.spread, key), *ends])
     return Table("Families of ordinary imperfections", columns, rows, SPREAD)
 
 
-def calibrated_table(members: list[dict[str, Any]]) -> Table:
+def calibrated_table(members: Iterable[EffectInstance]) -> Table:
     """Return the ordinary imperfections that were added to the model."""
-    rows = [
-        [
-            effect_label(member["name"], member["target"]),
-            "; ".join(
-                f"{p['name']} {_size(member['name'], member['target'], p)}" for p in member["parameters"]
-            ),
-        ]
-        for member in members
-    ]
+    rows = [[member.label, _sizes(member)] for member in members]
     columns = (Column("imperfection"), Column("size"))
     return Table("Calibrated", columns, rows, "±: half of the 95 % interval.")
 
 
-def behind(candidates: list[dict[str, Any]]) -> list[float]:
+def behind(explanations: Sequence[Explanation]) -> list[float]:
     """Return by how much ln of the Bayes factor of each falls short of the best of its gap."""
     best: dict[int, float] = {}
-    for candidate in candidates:
-        gap = candidate["gap"]
-        best[gap] = max(best.get(gap, -math.inf), candidate["log_bayes_factor"])
-    return [best[candidate["gap"]] - candidate["log_bayes_factor"] for candidate in candidates]
+    for one in explanations:
+        best[one.gap] = max(best.get(one.gap, -math.inf), one.log_bayes_factor)
+    return [best[one.gap] - one.log_bayes_factor for one in explanations]
 
 
-def _size(effect: str, target: str, document: dict[str, Any]) -> str:
-    name, unit, value = document["name"], document["unit"], document["value"]
-    known = catalogue()[effect].parameters_on(target) if effect in catalogue() else ()
-    parameter = next((p for p in known if p.name == name), Parameter(name, unit))
-    if parameter.choices and value not in range(len(parameter.choices)):
-        parameter = Parameter(name, unit)
-    low, high = document["low95"], document["high95"]
-    return parameter.text(value, None if low is None or high is None else (low, high))
+def _sizes(instance: EffectInstance) -> str:
+    intervals = instance.intervals or (None,) * len(instance.values)
+    parameters = instance.effect.parameters_on(instance.target)
+    return "; ".join(
+        f"{parameter.name} {parameter.text(value, interval)}"
+        for parameter, value, interval in zip(parameters, instance.values, intervals, strict=True)
+    )
+
+
+def moves(before: Identification, after: Identification | None) -> list[float | None]:
+    """Return by how many standard errors each parameter moved; None each: nothing was corrected."""
+    if after is None:
+        return [None] * len(before)
+    change = after.full.value - before.full.value
+    return (change / after.full.clustered_standard_error).tolist()
 
 
 def moved_table(
-    rows: list[dict[str, Any]], effects: Sequence[dict[str, Any]], all_of_them: bool = True
+    before: Identification,
+    after: Identification | None,
+    adopted: Sequence[EffectInstance],
+    all_of_them: bool = True,
 ) -> Table:
     """Return the base parameters without and with the correction; one estimate if nothing was corrected.
 
     Args:
-        effects: that were adopted.
+        adopted: effects that were removed.
         all_of_them: whether those that hardly moved are listed too.
     """
-    names = ["number", "name", "before_mm", "after_mm", "standard_error_mm", "moved_in_standard_errors"]
+    new, side = (before, "before") if after is None else (after, "after")
+    bound, estimate = least_move(len(before)), before.full
+    millimetres = {"unit": "mm", "format": ".2f", "scale": 1e3}
+    title = "Base parameters before and after the correction" if adopted else "Base parameters"
+    first = "before: no corrections" if adopted else "estimate: no corrections"
     columns = [
         Column("no.", format="d"),
         Column("parameter"),
-        Column("before: no corrections", "mm", ".2f"),
-        Column("after: corrected", "mm", ".2f"),
-        Column("s.e.", "mm", ".2f"),
-        Column("moved by", "s.e.", "+.2f"),
-        Column("change"),
+        Column(first, **millimetres),
+        *([Column("after: corrected", **millimetres)] if adopted else []),
+        Column("s.e.", **millimetres),
+        *([Column("moved by", "s.e.", "+.2f"), Column("change")] if adopted else []),
     ]
-    bound, title = least_move(len(rows)), "Base parameters before and after the correction"
-    if not effects:
-        names, title = ["number", "name", "before_mm", "standard_error_mm"], "Base parameters"
-        columns = [*columns[:2], Column("estimate: no corrections", "mm", ".2f"), columns[4]]
     lines = []
-    for k, row in enumerate(rows):
-        mark = "moved" if abs(row["moved_in_standard_errors"] or 0.0) > bound else ""
-        if mark or all_of_them:
-            cells = [Cell(row[name], f"parameters.{k}.{name}", mark) for name in names]
-            lines.append([*cells, Cell(mark, mark=mark)] if effects else cells)
-    return Table(title, tuple(columns), lines, moved_words(rows, effects))
+    for k, move in enumerate(moves(before, after)):
+        mark = "moved" if abs(move or 0.0) > bound else ""
+        if not (mark or all_of_them):
+            continue
+        error = Cell(new.full.clustered_standard_error[k], f"{side}.full.clustered_standard_error.{k}", mark)
+        cells = [
+            Cell(int(estimate.numbers[k]), f"before.full.numbers.{k}", mark),
+            Cell(estimate.names[k], f"before.full.names.{k}", mark),
+            Cell(estimate.value[k], f"before.full.value.{k}", mark),
+        ]
+        if adopted:
+            value = Cell(new.full.value[k], f"{side}.full.value.{k}", mark)
+            lines.append([*cells, value, error, Cell(move, mark=mark), Cell(mark, mark=mark)])
+        else:
+            lines.append([*cells, error])
+    return Table(title, tuple(columns), lines, moved_words(before, after, adopted))
 
 
 def least_move(count: int) -> float:
@@ -166,39 +181,41 @@ def least_move(count: int) -> float:
     return NormalDist().inv_cdf(1 - BY_CHANCE / (2 * max(count, 1)))
 
 
-def moved_words(rows: list[dict[str, Any]], effects: Sequence[dict[str, Any]]) -> str:
+def moved_words(
+    before: Identification, after: Identification | None, adopted: Sequence[EffectInstance]
+) -> str:
     """Say what was assumed, how many base parameters moved, and what counts as moved."""
-    if not effects:
+    if not adopted:
         return (
             "No effect was removed, so there is one estimate of the base parameters: by the self-calibrating "
             "estimator, which estimates ordinary imperfections with them."
         )
-    bound = least_move(len(rows))
-    moves = {row["name"]: abs(row["moved_in_standard_errors"]) for row in rows}
-    count = sum(move > bound for move in moves.values())
-    largest = max(moves, key=lambda name: moves[name])
-    removed = listed([effect_label(effect["name"], effect["target"]) for effect in effects])
+    bound = least_move(len(before))
+    sizes = {name: abs(move or 0.0) for name, move in zip(before, moves(before, after), strict=True)}
+    count = sum(size > bound for size in sizes.values())
+    largest = max(sizes, key=lambda name: sizes[name])
+    removed = listed([effect.label for effect in adopted])
     return (
-        f"{count or 'None'} of {len(rows)} parameters moved by more than {bound:.1f} standard errors, which "
-        f"noise exceeds in any of them at most once in 20 times; the largest move is "
-        f"that of {largest}, {moves[largest]:.1f}. Before: nothing removed from the measurements. After: "
+        f"{count or 'None'} of {len(before)} parameters moved by more than {bound:.1f} standard errors, "
+        f"which noise exceeds in any of them at most once in 20 times; the largest move is "
+        f"that of {largest}, {sizes[largest]:.1f}. Before: nothing removed from the measurements. After: "
         f"{removed} removed. Both by the self-calibrating estimator, which estimates ordinary imperfections "
         "with the base parameters and takes up a part of the effect before."
     )
 
 
-def pattern_table(patterns: list[dict[str, Any]]) -> Table:
+def pattern_table(patterns: Sequence[Pattern]) -> Table:
     """Return the clearest patterns in the residuals after the correction."""
     columns = (Column("channel"), Column("pattern"), Column("p", format=".2g"))
     rows = [
-        [Cell(p[name], f"left.{k}.{name}") for name in ("channel", "pattern", "p")]
-        for k, p in enumerate(patterns)
-        if p["p"] < MOST_P
+        [Cell(getattr(one, name), f"patterns.{k}.{name}") for name in ("channel", "words", "p")]
+        for k, one in enumerate(patterns)
+        if one.p < MOST_P
     ]
     return Table("The clearest patterns in the remaining residuals", columns, rows)
 
 
-def repeat_table(repeats: dict[str, Any]) -> Table:
+def repeat_table(repeats: PureError) -> Table:
     """Return how repeated postures agree with the stated noise."""
     columns = (
         Column("channel"),
@@ -208,102 +225,68 @@ def repeat_table(repeats: dict[str, Any]) -> Table:
     rows = [
         [
             CHANNEL_NAMES.get(channel, channel),
-            Cell(ratio, f"repeats.chi_square_per_freedom.{channel}"),
-            Cell(repeats["p"].get(channel), f"repeats.p.{channel}"),
+            Cell(ratio, f"repeats.ratio.{channel}"),
+            Cell(repeats.p.get(channel), f"repeats.p.{channel}"),
         ]
-        for channel, ratio in repeats["chi_square_per_freedom"].items()
+        for channel, ratio in repeats.ratio.items()
     ]
     return Table("Repeated postures against the stated noise", columns, rows)
 
 
-def undetectable_table(entries: list[dict[str, Any]]) -> Table:
+def undetectable_table(effects: Sequence[Undetectable]) -> Table:
     """Return the effects that these postures cannot detect, one per row."""
     columns = (
         Column("effect"),
         Column("targets"),
         Column("biases most the parameter no.", format="d"),
-        Column("by, per prior s.d.", "mm", ".2f"),
+        Column("by, per prior s.d.", "mm", ".2f", 1e3),
     )
-    by_name: dict[str, list[dict[str, Any]]] = {}
-    for entry in entries:
-        by_name.setdefault(entry["name"], []).append(entry)
+    by_name: dict[str, list[Undetectable]] = {}
+    for effect in effects:
+        by_name.setdefault(effect.candidate.effect.name, []).append(effect)
     rows = []
     for name, of in by_name.items():
-        worst = max(of, key=lambda entry: entry["bias_mm_per_prior_sd"] or 0.0)
-        predicted = worst["parameter"] is not None
-        rows.append(
-            [
-                name,
-                [entry["target"] for entry in of if entry["target"]],
-                worst["parameter"] if predicted else "not predicted",
-                worst["bias_mm_per_prior_sd"] if predicted else None,
-            ]
-        )
+        worst = max(of, key=lambda effect: effect.bias)
+        biased = [worst.parameter, worst.bias] if worst.parameter else ["not predicted", None]
+        rows.append([name, _targets(of), *biased])
     return Table("Effects that these postures cannot detect", columns, rows)
 
 
-def weak_table(entries: list[dict[str, Any]]) -> Table:
-    """Return the effects that show only if larger than plausible, one kind per row.
-
-    Args:
-        entries: of `WeaklyDetectable`, as a report has them.
-    """
+def weak_table(effects: Sequence[WeaklyDetectable]) -> Table:
+    """Return the effects that show only if larger than plausible, one kind per row."""
     columns = (
         Column("effect"),
         Column("targets"),
         Column("shows from (90 %)"),
         Column("over the plausible size"),
     )
-    by_unit: dict[tuple[str, str], list[dict[str, Any]]] = {}
-    for entry in sorted(entries, key=lambda entry: entry["least_over_prior"]):
-        by_unit.setdefault((entry["name"], _first_size(entry).unit), []).append(entry)
+    by_unit: dict[tuple[str, str], list[WeaklyDetectable]] = {}
+    for effect in sorted(effects, key=lambda effect: effect.multiple):
+        by_unit.setdefault((effect.candidate.effect.name, effect.size.unit), []).append(effect)
     rows = []
     for (name, _), of in by_unit.items():
         ends = of[0], of[-1]
-        sizes = [_first_size(entry).text(entry["least"]) for entry in ends if entry["least"] is not None]
-        multiples = [number(entry["least_over_prior"], ".2g") for entry in ends]
-        targets = [entry["target"] for entry in of if entry["target"]]
-        rows.append([name, targets, _from_to(sizes) if sizes else "several numbers", _from_to(multiples)])
+        sizes = [effect.size.text(effect.least) for effect in ends if effect.least is not None]
+        multiples = [number(effect.multiple, ".2g") for effect in ends]
+        rows.append(
+            [name, _targets(of), _from_to(sizes) if sizes else "several numbers", _from_to(multiples)]
+        )
     return Table("Effects that show only if larger than plausible", columns, rows)
 
 
-def _first_size(entry: dict[str, Any]) -> Parameter:
-    effect = catalogue()[entry["name"]]
-    return effect.parameters_on(entry["target"] or "")[effect.sizes[0]]
+def _targets(effects: Sequence[Undetectable | WeaklyDetectable]) -> list[str]:
+    return [effect.candidate.target for effect in effects if effect.candidate.target]
 
 
 def _from_to(ends: list[str]) -> str:
     return ends[0] if ends[0] == ends[1] else " to ".join(ends)
 
 
-def dynamics_line(check: dict[str, Any]) -> str:
+def dynamics_line(check: DynamicsCheck) -> str:
     """Describe how the adopted effects compare with a simulation in full dynamics."""
-    if check["reason"] is not None:
-        return f"In full dynamics nothing could be compared: {check['reason']}."
+    if check.reason:
+        return f"In full dynamics nothing could be compared: {check.reason}."
     return (
-        f"In full dynamics {check['postures']} of {check['tried']} postures stood; the residual after "
-        f"removing the adopted effects is {check['left_over_noise']:.2f} times the noise."
+        f"In full dynamics {check.postures} of {check.tried} postures stood; the residual after "
+        f"removing the adopted effects is {check.left:.2f} times the noise."
     )
-
-
-def discovery_summary(document: dict[str, Any], story: Sequence[str]) -> list[Table | str]:
-    """Return the tables and sentences of a discovery in short.
-
-    Args:
-        document: its report as JSON. story: the finding in sentences.
-    """
-    parts: list[Table | str] = [*story, ""]
-    if document["verdict"] == NONE and (weak := weak_table(document.get("weakly_detectable", []))).rows:
-        parts.append(weak)
-    if any(entry and entry["after"] is not None for entry in document["gap"].values()):
-        parts.append(gap_table(document["gap"]))
-    if document["candidates"]:
-        parts.append(candidate_table(document["candidates"]))
-    if document["families"]:
-        parts.append(spread_table(document["families"]))
-    if rows := document["parameters"]:
-        moved = moved_table(rows, document["effects"], all_of_them=False)
-        parts.append(moved if moved.rows else moved_words(rows, document["effects"]))
-    if document["check"]:
-        parts.append(dynamics_line(document["check"]))
-    return parts

@@ -2,60 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
-
 import numpy as np
 
 from tulip_testbed.base.table import Column, Table
 from tulip_testbed.calibration.calibration_result import CalibratedFamily, SelfCalibration
 from tulip_testbed.calibration.families import TOLERANCES
 from tulip_testbed.effects.catalogue import acts_on, catalogue
+from tulip_testbed.measurements.contacts import Contacts
 
 SPREAD = "Spread: estimated s.d. of the members, with its 95 % interval; 1 is usual."
 LARGEST_PARTS = 4
 LEAST_SHARE = 0.01
 
 
-def calibration_document(found: SelfCalibration, names: tuple[str, ...]) -> dict[str, Any]:
-    """Return the keys that the self-calibrating estimator adds to the document of an identification.
+def calibration_report(
+    found: SelfCalibration, names: tuple[str, ...], contacts: Contacts | None
+) -> list[Table | str]:
+    """Return the tables of families, of members that the data know, and the budget.
 
     Args:
-        names: of the base parameters, (p,).
+        names: of the base parameters, (p,). contacts: the sensors of the measurements.
     """
-    return {
-        "budget": [
-            {"parameter": name, "source": source, "share": float(found.shares[row, k])}
-            for k, name in enumerate(names)
-            for row, source in enumerate(found.sources)
-        ],
-        "families": family_documents(found.families),
-        "calibrated": [i.document() for one in found.families for i in one.instances],
-    }
-
-
-def family_documents(families: Sequence[CalibratedFamily]) -> list[dict[str, Any]]:
-    """Return the families with their spreads for JSON."""
-    return [
-        {
-            "name": one.family.name,
-            "tolerance": one.family.tolerance,
-            "spread": one.spread,
-            "low95": one.spread95[0],
-            "high95": one.spread95[1],
-        }
-        for one in families
-    ]
-
-
-def calibration_report(found: SelfCalibration, names: tuple[str, ...]) -> list[Table | str]:
-    """Return the tables of families, of members that the data know, and the budget."""
     members = member_table(found)
     return [
         family_table(found),
         *([members] if members.rows else []),
-        *filter(None, (_near_zero(found), _small(found), _unseen(found), _exact(found))),
-        budget_table(found, names),
+        *filter(None, (_near_zero(found), _small(found), _unseen(found), _exact(found, contacts))),
+        budget_table(found, names, contacts),
         _first_to_improve(found),
         f"Tolerances: {found.assumed}.",
     ]
@@ -99,9 +72,9 @@ def _clear(one: CalibratedFamily) -> np.ndarray:
     return (one.interval95[:, 0] > 0) | (one.interval95[:, 1] < 0)
 
 
-def _exact(found: SelfCalibration) -> str:
+def _exact(found: SelfCalibration, contacts: Contacts | None) -> str:
     """Name the families that the tolerances leave out."""
-    contacts, there = found.observed.measurements.contacts, {one.family.name for one in found.families}
+    there = {one.family.name for one in found.families}
     names = [name for name in TOLERANCES if name not in there and acts_on(catalogue()[name], contacts)]
     return f"Taken as exact: {', '.join(names)}." if names else ""
 
@@ -144,7 +117,7 @@ def member_table(found: SelfCalibration) -> Table:
     return Table("Calibrated", (Column("imperfection"), Column("value ± half of the 95 % interval")), rows)
 
 
-def budget_table(found: SelfCalibration, names: tuple[str, ...]) -> Table:
+def budget_table(found: SelfCalibration, names: tuple[str, ...], contacts: Contacts | None) -> Table:
     """Return the largest parts of the variance of every base parameter."""
     rows = []
     for k, name in enumerate(names):
@@ -156,16 +129,16 @@ def budget_table(found: SelfCalibration, names: tuple[str, ...]) -> Table:
         ]
         rows.append([name, float(np.sqrt(found.covariance[k, k])), ", ".join(parts)])
     columns = (Column("parameter"), Column("s.e.", "mm", ".2f", 1e3), Column("largest parts of its variance"))
-    return Table("Budget of the standard errors", columns, rows, _sources_explained(found))
+    return Table("Budget of the standard errors", columns, rows, _sources_explained(contacts))
 
 
-def _sources_explained(found: SelfCalibration) -> str:
+def _sources_explained(contacts: Contacts | None) -> str:
     """Say what the sources are, in words that fit the contact sensors."""
-    contacts = found.observed.measurements.contacts
     sensors, one = ("cells", "cell") if contacts is None else ("contact sensors", "sensor")
+    in_feet = contacts is not None and contacts.mount == "foot"
     plates = "right, left plate: errors of their recorded places; "
     return (
-        f"{sensors}, encoders: their noise; {'' if found.observed.in_feet else plates}internal forces: "
+        f"{sensors}, encoders: their noise; {'' if in_feet else plates}internal forces: "
         f"between the feet, which no {one} shows; spreads: how well spreads and scales are known; a family: "
         "its members."
     )

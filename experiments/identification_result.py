@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any, Self
 
 import numpy as np
+from pydantic import Field, computed_field
 
-from tulip_testbed.base.errors import look_up
-from tulip_testbed.base.result import Result
+from tulip_testbed.base.errors import InputError, look_up
+from tulip_testbed.base.result import Array, Given, InMemory, Kept, Result
 from tulip_testbed.base.table import Table
 from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING, SUMMARY
 from tulip_testbed.calibration.calibration_result import SelfCalibration
-from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.effects.instance import EffectInstance, check_instances
+from tulip_testbed.effects.removal import without
 from tulip_testbed.experiments.correlation_table import NO_CORRELATION, correlation_table
 from tulip_testbed.experiments.correlations import Correlations, parameter_index
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR
-from tulip_testbed.experiments.estimate_report import model_report
-from tulip_testbed.experiments.family_tables import calibration_document, calibration_report
+from tulip_testbed.experiments.family_tables import calibration_report
 from tulip_testbed.experiments.parameter_tables import (
     LEGEND,
     mass_line,
@@ -27,16 +29,25 @@ from tulip_testbed.experiments.parameter_tables import (
     standard_table,
     weak_directions,
 )
-from tulip_testbed.identification.base_parameters import BaseParameters
+from tulip_testbed.experiments.run_file import MEASUREMENT_FOLDER, check_parameters
+from tulip_testbed.identification.base_parameters import (
+    BaseParameters,
+    base_parameters,
+    common_support,
+    simplified_numbers,
+)
 from tulip_testbed.identification.distributions import t_ppf
 from tulip_testbed.identification.estimators import ESTIMATORS as OF_REGRESSION
 from tulip_testbed.identification.estimators import Estimate
+from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.rank import describe_combinations, labels
-from tulip_testbed.identification.statistics import correlations, standard_errors
+from tulip_testbed.identification.statistics import correlations
 from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.joined import read_written, write_experiments
 from tulip_testbed.sim.robot import Robot
 
 MODELS = ("full", "simplified")
+EXPERIMENTS = Kept(MEASUREMENT_FOLDER, write_experiments, lambda folder, robot: read_written(folder))
 # What each estimator does, by its name.
 ESTIMATORS: dict[str, str] = {name: one.summary for name, one in OF_REGRESSION.items()} | {
     SELF_CALIBRATING: SUMMARY
@@ -80,16 +91,64 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
         corrections: effects that the measurements were corrected for.
     """
 
-    robot: Robot
-    measurements: Measurements
-    parameters: BaseParameters
+    robot: Given[Robot]
+    measurements: Annotated[Measurements, EXPERIMENTS, Field(exclude=True)]
+    parameters: InMemory[BaseParameters]
     full: Estimate
     simplified: Estimate
     mass: tuple[float, float]
     estimator: str = DEFAULT_ESTIMATOR
     calibration: SelfCalibration | None = None
-    confounded: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    confounded: Array = field(default_factory=lambda: np.zeros((0, 0)))
     corrections: tuple[EffectInstance, ...] = ()
+
+    @classmethod
+    def load(cls, folder: str | Path, *context: Any) -> Self:
+        """Read a folder.
+
+        Args:
+            context: the robot.
+
+        Raises:
+            InputError: a file that is missing or not what was written, or another robot's.
+        """
+        found = super().load(folder, *context)
+        return found.placed(found.robot, found.measurements, str(folder))
+
+    def placed(self, robot: Robot, measurements: Measurements, where: str, key: str = "") -> Self:
+        """Return an identification that was read together with its robot and its measurements.
+
+        Args:
+            where, key: file of the document and what its keys begin with, for messages.
+
+        Raises:
+            InputError: estimates of other parameters than the robot has, or corrections that it cannot have.
+        """
+        check_instances(self.corrections, robot, f"{where}: key '{key}corrections'")
+        parameters = base_parameters(robot, support=common_support(measurements.support))
+        if self.corrections:
+            _, observed = without(measurements, nominal_robot(robot, parameters.support), self.corrections)
+            parameters = replace(parameters, tree=observed.tree)
+        kept = {
+            "full": range(1, len(parameters.names) + 1),
+            "simplified": simplified_numbers(robot, parameters),
+        }
+        for model, numbers in kept.items():
+            estimate, count = getattr(self, model), len(numbers)
+            shapes = dict.fromkeys(("numbers", "value", "interval_dof"), (count,))
+            shapes |= dict.fromkeys(("covariance", "clustered_covariance"), (count, count))
+            for name, shape in (shapes | {"residual": (2 * len(measurements),)}).items():
+                if (size := getattr(estimate, name).shape) != shape:
+                    raise InputError(
+                        f"{where}: key '{key}{model}.{name}': found numbers of shape {size}, expected {shape}"
+                    )
+            check_parameters(
+                where,
+                f"{key}{model}",
+                list(zip(estimate.numbers.tolist(), estimate.names, strict=False)),
+                [(number, parameters.names[number - 1]) for number in numbers],
+            )
+        return replace(self, robot=robot, measurements=measurements, parameters=parameters)
 
     def __getitem__(self, name: str | int) -> IdentifiedParameter:
         """Return a parameter of the full model by its name or number.
@@ -98,7 +157,7 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
             UnknownNameError: there is none; lists the names that are close and those that are valid.
         """
         k = parameter_index(name, self.full.numbers, self.full.names)
-        value, error = float(self.full.value[k]), float(standard_errors(self.full.covariance)[k])
+        value, error = float(self.full.value[k]), float(self.full.standard_error[k])
         half = float(t_ppf(0.975, self.full.interval_dof[k])) * error
         return IdentifiedParameter(
             int(self.full.numbers[k]), self.full.names[k], value, error, (value - half, value + half)
@@ -118,11 +177,25 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
         """Return the correlations of the full model's parameters by the estimator's covariance (eq. 15)."""
         return Correlations(self.full.numbers, self.full.names, correlations(self.full.covariance))
 
+    @computed_field
+    @property
+    def postures(self) -> int:
+        """Return how many rows were measured."""
+        return len(self.measurements)
+
+    @computed_field
+    @property
+    def placements(self) -> int:
+        """Return on how many placements."""
+        return len(np.unique(self.measurements.placement))
+
+    @computed_field
     @property
     def at_rest(self) -> bool:
         """Return whether the iteration of the self-calibrating estimator ended; always with the others."""
         return self.calibration is None or self.calibration.steady
 
+    @computed_field
     @property
     def hidden(self) -> str:
         """Return which parameters the unknown zeros of force-torque sensors imitate, "" if there are none."""
@@ -137,55 +210,34 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
             UnknownNameError: another model.
         """
         look_up("model", model, MODELS, "model")
-        document = model_report(getattr(self, model), None).plain()
-        return parameter_table(model, document, self.parameters, at_rest=self.at_rest)
+        return parameter_table(model, getattr(self, model), self.parameters, at_rest=self.at_rest)
 
     def to_frame(self, model: str = "full") -> Any:
         """Return a pandas DataFrame with one row per parameter of a model and its name as the index."""
         return self.table(model).frame().set_index("parameter")
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the JSON document, which `--json` prints."""
-        document: dict[str, Any] = {
-            "estimator": self.estimator,
-            "corrections": list(map(str, self.corrections)),
-            "postures": len(self.measurements),
-            "placements": len(np.unique(self.measurements.placement)),
-            "condition_number": self.full.condition_number,
-            "at_rest": self.at_rest,
-            "total_mass": {"estimate": self.mass[0], "standard_error": self.mass[1]},
-        }
-        for model in MODELS:
-            estimate = getattr(self, model)
-            weak = weak_directions(estimate, self.parameters)
-            document[model] = model_report(estimate, None).plain() | {"hardly_known": weak}
-        if self.hidden:
-            document["hidden_by_zeros"] = self.hidden
-        if self.calibration is not None:
-            document |= calibration_document(self.calibration, self.full.names)
-        return document
 
     def tables(self) -> list[Table | str]:
         """Return the parameters of the models, their high correlations and the total mass.
 
         The self-calibrating estimator adds its families, members and budget.
         """
-        document, angles = self.to_json(), self.measurements.joint_angles
+        angles = self.measurements.joint_angles
         parts: list[Table | str] = [f"Corrected: {effect.finding}" for effect in self.corrections]
         for model in models(self.robot):
-            pairs, weak = document[model]["correlations"], document[model]["hardly_known"]
+            estimate = getattr(self, model)
+            pairs, weak = estimate.high_correlations, weak_directions(estimate, self.parameters)
+            where = f"{model}.high_correlations"
             parts += [
-                parameter_table(model, document[model], self.parameters, at_rest=self.at_rest),
-                correlation_table(model, pairs, self.parameters, angles) if pairs else NO_CORRELATION,
+                self.table(model),
+                correlation_table(model, pairs, self.parameters, angles, where) if pairs else NO_CORRELATION,
                 *([f"Weakly determined: {weak}."] if weak else []),
                 "",
             ]
         if self.full.standard is not None:
-            links = document["full"]["links"]
-            parts.append(standard_table("full", links, self.full.standard.identifiable))
+            parts.append(standard_table(self.full.standard))
         if self.hidden:
             parts.append(f"Unknown zeros: {self.hidden}.")
         if self.calibration is not None:
-            parts += calibration_report(self.calibration, self.full.names)
+            parts += calibration_report(self.calibration, self.full.names, self.measurements.contacts)
         summary = ESTIMATORS[self.estimator]
         return [*parts, f"Estimator: {self.estimator}. {summary}", LEGEND, mass_line(*self.mass)]

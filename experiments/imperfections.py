@@ -7,10 +7,15 @@ from dataclasses import replace
 import numpy as np
 
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.calibration.ordinary_laboratory import check_scale, ordinary_members
+from tulip_testbed.base.numbers import number
+from tulip_testbed.calibration.ordinary_laboratory import SPREADS, check_scale, ordinary_members
 from tulip_testbed.experiments.laboratory import Laboratory
 
 STREAM = 2**32 - 1  # spawn key of the members of a single experiment: no placement has this number
+EXACT = (
+    "Exact laboratory: the default estimator allows for imperfections that are not there, so its standard "
+    "errors are too large."
+)
 NO_NOISE = ("ideal",)  # sensors that have neither noise nor tolerances
 
 
@@ -46,3 +51,16 @@ def drawn(laboratory: Laboratory, scale: float, stream: np.random.SeedSequence) 
 def single_stream(seed: int) -> np.random.SeedSequence:
     """Return the stream of the imperfections of a single experiment."""
     return np.random.SeedSequence(seed, spawn_key=(STREAM,))
+
+
+def imperfections_line(scale: float, several: bool = False) -> str:
+    """Describe the imperfections that were drawn.
+
+    Args:
+        scale: 0: there were none. several: whether every run drew its own.
+    """
+    if not scale:
+        return EXACT
+    low, high = (number(scale * spread, "g") for spread in SPREADS)
+    whose = "laboratories, drawn again in every run" if several else "laboratory"
+    return f"Ordinary {whose}: imperfections of all families, with spreads of {low} to {high} tolerances."

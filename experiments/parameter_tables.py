@@ -6,6 +6,7 @@ import csv
 import io
 import math
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,9 +19,9 @@ from tulip_testbed.base.files import read_text
 from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.experiments.correlation_table import united_links
 from tulip_testbed.identification.base_parameters import BaseParameters
-from tulip_testbed.identification.estimators import Estimate
+from tulip_testbed.identification.estimators import Estimate, StandardEstimate
 from tulip_testbed.identification.rank import describe_combinations, labels, weakly_known
-from tulip_testbed.identification.statistics import WELL_IDENTIFIED
+from tulip_testbed.identification.statistics import WELL_IDENTIFIED, residual_norms
 from tulip_testbed.sim.robot import Robot
 
 LEGEND = (
@@ -93,49 +94,63 @@ def models(robot: Robot) -> tuple[str, ...]:
 
 def parameter_table(
     model: str,
-    document: dict[str, Any],
+    estimate: Estimate,
     parameters: BaseParameters,
+    truth: np.ndarray | None = None,
     paper: Reported | None = None,
     at_rest: bool = True,
-    least_squares: dict[str, Any] | None = None,
+    least_squares: Estimate | None = None,
+    where: str = "",
 ) -> Table:
     """Return a model's parameters, with the truth and the paper's Table II where these are known.
 
     Args:
-        model: "full" or "simplified". document: a `ModelReport` as plain JSON.
+        model: "full" or "simplified".
+        truth: all base parameters, (p,) [m]; None: unknown.
         paper: see `read_reported`; None: without.
         at_rest: whether the estimator's iteration ended; otherwise no parameter is well identified.
-        least_squares: the paper's estimate from the same data, likewise; compared with Table II.
+        least_squares: the paper's estimate from the same data; compared with Table II.
+        where: of the estimates in the run's JSON, such as "identification.".
     """
-    rows = document["parameters"]
 
-    def values(name: str) -> list[Cell]:
-        return [Cell(row[name], f"{model}.parameters.{k}.{name}") for k, row in enumerate(rows)]
+    def values(name: str, of: Estimate = estimate, start: str = where, mark: str = "") -> list[Cell]:
+        path = f"{start}{model}.{name}"
+        return [Cell(value, f"{path}.{k}", mark) for k, value in enumerate(_plain(getattr(of, name)))]
 
-    shares = [row["relative_standard_error"] for row in rows]
-    well = [at_rest and share is not None and share < WELL_IDENTIFIED for share in shares]
-    columns: list[tuple[Column, list[Any]]] = [
-        (Column("no.", format="d"), values("number")),
-        (Column("parameter"), values("name")),
-        (_millimetres("estimate"), values("estimate")),
+    shares = estimate.relative_standard_error
+    well = [at_rest and bool(share < WELL_IDENTIFIED) for share in shares]
+    columns: list[tuple[Column, Sequence[Any]]] = [
+        (Column("no.", format="d"), values("numbers")),
+        (Column("parameter"), values("names")),
+        (_millimetres("estimate"), values("value")),
         (_millimetres("s.e."), values("standard_error")),
         (Column("relative s.e.", "%", ".1f"), values("relative_standard_error")),
         (Column("well identified"), [Cell(yes, mark="good" if yes else "") for yes in well]),
     ]
     # The default's own standard errors allow for placements: then the clustered ones would repeat them.
-    if any(row["clustered_standard_error"] != row["standard_error"] for row in rows):
+    if (estimate.clustered_standard_error != estimate.standard_error).any():
         columns.insert(4, (_millimetres("clustered s.e."), values("clustered_standard_error")))
-    if rows[0]["truth"] is not None:
-        columns.insert(3, (_millimetres("error", "+.2f"), [row["estimate"] - row["truth"] for row in rows]))
-        columns.insert(2, (_millimetres("truth"), values("truth")))
-    beside = paper is not None and bool(paper.parameters)
+    if truth is not None:
+        kept = truth[estimate.numbers - 1].tolist()
+        errors = [value - true for value, true in zip(estimate.value.tolist(), kept, strict=True)]
+        cells = [
+            Cell(true, f"truth.{number - 1}") for true, number in zip(kept, estimate.numbers, strict=True)
+        ]
+        columns.insert(3, (_millimetres("error", "+.2f"), errors))
+        columns.insert(2, (_millimetres("truth"), cells))
+    shown = least_squares or estimate
     if least_squares:
-        columns += _least_squares_columns(model, least_squares)
+        start = "least_squares."
+        columns += [
+            (_millimetres("least squares"), values("value", least_squares, start, "aside")),
+            (_millimetres("its s.e."), values("standard_error", least_squares, start, "aside")),
+        ]
+    beside = paper is not None and bool(paper.parameters)
     if paper and beside:
-        columns += _paper_columns(model, (least_squares or document)["parameters"], paper)
-    columns.append((Column("links", extra=True), [united_links(parameters, row["number"]) for row in rows]))
+        columns += _paper_columns(model, shown, paper)
+    links = [united_links(parameters, number) for number in estimate.numbers.tolist()]
+    columns.append((Column("links", extra=True), links))
     title = f"{model.capitalize()} model{', compared with Table II' if beside else ''}"
-    shown = least_squares or document
     note = f"{residual_line(shown, model, paper)} {placements_line(shown)}"
     if least_squares:
         note = f"By least squares: {note[0].lower()}{note[1:]}"
@@ -144,45 +159,36 @@ def parameter_table(
     return Table(title, tuple(c for c, _ in columns), list(zip(*(v for _, v in columns), strict=True)), note)
 
 
-def _least_squares_columns(model: str, document: dict[str, Any]) -> list[tuple[Column, list[Any]]]:
-    columns = (("least squares", "estimate"), ("its s.e.", "standard_error"))
-    where = f"least_squares.{model}.parameters"
-    return [
-        (
-            _millimetres(title),
-            [Cell(row[name], f"{where}.{k}.{name}", "aside") for k, row in enumerate(document["parameters"])],
-        )
-        for title, name in columns
-    ]
+def _plain(values: np.ndarray | tuple[str, ...]) -> Sequence[Any]:
+    return values.tolist() if isinstance(values, np.ndarray) else values
 
 
 def _millimetres(name: str, spec: str = ".2f") -> Column:
     return Column(name, "mm", spec, 1e3)
 
 
-def _paper_columns(model: str, rows: list[dict[str, Any]], paper: Reported) -> list[tuple[Column, list[Any]]]:
-    reported = [paper.parameters.get(row["number"], {}) for row in rows]
-    values = [found.get(f"{model}_mm") for found in reported]
-    shares = [found.get(f"{model}_rel_se_percent") for found in reported]
+def _paper_columns(model: str, estimate: Estimate, paper: Reported) -> list[tuple[Column, list[Any]]]:
+    reported = [paper.parameters.get(number, {}) for number in estimate.numbers.tolist()]
+    values = [row.get(f"{model}_mm") for row in reported]
+    shares = [row.get(f"{model}_rel_se_percent") for row in reported]
     errors = [
         None if v is None or p is None else abs(v) * p / 100 for v, p in zip(values, shares, strict=True)
     ]
-    ratios = [1e3 * row["standard_error"] / e if e else None for row, e in zip(rows, errors, strict=True)]
+    ratios = [
+        1e3 * own / error if error else None
+        for own, error in zip(estimate.standard_error.tolist(), errors, strict=True)
+    ]
     columns = (
         (Column("paper's estimate", "mm", ".2f", extra=True), values),
         (Column("paper's relative s.e.", "%", ".1f", extra=True), shares),
         (Column("paper's s.e.", "mm", ".2f", extra=True), errors),
         (Column("s.e. over paper's", "", ".2f", extra=True), ratios),
     )
-    return [(column, [Cell(value, mark="aside") for value in found]) for column, found in columns]
+    return [(column, [Cell(value, mark="aside") for value in of_column]) for column, of_column in columns]
 
 
-def standard_table(model: str, links: list[dict[str, Any]], visible: str) -> Table:
-    """Return masses and centres of mass of the links and how much of each came from the data.
-
-    Args:
-        links: `LinkRow`s as plain JSON. visible: which masses the measurements can give at all.
-    """
+def standard_table(standard: StandardEstimate) -> Table:
+    """Return masses and centres of mass of the links and how much of each came from the data."""
     columns = [
         Column("link"),
         Column("mass", "kg", ".3f"),
@@ -195,18 +201,15 @@ def standard_table(model: str, links: list[dict[str, Any]], visible: str) -> Tab
             Column(f"s.e. of {axis}", "mm", ".1f", 1e3),
             Column(f"{axis} from data", "%", ".0f", 100, extra=True),
         ]
-    rows = []
-    for k, row in enumerate(links):
-        of_mass = ("mass", "mass_standard_error", "mass_data_share")
-        of_center = zip(row["center"], row["center_standard_error"], row["center_data_share"], strict=True)
-        rows.append(
-            [
-                row["link"],
-                *(Cell(row[name], f"{model}.links.{k}.{name}") for name in of_mass),
-                *(value for axis in of_center for value in axis),
-            ]
-        )
-    note = f"From data: share of the prior's variance that the measurements took away. {visible}"
+    masses = np.column_stack([standard.mass, standard.mass_error, standard.mass_share])
+    centers = np.stack([standard.center, standard.center_error, standard.center_share], axis=2)
+    rows = [
+        [link, *mass, *center.ravel().tolist()]
+        for link, mass, center in zip(standard.links, masses.tolist(), centers, strict=True)
+    ]
+    note = (
+        f"From data: share of the prior's variance that the measurements took away. {standard.identifiable}"
+    )
     return Table("Masses and centres of mass of the links", tuple(columns), rows, note)
 
 
@@ -224,25 +227,29 @@ def weak_directions(estimate: Estimate, parameters: BaseParameters) -> str:
     return f"to within the longest link ({1e3 * longest:.0f} mm), {text}"
 
 
-def placements_line(document: dict[str, Any]) -> str:
+def placements_line(estimate: Estimate) -> str:
     """Describe the errors that the postures of a placement share."""
-    right, left = document["placement_sd_mm"]
-    if max(right, left) < NO_PLACEMENT_SD * document["sigma_mm"]:
+    right, left = estimate.placement_sd
+    if max(right, left) < NO_PLACEMENT_SD * estimate.sigma:
         return (
             "The errors common to the postures of a placement are estimated as 0, so the clustered s.e. "
             "equals the s.e.; this happens often with few placements."
         )
-    return f"Errors common to a placement: s.d. {right:.2f} mm of the right plate, {left:.2f} mm of the left."
+    return (
+        f"Errors common to a placement: s.d. {1e3 * right:.2f} mm of the right plate, {1e3 * left:.2f} mm of "
+        "the left."
+    )
 
 
-def residual_line(document: dict[str, Any], model: str = "full", paper: Reported | None = None) -> str:
+def residual_line(estimate: Estimate, model: str = "full", paper: Reported | None = None) -> str:
     """Describe a model's residual (eqs 12 and 14) and its condition number."""
-    norms, condition = document["residual_mm"], document["condition_number"]
+    norms = residual_norms(estimate.residual)
     reported = paper.residual.get(model) if paper else None
     beside = " (paper: {:g}, {:g}, {:g})".format(*reported) if reported else ""
     return (
-        f"Residual norm: mean {norms['mean']:.2f}, s.d. {norms['sd']:.2f}, max {norms['max']:.2f} mm"
-        f"{beside}; sigma per axis (eq. 14) {document['sigma_mm']:.3f} mm; condition number {condition:.0f}."
+        f"Residual norm: mean {1e3 * norms.mean:.2f}, s.d. {1e3 * norms.sd:.2f}, max {1e3 * norms.max:.2f} mm"
+        f"{beside}; sigma per axis (eq. 14) {1e3 * estimate.sigma:.3f} mm; condition number "
+        f"{estimate.condition_number:.0f}."
     )
 
 

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
 
-from tulip_testbed.base.document import Document
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import present
 from tulip_testbed.base.numbers import number
-from tulip_testbed.base.result import Result
+from tulip_testbed.base.result import Documented, Result
 from tulip_testbed.base.table import Cell, Column, Table
-from tulip_testbed.base.table_files import json_text
+from tulip_testbed.base.table_files import finite, json_text
 from tulip_testbed.discovery.discover import AMBIGUOUS
 from tulip_testbed.discovery.experiment_information import Explanation
 from tulip_testbed.discovery.next_experiment import (
@@ -39,7 +38,8 @@ CHANNELS = ("cop_x_mm", "cop_y_mm", "force_N", "twist_right_N", "twist_left_N")
 FACTORS = np.array([1e3, 1e3, 1.0, 1.0, 1.0])
 
 
-class Prediction(Document):
+@dataclass(frozen=True)
+class Prediction:
     """The mean residuals of an experiment that an explanation predicts."""
 
     explanation: str
@@ -55,11 +55,12 @@ class Prediction(Document):
         return [getattr(self, key) for key in CHANNELS]
 
 
-class ProposedExperiment(Document):
+@dataclass(frozen=True)
+class ProposedExperiment:
     """One ranked experiment; entropies in nats, separations in ln of the Bayes factor."""
 
     session: str
-    manipulations: list[str]
+    manipulations: tuple[str, ...]
     placements: int
     postures: int
     minutes: float
@@ -68,15 +69,16 @@ class ProposedExperiment(Document):
     settled_per_minute: float
     separation: float
     separation_now: float
-    predictions: list[Prediction]
+    predictions: tuple[Prediction, ...]
 
 
-class ExperimentFile(ProposedExperiment):
+@dataclass(frozen=True, kw_only=True)
+class ExperimentFile(ProposedExperiment, Documented):
     """experiment.json of a plan folder; number: of the experiment, from 1."""
 
-    format: Literal["tulip-experiment"]
-    version: Literal[1]
-    number: int = Field(ge=1)
+    format: Literal["tulip-experiment"] = "tulip-experiment"
+    version: Literal[1] = 1
+    number: Annotated[int, Field(ge=1)]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -109,13 +111,14 @@ class Proposals(Result):
 
     def to_json(self) -> dict[str, Any]:
         """Return the experiments for JSON."""
-        assumed = {"posture": POSTURE, "placement": PLACEMENT} | MANIPULATION
-        return {
-            "verdict": self.verdict,
-            "number": self.number,
-            "experiments": [proposed(one).plain() for one in self.experiments],
-            "assumed_minutes": assumed,
-        }
+        return finite(
+            {
+                "verdict": self.verdict,
+                "number": self.number,
+                "experiments": [asdict(proposed(one)) for one in self.experiments],
+                "assumed_minutes": {"posture": POSTURE, "placement": PLACEMENT} | MANIPULATION,
+            }
+        )
 
     def tables(self) -> list[Table | str]:
         """Return the ranking, what each explanation predicts for the best, and what is assumed."""
@@ -140,7 +143,7 @@ class Proposals(Result):
 
     def table(self) -> Table:
         """Return one row an experiment."""
-        return experiment_table([proposed(experiment).plain() for experiment in self.experiments])
+        return experiment_table([proposed(experiment) for experiment in self.experiments])
 
     def predictions(self) -> Table:
         """Return what each explanation predicts for the best experiment."""
@@ -156,25 +159,23 @@ class Proposals(Result):
         return Table("Mean residuals that each explanation predicts for the best", columns, rows)
 
 
-def experiment_table(experiments: Sequence[dict[str, Any]], key: str = "experiments") -> Table:
+def experiment_table(experiments: Sequence[ProposedExperiment], key: str = "experiments") -> Table:
     """Return ranked experiments, one per row.
 
     Args:
-        experiments: of `ProposedExperiment`, as JSON. key: where they are in their document.
+        key: where they are in their document.
     """
     rows = []
-    for k, experiment in enumerate(experiments):
-        now = experiment["entropy_now"]
-        settled = max(now - experiment["entropy_expected"], 0.0)
+    for k, one in enumerate(experiments):
+        now, path = one.entropy_now, f"{key}.{k}"
         rows.append(
             [
-                ", ".join(experiment["manipulations"]) or UNCHANGED,
-                *(Cell(experiment[name], f"{key}.{k}.{name}") for name in ("postures", "minutes")),
-                settled / max(now, 1e-12),
-                *(
-                    Cell(experiment[name], f"{key}.{k}.{name}")
-                    for name in ("settled_per_minute", "separation")
-                ),
+                ", ".join(one.manipulations) or UNCHANGED,
+                Cell(one.postures, f"{path}.postures"),
+                Cell(one.minutes, f"{path}.minutes"),
+                max(now - one.entropy_expected, 0.0) / max(now, 1e-12),
+                Cell(one.settled_per_minute, f"{path}.settled_per_minute"),
+                Cell(one.separation, f"{path}.separation"),
             ]
         )
     columns = (
@@ -192,7 +193,7 @@ def proposed(one: NextExperiment) -> ProposedExperiment:
     """Return a ranked experiment as a document."""
     return ProposedExperiment(
         session=one.experiment.session,
-        manipulations=list(one.experiment.manipulations),
+        manipulations=one.experiment.manipulations,
         placements=len(np.unique(one.plan.placement)),
         postures=len(one.plan),
         minutes=one.minutes,
@@ -201,10 +202,7 @@ def proposed(one: NextExperiment) -> ProposedExperiment:
         settled_per_minute=float(one.rate),
         separation=one.separation,
         separation_now=one.before,
-        predictions=[
-            Prediction(explanation=label, **dict(zip(CHANNELS, (FACTORS * row[:5]).tolist(), strict=True)))
-            for label, row in one.predicted
-        ],
+        predictions=tuple(Prediction(label, *(FACTORS * row[:5]).tolist()) for label, row in one.predicted),
     )
 
 
@@ -240,9 +238,8 @@ def write_experiment_plan(folder: Path, proposals: Proposals) -> None:
         InputError: nothing is to be settled; the folder exists or cannot be written.
     """
     best = proposals.best
-    head = {"format": "tulip-experiment", "version": 1, "number": proposals.number}
-    document = ExperimentFile.model_validate(head | proposed(best).plain())
-    beside = {EXPERIMENT_FILE: json_text(document.plain()), STEPS_FILE: steps(document, best)}
+    document = ExperimentFile(**vars(proposed(best)), number=proposals.number)
+    beside = {EXPERIMENT_FILE: json_text(document.to_json()), STEPS_FILE: steps(document, best)}
     write_plan(folder, best.plan, beside)
 
 
@@ -300,7 +297,6 @@ def read_experiment(folder: Path) -> tuple[Experiment, int]:
     where = Path(folder) / EXPERIMENT_FILE
     if not present(where):
         raise InputError(f"{where}: missing; expected a plan folder that `tulip plan next` wrote")
-    found = ExperimentFile.read(where)
-    texts = tuple(found.manipulations)
-    arrangement_of(texts, f"{where}: key 'manipulations'")
-    return Experiment(found.session, texts), found.number
+    document = ExperimentFile.read(where)
+    arrangement_of(document.manipulations, f"{where}: key 'manipulations'")
+    return Experiment(document.session, document.manipulations), document.number

@@ -6,20 +6,20 @@ import difflib
 import hashlib
 import re
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import mujoco
 import numpy as np
 from pydantic import ConfigDict, Field
 
-from tulip_testbed.base.document import Document
 from tulip_testbed.base.errors import InputError, listed, shortened
 from tulip_testbed.base.files import is_folder, new_folder, present, sha256, write_text
 from tulip_testbed.base.numbers import number
+from tulip_testbed.base.result import Documented
 from tulip_testbed.base.table_files import json_text, software
-from tulip_testbed.effects.instance import EffectDocument, EffectInstance, check_different, injected
+from tulip_testbed.effects.instance import EffectInstance, check_different, check_instance, injected
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.measurements.bounds import Version
 from tulip_testbed.sim.plan_folder import check_model
@@ -34,26 +34,31 @@ NOMINAL, CHANGED, DIFF = "nominal.xml", "scene.xml", "diff.txt"
 LATER = re.compile(r"scene-\d{1,3}\.xml")
 
 
-class RigRobot(Document):
+FORBIDS = ConfigDict(strict=True, extra="forbid", arbitrary_types_allowed=True)
+
+
+@dataclass(frozen=True)
+class RigRobot:
     """The robot of a rig: file name and hash of its model, hashes of the other files."""
 
-    model_config = ConfigDict(extra="forbid")
+    __pydantic_config__ = FORBIDS
 
     model: str
     sha256: str
     files: dict[str, str]
 
 
-class RigManifest(Document):
+@dataclass(frozen=True)
+class RigManifest(Documented):
     """rig.json."""
 
-    model_config = ConfigDict(extra="forbid")
+    __pydantic_config__ = FORBIDS
 
     format: Literal["tulip-rig"]
     version: Version
     robot: RigRobot
     preset: str | None
-    effects: list[EffectDocument] = Field(min_length=1)
+    effects: Annotated[tuple[EffectInstance, ...], Field(min_length=1)]
     software: dict[str, str] | None
     files: dict[str, str]
 
@@ -81,11 +86,11 @@ def rig_files(robot: Robot, instances: Sequence[EffectInstance], preset: str | N
             files=dict(list(robot.hashes.items())[1:]),
         ),
         preset=preset,
-        effects=[EffectDocument.model_validate(found.document()) for found in instances],
+        effects=tuple(instances),
         software=software(),
         files={name: hashlib.sha256(files[name].encode()).hexdigest() for name in sorted(files)},
     )
-    return files | {RIG_FILE: json_text(manifest.plain())}
+    return files | {RIG_FILE: json_text(manifest.to_json())}
 
 
 def write_rig(
@@ -133,15 +138,16 @@ def read_rig(folder: Path, robot: Robot) -> tuple[EffectInstance, ...]:
         if name not in (NOMINAL, CHANGED, DIFF) and not LATER.fullmatch(name):
             raise InputError(f"{where}: key 'files': found '{shortened(name)}', expected scenes and {DIFF}")
         _check_hash(folder / name, sha256(folder / name), expected, f"{where}: key 'files'")
-    found = tuple(EffectInstance.from_document(entry, robot, str(where)) for entry in manifest.effects)
-    check_different(found, f"{where}: key 'effects'")
+    for k, effect in enumerate(manifest.effects):
+        check_instance(effect, robot, None, f"{where}: key 'effects.{k}'")
+    check_different(manifest.effects, f"{where}: key 'effects'")
     if manifest.software == software():  # another version may write the same scene in other words
-        for name, text in rig_files(robot, found, manifest.preset).items():
+        for name, text in rig_files(robot, manifest.effects, manifest.preset).items():
             if name != RIG_FILE and hashlib.sha256(text.encode()).hexdigest() != manifest.files.get(name):
                 raise InputError(
                     f"{folder / name}: found another one than the effects and the preset of {RIG_FILE} make"
                 )
-    return found
+    return manifest.effects
 
 
 def _check_hash(path: Path, found: str | None, expected: str | None, where: str) -> None:

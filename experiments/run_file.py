@@ -5,16 +5,18 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Generic, Literal, TypeVar
+from typing import Any, ClassVar, Generic, Literal, Self, TypeVar
 
 from pydantic import Field
 
 from tulip_testbed.base.document import Document, Seed
 from tulip_testbed.base.errors import InputError, listed, shortened
 from tulip_testbed.base.files import is_folder, present, sha256
-from tulip_testbed.base.table_files import finite
+from tulip_testbed.base.machine import machine
+from tulip_testbed.base.result import RESULT_FILE, Result
+from tulip_testbed.base.table_files import finite, software
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.measurements.folder_kind import KINDS
 from tulip_testbed.sim.robot import Robot
 
@@ -84,29 +86,60 @@ def configuration_of(
     return Configuration.model_validate(finite(content))  # with lists for tuples, as it will be read again
 
 
-def write_run_file(folder: Path, document: RunFile[Made]) -> RunFile[Made]:
-    """Write run.json next to all other files of a folder; returns it with their hashes."""
-    document = document.model_copy(update={"outputs": hashes_in(folder)})
-    document.write(folder / RUN_FILE)
-    return document
+def made_by(command: str, configuration: Made, robot: Robot) -> RunFile[Made]:
+    """Describe how a run was made here and now."""
+    return RunFile[Made](
+        format="tulip-run",
+        version=VERSION,
+        command=command,
+        configuration=configuration,
+        software=software(),
+        machine=machine(),
+        inputs=robot.hashes,
+    )
+
+
+def write_run_file(path: Path, made: RunFile[Made]) -> None:
+    """Write run.json with the hashes of all other files of its folder."""
+    made.model_copy(update={"outputs": hashes_in(path.parent)}).write(path)
+
+
+def read_made(path: Path, robot: Robot) -> RunFile[Configuration]:
+    """Read the run.json of a run in a laboratory."""
+    return RunFile[Configuration].read(path)
+
+
+class SavedRun(Result):
+    """A result whose folder lists all of its files with their hashes in run.json."""
+
+    kind: ClassVar[RunKind]
+
+    @classmethod
+    def load(cls, folder: str | Path, *context: Any) -> Self:
+        """Read a run folder and check that its files are what was written.
+
+        Args:
+            context: the robot that the run was made with.
+
+        Raises:
+            InputError: another kind or version of run, another robot's, or a file that is not what was
+                written.
+        """
+        folder = Path(folder)
+        if (kind := run_kind(folder)) != cls.kind:
+            raise InputError(f"{folder}: found the run folder of a {kind}, expected that of a {cls.kind}")
+        made = RunFile[Document].read(folder / RUN_FILE)
+        check_robot(folder, made.inputs, *context)
+        if RESULT_FILE not in made.outputs:
+            raise InputError(f"{folder / RUN_FILE}: key 'outputs': found no {RESULT_FILE}")
+        check_files(folder, made.outputs, RUN_FILE)
+        return super().load(folder, *context)
 
 
 def hashes_in(folder: Path) -> dict[str, str]:
     """Return the sha256 of every file in a folder, by its path there."""
     paths = sorted(path for path in folder.rglob("*") if path.is_file())
     return {str(path.relative_to(folder)): sha256(path) for path in paths}
-
-
-def check_outputs(folder: Path, outputs: dict[str, str], needed: Sequence[str]) -> None:
-    """Refuse a run with a file that is missing or not what was written.
-
-    Raises:
-        InputError: names the file.
-    """
-    for name in needed:
-        if name not in outputs:
-            raise InputError(f"{folder / RUN_FILE}: key 'outputs': found no {name}")
-    check_files(folder, outputs, RUN_FILE)
 
 
 def check_files(folder: Path, outputs: dict[str, str], by: str) -> None:
@@ -145,7 +178,7 @@ def check_robot(folder: Path, inputs: dict[str, str], robot: Robot) -> None:
 
 
 def check_parameters(
-    where: Path, key: str, found: Sequence[tuple[int, str]], expected: Sequence[tuple[int, str]]
+    where: str, key: str, found: Sequence[tuple[int, str]], expected: Sequence[tuple[int, str]]
 ) -> None:
     """Refuse rows of other parameters than the robot's.
 
@@ -163,18 +196,6 @@ def check_parameters(
                 f"{where}: key '{key}.{row}': found parameter {a[0]}, {shortened(a[1])}, "
                 f"expected {b[0]}, {b[1]}"
             )
-
-
-def check_rows(path: Path, found: int, measurements: Measurements) -> None:
-    """Refuse a table that has not one row a measurement.
-
-    Raises:
-        InputError: it has another number of rows.
-    """
-    if found != len(measurements):
-        raise InputError(
-            f"{path}: found {found} rows, expected {len(measurements)}, as many as the measurements have"
-        )
 
 
 def kind_of(folder: Path) -> RunKind | Literal["plan", "measurement"]:

@@ -15,22 +15,14 @@ from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Table
 from tulip_testbed.effects.random_effects import RANDOM, read_effects
 from tulip_testbed.experiments.defaults import DEFAULT_SEED
+from tulip_testbed.experiments.dropped_postures import DroppedPosture, usable_postures
 from tulip_testbed.experiments.imperfections import check_imperfections, drawn, single_stream
 from tulip_testbed.experiments.laboratory import Laboratory, tries
 from tulip_testbed.experiments.proposed_experiment import EXPERIMENT_FILE, read_experiment
-from tulip_testbed.experiments.run_summary import usable_postures
 from tulip_testbed.experiments.truth_record import check_places, write_experiment
 from tulip_testbed.experiments.usable_plan import plan_for
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.procedure import header_of
-
-
-@dataclass(frozen=True)
-class DroppedPosture:
-    """A posture that could not be measured; the reason is None where it could hint at a random effect."""
-
-    posture: int
-    reason: str | None
 
 
 @dataclass(frozen=True, repr=False)

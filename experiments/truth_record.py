@@ -2,130 +2,82 @@
 
 from __future__ import annotations
 
-import dataclasses
 import os
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
 
-from tulip_testbed.base.document import Document, Pair
-from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.errors import InputError, shortened
 from tulip_testbed.base.files import check_new, present, write_text
+from tulip_testbed.base.result import Documented
 from tulip_testbed.base.table_files import json_text
-from tulip_testbed.effects.instance import EffectDocument
+from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.true_robot import true_model
 from tulip_testbed.experiments.laboratory import Run
 from tulip_testbed.experiments.run_file import Configuration, configuration_of
-from tulip_testbed.identification.base_parameters import (
-    base_parameters,
-    common_support,
-    standard_parameters,
-)
-from tulip_testbed.measurements import write_measurements
-from tulip_testbed.sim.outcome import Attempt
-
-Standard = Annotated[list[float], Field(min_length=4, max_length=4)]
+from tulip_testbed.identification.base_parameters import base_parameters, common_support
+from tulip_testbed.measurements import Measurements, write_measurements
+from tulip_testbed.sim.outcome import Truth
 
 
-class TruthAttempt(Document):
-    """One try at a posture: why it was dropped, or the true state, as `Held` has it."""
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class SimulatedTruth(Truth, Documented):
+    """The truth of an experiment, which only its simulation knows.
 
-    posture: int
-    placement: int
-    repeat: bool
-    true_plates: list[list[float]]
-    dropped: str | None = None
-    joint_angles: list[float] | None = None
-    motor_angles: list[float] | None = None
-    commanded: list[float] | None = None
-    torques: list[float] | None = None
-    cell_forces: list[float] | None = None
-    com: Pair | None = None
-    drift: float | None = None
-    settled_after: float | None = None
-    books: dict[str, float] | None = None
-
-    @model_validator(mode="after")
-    def _is_held_or_dropped(self) -> Self:
-        if (self.dropped is None) == (self.com is None):
-            raise ValueError("expected either the key 'com' or the key 'dropped'")
-        return self
-
-
-class Truth(Document):
-    """truth.json; base parameters by name [m], standard parameters by link [kg, kg m].
-
-    The statics engine keeps no account of single tries: then there are no attempts. With sensors in the feet
-    there are their true zeros and their true wrenches without zeros, by row of the measurements [N, Nm].
+    Attributes:
+        configuration: how it was made. effects: that were hidden in the laboratory.
+        links: names of the rows of `standard`.
+        base_parameters: by name [m].
     """
 
-    format: Literal["tulip-truth"]
-    version: Literal[1]
+    format: Literal["tulip-truth"] = "tulip-truth"
+    version: Literal[2] = 2
     configuration: Configuration
-    effects: list[EffectDocument]
-    total_mass: float
-    links: list[str]
-    standard_parameters: list[Standard]
+    effects: tuple[EffectInstance, ...]
+    links: tuple[str, ...]
     base_parameters: dict[str, float]
-    attempts: list[TruthAttempt]
-    zeros: list[list[float]] | None = None
-    wrenches: list[list[list[float]]] | None = None
 
-    @property
-    def held(self) -> list[TruthAttempt]:
-        """The tries behind the rows of the measurements, in the same order; empty in statics."""
-        return [attempt for attempt in self.attempts if attempt.com is not None]
+    @classmethod
+    def of(cls, run: Run) -> Self:
+        """Return what only the simulation knows of a run."""
+        laboratory = run.laboratory
+        model = true_model(laboratory.rig)
+        parameters = base_parameters(laboratory.robot, model, common_support(run.plan.support))
+        return cls(
+            **vars(run.truth),
+            configuration=configuration_of(laboratory, run.plan, run.seed, run.engine),
+            effects=laboratory.hidden,
+            links=parameters.tree.links,
+            base_parameters=dict(
+                zip(parameters.names, parameters.values(run.truth.standard).tolist(), strict=True)
+            ),
+        )
 
     @property
     def com(self) -> np.ndarray | None:
-        """True centre of mass of every row of the measurements, (m, 2) [m]; None in statics."""
-        return np.array([attempt.com for attempt in self.held]) if self.attempts else None
+        """Return the true centre of mass of every row of the measurements, (m, 2) [m]; None in statics."""
+        return np.array([held.com for held in self.held]) if self.attempts else None
 
+    def check(self, links: tuple[str, ...], measurements: Measurements, where: Path) -> None:
+        """Refuse the truth of another robot or of other postures.
 
-def truth_of(run: Run) -> Truth:
-    """Return what only the simulation knows of a run."""
-    laboratory, truth = run.laboratory, run.truth
-    model = true_model(laboratory.rig)
-    parameters = base_parameters(laboratory.robot, model, common_support(run.plan.support))
-    standard = standard_parameters(model)
-    feet = {"zeros": truth.zeros, "wrenches": truth.wrenches}
-    return Truth(
-        format="tulip-truth",
-        version=1,
-        configuration=configuration_of(laboratory, run.plan, run.seed, run.engine),
-        effects=[EffectDocument.model_validate(found.document()) for found in laboratory.hidden],
-        total_mass=truth.mass,
-        links=list(parameters.tree.links),
-        standard_parameters=standard.tolist(),
-        base_parameters=dict(zip(parameters.names, parameters.values(standard).tolist(), strict=True)),
-        attempts=[_attempt(attempt) for attempt in truth.attempts],
-        **{name: values.tolist() for name, values in feet.items() if values is not None},
-    )
+        Args:
+            links: of the robot. where: place of the document, for messages.
 
-
-def _attempt(attempt: Attempt) -> TruthAttempt:
-    content: dict[str, Any] = {
-        "posture": attempt.posture,
-        "placement": attempt.placement,
-        "repeat": attempt.repeat,
-        "true_plates": attempt.true_plates.tolist(),
-    }
-    if (held := attempt.held) is None:
-        return TruthAttempt(**content, dropped=attempt.reason)
-    return TruthAttempt(
-        **content,
-        joint_angles=held.joint_angles.tolist(),
-        motor_angles=held.motor_angles.tolist(),
-        commanded=held.commanded.tolist(),
-        torques=held.torques.tolist(),
-        cell_forces=held.cell_forces.tolist(),
-        com=held.com.tolist(),
-        drift=held.drift,
-        settled_after=held.settled_after,
-        books=dataclasses.asdict(held.balance),
-    )
+        Raises:
+            InputError: names the key, what was found and what was expected.
+        """
+        if self.links != links or self.standard.shape != (len(links), 4):
+            raise InputError(
+                f"{where}: key 'links': found standard parameters of shape {self.standard.shape} of "
+                f"{shortened(self.links)}, expected four for each of the robot's {len(links)} links"
+            )
+        if self.attempts and [one.posture for one in self.measured] != measurements.posture.tolist():
+            raise InputError(f"{where}: found other postures than in the measurements")
+        if any(held.com.shape != (2,) for held in self.held):
+            raise InputError(f"{where}: key 'attempts': found a centre of mass of other than two numbers")
 
 
 def check_places(out: Path, truth: Path | None) -> None:
@@ -152,8 +104,8 @@ def write_experiment(out: Path, truth: Path | None, run: Run) -> None:
         InputError: one of them exists or cannot be written.
     """
     check_places(out, truth)
-    if truth is not None:
-        write_text(truth, json_text(truth_of(run).plain()), new=True)  # else another process's would be lost
+    if truth is not None:  # a new file: else another process's would be lost
+        write_text(truth, json_text(SimulatedTruth.of(run).to_json()), new=True)
     try:
         write_measurements(out, run.measurements)
     except BaseException as error:

@@ -21,13 +21,15 @@ from tulip_testbed.experiments.checks import (
     mass_check,
     sigma_check,
     skipped,
+    worst_balance,
 )
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, DEFAULT_SEED, ORDINARY
 from tulip_testbed.experiments.identification_result import ESTIMATORS, Identification
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.imperfections import check_imperfections, drawn, single_stream
 from tulip_testbed.experiments.laboratory import Laboratory, Run, tries
-from tulip_testbed.experiments.run_summary import worst_balance
+from tulip_testbed.experiments.run_file import configuration_of, made_by
+from tulip_testbed.experiments.truth_record import SimulatedTruth
 from tulip_testbed.experiments.usable_plan import identifiable_regressor
 from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.identification.base_parameters import BaseParameters, renumbered
@@ -74,8 +76,7 @@ def validate(
     laboratory = drawn(laboratory, imperfections, single_stream(seed))
     with progress("holding postures", tries(laboratory, plan), 0) as advance:
         run = laboratory.run(plan, seed, engine, workers, advance)
-    result = judge(run, estimator)
-    return dataclasses.replace(result, wall_s=time.perf_counter() - began, imperfections=imperfections)
+    return _judged(run, estimator, imperfections, began)
 
 
 def judge(run: Run, estimator: str = DEFAULT_ESTIMATOR) -> Validation:
@@ -84,12 +85,28 @@ def judge(run: Run, estimator: str = DEFAULT_ESTIMATOR) -> Validation:
     Raises:
         InputError: measurements that do not suffice.
     """
-    began = time.perf_counter()
-    laboratory = run.laboratory
-    found = identify(run.measurements, laboratory.robot, estimator=estimator, adopted=laboratory.known)
+    return _judged(run, estimator, 0.0, time.perf_counter())
+
+
+def _judged(run: Run, estimator: str, imperfections: float, began: float) -> Validation:
+    """Judge a run in whose laboratory imperfections of this scale were drawn."""
+    laboratory, robot = run.laboratory, run.laboratory.robot
     truth = laboratory.true_base_parameters(run.plan)
-    checks = tuple(evaluate(run, found, truth))
-    return Validation(run, found, _least_squares(run), truth, checks, time.perf_counter() - began)
+    identification = identify(run.measurements, robot, estimator=estimator, adopted=laboratory.known)
+    configuration = configuration_of(laboratory, run.plan, run.seed, run.engine, imperfections)
+    return Validation(
+        identification=identification,
+        least_squares=_least_squares(run),
+        truth=truth,
+        checks=tuple(evaluate(run, identification, truth)),
+        wall_s=time.perf_counter() - began,
+        imperfections=float(imperfections),
+        robot=robot,
+        plan=run.plan,
+        measurements=run.measurements,
+        simulation=SimulatedTruth.of(run),
+        document=made_by("validate", configuration, robot),
+    )
 
 
 def _least_squares(run: Run) -> Identification | None:
@@ -100,12 +117,12 @@ def _least_squares(run: Run) -> Identification | None:
         return None
 
 
-def evaluate(run: Run, found: Identification, truth: np.ndarray) -> list[Check]:
+def evaluate(run: Run, identification: Identification, truth: np.ndarray) -> list[Check]:
     """Make the checks of the verdict."""
-    full, simplified = found.full, found.simplified
+    full, simplified = identification.full, identification.simplified
     robot = run.laboratory.robot
     settings = robot.settings
-    pairs = [renumbered(robot, found.parameters, e["pair"]) for e in settings.get("correlated", [])]
+    pairs = [renumbered(robot, identification.parameters, e["pair"]) for e in settings.get("correlated", [])]
     # With noise-free sensors the statistical checks have nothing to measure errors by.
     noisy = dataclasses.replace(run.laboratory.rig.sensors, cell_gain={}) != Sensors()
     checks = []
@@ -123,11 +140,11 @@ def evaluate(run: Run, found: Identification, truth: np.ndarray) -> list[Check]:
     if not noisy:
         checks.append(skipped("joint chi-square and |z|", "noise-free data have no standard errors to test"))
     taken = run.measurements
-    measured = correlations_at(found.parameters, taken.joint_angles, taken.support)
-    planned = planned_correlations(run, found.parameters)
+    measured = correlations_at(identification.parameters, taken.joint_angles, taken.support)
+    planned = planned_correlations(run, identification.parameters)
     checks += correlation_checks(full.numbers, measured, planned, pairs)
-    if found.calibration is not None and noisy:
-        data = correlations(found.calibration.data_covariance)
+    if identification.calibration is not None and noisy:
+        data = correlations(identification.calibration.data_covariance)
         checks += data_correlation_checks(full.numbers, data, planned, pairs)
     placements = len(np.unique(run.measurements.placement))
     known = settings.get("residual_sigma_mm", {})
@@ -138,7 +155,7 @@ def evaluate(run: Run, found: Identification, truth: np.ndarray) -> list[Check]:
         rate = paper["postures_used"] / paper["postures_planned"]
         source = f"the paper: {paper['postures_used']} of {paper['postures_planned']}"
         checks.append(below("share of dropped postures", 1 - usable, 1 - rate, source))
-    checks.append(mass_check(*found.mass, run.truth.mass, len(run.measurements), noisy))
+    checks.append(mass_check(*identification.mass, run.truth.mass, len(run.measurements), noisy))
     return [*checks, *balance_checks(run)]
 
 

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Self
 
 import numpy as np
+from pydantic import AfterValidator, computed_field
 
-from tulip_testbed.base.machine import machine
-from tulip_testbed.base.result import Result
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.numbers import number
+from tulip_testbed.base.result import RESULT_FILE, Array, Given, Kept, Place
 from tulip_testbed.base.table import Table
-from tulip_testbed.base.table_files import software
-from tulip_testbed.experiments.checks import Check, check_table, verdict
+from tulip_testbed.experiments.checks import Check, check_table, verdict, worst_balance
 from tulip_testbed.experiments.correlation_table import NO_CORRELATION, correlation_table
-from tulip_testbed.experiments.estimate_report import model_report
+from tulip_testbed.experiments.dropped_postures import DroppedPosture, usable_postures
 from tulip_testbed.experiments.identification_result import Identification
-from tulip_testbed.experiments.laboratory import Run
+from tulip_testbed.experiments.imperfections import imperfections_line
 from tulip_testbed.experiments.parameter_tables import (
     LEGEND,
     mass_line,
@@ -25,155 +25,201 @@ from tulip_testbed.experiments.parameter_tables import (
     parameter_table,
     read_reported,
 )
-from tulip_testbed.experiments.run_file import VERSION, Configuration, RunFile, configuration_of
-from tulip_testbed.experiments.run_summary import (
-    balance_line,
-    imperfections_line,
-    sag_line,
-    usable_postures,
-    worst_balance,
+from tulip_testbed.experiments.run_file import (
+    MEASUREMENT_FOLDER,
+    PLAN_FOLDER,
+    RUN_FILE,
+    Configuration,
+    RunFile,
+    SavedRun,
+    read_made,
+    write_run_file,
 )
-from tulip_testbed.experiments.truth_record import truth_of
-from tulip_testbed.experiments.validation_record import MODELS, Report, ValidationRecord, write_validation
+from tulip_testbed.experiments.truth_record import SimulatedTruth
+from tulip_testbed.measurements import Measurements, PosturePlan, read_measurements, write_measurements
+from tulip_testbed.sim.outcome import Truth
+from tulip_testbed.sim.plan_folder import read_plan, write_plan
+from tulip_testbed.sim.robot import Robot
+
+TRUTH_FILE = "truth.json"
+MEASURED = Kept(MEASUREMENT_FOLDER, write_measurements, lambda folder, robot: read_measurements(folder))
+TRUTH = Kept(TRUTH_FILE, lambda path, truth: truth.write(path), lambda path, robot: SimulatedTruth.read(path))
+
+
+def _each_once(checks: tuple[Check, ...]) -> tuple[Check, ...]:
+    if len({check.name for check in checks}) < len(checks):
+        raise ValueError("each check once")
+    return checks
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Validation(Result):
+class Validation(SavedRun):
     """A run compared with its truth; prints parameters, checks and the verdict.
 
     Attributes:
-        run: the experiment. identification: the estimates from its measurements, which are judged.
+        identification: the estimates from the measurements, which are judged.
         least_squares: the paper's estimates from the same measurements; None where they cannot be used.
         truth: base parameters of the robot that stood there, (p,) [m].
         checks: what was judged. wall_s: wall time [s].
         imperfections: scale of those that were drawn for the laboratory; 0: it is exact.
+        robot: the nominal one. plan, measurements: of the experiment.
+        simulation: what only the simulation knows.
+        document: how it was made. folder: where it is saved; None: in memory alone.
     """
 
-    run: Run
+    kind = "validation"
+
     identification: Identification
     least_squares: Identification | None
-    truth: np.ndarray
-    checks: tuple[Check, ...]
+    truth: Array
+    checks: Annotated[tuple[Check, ...], AfterValidator(_each_once)]
     wall_s: float
-    imperfections: float = 0.0
+    imperfections: float
+    robot: Given[Robot]
+    plan: Annotated[PosturePlan, Kept(PLAN_FOLDER, write_plan, read_plan)]
+    measurements: Annotated[Measurements, MEASURED]
+    simulation: Annotated[SimulatedTruth, TRUTH]
+    document: Annotated[RunFile[Configuration], Kept(RUN_FILE, write_run_file, read_made)]
+    folder: Place = None
 
+    @classmethod
+    def load(cls, folder: str | Path, *context: Any) -> Self:
+        """Read a run folder and check that its files are what was written and fit each other.
+
+        Args:
+            context: the robot.
+
+        Raises:
+            InputError: another kind or version of run, another robot's, or a file that is not what was
+                written.
+        """
+        read = super().load(folder, *context)
+        where, robot, measured = Path(folder), read.robot, read.measurements
+        result = where / RESULT_FILE
+        own = read.identification.placed(robot, measured, str(result), "identification.")
+        plain = read.least_squares
+        if plain is not None:
+            plain = plain.placed(robot, measured, str(result), "least_squares.")
+        if read.truth.shape != (count := len(own.parameters.names),):
+            raise InputError(f"{result}: key 'truth': found {read.truth.size} numbers, expected {count}")
+        read.simulation.check(own.parameters.tree.links, measured, where / TRUTH_FILE)
+        return replace(read, identification=own, least_squares=plain)
+
+    @computed_field
     @property
     def verdict(self) -> str:
         """ "pass", or "fail" if any check fails."""
-        return verdict(list(self.checks))
+        return verdict(self.checks)
+
+    @computed_field
+    @property
+    def postures_planned(self) -> int:
+        """Return how many postures were planned."""
+        return self.plan.postures
+
+    @computed_field
+    @property
+    def postures_used(self) -> int:
+        """Return how many of them could be measured."""
+        return self.plan.postures - len(self.simulation.dropped)
+
+    @computed_field
+    @property
+    def dropped(self) -> tuple[DroppedPosture, ...]:
+        """Return the postures that could not be measured."""
+        return tuple(DroppedPosture(posture, reason) for posture, reason in self.simulation.dropped)
+
+    @computed_field
+    @property
+    def true_mass(self) -> float:
+        """Return the mass of the robot that stood there [kg]."""
+        return self.simulation.mass
+
+    @computed_field
+    @property
+    def books(self) -> dict[str, float] | None:
+        """Return the largest imbalance of any hold; None in statics."""
+        return worst_balance(self.simulation)
 
     def table(self) -> Table:
         """Return the checks, one per row."""
-        return check_table([dataclasses.asdict(check) for check in self.checks])
+        return check_table(self.checks)
 
     def to_frame(self) -> Any:
         """Return a pandas DataFrame with one row per parameter of the full model, with its truth.
 
         The checks are plain records: `pandas.DataFrame(validation.checks)`.
         """
-        found = self.identification
-        table = parameter_table("full", model_report(found.full, self.truth).plain(), found.parameters)
-        return table.frame().set_index("parameter")
+        own = self.identification
+        return parameter_table("full", own.full, own.parameters, self.truth).frame().set_index("parameter")
 
     @property
     def exit_code(self) -> int:
         """Return 0 for a pass, 1 for a failed check."""
         return 0 if self.verdict == "pass" else 1
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the JSON document, which `--json` prints and report.json holds."""
-        return report_of(self).plain()
-
-    def save(self, folder: str | Path) -> None:
-        """Write a new run folder, which appears whole or not at all.
-
-        Raises:
-            InputError: the folder exists or cannot be written.
-        """
-        write_validation(Path(folder), validation_record(self))
-
     def tables(self) -> list[Table | str]:
         """Return the parameters of the models, how the experiment went, the checks and the verdict."""
-        document, run, parameters = self.to_json(), self.run, self.identification.parameters
-        robot, angles = run.laboratory.robot, run.measurements.joint_angles
         parts: list[Table | str] = []
-        plain = document["least_squares"] or {}
-        where = "least_squares." if plain else ""
-        dropped = [reason for _, reason in run.truth.dropped]
-        for model in models(robot):
-            # Eq. 15 is of least squares: priors of imperfections would hide what postures do not distinguish.
-            pairs = plain.get(model, document[model])["correlations"]
-            parts += [
-                parameter_table(
-                    model, document[model], parameters, read_reported(robot), least_squares=plain.get(model)
-                ),
-                correlation_table(model, pairs, parameters, angles, where) if pairs else NO_CORRELATION,
-                "",
-            ]
-        mass = document["total_mass"]
+        for model in models(self.robot):
+            high = self.correlation_table(model)
+            parts += [self.parameter_table(model), high or NO_CORRELATION, ""]
+        reasons, paper = [one.reason for one in self.dropped], self.robot.settings.get("paper")
         parts += [
             LEGEND,
             imperfections_line(self.imperfections),
-            *usable_postures(len(run.plan), len(run.measurements), dropped, robot.settings.get("paper")),
+            *usable_postures(len(self.plan), len(self.measurements), reasons, paper),
+            mass_line(*self.identification.mass, self.true_mass),
         ]
-        parts.append(mass_line(mass["estimate"], mass["standard_error"], mass["truth"]))
-        if document["books"] is not None:
-            parts += [sag_line(run.truth), balance_line(document["books"])]
-        verdict = f"Verdict: {self.verdict} after {self.wall_s:.0f} s"
-        return [*parts, "", self.table(), verdict]
+        if self.books is not None:
+            parts += [sag_line(self.simulation), balance_line(self.books)]
+        return [*parts, "", self.table(), f"Verdict: {self.verdict} after {self.wall_s:.0f} s"]
+
+    def parameter_table(self, model: str) -> Table:
+        """Return the parameters of a model with their truth and, where there is one, the paper's Table II."""
+        own, plain = self.identification, self.least_squares
+        return parameter_table(
+            model,
+            getattr(own, model),
+            own.parameters,
+            self.truth,
+            read_reported(self.robot),
+            least_squares=None if plain is None else getattr(plain, model),
+            where="identification.",
+        )
+
+    def correlation_table(self, model: str) -> Table | None:
+        """Return the high correlations of a model by least squares; None if there are none.
+
+        Eq. 15 is of least squares: priors of imperfections would hide what postures do not distinguish.
+        """
+        shown = self.least_squares or self.identification
+        pairs = getattr(shown, model).high_correlations
+        name = "least_squares" if self.least_squares else "identification"
+        where = f"{name}.{model}.high_correlations"
+        angles = self.measurements.joint_angles
+        return correlation_table(model, pairs, shown.parameters, angles, where) if pairs else None
 
 
-def report_of(result: Validation) -> Report:
-    """Report a validation."""
-    found, plain, run = result.identification, result.least_squares, result.run
-    dropped = run.truth.dropped
-    return Report.model_validate(
-        {
-            "verdict": result.verdict,
-            "estimator": found.estimator,
-            "checks": [dataclasses.asdict(check) for check in result.checks],
-            "postures_planned": run.plan.postures,
-            "postures_used": run.plan.postures - len(dropped),
-            "rows_measured": len(run.measurements),
-            "dropped": [{"posture": posture, "reason": reason} for posture, reason in dropped],
-            "condition_number": found.full.condition_number,
-            "total_mass": {
-                "truth": run.truth.mass,
-                "estimate": found.mass[0],
-                "standard_error": found.mass[1],
-            },
-            "full": model_report(found.full, result.truth),
-            "simplified": model_report(found.simplified, result.truth),
-            "least_squares": plain and {m: model_report(getattr(plain, m), result.truth) for m in MODELS},
-            "books": worst_balance(run.truth),
-            "wall_s": result.wall_s,
-            "imperfections": float(result.imperfections),
-        }
+def sag_line(truth: Truth) -> str:
+    """Describe how far the joints stay behind their commands."""
+    sag = 1e3 * np.abs([held.joint_angles - held.commanded for held in truth.held])
+    torque = np.abs([held.torques for held in truth.held]).max()
+    return (
+        f"Difference between joint angles and commands: median {np.median(sag):.1f} mrad, largest "
+        f"{sag.max():.1f} mrad; largest torque {torque:.1f} Nm."
     )
 
 
-def validation_record(result: Validation) -> ValidationRecord:
-    """Make the record of a validation that has just been carried out."""
-    run, found = result.run, result.identification
-    return ValidationRecord(
-        document=RunFile[Configuration](
-            format="tulip-run",
-            version=VERSION,
-            command="validate",
-            configuration=configuration_of(
-                run.laboratory, run.plan, run.seed, run.engine, result.imperfections
-            ),
-            software=software(),
-            machine=machine(),
-            inputs=run.laboratory.robot.hashes,
-        ),
-        report=report_of(result),
-        truth=truth_of(run),
-        plan=run.plan,
-        measurements=run.measurements,
-        residual_mm={
-            model: 1e3 * np.linalg.norm(getattr(found, model).residual.reshape(-1, 2), axis=1)
-            for model in MODELS
-        },
-        robot=run.laboratory.robot,
+def balance_line(books: dict[str, float]) -> str:
+    """Describe the largest imbalance of forces in any hold.
+
+    Args:
+        books: see `worst_balance`.
+    """
+    shown = {name: number(value, ".2g") for name, value in books.items()}
+    return (
+        f"Largest imbalance in any hold: cells against weight {shown['weight']} N, plates' moments against "
+        f"the feet's wrench {shown['moments']} Nm, torques against statics {shown['torques']} Nm, CoP "
+        f"against CoM {number(1e3 * books['centre'], '.2g')} mm, energy left in motion {shown['kinetic']} J."
     )

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.linalg import get_lapack_funcs, helmert
 from scipy.special import ndtri
 
+from tulip_testbed.base.result import Array
 from tulip_testbed.identification.loop_closure import encoder_sd_by_closure
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import (
@@ -52,7 +53,7 @@ class Noise:
 
     encoder: float
     cell: float
-    plates: np.ndarray
+    plates: Array
     assumed: tuple[str, ...]
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
+from tulip_testbed.base.result import Array
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.dynamics.hold import Held
 
@@ -26,9 +25,9 @@ class Attempt:
     repeat: bool
     held: Held | None
     reason: str
-    reading: dict[str, np.ndarray]
-    plates: np.ndarray
-    true_plates: np.ndarray
+    reading: dict[str, Array]
+    plates: Array
+    true_plates: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,11 +45,11 @@ class Truth:
     """
 
     mass: float
-    standard: np.ndarray
+    standard: Array
     dropped: tuple[tuple[int, str], ...]
     attempts: tuple[Attempt, ...] = ()
-    wrenches: np.ndarray | None = None
-    zeros: np.ndarray | None = None
+    wrenches: Array | None = None
+    zeros: Array | None = None
 
     def __repr__(self) -> str:
         links, postures = len(self.standard), len(self.dropped)

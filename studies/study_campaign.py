@@ -143,7 +143,7 @@ def carry_out(laboratory: Laboratory, seed: int, placements: int = PLACEMENTS) -
             words.append(", ".join(experiment.manipulations) or "more postures")
     except InputError as error:
         return Campaign(str(hidden), failed=str(error))
-    adopted = found.discovery.adopted
+    adopted = found.adopted
     errors = []
     for effects in ((), adopted):
         full = identify(joined(every[:1]), robot, estimator=MIXED_MODEL, adopted=effects).full

@@ -28,25 +28,25 @@ def results(measurements, nominal):
 
 @pytest.mark.parametrize("variant", HEALTHY)
 def test_healthy_folders_pass(wii, precise, nominal, variant):
-    for measured in (wii.run.measurements, precise):
+    for measured in (wii.measurements, precise):
         seen = results(HEALTHY[variant](measured), nominal)
         assert set(seen.values()) <= {"pass", "not evaluated"}, seen
 
 
 def test_noise_free_data_are_told_so_and_nothing_fails(ideal, nominal):
-    seen = results(ideal.run.measurements, nominal)
+    seen = results(ideal.measurements, nominal)
     assert {name for name, result in seen.items() if result in ("warn", "fail")} == {"stated noise"}
 
 
 def test_every_statistical_check_has_its_share_of_the_level(wii, nominal):
     """Weight balance and constant weight exclude each other; settling wants a series."""
-    with_p = [f for f in preflight(wii.run.measurements, nominal) if f.p_value is not None]
+    with_p = [f for f in preflight(wii.measurements, nominal) if f.p_value is not None]
     assert len(with_p) + 1 == STATISTICAL_CHECKS
 
 
 def test_a_check_without_power_does_not_pass(wii, nominal):
     """Four placements for 25 parameters: a plate 100 mm off would not be detected."""
-    measured = wii.run.measurements
+    measured = wii.measurements
     few = measured.take(measured.placement <= 4)
     finding = found(few, nominal)["single placements"]
     assert finding.result == "not evaluated"

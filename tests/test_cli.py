@@ -189,7 +189,7 @@ def test_a_message_names_the_parameter_whose_option_is_read_under_both_spellings
 
 
 def test_a_terminal_of_80_columns_gets_no_line_that_is_cut(wii, tmp_path, capsys, monkeypatch):
-    write_measurements(tmp_path / "data", wii.run.measurements)
+    write_measurements(tmp_path / "data", wii.measurements)
     monkeypatch.setenv("COLUMNS", "80")
     for command in ("check", "identify"):
         assert main([command, str(tmp_path / "data")]) == 0
@@ -199,7 +199,7 @@ def test_a_terminal_of_80_columns_gets_no_line_that_is_cut(wii, tmp_path, capsys
 
 
 def test_identify_leaves_the_papers_figures_to_validate(wii, tmp_path, capsys):
-    write_measurements(tmp_path / "data", wii.run.measurements)
+    write_measurements(tmp_path / "data", wii.measurements)
     assert main(["identify", str(tmp_path / "data")]) == 0
     assert "paper" not in capsys.readouterr().out
 
@@ -237,17 +237,16 @@ def test_impossible_ranges(assets, tmp_path, capsys):
 
 
 def test_identify_prints_json_and_tables(wii, tmp_path, capsys):
-    write_measurements(tmp_path / "data", wii.run.measurements)
+    write_measurements(tmp_path / "data", wii.measurements)
     assert main(["identify", str(tmp_path / "data"), "--json", "--estimator", "mixed-model"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert document["full"]["parameters"][0]["truth"] is None
-    assert document["full"]["parameters"][9]["estimate"] == pytest.approx(wii.identification.full.value[9])
+    assert document["full"]["value"][9] == pytest.approx(wii.identification.full.value[9])
     assert main(["identify", str(tmp_path / "data")]) == 0
     assert "right_ankle_roll" in capsys.readouterr().out
 
 
 def test_identify_by_name(wii, tmp_path, capsys):
-    write_measurements(tmp_path / "data", wii.run.measurements)
+    write_measurements(tmp_path / "data", wii.measurements)
     message = refused(capsys, "identify", tmp_path / "data", "--estimator", "best")
     assert "unknown estimator 'best'; valid: mixed-model, least-squares, placement" in message
     assert main(["identify", str(tmp_path / "data"), "--json"]) == 0
@@ -255,10 +254,10 @@ def test_identify_by_name(wii, tmp_path, capsys):
     assert main(["identify", str(tmp_path / "data"), "--estimator", "prior", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["estimator"] == "prior"
-    links = document["full"]["links"]
-    assert [row["link"] for row in links][:2] == ["torso", "right_hip_yaw"]
-    assert sum(row["mass"] for row in links) == pytest.approx(23.0, abs=0.1)
-    assert all(0 <= row["mass_data_share"] <= 1 for row in links)
+    links = document["full"]["standard"]
+    assert links["links"][:2] == ["torso", "right_hip_yaw"]
+    assert sum(links["mass"]) == pytest.approx(23.0, abs=0.1)
+    assert all(0 <= share <= 1 for share in links["mass_share"])
     assert main(["identify", str(tmp_path / "data"), "--estimator", "prior"]) == 0
     assert "no single link mass" in " ".join(capsys.readouterr().out.split())
 
@@ -324,7 +323,7 @@ def test_the_installed_script_runs_whole(tmp_path):
     for step in steps:
         done = subprocess.run([str(a) for a in (tulip, *step)], capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
-    assert "standard_parameters" in json.loads(truth.read_text())
+    assert "standard" in json.loads(truth.read_text())
     assert {p.name for p in data.iterdir()} == {"manifest.json", "postures.csv", "postures.parquet"}
     assert done is not None
     assert json.loads(done.stdout)["postures"] >= 13

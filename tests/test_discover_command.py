@@ -27,18 +27,19 @@ def test_the_command_reads_a_foreign_folder_and_its_rig_is_the_new_nominal(robot
     assert main(["discover", str(folder), "--out", str(run), "--no-check", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["verdict"] == "named"
-    (effect,) = document["effects"]
+    (effect,) = document["adopted"]
     assert (effect["name"], effect["target"]) == hidden[:2]
-    assert set(document["gap"]) == {"A", "F", "T", "C", "all", "heldout_rms_mm"}
-    assert document == json.loads((run / "discovery.json").read_text())
+    assert set(document["heldout"]["before"]) == {"A", "F", "T", "C", "AFTC"}
+    assert document == json.loads((run / "result.json").read_text())
     assert main(["identify", str(folder), "--corrections", document["rig"], "--json"]) == 0
     freed = json.loads(capsys.readouterr().out)
     plain = tmp_path / "plain"
     write_measurements(plain, dataclasses.replace(measured(robot, plan, "wii"), command=None, motor=None))
     assert main(["identify", str(plain), "--json"]) == 0
     truth = json.loads(capsys.readouterr().out)
-    for a, b in zip(freed["full"]["parameters"], truth["full"]["parameters"], strict=True):
-        assert abs(a["estimate"] - b["estimate"]) < b["standard_error"]
+    columns = freed["full"]["value"], truth["full"]["value"], truth["full"]["standard_error"]
+    for estimate, true, error in zip(*columns, strict=True):
+        assert abs(estimate - true) < error
 
 
 def as_csv(source, folder):

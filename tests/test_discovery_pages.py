@@ -1,6 +1,5 @@
 """A discovery's view, page and comparison: opened in rerun and Chromium, held against its JSON."""
 
-import copy
 import dataclasses
 import json
 import re
@@ -13,15 +12,18 @@ import pytest
 from tests.drawing import draws_with
 from tests.looking import browse
 from tests.test_cli import refused
+from tests.test_report import told_by
 from tests.test_view import cpu_seconds, look, not_blank
-from tulip_testbed.base.document import flattened
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import sha256
 from tulip_testbed.cli.main import main
+from tulip_testbed.discovery.experiment_information import Explanation
+from tulip_testbed.discovery.patterns import Pattern
+from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.comparison import compare
-from tulip_testbed.experiments.discovery_record import discovery_record, read_discovery, write_discovery
-from tulip_testbed.experiments.discovery_report import DiscoveryReport
-from tulip_testbed.experiments.residual_curves import residual_curves
+from tulip_testbed.experiments.discovery_curves import residual_curves
+from tulip_testbed.experiments.discovery_result import Discovered
+from tulip_testbed.experiments.proposed_experiment import Prediction, ProposedExperiment
 from tulip_testbed.experiments.rig_folder import DIFF
 from tulip_testbed.experiments.run_file import kind_of
 from tulip_testbed.pages.discovery_page import discovery_page
@@ -37,20 +39,20 @@ MOST_SECONDS, MOST_VIEW, MOST_PAGE = 20, 60e6, 12e6
 def found(discovered, tmp_path_factory):
     """The folder of an encoder's offset, hidden and found again."""
     folder = tmp_path_factory.mktemp("discovery") / "found"
-    write_discovery(folder, discovery_record(discovered))
+    discovered.save(folder)
     return folder
 
 
 @pytest.fixture(scope="module")
 def saved(found, robot):
-    return read_discovery(found, robot)
+    return Discovered.load(found, robot)
 
 
 def test_read_as_it_was_written(found, saved):
     assert kind_of(found) == "discovery"
-    assert saved.report.verdict == "named"
-    assert saved.before.shape == saved.after.shape == (len(saved.measurements), 11)
-    assert "right knee encoder" in saved.rig[DIFF]
+    assert saved.verdict == "named"
+    assert saved.residual("before").shape == saved.residual("after").shape == (len(saved.measurements), 11)
+    assert "right knee encoder" in saved.rig_files[DIFF]
 
 
 def test_what_is_left_is_noise_and_what_was_there_is_not(saved):
@@ -91,54 +93,45 @@ def test_a_browser_has_nothing_to_complain_of(found, tmp_path):
     assert observed.complaints == []
     assert observed.requests == []
     assert observed.width == 412
-    expected = flattened(json.loads((found / "discovery.json").read_text()))
-    run = flattened(json.loads((found / "run.json").read_text()))
-    expected |= {f"run.{key}": value for key, value in run.items()}
-    assert {key: expected[key] for key in observed.cells} == observed.cells
-    assert {"gap.C.before", "gap.C.after", "candidates.0.log_bayes_factor"} <= set(observed.cells)
-    assert sum(key.endswith("after_mm") for key in observed.cells) == 25
+    assert told_by(found, observed.cells) == observed.cells
+    shown = {"heldout.before.C", "heldout.after.C", "explanations.0.log_bayes_factor"}
+    assert shown <= set(observed.cells)
+    assert sum(key.startswith("after.full.value.") for key in observed.cells) == 25
 
 
-def other(saved, verdict):
-    """The same discovery with another verdict's document."""
-    report = saved.report.plain() | {"verdict": verdict}
+def other(saved, verdict, robot):
+    """The same discovery with another verdict."""
+    changes = {"verdict": verdict}
+    (best,) = saved.explanations
     if verdict == "none":
-        report |= {"candidates": [], "effects": [], "calibrated": [], "families": [], "rig": None}
+        changes |= {"explanations": (), "calibrated": (), "families": ()}
     if verdict == "calibrated":
-        report |= {"candidates": [], "effects": []}
+        changes |= {"explanations": ()}
+    if verdict != "named":
+        changes |= {"adopted": (), "after": None}
     if verdict not in ADOPTED:
-        none = {"after_mm": None, "moved_in_standard_errors": None}
-        report |= {"effects": [], "parameters": [row | none for row in report["parameters"]]}
+        changes |= {"rig_files": {}}
     if verdict == "ambiguous":
-        rival = copy.deepcopy(report["candidates"][0]) | {"name": "link-length"}
-        rival["log_bayes_factor"] -= 1.5
-        rival["parameters"][0] |= {"low95": None, "high95": None}
-        report["candidates"].append(rival)
-        predicted = dict.fromkeys(("cop_x_mm", "cop_y_mm", "force_N", "twist_right_N", "twist_left_N"), 0.1)
-        minutes = {"minutes": 42.0, "entropy_now": 0.6, "entropy_expected": 0.1, "settled_per_minute": 0.012}
-        turned = {"session": "one", "manipulations": ["robot turned by 180 deg"], "placements": 6}
-        turned |= {"postures": 30, "separation": 20.0, "separation_now": 1.5}
-        turned |= {"predictions": [predicted | {"explanation": "link-length:right_lower_leg"}]}
-        report["next_experiment"] = [turned | minutes]
+        length = EffectInstance.parse("link-length:right_lower_leg=0.004", robot)
+        rival = Explanation(length, best.log_bayes_factor - 1.5)
+        predicted = Prediction("link-length:right_lower_leg", 0.1, 0.1, 0.1, 0.1, 0.1)
+        turned = ProposedExperiment(
+            *("one", ("robot turned by 180 deg",), 6, 30, 42.0, 0.6, 0.1, 0.012, 20.0, 1.5, (predicted,))
+        )
+        changes |= {"explanations": (best, rival), "next_experiments": (turned,)}
     if verdict == "unknown":
-        report["left"] = [{"channel": "C", "pattern": "the foot's height", "p": 1e-9}]
-        report["check"] = None
+        changes |= {"patterns": (Pattern("C", "the foot's height", 50.0, 1, 1e-9),), "check": None}
     if verdict == "described":
-        numbers = [("error", "rad", 0.01), ("from", "rad", -0.2), ("to", "rad", 1.8)]
-        none = {"low95": None, "high95": None}
-        values = [{"name": name, "value": value, "unit": unit} | none for name, unit, value in numbers]
-        law = {"name": "law", "target": "encoder:right_knee/own-angle/linear", "parameters": values}
-        said = {"what": "encoder:right_knee", "of": "own-angle", "shape": "linear"}
-        also = said | {"of": "leg-load", "log_bayes_factor": 9.0}
-        words = {"sentence": "The right knee encoder errs.", "parameters": values, "also": [also]}
-        report |= {"effects": [law | {"log_bayes_factor": 10.0}], "laws": [said | words]}
-    report = DiscoveryReport.model_validate(report)
-    return dataclasses.replace(saved, report=report, rig=saved.rig if verdict in ADOPTED else {})
+        texts = ("own-angle/linear=0.01,-0.2,1.8", "leg-load/linear=0.01,100,250")
+        law, rival = (EffectInstance.parse(f"law:encoder:right_knee/{text}", robot) for text in texts)
+        also = (Explanation(law, 10.0), Explanation(rival, 9.0))
+        changes |= {"adopted": (law,), "after": saved.after, "explanations": also}
+    return dataclasses.replace(saved, **changes)
 
 
 @pytest.mark.parametrize("verdict", ["none", "calibrated", "named", "described", "ambiguous", "unknown"])
-def test_every_verdict_has_its_page_and_its_view(saved, verdict, tmp_path):
-    run = other(saved, verdict)
+def test_every_verdict_has_its_page_and_its_view(saved, verdict, robot, tmp_path):
+    run = other(saved, verdict, robot)
     page = discovery_page(run)
     titles = {section.title for section in page.sections}
     assert page.verdict == verdict
@@ -153,18 +146,19 @@ def test_every_verdict_has_its_page_and_its_view(saved, verdict, tmp_path):
     text = html(page)
     assert f'class="verdict {verdict}"' in text
     told = unescape(re.sub("</?code>", "`", text))
-    assert all(line in told for line in run.report.story)
+    assert all(line in told for line in run.story)
     if verdict == "ambiguous":
-        assert "link-length:right_knee" in discovery_text(run, 1)
+        assert "link-length:right_lower_leg" in discovery_text(run, 1)
         assert "1.5" in text
     window.save(tmp_path / "v.rrd", "v", lambda recording: log_discovery(recording, run))
 
 
 def test_a_hostile_target_stays_text(saved):
-    report = saved.report.plain()
-    report["candidates"][0]["target"] = "</script><script>alert(1)</script>"
-    report["story"][0] = "<script>alert(2)</script>"
-    run = dataclasses.replace(saved, report=DiscoveryReport.model_validate(report))
+    (best,) = saved.explanations
+    hostile = dataclasses.replace(best.instance, target="</script><script>alert(1)</script>")
+    explanations = (dataclasses.replace(best, instance=hostile),)
+    story = ("<script>alert(2)</script>", *saved.story[1:])
+    run = dataclasses.replace(saved, explanations=explanations, story=story)
     assert "<script>alert" not in html(discovery_page(run))
 
 
@@ -173,38 +167,20 @@ def test_two_discoveries_side_by_side(found, saved, tmp_path, capsys):
     document = json.loads(capsys.readouterr().out)
     assert document["verdict"] == ["named", "named"]
     values = {check["name"]: check["value"] for check in document["checks"]}
-    assert values["gap C, before"] == [saved.report.gap["C"].before] * 2
+    assert values["gap C, before"] == [saved.heldout.before["C"]] * 2
     assert len(document["models"]["full"]) == 25
     assert main(["report", str(found), str(found)]) == 0
     assert "Gap and evidence" in capsys.readouterr().out
 
 
 def test_one_label_in_two_gaps_is_compared_twice(saved):
-    report = saved.report.plain()
-    report["candidates"].append(report["candidates"][0] | {"gap": 2, "log_bayes_factor": 5.0})
-    run = dataclasses.replace(saved, report=DiscoveryReport.model_validate(report))
+    (best,) = saved.explanations
+    second = dataclasses.replace(best, gap=2, log_bayes_factor=5.0)
+    run = dataclasses.replace(saved, explanations=(best, second))
     values = {check["name"]: check["value"] for check in compare(run, run).checks}
-    label = saved.report.candidates[0].label
-    assert values[f"ln BF {label}"] == [saved.report.candidates[0].log_bayes_factor] * 2
+    label = best.instance.label
+    assert values[f"ln BF {label}"] == [best.log_bayes_factor] * 2
     assert values[f"ln BF {label} (gap 2)"] == [5.0] * 2
-
-
-def test_every_file_is_guarded(found, robot, tmp_path):
-    """Changed or removed: each is noticed, and named."""
-    names = [p.relative_to(found) for p in sorted(found.rglob("*")) if p.is_file() and p.name != "run.json"]
-    assert len(names) >= 9
-    work = tmp_path / "work"
-    shutil.copytree(found, work)
-    for name in names:
-        content = (work / name).read_bytes()
-        for damage in ("changed", "removed"):
-            (work / name).unlink()
-            if damage == "changed":
-                (work / name).write_bytes(content + b" ")
-            with pytest.raises(InputError, match=name.name.replace(".", r"\.")):
-                read_discovery(work, robot)
-            (work / name).write_bytes(content)
-    read_discovery(work, robot)
 
 
 def test_bad_input(found, foreign, tmp_path, capsys):
@@ -218,8 +194,8 @@ def test_bad_input(found, foreign, tmp_path, capsys):
     page, view = ("--out", tmp_path / "x.html"), ("--save", tmp_path / "x.rrd")
     written(version=1)
     assert "key 'version': found 1, expected 2" in refused(capsys, "report", work, *page)
-    written(outputs={k: v for k, v in document["outputs"].items() if k != "discovery.json"})
-    assert "found no discovery.json" in refused(capsys, "report", work, *page)
+    written(outputs={k: v for k, v in document["outputs"].items() if k != "result.json"})
+    assert "found no result.json" in refused(capsys, "report", work, *page)
     written(outputs=document["outputs"] | {"../x": "0"})
     assert "'../x'" in refused(capsys, "view", work, *view)
     written(configuration={})
@@ -236,7 +212,7 @@ def test_a_document_that_lacks_something_is_refused_by_name(found, robot, tmp_pa
     """Made up with matching hashes, as another program's might be."""
     work = tmp_path / "work"
     shutil.copytree(found, work)
-    document = json.loads((found / "discovery.json").read_text())
+    document = json.loads((found / "result.json").read_text())
     run = json.loads((found / "run.json").read_text())
 
     def check(name, content, message):
@@ -246,13 +222,23 @@ def test_a_document_that_lacks_something_is_refused_by_name(found, robot, tmp_pa
         outputs = run["outputs"] | {name: sha256(path)}
         (work / "run.json").write_text(json.dumps(run | {"outputs": outputs}))
         with pytest.raises(InputError, match=message):
-            read_discovery(work, robot)
+            Discovered.load(work, robot)
         path.write_bytes(kept)
 
-    for key in ("verdict", "story", "candidates", "gap", "parameters", "noise", "repeats", "left", "check"):
-        check("discovery.json", json.dumps({k: v for k, v in document.items() if k != key}), key)
-        check("discovery.json", json.dumps(document | {key: 3}), key)
-    check("discovery.json", "[]", "discovery")
+    for key in (
+        "verdict",
+        "story",
+        "explanations",
+        "heldout",
+        "before",
+        "noise",
+        "repeats",
+        "patterns",
+        "check",
+    ):
+        check("result.json", json.dumps({k: v for k, v in document.items() if k != key}), key)
+        check("result.json", json.dumps(document | {key: 3}), key)
+    check("result.json", "[]", "result")
     text = (found / "residuals.csv").read_text()
     check("residuals.csv", text.replace("before.cop_x_m", "other"), "before.cop_x_m")
     check("residuals.csv", text.rsplit("\n", 2)[0] + "\n", "rows, expected")

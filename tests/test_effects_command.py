@@ -154,9 +154,10 @@ def test_a_rig_is_the_new_nominal_laboratory(tmp_path, robot, capsys):
     for arguments in (["plain"], ["hidden", "--corrections", str(tmp_path / "rig")]):
         assert main(["identify", str(tmp_path / arguments[0]), *arguments[1:], "--json"]) == 0
         documents.append(json.loads(capsys.readouterr().out))
-    estimates = [[row["estimate"] for row in d["full"]["parameters"]] for d in documents]
+    estimates = [document["full"]["value"] for document in documents]
     assert estimates[1] == pytest.approx(estimates[0], abs=1e-9)
-    assert documents[1]["corrections"] == [OFFSET]
+    (correction,) = documents[1]["corrections"]
+    assert (correction["name"], correction["target"]) == ("encoder-offset", "right_knee")
     assert main(["identify", str(tmp_path / "hidden"), "--corrections", str(tmp_path / "rig")]) == 0
     assert "Corrected: The right knee encoder reads 0.573 deg too high." in capsys.readouterr().out
 

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from functools import cache
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import TypeAdapter
 
 from tulip_testbed import effects
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import (
     MOST_PRIORS,
-    EffectDocument,
     EffectInstance,
+    check_instance,
     effect_label,
     split_label,
 )
@@ -67,9 +67,10 @@ def test_what_is_written_is_read_exactly(name, data):
     assert str(read) == str(found)
     assert split_label(found.label) == (name, found.target)
     assert effect_label(*split_label(found.label)) == found.label == str(found).partition("=")[0]
-    document = EffectDocument.model_validate(json.loads(json.dumps(found.document())))
-    assert EffectInstance.from_document(document, robot, "here", PLACEMENTS) == found
-    assert EffectInstance.from_document(document, robot, "here") == found
+    document = TypeAdapter(EffectInstance)
+    assert document.validate_json(document.dump_json(found)) == found
+    check_instance(found, robot, PLACEMENTS, "here")
+    check_instance(found, robot, None, "here")
 
 
 @pytest.mark.parametrize(

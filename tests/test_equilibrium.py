@@ -81,7 +81,7 @@ def test_the_dynamics_come_to_rest_in_it(rig, plan, name):
 
 
 def test_with_dry_friction_the_center_of_pressure_follows_from_the_angles(solved_plan, ideal):
-    held = [a for a in ideal.run.truth.attempts if a.held is not None]
+    held = [a for a in ideal.simulation.attempts if a.held is not None]
     inside = edge_distance(solved_plan, held) > EDGE
     assert inside.mean() > 0.9
     assert np.linalg.norm(centers_at(solved_plan, held), axis=1)[inside].max() < 1e-5
@@ -89,7 +89,7 @@ def test_with_dry_friction_the_center_of_pressure_follows_from_the_angles(solved
 
 def test_with_dry_friction_sag_and_load_share_are_distributed_alike(solved_plan, ideal):
     """Kolmogorov and Smirnov's test for every joint and the load share, familywise level 1 %."""
-    held = [a for a in ideal.run.truth.attempts if a.held is not None]
+    held = [a for a in ideal.simulation.attempts if a.held is not None]
     actual, predicted = excess_sag(solved_plan, held, np.random.default_rng(301))
     chances = [ks_2samp(a, p).pvalue for a, p in zip(actual.T, predicted.T, strict=True)]
     assert min(chances) > LEVEL / len(chances)
@@ -99,7 +99,7 @@ def test_that_test_sees_friction_that_always_stands_at_its_limit(solved_plan, id
     monkeypatch.setattr("tulip_testbed.sim.statics.approach.SHORT_MOVE", 1e-6)
     monkeypatch.setattr("tulip_testbed.sim.statics.approach.SCATTER", 0.0)
     monkeypatch.setattr("tulip_testbed.sim.statics.approach.PUT_DOWN_SCATTER", 1e6)
-    held = [a for a in ideal.run.truth.attempts if a.held is not None]
+    held = [a for a in ideal.simulation.attempts if a.held is not None]
     actual, predicted = excess_sag(solved_plan, held, np.random.default_rng(301))
     chances = [ks_2samp(a, p).pvalue for a, p in zip(actual.T, predicted.T, strict=True)]
     assert min(chances) < LEVEL / len(chances)

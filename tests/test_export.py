@@ -306,11 +306,9 @@ def test_folders_of_every_kind(run, robot, tmp_path, capsys):
 
 def test_a_validation_is_exported_as_its_report_says(run, robot, tmp_path):
     from tulip_testbed.experiments.validate import judge
-    from tulip_testbed.experiments.validation_record import write_validation
-    from tulip_testbed.experiments.validation_result import validation_record
 
     judged = judge(run)
-    write_validation(tmp_path / "run", validation_record(judged))
+    judged.save(tmp_path / "run")
     by_folder = tt.export_model(tmp_path / "run", robot, out=tmp_path / "a.xml", samples=0)
     in_memory = tt.export_model(judged, robot, out=tmp_path / "b.xml", samples=0)
     assert np.array_equal(by_folder.base_parameters, judged.identification.full.value)

@@ -130,12 +130,12 @@ def test_the_main_job_on_a_foreign_robot(foreign, tmp_path, capsys):
     out = capsys.readouterr().out
     assert "Verdict: pass" in out
     assert "Table II" not in out
-    report = json.loads((run / "report.json").read_text())
-    estimate = np.array([row["estimate"] for row in report["full"]["parameters"]])
+    report = json.loads((run / "result.json").read_text())["identification"]
+    estimate = np.array(report["full"]["value"])
     truth = base_parameters(robot).values(standard_parameters(robot.model))
     assert len(estimate) == 34
     assert np.abs(estimate - truth).max() < 1e-3
-    assert report["total_mass"]["estimate"] == pytest.approx(40.844, abs=1e-3)
+    assert report["mass"][0] == pytest.approx(40.844, abs=1e-3)
 
 
 def test_the_example_in_the_documentation_is_this_robots(foreign):

@@ -26,23 +26,23 @@ from tulip_testbed.sim.sensors import PRESETS, averaged_sd
 
 
 def test_the_centre_of_pressure_is_the_com(ideal):
-    lying = np.array([attempt.true_plates for attempt in ideal.run.truth.measured])
-    placed = dataclasses.replace(ideal.run.measurements, plate_poses=lying)
-    truth = np.array([held.com for held in ideal.run.truth.held])
-    for measured, most in ((placed, 2e-6), (ideal.run.measurements, 5e-5)):
+    lying = np.array([attempt.true_plates for attempt in ideal.simulation.measured])
+    placed = dataclasses.replace(ideal.measurements, plate_poses=lying)
+    truth = np.array([held.com for held in ideal.simulation.held])
+    for measured, most in ((placed, 2e-6), (ideal.measurements, 5e-5)):
         assert np.sqrt(((center_of_pressure(measured) - truth) ** 2).mean()) < most
 
 
 def test_stance_foot_stays_flat_and_the_chain_closed(ideal, parameters, plan):
     """Closure of the legs from the true angles: the swing sole stays level with the stance sole."""
-    angles = np.array([held.joint_angles for held in ideal.run.truth.held])
+    angles = np.array([held.joint_angles for held in ideal.simulation.held])
     tree = parameters.tree
     swing = link_rotations(tree, parameters.base, angles)[:, tree.frame("left_foot")]
     assert np.abs(swing[:, 2, :2]).max() < 1e-3
 
 
 def test_gravity_sag_is_there_and_follows_the_torque(ideal):
-    held = ideal.run.truth.held
+    held = ideal.simulation.held
     sag = np.array([h.commanded - h.joint_angles for h in held])
     torque = np.array([h.torques for h in held])
     assert 1e-3 < np.median(np.abs(sag)) < 2e-2
@@ -146,7 +146,7 @@ def _centre_of_pressure(forces: np.ndarray, poses: np.ndarray) -> np.ndarray:
 
 def test_the_books_are_closed_in_every_run(ideal, moved_wii):
     for result in (ideal, moved_wii):
-        books = [held.balance for held in result.run.truth.held]
+        books = [held.balance for held in result.simulation.held]
         assert max(abs(b.weight) for b in books) < 1e-3
         assert max(b.moments for b in books) < 1e-4
         assert max(b.torques for b in books) < 1e-6
@@ -256,7 +256,7 @@ def test_paths_keep_the_feet(robot, model, parameters, plan):
 
 def test_a_posture_whose_repeat_could_be_used_is_not_dropped(ideal):
     """As the preflight counts: a posture is there if any of its rows is."""
-    truth = ideal.run.truth
+    truth = ideal.simulation
     repeated = next(a.posture for a in truth.attempts if a.repeat and a.held)
     attempts = tuple(
         dataclasses.replace(a, held=None, reason="tipped") if a.posture == repeated and not a.repeat else a

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import TypeAdapter
 
 import tulip_testbed as tt
 from tests.effect_changes import agreement, changes, measured, statically
@@ -23,13 +24,13 @@ from tulip_testbed.discovery.joint_fit import Data
 from tulip_testbed.discovery.law_candidates import _columns, law_candidates
 from tulip_testbed.discovery.law_search import disagreement, select_laws
 from tulip_testbed.discovery.refit import simulated, without_noise
-from tulip_testbed.effects.instance import EffectDocument, EffectInstance, injected, removed
+from tulip_testbed.effects.instance import EffectInstance, injected, removed
 from tulip_testbed.effects.laws import law_effect, sentence_of, sentences
 from tulip_testbed.effects.removal import without
 from tulip_testbed.effects.true_robot import true_base_parameters
-from tulip_testbed.experiments.discovery_record import read_discovery
+from tulip_testbed.experiments.discovery_curves import law_curves
+from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.identify import identify
-from tulip_testbed.experiments.law_curves import law_curves
 from tulip_testbed.experiments.rig_folder import read_rig
 from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.identification.nominal import nominal_robot
@@ -59,8 +60,8 @@ def test_texts_and_documents_are_read_as_they_were_written(data):
             values[k] = data.draw(st.floats(1e-3, 1.0))
     law = EffectInstance(effect, str(sentence), tuple(values))
     again = EffectInstance.parse(str(law), ROBOT)
-    document = EffectDocument.model_validate_json(EffectDocument(**law.document()).model_dump_json())
-    read = EffectInstance.from_document(document, ROBOT, "rig.json")
+    document = TypeAdapter(EffectInstance)
+    read = document.validate_json(document.dump_json(law))
     copied = pickle.loads(pickle.dumps(law))
     for other in (again, read, copied):
         assert (other.label, other.values) == (law.label, law.values)
@@ -194,27 +195,26 @@ def described(tmp_path_factory):
 
 @pytest.mark.slow
 def test_an_eccentric_encoder_is_described_with_its_size(described):
-    report = json.loads((described / "found" / "discovery.json").read_text())
+    report = json.loads((described / "found" / "result.json").read_text())
     assert report["verdict"] == "described"
-    (law,) = report["laws"]
-    assert (law["what"], law["of"], law["shape"]) == ("encoder:right_knee", "own-angle", "sine")
+    (law,) = report["adopted"]
+    assert (law["name"], law["target"]) == ("law", "encoder:right_knee/own-angle/sine")
     for number, true in zip(law["parameters"], (0.004, 0.003), strict=False):
         half = (number["high95"] - number["low95"]) / 2
         assert abs(number["value"] - true) < 1.5 * half
         assert half < 0.001
-    assert law["sentence"] in report["story"][0]
-    assert report["effects"][0]["target"] == "encoder:right_knee/own-angle/sine"
+    assert EffectInstance.from_document(law).finding in report["story"][0]
 
 
 @pytest.mark.slow
 def test_the_law_s_curve_has_the_residuals_on_it(described, robot):
-    (curve,) = law_curves(read_discovery(described / "found", robot))
+    (curve,) = law_curves(Discovered.load(described / "found", robot))
     angle = np.radians(curve.at)
     true = 4.0 * np.sin(angle) + 3.0 * np.cos(angle)
     assert (curve.x_unit, curve.unit) == ("deg", "mrad")
     assert np.sqrt(np.mean(((curve.error - true) / curve.sd) ** 2)) < 2
     assert np.abs(curve.error).mean() > 3 * np.median(np.abs(curve.error - true))
-    page = html(discovery_page(read_discovery(described / "found", robot)))
+    page = html(discovery_page(Discovered.load(described / "found", robot)))
     assert "law-0" in page
 
 

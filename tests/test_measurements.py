@@ -16,12 +16,13 @@ from tulip_testbed.base.files import sha256
 from tulip_testbed.experiments.check_folder import check_folder
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.measurements import read_measurements, write_measurements
+from tulip_testbed.sim.outcome import Outcome
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
 
 
 @pytest.fixture
 def folder(wii, tmp_path):
-    write_measurements(tmp_path / "data", wii.run.measurements)
+    write_measurements(tmp_path / "data", wii.measurements)
     return tmp_path / "data"
 
 
@@ -58,7 +59,7 @@ def refusal(folder):
 
 
 def test_round_trip_is_exact(wii, folder):
-    assert_same(wii.run.measurements, read_measurements(folder))
+    assert_same(wii.measurements, read_measurements(folder))
 
 
 @pytest.mark.parametrize("end", ["\n", "\r", "\r\n"])
@@ -66,7 +67,7 @@ def test_csv_alone_says_the_same_with_any_line_end(wii, folder, end):
     path = folder / "postures.csv"
     path.write_bytes(path.read_bytes().replace(b"\n", end.encode()))
     keep_alone(folder, path.name)
-    assert_same(wii.run.measurements, read_measurements(folder))
+    assert_same(wii.measurements, read_measurements(folder))
 
 
 def test_an_edited_twin_is_not_passed_over(folder):
@@ -143,8 +144,8 @@ def test_an_incomplete_folder_names_its_tables_and_what_lists_the_rest(folder):
 
 
 def test_measurements_print_as_a_line_and_have_a_frame_with_the_folders_columns(wii, folder):
-    measured = wii.run.measurements
-    for shown in (measured, wii.run.truth, wii.run.outcome, wii.run.plan):
+    measured = wii.measurements
+    for shown in (measured, wii.simulation, Outcome(measured, wii.simulation), wii.plan):
         assert len(repr(shown).splitlines()) == 1, repr(shown)
         assert len(repr(shown)) < 250
     assert repr(measured).startswith(f"Measurements: {len(measured)} rows, ")

@@ -14,6 +14,7 @@ from tulip_testbed.calibration.ordinary_laboratory import draw_members
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.experiments.checks import correlation_checks, data_correlation_checks
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, ORDINARY
+from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.imperfections import drawn, single_stream
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.laboratory_runs import OrdinaryOutcome, source_of, stream_of
@@ -21,8 +22,7 @@ from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, m
 from tulip_testbed.experiments.montecarlo.montecarlo_run import Place, montecarlo, run_folder
 from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.validate import evaluate, judge, validate
-from tulip_testbed.experiments.validation_record import read_validation, write_validation
-from tulip_testbed.experiments.validation_result import validation_record
+from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.measurements import SensorSheet, write_measurements
 from tulip_testbed.sim.outcome import Outcome
@@ -100,17 +100,17 @@ def test_a_laboratory_that_cannot_be_built_fails_its_run_alone(robot, plan):
 def test_a_validation_in_an_ordinary_laboratory(validated, plan, robot, tmp_path):
     assert validated.identification.estimator == "self-calibrating"
     assert validated.verdict == "pass", [c for c in validated.checks if c.result == "fail"]
-    hidden = validated.run.laboratory.hidden
+    hidden = validated.simulation.effects
     assert {i.effect.name for i in hidden} >= {"encoder-offset", "link-length", "cell-gain", "tilt"}
     names = [check.name for check in validated.checks]
     assert "correlation (12, 13)" in names
     assert "correlation (12, 13), estimate" in names
-    write_validation(tmp_path / "run", validation_record(validated))
+    validated.save(tmp_path / "run")
     assert json.loads((tmp_path / "run" / "run.json").read_text())["configuration"]["imperfections"] == 1.0
-    assert json.loads((tmp_path / "run" / "report.json").read_text())["imperfections"] == 1.0
+    assert json.loads((tmp_path / "run" / "result.json").read_text())["imperfections"] == 1.0
     effects = json.loads((tmp_path / "run" / "truth.json").read_text())["effects"]
     assert len(effects) == len(hidden)
-    assert read_validation(tmp_path / "run", robot).report.imperfections == 1.0
+    assert Validation.load(tmp_path / "run", robot).imperfections == 1.0
     again = drawn(Laboratory(robot, "wii"), 1.0, single_stream(SEED))
     assert [str(i) for i in again.hidden] == [str(i) for i in hidden]
     plain = validated.least_squares
@@ -122,11 +122,22 @@ def test_a_validation_in_an_ordinary_laboratory(validated, plan, robot, tmp_path
     assert f"sigma per axis (eq. 14) {1e3 * plain.full.sigma:.3f} mm" in text
 
 
+def test_an_identification_is_read_as_it_was_written(validated, robot, tmp_path):
+    own = validated.identification
+    own.save(tmp_path / "fit")
+    read = Identification.load(tmp_path / "fit", robot)
+    assert repr(read) == repr(own)
+    assert read.to_json() == own.to_json() == json.loads((tmp_path / "fit" / "result.json").read_text())
+    assert read["torso.x"] == own["torso.x"]
+    with pytest.raises(InputError, match=r"result\.json: cannot read"):
+        Identification.load(tmp_path, robot)
+
+
 def test_the_mass_comes_from_the_calibration(validated):
     """The cells weigh with gains of their own; the scale does not."""
     mass, error = validated.identification.mass
     assert error == pytest.approx(0.02, rel=0.1)
-    assert abs(mass - validated.run.truth.mass) < 4 * error
+    assert abs(mass - validated.true_mass) < 4 * error
 
 
 def test_the_data_distinguish_more_than_the_estimate_is_sure_of(validated, nominal):
@@ -138,7 +149,7 @@ def test_the_data_distinguish_more_than_the_estimate_is_sure_of(validated, nomin
     assert np.linalg.eigvalsh(found.data_covariance).min() > 0
     assert (np.diag(extra) > 0.01 * np.diag(found.covariance)).any()
     exact = self_calibrate(
-        observe(validated.run.measurements, nominal),
+        observe(validated.measurements, nominal),
         dict.fromkeys([f.family.name for f in found.families], 0),
     )
     assert exact.unseen.labels == ()
@@ -189,7 +200,7 @@ def test_impossible_scales_are_refused(robot, plan):
 
 def test_the_manifest_says_nothing_about_what_is_imperfect(validated, robot, plan, tmp_path):
     """Exact or not, laboratories state one data sheet, and no tolerances."""
-    write_measurements(tmp_path / "ordinary", validated.run.measurements)
+    write_measurements(tmp_path / "ordinary", validated.measurements)
     exact = Laboratory(robot, "wii").run(plan, SEED, "statics")
     write_measurements(tmp_path / "exact", exact.measurements)
     one, other = (
@@ -213,15 +224,16 @@ def test_all_that_identifies_has_one_default():
     assert inspect.signature(tt.simulate).parameters["imperfections"].default == 0
 
 
-def test_the_verdict_fails_wrong_estimates(validated):
+def test_the_verdict_fails_wrong_estimates(validated, robot, plan):
     """Estimates that are off by five standard errors, and standard errors of a third of their size."""
+    run = drawn(Laboratory(robot, "wii"), 1.0, single_stream(SEED)).run(plan, SEED, "statics")
     found = validated.identification
     for change in (
         {"value": found.full.value + 5 * np.sqrt(np.diag(found.full.covariance))},
         {"clustered_covariance": found.full.clustered_covariance / 9},
     ):
         wrong = dataclasses.replace(found, full=dataclasses.replace(found.full, **change))
-        checks = evaluate(validated.run, wrong, validated.truth)
+        checks = evaluate(run, wrong, validated.truth)
         assert "full model: all errors" in {check.name for check in checks if check.result == "fail"}
 
 

@@ -12,8 +12,7 @@ import tulip_testbed as tt
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of
 from tulip_testbed.experiments.posture_splits import by_blocks, by_halves, clusters, stated
-from tulip_testbed.experiments.predict import CAD, CONSTANT, IDENTIFIED, WITH_PRIOR
-from tulip_testbed.experiments.prediction_problem import cad_spread
+from tulip_testbed.experiments.predict import CAD, CONSTANT, IDENTIFIED, WITH_PRIOR, cad_spread
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
 from tulip_testbed.measurements import write_measurements
 

@@ -41,7 +41,7 @@ def test_swing_sole_is_where_mujoco_has_it(nominal, model, precise):
 
 def test_stated_noise_is_what_drawing_it_gives(wii, nominal):
     """Covariance of CoP minus CoM of one posture, cells and encoders drawn 4000 times."""
-    measured = wii.run.measurements
+    measured = wii.measurements
     rng, count = np.random.default_rng(112), 4000
     one = measured.take(np.full(count, 50))
     drawn = dataclasses.replace(
@@ -55,7 +55,7 @@ def test_stated_noise_is_what_drawing_it_gives(wii, nominal):
 
 
 def test_placement_levers_are_the_slopes_of_the_cop(wii):
-    measured, step = wii.run.measurements, 1e-6
+    measured, step = wii.measurements, 1e-6
     levers = placement_levers(measured)
     for k in range(6):
         moved = measured.plate_poses.copy()
@@ -80,7 +80,7 @@ def dense_covariance(noise: ReadingNoise) -> np.ndarray:
 
 def test_a_shift_is_the_added_column_of_generalised_least_squares(wii, nominal):
     """Against the textbook: theta and shift together by the normal equations."""
-    measured = wii.run.measurements
+    measured = wii.measurements
     noise = reading_noise(measured, nominal)
     data = regression(nominal.parameters, measured, nominal.robot)
     best = fit(measured, data, noise)
@@ -114,7 +114,7 @@ def test_a_shift_is_the_added_column_of_generalised_least_squares(wii, nominal):
 def test_predicted_standard_errors_are_those_of_the_estimate(wii, precise, nominal):
     """Within what an estimate from 30 placements scatters by; at wii the right plate is taken as no better
     than the left, which errs towards too much."""
-    for measured in (wii.run.measurements, precise):
+    for measured in (wii.measurements, precise):
         data = regression(nominal.parameters, measured, nominal.robot)
         matrix = stacked_regressor(nominal.parameters, measured.joint_angles)
         predicted = predicted_standard_errors(matrix, reading_noise(measured, nominal))

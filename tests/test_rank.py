@@ -89,7 +89,7 @@ def test_all_postures_the_same(parameters, plan, noise):
 
 
 def test_identify_and_the_simplified_model_say_so(wii, robot):
-    measured = wii.run.measurements
+    measured = wii.measurements
     rng = np.random.default_rng(114)
     angles = measured.joint_angles.copy()
     angles[:, 5] = ENCODER * rng.standard_normal(len(angles))
@@ -101,7 +101,7 @@ def test_identify_and_the_simplified_model_say_so(wii, robot):
 
 
 def test_an_unknown_encoder_has_a_usual_one_s_error(wii, robot):
-    measured = wii.run.measurements
+    measured = wii.measurements
     sheet = dataclasses.replace(measured.sensors, encoder_sd=None)
     found = identify(dataclasses.replace(measured, sensors=sheet), robot, estimator=MIXED_MODEL)
     assert np.array_equal(found.full.value, wii.identification.full.value)

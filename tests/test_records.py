@@ -11,28 +11,23 @@ import numpy as np
 import pytest
 
 from tests.test_view import run  # noqa: F401
-from tulip_testbed.base.document import Document
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import sha256
 from tulip_testbed.discovery.dynamics_check import DynamicsCheck
-from tulip_testbed.experiments.discovery_record import discovery_record, read_discovery, write_discovery
-from tulip_testbed.experiments.estimate_report import ParameterRow
+from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
 from tulip_testbed.experiments.montecarlo.montecarlo_run import Place, montecarlo
 from tulip_testbed.experiments.montecarlo.settings import Settings
-from tulip_testbed.experiments.records import read_record, record_of
 from tulip_testbed.experiments.run_file import kind_of
-from tulip_testbed.experiments.settings_table import settings_tables
+from tulip_testbed.experiments.saved_runs import RunResult, read_run
 from tulip_testbed.experiments.validate import judge
-from tulip_testbed.experiments.validation_record import ValidationRecord, read_validation, write_validation
-from tulip_testbed.experiments.validation_result import validation_record
-from tulip_testbed.pages.report_page import page_of, write_page
+from tulip_testbed.experiments.validation_result import Validation
+from tulip_testbed.pages.run_page import page_of, write_page
 from tulip_testbed.pages.words import NO_TRUE_COM
 from tulip_testbed.sim.plan_folder import write_plan
-from tulip_testbed.sim.robot import Robot
 from tulip_testbed.viewer import window
-from tulip_testbed.viewer.record_view import record_view
+from tulip_testbed.viewer.run_view import run_view
 from tulip_testbed.viewer.subject import validated
 
 GONE = object()
@@ -75,8 +70,7 @@ def test_no_run_file_breaks_the_reader(name, run, coverage, robot, empty):  # no
     for changed in mutations(document):
         (empty / "run.json").write_text(json.dumps(changed))
         with pytest.raises(InputError):
-            read_record(empty, robot)
-        settings_tables(changed)
+            read_run(empty, robot)
         tried += 1
     assert tried > 100
 
@@ -104,7 +98,7 @@ def test_every_file_of_a_run_is_guarded(run, robot, tmp_path):  # noqa: F811
             else:
                 (other / name).write_bytes(b"" if damage == "emptied" else content + b" ")
             with pytest.raises(InputError, match=name.name.replace(".", r"\.")):
-                read_validation(other, robot)
+                Validation.load(other, robot)
 
 
 def test_outputs_lie_in_the_folder(run, robot, tmp_path):  # noqa: F811
@@ -113,29 +107,22 @@ def test_outputs_lie_in_the_folder(run, robot, tmp_path):  # noqa: F811
     document["outputs"]["../elsewhere"] = "0"
     (tmp_path / "run" / "run.json").write_text(json.dumps(document))
     with pytest.raises(InputError, match=r"'\.\./elsewhere'"):
-        read_validation(tmp_path / "run", robot)
+        Validation.load(tmp_path / "run", robot)
 
 
 @pytest.fixture(scope="module")
-def static(static_run) -> ValidationRecord:
-    return validation_record(judge(static_run))
+def static(static_run) -> Validation:
+    return judge(static_run)
 
 
-def same(first, second) -> bool:
-    """Documents and arrays alike; in memory nothing is known of hashes and folders."""
-    if isinstance(first, Document):
-        unknown = dict.fromkeys(("outputs", "rig"))
-        return first.plain() | unknown == second.plain() | unknown
-    if isinstance(first, Robot | Path | None):
-        return True
-    if dataclasses.is_dataclass(first):
-        names = [field.name for field in dataclasses.fields(first)]
-        return all(same(getattr(first, name), getattr(second, name)) for name in names)
-    if isinstance(first, dict):
-        return first.keys() == second.keys() and all(same(first[key], second[key]) for key in first)
-    if isinstance(first, np.ndarray) and first.dtype.kind == "f":
-        return np.array_equal(first, second, equal_nan=True)
-    return np.array_equal(first, second)
+def same(first: RunResult, second: RunResult) -> bool:
+    """Document, tables and settings alike; in memory nothing is known of hashes and folders."""
+    documents = [result.to_json() | {"rig": None} for result in (first, second)]
+    tables = [
+        [str(part) for part in result.tables() if "Run folder" not in str(part)] for result in (first, second)
+    ]
+    made = [result.document.plain() | {"outputs": {}} for result in (first, second)]
+    return documents[0] == documents[1] and tables[0] == tables[1] and made[0] == made[1]
 
 
 def same_page(first, second) -> bool:
@@ -144,15 +131,16 @@ def same_page(first, second) -> bool:
 
 
 def test_a_validation_in_memory_is_the_one_in_its_folder(moved_wii, robot, tmp_path):
-    memory = validation_record(moved_wii)
-    written = write_validation(tmp_path / "run", memory)
-    read = read_validation(tmp_path / "run", robot)
-    assert same(memory, read)
-    assert written.document == read.document
-    assert (written.report, written.truth, written.folder) == (read.report, read.truth, read.folder)
-    for name, document in {"report.json": memory.report, "truth.json": memory.truth}.items():
-        assert json.loads((tmp_path / "run" / name).read_text()) == document.plain()
-    assert same_page(page_of(memory), page_of(read))
+    moved_wii.save(tmp_path / "run")
+    read = Validation.load(tmp_path / "run", robot)
+    assert same(moved_wii, read)
+    assert json.loads((tmp_path / "run" / "result.json").read_text()) == moved_wii.to_json()
+    assert json.loads((tmp_path / "run" / "truth.json").read_text()) == moved_wii.simulation.to_json()
+    assert same_page(page_of(moved_wii), page_of(read))
+    assert np.array_equal(read.identification.full.covariance, moved_wii.identification.full.covariance)
+    assert repr(read.identification) == repr(moved_wii.identification)
+    with pytest.raises(InputError, match="exists already"):
+        moved_wii.save(tmp_path / "run")
 
 
 # Below these keys stand names that depend on the run.
@@ -173,9 +161,9 @@ def key_paths(value, path=""):
 
 def test_the_keys_on_disk_are_those_of_version_2(moved_wii, discovered, robot, plan, tmp_path):
     """Whoever renames a field in memory does not rename a key in everybody's files."""
-    write_validation(tmp_path / "validation", validation_record(moved_wii))
+    moved_wii.save(tmp_path / "validation")
     checked = dataclasses.replace(discovered, check=DynamicsCheck(2, 3, 0.1, (1.0, 0.5), ""))
-    write_discovery(tmp_path / "discovery", discovery_record(checked))
+    checked.save(tmp_path / "discovery")
     settings = Settings(30, SEED, "mixed-model", None, imperfections=0)
     montecarlo(Laboratory(robot, "wii"), plan, settings, Place(tmp_path / "montecarlo", 1, None))
     expected: dict[str, set[str]] = {}
@@ -187,34 +175,34 @@ def test_the_keys_on_disk_are_those_of_version_2(moved_wii, discovered, robot, p
         assert key_paths(json.loads((tmp_path / name).read_text())) == paths, name
 
 
-def test_the_same_run_gives_the_same_bytes(static, static_run, tmp_path):
+def test_the_same_run_gives_the_same_bytes(static, static_run, robot, tmp_path):
     """All but what is a time: of the work and of the manifest."""
-    first = write_validation(tmp_path / "first", static).document.outputs
     again = static_run.laboratory.run(static_run.plan, static_run.seed, "statics")
-    second = write_validation(tmp_path / "second", validation_record(judge(again))).document.outputs
+    static.save(tmp_path / "first")
+    judge(again).save(tmp_path / "second")
+    first, second = (Validation.load(tmp_path / name, robot).document.outputs for name in ("first", "second"))
     assert first.keys() == second.keys()
-    timed = ("report.json", "measurements/manifest.json")
+    timed = ("result.json", "measurements/manifest.json")
     assert all(first[name] == second[name] for name in first if name not in timed)
 
 
 def test_a_discovery_in_memory_is_the_one_in_its_folder(discovered, robot, tmp_path):
-    memory = discovery_record(discovered)
-    assert memory.report.rig is None
-    written = write_discovery(tmp_path / "found", memory)
-    read = read_discovery(tmp_path / "found", robot)
-    assert same(memory, read)
-    assert same_page(page_of(memory), page_of(read))
-    assert written.document == read.document
-    assert written.report == read.report
-    assert read.report.rig == str(tmp_path / "found" / "rig")
+    assert discovered.rig is None
+    discovered.save(tmp_path / "found")
+    read = Discovered.load(tmp_path / "found", robot)
+    assert same(discovered, read)
+    assert same_page(page_of(discovered), page_of(read))
+    assert repr(read.after) == repr(discovered.after)
+    assert read.rig == str(tmp_path / "found" / "rig")
+    assert read.corrections == discovered.corrections == discovered.discovery.corrections
     with pytest.raises(InputError, match="exists already"):
-        write_discovery(tmp_path / "found", memory)
+        discovered.save(tmp_path / "found")
 
 
 def test_a_monte_carlo_in_memory_is_the_one_in_its_folder(robot, plan, tmp_path):
     laboratory, settings = Laboratory(robot, "wii"), Settings(30, SEED, "mixed-model", None, imperfections=0)
-    memory = record_of(montecarlo(laboratory, plan, settings, Place(tmp_path / "runs", 1, None)))
-    read = read_record(tmp_path / "runs", robot)
+    memory = montecarlo(laboratory, plan, settings, Place(tmp_path / "runs", 1, None))
+    read = read_run(tmp_path / "runs", robot)
     assert same(memory, read)
     assert same_page(page_of(memory), page_of(read))
     assert isinstance(read, MonteCarlo)
@@ -225,21 +213,21 @@ def test_any_result_in_memory_has_a_page_and_a_view(static_run, discovered, robo
     settings = Settings(10, SEED, "mixed-model", None, imperfections=0)
     scratch = Place(tmp_path / "runs", 1, None, stays=False)
     repeated = montecarlo(Laboratory(robot, "wii"), plan, settings, scratch)
-    for kind, result in {"validation": static_run, "discovery": discovered, "Monte Carlo": repeated}.items():
-        record = record_of(result)
-        page = write_page(tmp_path / f"{kind}.html", record)
+    results = {"validation": judge(static_run), "discovery": discovered, "Monte Carlo": repeated}
+    for kind, result in results.items():
+        page = write_page(tmp_path / f"{kind}.html", dataclasses.replace(result, folder=None))
         assert page.title == f"TULip: {kind}"
-        assert page.verdict == (record if isinstance(record, MonteCarlo) else record.report).verdict
-        view = record_view(record)
+        assert page.verdict == result.verdict
+        view = run_view(dataclasses.replace(result, folder=None))
         assert view.title == f"TULip ({kind})"
         assert window.save(tmp_path / f"{kind}.rrd", view.title, view.log) > 1e5
         with pytest.raises(InputError, match="exists already"):
-            write_page(tmp_path / f"{kind}.html", record)
+            write_page(tmp_path / f"{kind}.html", result)
 
 
 def test_a_run_of_the_statics_says_that_it_has_no_true_centre_of_mass(static):
-    assert static.report.books is None
-    assert static.truth.com is None
+    assert static.books is None
+    assert static.simulation.com is None
     page = page_of(static)
     assert any(NO_TRUE_COM in section.paragraphs for section in page.sections)
     assert "CoM, truth" not in "".join(figure.json for part in page.sections for figure in part.figures)
@@ -262,25 +250,34 @@ def changed(document, path, value):
     return document
 
 
+IDENTIFIED = ("identification", "full")
 EDITED = [
-    ("report.json", ("verdict",), "maybe", "key 'verdict': found 'maybe'; expected 'pass' or 'fail'"),
-    ("report.json", ("checks", 0, "result"), None, "key 'checks.0.result': found None"),
-    ("report.json", ("checks", 4, "threshold"), [-1.0], "key 'checks.4.threshold"),
-    ("report.json", ("checks", 1, "name"), "total mass", "key 'checks': found"),
-    ("report.json", ("total_mass", "truth"), "23", "key 'total_mass.truth': found '23'"),
-    ("report.json", ("total_mass",), GONE, "key 'total_mass': found nothing"),
-    ("report.json", ("full", "parameters", 3, "estimate"), GONE, "key 'full.parameters.3.estimate': found"),
-    ("report.json", ("full", "parameters", 3, "truth"), None, "key 'full.parameters.3.truth': found None"),
-    ("report.json", ("full", "parameters", 24), GONE, "key 'full.parameters': found 24 rows, expected 25"),
-    ("report.json", ("simplified", "parameters", 0, "number"), 7, "key 'simplified.parameters.0': found"),
-    ("report.json", ("full", "parameters", 9, "name"), "x", "key 'full.parameters.9': found parameter 10, x"),
-    ("report.json", ("full", "placement_sd_mm"), [1.0], "key 'full.placement_sd_mm'"),
-    ("report.json", ("dropped",), [[1, "tipped"]], "key 'dropped.0'"),
-    ("truth.json", ("version",), 2, "key 'version': found 2; expected 1"),
-    ("truth.json", ("attempts", 0, "com"), [0.1], "key 'attempts.0.com'"),
-    ("truth.json", ("attempts", 0, "com"), GONE, "key 'attempts.0': found"),
+    ("result.json", ("checks", 0, "result"), None, "key 'checks.0.result': found None"),
+    ("result.json", ("checks", 4, "threshold"), [-1.0], "key 'checks.4.threshold"),
+    ("result.json", ("checks", 1, "name"), "total mass", "key 'checks': found"),
+    ("result.json", ("identification", "mass"), "23", "key 'identification.mass': found '23'"),
+    ("result.json", ("identification", "mass"), GONE, "key 'identification.mass': found nothing"),
+    ("result.json", (*IDENTIFIED, "value", 3), "x", "key 'identification.full.value': found"),
+    (
+        "result.json",
+        (*IDENTIFIED, "numbers", 24),
+        GONE,
+        "key 'identification.full.numbers': found numbers of shape (24,)",
+    ),
+    ("result.json", (*IDENTIFIED, "names", 9), "x", "key 'identification.full.9': found parameter 10"),
+    ("result.json", (*IDENTIFIED, "placement_sd"), [1.0], "key 'identification.full.placement_sd"),
+    (
+        "result.json",
+        ("identification", "simplified", "numbers", 0),
+        7,
+        "key 'identification.simplified.0': found",
+    ),
+    ("result.json", ("truth",), [0.1], "key 'truth': found 1 numbers, expected 25"),
+    ("truth.json", ("version",), 1, "key 'version': found 1; expected 2"),
+    ("truth.json", ("attempts", 0, "held", "com"), [0.1], "key 'attempts'"),
+    ("truth.json", ("attempts", 0, "held", "com"), GONE, "key 'attempts.0.held.com': found nothing"),
     ("truth.json", ("attempts", 0, "posture"), 77, "found other postures than in the measurements"),
-    ("truth.json", ("standard_parameters", 2), [1.0, 0.0, 0.0], "key 'standard_parameters.2'"),
+    ("truth.json", ("standard", 2), [1.0, 0.0, 0.0], "key 'standard'"),
     ("truth.json", ("links",), ["torso"], "key 'links'"),
 ]
 
@@ -294,63 +291,52 @@ def test_an_edited_validation_is_refused(run, robot, tmp_path, name, path, value
     (folder / name).write_text(json.dumps(changed(document, path, value)))
     _put_right(folder, name)
     with pytest.raises(InputError, match=f"{re.escape(name)}: {re.escape(message)}"):
-        read_validation(folder, robot)
+        Validation.load(folder, robot)
 
 
+EXPLAINED = ("explanations", 0)
 EDITED_DISCOVERY = [
     (("verdict",), "found", "key 'verdict': found 'found'"),
-    (("candidates", 0, "log_bayes_factor"), None, "key 'candidates.0.log_bayes_factor': found None"),
-    (("candidates", 0, "parameters", 0, "value"), "0", "key 'candidates.0.parameters.0.value': found '0'"),
-    (("candidates", 0, "parameters", 0, "unit"), GONE, "key 'candidates.0.parameters.0.unit': found nothing"),
-    (("gap", "C", "floor"), GONE, "key 'gap.C.floor': found nothing"),
-    (("gap", "B"), None, "key 'gap.B"),
-    (("noise", "placement_sd"), [1e-3], "key 'noise.placement_sd'"),
-    (("noise", "encoder_sd"), 1e300, "key 'noise.encoder_sd': found 1e+300"),
-    (("repeats", "p"), {}, "key 'repeats': found"),
-    (("parameters", 24), GONE, "key 'parameters': found 24 rows, expected 25"),
-    (("parameters", 0, "name"), "head.x", "key 'parameters.0': found parameter 1, head.x, expected 1"),
+    ((*EXPLAINED, "log_bayes_factor"), None, "key 'explanations.0.log_bayes_factor': found None"),
+    (
+        (*EXPLAINED, "instance", "parameters", 0, "value"),
+        "0",
+        "key 'explanations.0.instance.parameters.0.value",
+    ),
+    (
+        (*EXPLAINED, "instance", "parameters", 0, "unit"),
+        GONE,
+        "key 'explanations.0.instance.parameters.0.unit",
+    ),
+    (
+        (*EXPLAINED, "instance", "name"),
+        "nothing",
+        "key 'explanations.0.instance': effects: unknown effect 'nothing'",
+    ),
+    ((*EXPLAINED, "instance", "target"), "left_nose", "unknown target 'left_nose'"),
+    (
+        ("adopted", 0, "parameters", 0, "value"),
+        9.0,
+        "key 'adopted.0': encoder-offset, offset: found 9 outside",
+    ),
+    (("heldout", "floor"), GONE, "key 'heldout.floor': found nothing"),
+    (("noise", "encoder"), "1", "key 'noise.encoder': found '1'"),
+    (("repeats", "p"), [], "key 'repeats.p': found []"),
+    (("families", 0, "family", "effect"), "nothing", "key 'families.0.family.effect': effects: unknown"),
+    (("before", "full", "names", 0), "head.x", "key 'before.full.0': found parameter 1, head.x"),
     (("story",), [], "key 'story'"),
-    (("check",), {"reason": None}, "keys 'check.postures', 'check.tried'"),
 ]
-
-
-def test_another_run_is_no_discovery(run, plan, robot, tmp_path):  # noqa: F811
-    with pytest.raises(InputError, match="run folder of a validation, expected that of a discovery"):
-        read_discovery(run, robot)
-    write_plan(tmp_path / "plan", plan)
-    with pytest.raises(InputError, match="found a plan folder, expected a run folder"):
-        read_discovery(tmp_path / "plan", robot)
 
 
 @pytest.mark.parametrize(("path", "value", "message"), EDITED_DISCOVERY)
 def test_an_edited_discovery_is_refused_by_key(discovered, robot, tmp_path, path, value, message):
     folder = tmp_path / "found"
-    write_discovery(folder, discovery_record(discovered))
-    document = json.loads((folder / "discovery.json").read_text())
-    (folder / "discovery.json").write_text(json.dumps(changed(document, path, value)))
-    _put_right(folder, "discovery.json")
-    with pytest.raises(InputError, match=f"discovery.json: {re.escape(message)}"):
-        read_discovery(folder, robot)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("full_mm", "whole_mm", "column 'full_mm' is missing"),
-        ("\r\n1,1,", "\r\n1,1,x", "column 'full_mm': found string, expected numbers"),
-        ("\r\n1,1,", "\r\n1,1,2.0,2.0\r\n1,1,", "rows, expected"),
-    ],
-)
-def test_an_edited_table_is_refused(static, robot, tmp_path, old, new, message):
-    folder = tmp_path / "run"
-    write_validation(folder, static)
-    table = folder / "residuals.csv"
-    text = table.read_bytes().decode()
-    assert old in text
-    table.write_bytes(text.replace(old, new, 1).encode())
-    _put_right(folder, "residuals.csv")
-    with pytest.raises(InputError, match=f"residuals.csv: .*{message}"):
-        read_validation(folder, robot)
+    discovered.save(folder)
+    document = json.loads((folder / "result.json").read_text())
+    (folder / "result.json").write_text(json.dumps(changed(document, path, value)))
+    _put_right(folder, "result.json")
+    with pytest.raises(InputError, match=f"result.json: {re.escape(message)}"):
+        Discovered.load(folder, robot)
 
 
 def _put_right(folder, name):
@@ -359,24 +345,26 @@ def _put_right(folder, name):
     (folder / "run.json").write_text(json.dumps(document))
 
 
-def test_keys_that_nobody_knows_are_kept(run, robot, tmp_path):  # noqa: F811
+def test_keys_that_nobody_knows_are_passed_over(run, robot, tmp_path):  # noqa: F811
     """As another version might write them."""
     folder = tmp_path / "run"
     shutil.copytree(run, folder)
-    document = json.loads((folder / "report.json").read_text()) | {"weather": {"sky": "blue"}}
-    (folder / "report.json").write_text(json.dumps(document))
-    _put_right(folder, "report.json")
-    assert read_validation(folder, robot).report.plain() == document
+    document = json.loads((folder / "result.json").read_text())
+    (folder / "result.json").write_text(json.dumps(document | {"weather": {"sky": "blue"}}))
+    _put_right(folder, "result.json")
+    assert Validation.load(folder, robot).to_json() == document
 
 
 def test_what_is_infinite_or_undefined_is_null_on_disk(static, robot, tmp_path):
     """An estimate of exactly 0 has no relative standard error."""
-    first, *others = static.report.full.parameters
-    row = ParameterRow.model_validate(first.plain() | {"relative_standard_error": np.inf})
-    full = static.report.full.model_copy(update={"parameters": [row, *others]})
-    record = dataclasses.replace(static, report=static.report.model_copy(update={"full": full}))
-    write_validation(tmp_path / "run", record)
-    assert read_validation(tmp_path / "run", robot).report.full.parameters[0].relative_standard_error is None
+    own = static.identification
+    value = np.where(own.full.numbers == 1, 0.0, own.full.value)
+    changed = dataclasses.replace(own, full=dataclasses.replace(own.full, value=value))
+    dataclasses.replace(static, identification=changed).save(tmp_path / "run")
+    document = json.loads((tmp_path / "run" / "result.json").read_text())
+    assert document["identification"]["full"]["relative_standard_error"][0] is None
+    full = Validation.load(tmp_path / "run", robot).identification.full
+    assert np.isinf(full.relative_standard_error[0])
 
 
 def test_a_monte_carlo_with_another_plan_or_more_runs_than_anybody_makes_is_refused(robot, plan, tmp_path):
@@ -393,8 +381,8 @@ def test_a_monte_carlo_with_another_plan_or_more_runs_than_anybody_makes_is_refu
     document["settings"]["runs"] = 10**13
     (tmp_path / "more" / "run.json").write_text(json.dumps(document))
     with pytest.raises(InputError, match=r"run\.json: key 'settings\.runs': found 10000000000000"):
-        read_record(tmp_path / "more", robot)
+        read_run(tmp_path / "more", robot)
     shutil.rmtree(folder / "plan")
     write_plan(folder / "plan", plan.take(plan.placement <= 20))
     with pytest.raises(InputError, match=r"plan: hash mismatch: found a plan with sha256"):
-        read_record(folder, robot)
+        read_run(folder, robot)

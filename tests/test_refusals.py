@@ -23,8 +23,6 @@ from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.rig_folder import read_rig, write_rig
 from tulip_testbed.experiments.validate import judge
-from tulip_testbed.experiments.validation_record import write_validation
-from tulip_testbed.experiments.validation_result import validation_record
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.planning_ranges import free_joint_ranges, planning_ranges
 from tulip_testbed.measurements import read_measurements
@@ -193,7 +191,7 @@ def folders(names, tmp_path_factory):
     place = tmp_path_factory.mktemp("folders")
     tt.write_measurements(place / "data", names["run"].measurements)
     tt.plans.write(place / "plan", names["plan"])
-    write_validation(place / "run", validation_record(judge(names["run"])))
+    judge(names["run"]).save(place / "run")
     return place
 
 

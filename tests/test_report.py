@@ -16,9 +16,10 @@ from tests.test_view import cpu_seconds, not_blank, run  # noqa: F401
 from tulip_testbed import rendering
 from tulip_testbed.base.document import flattened
 from tulip_testbed.cli.main import main
-from tulip_testbed.experiments.validation_record import read_validation, write_validation
-from tulip_testbed.experiments.validation_result import validation_record
-from tulip_testbed.pages import page as pages
+from tulip_testbed.experiments.validation_result import Validation
+from tulip_testbed.pages.page import html
+from tulip_testbed.pages.pictures import PICTURES
+from tulip_testbed.pages.validation_page import validation_page
 
 MOST_SECONDS, MOST_BYTES = 20, 12e6
 
@@ -41,12 +42,25 @@ def coverage_page(coverage, tmp_path_factory):
     return path
 
 
+def told_by(folder, keys, name="result.json"):
+    """Return the values that a run folder has for the cells of a page."""
+    document = json.loads((folder / name).read_text())
+    made = flattened(json.loads((folder / "run.json").read_text()))
+
+    def value(key):
+        if key.startswith("run."):
+            return made[key.removeprefix("run.")]
+        place = document
+        for part in key.split("."):
+            place = place[int(part)] if isinstance(place, list) else place[part]
+        return place
+
+    return {key: value(key) for key in keys}
+
+
 @draws_with("chromium")
 def test_a_browser_has_nothing_to_complain_of(page, run, tmp_path):  # noqa: F811
     """Wide and light, narrow and dark."""
-    expected = flattened(json.loads((run / "report.json").read_text()))
-    document = flattened(json.loads((run / "run.json").read_text()))
-    expected |= {f"run.{key}": value for key, value in document.items()}
     with browser() as visit:
         for width, dark in ((1100, False), (412, True)):
             observed = visit(page, tmp_path / "page.png", (width, 900), dark)
@@ -57,8 +71,8 @@ def test_a_browser_has_nothing_to_complain_of(page, run, tmp_path):  # noqa: F81
             brightness = np.asarray(Image.open(tmp_path / "page.png").convert("L"))[:200].mean()
             assert (brightness < 100) == dark
             assert len(observed.cells) > 300
-            assert {key: expected[key] for key in observed.cells} == observed.cells
-            assert {f"full.parameters.{row}.standard_error" for row in range(25)} <= set(observed.cells)
+            assert told_by(run, observed.cells) == observed.cells
+            assert {f"identification.full.standard_error.{row}" for row in range(25)} <= set(observed.cells)
 
 
 @pytest.mark.slow
@@ -67,12 +81,7 @@ def test_a_browser_shows_a_montecarlo(coverage_page, coverage, tmp_path):
     observed = browse(coverage_page, tmp_path / "page.png")
     assert observed.complaints == []
     assert observed.requests == []
-    expected = flattened(json.loads((coverage / "report.json").read_text()))
-    expected |= {
-        f"run.{key}": value
-        for key, value in flattened(json.loads((coverage / "run.json").read_text())).items()
-    }
-    assert {key: expected[key] for key in observed.cells} == observed.cells
+    assert told_by(coverage, observed.cells, "report.json") == observed.cells
     assert "parameters.24.coverage95" in observed.cells
     assert "simplified.parameters.12.bias" in observed.cells
     not_blank(tmp_path / "page.png")
@@ -91,12 +100,11 @@ def test_the_browser_test_notices_requests_and_errors(tmp_path):
 
 
 def test_shown_figures_are_the_documents_rounded(page, run):  # noqa: F811
-    expected = flattened(json.loads((run / "report.json").read_text()))
     text = page.read_text(encoding="utf-8")
-    shown = dict(re.findall(r'data-key="(full\.parameters\.\d+\.estimate)"[^>]*>([^<]*)<', text))
+    shown = dict(re.findall(r'data-key="(identification\.full\.value\.\d+)"[^>]*>([^<]*)<', text))
     assert len(shown) == 25
-    for key, figure in shown.items():
-        assert float(figure) == pytest.approx(1e3 * expected[key], abs=0.0051)
+    for key, value in told_by(run, shown).items():
+        assert float(shown[key]) == pytest.approx(1e3 * value, abs=0.0051)
 
 
 def test_the_marked_correlations_are_the_verdicts(page, moved_wii):
@@ -118,7 +126,7 @@ def test_every_picture_has_words(page):
 
 @draws_with("opengl")
 def test_postures_are_drawn(page):
-    assert page.read_text(encoding="utf-8").count('<img src="data:image/png;base64,') == pages.PICTURES
+    assert page.read_text(encoding="utf-8").count('<img src="data:image/png;base64,') == PICTURES
 
 
 def test_without_opengl_the_report_says_what_to_install(run, tmp_path, capsys, monkeypatch):  # noqa: F811
@@ -130,15 +138,14 @@ def test_without_opengl_the_report_says_what_to_install(run, tmp_path, capsys, m
 
 
 def test_a_failed_verdict_names_the_checks_and_a_hostile_name_stays_text(run, robot):  # noqa: F811
-    saved = read_validation(run, robot)
+    saved = Validation.load(run, robot)
     name = "</script><script>alert(1)</script>"
-    first, *others = saved.report.checks
-    checks = [first.model_copy(update={"result": "fail", "name": name}), *others]
-    report = saved.report.model_copy(update={"checks": checks, "verdict": "fail"})
-    found = pages.validation_page(dataclasses.replace(saved, report=report))
+    first, *others = saved.checks
+    checks = (dataclasses.replace(first, result="fail", name=name), *others)
+    found = validation_page(dataclasses.replace(saved, checks=checks))
     assert found.sentence.startswith("The estimates cannot be trusted here: 1 of ")
     assert name in found.sentence
-    assert "<script>alert(1)" not in pages.html(found)
+    assert "<script>alert(1)" not in html(found)
 
 
 def test_bad_input(run, tmp_path, capsys):  # noqa: F811
@@ -159,15 +166,15 @@ def test_an_unfinished_montecarlo_is_not_reported(coverage, tmp_path, capsys):
 
 
 def test_two_runs_side_by_side(run, coverage, ideal, tmp_path, capsys):  # noqa: F811
-    write_validation(tmp_path / "ideal", validation_record(ideal))
+    ideal.save(tmp_path / "ideal")
     assert main(["report", str(run), str(tmp_path / "ideal"), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["settings"]["configuration.preset"] == ["wii", "ideal"]
     assert document["settings"]["configuration.seed"] == [102, 101]
     assert not any(name.startswith("outputs") for name in document["settings"])
     row = document["models"]["full"][9]
-    reports = [json.loads((f / "report.json").read_text()) for f in (run, tmp_path / "ideal")]
-    assert row["estimate"] == [report["full"]["parameters"][9]["estimate"] for report in reports]
+    reports = [json.loads((f / "result.json").read_text()) for f in (run, tmp_path / "ideal")]
+    assert row["estimate"] == [report["identification"]["full"]["value"][9] for report in reports]
     assert main(["report", str(run), str(run)]) == 0
     assert "none" in capsys.readouterr().out
     assert main(["report", str(coverage), str(coverage)]) == 0

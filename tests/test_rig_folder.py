@@ -191,7 +191,7 @@ def test_validate_in_the_adopted_laboratory(found, robot, tmp_path, capsys):
     run += ["--estimator", MIXED_MODEL]
     main([*run, "--out", str(tmp_path / "run"), "--corrections", str(tmp_path / "rig")])
     report = json.loads(capsys.readouterr().out)
-    estimates = [row["estimate"] for row in report["full"]["parameters"]]
+    estimates = report["identification"]["full"]["value"]
     handed_over = read_measurements(tmp_path / "run" / "measurements")
     mended = identify(handed_over, robot, estimator=MIXED_MODEL, adopted=found[:1]).full.value
     assert estimates == pytest.approx(mended, abs=1e-12)

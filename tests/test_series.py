@@ -35,7 +35,7 @@ def raw_series(measured, rng, correlation=0.0):
 @pytest.fixture(scope="module")
 def part(wii):
     """Two placements with repeats among them."""
-    return wii.run.measurements.take(wii.run.measurements.placement <= 3)
+    return wii.measurements.take(wii.measurements.placement <= 3)
 
 
 def write_series(folder, series, joints):

@@ -20,7 +20,7 @@ from tulip_testbed.sim.robot import joint_names, sole_point
 
 @pytest.fixture
 def measured(wii):
-    return wii.run.measurements
+    return wii.measurements
 
 
 def test_all_weight_on_one_cell_is_at_that_cell(measured):

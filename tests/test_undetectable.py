@@ -12,8 +12,6 @@ from tests.meshed_robot import meshed_plan, write_meshed_robot
 from tulip_testbed.base.errors import InputWarning
 from tulip_testbed.discovery.candidates import candidates
 from tulip_testbed.discovery.detectability import by_kind, least_multiple
-from tulip_testbed.effects.catalogue import catalogue
-from tulip_testbed.experiments.discovery_report import DiscoveryReport, discovery_report
 from tulip_testbed.experiments.discovery_tables import weak_table
 from tulip_testbed.identification.distributions import chi2_isf
 from tulip_testbed.measurements import PosturePlan
@@ -76,24 +74,18 @@ def test_kinds_without_targets_are_those_of_which_no_target_shows(found):
 
 
 @pytest.mark.slow
-def test_the_report_has_them_by_target_and_reads_without(found):
-    document = discovery_report(found).plain()
-    entries = document["weakly_detectable"]
-    assert {entry["name"] for entry in entries} == {
-        one.candidate.effect.name for one in found.discovery.selection.weak
-    }
-    for entry in entries:
-        effect = catalogue()[entry["name"]]
-        if len(effect.sizes) > 1:
-            assert entry["least"] is entry["unit"] is None
+def test_the_result_has_them_by_target(found):
+    weak = found.weakly_detectable
+    assert weak == found.discovery.selection.weak
+    for effect in weak:
+        sizes = effect.candidate.effect.sizes
+        if len(sizes) > 1:
+            assert effect.least is None
         else:
-            size = effect.parameters[effect.sizes[0]]
-            assert entry["least"] == pytest.approx(entry["least_over_prior"] * size.prior)
-            assert entry["unit"] == size.unit
-    table = weak_table(entries)
-    assert len(table.rows) == len({entry["name"] for entry in entries})
-    older = {key: value for key, value in document.items() if key != "weakly_detectable"}
-    assert DiscoveryReport.model_validate(older).weakly_detectable == []
+            size = effect.candidate.effect.parameters[sizes[0]]
+            assert effect.least == pytest.approx(effect.multiple * size.prior)
+            assert effect.size.unit == size.unit
+    assert len(weak_table(weak).rows) == len({effect.candidate.effect.name for effect in weak})
 
 
 @pytest.mark.slow

@@ -10,9 +10,8 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.effects.true_robot import true_base_parameters, true_model
 from tulip_testbed.experiments.checks import within
 from tulip_testbed.experiments.identify import identify
+from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.validate import evaluate
-from tulip_testbed.experiments.validation_record import write_validation
-from tulip_testbed.experiments.validation_result import report_of, validation_record
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.estimators import MIXED_MODEL
@@ -53,49 +52,44 @@ def test_the_error_shrinks_as_settling_is_tightened(robot, plan):
 
 def test_wii_passes_and_looks_like_the_paper(wii):
     assert wii.verdict == "pass", [check for check in wii.checks if check.result == "fail"]
-    document = report_of(wii).plain()
-    ratio = np.array([row["standard_error"] for row in document["full"]["parameters"]]) * 1e3 / PAPER_MM
+    full = wii.identification.full
+    ratio = 1e3 * full.standard_error / PAPER_MM
     # Random postures against the paper's optimised ones: of the same order, on average larger.
     assert 0.5 < np.exp(np.log(ratio).mean()) < 3.0
     assert (ratio > 0.3).all()
     assert (ratio < 5.0).all()
-    rho = {(pair["a"], pair["b"]): pair["rho"] for pair in document["full"]["correlations"]}
+    rho = {(a, b): correlation for a, b, correlation in full.high_correlations}
     for pair in ((12, 13), (15, 16)):
         assert -0.999 < rho.pop(pair) < -0.95
     assert all(abs(value) < 0.95 for value in rho.values())
 
 
-def test_report_is_the_promised_json(wii):
-    document = json.loads(json.dumps(report_of(wii).plain()))
+def test_the_document_is_the_promised_json(wii):
+    document = json.loads(json.dumps(wii.to_json()))
     assert set(document) >= {
-        "verdict", "checks", "postures_planned", "postures_used", "dropped", "condition_number", "total_mass",
-        "full", "simplified", "wall_s",
+        "verdict", "checks", "postures_planned", "postures_used", "dropped", "true_mass", "identification",
+        "least_squares", "truth", "wall_s",
     }  # fmt: skip
     assert document["postures_planned"] == 150
     assert document["postures_used"] + len(document["dropped"]) == 150
-    assert set(document["checks"][0]) >= {"name", "result", "value", "threshold"}
-    assert set(document["total_mass"]) == {"truth", "estimate", "standard_error"}
+    assert set(document["checks"][0]) == {"name", "result", "value", "threshold", "source"}
+    assert len(document["truth"]) == 25
+    assert len(document["identification"]["mass"]) == 2
     for model, count in (("full", 25), ("simplified", 13)):
-        rows = document[model]["parameters"]
-        assert len(rows) == count
-        assert set(rows[0]) >= {
-            "number",
-            "name",
-            "truth",
-            "estimate",
-            "standard_error",
-            "relative_standard_error",
-        }
-        assert set(document[model]["residual_mm"]) == {"mean", "sd", "max"}
-    assert all(pair["a"] < pair["b"] for pair in document["full"]["correlations"])
+        estimate = document["identification"][model]
+        for name in ("numbers", "names", "value", "standard_error", "relative_standard_error", "covariance"):
+            assert len(estimate[name]) == count
+        assert len(estimate["residual_norms"]) == len(wii.measurements)
+    assert all(a < b for a, b, _ in document["identification"]["full"]["high_correlations"])
 
 
-def test_a_laboratory_with_one_cell_10_percent_high_fails(wii):
+def test_a_laboratory_with_one_cell_10_percent_high_fails(wii, robot):
     """The same readings, but one cell amplified: as its bridge would."""
-    measured = wii.run.measurements
+    run = Laboratory(robot, "wii").run(wii.plan, 102, "statics")
+    measured = run.measurements
     forces = measured.cell_forces * np.where(np.arange(8) == 0, 1.1, 1.0)
-    run = dataclasses.replace(wii.run, measurements=dataclasses.replace(measured, cell_forces=forces))
-    checks = evaluate(run, identify(run.measurements, run.laboratory.robot, estimator=MIXED_MODEL), wii.truth)
+    run = dataclasses.replace(run, measurements=dataclasses.replace(measured, cell_forces=forces))
+    checks = evaluate(run, identify(run.measurements, robot, estimator=MIXED_MODEL), wii.truth)
     failed = {check.name for check in checks if check.result == "fail"}
     assert "full model: all errors" in failed
     assert "total mass" in failed
@@ -128,27 +122,25 @@ def test_truth_of_an_edited_robot_has_its_masses_and_lengths(robot, plan):
     assert 25 * after[18] - 23 * before[18] == pytest.approx(-2.0 * 0.3197)
 
 
-def test_run_folder_holds_everything_and_is_not_overwritten(wii, tmp_path):
+def test_run_folder_holds_everything_and_is_not_overwritten(wii, robot, tmp_path):
     folder = tmp_path / "run"
-    write_validation(folder, validation_record(wii))
+    wii.save(folder)
     record = json.loads((folder / "run.json").read_text())
     assert record["configuration"]["seed"] == 102
     assert record["software"]["mujoco"]
     assert {
-        "parameters.csv",
-        "residuals.csv",
-        "report.json",
+        "result.json",
         "truth.json",
         "measurements/manifest.json",
     } <= set(record["outputs"])
     manifest = (folder / "measurements" / "manifest.json").read_text()
     for secret in ("seed", "preset", "truth", "command_sd", "plate_sd"):
         assert secret not in manifest
-    measured, robot = read_measurements(folder / "measurements"), wii.run.laboratory.rig.robot
+    measured = read_measurements(folder / "measurements")
     again = identify(measured, robot, estimator=MIXED_MODEL)
     assert again.full.value == pytest.approx(wii.identification.full.value, abs=1e-15)
     with pytest.raises(InputError, match="exists already"):
-        write_validation(folder, validation_record(wii))
+        wii.save(folder)
     assert [p.name for p in tmp_path.iterdir()] == ["run"]
 
 

@@ -24,8 +24,7 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
-from tulip_testbed.experiments.validation_record import read_validation, write_validation
-from tulip_testbed.experiments.validation_result import validation_record
+from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.identification.feasibility import stability_margin
 from tulip_testbed.measurements import read_measurements, read_series, write_measurements
 from tulip_testbed.polygons import inset, nearest_on
@@ -51,7 +50,7 @@ def cpu_seconds() -> float:
 @pytest.fixture(scope="module")
 def run(moved_wii, tmp_path_factory):
     folder = tmp_path_factory.mktemp("view") / "run"
-    write_validation(folder, validation_record(moved_wii))
+    moved_wii.save(folder)
     return folder
 
 
@@ -84,7 +83,7 @@ def not_blank(picture: Path) -> None:
 
 @draws_with("vulkan")
 def test_rerun_draws_every_view_of_a_run(run, robot, tmp_path, monkeypatch):
-    subject = validated(read_validation(run, robot))
+    subject = validated(Validation.load(run, robot))
     monkeypatch.setattr(postures, "laid_out", side_by_side)
     window.save(tmp_path / "run.rrd", "run", lambda recording: postures.log_postures(recording, subject))
     found = look(tmp_path / "run.rrd", {"posture": 40}, tmp_path / "run.png")
@@ -108,7 +107,7 @@ def test_rerun_draws_every_view_of_a_montecarlo(coverage, robot, tmp_path, monke
 
 def test_a_view_of_150_postures_is_small_and_soon_there(wii, tmp_path, capsys):
     run = tmp_path / "run"
-    write_validation(run, validation_record(wii))
+    wii.save(run)
     for name, folder in {"run": run, "data": run / "measurements", "plan": DEFAULT_PLAN}.items():
         began = cpu_seconds()
         assert main(["view", str(folder), "--save", str(tmp_path / f"{name}.rrd")]) == 0
@@ -129,7 +128,7 @@ def test_clouds_are_those_of_the_runs(coverage, robot):
 
 def test_links_are_drawn_where_mujoco_has_them(run, robot, model):
     """Nominal kinematics and MuJoCo's own, from the base frame."""
-    subject = validated(read_validation(run, robot))
+    subject = validated(Validation.load(run, robot))
     rotations, positions = link_frames(subject.nominal, subject.joint_angles[:3], subject.support[:3])
     data = mujoco.MjData(model)
     tree = subject.nominal.parameters.tree
@@ -147,10 +146,10 @@ def test_links_are_drawn_where_mujoco_has_them(run, robot, model):
 
 
 def test_residual_and_truth_are_the_runs_own(run, moved_wii, robot):
-    subject = validated(read_validation(run, robot))
+    subject = validated(Validation.load(run, robot))
     residual = moved_wii.identification.full.residual.reshape(-1, 2)
     assert subject.residual == pytest.approx(residual, abs=1e-9)
-    assert subject.com["truth"] == pytest.approx(np.array([held.com for held in moved_wii.run.truth.held]))
+    assert subject.com["truth"] == pytest.approx(np.array([held.com for held in moved_wii.simulation.held]))
     # The noise is of millimetres: truth, estimate and CoP lie together.
     assert np.abs(subject.com["truth"] - subject.cop).max() < 0.03
     factor = balance.magnification(subject)
@@ -179,7 +178,7 @@ def test_x_is_up_and_y_is_left_from_above():
 @pytest.fixture(scope="module")
 def with_series(wii, tmp_path_factory):
     folder = tmp_path_factory.mktemp("series") / "data"
-    part = wii.run.measurements.take(wii.run.measurements.placement <= 6)
+    part = wii.measurements.take(wii.measurements.placement <= 6)
     write_measurements(folder, part)
     write_series(folder, raw_series(part, np.random.default_rng(104)), part.joints)
     return folder
@@ -213,7 +212,7 @@ def test_samples_belong_to_the_row_that_began_before_them(with_series, robot):
 
 
 def test_too_few_postures_are_shown_without_an_estimate(wii, robot, tmp_path):
-    part = wii.run.measurements.take(wii.run.measurements.placement <= 1)
+    part = wii.measurements.take(wii.measurements.placement <= 1)
     write_measurements(tmp_path / "data", part)
     subject = measured(part, robot)
     assert "estimate" not in subject.com
@@ -257,8 +256,8 @@ def test_a_run_of_another_version_or_robot_or_one_that_was_changed(run, foreign,
     (other / "run.json").write_text(text.replace('"version": 2', '"version": 3', 1))
     assert "key 'version': found 3, expected 2" in refused(capsys, "view", other, *save)
     (other / "run.json").write_text(text)
-    (other / "report.json").write_text("{}")
-    assert "report.json: hash mismatch" in refused(capsys, "view", other, *save)
+    (other / "result.json").write_text("{}")
+    assert "result.json: hash mismatch" in refused(capsys, "view", other, *save)
     robot = next(iter(foreign.values()))
     message = refused(capsys, "view", run, "--robot", robot.path, *save)
     assert "give the robot that the run was made with" in message

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tulip_testbed.experiments.check_folder import check_measurements
-from tulip_testbed.experiments.preflight_tables import counts_line
+from tulip_testbed.experiments.check_folder import check_measurements, counts_line
 from tulip_testbed.measurements import read_measurements
 from tulip_testbed.measurements.contacts import VERTICAL, WRENCH, Contacts
 

@@ -34,7 +34,7 @@ from .experiments.atlases.tolerance import Tolerance as Tolerance
 from .experiments.check_folder import Preflight as Preflight
 from .experiments.comparison import Comparison as Comparison
 from .experiments.described_plan import DescribedPlan as DescribedPlan
-from .experiments.discovering import Discovered as Discovered
+from .experiments.discovery_result import Discovered as Discovered
 from .experiments.export.exported_model import ExportedModel as ExportedModel
 from .experiments.identification_result import Identification as Identification
 from .experiments.laboratory import Laboratory as Laboratory

@@ -7,8 +7,8 @@ from typing import Any
 from tulip_testbed.base.column import Column
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.table import Cell, Table
+from tulip_testbed.experiments.imperfections import imperfections_line
 from tulip_testbed.experiments.montecarlo.coverage_verdict import BIAS, COVERAGE, LEVEL, RATIO
-from tulip_testbed.experiments.run_summary import imperfections_line
 
 LEGEND = (
     "bias: mean error, ± its Monte Carlo standard error; stated s.e.: by the estimator; found s.e.: s.d. of "

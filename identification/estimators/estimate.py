@@ -6,6 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from pydantic import computed_field
+
+from tulip_testbed.base.result import Array, Numbers
+from tulip_testbed.identification.statistics import (
+    HIGH_CORRELATION,
+    high_correlations,
+    relative_standard_errors,
+    standard_errors,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,12 +30,12 @@ class StandardEstimate:
     """
 
     links: tuple[str, ...]
-    mass: np.ndarray
-    mass_error: np.ndarray
-    mass_share: np.ndarray
-    center: np.ndarray
-    center_error: np.ndarray
-    center_share: np.ndarray
+    mass: Array
+    mass_error: Array
+    mass_share: Array
+    center: Array
+    center_error: Array
+    center_share: Array
     identifiable: str
 
 
@@ -42,9 +51,9 @@ class Unseen:
     """
 
     labels: tuple[str, ...]
-    value: np.ndarray
-    carry: np.ndarray
-    covariance: np.ndarray
+    value: Array
+    carry: Array
+    covariance: Array
 
     def given(self, value: np.ndarray, sizes: Mapping[str, float]) -> np.ndarray:
         """Return the base parameters (p,) as they were estimated if these imperfections were known.
@@ -78,20 +87,50 @@ class Estimate:
         standard: link masses and centres of mass, if the estimator gives them.
     """
 
-    numbers: np.ndarray
+    numbers: Numbers
     names: tuple[str, ...]
-    value: np.ndarray
-    covariance: np.ndarray
-    clustered_covariance: np.ndarray
-    residual: np.ndarray
+    value: Array
+    covariance: Array
+    clustered_covariance: Array
+    residual: Array
     sigma: float
     placement_sd: tuple[float, float]
     dof: int
-    interval_dof: np.ndarray
+    interval_dof: Array
     joint_dof: float
     condition_number: float
     unseen: Unseen | None = None
     standard: StandardEstimate | None = None
+
+    @computed_field
+    @property
+    def standard_error(self) -> Array:
+        """Return the standard errors by `covariance`, (p,) [m]."""
+        return standard_errors(self.covariance)
+
+    @computed_field
+    @property
+    def clustered_standard_error(self) -> Array:
+        """Return the standard errors by `clustered_covariance`, (p,) [m]."""
+        return standard_errors(self.clustered_covariance)
+
+    @computed_field
+    @property
+    def relative_standard_error(self) -> Array:
+        """Return the standard error over the estimate (eq. 13), (p,) [%]."""
+        return relative_standard_errors(self.value, self.standard_error)
+
+    @computed_field
+    @property
+    def residual_norms(self) -> Array:
+        """Return the distance between measured and estimated centre of pressure of each posture, (m,) [m]."""
+        return np.linalg.norm(self.residual.reshape(-1, 2), axis=1)
+
+    @computed_field
+    @property
+    def high_correlations(self) -> list[tuple[int, int, float]]:
+        """Return the pairs of parameters that are highly correlated (eq. 15): both numbers, correlation."""
+        return high_correlations(self.covariance, self.numbers, HIGH_CORRELATION)
 
     def __repr__(self) -> str:
         return (

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tulip_testbed.base.result import Array
 from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.sim.dynamics.balance import Balance, balance_of, mechanical_energy
 from tulip_testbed.sim.dynamics.stand import Stand
@@ -38,16 +39,16 @@ class Held:
         wrenches: true wrenches of the wrench sensors, without zeros, (2, 6) [N, Nm]; (0, 6): no such sensors.
     """
 
-    joint_angles: np.ndarray
-    motor_angles: np.ndarray
-    commanded: np.ndarray
-    torques: np.ndarray
-    cell_forces: np.ndarray
-    com: np.ndarray
+    joint_angles: Array
+    motor_angles: Array
+    commanded: Array
+    torques: Array
+    cell_forces: Array
+    com: Array
     drift: float
     settled_after: float
     balance: Balance
-    wrenches: np.ndarray
+    wrenches: Array
 
 
 def put_down(

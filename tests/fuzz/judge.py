@@ -36,7 +36,9 @@ NOTE = re.compile(r"((Run|Plan|Measurement) folder|Report|View|Atlas|Left out): 
 JUDGING = ("montecarlo", "validate", "check")  # commands whose exit code 1 is a verdict
 TOLERANCE = 1e-6  # of a result, relative to its largest number
 MAY_BE_NULL = (
-    "truth",
+    "calibration",
+    "standard",
+    "unseen",
     "made",
     "rig",
     "found",

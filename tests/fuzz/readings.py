@@ -37,12 +37,8 @@ def result(target: str, document: Any) -> dict[str, Any]:
         return {"runs": document["runs"], "identified": document["identified"]} | {
             name: [row[name] for row in rows] for name in QUANTITIES["montecarlo"]
         }
-    estimates = [row["estimate"] for row in document["full"]["parameters"]]
-    return {
-        "postures": document["postures"],
-        "estimates": estimates,
-        "mass": document["total_mass"]["estimate"],
-    }
+    estimates = document["full"]["value"]
+    return {"postures": document["postures"], "estimates": estimates, "mass": document["mass"][0]}
 
 
 def _first_run(target: str, document: Any) -> dict[str, Any]:
@@ -66,7 +62,7 @@ def reading(target: str, folder: Path) -> dict[str, Any]:
     if target in ("robot", "names"):
         return _masses(folder)
     if target == "run":
-        return _validation(json.loads((folder / "report.json").read_text("utf-8-sig")))
+        return _validation(json.loads((folder / "result.json").read_text("utf-8-sig")))
     if target in ("montecarlo", "resume"):
         return _calibration(folder, target == "resume")
     if target == "rig":
@@ -84,10 +80,13 @@ def _masses(folder: Path) -> dict[str, Any]:
 
 
 def _validation(report: Any) -> dict[str, Any]:
-    rows = report["full"]["parameters"]
-    return {name: [row[name] for row in rows] for name in QUANTITIES["run"]} | {
-        "verdict": report["verdict"],
-        "numbers": [row["number"] for row in rows],
+    full, truth = report["identification"]["full"], report["truth"]
+    return {
+        "estimate": full["value"],
+        "standard_error": [variance[k] ** 0.5 for k, variance in enumerate(full["covariance"])],
+        "truth": [truth[number - 1] for number in full["numbers"]],
+        "verdict": "fail" if any(c["result"] == "fail" for c in report["checks"]) else "pass",
+        "numbers": full["numbers"],
         "checks": {c["name"]: [c["result"], c["value"]] for c in report["checks"]},
         "how many checks": len(report["checks"]),
     }

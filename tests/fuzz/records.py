@@ -33,7 +33,7 @@ from tests.fuzz.changes import (
 from tests.fuzz.documents import edited, put
 
 HASHES = {"run.json": "outputs", "rig.json": "files"}  # where a folder lists its files
-RUN, REPORT, TRUTH = "run.json", "report.json", "truth.json"
+RUN, RESULT, REPORT, TRUTH = "run.json", "result.json", "report.json", "truth.json"
 STATE_NAME = "seed-311.json"
 CHUNK, STATE = "runs/chunk-000000.parquet", f"made/.plan.search/{STATE_NAME}"
 SEARCH = "made/.plan.search/search.json"
@@ -184,12 +184,8 @@ TABLE_EDITS: dict[str, tuple[folders.Edit, Expected]] = {
 RUNS = (0, -1, 1, 2, 4, 26, 10**6, 10**13, 10**250, "3", None, True, 2.5)
 FIELDS = (None, "x" * 64, "0" * 64, "", "\x1b", 1, [], {})
 RUN_KINDS: dict[str, Change] = {
-    **documents_of(RUN, REPORT, TRUTH),
-    **others(RUN, REPORT, TRUTH, "residuals.csv"),
-    "no residuals": residuals(REFUSED, no_residuals),
-    "harmless residuals": residuals(SAME, changes.harmless),
-    "spoiled residuals": residuals(REFUSED, changes.spoiled),
-    "other parameters as CSV": sealed(content(changes.truncated, SAME, "parameters.csv")),
+    **documents_of(RUN, RESULT, TRUTH),
+    **others(RUN, RESULT, TRUTH),
 }
 MONTECARLO_KINDS: dict[str, Change] = {
     **documents_of(RUN),

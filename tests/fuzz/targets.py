@@ -22,8 +22,6 @@ from tulip_testbed.experiments.plan_search import PlanSettings, set_up_search
 from tulip_testbed.experiments.planning_run import search_plan
 from tulip_testbed.experiments.rig_folder import write_rig
 from tulip_testbed.experiments.validate import judge
-from tulip_testbed.experiments.validation_record import write_validation
-from tulip_testbed.experiments.validation_result import validation_record
 from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.robot import load_robot
 from tulip_testbed.sim.shipped import ASSETS
@@ -79,7 +77,7 @@ class Intact:
     def _run(self, path: Path) -> None:
         robot = load_robot()
         run = Laboratory(robot, "wii").run(read_plan(self("plan"), robot), 1, "statics")
-        write_validation(path, validation_record(judge(run)))
+        judge(run).save(path)
 
     def _montecarlo(self, path: Path) -> None:
         self.tulip(montecarlo(self("plan"), path))

@@ -21,11 +21,11 @@ from tulip_testbed.base.errors import at_least
 from tulip_testbed.base.files import check_new
 from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.threads import one_blas_thread, processes
-from tulip_testbed.effects.instance import Effects
+from tulip_testbed.effects.instance import EffectInstance, Effects
 from tulip_testbed.experiments.check_folder import Preflight, check_folder, check_measurements, warn_of_faults
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, DEFAULT_SEED, SAMPLES
-from tulip_testbed.experiments.discovering import Discovered, discover_effects
-from tulip_testbed.experiments.discovery_record import read_discovery
+from tulip_testbed.experiments.discovering import discover_effects
+from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.export.export_model import Export
 from tulip_testbed.experiments.export.export_model import export_model as _export_model
 from tulip_testbed.experiments.export.exported_model import ExportedModel
@@ -154,16 +154,16 @@ def discover(
         check_new(Path(out))
     robot, given = robot or load_robot(), measurements_of(measurements)
     source = source_of(measurements) or "measurements"
-    found = discover_effects(
+    result = discover_effects(
         given, robot, seed, check, processes(workers), source, tolerances=tolerances, progress=progress
     )
     for one, where in to_check(measurements):
         warn_of_faults(one, robot, source=where, tolerances=tolerances)
     if out is None:
-        return found
-    found = replace(found, folder=Path(out))
-    found.save(out)
-    return found
+        return result
+    result = replace(result, folder=Path(out))
+    result.save(out)
+    return result
 
 
 @checked
@@ -196,8 +196,8 @@ def next_experiment(
     """
     at_least("seed", seed, 0)
     robot = robot or load_robot()
-    record = found if isinstance(found, Discovered) else read_discovery(Path(found), robot)
-    return record.propose(None if plan is None else plan_of(plan, robot), seed)
+    discovery = found if isinstance(found, Discovered) else Discovered.load(found, robot)
+    return discovery.propose(None if plan is None else plan_of(plan, robot), seed)
 
 
 @checked
@@ -269,17 +269,11 @@ def export_model(
     """
     robot, file = robot or load_robot(), Path(out)
     check_new(file)
-    weighed, adopted = None, ()
-    if isinstance(run, str | Path):
-        found, measurements, adopted = identified_run(Path(run), robot)
-        weighed = measurements.weighed_mass
-    elif isinstance(run, Validation):
-        adopted = run.run.laboratory.known
-        weighed, found = run.run.measurements.weighed_mass, run.identification
-    elif isinstance(run, Discovered):
-        adopted = run.discovery.corrections
-        weighed, found = run.discovery.observed.measurements.weighed_mass, run.after or run.before
+    adopted: tuple[EffectInstance, ...] = ()
+    if isinstance(run, Identification):
+        identification, weighed = run, None
     else:
-        found = run
+        identification, adopted = identified_run(run, robot)
+        weighed = identification.measurements.weighed_mass
     place = None if source is None else Path(source)
-    return _export_model(found, robot, Export(file, place, samples, seed, adopted, lengths), weighed)
+    return _export_model(identification, robot, Export(file, place, samples, seed, adopted, lengths), weighed)

@@ -10,10 +10,11 @@ from tulip_testbed.base.errors import InputError, listed, warn
 from tulip_testbed.base.files import check_new
 from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.experiments.comparison import Comparison, compare
-from tulip_testbed.experiments.discovering import Discovered
+from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.laboratory import Run
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
-from tulip_testbed.experiments.records import Record, read_record, record_of
+from tulip_testbed.experiments.saved_runs import RunResult, read_run
+from tulip_testbed.experiments.validate import judge
 from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.pages import ENDING
@@ -50,7 +51,7 @@ def view(
     """
     from tulip_testbed.viewer import ENDING as RECORDING
     from tulip_testbed.viewer import window  # rerun takes half a second to load
-    from tulip_testbed.viewer.record_view import folder_view, measurements_view, plan_view, record_view
+    from tulip_testbed.viewer.run_view import folder_view, measurements_view, plan_view, run_view
 
     if save is not None and serve:
         raise InputError("save, serve: found both, expected one of them")
@@ -64,7 +65,7 @@ def view(
     elif isinstance(shown, Measurements):
         made = measurements_view(measurements_of(shown), robot)
     else:
-        made = record_view(_record(shown))
+        made = run_view(_judged(shown))
     if save is None and not serve:
         window.check_display()
     _warn_of_bare_links(robot)
@@ -114,19 +115,24 @@ def report(
         raise InputError(f"out, other: found {found}, expected a page to write or a run to compare with")
     if out is not None:
         check_new(Path(out), ENDING)
-    records = [_read(one, robot) for one in (shown, other) if one is not None]
+    runs = [
+        read_run(Path(one), robot or load_robot()) if isinstance(one, str | Path) else _judged(one)
+        for one in (shown, other)
+        if one is not None
+    ]
     if out is None:
-        return compare(*records)
-    from tulip_testbed.pages.report_page import write_page  # loads slowly
+        return compare(*runs)
+    from tulip_testbed.pages.run_page import write_page  # loads slowly
 
-    page = write_page(Path(out), records[0])
+    page = write_page(Path(out), runs[0])
     return WrittenReport(str(out), Path(out).stat().st_size, tuple(page.missing))
 
 
-def _read(shown: Reported, robot: Robot | None) -> Record:
-    return (
-        read_record(Path(shown), robot or load_robot()) if isinstance(shown, str | Path) else _record(shown)
-    )
+@one_blas_thread
+def _judged(result: Run | RunResult) -> RunResult:
+    """Return a result; a run is judged as a validation.
 
-
-_record = one_blas_thread(record_of)
+    Raises:
+        InputError: measurements of a run that do not suffice to identify the robot.
+    """
+    return judge(result) if isinstance(result, Run) else result

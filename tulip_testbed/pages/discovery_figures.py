@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 
 from tulip_testbed.base.numbers import number
 from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL
-from tulip_testbed.effects.instance import effect_label
+from tulip_testbed.discovery.experiment_information import Explanation
+from tulip_testbed.experiments.discovery_curves import Curve, LawCurve
 from tulip_testbed.experiments.discovery_tables import behind
-from tulip_testbed.experiments.law_curves import LawCurve
-from tulip_testbed.experiments.residual_curves import Curve
 from tulip_testbed.pages.figures import Figure, figure
 
 BEFORE, AFTER = MEASURED, ESTIMATE
@@ -140,28 +138,23 @@ def plane_figure(side: str, x: np.ndarray, y: np.ndarray, sd: float, reach: floa
     return replace(figure(f"plane-{side}", caption, text, drawn, 340), small=True)
 
 
-def evidence_figure(candidates: list[dict[str, Any]], runners_up: list[dict[str, Any]]) -> Figure:
-    """Draw ln of the Bayes factor of every remaining explanation and of the runners-up, as bars.
-
-    Args:
-        candidates, runners_up: of a report as JSON.
-    """
+def evidence_figure(explanations: Sequence[Explanation], runners_up: Sequence[Explanation]) -> Figure:
+    """Draw ln of the Bayes factor of every remaining explanation and of the runners-up, as bars."""
     drawn = go.Figure()
-    short = behind(candidates)
     best: dict[int, float] = {}
-    for one in candidates:
-        best[one["gap"]] = max(best.get(one["gap"], -np.inf), one["log_bayes_factor"])
+    for one in explanations:
+        best[one.gap] = max(best.get(one.gap, -np.inf), one.log_bayes_factor)
     rows = sorted(
-        [(one, AFTER if b == 0 else MARGIN) for one, b in zip(candidates, short, strict=True)]
+        [(e, AFTER if b == 0 else MARGIN) for e, b in zip(explanations, behind(explanations), strict=True)]
         + [(one, RUNNER_UP) for one in runners_up],
-        key=lambda row: (row[0]["gap"], -row[0]["log_bayes_factor"]),
+        key=lambda row: (row[0].gap, -row[0].log_bayes_factor),
     )
     several = len(best) > 1
     names, factors, words = [], [], []
     for one, _ in rows:
-        label, factor = effect_label(one["name"], one["target"]), one["log_bayes_factor"]
-        gone = best[one["gap"]] - factor
-        names.append(f"{label} (gap {one['gap']}) " if several else f"{label} ")
+        label, factor = one.instance.label, one.log_bayes_factor
+        gone = best[one.gap] - factor
+        names.append(f"{label} (gap {one.gap}) " if several else f"{label} ")
         factors.append(factor)
         words.append(f"{factor:.1f}" + (f", {gone:.1f} behind" if gone > 0 else ""))
     drawn.add_bar(

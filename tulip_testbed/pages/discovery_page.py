@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from tulip_testbed.experiments.discovery_record import DiscoveryRecord
+from tulip_testbed.experiments.discovery_curves import Curve, law_curves, residual_curves, time_order
+from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.discovery_tables import (
     CHANNEL_NAMES,
-    HELD_OUT_MM,
     MOST_P,
     calibrated_table,
-    candidate_table,
     dynamics_line,
+    explanation_table,
     gap_table,
     moved_table,
     pattern_table,
@@ -22,69 +20,93 @@ from tulip_testbed.experiments.discovery_tables import (
     undetectable_table,
     weak_table,
 )
-from tulip_testbed.experiments.law_curves import law_curves
 from tulip_testbed.experiments.proposed_experiment import experiment_table
-from tulip_testbed.experiments.residual_curves import Curve, residual_curves, time_order
 from tulip_testbed.experiments.rig_folder import DIFF
 from tulip_testbed.pages import discovery_figures as drawn
 from tulip_testbed.pages.figures import Figure
 from tulip_testbed.pages.page import Page, Section, how_it_was_made, title_of
-from tulip_testbed.pages.words import EVIDENCE_WORDS, GAP_WORDS, ORDINARY_WORDS, VERDICTS
+from tulip_testbed.pages.words import VERDICTS
+
+EVIDENCE_WORDS = (
+    "Explanations of one gap whose ln of the Bayes factor is within 3 of the best cannot be distinguished "
+    "by this experiment; all of them are listed. Others of the catalogue explain it less well.",
+    "These explanations were tried and are not sufficient: the residual that they leave exceeds the noise.",
+)
+GAP_WORDS = (
+    "Residuals of placements that took no part in the fit, as multiples of the noise: 1 is noise.",
+    "Before and after, the base parameters are fitted to all four channels at once. A fit to the centre of "
+    "pressure alone (tulip identify) leaves a smaller residual there before, because the parameters absorb "
+    "part of the effect.",
+)
+ORDINARY_WORDS = (
+    "Every encoder, cell, link, joint and plate has a small error. All of these errors are estimated "
+    "together with the robot; those that the measurements determine are added to the model."
+)
 
 
-def discovery_page(run: DiscoveryRecord) -> Page:
-    """Make the page of a discovery."""
-    report, content = run.report, run.report.plain()
-    curves = residual_curves(run)
-    changed = bool(report.candidates or report.calibrated)
+def discovery_page(discovery: Discovered) -> Page:
+    """Make the page of a discovery; parts that it does not have are left out."""
+    curves = residual_curves(discovery)
+    changed = bool(discovery.explanations or discovery.calibrated)
+    tables = [spread_table(discovery.families), calibrated_table(discovery.calibrated)]
+    ordinary = tuple(table for table in tables if table.rows)
     sections = [
         Section(
             "The gap",
             GAP_WORDS,
-            (gap_table(content["gap"]),),
-            (*_gap_figures(content["gap"]), *_planes(curves, changed)),
+            (gap_table(discovery.heldout),),
+            (_gap_figure(discovery), *_planes(curves, changed)),
         ),
-        *_laws(run),
-        *_evidence(content),
-        *_ordinary(content),
+        *_laws(discovery),
+        *_evidence(discovery),
+        *([Section("Ordinary imperfections", (ORDINARY_WORDS,), ordinary)] if ordinary else []),
         Section(
             "Residuals over the experiment",
             (
                 "Vermilion: as measured. Blue: with the found effects removed. Band: 95 % of the noise. The "
                 "swing foot's x, y and yaw are shown about their mean in a stance: angles give no more.",
             ),
-            figures=_curves(run, curves, changed),
+            figures=_curves(discovery, curves, changed),
         ),
-        *_parameters(content),
-        *_next(content),
-        *_doubts(content),
-        *_check(content["check"]),
+        Section(
+            "Base parameters", tables=(moved_table(discovery.before, discovery.after, discovery.adopted),)
+        ),
     ]
-    if DIFF in run.rig:
+    if discovery.next_experiments:
+        ranking = experiment_table(discovery.next_experiments, "next_experiments")
+        sections.append(Section("Next experiment", tables=(ranking,)))
+    sections.append(_limits(discovery))
+    if discovery.check:
+        sections.append(Section("In full dynamics", (dynamics_line(discovery.check),)))
+    if DIFF in discovery.rig_files:
         words = "Changes by the adopted rig. Its folder is for --corrections of other commands."
-        sections.append(Section("The adopted rig", (words,), folded=(("Differences", run.rig[DIFF]),)))
-    sections.append(how_it_was_made(run))
-    measured = run.measurements
+        differences = (("Differences", discovery.rig_files[DIFF]),)
+        sections.append(Section("The adopted rig", (words,), folded=differences))
+    sections.append(how_it_was_made(discovery.document))
+    measured = discovery.measurements
     facts = (
-        ("measurements", run.document.configuration.measurements),
+        ("measurements", discovery.document.configuration.measurements),
         ("postures", str(len(np.unique(measured.posture)))),
         ("readings", str(len(measured))),
         ("placements", str(len(np.unique(measured.placement)))),
-        ("repeated pairs", str(report.repeats.pairs)),
-        ("search, s", f"{report.wall_s:.1f}"),
+        ("repeated pairs", str(discovery.repeats.pairs)),
+        ("search, s", f"{discovery.wall_s:.1f}"),
     )
-    sentence, *story = report.story
-    sentence = f"{VERDICTS[report.verdict]} {sentence}"
-    return Page(title_of(run), report.verdict, sentence, facts, tuple(sections), story=tuple(story))
+    sentence, *story = discovery.story
+    sentence = f"{VERDICTS[discovery.verdict]} {sentence}"
+    title, verdict = title_of(discovery), discovery.verdict
+    return Page(title, verdict, sentence, facts, tuple(sections), story=tuple(story))
 
 
-def _gap_figures(gap: dict[str, Any]) -> tuple[Figure, ...]:
-    rows = [
-        (CHANNEL_NAMES[channel], entry["before"], entry["after"], entry["floor"])
-        for channel, entry in gap.items()
-        if channel != HELD_OUT_MM and entry and entry["after"] is not None
-    ]
-    return (drawn.gap_figure(rows),) if rows else ()
+def _gap_figure(discovery: Discovered) -> Figure:
+    held = discovery.heldout
+    return drawn.gap_figure(
+        [
+            (name, held.before[channel], held.after[channel], held.floor[channel])
+            for channel, name in CHANNEL_NAMES.items()
+            if channel in held.before
+        ]
+    )
 
 
 def _planes(curves: list[Curve], changed: bool) -> tuple[Figure, ...]:
@@ -96,8 +118,8 @@ def _planes(curves: list[Curve], changed: bool) -> tuple[Figure, ...]:
     return tuple(drawn.plane_figure(name, *side, sd, reach) for name, side in sides.items())
 
 
-def _curves(run: DiscoveryRecord, curves: list[Curve], changed: bool) -> tuple[Figure, ...]:
-    posture = run.measurements.posture[time_order(run)]
+def _curves(discovery: Discovered, curves: list[Curve], changed: bool) -> tuple[Figure, ...]:
+    posture = discovery.measurements.posture[time_order(discovery)]
     return tuple(
         drawn.curve_figure(k, curve, posture, changed)
         for k, curve in enumerate(curves)
@@ -105,60 +127,39 @@ def _curves(run: DiscoveryRecord, curves: list[Curve], changed: bool) -> tuple[F
     )
 
 
-def _laws(run: DiscoveryRecord) -> tuple[Section, ...]:
+def _laws(discovery: Discovered) -> tuple[Section, ...]:
     """Return the section of the adopted laws, each with its curve."""
-    if not run.report.laws:
+    laws = list(discovery.laws)
+    if not laws:
         return ()
-    words = [law.sentence for law in run.report.laws]
+    words = [law.finding for law, _ in laws]
     words += [
         f"As good: {other.what} as a function of {other.of} ({other.shape})."
-        for law in run.report.laws
-        for other in law.also
+        for _, others in laws
+        for other in others
     ]
-    figures = tuple(drawn.law_figure(k, curve) for k, curve in enumerate(law_curves(run)))
+    figures = tuple(drawn.law_figure(k, curve) for k, curve in enumerate(law_curves(discovery)))
     return (Section("The law", tuple(words), figures=figures),)
 
 
-def _evidence(report: dict[str, Any]) -> tuple[Section, ...]:
-    found = report["candidates"]
-    if not found:
+def _evidence(discovery: Discovered) -> tuple[Section, ...]:
+    explanations = discovery.explanations
+    if not explanations:
         return ()
-    words = (EVIDENCE_WORDS[report["verdict"] == "unknown"],)
-    drawing = drawn.evidence_figure(found, report["runners_up"])
-    return (Section("Evidence", words, (candidate_table(found),), (drawing,)),)
+    words = (EVIDENCE_WORDS[discovery.verdict == "unknown"],)
+    drawing = drawn.evidence_figure(explanations, discovery.runners_up)
+    return (Section("Evidence", words, (explanation_table(explanations),), (drawing,)),)
 
 
-def _ordinary(report: dict[str, Any]) -> tuple[Section, ...]:
-    """Return the section of the families of ordinary imperfections and of the members added to the model."""
-    tables = [spread_table(report["families"]), calibrated_table(report["calibrated"])]
-    shown = tuple(table for table in tables if table.rows)
-    return (Section("Ordinary imperfections", (ORDINARY_WORDS,), shown),) if shown else ()
-
-
-def _parameters(report: dict[str, Any]) -> tuple[Section, ...]:
-    rows = report["parameters"]
-    return (Section("Base parameters", tables=(moved_table(rows, report["effects"]),)),) if rows else ()
-
-
-def _next(report: dict[str, Any]) -> tuple[Section, ...]:
-    ranking = report["next_experiment"]
-    table = experiment_table(ranking, "next_experiment")
-    return (Section("Next experiment", tables=(table,)),) if ranking else ()
-
-
-def _doubts(report: dict[str, Any]) -> tuple[Section, ...]:
+def _limits(discovery: Discovered) -> Section:
     """Return the section of remaining patterns, repeats and effects that the postures cannot detect."""
     tables = [
-        pattern_table(report["left"]),
-        repeat_table(report["repeats"]),
-        undetectable_table(report["undetectable"]),
-        weak_table(report.get("weakly_detectable", [])),
+        pattern_table(discovery.patterns),
+        repeat_table(discovery.repeats),
+        undetectable_table(discovery.undetectable),
+        weak_table(discovery.weakly_detectable),
     ]
-    words = tuple(f"Noise not as stated: {text}." for text in report["noise"]["not_as_stated"])
+    words = tuple(f"Noise not as stated: {text}." for text in discovery.noise.assumed)
     if not tables[0].rows:
         words += (f"The remaining residuals have no pattern (p above {MOST_P} for all that were tried).",)
-    return (Section("Limits of the finding", words, tuple(table for table in tables if table.rows)),)
-
-
-def _check(check: dict[str, Any] | None) -> tuple[Section, ...]:
-    return (Section("In full dynamics", (dynamics_line(check),)),) if check else ()
+    return Section("Limits of the finding", words, tuple(table for table in tables if table.rows))

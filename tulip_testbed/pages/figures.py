@@ -62,13 +62,11 @@ def figure(name: str, caption: str, text: str, drawn: go.Figure, height: int = 3
     return Figure(name, caption, text, content.replace("</", "<\\/"))
 
 
-def residual_norms(
-    posture: np.ndarray, placement: np.ndarray, norms: dict[str, np.ndarray], means: dict[str, float]
-) -> Figure:
+def residual_norms(posture: np.ndarray, placement: np.ndarray, norms: dict[str, np.ndarray]) -> Figure:
     """Draw the norm of error of every row for the full and the simplified model (the paper's Fig. 4).
 
     Args:
-        posture, placement: numbers, (m,). norms: by model, (m,) [mm]. means: by model, of the report [mm].
+        posture, placement: numbers, (m,). norms: by model, (m,) [mm].
     """
     drawn = go.Figure()
     row = np.arange(1, len(posture) + 1)
@@ -78,16 +76,16 @@ def residual_norms(
             x=row,
             y=values,
             mode="markers",
-            name=f"{model}, mean {means[model]:.2f} mm",
+            name=f"{model}, mean {values.mean():.2f} mm",
             marker={"color": MODEL_COLOURS[model], "symbol": SYMBOLS[model], "size": 7},
             customdata=hover,
             hovertemplate="posture %{customdata[0]}, placement %{customdata[1]}: %{y:.2f} mm",
         )
-        drawn.add_hline(y=means[model], line={"color": MODEL_COLOURS[model], "width": 1})
+        drawn.add_hline(y=values.mean(), line={"color": MODEL_COLOURS[model], "width": 1})
     drawn.update_xaxes(title="row of the measurements, by time")
     drawn.update_yaxes(title="norm of error, mm", rangemode="tozero")
     text = "Norm of the error of every posture. " + "; ".join(
-        f"{model} model: mean {means[model]:.2f}, largest {values.max():.2f} mm"
+        f"{model} model: mean {values.mean():.2f}, largest {values.max():.2f} mm"
         for model, values in norms.items()
     )
     caption = "Norm of error per posture (eq. 12), as the paper's Fig. 4."

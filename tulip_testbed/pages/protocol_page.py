@@ -19,7 +19,8 @@ from tulip_testbed.experiments.protocols.protocol_run import LaboratoryProtocol
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.measurements.cells import CORNERS, PLATES
 from tulip_testbed.measurements.measurement_folder import write_start
-from tulip_testbed.pages.page import filled, png
+from tulip_testbed.pages.page import filled
+from tulip_testbed.pages.pictures import png
 from tulip_testbed.pages.placement_drawing import Mark, drawing, marks, placement_of, scale_for
 from tulip_testbed.rendering import rendered
 from tulip_testbed.sim.plan_folder import write_plan

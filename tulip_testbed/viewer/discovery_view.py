@@ -4,21 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from tulip_testbed.base.numbers import number
 from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL, rgb
-from tulip_testbed.effects.instance import effect_label
-from tulip_testbed.experiments.discovery_record import DiscoveryRecord
-from tulip_testbed.experiments.discovery_tables import CHANNEL_NAMES, behind, candidate_table, gap_table
-from tulip_testbed.experiments.law_curves import law_curves
-from tulip_testbed.experiments.residual_curves import Curve, residual_curves, time_order
+from tulip_testbed.discovery.experiment_information import Explanation
+from tulip_testbed.experiments.discovery_curves import (
+    Curve,
+    LawCurve,
+    law_curves,
+    residual_curves,
+    time_order,
+)
+from tulip_testbed.experiments.discovery_result import Discovered
+from tulip_testbed.experiments.discovery_tables import CHANNEL_NAMES, behind, explanation_table, gap_table
 from tulip_testbed.pages.words import VERDICTS
 from tulip_testbed.viewer.balance_series import ABOVE_GROUND, factor_for, from_above, log_balance
-from tulip_testbed.viewer.law_view import law_view, log_law
 from tulip_testbed.viewer.layout import space_view
 from tulip_testbed.viewer.plates_view import log_plates, log_subject_loads
 from tulip_testbed.viewer.robot_view import log_geometry, log_motion
@@ -28,6 +32,8 @@ COLOURS = {"before": MEASURED, "after": ESTIMATE}
 LAYERS = {"before": "as_measured", "after": "corrected"}  # rerun draws in the order of names, the last on top
 PALE = (250, 250, 250)
 BAR, STEP = 100.0, 14.0  # pixels: the longest bar, from bar to bar
+WIDTH, HEIGHT = 100.0, 60.0  # pixels of the picture of a law; rerun draws y downwards
+SPACE = 8.0  # pixels around it
 
 
 @dataclass(frozen=True)
@@ -41,33 +47,35 @@ class DiscoveryViews:
     text: rrb.View
 
 
-def log_discovery(recording: rr.RecordingStream, run: DiscoveryRecord) -> None:
+def log_discovery(recording: rr.RecordingStream, discovery: Discovered) -> None:
     """Log a discovery, its postures in the order of time, and the layout of its views."""
     recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    subject = replace(of_measurements(run.measurements, run.robot), com={})
+    subject = replace(of_measurements(discovery.measurements, discovery.robot), com={})
     rank = np.empty(len(subject), int)
-    rank[time_order(run)] = np.arange(1, len(subject) + 1)
+    rank[time_order(discovery)] = np.arange(1, len(subject) + 1)
     index = rr.TimeColumn("posture", sequence=rank)
-    log_geometry(recording, "world/robot", run.robot.visual_model)
+    log_geometry(recording, "world/robot", discovery.robot.visual_model)
     log_motion(recording, "world/robot", index, subject)
     log_plates(recording, "world/plates", index, subject)
     log_subject_loads(recording, "world/loads", index, subject)
     log_balance(recording, index, subject)
     assert subject.cop is not None
-    residual = {side: getattr(run, side)[:, :2] for side in sides(run)}
+    residual = {side: discovery.residual(side)[:, :2] for side in sides(discovery)}
     factor = factor_for(residual["before"])
     reach = 1.1e3 * float(np.abs(residual["before"]).max())
-    curves = residual_curves(run)
+    curves = residual_curves(discovery)
     for side, values in residual.items():
         _log_residual(recording, side, index, subject.cop, factor * values)
         _log_plane(recording, side, index, values, curves)
-    _log_channels(recording, curves, sides(run))
-    _log_evidence(recording, run.report.plain()["candidates"])
-    laws = law_curves(run)
+    _log_channels(recording, curves, sides(discovery))
+    _log_evidence(recording, discovery.explanations)
+    laws = law_curves(discovery)
     for k, law in enumerate(laws):
         log_law(recording, k, law)
     recording.log(
-        "text", rr.TextDocument(discovery_text(run, factor), media_type=rr.MediaType.MARKDOWN), static=True
+        "text",
+        rr.TextDocument(discovery_text(discovery, factor), media_type=rr.MediaType.MARKDOWN),
+        static=True,
     )
     others = {"before": "after", "after": "before"}
     space = [
@@ -78,14 +86,14 @@ def log_discovery(recording: rr.RecordingStream, run: DiscoveryRecord) -> None:
         )
         for side in residual
     ]
-    views = _views(run, space, reach)
+    views = _views(discovery, space, reach)
     seen = [law_view(k, law) for k, law in enumerate(laws)]
     recording.send_blueprint(laid_out(replace(views, evidence=[*seen, *views.evidence])))
 
 
-def sides(run: DiscoveryRecord) -> tuple[str, ...]:
+def sides(discovery: Discovered) -> tuple[str, ...]:
     """Return the sides that exist; "after" exists only if an explanation was found."""
-    return ("before", "after") if run.report.candidates else ("before",)
+    return ("before", "after") if discovery.explanations else ("before",)
 
 
 def _log_residual(
@@ -137,11 +145,11 @@ def _log_channels(recording: rr.RecordingStream, curves: list[Curve], of: tuple[
             recording.send_columns(path, [ends], rr.Scalars.columns(scalars=[level, level]))
 
 
-def _log_evidence(recording: rr.RecordingStream, found: list[dict[str, Any]]) -> None:
+def _log_evidence(recording: rr.RecordingStream, explanations: Sequence[Explanation]) -> None:
     """Log ln of the Bayes factor of every remaining explanation, as bars."""
-    most = max((one["log_bayes_factor"] for one in found), default=1.0)
-    for k, (one, short) in enumerate(zip(found, behind(found), strict=True)):
-        factor = one["log_bayes_factor"]
+    most = max((one.log_bayes_factor for one in explanations), default=1.0)
+    for k, (one, short) in enumerate(zip(explanations, behind(explanations), strict=True)):
+        factor = one.log_bayes_factor
         length = max(BAR * factor / most, 0.5) if most else 0.5
         bar = rr.LineStrips2D(
             [[[0.0, STEP * k], [length, STEP * k]]],
@@ -154,20 +162,19 @@ def _log_evidence(recording: rr.RecordingStream, found: list[dict[str, Any]]) ->
             [[BAR / 2, STEP * (k + 0.15)]],
             colors=(40, 40, 40),
             radii=rr.Radius.ui_points(0.0),
-            labels=f"{effect_label(one['name'], one['target'])}: {factor:.1f}",
+            labels=f"{one.instance.label}: {factor:.1f}",
             show_labels=True,
         )
         recording.log(f"evidence/{k}/label", label, static=True)
 
 
-def discovery_text(run: DiscoveryRecord, factor: int) -> str:
+def discovery_text(discovery: Discovered, factor: int) -> str:
     """Return the story, the gap and the explanations as Markdown."""
-    report = run.report.plain()
-    lines = [f"## Verdict: {report['verdict']}", VERDICTS[report["verdict"]], ""]
-    lines += [f"{line}\n" for line in report["story"]]
-    lines.append(gap_table(report["gap"]).markdown())
-    if report["candidates"]:
-        lines += ["", candidate_table(report["candidates"]).markdown()]
+    lines = [f"## Verdict: {discovery.verdict}", VERDICTS[discovery.verdict], ""]
+    lines += [f"{line}\n" for line in discovery.story]
+    lines.append(gap_table(discovery.heldout).markdown())
+    if discovery.explanations:
+        lines += ["", explanation_table(discovery.explanations).markdown()]
     lines += [
         "",
         "Vermilion: as measured. Blue: with the found effects removed. The robot stands as measured. "
@@ -178,7 +185,7 @@ def discovery_text(run: DiscoveryRecord, factor: int) -> str:
     return "\n".join(lines)
 
 
-def _views(run: DiscoveryRecord, space: Sequence[rrb.View], reach: float) -> DiscoveryViews:
+def _views(discovery: Discovered, space: Sequence[rrb.View], reach: float) -> DiscoveryViews:
     bounds = rrb.VisualBounds2D(x_range=[-reach, reach], y_range=[-reach, reach])
     plane: list[rrb.View] = [
         rrb.Spatial2DView(
@@ -187,7 +194,7 @@ def _views(run: DiscoveryRecord, space: Sequence[rrb.View], reach: float) -> Dis
             background=PALE,
             visual_bounds=bounds,
         )
-        for side in sides(run)
+        for side in sides(discovery)
     ]
     channels: list[rrb.View] = [
         rrb.TimeSeriesView(
@@ -197,7 +204,7 @@ def _views(run: DiscoveryRecord, space: Sequence[rrb.View], reach: float) -> Dis
         )
         for channel in ("A", "F", "T", "C")
     ]
-    count = len(run.report.candidates)
+    count = len(discovery.explanations)
     evidence: list[rrb.View] = [
         rrb.Spatial2DView(
             origin="evidence",
@@ -222,4 +229,46 @@ def laid_out(views: DiscoveryViews) -> rrb.Blueprint:
         rrb.TimePanel(timeline="posture", state="collapsed", fps=2.0),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
+    )
+
+
+def log_law(recording: rr.RecordingStream, k: int, law: LawCurve) -> None:
+    """Log the curve of law k over its range, the postures' errors, and the ends of both scales."""
+    low = np.array([min(law.x.min(), law.at.min()), min(law.curve.min(), law.error.min())])
+    high = np.array([max(law.x.max(), law.at.max()), max(law.curve.max(), law.error.max())])
+    span = np.maximum(high - low, 1e-12)
+
+    def placed(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        part = (np.column_stack([x, y]) - low) / span
+        return np.column_stack([WIDTH * part[:, 0], HEIGHT * (1 - part[:, 1])])
+
+    points = rr.Points2D(placed(law.at, law.error), colors=rgb(MEASURED), radii=rr.Radius.ui_points(2))
+    recording.log(f"law/{k}/residuals", points, static=True)
+    strip = rr.LineStrips2D([placed(law.x, law.curve)], colors=rgb(ESTIMATE), radii=rr.Radius.ui_points(2))
+    recording.log(f"law/{k}/curve", strip, static=True)
+    ends = [
+        ([0.0, HEIGHT + SPACE / 2], f"{number(low[0], '.3g')} {law.x_unit}"),
+        ([WIDTH, HEIGHT + SPACE / 2], f"{number(high[0], '.3g')} {law.x_unit}"),
+        ([-SPACE / 2, HEIGHT], f"{number(low[1], '.3g')} {law.unit}"),
+        ([-SPACE / 2, 0.0], f"{number(high[1], '.3g')} {law.unit}"),
+    ]
+    labels = rr.Points2D(
+        [place for place, _ in ends],
+        colors=(40, 40, 40),
+        radii=rr.Radius.ui_points(0.0),
+        labels=[text for _, text in ends],
+        show_labels=True,
+    )
+    recording.log(f"law/{k}/scales", labels, static=True)
+
+
+def law_view(k: int, law: LawCurve) -> rrb.View:
+    """Return the view of law k."""
+    return rrb.Spatial2DView(
+        origin=f"law/{k}",
+        name=law.title,
+        background=PALE,
+        visual_bounds=rrb.VisualBounds2D(
+            x_range=[-2 * SPACE, WIDTH + 2 * SPACE], y_range=[-SPACE, HEIGHT + 2 * SPACE]
+        ),
     )

@@ -8,7 +8,7 @@ import numpy as np
 
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.identify import DEFAULT_ESTIMATOR, identify
-from tulip_testbed.experiments.validation_record import ValidationRecord
+from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.center_of_pressure import contact_pressure
 from tulip_testbed.identification.feasibility import stability_margin, support_polygon
@@ -128,33 +128,33 @@ def measured(
     check_model(f"{source}: manifest.json", model["model"], model["sha256"], robot)
     subject = replace(of_measurements(measurements, robot, source), series=series)
     try:
-        found = identify(measurements, robot, source)
+        own = identify(measurements, robot, source)
     except InputError as error:
         return replace(subject, notes=(f"No estimate: {error}.",))
-    estimated = replace(subject.nominal, parameters=found.parameters, value=found.full.value)
+    estimated = replace(subject.nominal, parameters=own.parameters, value=own.full.value)
     com = estimated.center_of_mass(measurements.joint_angles, measurements.support)
     note = f"Estimate: full model, {DEFAULT_ESTIMATOR}."
     return replace(subject, com=subject.com | {"estimate": com}, notes=(note,))
 
 
-def validated(run: ValidationRecord) -> Subject:
-    """Return the subject of a validation: measurements, the estimate of the run's report, and the truth."""
-    measurements, report = run.measurements, run.report
+def validated(run: Validation) -> Subject:
+    """Return the subject of a validation: measurements, the estimate that was judged, and the truth."""
+    measurements, own = run.measurements, run.identification
     subject = of_measurements(measurements, run.robot)
-    value = np.array([row.estimate for row in report.full.parameters])
-    estimated = replace(nominal_robot(run.robot, common_support(measurements.support)), value=value)
+    estimated = nominal_robot(run.robot, common_support(measurements.support))
+    estimated = replace(estimated, parameters=own.parameters, value=own.full.value)
     com = {"estimate": estimated.center_of_mass(measurements.joint_angles, measurements.support)}
-    notes = [f"Estimate: full model, {report.estimator}."]
-    if run.truth.com is None:
+    notes = [f"Estimate: full model, {own.estimator}."]
+    if run.simulation.com is None:
         notes.append(NO_TRUE_COM)
     else:
-        com["truth"] = run.truth.com
-    failed = [check.name for check in report.checks if check.result == "fail"]
-    verdict = f"Verdict: {report.verdict}" + (f" ({', '.join(failed)})" if failed else "")
+        com["truth"] = run.simulation.com
+    failed = [check.name for check in run.checks if check.result == "fail"]
+    verdict = f"Verdict: {run.verdict}" + (f" ({', '.join(failed)})" if failed else "")
     return replace(
         subject,
         com=subject.com | com,
-        true_masses={"truth": np.array(run.truth.standard_parameters)},
+        true_masses={"truth": run.simulation.standard},
         verdict=verdict + ".",
         notes=tuple(notes),
     )

@@ -5,22 +5,24 @@ from __future__ import annotations
 from pathlib import Path
 
 from tulip_testbed.base.files import check_new, write_bytes
-from tulip_testbed.experiments.discovery_record import DiscoveryRecord
-from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
-from tulip_testbed.experiments.records import Record
+from tulip_testbed.experiments.discovery_result import Discovered
+from tulip_testbed.experiments.saved_runs import RunResult
+from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.pages import ENDING
 from tulip_testbed.pages.discovery_page import discovery_page
-from tulip_testbed.pages.page import Page, html, montecarlo_page, validation_page
+from tulip_testbed.pages.montecarlo_page import montecarlo_page
+from tulip_testbed.pages.page import Page, html
+from tulip_testbed.pages.validation_page import validation_page
 
 
-def page_of(run: Record) -> Page:
+def page_of(run: RunResult) -> Page:
     """Make the page of a run of any kind."""
-    if isinstance(run, DiscoveryRecord):
+    if isinstance(run, Discovered):
         return discovery_page(run)
-    return montecarlo_page(run) if isinstance(run, MonteCarlo) else validation_page(run)
+    return validation_page(run) if isinstance(run, Validation) else montecarlo_page(run)
 
 
-def write_page(path: Path, run: Record) -> Page:
+def write_page(path: Path, run: RunResult) -> Page:
     """Write the page of a run as one HTML file, which appears whole.
 
     Returns:

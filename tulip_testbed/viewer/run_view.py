@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from tulip_testbed.experiments.discovery_record import DiscoveryRecord
+from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
-from tulip_testbed.experiments.records import Record, read_record
 from tulip_testbed.experiments.run_file import kind_of
+from tulip_testbed.experiments.saved_runs import RunResult, read_run
 from tulip_testbed.measurements import Measurements, PosturePlan, Series, read_measurements, read_series
 from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.robot import Robot
@@ -33,12 +33,12 @@ class View:
     log: Log
 
 
-def record_view(run: Record) -> View:
+def run_view(run: RunResult) -> View:
     """Make the view of a run of any kind."""
     name = run.robot.name if run.folder is None else run.folder.resolve().name
     title = f"{name} ({run.kind})"
-    if isinstance(run, DiscoveryRecord):
-        return View(title, partial(log_discovery, run=run))
+    if isinstance(run, Discovered):
+        return View(title, partial(log_discovery, discovery=run))
     if isinstance(run, MonteCarlo):
         return View(title, partial(log_montecarlo, run=run))
     return View(title, partial(log_postures, subject=validated(run)))
@@ -74,4 +74,4 @@ def folder_view(folder: Path, robot: Robot) -> View:
     if kind == "measurement":
         shown = measured(read_measurements(folder), robot, read_series(folder), str(folder))
         return View(title, partial(log_postures, subject=shown))
-    return record_view(read_record(folder, robot))
+    return run_view(read_run(folder, robot))

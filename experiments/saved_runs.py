@@ -1,0 +1,23 @@
+"""Runs of any kind, read from their folders."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tulip_testbed.experiments.discovery_result import Discovered
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
+from tulip_testbed.experiments.run_file import run_kind
+from tulip_testbed.experiments.validation_result import Validation
+from tulip_testbed.sim.robot import Robot
+
+RunResult = Validation | Discovered | MonteCarlo
+
+
+def read_run(folder: Path, robot: Robot) -> RunResult:
+    """Read a run folder of any kind and check that nothing in it was changed.
+
+    Raises:
+        InputError: no run folder, one of another version or robot, or a file that is not what was written.
+    """
+    kinds = {one.kind: one for one in (Validation, Discovered, MonteCarlo)}
+    return kinds[run_kind(folder)].load(folder, robot)

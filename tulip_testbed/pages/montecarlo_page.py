@@ -1,0 +1,94 @@
+"""The page of a Monte Carlo."""
+
+from __future__ import annotations
+
+from tulip_testbed.experiments.montecarlo.coverage import ParameterCoverage
+from tulip_testbed.experiments.montecarlo.coverage_tables import (
+    LEGEND,
+    coverage_check_table,
+    coverage_lines,
+    coverage_table,
+    spread_table,
+)
+from tulip_testbed.experiments.montecarlo.coverage_verdict import BIAS, COVERAGE, RATIO
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
+from tulip_testbed.pages import figures as drawn
+from tulip_testbed.pages.figures import Figure
+from tulip_testbed.pages.page import Page, Section, how_it_was_made, imperfections_fact, title_of
+from tulip_testbed.pages.pictures import planned_pictures
+
+
+def montecarlo_page(run: MonteCarlo) -> Page:
+    """Make the page of a Monte Carlo."""
+    content = run.to_json()
+    missing: list[str] = []
+    rows = {model: of.parameters for model, of in run.models.items()}
+    places = {"full": content, "simplified": content["simplified"]}
+    tables = tuple(coverage_table(model, places[model]["parameters"]) for model in rows)
+    figures: tuple[Figure, ...] = ()
+    if run.identified > 1:
+        errors = run.errors_mm
+        figures = (
+            *_coverage_figures(rows),
+            *(drawn.error_boxes(m, [row.number for row in rows[m]], errors[m]) for m in rows),
+        )
+    sections = (
+        Section("Checks", tables=(coverage_check_table(content["checks"]),)),
+        Section("Coverage", (LEGEND, *coverage_lines(content)), (), figures[:3]),
+        Section("Errors", figures=figures[3:]),
+        Section("Parameters", tables=(*tables, spread_table(content))),
+        Section("Postures", pictures=planned_pictures(run.robot, run.plan, missing)),
+        how_it_was_made(run.document),
+    )
+    facts = (
+        ("sensors", run.document.configuration.preset),
+        ("seed", str(run.document.settings.seed)),
+        ("estimator", run.estimator),
+        *imperfections_fact(run.imperfections),
+        ("runs identified", f"{run.identified} of {run.runs}"),
+        ("postures planned", str(len(run.plan))),
+    )
+    return Page(title_of(run), run.verdict, _sentence(run), facts, sections, tuple(missing))
+
+
+def _sentence(run: MonteCarlo) -> str:
+    """Return the meaning of a Monte Carlo's verdict in a sentence."""
+    failed = [check.name for check in run.checks if check.result == "fail"]
+    if failed:
+        return f"The estimator is wrong about its own errors: {', '.join(failed)}."
+    if run.shown:
+        return f"The estimator is right about its own errors: {run.identified} runs show it."
+    return (
+        f"Inconclusive: nothing in {run.identified} runs contradicts the estimator's own errors, but "
+        "they are too few to show that these are right: some intervals reach beyond the bounds."
+    )
+
+
+def _coverage_figures(rows: dict[str, list[ParameterCoverage]]) -> tuple[Figure, ...]:
+    def of(name: str) -> dict[str, list[tuple[int, float, list[float]]]]:
+        return {
+            model: [(row.number, getattr(row, name), getattr(row, f"{name}_interval")) for row in found]
+            for model, found in rows.items()
+        }
+
+    bias = {model: [(row.number, *_relative_bias(row)) for row in found] for model, found in rows.items()}
+    return (
+        drawn.with_intervals(
+            "ratio",
+            "Standard error found over stated.",
+            "found over stated",
+            of("standard_error_ratio"),
+            1,
+            RATIO,
+        ),
+        drawn.with_intervals(
+            "coverage", "Coverage of 95 % intervals.", "coverage", of("coverage95"), 0.95, COVERAGE
+        ),
+        drawn.with_intervals("bias", "Bias over stated standard error.", "bias over s.e.", bias, 0, BIAS),
+    )
+
+
+def _relative_bias(row: ParameterCoverage) -> tuple[float, list[float]]:
+    middle = row.bias / row.standard_error
+    half = 1.96 * row.bias_mc_error / row.standard_error
+    return middle, [middle - half, middle + half]

@@ -1,0 +1,65 @@
+"""Drawn postures for a page."""
+
+from __future__ import annotations
+
+import base64
+import io
+from dataclasses import dataclass
+
+import numpy as np
+from PIL import Image
+
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.rendering import rendered
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.scene import boards_under
+
+PICTURES = 4  # how many postures are drawn
+SIZE = (360, 480)  # pixels, of a picture
+COLOURS = 128  # of a picture, which then takes a third of the space
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A drawn posture as a data address, with its description."""
+
+    address: str
+    caption: str
+    text: str
+
+
+def posture_pictures(
+    robot: Robot, postures: Measurements | PosturePlan, plates: np.ndarray, missing: list[str]
+) -> tuple[Picture, ...]:
+    """Draw postures spread over the experiment; a reason not to draw them is added to `missing`."""
+    rows = np.unique(np.linspace(0, len(postures) - 1, PICTURES).astype(int))
+    try:
+        drawings = rendered(robot, postures.joint_angles[rows], postures.support[rows], plates[rows], *SIZE)
+    except InputError as error:
+        missing.append(f"Pictures of postures: {error}.")
+        return ()
+    names = [f"Posture {postures.posture[k]}, placement {postures.placement[k]}" for k in rows]
+    return tuple(
+        Picture(
+            "data:image/png;base64," + base64.b64encode(png(drawing)).decode(),
+            name,
+            f"The robot on its two plates: {name}.",
+        )
+        for name, drawing in zip(names, drawings, strict=True)
+    )
+
+
+def planned_pictures(robot: Robot, plan: PosturePlan, missing: list[str]) -> tuple[Picture, ...]:
+    """Draw postures of a plan, spread over it, likewise."""
+    shown = plan.take(np.unique(np.linspace(0, len(plan) - 1, PICTURES).astype(int)))
+    boards = boards_under(preset_rig("ideal", robot), shown.foot_poses)
+    return posture_pictures(robot, shown, boards, missing)
+
+
+def png(image: np.ndarray) -> bytes:
+    """Return an image as a PNG of few colours."""
+    file = io.BytesIO()
+    Image.fromarray(image).quantize(COLOURS).save(file, "PNG", optimize=True)
+    return file.getvalue()

@@ -1,0 +1,130 @@
+"""The page of a validation."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tulip_testbed.experiments.correlation_table import NO_CORRELATION
+from tulip_testbed.experiments.parameter_tables import LEGEND, models
+from tulip_testbed.experiments.validate import correlations_at
+from tulip_testbed.experiments.validation_result import Validation
+from tulip_testbed.identification.base_parameters import common_support, renumbered
+from tulip_testbed.identification.center_of_pressure import contact_pressure
+from tulip_testbed.identification.feasibility import support_polygon
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.observation import observe
+from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.data import feet_in_contact
+from tulip_testbed.pages import figures as drawn
+from tulip_testbed.pages.figures import Figure
+from tulip_testbed.pages.page import Page, Section, how_it_was_made, imperfections_fact, title_of
+from tulip_testbed.pages.pictures import posture_pictures
+from tulip_testbed.pages.words import NO_TRUE_COM
+from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.scene import nominal_plates
+from tulip_testbed.standing import soles_in_base
+
+POLYGONS = 6  # how many placements are drawn
+POLYGON_WORDS = (
+    "View from above, as in the paper's Fig. 2 (x points up, y to the left): plates light blue, the support "
+    "polygon of a placement's first posture orange, the CoP of all its postures as vermilion dots, the true "
+    "CoM as green crosses. Below, some postures as in the paper's Fig. 3."
+)
+
+
+def validation_page(run: Validation) -> Page:
+    """Make the page of a validation."""
+    robot, measured, own = run.robot, run.measurements, run.identification
+    estimates = {model: getattr(own, model) for model in models(robot)}
+    missing: list[str] = []
+    norms = {model: 1e3 * estimate.residual_norms for model, estimate in estimates.items()}
+    errors = {
+        model: (
+            estimate.numbers.tolist(),
+            (estimate.value - run.truth[estimate.numbers - 1]) / estimate.standard_error,
+        )
+        for model, estimate in estimates.items()
+    }
+    pairs = [
+        (renumbered(robot, own.parameters, entry["pair"]), entry["joint"])
+        for entry in robot.settings.get("correlated", [])
+    ]
+    matrix = correlations_at(own.parameters, measured.joint_angles, measured.support)
+    high = tuple(filter(None, map(run.correlation_table, estimates)))
+    com = run.simulation.com
+    sections = (
+        Section("Checks", tables=(run.table(),)),
+        Section(
+            "Parameters",
+            (f"Estimator: {own.estimator}. {LEGEND}",),
+            tuple(map(run.parameter_table, estimates)),
+            (drawn.errors_over_se(errors),),
+        ),
+        Section("Residuals", figures=(drawn.residual_norms(measured.posture, measured.placement, norms),)),
+        Section(
+            "Correlations", () if high else (NO_CORRELATION,), high, (drawn.correlation_map(matrix, pairs),)
+        ),
+        Section(
+            "Postures",
+            (_dropped(run), POLYGON_WORDS, *([NO_TRUE_COM] if com is None else [])),
+            figures=_polygons(robot, measured, com),
+            pictures=posture_pictures(robot, measured, _contact_poses(robot, measured), missing),
+        ),
+        how_it_was_made(run.document),
+    )
+    mass, error = own.mass
+    facts = (
+        ("sensors", run.document.configuration.preset),
+        ("seed", str(run.document.configuration.seed)),
+        ("estimator", own.estimator),
+        *imperfections_fact(run.imperfections),
+        ("postures used", f"{run.postures_used} of {run.postures_planned}"),
+        ("total mass, kg", f"{mass:.3f} ± {error:.3f} (truth {run.true_mass:.3f})"),
+    )
+    return Page(title_of(run), run.verdict, _sentence(run), facts, sections, tuple(missing))
+
+
+def _sentence(run: Validation) -> str:
+    """Return the meaning of a validation's verdict in a sentence."""
+    failed = [check.name for check in run.checks if check.result == "fail"]
+    evaluated = sum(check.result != "not evaluated" for check in run.checks)
+    if failed:
+        return f"The estimates cannot be trusted here: {len(failed)} of {evaluated} checks failed, " + (
+            f"{', '.join(failed)}."
+        )
+    return (
+        f"In this laboratory, with these sensors and postures, the estimates and their standard "
+        f"errors are right: all {evaluated} evaluated checks passed. They cannot rule out effects that "
+        "the simulator does not model."
+    )
+
+
+def _dropped(run: Validation) -> str:
+    """Return the postures that could not be measured, with the reasons."""
+    if not run.dropped:
+        return f"All {run.postures_planned} planned postures could be measured."
+    reasons = "; ".join(f"{one.posture}: {one.reason}" for one in run.dropped)
+    return f"Dropped {len(run.dropped)} of {run.postures_planned} postures. {reasons}."
+
+
+def _polygons(robot: Robot, measured: Measurements, com: np.ndarray | None) -> tuple[Figure, ...]:
+    soles = soles_in_base(nominal_robot(robot), measured.joint_angles, measured.support)
+    nominal = nominal_robot(robot, common_support(measured.support))
+    carrying, cop = feet_in_contact(measured.support), contact_pressure(measured, nominal).center
+    placements, poses = np.unique(measured.placement), _contact_poses(robot, measured)
+    board = nominal_plates(robot)[0].size
+    drawings = []
+    for placement in placements[np.unique(np.linspace(0, len(placements) - 1, POLYGONS).astype(int))]:
+        rows = np.flatnonzero(measured.placement == placement)
+        feet = soles[rows[0]][carrying[rows[0]]]
+        points = {"CoP": cop[rows]} | ({} if com is None else {"CoM, truth": com[rows]})
+        plates = poses[rows[0]]
+        drawings.append(
+            drawn.support_polygon_figure(int(placement), plates, support_polygon(feet), points, board)
+        )
+    return tuple(drawings)
+
+
+def _contact_poses(robot: Robot, measured: Measurements) -> np.ndarray:
+    """Poses of the plates, or of the soles where the sensors are in the feet, (m, 2, 3) [m, m, rad]."""
+    return observe(measured, nominal_robot(robot, common_support(measured.support))).contact_poses
