@@ -182,7 +182,7 @@ def test_failed_runs_fail_the_verdict(tmp_path):
 def drawn(rng: np.random.Generator, factor: float, size: int, runs: int) -> Errors:
     """Errors of runs that are `factor` times as large as stated."""
     z = factor * rng.standard_normal((runs, size))
-    return summarise_errors(z, np.ones_like(z), np.full(z.shape, 1e9), tuple(range(1, size + 1)))
+    return summarise_errors(z, np.ones_like(z), np.array(1e9), tuple(range(1, size + 1)))
 
 
 def outcomes(factor: float, size: int, runs: int, seed: int) -> list[list[CoverageCheck]]:

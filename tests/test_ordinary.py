@@ -10,7 +10,7 @@ import pytest
 import tulip_testbed as tt
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.families import families_of, tolerances_of
-from tulip_testbed.calibration.ordinary_laboratory import draw_members
+from tulip_testbed.calibration.ordinary_laboratory import draw_members, ordinary_members
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.experiments.checks import correlation_checks, data_correlation_checks
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, ORDINARY
@@ -26,6 +26,7 @@ from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.measurements import SensorSheet, write_measurements
 from tulip_testbed.sim.outcome import Outcome
+from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
 
@@ -260,3 +261,10 @@ def test_an_ordinary_laboratory_in_the_full_dynamics(robot, plan):
     moving, static = (laboratory.run(part, 1, engine).measurements for engine in ("dynamics", "statics"))
     assert len(moving) > 0.8 * len(static)
     assert np.abs(moving.cell_forces.sum(axis=1).mean() - static.cell_forces.sum(axis=1).mean()) < 0.5
+
+
+@pytest.mark.parametrize(("sensors", "plates"), [("foot-ft", False), ("plate-ft", True)])
+def test_a_sensor_in_a_foot_has_no_record_of_its_place_that_could_be_wrong(robot, sensors, plates):
+    names = {m.effect.name for m in ordinary_members(preset_rig(sensors, robot), np.random.default_rng(1))}
+    assert ("plate-translation" in names, "plate-yaw" in names) == (plates, plates)
+    assert "encoder-offset" in names
