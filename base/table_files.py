@@ -125,7 +125,7 @@ def _arrow(values: np.ndarray) -> pa.Array:
     return pa.array(values)
 
 
-class Table:
+class TableFile:
     """A table whose columns are checked when they are read.
 
     Attributes:

@@ -13,7 +13,7 @@ from tulip_testbed.base.result import Array, Flags, InMemory
 from tulip_testbed.calibration.families import Family
 from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.linear_model import Background
-from tulip_testbed.calibration.linear_problem import Problem
+from tulip_testbed.calibration.linear_problem import LinearProblem
 from tulip_testbed.calibration.linearisation import (
     INTERNAL,
     SOURCES,
@@ -23,7 +23,7 @@ from tulip_testbed.calibration.linearisation import (
     scaled_noise,
 )
 from tulip_testbed.calibration.member_removal import members_removed
-from tulip_testbed.calibration.reml import Fit, fit, parts_of_variance
+from tulip_testbed.calibration.reml import LikelihoodFit, fit, parts_of_variance
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.identification.degrees_of_freedom import of_f_test, satterthwaite
 from tulip_testbed.identification.estimators import Unseen
@@ -105,8 +105,8 @@ class SelfCalibration:
     effects: tuple[EffectInstance, ...]
     effect_errors: tuple[Array, ...]
     noise: InMemory[Noise]
-    problem: InMemory[Problem]
-    solved: InMemory[Fit]
+    problem: InMemory[LinearProblem]
+    solved: InMemory[LikelihoodFit]
     linear: InMemory[Linearised]
     assumed: str
     moved: float
@@ -218,9 +218,9 @@ def result_of(
     clean: Observation,
     families: Families,
     noise: Noise,
-    problem: Problem,
+    problem: LinearProblem,
     linear: Linearised,
-    solved: Fit,
+    solved: LikelihoodFit,
     assumed: str,
     moved: float,
 ) -> SelfCalibration:

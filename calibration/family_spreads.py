@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tulip_testbed.calibration.linear_problem import Problem
+from tulip_testbed.calibration.linear_problem import LinearProblem
 
 MOST_STEP = 1.5  # of the logarithm of a scale
 LIMIT = 7.0  # largest size of the logarithm of a scale
@@ -42,7 +42,9 @@ class Spread:
     deviate: np.ndarray
 
 
-def at_spread(problem: Problem, reduced: np.ndarray, moment: np.ndarray, log_spread: np.ndarray) -> Spread:
+def at_spread(
+    problem: LinearProblem, reduced: np.ndarray, moment: np.ndarray, log_spread: np.ndarray
+) -> Spread:
     """Return what the families add at ln tau, (f,).
 
     Args:
@@ -101,7 +103,9 @@ def _log_prior(log_spread: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, n
     return value, slope, np.where(alone, ALONE**-2.0, 4 * odds * (1 - odds))
 
 
-def best_spreads(problem: Problem, reduced: np.ndarray, moment: np.ndarray, start: np.ndarray) -> Spread:
+def best_spreads(
+    problem: LinearProblem, reduced: np.ndarray, moment: np.ndarray, start: np.ndarray
+) -> Spread:
     """Minimise over ln tau, beginning at `start`, (f,).
 
     Args:

@@ -11,7 +11,7 @@ from tulip_testbed.identification.noise_structure import NoiseStructure
 
 
 @dataclass(frozen=True)
-class Problem:
+class LinearProblem:
     """A linear model of r residuals of each of m postures.
 
     Attributes:

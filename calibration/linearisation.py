@@ -17,7 +17,7 @@ from scipy.linalg import block_diag
 from tulip_testbed.calibration.families import Family
 from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.linear_model import nuisances, weighed_precision, without_noise
-from tulip_testbed.calibration.linear_problem import Problem
+from tulip_testbed.calibration.linear_problem import LinearProblem
 from tulip_testbed.calibration.member_columns import member_columns
 from tulip_testbed.identification.joint_loads import UNSEEN
 from tulip_testbed.identification.load_rates import PLATES, load_rates
@@ -50,7 +50,7 @@ OF_LOADS = ("joint-compliance", "sole-compliance")
 
 
 @dataclass(frozen=True)
-class State:
+class LinearisationPoint:
     """An estimate about which the residuals are linearised.
 
     Attributes:
@@ -98,7 +98,9 @@ class Linearised:
     covariance: ResidualCovariance
 
 
-def linearised(state: State, families: Families, noise: Noise) -> tuple[Problem, Linearised]:
+def linearised(
+    state: LinearisationPoint, families: Families, noise: Noise
+) -> tuple[LinearProblem, Linearised]:
     """Linearise the residuals about an estimate."""
     clean, theta = state.clean, state.nu[:-1]
     at, p = fields(clean), len(theta)
@@ -148,7 +150,7 @@ def linearised(state: State, families: Families, noise: Noise) -> tuple[Problem,
     np.add.at(excess, (yields.member[:, None], yields.member), each)
     whole = np.concatenate([base, members, output[..., None]], axis=2)
     whole *= used
-    problem = Problem(
+    problem = LinearProblem(
         whole=whole,
         flat=p + 1,
         noise=covariance.structure,

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import block_diag, solve_triangular
 
 from tulip_testbed.calibration.calibration_result import SelfCalibration
-from tulip_testbed.calibration.linearisation import INTERNAL, SOURCES, State, linearised
+from tulip_testbed.calibration.linearisation import INTERNAL, SOURCES, LinearisationPoint, linearised
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import ROWS, SIZE, residuals_in_use
@@ -18,7 +18,7 @@ from tulip_testbed.identification.residual_noise import contrasts
 
 
 @dataclass(frozen=True)
-class Prediction:
+class HeldOutPrediction:
     """Residuals of other postures, less their prediction.
 
     Their covariance is that of the noise, which has a block for each placement, and H H' of the estimates.
@@ -34,12 +34,12 @@ class Prediction:
     noise: tuple[np.ndarray, ...]
     estimates: np.ndarray
 
-    def of(self, channels: str) -> Prediction:
+    def of(self, channels: str) -> HeldOutPrediction:
         """Return the part in some channels."""
         rows = np.isin(self.channel, list(channels))
         each = np.split(rows, np.cumsum([len(block) for block in self.noise])[:-1])
         noise = tuple(block[inside][:, inside] for block, inside in zip(self.noise, each, strict=True))
-        return Prediction(self.residual[rows], self.channel[rows], noise, self.estimates[rows])
+        return HeldOutPrediction(self.residual[rows], self.channel[rows], noise, self.estimates[rows])
 
     @property
     def variance(self) -> np.ndarray:
@@ -79,7 +79,7 @@ class Prediction:
 
 def predicted(
     calibration: SelfCalibration, others: Observation, known: Sequence[EffectInstance] = ()
-) -> Prediction:
+) -> HeldOutPrediction:
     """Predict the residuals of postures that took no part in a calibration.
 
     Args:
@@ -94,7 +94,7 @@ def predicted(
     )
     # The noise holds the scales of the readings already; those of other postures are not estimated anew.
     scales = np.where(np.array(SOURCES) == INTERNAL, calibration.solved.scales, 1.0)
-    state = State(clean, clean, estimate[: p + 1], estimate[p + 1 :], variance, scales, None)
+    state = LinearisationPoint(clean, clean, estimate[: p + 1], estimate[p + 1 :], variance, scales, None)
     problem, linear = linearised(state, calibration.all, calibration.noise)
     structure = linear.covariance.structure
     own = structure.fixed + np.tensordot(scales[: len(structure.own)] ** 2, structure.own, axes=1)
@@ -110,7 +110,7 @@ def predicted(
         covariances.append(contrast @ (block_diag(*own[inside]) + shared @ shared.T) @ contrast.T)
         channel.append(letters[of % SIZE])
     whole = np.concatenate(rows)
-    return Prediction(
+    return HeldOutPrediction(
         residual=whole @ np.append(-estimate, 1.0),
         channel=np.concatenate(channel),
         noise=tuple(covariances),

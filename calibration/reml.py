@@ -36,7 +36,7 @@ from tulip_testbed.calibration.family_spreads import (
     best_spreads,
     newton_step,
 )
-from tulip_testbed.calibration.linear_problem import Problem
+from tulip_testbed.calibration.linear_problem import LinearProblem
 from tulip_testbed.identification.estimators.errors_in_variables import MOST_CORRECTION
 from tulip_testbed.identification.noise_structure import Weights
 
@@ -47,7 +47,7 @@ UNNOTICED = 1e-9  # of the information about a member whose prior s.d. is 1
 
 
 @dataclass(frozen=True)
-class Fit:
+class LikelihoodFit:
     """The estimate at the mode of the scales.
 
     Attributes:
@@ -87,7 +87,7 @@ class _Noise:
     value: float
 
 
-def fit(problem: Problem, start: tuple[np.ndarray, np.ndarray] | None = None) -> Fit:
+def fit(problem: LinearProblem, start: tuple[np.ndarray, np.ndarray] | None = None) -> LikelihoodFit:
     """Estimate scales, spreads, base parameters and members.
 
     Args:
@@ -120,7 +120,7 @@ def fit(problem: Problem, start: tuple[np.ndarray, np.ndarray] | None = None) ->
 
 
 def _on_the_way(
-    problem: Problem, log_scale: np.ndarray, log_spread: np.ndarray, step: np.ndarray, value: float
+    problem: LinearProblem, log_scale: np.ndarray, log_spread: np.ndarray, step: np.ndarray, value: float
 ) -> tuple[_Noise, Spread] | None:
     """Return the first point on a step, halved again and again, that is no worse than its beginning.
 
@@ -136,7 +136,7 @@ def _on_the_way(
     return None
 
 
-def given(problem: Problem, scales: np.ndarray, spreads: np.ndarray) -> Fit:
+def given(problem: LinearProblem, scales: np.ndarray, spreads: np.ndarray) -> LikelihoodFit:
     """Return the estimate with known scales (k,) and spreads (f,)."""
     noise = _noise(problem, np.log(scales))
     spread = at_spread(problem, noise.reduced, noise.moment, np.log(spreads))
@@ -144,7 +144,9 @@ def given(problem: Problem, scales: np.ndarray, spreads: np.ndarray) -> Fit:
     return replace(fitted, scale_covariance=0 * fitted.scale_covariance, covariance=fitted.conditional)
 
 
-def objective(problem: Problem, log_scale: np.ndarray, log_spread: np.ndarray) -> tuple[float, np.ndarray]:
+def objective(
+    problem: LinearProblem, log_scale: np.ndarray, log_spread: np.ndarray
+) -> tuple[float, np.ndarray]:
     """Return minus the logarithm of the restricted likelihood and the priors, and its gradient, (k + f,).
 
     Constants are left out.
@@ -154,7 +156,7 @@ def objective(problem: Problem, log_scale: np.ndarray, log_spread: np.ndarray) -
     return noise.value + spread.value, _joint(problem, noise, spread)[0]
 
 
-def parts_of_variance(problem: Problem, fitted: Fit) -> np.ndarray:
+def parts_of_variance(problem: LinearProblem, fitted: LikelihoodFit) -> np.ndarray:
     """Return the parts of the conditional covariance of nu, (2 + k + f, p, p).
 
     They are due to known information, fixed noise, each sigma_k and each tau_f. Without `excess` their sum is
@@ -174,7 +176,7 @@ def parts_of_variance(problem: Problem, fitted: Fit) -> np.ndarray:
     return np.array(parts)
 
 
-def _noise(problem: Problem, log_scale: np.ndarray) -> _Noise:
+def _noise(problem: LinearProblem, log_scale: np.ndarray) -> _Noise:
     weights = problem.noise.weights(log_scale)
     weighted = weights(problem.whole)
     width = weighted.shape[2]
@@ -245,7 +247,7 @@ def bounded(excess: np.ndarray, information: np.ndarray) -> np.ndarray:
     return out
 
 
-def _posterior(problem: Problem, noise: _Noise, spread: Spread) -> tuple[np.ndarray, np.ndarray]:
+def _posterior(problem: LinearProblem, noise: _Noise, spread: Spread) -> tuple[np.ndarray, np.ndarray]:
     """Return mean and covariance of nu and phi with the scales known, (p + q,) and (p + q, p + q)."""
     p = problem.flat
     members = spread.root @ spread.shrinkage @ spread.root.T
@@ -258,7 +260,7 @@ def _posterior(problem: Problem, noise: _Noise, spread: Spread) -> tuple[np.ndar
 
 
 def _joint(
-    problem: Problem, noise: _Noise, spread: Spread
+    problem: LinearProblem, noise: _Noise, spread: Spread
 ) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, ...]]:
     """Return gradient and Hessian in ln sigma and ln tau, and what the covariance needs too.
 
@@ -307,11 +309,11 @@ def _joint(
 
 
 def _result(
-    problem: Problem,
+    problem: LinearProblem,
     noise: _Noise,
     spread: Spread,
     joint: tuple[np.ndarray, np.ndarray, tuple[np.ndarray, ...]],
-) -> Fit:
+) -> LikelihoodFit:
     """Return the estimate at scales and spreads.
 
     Args:
@@ -330,7 +332,7 @@ def _result(
     # A known spread has the curvature 1 and is not integrated over.
     volume = 0.5 * np.log(2 * np.pi / np.maximum(values, LEAST_CURVATURE)).sum()
     volume -= 0.5 * np.log(2 * np.pi) * len(problem.known)
-    return Fit(
+    return LikelihoodFit(
         scales=np.exp(noise.log_scale),
         spreads=np.exp(spread.log_spread),
         scale_covariance=doubt,

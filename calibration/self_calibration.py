@@ -20,18 +20,18 @@ from scipy.linalg import block_diag
 from tulip_testbed.calibration.calibration_result import STEADY, SelfCalibration, result_of
 from tulip_testbed.calibration.families import Tolerances, families_in, tolerances_of
 from tulip_testbed.calibration.free_effect import FreeEffect
-from tulip_testbed.calibration.linear_problem import Problem
+from tulip_testbed.calibration.linear_problem import LinearProblem
 from tulip_testbed.calibration.linearisation import (
     SOURCES,
     Families,
+    LinearisationPoint,
     Linearised,
     ResidualCovariance,
-    State,
     linearised,
     mixing_of,
 )
 from tulip_testbed.calibration.member_removal import members_removed
-from tulip_testbed.calibration.reml import Fit, fit, given
+from tulip_testbed.calibration.reml import LikelihoodFit, fit, given
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import moved_by, packed, residuals
@@ -88,10 +88,10 @@ def self_calibrate(
         clean = members_removed(observed, families, phi, nu[:p], start.covariance, errors)
         smooth = moved_by(clean, start.observed, start.linear.smooth)
         smooth = smooth.changed(tree=clean.tree, cells=clean.cells)
-    latest: tuple[Problem, Linearised] | None = None
-    best: tuple[State, Fit, Observation, float] | None = None
+    latest: tuple[LinearProblem, Linearised] | None = None
+    best: tuple[LinearisationPoint, LikelihoodFit, Observation, float] | None = None
     for count in range(rounds):
-        state = State(clean, smooth, nu, deviates, variance, scales, residual_covariance)
+        state = LinearisationPoint(clean, smooth, nu, deviates, variance, scales, residual_covariance)
         latest = None  # a linear model is large: one at a time
         problem, linear = latest = linearised(state, families, noise)
         noisy = count == 0 and start is None
@@ -134,7 +134,7 @@ def least_determined(observed: Observation, tolerances: Mapping[str, float] | No
     left = np.ones(sum(sizes))  # variance of the deviates over that of their prior
     variance, scales = (mixing**2).sum(axis=1), np.ones(len(SOURCES))
     try:
-        state = State(observed, observed, nu, 0 * left, variance, scales, None)
+        state = LinearisationPoint(observed, observed, nu, 0 * left, variance, scales, None)
         problem, _ = linearised(state, families, noise_of(observed))
         left = np.diag(given(problem, scales, np.ones(len(problem.roots))).conditional)[len(nu) :]
     except np.linalg.LinAlgError:

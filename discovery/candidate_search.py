@@ -33,7 +33,7 @@ ORDINARY = 1.0  # tolerances: the largest spread of a family in the search
 
 
 @dataclass(frozen=True)
-class Search:
+class CandidateSearch:
     """The data that are searched, and the candidates.
 
     Attributes:
@@ -52,10 +52,10 @@ class Search:
         observed: Observation,
         tolerances: Mapping[str, float] | None = None,
         effects: dict[str, Effect] | None = None,
-    ) -> Search:
+    ) -> CandidateSearch:
         """Return the search for all effects of a catalogue, or of the whole one if None."""
         observed = with_cell_noise(observed)
-        return Search(observed, tolerances, candidates(observed, effects))
+        return CandidateSearch(observed, tolerances, candidates(observed, effects))
 
     def judged(self, terms: Sequence[Fitted], start: SelfCalibration, afresh: bool = False) -> Judged:
         """Calibrate with some effects in addition to the families; comparable with others of the same start.

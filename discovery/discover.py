@@ -14,7 +14,7 @@ from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.calibration.calibration_result import CalibratedFamily, SelfCalibration
 from tulip_testbed.calibration.families import TOLERANCES
 from tulip_testbed.calibration.self_calibration import usual_tolerances
-from tulip_testbed.discovery.candidate_search import DECISIVE, Search, first_calibration
+from tulip_testbed.discovery.candidate_search import DECISIVE, CandidateSearch, first_calibration
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.detectability import Undetectable, undetectable
 from tulip_testbed.discovery.effect_intervals import as_calibrated, with_intervals
@@ -159,7 +159,7 @@ def discover(
     observed = observe(measurements, nominal_robot(robot, common_support(measurements.support)))
     if hold_out:
         check_placements(measurements)
-    search = Search.of(observed, tolerances, effects)
+    search = CandidateSearch.of(observed, tolerances, effects)
     try:
         first = calibration or first_calibration(search.observed, tolerances)
         return _discover(search, first, seed, through_laboratory, hold_out, progress)
@@ -171,7 +171,7 @@ def discover(
 
 
 def _discover(
-    search: Search,
+    search: CandidateSearch,
     first: SelfCalibration,
     seed: int,
     through_laboratory: bool,
@@ -194,7 +194,9 @@ def _discover(
     return replace(found, wall_s=time.perf_counter() - began)
 
 
-def _listed(search: Search, selection: Selection, through_laboratory: bool, hold_out: bool) -> Discovery:
+def _listed(
+    search: CandidateSearch, selection: Selection, through_laboratory: bool, hold_out: bool
+) -> Discovery:
     """Reach a verdict with the effects of the catalogue."""
     fitted = _fitted(selection, through_laboratory)
     validation = held_out(search, selection.calibration, fitted.fit.terms) if hold_out else None
@@ -249,7 +251,7 @@ def _fitted(selection: Selection, through_laboratory: bool) -> _Fitted:
 
 
 def _concluded(
-    search: Search, selection: Selection, fitted: _Fitted, validation: HeldOut | None
+    search: CandidateSearch, selection: Selection, fitted: _Fitted, validation: HeldOut | None
 ) -> Discovery:
     """Reach a verdict; `validation` is None where it was not asked for."""
     began, observed, fit = time.perf_counter(), search.observed, fitted.fit

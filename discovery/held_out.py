@@ -13,7 +13,7 @@ from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.calibration.families import EXACT
 from tulip_testbed.calibration.prediction import predicted
 from tulip_testbed.calibration.self_calibration import self_calibrate
-from tulip_testbed.discovery.candidate_search import Search
+from tulip_testbed.discovery.candidate_search import CandidateSearch
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.selection import calibrated_with_best
 from tulip_testbed.effects.instance import removed
@@ -64,7 +64,7 @@ def check_placements(measurements: Measurements) -> None:
         )
 
 
-def held_out(search: Search, found: SelfCalibration, terms: Sequence[Fitted]) -> HeldOut:
+def held_out(search: CandidateSearch, found: SelfCalibration, terms: Sequence[Fitted]) -> HeldOut:
     """Cross-validate over placements: everything is estimated from the other placements alone.
 
     Families, noise, base parameters and sizes are estimated in every fold, and every effect is chosen again:

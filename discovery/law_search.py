@@ -17,8 +17,8 @@ from tulip_testbed.calibration.calibration_result import HALF_95, SelfCalibratio
 from tulip_testbed.discovery.candidate_search import (
     DECISIVE,
     RESTS,
+    CandidateSearch,
     Judged,
-    Search,
     at_estimate,
     calibrated_data,
 )
@@ -58,13 +58,15 @@ class LawSelection:
             in standard errors, the largest.
     """
 
-    search: Search
+    search: CandidateSearch
     selection: Selection
     better: bool
     disagreement: float = 0.0
 
 
-def select_laws(search: Search, selection: Selection, rng: np.random.Generator) -> LawSelection | None:
+def select_laws(
+    search: CandidateSearch, selection: Selection, rng: np.random.Generator
+) -> LawSelection | None:
     """Select laws and effects of the catalogue that explain an experiment together.
 
     Args:
@@ -287,7 +289,7 @@ class LawSearch:
         known: what was judged before in addition to some terms, by their labels.
     """
 
-    search: Search
+    search: CandidateSearch
     laws: list[Candidate]
     alone: list[Fitted]
     start: SelfCalibration

@@ -19,8 +19,8 @@ from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.discovery.candidate_search import (
     DECISIVE,
     MOST_TERMS,
+    CandidateSearch,
     Judged,
-    Search,
     at_best_time,
     at_estimate,
     calibrated_data,
@@ -108,7 +108,7 @@ def lack_of_fit(data: Data) -> tuple[LackOfFit, ...]:
 
 
 def select(
-    search: Search,
+    search: CandidateSearch,
     first: SelfCalibration,
     rng: np.random.Generator,
     progress: Callable[[int], None] = lambda count: None,
@@ -166,7 +166,7 @@ def select(
 
 
 def _forward(
-    search: Search,
+    search: CandidateSearch,
     null: JointFit,
     calibration: SelfCalibration,
     tests: float,
@@ -198,7 +198,7 @@ def _forward(
 
 
 def _at_best_times(
-    search: Search, calibration: SelfCalibration, terms: tuple[Fitted, ...]
+    search: CandidateSearch, calibration: SelfCalibration, terms: tuple[Fitted, ...]
 ) -> tuple[SelfCalibration, tuple[Fitted, ...]]:
     """Search for all times again, given everything else that is known, until none moves.
 
@@ -245,7 +245,7 @@ def _chance(found: SelfCalibration, gain: float, tests: float) -> float:
     return sidak(float(chi2_sf(2 * max(likelihood, 0.0), max(len(prior), 1))), tests)
 
 
-def calibrated_with_best(search: Search, terms: Sequence[Fitted]) -> SelfCalibration:
+def calibrated_with_best(search: CandidateSearch, terms: Sequence[Fitted]) -> SelfCalibration:
     """Calibrate with some effects, of which every one is chosen again, the others being kept.
 
     Another effect takes its place if the evidence for it is decisively better.
@@ -267,7 +267,9 @@ def calibrated_with_best(search: Search, terms: Sequence[Fitted]) -> SelfCalibra
         return found
 
 
-def _alternatives(search: Search, found: JointFit, k: int) -> tuple[tuple[Fitted, ...], tuple[Fitted, ...]]:
+def _alternatives(
+    search: CandidateSearch, found: JointFit, k: int
+) -> tuple[tuple[Fitted, ...], tuple[Fitted, ...]]:
     """List what else would explain what term k explains, and the best of all by linear predictions."""
     others, term = found.without(k), found.terms[k]
     ranked = search.ranked(others)

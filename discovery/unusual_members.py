@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from tulip_testbed.calibration.calibration_result import CalibratedFamily, SelfCalibration
-from tulip_testbed.discovery.candidate_search import DECISIVE, MOST_TERMS, Search, at_estimate
+from tulip_testbed.discovery.candidate_search import DECISIVE, MOST_TERMS, CandidateSearch, at_estimate
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.effects.instance import effect_label
 
@@ -16,7 +16,7 @@ NORMAL_SD = 1.4826  # s.d. of a normal distribution over the median of its absol
 
 
 def with_unusual_members(
-    search: Search, calibration: SelfCalibration, terms: tuple[Fitted, ...]
+    search: CandidateSearch, calibration: SelfCalibration, terms: tuple[Fitted, ...]
 ) -> tuple[SelfCalibration, tuple[Fitted, ...]]:
     """Add the members that are too large for the others of their family, the largest first.
 
@@ -63,7 +63,7 @@ def too_wide(calibration: SelfCalibration) -> list[CalibratedFamily]:
     return [one for one in calibration.families if one.spread > STANDS_OUT and one.spread95[0] > 1]
 
 
-def _of_wide_families(search: Search, calibration: SelfCalibration) -> list[Fitted]:
+def _of_wide_families(search: CandidateSearch, calibration: SelfCalibration) -> list[Fitted]:
     """List the members of the first family that is too wide."""
     out = []
     for one in too_wide(calibration)[:1]:
@@ -74,7 +74,7 @@ def _of_wide_families(search: Search, calibration: SelfCalibration) -> list[Fitt
     return out
 
 
-def _unusual_members(search: Search, calibration: SelfCalibration) -> list[Fitted]:
+def _unusual_members(search: CandidateSearch, calibration: SelfCalibration) -> list[Fitted]:
     """List the members that are, by 95 %, too large for the others of their family, the largest first."""
     out = []
     for one in calibration.families:

@@ -24,7 +24,7 @@ from tulip_testbed.identification.feasibility import predicted_cell_loads, predi
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.planning.one_foot import from_other_foot, single_support_margins
 from tulip_testbed.identification.planning.optimal_plan import smallest_margins
-from tulip_testbed.identification.planning.problem import Problem, planning_problem
+from tulip_testbed.identification.planning.problem import PlanningProblem, planning_problem
 from tulip_testbed.identification.reading_noise import ReadingNoise, cell_noise, placement_levers
 from tulip_testbed.identification.statistics import (
     HIGH_CORRELATION,
@@ -323,7 +323,7 @@ def margins_of(robot: Robot, plan: PosturePlan) -> dict[str, dict[str, Any]] | N
     return least
 
 
-def _single_margins(problem: Problem, plan: PosturePlan, head: str) -> dict[str, dict[str, Any]]:
+def _single_margins(problem: PlanningProblem, plan: PosturePlan, head: str) -> dict[str, dict[str, Any]]:
     least = {}
     for name, margin in single_support_margins(problem, plan.joint_angles, plan.swing_pose).items():
         row = int(margin.values.argmin())

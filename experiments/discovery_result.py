@@ -16,8 +16,7 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import is_folder, read_bytes, read_text, write_text
 from tulip_testbed.base.result import RESULT_FILE, Figure, Given, InMemory, Kept, Place
 from tulip_testbed.base.table import Table
-from tulip_testbed.base.table_files import Columns
-from tulip_testbed.base.table_files import Table as TableFile
+from tulip_testbed.base.table_files import Columns, TableFile
 from tulip_testbed.calibration.calibration_result import CalibratedFamily
 from tulip_testbed.discovery.detectability import Undetectable, WeaklyDetectable
 from tulip_testbed.discovery.discover import Discovery, Verdict, clear_of_zero

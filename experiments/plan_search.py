@@ -27,7 +27,7 @@ from tulip_testbed.identification.planning.optimal_plan import (
     random_start,
     with_repeats,
 )
-from tulip_testbed.identification.planning.problem import Problem, planning_problem
+from tulip_testbed.identification.planning.problem import PlanningProblem, planning_problem
 from tulip_testbed.identification.planning.search import SearchState, round_count
 from tulip_testbed.identification.planning.search_defaults import HOPS, SOLVERS
 from tulip_testbed.identification.planning.single_support import single_support_plan
@@ -86,7 +86,7 @@ def state_folder(out: Path) -> Path:
 
 
 @dataclass(frozen=True)
-class Job:
+class SearchJob:
     """A search from one random start.
 
     Attributes:
@@ -101,7 +101,7 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Search:
+class PlanSearch:
     """A search for a plan of a robot, checked and ready.
 
     Attributes:
@@ -112,10 +112,10 @@ class Search:
     robot: Robot
     settings: PlanSettings
     measured: Measurements | None
-    problem: Problem
+    problem: PlanningProblem
     goal: Objective
 
-    def job(self, seed: int | None = None) -> Job:
+    def job(self, seed: int | None = None) -> SearchJob:
         """Set up the search from a random start.
 
         Args:
@@ -137,7 +137,7 @@ class Search:
         def best(state: SearchState) -> PosturePlan:
             return plan_from_state(problem, goal, replace(start(), state=state), seed, hops, solver, measured)
 
-        return Job(round_count(goal, hops), run, best)
+        return SearchJob(round_count(goal, hops), run, best)
 
     def folder(self, out: Path) -> ResumableFolder:
         """Return the folder of the search's states, next to the plan that it makes."""
@@ -165,7 +165,7 @@ class Search:
 
 def set_up_search(
     robot: Robot, settings: PlanSettings, measured: Measurements | None = None, trials: int = 1
-) -> Search:
+) -> PlanSearch:
     """Check what a plan is to be, before the work.
 
     Args:
@@ -202,4 +202,4 @@ def set_up_search(
     goal = objective_by_name(problem, settings.objective, 1e-3 * SIGMA_MM)
     taken = sum(counts.values()) if measured is None else len(measured)
     enough("placements, postures_per_placement", taken + placements * per, problem.parameters)
-    return Search(robot, settings, measured, problem, goal)
+    return PlanSearch(robot, settings, measured, problem, goal)

@@ -21,7 +21,7 @@ from tulip_testbed.base.files import check_new, present, write_text
 from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.table_files import read_json
 from tulip_testbed.experiments.described_plan import SEARCHED, DescribedPlan, Trial, describe_plan
-from tulip_testbed.experiments.plan_search import Job, Search, state_folder
+from tulip_testbed.experiments.plan_search import PlanSearch, SearchJob, state_folder
 from tulip_testbed.experiments.usable_plan import joined_trials
 from tulip_testbed.identification.planning.search import ARRAYS, SearchState, StateError
 from tulip_testbed.measurements import PosturePlan
@@ -39,7 +39,7 @@ CHOSEN = 3  # of the trials, as in the paper
 
 
 def search_plan(
-    search: Search, out: Path | None, sensors: str, table1: bool = False, progress: Progress = silent
+    search: PlanSearch, out: Path | None, sensors: str, table1: bool = False, progress: Progress = silent
 ) -> DescribedPlan:
     """Search for a plan, or go on with an interrupted search.
 
@@ -57,7 +57,7 @@ def search_plan(
 
 
 def _search(
-    search: Search, out: Path | None, states: Path | None, sensors: str, table1: bool, progress: Progress
+    search: PlanSearch, out: Path | None, states: Path | None, sensors: str, table1: bool, progress: Progress
 ) -> DescribedPlan:
     began, finished, trials, plans = time.perf_counter(), True, [], []
     for seed in TABLE1 if table1 else [search.settings.seed]:
@@ -96,7 +96,7 @@ def _search(
 
 
 @contextmanager
-def _states_of(search: Search, out: Path | None) -> Iterator[Path | None]:
+def _states_of(search: PlanSearch, out: Path | None) -> Iterator[Path | None]:
     """Open the folder of a search's states; it goes when it holds none."""
     if out is None:
         yield None
@@ -109,7 +109,9 @@ def _states_of(search: Search, out: Path | None) -> Iterator[Path | None]:
                 shutil.rmtree(states, ignore_errors=True)
 
 
-def _carry_out(job: Job, states: Path | None, seed: int, progress: Progress) -> tuple[PosturePlan, bool]:
+def _carry_out(
+    job: SearchJob, states: Path | None, seed: int, progress: Progress
+) -> tuple[PosturePlan, bool]:
     """Carry out a search from its last state; return its plan and whether it came to its end."""
     kept = None if states is None else states / f"seed-{seed}.json"
     state = last = None if kept is None else read_state(kept)

@@ -157,14 +157,14 @@ def predict(
     return Prediction(tuple(scores), beats[0] if beats else None, tuple(dict.fromkeys(notes)))
 
 
-def _without_zeros(problem: Problem, train: np.ndarray) -> np.ndarray:
+def _without_zeros(problem: PredictionProblem, train: np.ndarray) -> np.ndarray:
     """Return CAD's residuals less what zeros explain of the training postures', (m, 2) [m]."""
     target = problem.residual[train].ravel()
     size = np.linalg.lstsq(problem.rows(problem.zeros, train), target, rcond=RANK)[0]
     return problem.residual - problem.zeros @ size
 
 
-def _score(problem: Problem, split: Split, scores: list[Score], notes: list[str]) -> None:
+def _score(problem: PredictionProblem, split: Split, scores: list[Score], notes: list[str]) -> None:
     """Add the scores of every model that the split allows."""
     m, left = problem.measurements, dict.fromkeys((CAD, CONSTANT, IDENTIFIED, WITH_PRIOR))
     rows = np.concatenate([test for _, test in split.folds])
@@ -241,7 +241,9 @@ def _beats(cad: np.ndarray, residual: np.ndarray, block: np.ndarray) -> bool | N
     return None if abs(gain.sum()) <= half else bool(gain.sum() > 0)
 
 
-def _identified(problem: Problem, value: np.ndarray, train: np.ndarray, test: np.ndarray) -> np.ndarray:
+def _identified(
+    problem: PredictionProblem, value: np.ndarray, train: np.ndarray, test: np.ndarray
+) -> np.ndarray:
     """Return the residuals of an estimate, (n, 2) [m].
 
     Zeros imitate some parameters: where they are unknown, both are fitted together, by least squares.
@@ -253,7 +255,7 @@ def _identified(problem: Problem, value: np.ndarray, train: np.ndarray, test: np
     return problem.residual[test] - both[test] @ change
 
 
-def _with_prior(problem: Problem, train: np.ndarray, test: np.ndarray) -> tuple[np.ndarray, float]:
+def _with_prior(problem: PredictionProblem, train: np.ndarray, test: np.ndarray) -> tuple[np.ndarray, float]:
     """Return the residuals of a posterior about CAD, (n, 2) [m], and the prior's scale.
 
     The scale, the noise and what is common to a placement maximise the marginal likelihood of the training
@@ -294,7 +296,7 @@ def _with_prior(problem: Problem, train: np.ndarray, test: np.ndarray) -> tuple[
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class PredictionProblem:
     """The data that the models have to explain.
 
     Attributes:
@@ -317,7 +319,7 @@ class Problem:
         return values[chosen].reshape(2 * len(chosen), -1)
 
 
-def problem_of(m: Measurements, robot: Robot, nominal: Nominal) -> Problem:
+def problem_of(m: Measurements, robot: Robot, nominal: Nominal) -> PredictionProblem:
     """Return what measurements of a robot leave to explain."""
     parameters = nominal.parameters
     unknown = observe(m, nominal).contacts.unsure
@@ -325,7 +327,7 @@ def problem_of(m: Measurements, robot: Robot, nominal: Nominal) -> Problem:
         center, zeros = contact_pressure(m, nominal).center, np.zeros((len(m), 2, 0))
     else:
         center, zeros = _about_zeros(m, nominal, unknown)
-    return Problem(
+    return PredictionProblem(
         measurements=m,
         robot=robot,
         parameters=parameters,

@@ -39,7 +39,7 @@ FACTORS = np.array([1e3, 1e3, 1.0, 1.0, 1.0])
 
 
 @dataclass(frozen=True)
-class Prediction:
+class ExpectedResult:
     """The mean residuals of an experiment that an explanation predicts."""
 
     explanation: str
@@ -69,7 +69,7 @@ class ProposedExperiment:
     settled_per_minute: float
     separation: float
     separation_now: float
-    predictions: tuple[Prediction, ...]
+    predictions: tuple[ExpectedResult, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -202,7 +202,9 @@ def proposed(one: NextExperiment) -> ProposedExperiment:
         settled_per_minute=float(one.rate),
         separation=one.separation,
         separation_now=one.before,
-        predictions=tuple(Prediction(label, *(FACTORS * row[:5]).tolist()) for label, row in one.predicted),
+        predictions=tuple(
+            ExpectedResult(label, *(FACTORS * row[:5]).tolist()) for label, row in one.predicted
+        ),
     )
 
 

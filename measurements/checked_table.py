@@ -10,7 +10,7 @@ import numpy as np
 
 from tulip_testbed.base.errors import IncompleteError, InputError, listed, shortened
 from tulip_testbed.base.files import present, read_bytes
-from tulip_testbed.base.table_files import MOST_ROWS, Table, is_number
+from tulip_testbed.base.table_files import MOST_ROWS, TableFile, is_number
 
 EDITED = "; if it was edited on purpose, remove 'tables' from manifest.json and the other table"
 TWINS = 1e-6  # relative, and of a unit: difference of two tables that are one, written with fewer digits
@@ -22,7 +22,7 @@ def checked_table(
     tables: Mapping[str, str | None] | None,
     most_rows: int = MOST_ROWS,
     advice: str = EDITED,
-) -> Table:
+) -> TableFile:
     """Read NAME.parquet, or else NAME.csv, and verify it by the hashes in the manifest.
 
     With both tables present it is unclear which one is meant, unless the manifest lists both hashes.
@@ -53,17 +53,17 @@ def checked_table(
                 f"{path}: found together with {twin} and without a sha256 in the manifest's 'tables', "
                 "expected one of the two tables or both hashes"
             )
-    table = Table(found[0], contents[0], most_rows)
+    table = TableFile(found[0], contents[0], most_rows)
     if len(found) > 1:
         _check_twin(table, found[1], contents[1])
     return table
 
 
-def _check_twin(table: Table, path: Path, content: bytes) -> None:
+def _check_twin(table: TableFile, path: Path, content: bytes) -> None:
     """Refuse a CSV file next to a Parquet file if it is unclear which of them is right."""
     if content == table.as_csv():  # parsing takes a second for 10,000 rows
         return
-    twin = Table(path, content, table.most_rows)
+    twin = TableFile(path, content, table.most_rows)
     of_both = f"{path}: next to {table.path.name}"
     if len(twin) != len(table):
         raise InputError(f"{of_both}: found {len(twin)} rows, expected its {len(table)}")

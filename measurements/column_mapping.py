@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from tulip_testbed.base.errors import InputError, choices, listed, look_up, shortened
-from tulip_testbed.base.table_files import Table
+from tulip_testbed.base.table_files import TableFile
 
 # Factor to the contract's unit, by quantity; None: of mass, to be weighed.
 UNITS: dict[str, dict[str, float | None]] = {
@@ -47,7 +47,7 @@ class MappingEntry(BaseModel):
     sign: Literal[1, -1] = 1
 
 
-class Source(NamedTuple):
+class SourceColumn(NamedTuple):
     """A column of a table and its factor to the contract's unit."""
 
     column: str
@@ -91,7 +91,7 @@ class MappedTable:
         types: the contract's names of its columns, and those that are not mapped.
     """
 
-    def __init__(self, table: Table, mapping: Mapping[str, MappingEntry], gravity: float) -> None:
+    def __init__(self, table: TableFile, mapping: Mapping[str, MappingEntry], gravity: float) -> None:
         self.path, self._table = table.path, table
         self._sources = {name: _source(name, entry, gravity) for name, entry in mapping.items()}
         hidden = {source.column for source in self._sources.values()}
@@ -150,14 +150,18 @@ class MappedTable:
         return self._sources[name].column if name in self._sources else name
 
 
-def _source(name: str, entry: MappingEntry, gravity: float) -> Source:
+def _source(name: str, entry: MappingEntry, gravity: float) -> SourceColumn:
     quantity = quantity_of(name)
     factor = 1.0 if quantity is None or entry.unit is None else UNITS[quantity][entry.unit]
-    return Source(entry.column, entry.sign * (gravity if factor is None else factor))
+    return SourceColumn(entry.column, entry.sign * (gravity if factor is None else factor))
 
 
 def mapped_table(
-    table: Table, mapping: Mapping[str, MappingEntry], known: Iterable[str], gravity: float, manifest: Path
+    table: TableFile,
+    mapping: Mapping[str, MappingEntry],
+    known: Iterable[str],
+    gravity: float,
+    manifest: Path,
 ) -> MappedTable:
     """Return a table as it is read through a manifest's mapping.
 

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from tulip_testbed.base.errors import IncompleteError, InputError, close_to, look_up, shortened, warn
 from tulip_testbed.base.files import new_folder, present, sha256, write_text
-from tulip_testbed.base.table_files import Table, read_json, write_json, write_table
+from tulip_testbed.base.table_files import TableFile, read_json, write_json, write_table
 from tulip_testbed.base.validation_message import validation_message
 from tulip_testbed.measurements.cells import CELLS, CORNERS
 from tulip_testbed.measurements.checked_table import checked_table, tables_beside
@@ -143,7 +143,7 @@ def read_measurements(folder: Path, likely: bool = True) -> Measurements:
         raise InputError(f"{error}; `check` lists all that is missing or wrong") from None
 
 
-def measurements_in(manifest: Manifest, table: Table, where: Path, likely: bool = True) -> Measurements:
+def measurements_in(manifest: Manifest, table: TableFile, where: Path, likely: bool = True) -> Measurements:
     """Check a table against its manifest and return the measurements that it holds.
 
     Args:

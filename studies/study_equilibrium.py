@@ -23,7 +23,7 @@ from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.statics.forces import (
     Load,
-    State,
+    StaticState,
     contact_deflection,
     residual,
     rotation_matrix,
@@ -143,7 +143,7 @@ def compare(solved_plan: SolvedPlan, attempts: list[Attempt]) -> Comparison:
     angles = np.array([a.held.joint_angles for a in held if a.held])
     command = np.array([a.held.commanded for a in held if a.held])
     near = solved_plan.reference.state
-    start = State(near.position[rows], near.rotation[rows], near.angles[rows], near.wrench[rows])
+    start = StaticState(near.position[rows], near.rotation[rows], near.angles[rows], near.wrench[rows])
     load = Load(
         command=command,
         friction=np.zeros(len(m.names)),
@@ -181,7 +181,9 @@ def standing(solved_plan: SolvedPlan, rows: np.ndarray, angles: np.ndarray) -> n
     m, near = solved_plan.mechanism, solved_plan.reference.state
     coordinates = near.angles[rows].copy()
     coordinates[:, m.joints] = angles
-    poses = sole_poses(m, State(near.position[rows], near.rotation[rows], coordinates, near.wrench[rows]))
+    poses = sole_poses(
+        m, StaticState(near.position[rows], near.rotation[rows], coordinates, near.wrench[rows])
+    )
     return feet_in_base(poses, solved_plan.plan.support[rows])
 
 
@@ -215,7 +217,7 @@ def centers_at(solved_plan: SolvedPlan, held: list[Attempt]) -> np.ndarray:
     zero = np.zeros((len(pose), 3))
     tilt = np.pad(contact_deflection(m, 0, wrench[:, 0], zero, plates[:, 0])[:, 1:], ((0, 0), (0, 1)))
     turned = rotation_matrix(tilt)
-    state = State(
+    state = StaticState(
         (turned @ pose[:, :3, None])[..., 0], turned @ rotation.reshape(-1, 3, 3), angles, 0 * wrench
     )
     feet = np.zeros((len(pose), 2, 3))
@@ -286,7 +288,7 @@ def excess_wrenches(
 
 def _drawn(
     solved_plan: SolvedPlan, held: list[Attempt], rng: np.random.Generator, draws: int
-) -> Iterator[tuple[State, State, Load]]:
+) -> Iterator[tuple[StaticState, StaticState, Load]]:
     """Draw the held postures in statics: with dry friction, without it, and their loads."""
     free = without(solved_plan)
     rows = planned_rows(solved_plan, held)

@@ -25,7 +25,7 @@ from tulip_testbed.experiments.montecarlo.laboratory_runs import Source, source_
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, montecarlo_file
 from tulip_testbed.experiments.montecarlo.parallel_runs import collect, computed_by
 from tulip_testbed.experiments.montecarlo.run_chunks import RunChunks
-from tulip_testbed.experiments.montecarlo.run_columns import Job, Layout, layout_of, read_runs
+from tulip_testbed.experiments.montecarlo.run_columns import Layout, RunJob, layout_of, read_runs
 from tulip_testbed.experiments.montecarlo.settings import Settings as RunSettings
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.estimators import MIXED_MODEL
@@ -102,7 +102,7 @@ def carry_out(arm: Arm, seed: int, settings: Settings) -> tuple[MonteCarlo, Path
     if chunks.missing():
         inner = source_of(laboratory, plan, arm.spread, arm.engine)
         wrong = inner if arm.sheet == 1 else partial(with_sheet, inner, arm.sheet)
-        job = Job(wrong, robot, parameters, layout, arm.estimator, seed)
+        job = RunJob(wrong, robot, parameters, layout, arm.estimator, seed)
         with computed_by(settings.workers, None), progress(arm.name, runs) as advance:
             collect(chunks, job, advance)
     document = montecarlo_file(laboratory, plan, asked)

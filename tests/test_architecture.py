@@ -107,6 +107,15 @@ def test_two_modules_do_not_share_a_name():
     assert not twice
 
 
+def test_two_classes_do_not_share_a_name():
+    places: dict[str, list[str]] = {}
+    for name, path in MODULES.items():
+        for node in ast.parse(path.read_text()).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                places.setdefault(node.name, []).append(name)
+    assert {name: found for name, found in places.items() if len(found) > 1} == {}
+
+
 def test_no_subpackage_has_the_name_of_a_function_of_the_api():
     import tulip_testbed as tt
 

@@ -23,7 +23,7 @@ from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.comparison import compare
 from tulip_testbed.experiments.discovery_curves import residual_curves
 from tulip_testbed.experiments.discovery_result import Discovered
-from tulip_testbed.experiments.proposed_experiment import Prediction, ProposedExperiment
+from tulip_testbed.experiments.proposed_experiment import ExpectedResult, ProposedExperiment
 from tulip_testbed.experiments.rig_folder import DIFF
 from tulip_testbed.experiments.run_file import kind_of
 from tulip_testbed.pages.discovery_page import discovery_page
@@ -114,7 +114,7 @@ def other(saved, verdict, robot):
     if verdict == "ambiguous":
         length = EffectInstance.parse("link-length:right_lower_leg=0.004", robot)
         rival = Explanation(length, best.log_bayes_factor - 1.5)
-        predicted = Prediction("link-length:right_lower_leg", 0.1, 0.1, 0.1, 0.1, 0.1)
+        predicted = ExpectedResult("link-length:right_lower_leg", 0.1, 0.1, 0.1, 0.1, 0.1)
         turned = ProposedExperiment(
             *("one", ("robot turned by 180 deg",), 6, 30, 42.0, 0.6, 0.1, 0.012, 20.0, 1.5, (predicted,))
         )

@@ -31,7 +31,7 @@ from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.scene import laboratory_scene
 from tulip_testbed.sim.sensors import PRESETS, averaged_sd, sample, sample_mean
-from tulip_testbed.sim.statics.forces import Load, State, residual
+from tulip_testbed.sim.statics.forces import Load, StaticState, residual
 from tulip_testbed.sim.statics.read_mechanism import read_mechanism
 from tulip_testbed.sim.statics.slope import closed_slope, has_closed_slope
 from tulip_testbed.sim.statics.solve import derivative, faults
@@ -126,7 +126,7 @@ def test_gravity_and_ropes_are_what_mujoco_says(rig, seed):
     mujoco.mj_fwdPosition(model, data)
     mujoco.mj_fwdVelocity(model, data)
     rotation = data.body("torso").xmat.reshape(3, 3)
-    state = State(pose, rotation, angles, np.zeros((2, 6)))
+    state = StaticState(pose, rotation, angles, np.zeros((2, 6)))
     load = Load(angles[m.joints], np.zeros(12), np.zeros((2, 3)), np.zeros((2, 3)), m.mass, m.center)
     left = residual(m, state, load)
     expected = data.qfrc_passive - data.qfrc_bias

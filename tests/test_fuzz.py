@@ -16,7 +16,7 @@ from tests.fuzz.judge import Judge
 from tests.fuzz.targets import KINDS
 from tulip_testbed.base.column import printable
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.base.table_files import MOST_DEPTH, Table, read_json
+from tulip_testbed.base.table_files import MOST_DEPTH, TableFile, read_json
 from tulip_testbed.cli.main import main
 from tulip_testbed.sim.shipped import ASSETS
 
@@ -122,7 +122,7 @@ def test_numbers_are_finite_and_within_their_limits_or_refused_by_row(tmp_path, 
     pyarrow.parquet.write_table(pa.table({"x": pa.array(values, pa.float64())}), path)
     wrong = [k for k, v in enumerate(values) if v is None or not math.isfinite(v)]
     outside = [k for k, v in enumerate(values) if v is not None and not low <= v <= high]
-    table = Table(path, path.read_bytes())
+    table = TableFile(path, path.read_bytes())
     if wrong or outside:
         with pytest.raises(
             InputError, match=rf"a.parquet: column 'x', row {(wrong or outside)[0] + 1}: found"

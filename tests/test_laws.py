@@ -17,7 +17,7 @@ from pydantic import TypeAdapter
 import tulip_testbed as tt
 from tests.effect_changes import agreement, changes, measured, statically
 from tulip_testbed.cli.main import main
-from tulip_testbed.discovery.candidate_search import Search, first_calibration
+from tulip_testbed.discovery.candidate_search import CandidateSearch, first_calibration
 from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.discover import AGREEING, discover
 from tulip_testbed.discovery.joint_fit import Data
@@ -106,7 +106,7 @@ def test_a_force_is_predicted_as_it_acts(text, robot, nominal, noiseless, few):
 
 def test_columns_by_sensitivities_are_those_by_removal(robot, plan, nominal):
     observed = observe(measured(robot, plan.take(plan.placement <= 8), "wii"), nominal)
-    search = Search.of(observed)
+    search = CandidateSearch.of(observed)
     linear = Data(search.observed, noise_of(search.observed)).null.linear
     laws = {law.target: law for law in law_candidates(linear.observed)}
     for target in (
@@ -160,7 +160,7 @@ def test_no_law_is_made_up(robot, plan, hidden, verdict):
 @pytest.mark.slow
 def test_a_glance_is_close_to_a_judgement(robot, plan):
     data = measured(robot, plan, "force-plate", ("encoder-gain", "right_knee", (0.02,)))
-    search = Search.of(observe(data, nominal_robot(robot)))
+    search = CandidateSearch.of(observe(data, nominal_robot(robot)))
     start = first_calibration(search.observed, search.tolerances)
     near = search.best(start, ())[:3]
     assert near

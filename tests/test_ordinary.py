@@ -19,7 +19,7 @@ from tulip_testbed.experiments.imperfections import drawn, single_stream
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.laboratory_runs import OrdinaryOutcome, source_of, stream_of
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, montecarlo_file
-from tulip_testbed.experiments.montecarlo.montecarlo_run import Place, montecarlo, run_folder
+from tulip_testbed.experiments.montecarlo.montecarlo_run import RunPlace, montecarlo, run_folder
 from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.validate import evaluate, judge, validate
 from tulip_testbed.experiments.validation_result import Validation
@@ -175,7 +175,7 @@ def test_a_monte_carlo_does_not_depend_on_workers_and_records_its_setting(robot,
     laboratory, part = Laboratory(robot, "wii"), plan.take(plan.placement <= 5)
     settings = Settings(3, SEED, "self-calibrating", None, "statics", 0.5)
     for workers in (1, 2):
-        found = montecarlo(laboratory, part, settings, Place(tmp_path / f"{workers}", workers, None))
+        found = montecarlo(laboratory, part, settings, RunPlace(tmp_path / f"{workers}", workers, None))
         assert found.imperfections == 0.5
     one, two = (
         {p.name: p.read_bytes() for p in (tmp_path / name).rglob("*") if p.is_file()} for name in "12"

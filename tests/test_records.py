@@ -17,7 +17,7 @@ from tulip_testbed.discovery.dynamics_check import DynamicsCheck
 from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
-from tulip_testbed.experiments.montecarlo.montecarlo_run import Place, montecarlo
+from tulip_testbed.experiments.montecarlo.montecarlo_run import RunPlace, montecarlo
 from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.run_file import kind_of
 from tulip_testbed.experiments.saved_runs import RunResult, read_run
@@ -165,7 +165,7 @@ def test_the_keys_on_disk_are_those_of_version_2(moved_wii, discovered, robot, p
     checked = dataclasses.replace(discovered, check=DynamicsCheck(2, 3, 0.1, (1.0, 0.5), ""))
     checked.save(tmp_path / "discovery")
     settings = Settings(30, SEED, "mixed-model", None, imperfections=0)
-    montecarlo(Laboratory(robot, "wii"), plan, settings, Place(tmp_path / "montecarlo", 1, None))
+    montecarlo(Laboratory(robot, "wii"), plan, settings, RunPlace(tmp_path / "montecarlo", 1, None))
     expected: dict[str, set[str]] = {}
     for line in (DATA / "record_keys.txt").read_text().splitlines():
         name, path = line.split(" ")
@@ -201,7 +201,7 @@ def test_a_discovery_in_memory_is_the_one_in_its_folder(discovered, robot, tmp_p
 
 def test_a_monte_carlo_in_memory_is_the_one_in_its_folder(robot, plan, tmp_path):
     laboratory, settings = Laboratory(robot, "wii"), Settings(30, SEED, "mixed-model", None, imperfections=0)
-    memory = montecarlo(laboratory, plan, settings, Place(tmp_path / "runs", 1, None))
+    memory = montecarlo(laboratory, plan, settings, RunPlace(tmp_path / "runs", 1, None))
     read = read_run(tmp_path / "runs", robot)
     assert same(memory, read)
     assert same_page(page_of(memory), page_of(read))
@@ -211,7 +211,7 @@ def test_a_monte_carlo_in_memory_is_the_one_in_its_folder(robot, plan, tmp_path)
 
 def test_any_result_in_memory_has_a_page_and_a_view(static_run, discovered, robot, plan, tmp_path):
     settings = Settings(10, SEED, "mixed-model", None, imperfections=0)
-    scratch = Place(tmp_path / "runs", 1, None, stays=False)
+    scratch = RunPlace(tmp_path / "runs", 1, None, stays=False)
     repeated = montecarlo(Laboratory(robot, "wii"), plan, settings, scratch)
     results = {"validation": judge(static_run), "discovery": discovered, "Monte Carlo": repeated}
     for kind, result in results.items():
@@ -374,7 +374,7 @@ def test_a_monte_carlo_with_another_plan_or_more_runs_than_anybody_makes_is_refu
         Laboratory(robot, "wii"),
         plan,
         Settings(2, SEED, "least-squares", None, imperfections=0),
-        Place(folder, 1, None),
+        RunPlace(folder, 1, None),
     )
     shutil.copytree(folder, tmp_path / "more")
     document = json.loads((folder / "run.json").read_text())

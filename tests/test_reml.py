@@ -9,8 +9,8 @@ from scipy.linalg import block_diag
 from scipy.optimize import approx_fprime, minimize
 from scipy.stats import multivariate_normal
 
-from tulip_testbed.calibration.linear_problem import Problem
-from tulip_testbed.calibration.prediction import Prediction
+from tulip_testbed.calibration.linear_problem import LinearProblem
+from tulip_testbed.calibration.prediction import HeldOutPrediction
 from tulip_testbed.calibration.reml import bounded, fit, objective, parts_of_variance
 from tulip_testbed.calibration.reml import given as fit_with
 from tulip_testbed.identification.noise_structure import NoiseStructure, groups
@@ -30,7 +30,9 @@ def white(fixed: np.ndarray) -> NoiseStructure:
     return noise_of(fixed, np.zeros((0, m, r, r)), np.zeros((m, r, 0)), np.zeros((m, r, 0)))
 
 
-def problem(seed: int, postures: int = 15, rows: int = 5, sizes: tuple[int, ...] = (5, 3, 1)) -> Problem:
+def problem(
+    seed: int, postures: int = 15, rows: int = 5, sizes: tuple[int, ...] = (5, 3, 1)
+) -> LinearProblem:
     """Two residuals of each posture have a constant of its stance, one posture has no such residuals."""
     rng = np.random.default_rng(seed)
     p, q = 4, sum(sizes)
@@ -56,7 +58,7 @@ def problem(seed: int, postures: int = 15, rows: int = 5, sizes: tuple[int, ...]
         ]
     )
     output = noise + columns @ rng.standard_normal(p) + members @ phi
-    return Problem(
+    return LinearProblem(
         whole=used[..., None] * np.concatenate([columns, members, output[..., None]], axis=2),
         flat=p,
         noise=noise_of(fixed, own[None], levers, free),
@@ -72,7 +74,7 @@ def flat(values: np.ndarray) -> np.ndarray:
     return values.reshape(-1, *values.shape[2:])
 
 
-def dense_covariance(given: Problem, log_scale: np.ndarray, log_spread: np.ndarray) -> np.ndarray:
+def dense_covariance(given: LinearProblem, log_scale: np.ndarray, log_spread: np.ndarray) -> np.ndarray:
     """V of the rows, with a row for each known flat parameter at the end."""
     m, r = given.output.shape
     noise, scales = given.noise, np.exp(log_scale)
@@ -94,7 +96,7 @@ def dense_covariance(given: Problem, log_scale: np.ndarray, log_spread: np.ndarr
     return v
 
 
-def dense_columns(given: Problem) -> tuple[np.ndarray, np.ndarray]:
+def dense_columns(given: LinearProblem) -> tuple[np.ndarray, np.ndarray]:
     """N with the constants of the stances beside it, which are flat parameters too, and y."""
     m, r = given.output.shape
     known = np.flatnonzero(np.diag(given.information))
@@ -110,7 +112,7 @@ def dense_columns(given: Problem) -> tuple[np.ndarray, np.ndarray]:
     return columns, np.append(given.output.ravel(), np.zeros(len(known)))
 
 
-def dense_objective(given: Problem, log_scale: np.ndarray, log_spread: np.ndarray) -> float:
+def dense_objective(given: LinearProblem, log_scale: np.ndarray, log_spread: np.ndarray) -> float:
     v = dense_covariance(given, log_scale, log_spread)
     n, y = dense_columns(given)
     inner = n.T @ np.linalg.solve(v, n)
@@ -210,7 +212,7 @@ def test_marginal_posterior_of_a_member_by_quadrature():
     rng = np.random.default_rng(7)
     members = rng.standard_normal((1, 12, 4))
     output = members @ np.array([0.5, -0.8, 0.4, 0.9]) + 0.5 * rng.standard_normal((1, 12))
-    plain = Problem(
+    plain = LinearProblem(
         whole=np.concatenate([np.ones((1, 12, 1)), members, output[..., None]], axis=2),
         flat=1,
         noise=white(0.25 * np.eye(12)[None]),
@@ -247,7 +249,7 @@ def test_evidence_of_two_members_by_quadrature():
     y, n, g = rng.standard_normal(4), rng.standard_normal((4, 1)), rng.standard_normal((4, 1))
 
     def given(x: float) -> float:
-        one = Problem(np.column_stack([n, g, y])[None], 1, white(np.eye(4)[None]), np.zeros((1, 1)),
+        one = LinearProblem(np.column_stack([n, g, y])[None], 1, white(np.eye(4)[None]), np.zeros((1, 1)),
                       (np.eye(1),), np.zeros(0), np.zeros((1, 1)), np.zeros(1))  # fmt: skip
         prior = 0.5 * (x / np.log(2)) ** 2
         return -objective(one, np.zeros(0), np.array([x]))[0] + prior
@@ -274,7 +276,7 @@ def test_noise_in_a_column_does_not_draw_its_member_to_zero():
         noisy = true + 0.7 * rng.standard_normal(true.shape)
         y = 3.0 * true[..., 0] + 0.3 * rng.standard_normal((1, 200))
         for share in errors:
-            one = Problem(
+            one = LinearProblem(
                 whole=np.concatenate([np.ones((1, 200, 1)), noisy, y[..., None]], axis=2),
                 flat=1,
                 noise=white(np.eye(200)[None]),
@@ -328,7 +330,7 @@ def test_density_and_chi_square_are_those_of_the_dense_covariance(channels):
     )
     estimates = 3 * unit[:, None] * rng.standard_normal((15, 4))
     channel = np.array(list("ATCATACCTTTAAAC"))
-    whole = Prediction(unit * rng.standard_normal(15), channel, noise, estimates)
+    whole = HeldOutPrediction(unit * rng.standard_normal(15), channel, noise, estimates)
     found, rows = whole.of(channels), np.isin(channel, list(channels))
     covariance = (block_diag(*noise) + estimates @ estimates.T)[np.ix_(rows, rows)]
     scaled = covariance / np.outer(unit[rows], unit[rows])

@@ -35,7 +35,7 @@ LEGEND = (
 
 
 @dataclass(frozen=True)
-class Row:
+class AtlasRow:
     """One size of one candidate.
 
     Attributes:
@@ -88,7 +88,7 @@ class Atlas(Result):
     """
 
     planned: Planned
-    rows: tuple[Row, ...]
+    rows: tuple[AtlasRow, ...]
     shown: tuple[Candidate, ...]
     angle: np.ndarray
     groups: tuple[tuple[int, ...], ...]
@@ -122,7 +122,7 @@ class Atlas(Result):
         """Return the numbers of the candidates that are shown, by their identity."""
         return {id(candidate): k for k, candidate in enumerate(self.shown)}
 
-    def similar(self, row: Row) -> tuple[str | None, float | None]:
+    def similar(self, row: AtlasRow) -> tuple[str | None, float | None]:
         """Return the effect that looks most like that of a row, and the angle to it [rad]; None: none."""
         number = self.numbers.get(id(row.candidate))
         if number is None or len(self.shown) < 2:
@@ -154,7 +154,7 @@ class Atlas(Result):
             "angle_rad": self.angle.tolist(),
         }
 
-    def _entry(self, row: Row) -> dict[str, Any]:
+    def _entry(self, row: AtlasRow) -> dict[str, Any]:
         errors, (nearest, angle) = self.planned.standard_errors, self.similar(row)
         number = self.numbers.get(id(row.candidate))
         return {
@@ -204,7 +204,7 @@ def closing(atlas: Atlas) -> str:
     return f"{isolable} of {count} effects that are detected can be isolated from all others."
 
 
-def kind_table(atlas: Atlas, rows: list[Row]) -> Table:
+def kind_table(atlas: Atlas, rows: list[AtlasRow]) -> Table:
     """Return one row a kind of effect and unit: the range over its targets."""
     columns = (
         Column("effect"),
@@ -215,7 +215,7 @@ def kind_table(atlas: Atlas, rows: list[Row]) -> Table:
         Column("angle", "deg", ".0f"),
         Column("largest bias", "s.e.", ".2g"),
     )
-    kinds: dict[tuple[str, str], list[Row]] = {}
+    kinds: dict[tuple[str, str], list[AtlasRow]] = {}
     for row in rows:
         unit = row.parameter.display[1] if row.parameter else ""
         kinds.setdefault((row.candidate.effect.name, unit), []).append(row)
@@ -252,7 +252,7 @@ def _range(values: list[Any]) -> Any:
     return low if math.isclose(low, high, rel_tol=0.05, abs_tol=1e-6) else (low, high)
 
 
-def effect_table(atlas: Atlas, rows: list[Row], title: str) -> Table:
+def effect_table(atlas: Atlas, rows: list[AtlasRow], title: str) -> Table:
     """Return one row a size of a candidate."""
     columns = (
         Column("effect"),
@@ -300,7 +300,7 @@ def group_table(atlas: Atlas) -> Table:
     return Table(title, (Column("group", format="d"), Column("effects")), rows)
 
 
-def _one_placement(atlas: Atlas) -> list[Row]:
+def _one_placement(atlas: Atlas) -> list[AtlasRow]:
     """Return the rows, of those that concern one placement only the one that is hardest to detect."""
     out, worst = [], {}
     for row in atlas.rows:
@@ -313,7 +313,7 @@ def _one_placement(atlas: Atlas) -> list[Row]:
     return out + list(worst.values())
 
 
-def _size(row: Row, value: float) -> Any:
+def _size(row: AtlasRow, value: float) -> Any:
     """Return a size in the unit that it is shown in; of an effect without one whether it is found."""
     if row.parameter is None:
         return True if np.isfinite(value) else np.inf

@@ -21,7 +21,7 @@ from tulip_testbed.sim.rig import Rig
 
 
 @dataclass(frozen=True)
-class Weights:
+class BiasWeights:
     """The estimator about a planned experiment.
 
     Attributes:
@@ -42,13 +42,13 @@ class Weights:
         return np.linalg.lstsq(self.regressor, added, rcond=None)[0]
 
 
-def weights(planned: Planned) -> Weights:
+def weights(planned: Planned) -> BiasWeights:
     """Return the covariance of the default estimator, with the noise that the data sheets state."""
     linear = linear_model(planned.observed, planned.noise, "A")
     regressor = planned.nominal.parameters.regressor(linear.smoothed.joint_angles)
     rows = np.zeros((len(planned.observed), SIZE, regressor.shape[2]))
     rows[:, ROWS["A"]] = regressor
-    return Weights(linear, linear.whitening(rows))
+    return BiasWeights(linear, linear.whitening(rows))
 
 
 def own_change(planned: Planned, candidate: Candidate, point: int) -> np.ndarray:
@@ -81,7 +81,7 @@ def _changes_robot(planned: Planned, rig: Rig) -> bool:
     )
 
 
-def bias(planned: Planned, estimator: Weights, candidate: Candidate, point: int) -> np.ndarray:
+def bias(planned: Planned, estimator: BiasWeights, candidate: Candidate, point: int) -> np.ndarray:
     """Against the nominal robot, at one prior s.d. of each size, (p, s) [m]; without size: (p, 1)."""
     unit = candidate.prior if candidate.effect.sizes else np.ones(1)
     return estimator.change(candidate, point) * unit + own_change(planned, candidate, point)

@@ -11,7 +11,7 @@ from tulip_testbed.discovery.detectability import POWER, detectable_size, single
 from tulip_testbed.discovery.evidence import DETECTABLE, effective_tests
 from tulip_testbed.discovery.selection import LEVEL
 from tulip_testbed.effects.instance import MOST_PRIORS
-from tulip_testbed.experiments.atlases.atlas_result import Atlas, Row
+from tulip_testbed.experiments.atlases.atlas_result import Atlas, AtlasRow
 from tulip_testbed.experiments.atlases.bias import bias, weights
 from tulip_testbed.experiments.atlases.isolability import angles, groups
 from tulip_testbed.experiments.atlases.planned_experiment import Planned
@@ -40,7 +40,7 @@ def atlas(planned: Planned, rng: np.random.Generator) -> Atlas:
             column = columns.projected[k][point][:, [size or 0]]
             prior = 1.0 if size is None else candidate.prior[size]
             rows.append(
-                Row(
+                AtlasRow(
                     candidate,
                     size,
                     _detectable(columns, k, point, size, level),

@@ -35,7 +35,7 @@ LARGE = 1000.0  # units: more than anybody would call a tolerance
 
 
 @dataclass(frozen=True)
-class Source:
+class ErrorSource:
     """One error of the set-up.
 
     Attributes:
@@ -76,7 +76,7 @@ class Tolerance(Result):
     """
 
     planned: Planned
-    sources: tuple[Source, ...]
+    sources: tuple[ErrorSource, ...]
     bias: np.ndarray
     simulated: np.ndarray
     spread: np.ndarray
@@ -153,11 +153,11 @@ def _kept(bias: np.ndarray) -> float:
     return ALLOWED / worst if worst > NO_BIAS else np.inf
 
 
-def sources(planned: Planned) -> tuple[Source, ...]:
+def sources(planned: Planned) -> tuple[ErrorSource, ...]:
     """Every plate, joint and cell that may err."""
     effects = {name: catalogue()[name] for name in UNITS}
     return tuple(
-        Source(candidate, size, *UNITS[candidate.effect.name])
+        ErrorSource(candidate, size, *UNITS[candidate.effect.name])
         for candidate in candidates(planned.observed, effects)
         for size in range(len(candidate.effect.sizes))
     )
@@ -179,7 +179,7 @@ def tolerance(planned: Planned, progress: Progress = silent) -> Tolerance:
     return Tolerance(planned, every, predicted / planned.standard_errors, shifts.mean(axis=1), spread)
 
 
-def erring(planned: Planned, source: Source) -> list[Measurements]:
+def erring(planned: Planned, source: ErrorSource) -> list[Measurements]:
     """Repeat the first runs with one unit of an error: the same random numbers."""
     candidate = source.candidate
     rig = candidate.effect.inject(planned.rig, candidate.target, candidate.values(source.sizes))

@@ -10,9 +10,9 @@ It is *shown* when the intervals of all parameters lie wholly inside of the boun
 Schuirmann 1987). All of them have to, so each may have the level by itself (intersection-union, Berger 1982):
 an estimator with any parameter beyond a bound is shown to be right with a probability of at most `LEVEL`.
 
-The errors that are judged are those that are left if the imperfections which the data do not show were known. Their
-part of a standard error is what their prior says; laboratories that are drawn from a prior of our own can
-neither confirm nor refute it.
+The errors that are judged are those that are left if the imperfections which the data do not show were known.
+Their part of a standard error is what their prior says; laboratories that are drawn from a prior of our own
+can neither confirm nor refute it.
 """
 
 from __future__ import annotations

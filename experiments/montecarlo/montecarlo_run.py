@@ -26,7 +26,7 @@ from tulip_testbed.experiments.montecarlo.montecarlo_result import (
 )
 from tulip_testbed.experiments.montecarlo.parallel_runs import Work, collect, computed_by
 from tulip_testbed.experiments.montecarlo.run_chunks import RunChunks
-from tulip_testbed.experiments.montecarlo.run_columns import Job, layout_of, read_runs
+from tulip_testbed.experiments.montecarlo.run_columns import RunJob, layout_of, read_runs
 from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.run_file import PLAN_FOLDER, RUN_FILE
 from tulip_testbed.experiments.usable_plan import identifiable_regressor
@@ -36,7 +36,7 @@ from tulip_testbed.sim.robot_check import warn_of_robot
 
 
 @dataclass(frozen=True)
-class Place:
+class RunPlace:
     """Where the work is done.
 
     Attributes:
@@ -56,7 +56,7 @@ def montecarlo(
     laboratory: Laboratory,
     plan: PosturePlan,
     settings: Settings,
-    place: Place,
+    place: RunPlace,
     progress: Progress = silent,
 ) -> MonteCarlo:
     """Carry out what is missing in the folder and report on all runs.
@@ -86,7 +86,7 @@ def montecarlo(
     kept = run_folder(place.folder, document)
     if not kept.begun() or chunks.missing():
         with computed_by(place.workers, place.address):
-            job = Job(
+            job = RunJob(
                 source_of(laboratory, plan, settings.robot_spread, settings.engine, settings.imperfections),
                 robot,
                 parameters,
@@ -140,7 +140,7 @@ def raise_runs(folder: Path, document: MonteCarloFile) -> None:
         there.model_copy(update={"settings": document.settings}).write(folder / RUN_FILE)
 
 
-def _collect_missing(chunks: RunChunks, job: Work, place: Place, progress: Progress) -> None:
+def _collect_missing(chunks: RunChunks, job: Work, place: RunPlace, progress: Progress) -> None:
     """Compute the missing chunks; an interruption says what stays.
 
     Args:

@@ -123,7 +123,7 @@ def layout_of(robot: Robot, parameters: BaseParameters) -> Layout:
 
 
 @dataclass(frozen=True)
-class Job:
+class RunJob:
     """The work of every run, as it is sent to the workers.
 
     Attributes:

@@ -11,7 +11,7 @@ import numpy as np
 
 from tulip_testbed.base.errors import InputError, listed, shortened
 from tulip_testbed.base.files import present, read_bytes
-from tulip_testbed.experiments.robot_import.skeleton import Source
+from tulip_testbed.experiments.robot_import.skeleton import SourceFile
 from tulip_testbed.experiments.robot_import.urdf import Parsed, read_urdf
 from tulip_testbed.sim.control import joint_torques
 from tulip_testbed.sim.mjcf_files import mjcf_files
@@ -23,7 +23,7 @@ EARTH = (0.0, 0.0, -9.81)  # m/s2
 LOOPS = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
 
 
-def read_published(path: Path) -> Source:
+def read_published(path: Path) -> SourceFile:
     """Read a published robot.
 
     Raises:
@@ -54,7 +54,7 @@ def read_published(path: Path) -> Source:
     reference = _reference(model, assumed)
     assumed += _left_out(model, root)
     collides = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
-    return Source(
+    return SourceFile(
         model=model,
         root=root,
         driven=driven,

@@ -147,7 +147,7 @@ class Skeleton:
 
 
 @dataclass(frozen=True)
-class Source:
+class SourceFile:
     """A published model as it was read.
 
     Attributes:
@@ -172,7 +172,7 @@ class Source:
     hulls: dict[int, Array] = field(default_factory=dict)
 
 
-def skeleton_of(source: Source) -> Skeleton:
+def skeleton_of(source: SourceFile) -> Skeleton:
     """Return the links of a model; what nothing drives is fixed to the link above it."""
     model, root = source.model, source.root
     data = mujoco.MjData(model)
@@ -228,7 +228,7 @@ def fixed(skeleton: Skeleton, names: frozenset[str]) -> Skeleton:
     return Skeleton(tuple(links))
 
 
-def _link(source: Source, data: mujoco.MjData, body: int, parent: int, hinges: tuple[Hinge, ...]) -> Link:
+def _link(source: SourceFile, data: mujoco.MjData, body: int, parent: int, hinges: tuple[Hinge, ...]) -> Link:
     model = source.model
     turn = data.ximat[body].reshape(3, 3)
     first = int(model.body_geomadr[body])
@@ -247,7 +247,7 @@ def _link(source: Source, data: mujoco.MjData, body: int, parent: int, hinges: t
     )
 
 
-def _hinges(source: Source, data: mujoco.MjData, body: int) -> tuple[Hinge, ...]:
+def _hinges(source: SourceFile, data: mujoco.MjData, body: int) -> tuple[Hinge, ...]:
     model, first = source.model, int(source.model.body_jntadr[body])
     joints = [model.joint(k) for k in range(first, first + int(model.body_jntnum[body]))]
     return tuple(
@@ -266,7 +266,7 @@ def _hinges(source: Source, data: mujoco.MjData, body: int) -> tuple[Hinge, ...]
     )
 
 
-def _shape(source: Source, data: mujoco.MjData, geom: int) -> Shape:
+def _shape(source: SourceFile, data: mujoco.MjData, geom: int) -> Shape:
     model, vertices = source.model, None
     kind, body = mujoco.mjtGeom(int(model.geom_type[geom])), model.geom_bodyid[geom]
     if kind == mujoco.mjtGeom.mjGEOM_MESH:

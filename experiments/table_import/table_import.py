@@ -16,8 +16,7 @@ from tulip_testbed.base.errors import InputError, listed, look_up
 from tulip_testbed.base.files import new_folder, read_bytes, sha256, write_bytes
 from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Table
-from tulip_testbed.base.table_files import Table as Read
-from tulip_testbed.base.table_files import software, write_json
+from tulip_testbed.base.table_files import TableFile, software, write_json
 from tulip_testbed.experiments.table_import.column_names import Proposal, propose, with_units
 from tulip_testbed.experiments.table_import.import_map import ONE, ImportMap, with_unknowns
 from tulip_testbed.experiments.table_import.sign_checks import SignCheck, check_signs
@@ -105,7 +104,7 @@ def import_table(table: Path, robot: Robot, folder: Path, stated: ImportMap) -> 
         InputError: a table that cannot be read, a statement that does not fit it, or a folder that exists.
     """
     stated = stated.model_copy(update={"columns": with_units(stated.columns)})
-    return _Import(Read(table, read_bytes(table)), robot, stated).carried_out(Path(folder))
+    return _Import(TableFile(table, read_bytes(table)), robot, stated).carried_out(Path(folder))
 
 
 class _RefusedError(InputError):
@@ -115,7 +114,7 @@ class _RefusedError(InputError):
 class _Import:
     """An import at work; a class because every step may assume something or find something missing."""
 
-    def __init__(self, table: Read, robot: Robot, stated: ImportMap) -> None:
+    def __init__(self, table: TableFile, robot: Robot, stated: ImportMap) -> None:
         self.table, self.robot, self.stated = table, robot, stated
         self.assumed: list[str] = []
         self.problems: list[str] = []

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from tulip_testbed.base.errors import InputError, listed, shortened
 from tulip_testbed.base.files import opened, present
-from tulip_testbed.base.table_files import Table
+from tulip_testbed.base.table_files import TableFile
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.manifest import Manifest
 from tulip_testbed.measurements.measurement_folder import measurements_in
@@ -172,7 +172,7 @@ def row_of(line: Line, header: bytes, manifest: Manifest, path: Path, where: Pat
             f"header has names ({fewer} during the day, or a decimal comma)"
         )
     try:
-        return measurements_in(manifest, Table(path, header + b"\n" + line.text + b"\n"), where)
+        return measurements_in(manifest, TableFile(path, header + b"\n" + line.text + b"\n"), where)
     except InputError as error:
         place = str(error).removeprefix(f"{path}: ").replace(", row 1", "")
         raise InputError(f"{path}: line {line.number}: {shortened(place, 400)}") from None

@@ -15,7 +15,7 @@ import scipy
 
 from tulip_testbed.identification.planning.constraints import Evaluation, evaluate
 from tulip_testbed.identification.planning.objectives import Smooth
-from tulip_testbed.identification.planning.problem import Problem
+from tulip_testbed.identification.planning.problem import PlanningProblem
 
 SCALE = np.array([0.05, 0.05, 0.05, 0.3, 0.3, 0.3, 0.05, 0.05, 0.3])  # of the design variables [m, rad]
 OWN, SHARED = slice(0, 6), slice(6, 9)
@@ -61,7 +61,7 @@ def gradient_of_block(slopes: np.ndarray) -> np.ndarray:
     return whole.reshape(count * size, -1)
 
 
-def bounds(problem: Problem, postures: int) -> np.ndarray:
+def bounds(problem: PlanningProblem, postures: int) -> np.ndarray:
     """Return the bounds of the scaled variables, (3 + 6 k, 2)."""
     own = np.concatenate([np.tile([-np.inf, np.inf], (3, 1)), problem.ranges.torso])
     return np.vstack(
@@ -81,7 +81,9 @@ def information_slope(evaluation: Evaluation, by_matrix: np.ndarray) -> np.ndarr
     return np.einsum("mip,mipu->mu", by_regressor, evaluation.regressor_slopes, optimize=True)
 
 
-def improve(problem: Problem, block: Block, rest: np.ndarray, smooth: Smooth, iterations: int) -> Block:
+def improve(
+    problem: PlanningProblem, block: Block, rest: np.ndarray, smooth: Smooth, iterations: int
+) -> Block:
     """Minimise a function of M over one block.
 
     Args:
@@ -113,7 +115,7 @@ def improve(problem: Problem, block: Block, rest: np.ndarray, smooth: Smooth, it
     return after if kept and objective(now)[0] < objective(before)[0] else block
 
 
-def repair(problem: Problem, block: Block, iterations: int = 60) -> Block:
+def repair(problem: PlanningProblem, block: Block, iterations: int = 60) -> Block:
     """Return the nearest feasible block, or the last iterate of SLSQP if it finds none."""
     x0 = pack(block.design)
 
@@ -124,7 +126,7 @@ def repair(problem: Problem, block: Block, iterations: int = 60) -> Block:
 
 
 def _slsqp(
-    problem: Problem,
+    problem: PlanningProblem,
     block: Block,
     function: Callable[[np.ndarray, Evaluation], tuple[float, np.ndarray]],
     iterations: int,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tulip_testbed.identification.kinematics import frame_positions, joint_axes, joint_pivots, link_rotations
-from tulip_testbed.identification.planning.problem import Problem
+from tulip_testbed.identification.planning.problem import PlanningProblem
 
 TOLERANCE = 1e-11  # of every equation [m, rad]
 ITERATIONS = 25
@@ -42,7 +42,7 @@ class Chain:
     com: np.ndarray
 
 
-def chain_at(problem: Problem, angles: np.ndarray) -> Chain:
+def chain_at(problem: PlanningProblem, angles: np.ndarray) -> Chain:
     """Compute forward kinematics and centre of mass for joint angles (m, n) [rad]."""
     tree, base = problem.parameters.tree, problem.parameters.base
     rotations = link_rotations(tree, base, angles)
@@ -61,19 +61,19 @@ def chain_at(problem: Problem, angles: np.ndarray) -> Chain:
     )
 
 
-def com_jacobian(problem: Problem, chain: Chain) -> np.ndarray:
+def com_jacobian(problem: PlanningProblem, chain: Chain) -> np.ndarray:
     """Differentiate the centre of mass by the joint angles, (m, 3, n) [m/rad]."""
     arm = (chain.moment - chain.beyond[:, None] * chain.pivots) / problem.mass.sum()
     return cross(chain.axes, arm).mT
 
 
-def point_jacobian(problem: Problem, chain: Chain, frame: int) -> np.ndarray:
+def point_jacobian(problem: PlanningProblem, chain: Chain, frame: int) -> np.ndarray:
     """Differentiate a frame's origin by the joint angles, (m, 3, n) [m/rad]."""
     arm = (chain.positions[:, frame, None] - chain.pivots) * problem.moved[:, frame, None]
     return cross(chain.axes, arm).mT
 
 
-def open_chain_torques(problem: Problem, chain: Chain) -> np.ndarray:
+def open_chain_torques(problem: PlanningProblem, chain: Chain) -> np.ndarray:
     """Compute the drive torques that hold the robot on its stance foot, (m, n) [N m].
 
     A drive carries the moment of the weight beyond it about its axis: tau = -a . (r x m g).
@@ -82,13 +82,13 @@ def open_chain_torques(problem: Problem, chain: Chain) -> np.ndarray:
     return chain.axes[..., 1] * load[..., 0] - chain.axes[..., 0] * load[..., 1]
 
 
-def _carried_load(problem: Problem, chain: Chain) -> np.ndarray:
+def _carried_load(problem: PlanningProblem, chain: Chain) -> np.ndarray:
     """Return the weight beyond each joint times its lever, (m, n, 3) [N m]."""
     return -problem.gravity * (chain.moment - chain.beyond[:, None] * chain.pivots)
 
 
 def holding_torques(
-    problem: Problem, chain: Chain, wrench: np.ndarray
+    problem: PlanningProblem, chain: Chain, wrench: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Compute the drive torques that hold the robot under a given wrench of the floor on the swing foot.
 
@@ -154,7 +154,7 @@ def torso_turn(rpy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def solve_chain(
-    problem: Problem, com: np.ndarray, rpy: np.ndarray, swing: np.ndarray, guess: np.ndarray
+    problem: PlanningProblem, com: np.ndarray, rpy: np.ndarray, swing: np.ndarray, guess: np.ndarray
 ) -> tuple[Chain, np.ndarray, np.ndarray]:
     """Solve for the joint angles of all postures by Newton's method from a guess on the intended branch.
 
@@ -205,7 +205,7 @@ def solve_chain(
     return chain, worst, derivative
 
 
-def _equations(problem: Problem, chain: Chain) -> np.ndarray:
+def _equations(problem: PlanningProblem, chain: Chain) -> np.ndarray:
     """Return dF/dq for the joints between the feet, (m, 12, 12)."""
     moved = problem.moved
     turning = chain.axes.mT

@@ -20,7 +20,7 @@ from tulip_testbed.identification.planning.link_distances import (
     link_room,
     nearest_count,
 )
-from tulip_testbed.identification.planning.problem import Problem
+from tulip_testbed.identification.planning.problem import PlanningProblem
 
 # Units of the inequalities: a value of one corresponds to this margin.
 LENGTH, ANGLE, FORCE, TORQUE = 0.01, 0.1, 10.0, 0.1  # m, rad, N, share of the limit
@@ -52,7 +52,7 @@ class Evaluation:
     torque: np.ndarray
 
 
-def inequality_names(problem: Problem) -> tuple[str, ...]:
+def inequality_names(problem: PlanningProblem) -> tuple[str, ...]:
     """Return the constraint of each inequality, (s,)."""
     names = problem.parameters.tree.joints
     pairs = len(problem.limbs[0]) * len(problem.limbs[1])
@@ -72,7 +72,7 @@ def inequality_names(problem: Problem) -> tuple[str, ...]:
     )
 
 
-def evaluate(problem: Problem, design: np.ndarray, guess: np.ndarray) -> Evaluation:
+def evaluate(problem: PlanningProblem, design: np.ndarray, guess: np.ndarray) -> Evaluation:
     """Evaluate all postures at their design variables u.
 
     Args:

@@ -12,13 +12,13 @@ from tulip_testbed.identification.planning.blocks import SCALE, Block
 from tulip_testbed.identification.planning.constraints import evaluate
 from tulip_testbed.identification.planning.footing import PLAN, footing
 from tulip_testbed.identification.planning.objectives import Smooth
-from tulip_testbed.identification.planning.problem import Problem
+from tulip_testbed.identification.planning.problem import PlanningProblem
 
 DRAWS = 1000  # about one in a hundred is feasible
 PASSES = 3  # over a placement's postures
 
 
-def candidates(problem: Problem, swing: np.ndarray, start: Block, rng: np.random.Generator) -> Block:
+def candidates(problem: PlanningProblem, swing: np.ndarray, start: Block, rng: np.random.Generator) -> Block:
     """Draw feasible random postures on a placement, between none and some tens.
 
     Args:
@@ -52,7 +52,7 @@ def candidates(problem: Problem, swing: np.ndarray, start: Block, rng: np.random
 
 
 def exchange(
-    problem: Problem, start: Block, pool: Block, rest: np.ndarray, smooth: Smooth, wanted: int
+    problem: PlanningProblem, start: Block, pool: Block, rest: np.ndarray, smooth: Smooth, wanted: int
 ) -> Block:
     """Choose the `wanted` postures of start and pool that minimise a function of M, one exchange at a time.
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tulip_testbed.identification.feasibility import planned_foot_loads
-from tulip_testbed.identification.planning.problem import Problem
+from tulip_testbed.identification.planning.problem import PlanningProblem
 
 STEP = 1e-30
 COLLINEAR = 1e-12  # m2
@@ -48,7 +48,7 @@ class Footing:
     wrench: np.ndarray
 
 
-def footing(problem: Problem, plan: np.ndarray) -> Footing:
+def footing(problem: PlanningProblem, plan: np.ndarray) -> Footing:
     """Compute the constraint quantities for the inputs of `PLAN`, (m, 8)."""
     com, swing, covariance = (plan[:, k] for k in (slice(0, 2), slice(2, 5), slice(5, 8)))
     c, s = np.cos(swing[:, 2]), np.sin(swing[:, 2])
@@ -75,7 +75,7 @@ def footing(problem: Problem, plan: np.ndarray) -> Footing:
     )
 
 
-def footing_slopes(problem: Problem, plan: np.ndarray) -> tuple[Footing, Footing]:
+def footing_slopes(problem: PlanningProblem, plan: np.ndarray) -> tuple[Footing, Footing]:
     """Return values, and derivatives by the inputs with a last axis of 8."""
     stepped = plan[:, None] + 1j * STEP * np.eye(PLAN)
     both = footing(problem, stepped.reshape(-1, PLAN))
@@ -102,7 +102,9 @@ def _edges(
     return x * (point - start)[..., 0] + y * (point - start)[..., 1], (x, y)
 
 
-def _polygon(com: np.ndarray, corners: np.ndarray, covariance: np.ndarray, problem: Problem) -> np.ndarray:
+def _polygon(
+    com: np.ndarray, corners: np.ndarray, covariance: np.ndarray, problem: PlanningProblem
+) -> np.ndarray:
     """Return the margin of the hull's edge that begins at each corner, else `OFF_HULL`, (m, 8) [m]."""
     real = corners.real
     edge = real[:, None] - real[:, :, None]  # from i to j
@@ -121,7 +123,7 @@ def _polygon(com: np.ndarray, corners: np.ndarray, covariance: np.ndarray, probl
     return np.where(begins, margin, OFF_HULL)
 
 
-def _boards(problem: Problem, swing_sole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _boards(problem: PlanningProblem, swing_sole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the centres of both boards, laid as by `lay_boards`, (m, 2, 2), and clearances, (m, ROOMS).
 
     The reach of a rotated sole has a kink where another corner becomes the outermost, as at zero yaw, and

@@ -15,7 +15,7 @@ from tulip_testbed.identification.planning.blocks import FARTHEST, SCALE, inform
 from tulip_testbed.identification.planning.constraints import Evaluation
 from tulip_testbed.identification.planning.linear_steps import EvaluatedPlan, evaluate_plan, variables
 from tulip_testbed.identification.planning.objectives import Smooth
-from tulip_testbed.identification.planning.problem import Problem
+from tulip_testbed.identification.planning.problem import PlanningProblem
 
 OPTIONS = {
     "print_time": False,
@@ -42,7 +42,9 @@ def casadi_module() -> Any:
     return casadi
 
 
-def interior_point(problem: Problem, plan: EvaluatedPlan, smooth: Smooth, iterations: int) -> EvaluatedPlan:
+def interior_point(
+    problem: PlanningProblem, plan: EvaluatedPlan, smooth: Smooth, iterations: int
+) -> EvaluatedPlan:
     """Minimise a function of the plan's information under all constraints.
 
     Returns:

@@ -15,7 +15,7 @@ import scipy
 from tulip_testbed.identification.planning.blocks import SCALE, information, information_slope
 from tulip_testbed.identification.planning.constraints import Evaluation, evaluate
 from tulip_testbed.identification.planning.objectives import PENALTY, Smooth
-from tulip_testbed.identification.planning.problem import Problem
+from tulip_testbed.identification.planning.problem import PlanningProblem
 
 GROW, SHRINK = 1.5, 0.4
 WIDEST, NARROWEST = 1.0, 1e-3  # trust regions, relative to the variables' scales
@@ -37,7 +37,9 @@ class EvaluatedPlan:
     per: int
 
 
-def evaluate_plan(problem: Problem, design: np.ndarray, angles: np.ndarray, per: int) -> EvaluatedPlan:
+def evaluate_plan(
+    problem: PlanningProblem, design: np.ndarray, angles: np.ndarray, per: int
+) -> EvaluatedPlan:
     """Evaluate the postures of a plan."""
     return EvaluatedPlan(design, evaluate(problem, design, angles), per)
 
@@ -49,7 +51,7 @@ def merit(plan: EvaluatedPlan, smooth: Smooth, penalty: float) -> float:
 
 
 def descend(
-    problem: Problem,
+    problem: PlanningProblem,
     plan: EvaluatedPlan,
     smooth: Smooth,
     iterations: int,
@@ -102,13 +104,13 @@ def descend(
     return plan, regions
 
 
-def _moved(problem: Problem, plan: EvaluatedPlan, step: np.ndarray) -> EvaluatedPlan:
+def _moved(problem: PlanningProblem, plan: EvaluatedPlan, step: np.ndarray) -> EvaluatedPlan:
     change = np.clip((plan.evaluation.joint_jacobian @ step[..., None])[..., 0], -0.5, 0.5)
     return evaluate_plan(problem, plan.design + step, plan.evaluation.chain.angles + change, plan.per)
 
 
 def linear_step(
-    problem: Problem,
+    problem: PlanningProblem,
     plan: EvaluatedPlan,
     smooth: Smooth,
     region: np.ndarray,

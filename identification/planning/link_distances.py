@@ -6,19 +6,19 @@ import numpy as np
 
 from tulip_testbed.identification.link_clearances import clearances
 from tulip_testbed.identification.planning.closed_chain import Chain, cross, point_jacobian
-from tulip_testbed.identification.planning.problem import Problem
+from tulip_testbed.identification.planning.problem import PlanningProblem
 from tulip_testbed.identification.segments import nearest_on_segments, on_segments
 
 NEAREST = 12  # pairs of links of a posture that are constrained
 BEYOND = 0.02  # m: links that are farther from each other than needed by this count as being there
 
 
-def nearest_count(problem: Problem) -> int:
+def nearest_count(problem: PlanningProblem) -> int:
     """Return the number of pairs of links that are constrained in each posture."""
     return min(NEAREST, len(problem.pairs.names))
 
 
-def link_room(problem: Problem, chain: Chain, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def link_room(problem: PlanningProblem, chain: Chain, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Compute the distances of the nearest pairs of links beyond what they must keep.
 
     Args:
@@ -53,7 +53,7 @@ def link_room(problem: Problem, chain: Chain, wanted: np.ndarray) -> tuple[np.nd
     return values, slopes
 
 
-def limb_distances(problem: Problem, chain: Chain) -> tuple[np.ndarray, np.ndarray]:
+def limb_distances(problem: PlanningProblem, chain: Chain) -> tuple[np.ndarray, np.ndarray]:
     """Compute the distances between the capsules of the two legs, negative if they overlap.
 
     Returns:
@@ -80,7 +80,7 @@ def limb_distances(problem: Problem, chain: Chain) -> tuple[np.ndarray, np.ndarr
     return np.stack(distances, axis=1), np.stack(gradients, axis=1)
 
 
-def leg_stretch(problem: Problem, chain: Chain) -> tuple[np.ndarray, np.ndarray]:
+def leg_stretch(problem: PlanningProblem, chain: Chain) -> tuple[np.ndarray, np.ndarray]:
     """Return the shortening of hip to ankle against a straight knee, (m, legs) [m], and its derivative."""
     room, slopes = [], []
     for hip, ankle, length in problem.legs:

@@ -32,7 +32,7 @@ from tulip_testbed.identification.planning.closed_chain import (
 )
 from tulip_testbed.identification.planning.constraints import ANGLE, FORCE, LENGTH, TORQUE
 from tulip_testbed.identification.planning.link_distances import leg_stretch, limb_distances, link_room
-from tulip_testbed.identification.planning.problem import Problem, planning_problem
+from tulip_testbed.identification.planning.problem import PlanningProblem, planning_problem
 from tulip_testbed.measurements import lay_boards
 from tulip_testbed.sim.robot import Robot
 
@@ -95,7 +95,7 @@ class OneFoot:
     regressor_slopes: np.ndarray
 
 
-def from_other_foot(problem: Problem) -> Problem:
+def from_other_foot(problem: PlanningProblem) -> PlanningProblem:
     """Return the problem of standing on the swing foot, which becomes the stance foot.
 
     The base parameters remain those of the given problem; their regressor becomes that of the centre of mass
@@ -128,7 +128,7 @@ def with_feet_exchanged(robot: Robot) -> Robot:
     return replace(robot, stance_foot=robot.swing_foot, swing_foot=robot.stance_foot)
 
 
-def one_foot_constraints(problem: Problem, chain: Chain, swing: np.ndarray) -> dict[str, Constraint]:
+def one_foot_constraints(problem: PlanningProblem, chain: Chain, swing: np.ndarray) -> dict[str, Constraint]:
     """Compute the constraints on postures on the stance foot.
 
     Args:
@@ -198,7 +198,9 @@ def one_foot_constraints(problem: Problem, chain: Chain, swing: np.ndarray) -> d
     return {name: Constraint(*parts) for name, parts in found.items() if parts[0].shape[1]}
 
 
-def single_support_margins(problem: Problem, angles: np.ndarray, swing: np.ndarray) -> dict[str, Margin]:
+def single_support_margins(
+    problem: PlanningProblem, angles: np.ndarray, swing: np.ndarray
+) -> dict[str, Margin]:
     """Compute the margins by constraint for postures on the stance foot.
 
     Args:
@@ -213,7 +215,7 @@ def single_support_margins(problem: Problem, angles: np.ndarray, swing: np.ndarr
     return margins
 
 
-def evaluate_one_foot(problem: Problem, angles: np.ndarray, swing: np.ndarray) -> OneFoot:
+def evaluate_one_foot(problem: PlanningProblem, angles: np.ndarray, swing: np.ndarray) -> OneFoot:
     """Evaluate postures on the stance foot with all derivatives; arguments as `single_support_margins`."""
     chain = chain_at(problem, angles)
     found = one_foot_constraints(problem, chain, swing).values()
@@ -227,7 +229,7 @@ def evaluate_one_foot(problem: Problem, angles: np.ndarray, swing: np.ndarray) -
     )
 
 
-def _torso_room(problem: Problem, chain: Chain) -> Part:
+def _torso_room(problem: PlanningProblem, chain: Chain) -> Part:
     """Return the margins of the torso's orientation to its ranges, (m, 6) [rad], and their slopes."""
     angles, (low, high) = roll_pitch_yaw(chain.rotations[:, problem.torso]), problem.ranges.torso.T
 
@@ -239,7 +241,7 @@ def _torso_room(problem: Problem, chain: Chain) -> Part:
     return np.concatenate([angles - low, high - angles], axis=1), slopes
 
 
-def _lifted(problem: Problem, chain: Chain) -> tuple[Part, Part]:
+def _lifted(problem: PlanningProblem, chain: Chain) -> tuple[Part, Part]:
     """Return the height of the swing sole's corners, (m, 4), and its place to its own side, (m, 1) [m]."""
     foot, place = chain.rotations[:, problem.swing], chain.positions[:, problem.swing]
     corners = np.column_stack([problem.soles[1], np.full(len(problem.soles[1]), problem.points[1][2])])
@@ -257,7 +259,7 @@ def _lifted(problem: Problem, chain: Chain) -> tuple[Part, Part]:
     )
 
 
-def _uncertainty(problem: Problem, angles: np.ndarray, inward: np.ndarray) -> Part:
+def _uncertainty(problem: PlanningProblem, angles: np.ndarray, inward: np.ndarray) -> Part:
     """Return the s.d. of the nominal CoM across every edge of the stance sole, (m, 4) [m], and its slopes."""
     spread = problem.parameter_covariance
     across = np.einsum("ek,mkp->mep", inward, problem.parameters.regressor(angles))
@@ -271,7 +273,7 @@ def _uncertainty(problem: Problem, angles: np.ndarray, inward: np.ndarray) -> Pa
     return sd, slopes
 
 
-def _cell_loads(problem: Problem, com: np.ndarray, swing: np.ndarray) -> np.ndarray:
+def _cell_loads(problem: PlanningProblem, com: np.ndarray, swing: np.ndarray) -> np.ndarray:
     """Return the cell loads of the stance foot's plate, (m, 4) [N]."""
     loads, order = [], slice(None, None, 1 if problem.side > 0 else -1)  # boards: the right one first
     share = np.array([1.0, 0.0])
@@ -283,7 +285,9 @@ def _cell_loads(problem: Problem, com: np.ndarray, swing: np.ndarray) -> np.ndar
     return np.array(loads)
 
 
-def _cell_slope(problem: Problem, loads: np.ndarray, com: np.ndarray, swing: np.ndarray) -> np.ndarray:
+def _cell_slope(
+    problem: PlanningProblem, loads: np.ndarray, com: np.ndarray, swing: np.ndarray
+) -> np.ndarray:
     """Differentiate the cell loads by the CoM's x and y, of which they are linear functions, (m, 4, 2)."""
     steps = np.eye(3)[:2]
     return np.stack([_cell_loads(problem, com + step, swing) - loads for step in steps], axis=2)

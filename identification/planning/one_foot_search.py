@@ -16,7 +16,7 @@ from tulip_testbed.identification.planning.blocks import FEASIBLE
 from tulip_testbed.identification.planning.linear_steps import elastic_step
 from tulip_testbed.identification.planning.objectives import Smooth, shifted
 from tulip_testbed.identification.planning.one_foot import OneFoot, evaluate_one_foot, from_other_foot
-from tulip_testbed.identification.planning.problem import Problem
+from tulip_testbed.identification.planning.problem import PlanningProblem
 from tulip_testbed.identification.planning.single_support import feasible_pool
 
 POOL = 3  # random postures for each wanted one on one foot
@@ -40,7 +40,7 @@ class OnOneFoot:
     """
 
     support: str
-    problem: Problem
+    problem: PlanningProblem
     swing: np.ndarray
     angles: np.ndarray
 
@@ -57,7 +57,7 @@ class OnOneFoot:
 
 
 def random_pools(
-    problem: Problem, counts: Mapping[str, int], seed: int, times: int = POOL
+    problem: PlanningProblem, counts: Mapping[str, int], seed: int, times: int = POOL
 ) -> list[OnOneFoot]:
     """Draw random feasible postures on each foot, `times` as many as are wanted if draws suffice.
 
@@ -72,7 +72,7 @@ def random_pools(
     return pools
 
 
-def board_pose(problem: Problem) -> np.ndarray:
+def board_pose(problem: PlanningProblem) -> np.ndarray:
     """Return the pose of the lifted foot's board: its middle ahead, its farthest to the side, (3,)."""
     x, y, yaw = problem.ranges.swing_x, problem.ranges.swing_y, problem.ranges.swing_yaw
     return np.array([sum(x) / 2, max(y, key=abs), np.clip(0.0, *yaw)])
@@ -137,7 +137,7 @@ def information_on_one_foot(found: OneFoot) -> np.ndarray:
 
 
 def descend_on_one_foot(
-    problem: Problem, angles: np.ndarray, swing: np.ndarray, smooth: Smooth, iterations: int
+    problem: PlanningProblem, angles: np.ndarray, swing: np.ndarray, smooth: Smooth, iterations: int
 ) -> np.ndarray:
     """Minimise a function of the postures' information from feasible postures.
 
@@ -173,7 +173,7 @@ def descend_on_one_foot(
 
 
 def _moved(
-    problem: Problem, found: OneFoot, standing: np.ndarray, cost: np.ndarray, region: np.ndarray
+    problem: PlanningProblem, found: OneFoot, standing: np.ndarray, cost: np.ndarray, region: np.ndarray
 ) -> tuple[OneFoot, float]:
     """Return the postures after a linear step, corrected for curvature, and the gain that it predicts."""
     angles = found.chain.angles

@@ -29,7 +29,7 @@ from tulip_testbed.identification.planning.one_foot_search import (
     total,
 )
 from tulip_testbed.identification.planning.path_order import with_free_paths
-from tulip_testbed.identification.planning.problem import Problem
+from tulip_testbed.identification.planning.problem import PlanningProblem
 from tulip_testbed.identification.planning.search import (
     SearchState,
     design_of,
@@ -58,7 +58,7 @@ UNITS = {  # of a margin, by the first word of its constraint: unit, and size of
 MILLIMETRES = ("mm", 1e3 * LENGTH)
 
 
-def objective_by_name(problem: Problem, name: str, sigma: float) -> Objective:
+def objective_by_name(problem: PlanningProblem, name: str, sigma: float) -> Objective:
     """Return the objective of `OBJECTIVES` with this name.
 
     Raises:
@@ -69,7 +69,7 @@ def objective_by_name(problem: Problem, name: str, sigma: float) -> Objective:
 
 
 def initial_state(
-    problem: Problem, objective: Objective, placements: int, per: int, seed: int
+    problem: PlanningProblem, objective: Objective, placements: int, per: int, seed: int
 ) -> tuple[PosturePlan, SearchState]:
     """Draw a random start of the search and repair it.
 
@@ -120,7 +120,7 @@ class Start:
 
 
 def random_start(
-    problem: Problem,
+    problem: PlanningProblem,
     objective: Objective,
     placements: int,
     per: int,
@@ -165,7 +165,7 @@ def random_start(
 
 
 def optimize_plan(
-    problem: Problem,
+    problem: PlanningProblem,
     objective: Objective,
     placements: int,
     per: int,
@@ -210,7 +210,7 @@ def optimize_plan(
     return plan_from_state(problem, objective, reached, seed, hops, solver, measured)
 
 
-def _in_turn(problem: Problem, goal: Objective, reached: Start, seed: int, hops: int) -> Start:
+def _in_turn(problem: PlanningProblem, goal: Objective, reached: Start, seed: int, hops: int) -> Start:
     """Improve the postures on one foot and polish those on both, in turn."""
     smooth, rounds, state, single = goal.smooth[-1], round_count(goal, hops), reached.state, reached.single
     both = _information(problem, state)
@@ -226,25 +226,25 @@ def _in_turn(problem: Problem, goal: Objective, reached: Start, seed: int, hops:
     return replace(reached, state=state, single=single)
 
 
-def _information(problem: Problem, state: SearchState) -> np.ndarray:
+def _information(problem: PlanningProblem, state: SearchState) -> np.ndarray:
     return information(evaluate(problem, state.best_design, state.best_angles))
 
 
-def after(problem: Problem, objective: Objective, measured: Measurements | None) -> Objective:
+def after(problem: PlanningProblem, objective: Objective, measured: Measurements | None) -> Objective:
     """Return the objective of further postures; information adds up over postures."""
     if measured is None:
         return objective
     return replace(given(objective, measured_information(problem, measured)), penalty=PENALTY_AFTER)
 
 
-def measured_information(problem: Problem, measurements: Measurements) -> np.ndarray:
+def measured_information(problem: PlanningProblem, measurements: Measurements) -> np.ndarray:
     """Compute M = H'H of the measured postures at their measured angles, (p, p)."""
     rows = stacked_regressor(problem.parameters, measurements.joint_angles, measurements.support)
     return rows.T @ rows
 
 
 def plan_from_state(
-    problem: Problem,
+    problem: PlanningProblem,
     objective: Objective,
     reached: Start,
     seed: int,
@@ -297,7 +297,7 @@ def plan_from_state(
     )
 
 
-def _with_one_foot(problem: Problem, plan: PosturePlan, single: Sequence[OnOneFoot]) -> PosturePlan:
+def _with_one_foot(problem: PlanningProblem, plan: PosturePlan, single: Sequence[OnOneFoot]) -> PosturePlan:
     """Append postures on one foot to a plan, on placements of their own."""
     counts = {own.support: len(own.angles) for own in single}
     made = {**counts, "pool": POOL, "lifted": problem.margins.lifted}
@@ -309,7 +309,7 @@ def _with_one_foot(problem: Problem, plan: PosturePlan, single: Sequence[OnOneFo
     return plan
 
 
-def smallest_margins(problem: Problem, plan: PosturePlan) -> dict[str, dict[str, Any]]:
+def smallest_margins(problem: PlanningProblem, plan: PosturePlan) -> dict[str, dict[str, Any]]:
     """Return the smallest margin of every constraint and the posture where it occurs.
 
     Zero means that the constraint is just kept with all its margins; a negative value is infeasible.

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from tulip_testbed.identification.link_paths import blocked
-from tulip_testbed.identification.planning.problem import Problem
+from tulip_testbed.identification.planning.problem import PlanningProblem
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.path import ClosedChain
 
@@ -36,7 +36,7 @@ def sequences(room: np.ndarray, most: int, first: int = 0) -> tuple[np.ndarray, 
     return np.array(order), np.array(group)
 
 
-def with_free_paths(problem: Problem, plan: PosturePlan) -> PosturePlan:
+def with_free_paths(problem: PlanningProblem, plan: PosturePlan) -> PosturePlan:
     """Return a plan on both feet whose links keep apart on the paths between its postures.
 
     Placements keep the order of their postures if they can. If no order will do, the robot is lifted and put
@@ -56,7 +56,7 @@ def with_free_paths(problem: Problem, plan: PosturePlan) -> PosturePlan:
     return replace(moved, posture=plan.posture, placement=placement)
 
 
-def _groups(problem: Problem, chain: ClosedChain, angles: np.ndarray) -> list[np.ndarray]:
+def _groups(problem: PlanningProblem, chain: ClosedChain, angles: np.ndarray) -> list[np.ndarray]:
     """Split postures (k, n) into as few sequences with free paths as a greedy search finds."""
     count = len(angles)
 

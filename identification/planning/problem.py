@@ -34,7 +34,7 @@ LEAST_LIMB = 0.155
 
 
 @dataclass(frozen=True)
-class Problem:
+class PlanningProblem:
     """A robot as the optimisation of postures needs it; n joints, f frames, p base parameters.
 
     Attributes:
@@ -93,7 +93,7 @@ def planning_problem(
     ranges: PlanningRanges | None = None,
     margins: Margins | None = None,
     support: str = "double",
-) -> Problem:
+) -> PlanningProblem:
     """Read the planning problem from the robot's files.
 
     Args:
@@ -125,7 +125,7 @@ def planning_problem(
     torques = np.column_stack([-limits, limits])
     limbs, legs = _limbs(model, robot, parameters)
     limbs = _slim(limbs, robot, parameters, margins.leg_clearance)
-    return Problem(
+    return PlanningProblem(
         robot=robot,
         parameters=parameters,
         ranges=ranges or planning_ranges(robot),

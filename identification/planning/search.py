@@ -21,7 +21,7 @@ from tulip_testbed.identification.planning.exchange import candidates, exchange
 from tulip_testbed.identification.planning.interior_point import interior_point
 from tulip_testbed.identification.planning.linear_steps import EvaluatedPlan, descend, evaluate_plan, merit
 from tulip_testbed.identification.planning.objectives import Objective, Smooth
-from tulip_testbed.identification.planning.problem import Problem
+from tulip_testbed.identification.planning.problem import PlanningProblem
 from tulip_testbed.identification.planning.search_defaults import HOPS, SOLVERS
 
 WARM = 15  # linear steps for each of the smooth objectives at the start
@@ -59,7 +59,7 @@ class SearchState:
 
 
 def repair_start(
-    problem: Problem,
+    problem: PlanningProblem,
     objective: Objective,
     angles: np.ndarray,
     swing: np.ndarray,
@@ -112,7 +112,7 @@ def round_count(objective: Objective, hops: int) -> int:
 
 
 def search(
-    problem: Problem,
+    problem: PlanningProblem,
     objective: Objective,
     state: SearchState,
     per: int,
@@ -146,14 +146,16 @@ def search(
         yield state
 
 
-def design_of(problem: Problem, angles: np.ndarray, swing: np.ndarray) -> np.ndarray:
+def design_of(problem: PlanningProblem, angles: np.ndarray, swing: np.ndarray) -> np.ndarray:
     """Return the design variables of given postures, (m, 9)."""
     chain = chain_at(problem, angles)
     torso = roll_pitch_yaw(chain.rotations[:, problem.torso])
     return np.column_stack([chain.com, torso, swing])
 
 
-def _kept(problem: Problem, objective: Objective, state: SearchState, plan: EvaluatedPlan) -> SearchState:
+def _kept(
+    problem: PlanningProblem, objective: Objective, state: SearchState, plan: EvaluatedPlan
+) -> SearchState:
     """Return the state after a round; only a feasible plan can become the best."""
     after = replace(state, rounds=state.rounds + 1, design=plan.design, angles=plan.evaluation.chain.angles)
     if objective.value(information(plan.evaluation)) > state.value:
@@ -173,7 +175,7 @@ def _kept(problem: Problem, objective: Objective, state: SearchState, plan: Eval
 
 
 def _hop(
-    problem: Problem, plan: EvaluatedPlan, smooth: Smooth, penalty: float, rng: np.random.Generator
+    problem: PlanningProblem, plan: EvaluatedPlan, smooth: Smooth, penalty: float, rng: np.random.Generator
 ) -> EvaluatedPlan:
     """Exchange postures of one placement, perhaps at another foot pose; keep the plan if it improves."""
     blocks = _blocks(plan)
@@ -198,7 +200,7 @@ def _hop(
     return moved if merit(moved, smooth, penalty) < merit(plan, smooth, penalty) - GAIN else plan
 
 
-def _polish(problem: Problem, plan: EvaluatedPlan, smooth: Smooth) -> EvaluatedPlan:
+def _polish(problem: PlanningProblem, plan: EvaluatedPlan, smooth: Smooth) -> EvaluatedPlan:
     """Improve one placement after another by SLSQP."""
     blocks = _blocks(plan)
     parts = [information(evaluate(problem, b.design, b.angles)) for b in blocks]
@@ -225,7 +227,7 @@ class StateError(InputError):
 
 
 def resumed(
-    problem: Problem,
+    problem: PlanningProblem,
     objective: Objective,
     state: SearchState | None,
     start: SearchState,

@@ -19,7 +19,7 @@ from tulip_testbed.identification.planning.exchange import exchange
 from tulip_testbed.identification.planning.objectives import Objective
 from tulip_testbed.identification.planning.one_foot import single_support_margins
 from tulip_testbed.identification.planning.path_order import sequences
-from tulip_testbed.identification.planning.problem import Problem
+from tulip_testbed.identification.planning.problem import PlanningProblem
 from tulip_testbed.measurements import PosturePlan
 
 DRAWS = 5000  # per round
@@ -31,7 +31,12 @@ ON_THE_PATH = ("stability margin", "torques", "leg clearance", "link clearance",
 
 
 def single_support_plan(
-    problem: Problem, objective: Objective, plan: PosturePlan, measured: np.ndarray, count: int, seed: int
+    problem: PlanningProblem,
+    objective: Objective,
+    plan: PosturePlan,
+    measured: np.ndarray,
+    count: int,
+    seed: int,
 ) -> PosturePlan:
     """Append `count` postures on the stance foot, on placements of their own, to a plan.
 
@@ -64,7 +69,7 @@ def single_support_plan(
 
 
 def appended_on_one_foot(
-    problem: Problem,
+    problem: PlanningProblem,
     plan: PosturePlan,
     support: str,
     angles: np.ndarray,
@@ -93,7 +98,7 @@ def appended_on_one_foot(
 
 
 def ordered_on_one_foot(
-    problem: Problem, angles: np.ndarray, swing: np.ndarray, most: int
+    problem: PlanningProblem, angles: np.ndarray, swing: np.ndarray, most: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Order postures, and assign placements, (m,) each, so that no path between two of them tips the robot.
 
@@ -119,7 +124,7 @@ def ordered_on_one_foot(
 
 
 def feasible_pool(
-    problem: Problem, swing: np.ndarray, count: int, rng: np.random.Generator, times: int = POOL
+    problem: PlanningProblem, swing: np.ndarray, count: int, rng: np.random.Generator, times: int = POOL
 ) -> np.ndarray:
     """Draw random feasible postures on the stance foot, (k, n) [rad].
 

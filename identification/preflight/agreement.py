@@ -94,7 +94,7 @@ def repeats(measurements: Measurements, nominal: Nominal, noise: ReadingNoise) -
 
 
 @dataclass(frozen=True)
-class Fit:
+class AgreementFit:
     """The best fitting model under the stated covariance V, prepared for tests of shifts.
 
     Attributes:
@@ -129,7 +129,7 @@ class Shifts:
     error: np.ndarray
 
 
-def shifts(found: Fit, directions: np.ndarray, together: Groups) -> Shifts:
+def shifts(found: AgreementFit, directions: np.ndarray, together: Groups) -> Shifts:
     """Test a shift of the residuals of each group.
 
     Args:
@@ -162,7 +162,7 @@ def shifts(found: Fit, directions: np.ndarray, together: Groups) -> Shifts:
     )
 
 
-def fit(measurements: Measurements, data: Regression, noise: ReadingNoise) -> Fit | None:
+def fit(measurements: Measurements, data: Regression, noise: ReadingNoise) -> AgreementFit | None:
     """Fit the model by generalised least squares; None without a stated cell_sd or degrees of freedom."""
     dof = len(data.output) - data.matrix.shape[1]
     if usable_sd(measurements.sensors.cell_sd) is None or dof < 1:
@@ -176,10 +176,12 @@ def fit(measurements: Measurements, data: Regression, noise: ReadingNoise) -> Fi
     theta = covariance @ np.tensordot(weighted, output, axes=((0, 1), (0, 1)))
     residual = output - model @ theta
     score = weights(residual)
-    return Fit(weights, model, weighted, covariance, score[..., 0], float(np.vdot(residual, score)), dof)
+    return AgreementFit(
+        weights, model, weighted, covariance, score[..., 0], float(np.vdot(residual, score)), dof
+    )
 
 
-def single_postures(measurements: Measurements, found: Fit | None) -> Finding:
+def single_postures(measurements: Measurements, found: AgreementFit | None) -> Finding:
     """Find a posture whose centre of pressure contradicts all the others."""
     name = "single postures"
     if found is None:
@@ -201,7 +203,7 @@ def single_postures(measurements: Measurements, found: Fit | None) -> Finding:
     )
 
 
-def single_placements(measurements: Measurements, found: Fit | None) -> Finding:
+def single_placements(measurements: Measurements, found: AgreementFit | None) -> Finding:
     """Find a placement whose postures are shifted together, as by a wrongly recorded plate pose."""
     name, m = "single placements", measurements
     if found is None:
@@ -236,7 +238,7 @@ def single_placements(measurements: Measurements, found: Fit | None) -> Finding:
     )
 
 
-def scatter(found: Fit | None, usual: Usual) -> Finding:
+def scatter(found: AgreementFit | None, usual: Usual) -> Finding:
     """Compare the residuals of the best fit with the stated noise and ordinary imperfections.
 
     Large residuals need not be a fault of the folder: the robot may differ from the model. Only those that no

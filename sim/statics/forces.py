@@ -13,7 +13,7 @@ WRENCH_UNIT = 100.0  # N or Nm that count as one metre in the closure residual o
 
 
 @dataclass(frozen=True)
-class State:
+class StaticState:
     """State of the mechanism and the wrenches on its feet; leading dimensions ... are the batch.
 
     Attributes:
@@ -27,16 +27,16 @@ class State:
     angles: np.ndarray
     wrench: np.ndarray
 
-    def take(self, which: np.ndarray) -> State:
+    def take(self, which: np.ndarray) -> StaticState:
         """Select items of a flat batch."""
-        return State(self.position[which], self.rotation[which], self.angles[which], self.wrench[which])
+        return StaticState(self.position[which], self.rotation[which], self.angles[which], self.wrench[which])
 
-    def put(self, which: np.ndarray, other: State) -> None:
+    def put(self, which: np.ndarray, other: StaticState) -> None:
         """Overwrite items of a flat batch."""
         self.position[which], self.rotation[which] = other.position, other.rotation
         self.angles[which], self.wrench[which] = other.angles, other.wrench
 
-    def moved(self, change: np.ndarray) -> State:
+    def moved(self, change: np.ndarray) -> StaticState:
         """Return the state after a change.
 
         Args:
@@ -44,7 +44,7 @@ class State:
                 wrenches, (..., 6 + n + 12).
         """
         n = self.angles.shape[-1]
-        return State(
+        return StaticState(
             self.position + change[..., :3],
             rotation_matrix(change[..., 3:6]) @ self.rotation,
             self.angles + change[..., 6 : 6 + n],
@@ -80,7 +80,7 @@ class Load:
         return Load(**{name: part[which] if part.ndim > own else part for name, (part, own) in parts.items()})
 
 
-def residual(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
+def residual(mechanism: Mechanism, state: StaticState, load: Load) -> np.ndarray:
     """Compute the residual of equilibrium and closure, (..., 6 + n + 12) [N, Nm, m, rad].
 
     Forces and moments of all loads about the world's origin are summed from the leaves to the torso; a
@@ -108,7 +108,7 @@ def residual(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
     return out
 
 
-def sole_poses(mechanism: Mechanism, state: State) -> np.ndarray:
+def sole_poses(mechanism: Mechanism, state: StaticState) -> np.ndarray:
     """Return the planar poses of both soles in the world, (..., 2, 3) [m, m, rad]."""
     frames = body_frames(mechanism, state)
     poses = []
@@ -170,7 +170,7 @@ class Frames:
     anchor: np.ndarray
 
 
-def body_frames(m: Mechanism, state: State) -> Frames:
+def body_frames(m: Mechanism, state: StaticState) -> Frames:
     """Return place and rotation of every body, and axis and anchor of every coordinate, in the world."""
     batch, count, n = state.angles.shape[:-1], len(m.bodies), state.angles.shape[-1]
     places, rotations = np.empty((count, *batch, 3)), np.empty((count, *batch, 3, 3))
@@ -212,7 +212,7 @@ def _turned(rotation: np.ndarray, joint: Joint, angle: np.ndarray) -> np.ndarray
     return rotation @ rotation_matrix(angle[..., None] * joint.axis)
 
 
-def body_loads(m: Mechanism, state: State, load: Load, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
+def body_loads(m: Mechanism, state: StaticState, load: Load, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
     """Return force and moment about the world's origin on every body, by weight, feet and ropes.
 
     Returns:
@@ -243,7 +243,7 @@ def _by_body(values: np.ndarray, batch: int) -> np.ndarray:
     return first.reshape(len(first), *[1] * (batch + 2 - first.ndim), *first.shape[1:])
 
 
-def drives(m: Mechanism, state: State, load: Load) -> np.ndarray:
+def drives(m: Mechanism, state: StaticState, load: Load) -> np.ndarray:
     """Return the torques of servos, springs and dry friction on the coordinates, (..., n)."""
     out = load.friction - m.stiffness * (state.angles - m.rest) + stop_torques(m.stops, state.angles)
     out[..., m.motors] += servo_torques(m, state.angles, load.command)
@@ -257,7 +257,7 @@ def _beyond(length: np.ndarray, low: float, high: float) -> np.ndarray:
     return length - np.clip(length, low, high)
 
 
-def _closure(m: Mechanism, state: State, load: Load, frames: Frames) -> np.ndarray:
+def _closure(m: Mechanism, state: StaticState, load: Load, frames: Frames) -> np.ndarray:
     """Return the pose errors of both soles against flat on their compliant plates, (..., 2, 6)."""
     rows = []
     for side, (sole, point) in enumerate(zip(m.soles, m.sole_points, strict=True)):

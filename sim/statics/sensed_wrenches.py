@@ -8,7 +8,7 @@ from tulip_testbed.sim.sensors import ANKLE, PLATE
 from tulip_testbed.sim.statics.forces import (
     Frames,
     Load,
-    State,
+    StaticState,
     body_frames,
     body_loads,
     cross,
@@ -19,7 +19,7 @@ from tulip_testbed.sim.statics.solved_plan import SolvedPlan
 from tulip_testbed.sim.wrench_sensors import in_frame, in_sensor_frame, mountings
 
 
-def sensed_wrenches(solved_plan: SolvedPlan, state: State, load: Load) -> np.ndarray:
+def sensed_wrenches(solved_plan: SolvedPlan, state: StaticState, load: Load) -> np.ndarray:
     """Return the true wrenches at the wrench sensors, (..., 2, 6) [N, Nm]; (..., 0, 6) without any."""
     m, sensors = solved_plan.mechanism, solved_plan.rig.sensors.wrench
     if sensors is None:
@@ -33,7 +33,7 @@ def sensed_wrenches(solved_plan: SolvedPlan, state: State, load: Load) -> np.nda
     return np.stack(sides, axis=-2)
 
 
-def _of_feet(m: Mechanism, state: State, load: Load, frames: Frames) -> np.ndarray:
+def _of_feet(m: Mechanism, state: StaticState, load: Load, frames: Frames) -> np.ndarray:
     """Return what the feet pass on to the legs: the ground's wrench and their weight, (..., 2, 6) [N, Nm].
 
     The moment is about the foot's origin, and both are in the foot's axes.
@@ -48,7 +48,7 @@ def _of_feet(m: Mechanism, state: State, load: Load, frames: Frames) -> np.ndarr
     return np.stack(sides, axis=-2)
 
 
-def _on_soles(m: Mechanism, state: State, frames: Frames) -> np.ndarray:
+def _on_soles(m: Mechanism, state: StaticState, frames: Frames) -> np.ndarray:
     """Return the ground's wrench about each foot's origin in the foot's axes, (..., 2, 6) [N, Nm]."""
     ground = _ground_wrenches(m, state, frames)
     sides = [
@@ -66,7 +66,7 @@ def _on_plates(load: Load, ground: np.ndarray) -> np.ndarray:
     return in_frame(upright, at, ground)
 
 
-def _ground_wrenches(m: Mechanism, state: State, frames: Frames) -> np.ndarray:
+def _ground_wrenches(m: Mechanism, state: StaticState, frames: Frames) -> np.ndarray:
     """Return the ground's wrenches on both soles about the world's origin, (..., 2, 6) [N, Nm]."""
     sides = []
     for side, (sole, point) in enumerate(zip(m.soles, m.sole_points, strict=True)):

@@ -15,7 +15,7 @@ from tulip_testbed.sim.statics.forces import (
     WRENCH_UNIT,
     Frames,
     Load,
-    State,
+    StaticState,
     body_frames,
     body_loads,
     contact_deflection,
@@ -35,7 +35,7 @@ def has_closed_slope(m: Mechanism) -> bool:
     return hinges and not m.ropes and not any(m.rocking)
 
 
-def closed_slope(m: Mechanism, state: State, load: Load) -> np.ndarray:
+def closed_slope(m: Mechanism, state: StaticState, load: Load) -> np.ndarray:
     """Compute the derivative of `residual` by the state's change, (b, s, s).
 
     Args:
@@ -102,7 +102,7 @@ def closed_slope(m: Mechanism, state: State, load: Load) -> np.ndarray:
 
 
 def _sums_behind(
-    m: Mechanism, state: State, load: Load, frames: Frames, soles: list[np.ndarray]
+    m: Mechanism, state: StaticState, load: Load, frames: Frames, soles: list[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Sum forces (b, nb, 3), moments and c f' (b, nb, 3, 3) of the loads over each body and all behind it."""
     force, moment = body_loads(m, state, load, frames)
@@ -116,7 +116,7 @@ def _sums_behind(
     return force, moment, spread
 
 
-def _of_drives(m: Mechanism, state: State, load: Load) -> np.ndarray:
+def _of_drives(m: Mechanism, state: StaticState, load: Load) -> np.ndarray:
     """Return the derivative of `drives` by the coordinates, by central differences, (b, n, n)."""
     n = state.angles.shape[-1]
     if m.springs:

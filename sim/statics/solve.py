@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tulip_testbed.measurements.cells import CELLS, CORNERS
-from tulip_testbed.sim.statics.forces import Load, State, board_wrench, residual
+from tulip_testbed.sim.statics.forces import Load, StaticState, board_wrench, residual
 from tulip_testbed.sim.statics.mechanism import Mechanism
 from tulip_testbed.sim.statics.slope import closed_slope, has_closed_slope
 
@@ -34,13 +34,13 @@ class Reference:
         solved: whether Newton's method converged, (k,) bool.
     """
 
-    state: State
+    state: StaticState
     inverse: np.ndarray
     slope: np.ndarray
     solved: np.ndarray
 
 
-def solve_by_newton(mechanism: Mechanism, start: State, load: Load) -> Reference:
+def solve_by_newton(mechanism: Mechanism, start: StaticState, load: Load) -> Reference:
     """Solve for equilibria by Newton's method from nearby states, each on its own.
 
     Free play is opened in steps, since its torque has a kink at which the derivative jumps. So has a motor at
@@ -59,7 +59,7 @@ def solve_by_newton(mechanism: Mechanism, start: State, load: Load) -> Reference
     return _newton(mechanism, start, load)
 
 
-def solve_near(mechanism: Mechanism, near: Reference, start: State, load: Load) -> Reference:
+def solve_near(mechanism: Mechanism, near: Reference, start: StaticState, load: Load) -> Reference:
     """Solve for equilibria that lie near those of a similar mechanism.
 
     Where a spring has free play or a board rocks there may be several equilibria: then, and for postures that
@@ -96,11 +96,11 @@ def solve_near(mechanism: Mechanism, near: Reference, start: State, load: Load) 
     return Reference(state, inverse, slope, solved)
 
 
-def _slope_of(mechanism: Mechanism) -> Callable[[Mechanism, State, Load], np.ndarray]:
+def _slope_of(mechanism: Mechanism) -> Callable[[Mechanism, StaticState, Load], np.ndarray]:
     return closed_slope if has_closed_slope(mechanism) else derivative
 
 
-def _newton(mechanism: Mechanism, start: State, load: Load) -> Reference:
+def _newton(mechanism: Mechanism, start: StaticState, load: Load) -> Reference:
     count, n = start.position.shape[0], start.angles.shape[-1]
     state = start.take(np.arange(count))
     slope = np.zeros((count, 18 + n, 18 + n))
@@ -131,7 +131,7 @@ def inverted(slope: np.ndarray) -> np.ndarray:
     return inverse
 
 
-def derivative(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
+def derivative(mechanism: Mechanism, state: StaticState, load: Load) -> np.ndarray:
     """Compute the derivative of the residual by the state's change, by central differences, (b, s, s).
 
     Args:
@@ -151,7 +151,7 @@ def derivative(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
 
 def solve_by_chord(
     mechanism: Mechanism, reference: Reference, which: np.ndarray, load: Load
-) -> tuple[State, np.ndarray]:
+) -> tuple[StaticState, np.ndarray]:
     """Solve for equilibria near solved ones with the derivative of those (chord method).
 
     It converges linearly, the faster the nearer; items that do not converge are solved by Newton's method.
@@ -174,7 +174,7 @@ def solve_by_chord(
 
 def _chord(
     mechanism: Mechanism, reference: Reference, which: np.ndarray, load: Load
-) -> tuple[State, np.ndarray]:
+) -> tuple[StaticState, np.ndarray]:
     n = reference.state.angles.shape[-1]
     state = reference.state.take(which)
     solved, left = np.zeros(len(which), bool), np.arange(len(which))
@@ -196,7 +196,7 @@ LEAST_LOAD = 1e-6  # N
 TWIST = np.array([1.0, -1.0, 1.0, -1.0])
 
 
-def cell_forces(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
+def cell_forces(mechanism: Mechanism, state: StaticState, load: Load) -> np.ndarray:
     """Return the tared forces of the eight cells, (..., 8) [N].
 
     A rigid board on four equal springs distributes its load bilinearly; a cell that would have to pull reads
@@ -219,7 +219,7 @@ def cell_forces(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
 
 
 def faults(
-    mechanism: Mechanism, state: State, load: Load, cells: np.ndarray, feet: tuple[str, str]
+    mechanism: Mechanism, state: StaticState, load: Load, cells: np.ndarray, feet: tuple[str, str]
 ) -> np.ndarray:
     """Return why each posture would not stand as planned, or "", (...,) of text.
 

@@ -14,7 +14,7 @@ from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.rig import Rig, stages
 from tulip_testbed.sim.robot import rotation_matrices
 from tulip_testbed.sim.scene import boards_under
-from tulip_testbed.sim.statics.forces import Load, State
+from tulip_testbed.sim.statics.forces import Load, StaticState
 from tulip_testbed.sim.statics.mechanism import Mechanism
 from tulip_testbed.sim.statics.read_mechanism import read_mechanism
 from tulip_testbed.sim.statics.solve import Reference, solve_by_newton, solve_near
@@ -101,7 +101,7 @@ def standard_parameters_of(solved_plan: SolvedPlan) -> np.ndarray:
     return np.column_stack([mass, mass[:, None] * m.center[solved_plan.links]])
 
 
-def _start(rig: Rig, m: Mechanism, plan: PosturePlan) -> State:
+def _start(rig: Rig, m: Mechanism, plan: PosturePlan) -> StaticState:
     """Return the planned postures with the weight shared equally by the feet in contact."""
     chain = ClosedChain(rig.robot.model, rig.robot)
     base = base_foot(plan.support).tolist()
@@ -112,4 +112,4 @@ def _start(rig: Rig, m: Mechanism, plan: PosturePlan) -> State:
     share = feet_in_contact(plan.support) / feet_in_contact(plan.support).sum(axis=1)[:, None]
     wrench = np.zeros((len(pose), 2, 6))
     wrench[:, :, :3] = -share[:, :, None] * m.gravity * m.mass.sum()
-    return State(pose[:, :3], rotation_matrices(pose[:, 3:]), angles, wrench)
+    return StaticState(pose[:, :3], rotation_matrices(pose[:, 3:]), angles, wrench)

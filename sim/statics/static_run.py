@@ -27,7 +27,7 @@ from tulip_testbed.sim.procedure import (
 )
 from tulip_testbed.sim.sensors import draw_zeros, sample_mean
 from tulip_testbed.sim.statics.approach import approach_displacements, friction_at_rest, sway_displacements
-from tulip_testbed.sim.statics.forces import Load, State, sole_poses
+from tulip_testbed.sim.statics.forces import Load, StaticState, sole_poses
 from tulip_testbed.sim.statics.sensed_wrenches import sensed_wrenches
 from tulip_testbed.sim.statics.solve import cell_forces, faults, solve_by_chord
 from tulip_testbed.sim.statics.solved_plan import SolvedPlan, feet_in_base, standard_parameters_of
@@ -151,7 +151,7 @@ def _in_time(
 
 def solve_tries(
     solved_plan: SolvedPlan, tries: Tries, mass: np.ndarray, center: np.ndarray
-) -> tuple[State, Load, np.ndarray]:
+) -> tuple[StaticState, Load, np.ndarray]:
     """Solve all attempts; return states, loads and why each cannot be used or "", (b,) of text."""
     m, plan, rig = solved_plan.mechanism, solved_plan.plan, solved_plan.rig
     moved = ~tries.fresh
@@ -218,7 +218,7 @@ def _feet(solved_plan: SolvedPlan, tries: Tries) -> np.ndarray:
     angles[:, m.motors] = tries.command[down] - tries.offset[down]
     angles[:, m.joints] = angles[:, m.motors]
     rows = tries.row[down]
-    poses = sole_poses(m, State(near.position[rows], near.rotation[rows], angles, near.wrench[rows]))
+    poses = sole_poses(m, StaticState(near.position[rows], near.rotation[rows], angles, near.wrench[rows]))
     feet = feet_in_base(poses, solved_plan.plan.support[rows])
     return feet[np.cumsum(tries.fresh) - 1]
 

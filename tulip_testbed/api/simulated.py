@@ -12,7 +12,7 @@ from tulip_testbed.base.threads import one_blas_thread, processes
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, DEFAULT_SEED, ORDINARY
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
-from tulip_testbed.experiments.montecarlo.montecarlo_run import Place, montecarlo
+from tulip_testbed.experiments.montecarlo.montecarlo_run import RunPlace, montecarlo
 from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.simulate import Simulation
 from tulip_testbed.experiments.simulate import simulate as _simulate
@@ -153,5 +153,5 @@ def monte_carlo(
     settings = Settings(runs, seed, estimator, robot_spread, engine, imperfections)
     with tempfile.TemporaryDirectory() as scratch:
         kept = Path(scratch) / "runs" if out is None else Path(out)
-        place = Place(kept, processes(workers), scheduler, out is not None)
+        place = RunPlace(kept, processes(workers), scheduler, out is not None)
         return montecarlo(laboratory, plan, settings, place, progress)

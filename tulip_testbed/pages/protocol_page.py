@@ -55,7 +55,7 @@ AFTER = (
 
 
 @dataclass(frozen=True)
-class Row:
+class ProtocolRow:
     """A posture on the page; angles in degrees, in the order of the joints."""
 
     number: int
@@ -75,7 +75,7 @@ class Sheet:
     marks: tuple[Mark, ...]
     boards: tuple[tuple[str, str], ...]
     datum: str
-    groups: tuple[tuple[Row, ...], ...]
+    groups: tuple[tuple[ProtocolRow, ...], ...]
 
 
 def write_protocol(folder: Path, protocol: LaboratoryProtocol) -> list[str]:
@@ -152,10 +152,10 @@ def protocol_page(protocol: LaboratoryProtocol) -> tuple[str, list[str]]:
     return page, missing
 
 
-def _row(protocol: LaboratoryProtocol, k: int, pictures: dict[int, str]) -> Row:
+def _row(protocol: LaboratoryProtocol, k: int, pictures: dict[int, str]) -> ProtocolRow:
     plan = protocol.plan
     number = int(plan.posture[k])
-    return Row(
+    return ProtocolRow(
         number=number,
         picture=pictures.get(number, ""),
         arrive=_arrival(k + 1, protocol.motions[k]),
