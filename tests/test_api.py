@@ -100,6 +100,7 @@ def loads(monkeypatch) -> dict[str, list[str]]:
     return seen
 
 
+@pytest.mark.slow  # the tutorials' quick blocks take the same way
 def test_the_block_in_statics_without_a_screen(notebook, loads):
     quick = SECOND_HALF.replace("seed=3)  ", 'seed=3, engine="statics")  ').replace("runs=1000", "runs=20")
     quick = quick.replace("seed=1).verdict", 'seed=1, engine="statics").verdict')
