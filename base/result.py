@@ -36,13 +36,16 @@ RESULT_FILE = "result.json"
 
 
 def _of(kind: type) -> PlainValidator:
-    """Read numbers of a JSON document as an array; null is not a number."""
+    """Read numbers of a JSON document as an array; null is NaN where numbers need not be whole."""
+    allowed = {float: {float, int, type(None)}, int: {int}, bool: {bool}}[kind]
 
     def array(values: Any) -> np.ndarray:
         try:
-            return np.array(values, kind)
+            if {type(item) for item in np.array(values, object).ravel().tolist()} <= allowed:
+                return np.array(values, kind)
         except (TypeError, ValueError, OverflowError):
-            raise ValueError("expected rows of numbers, all of one length") from None
+            pass
+        raise ValueError("expected rows of numbers, all of one length")
 
     return PlainValidator(array)
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from tulip_testbed.base.errors import InputError, look_up, shortened
 from tulip_testbed.effects.catalogue import NamedEffect, catalogue, targets_in
-from tulip_testbed.effects.instance import MOST_PRIORS, EffectInstance, effect_label
+from tulip_testbed.effects.instance import MOST_PRIORS, EffectInstance
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.measurements import SensorSheet
 from tulip_testbed.measurements.bounds import LEAST_DEVIATION
@@ -97,11 +97,8 @@ class Family:
     @cached_property
     def labels(self) -> tuple[str, ...]:
         """Return the name of every number, `effect:target` or `effect:target, parameter`."""
-        several = len(self.effect.parameters) > 1
         return tuple(
-            effect_label(self.name, target) + (f", {parameter.name}" if several else "")
-            for target in self.targets
-            for parameter in self.effect.parameters
+            name for instance in self.instances(np.zeros(len(self))) for name in instance.named_values
         )
 
     @cached_property

@@ -51,11 +51,8 @@ class FreeEffect:
     @property
     def labels(self) -> tuple[str, ...]:
         """Return the name of every size, as a family names its numbers."""
-        several = len(self.effect.parameters) > 1
-        return tuple(
-            self.start.label + (f", {self.effect.parameters[k].name}" if several else "")
-            for k in self.effect.sizes
-        )
+        names = list(self.start.named_values)
+        return tuple(names[k] for k in self.effect.sizes)
 
     @property
     def parts(self) -> tuple[np.ndarray, ...]:

@@ -123,7 +123,7 @@ class EffectInstance:
         return effect_label(self.effect.name, self.target)
 
     @property
-    def sizes(self) -> dict[str, float]:
+    def named_values(self) -> dict[str, float]:
         """Return every number by its name, `effect:target` or `effect:target, parameter` [SI]."""
         parameters = self.effect.parameters
         several = len(parameters) > 1

@@ -264,6 +264,20 @@ def test_a_robot_outside_of_the_simplified_model_is_reported_and_not_judged(tmp_
     assert len(result.simplified.parameters) == 2
 
 
+@pytest.mark.parametrize(("quantity", "verdict"), [("value", "pass"), ("given", "fail")])
+def test_the_verdict_is_of_the_errors_without_what_only_a_prior_knows(tmp_path, quantity, verdict):
+    chunks = run_regressions(tmp_path, 400, 400, Regressions(seed=117))
+    columns = chunks.read(0, ["failure", "rows", "dropped", *LAYOUT.columns()])
+    columns[f"full.{quantity}.2"] = columns[f"full.{quantity}.2"] + columns["full.se.2"]
+    (tmp_path / "other").mkdir()
+    changed = RunChunks(tmp_path / "other", 400, 400)
+    changed.write(columns)
+    result = result_of(changed)
+    assert result.verdict == verdict
+    ratio = result.parameters[1].bias / result.parameters[1].standard_error
+    assert ratio == pytest.approx(float(quantity == "value"), abs=0.2)
+
+
 def test_a_pass_that_is_not_shown_reads_inconclusive():
     row = {
         "name": "full: bias over s.e.",

@@ -142,7 +142,7 @@ class _Repeated:
         base = true_base_parameters(rig, common_support(self.plan.support))
         sizes: Counter[str] = Counter()
         for effect in laboratory.hidden:
-            sizes.update(effect.sizes)
+            sizes.update(effect.named_values)
         return OrdinaryOutcome(outcome.measurements, outcome.truth, base, dict(sizes))
 
 

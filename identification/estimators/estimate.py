@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import computed_field
 
-from tulip_testbed.base.result import Array, Numbers
+from tulip_testbed.base.result import Array, InMemory, Numbers
 from tulip_testbed.identification.statistics import (
     HIGH_CORRELATION,
     high_correlations,
@@ -99,7 +99,7 @@ class Estimate:
     interval_dof: Array
     joint_dof: float
     condition_number: float
-    unseen: Unseen | None = None
+    unseen: InMemory[Unseen | None] = None
     standard: StandardEstimate | None = None
 
     @computed_field
