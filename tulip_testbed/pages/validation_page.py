@@ -93,9 +93,9 @@ def _sentence(run: Validation) -> str:
             f"{', '.join(failed)}."
         )
     return (
-        f"In this laboratory, with these sensors and postures, the estimates and their standard "
-        f"errors are right: all {evaluated} evaluated checks passed. They cannot rule out effects that "
-        "the simulator does not model."
+        f"In this laboratory, with these sensors and postures, the estimates are right within their "
+        f"standard errors: all {evaluated} evaluated checks passed. They cannot rule out effects that "
+        "the simulator does not model, nor standard errors that are too large."
     )
 
 
