@@ -21,12 +21,14 @@ UNITS: dict[str, dict[str, float | None]] = {
     "time": {"s": 1.0, "ms": 1e-3, "min": 60.0},
     "speed": {"rad/s": 1.0, "deg/s": np.pi / 180},
     "acceleration": {"m/s2": 1.0, "mm/s2": 1e-3},
+    "angular acceleration": {"rad/s2": 1.0, "deg/s2": np.pi / 180},
 }
 QUANTITIES = {
     **dict.fromkeys(("q", "q_std", "q_command", "motor"), "angle"),
     **dict.fromkeys(("cell", "cell_std"), "force"),
     **dict.fromkeys(("time", "window"), "time"),
-    "speed": "speed",
+    **dict.fromkeys(("speed", "q_rate"), "speed"),
+    "q_acceleration": "angular acceleration",
     "acceleration": "acceleration",
 }
 BY_LAST_WORD = {

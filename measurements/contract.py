@@ -63,6 +63,8 @@ RULES = {  # by the first word of a column's name
     "q_std": Rule(0.0, MOST_ANGLE, gaps=True),
     "q_command": ANGLE,
     "motor": ANGLE,
+    "q_rate": Rule(-MOST_SPEED, MOST_SPEED),
+    "q_acceleration": Rule(-MOST_ACCELERATION, MOST_ACCELERATION),
     "cell": Rule(-MOST_FORCE, MOST_FORCE),
     "cell_std": Rule(0.0, MOST_FORCE, gaps=True),
     "wrench": Rule(-MOST_FORCE, MOST_FORCE, gaps=True),

@@ -74,10 +74,18 @@ OF_ROWS = (  # fields of `Measurements` with a value for every row
     *("posture", "placement", "support", "time", "window", "samples"),
     *("joint_angles", "joint_angles_sd", "command", "motor", "cell_forces", "cell_forces_sd"),
     *("plate_poses", "wrenches", "wrenches_sd", "speed", "acceleration", "experiment"),
+    *("joint_rates", "joint_accelerations"),
 )
+OF_JOINTS = {  # fields with a value for every joint, by the prefix of their columns
+    **{"q": "joint_angles", "q_std": "joint_angles_sd", "q_command": "command", "motor": "motor"},
+    **{"q_rate": "joint_rates", "q_acceleration": "joint_accelerations"},
+}
 KINDS = {"posture": "iu", "placement": "iu", "support": "U"}  # of numbers, where they are not any
 OF_KIND = {"iu": "whole numbers", "iuf": "numbers", "U": "texts"}
-MAY_BE_NONE = ("command", "motor", "wrenches_sd", "speed", "acceleration")
+MAY_BE_NONE = (
+    *("command", "motor", "wrenches_sd", "speed", "acceleration"),
+    *("joint_rates", "joint_accelerations"),
+)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -100,6 +108,7 @@ class Measurements(MeasurementHeader):
             (m, 2, c) [N, Nm]; NaN for a foot in the air that was not recorded; None: cells.
         speed: largest speed of a joint in the window, (m,) [rad/s], or None.
         acceleration: of the robot's base in the window, (m,) [m/s2], or None.
+        joint_rates, joint_accelerations: of a robot that moves, (m, n_joints) [rad/s, rad/s2]; None: held.
         experiment: index of every row's experiment, (m,); None: there is at most one.
     """
 
@@ -120,6 +129,8 @@ class Measurements(MeasurementHeader):
     wrenches_sd: np.ndarray | None = None
     speed: np.ndarray | None = None
     acceleration: np.ndarray | None = None
+    joint_rates: np.ndarray | None = None
+    joint_accelerations: np.ndarray | None = None
     experiment: np.ndarray | None = None
 
     @classmethod
@@ -187,7 +198,7 @@ class Measurements(MeasurementHeader):
         channels = 0 if self.contacts is None else len(self.contacts.channels)
         shapes = {
             **dict.fromkeys(("posture", "placement", "support", "time", "window", "samples"), rows),
-            **dict.fromkeys(("joint_angles", "joint_angles_sd", "command", "motor"), joints),
+            **dict.fromkeys(OF_JOINTS.values(), joints),
             **dict.fromkeys(("cell_forces", "cell_forces_sd"), (*rows, cells)),
             "plate_poses": (*sides, 3),
             "cells": (len(PLATES), cells // len(PLATES), 2),
@@ -235,13 +246,8 @@ class Measurements(MeasurementHeader):
             name: values for name in ("speed", "acceleration") if (values := getattr(self, name)) is not None
         }
         logged = tuple(k for k, joint in enumerate(self.joints) if joint not in self.constant_joints)
-        for prefix, values in (
-            ("q", self.joint_angles),
-            ("q_std", self.joint_angles_sd),
-            ("q_command", self.command),
-            ("motor", self.motor),
-        ):
-            if values is not None:
+        for prefix, name in OF_JOINTS.items():
+            if (values := getattr(self, name)) is not None:
                 columns |= {f"{prefix}.{self.joints[k]}": values[:, k] for k in logged}
         columns |= self._contact_columns()
         if self.on_plates:

@@ -26,7 +26,7 @@ from tulip_testbed.measurements.contact_columns import (
     reading_columns,
 )
 from tulip_testbed.measurements.contract import SUPPORTS, WHOLE, check_contract
-from tulip_testbed.measurements.data import Measurements
+from tulip_testbed.measurements.data import OF_JOINTS, Measurements
 from tulip_testbed.measurements.folder_kind import check_kind
 from tulip_testbed.measurements.header import MeasurementHeader, SensorSheet
 from tulip_testbed.measurements.manifest import (
@@ -40,7 +40,7 @@ from tulip_testbed.measurements.manipulations import Experiment, arrangement_of
 
 MAY_LACK = (
     *("support", "time", "window", "samples", "q_std", "q_command", "motor", "cell_std"),
-    *("wrench_std", "speed", "acceleration"),
+    *("wrench_std", "speed", "acceleration", "q_rate", "q_acceleration"),
 )
 
 
@@ -68,7 +68,7 @@ def known_columns(manifest: Manifest) -> tuple[str, ...]:
     spreads = (
         [f"cell_std.{cell}" for cell in CELLS] if contacts is None else reading_columns(contacts, "_std")
     )
-    of_joints = [f"{prefix}.{joint}" for prefix in ("q_std", "q_command", "motor") for joint in joints]
+    of_joints = [f"{prefix}.{joint}" for prefix in OF_JOINTS if prefix != "q" for joint in joints]
     alone = ("support", "time", "window", "samples", "speed", "acceleration")
     return (*required_columns(joints, contacts), *alone, *of_joints, *spreads)
 
@@ -208,6 +208,8 @@ def _measurements(manifest: Manifest, table: MappedTable, where: Path) -> Measur
         joint_angles_sd=angles.spreads(),
         command=angles.optional("q_command"),
         motor=angles.optional("motor"),
+        joint_rates=angles.optional("q_rate", 0.0),
+        joint_accelerations=angles.optional("q_acceleration", 0.0),
         speed=table.numbers("speed", True) if table.has("speed") else None,
         acceleration=table.numbers("acceleration", True) if table.has("acceleration") else None,
         **readings,
@@ -277,10 +279,10 @@ class _Angles:
                     "'constant_joints', expected one of them"
                 )
 
-    def read(self, prefix: str) -> np.ndarray:
-        """Return the angles, (m, n_joints) [rad]; constant ones are filled in."""
+    def read(self, prefix: str, constant: float | None = None) -> np.ndarray:
+        """Return the angles, (m, n_joints) [rad]; constant joints have theirs, or else what is given."""
         columns = [
-            np.full(len(self.table), self.constant[joint].value)
+            np.full(len(self.table), self.constant[joint].value if constant is None else constant)
             if joint in self.constant
             else self.table.numbers(f"{prefix}.{joint}")
             for joint in self.joints
@@ -291,7 +293,7 @@ class _Angles:
         """Return the s.d. over the windows, (m, n_joints) [rad]; NaN where unknown."""
         return self.table.matrix("q_std", self.joints, True)
 
-    def optional(self, prefix: str) -> np.ndarray | None:
-        """Return the angles, or None without any of their columns."""
+    def optional(self, prefix: str, constant: float | None = None) -> np.ndarray | None:
+        """Return the angles, rates or accelerations, or None without any of their columns."""
         given = any(self.table.has(f"{prefix}.{joint}") for joint in self.joints)
-        return self.read(prefix) if given else None
+        return self.read(prefix, constant) if given else None

@@ -62,6 +62,13 @@ def test_round_trip_is_exact(wii, folder):
     assert_same(wii.measurements, read_measurements(folder))
 
 
+def test_rates_and_accelerations_of_a_moving_robot_are_read_back(wii, tmp_path):
+    angles = wii.measurements.joint_angles
+    moving = dataclasses.replace(wii.measurements, joint_rates=0.1 * angles, joint_accelerations=-angles)
+    write_measurements(tmp_path / "moving", moving)
+    assert_same(read_measurements(tmp_path / "moving"), moving)
+
+
 @pytest.mark.parametrize("end", ["\n", "\r", "\r\n"])
 def test_csv_alone_says_the_same_with_any_line_end(wii, folder, end):
     path = folder / "postures.csv"
