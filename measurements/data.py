@@ -77,8 +77,12 @@ OF_ROWS = (  # fields of `Measurements` with a value for every row
     *("joint_rates", "joint_accelerations"),
 )
 OF_JOINTS = {  # fields with a value for every joint, by the prefix of their columns
-    **{"q": "joint_angles", "q_std": "joint_angles_sd", "q_command": "command", "motor": "motor"},
-    **{"q_rate": "joint_rates", "q_acceleration": "joint_accelerations"},
+    "q": "joint_angles",
+    "q_std": "joint_angles_sd",
+    "q_command": "command",
+    "motor": "motor",
+    "q_rate": "joint_rates",
+    "q_acceleration": "joint_accelerations",
 }
 KINDS = {"posture": "iu", "placement": "iu", "support": "U"}  # of numbers, where they are not any
 OF_KIND = {"iu": "whole numbers", "iuf": "numbers", "U": "texts"}
