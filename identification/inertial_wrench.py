@@ -1,0 +1,83 @@
+"""The wrench of the ground that the nominal robot needs to hold a posture, or to move as it was measured."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tulip_testbed.identification.base_parameters import standard_parameters
+from tulip_testbed.identification.kinematics import frame_positions, link_rotations, walk
+from tulip_testbed.identification.nominal import Nominal
+from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.data import base_foot
+from tulip_testbed.sim.robot import rotation_matrices
+
+
+def needed_wrench(nominal: Nominal, measurements: Measurements) -> np.ndarray:
+    """Compute force and moment of the ground in the base frame, (m, 6) [N, Nm].
+
+    The base foot is flat and at rest, and the moment is about its sole point. In double support it is the sum
+    of both feet. Without rates or accelerations of the joints these are zero.
+    """
+    m, robot = measurements, nominal.robot
+    rates, accelerations = (
+        np.zeros_like(m.joint_angles) if values is None else values
+        for values in (m.joint_rates, m.joint_accelerations)
+    )
+    side, out = base_foot(m.support), np.empty((len(m), 6))
+    for k, foot in enumerate((robot.stance_foot, robot.swing_foot)):
+        rows = side == k
+        motion = m.joint_angles[rows], rates[rows], accelerations[rows]
+        out[rows] = _balance(nominal, foot, nominal.points[k], motion, m.gravity)
+    return out
+
+
+def _balance(
+    nominal: Nominal,
+    foot: str,
+    sole: np.ndarray,
+    motion: tuple[np.ndarray, np.ndarray, np.ndarray],
+    gravity: float,
+) -> np.ndarray:
+    """Sum the rates of momentum of all links, with the foot accelerated upward in place of gravity, (m, 6).
+
+    Args:
+        sole: sole point in the foot's frame, (3,) [m].
+        motion: angles, rates and accelerations of the joints, (m, n_joints) each.
+    """
+    tree, model = nominal.parameters.tree, nominal.robot.model
+    angles, rates, accelerations = motion
+    base = tree.frame(foot)
+    rotations = link_rotations(tree, base, angles)
+    positions = frame_positions(tree, base, rotations, -sole)
+    turning, turning_faster, faster = np.zeros((3, *positions.shape))  # of every frame: w, dw/dt and dv/dt
+    faster[:, base, 2] = gravity
+    for step in walk(tree, base):
+        known, new, edge = step.known, step.new, step.edge
+        w, dw = turning[:, known], turning_faster[:, known]
+        pivot = faster[:, known] + _swept(w, dw, rotations[:, known] @ step.anchor_known)
+        if edge.axis is not None:
+            axis = rotations[:, edge.child] @ (edge.axis if step.forward else -edge.axis)
+            spin = axis * rates[:, [edge.joint]]
+            dw = dw + axis * accelerations[:, [edge.joint]] + np.cross(w, spin)
+            w = w + spin
+        turning[:, new], turning_faster[:, new] = w, dw
+        faster[:, new] = pivot - _swept(w, dw, rotations[:, new] @ step.anchor_new)
+    links = np.array(tree.frame_of_link)
+    standard, turn = standard_parameters(model), rotations[:, links]
+    w, dw = turning[:, links], turning_faster[:, links]
+    principal = rotation_matrices(model.body_iquat[1:])
+    own = principal * model.body_inertia[1:, None] @ principal.mT
+    inertia = turn @ own @ turn.mT
+    mass = standard[:, :1]
+    arm = (turn @ model.body_ipos[1:, :, None])[..., 0]
+    force = mass * (faster[:, links] + _swept(w, dw, arm))
+    spin = (inertia @ w[..., None])[..., 0]
+    moment = (
+        np.cross(positions[:, links] + arm, force) + np.cross(w, spin) + (inertia @ dw[..., None])[..., 0]
+    )
+    return np.concatenate([force.sum(axis=1), moment.sum(axis=1)], axis=1)
+
+
+def _swept(turning: np.ndarray, turning_faster: np.ndarray, arm: np.ndarray) -> np.ndarray:
+    """Return the acceleration of the end of an arm that turns with a frame, (..., 3) [m/s2]."""
+    return np.cross(turning_faster, arm) + np.cross(turning, np.cross(turning, arm))
