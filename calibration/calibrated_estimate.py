@@ -12,8 +12,7 @@ from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.calibration.self_calibration import least_determined, self_calibrate
 from tulip_testbed.identification.estimators import Estimate
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.rank import labels, require_identifiable
-from tulip_testbed.identification.regressor import Regression
+from tulip_testbed.identification.regressor import Regression, with_cad_where_needed
 from tulip_testbed.identification.residual_channels import residuals
 
 Calibrate = Callable[[Observation, Mapping[str, float] | None], SelfCalibration]
@@ -39,9 +38,9 @@ def calibrated_estimates(
         calibrate: `self_calibrate`, or what does the same in gross faults too.
 
     Raises:
-        InputError: the postures do not determine all parameters, or an impossible tolerance.
+        InputError: the data say nothing about the base parameters, or an impossible tolerance.
     """
-    require_identifiable(data.matrix, labels(data.numbers, data.names), data.source, data.blur)
+    observed = with_cad_where_needed(observed, data)
     try:
         return _estimates(observed, data, kept, tolerances, calibrate)
     except np.linalg.LinAlgError:
@@ -62,7 +61,7 @@ def _estimates(
 ) -> tuple[Estimate, Estimate, SelfCalibration]:
     calibration = calibrate(observed, tolerances)
     full = estimate_of(calibration, data)
-    if len(kept) == len(data.numbers):
+    if len(kept) == len(data.numbers) or observed.cad is not None:
         return full, full, calibration
     columns = [int(np.flatnonzero(data.numbers == number)[0]) for number in kept]
     return full, estimate_of(calibration.keep(columns), data.keep(list(kept))), calibration
@@ -99,7 +98,9 @@ def estimate_of(calibration: SelfCalibration, data: Regression) -> Estimate:
     theta = np.zeros(calibration.observed.geometry.regressor.shape[2])
     theta[data.numbers - 1] = calibration.theta
     residual = residuals(calibration.observed, theta)[:, :2].ravel()
-    dof = len(residual) - len(calibration.theta)
+    cad = calibration.observed.cad
+    shares = None if cad is None else cad.direction_shares(calibration.covariance)
+    dof = len(residual) - (len(calibration.theta) if shares is None else round(float(shares.sum())))
     right, left = (float(np.sqrt((sd[:2] ** 2).mean())) for sd in calibration.noise.plates.reshape(2, 3))
     return Estimate(
         numbers=data.numbers,
@@ -115,4 +116,6 @@ def estimate_of(calibration: SelfCalibration, data: Regression) -> Estimate:
         joint_dof=calibration.joint_dof,
         condition_number=float(np.linalg.cond(data.matrix)),
         unseen=calibration.unseen,
+        data_share=None if cad is None else cad.data_share(calibration.covariance),
+        direction_shares=shares,
     )

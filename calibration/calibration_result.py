@@ -15,12 +15,13 @@ from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.linear_model import Background
 from tulip_testbed.calibration.linear_problem import LinearProblem
 from tulip_testbed.calibration.linearisation import (
+    FOOT_TILT,
     INTERNAL,
-    SOURCES,
     Families,
     Linearised,
     mixing_of,
     scaled_noise,
+    sources_of,
 )
 from tulip_testbed.calibration.member_removal import members_removed
 from tulip_testbed.calibration.reml import LikelihoodFit, fit, parts_of_variance
@@ -117,6 +118,11 @@ class SelfCalibration:
         return self.moved < STEADY
 
     @property
+    def nu(self) -> np.ndarray:
+        """Return base parameters [m] and error of the weight [N], (p + 1,)."""
+        return np.append(self.theta, self.solved.estimate[len(self.theta)])
+
+    @property
     def mixing(self) -> np.ndarray:
         """Return the members and sizes from the estimated deviates, (q, k) [SI]."""
         return mixing_of(self.all)[0]
@@ -158,8 +164,9 @@ class SelfCalibration:
         spreads = np.repeat(np.minimum(self.solved.spreads[: len(owner)], most), width)
         deviates = self.solved.estimate[len(self.theta) + 1 :][: len(spreads)]
         covariance = self.linear.covariance
-        internal = self.solved.scales[SOURCES.index(INTERNAL)] * covariance.internal
-        unseen = np.concatenate([internal, covariance.unsure], axis=2)
+        scales = dict(zip(sources_of(self.observed), self.solved.scales.tolist(), strict=True))
+        internal, tilt = scales[INTERNAL] * covariance.internal, scales.get(FOOT_TILT, 0.0) * covariance.tilt
+        unseen = np.concatenate([internal, tilt, covariance.unsure], axis=2)
         return Background(self.problem.members[..., : len(spreads)] * spreads, deviates / spreads, unseen)
 
     @property
@@ -227,6 +234,8 @@ def result_of(
     p, k = problem.flat - 1, len(problem.noise)
     mixing, owner = mixing_of(families)
     theta, covariance = solved.estimate[:p], solved.covariance[:p, :p]
+    if clean.cad is not None:
+        theta = theta + clean.cad.center
     variance = np.diag(covariance)
     each_part = parts_of_variance(problem, solved)[:, :p, :p]
     parts = np.diagonal(each_part, axis1=1, axis2=2)
@@ -288,8 +297,9 @@ def result_of(
 
 
 def _named(observed: Observation) -> list[str]:
-    """Return `SOURCES` in words that fit the contact sensors."""
-    return ["contact sensors" if name == "cells" and not has_twist(observed) else name for name in SOURCES]
+    """Return `sources_of` in words that fit the contact sensors."""
+    words = {} if has_twist(observed) else {"cells": "contact sensors"}
+    return [words.get(name, name) for name in sources_of(observed)]
 
 
 def _source(family: Family | FreeEffect) -> str:

@@ -255,6 +255,9 @@ def families_in(
     families = families_of(
         observed.nominal.robot, tolerances, free, contacts, observed.measurements.experiments
     )
+    if observed.cad is not None and observed.measurements.weighed_mass is None:
+        # The gain and a weight that nobody knows are one.
+        families = tuple(family for family in families if family.name != "wrench-gain")
     if contacts is None or readings.zero_sd is None or not readings.zero_sd.any():
         return families
     if readings.unknown is not None and readings.unknown.any():

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import qr
+from scipy.linalg import block_diag, qr
 
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import (
@@ -63,7 +63,7 @@ class LinearModel:
         theta: base parameters, (p,) [m].
         noise, whitening: of the residuals.
         basis: orthonormal basis of the whitened nuisance columns, (r + e, k). The last e rows hold what is
-            known beforehand: the weighing, and the prior of the ordinary imperfections.
+            known beforehand: the weighing, CAD where it is needed, the prior of ordinary imperfections.
         known: residuals of those rows, (e,).
         residual: whitened and projected, (r + e,).
         weighed: whether the weighing is among the data, which is so with channel F.
@@ -141,17 +141,21 @@ def linear_model(
         numpy.linalg.LinAlgError: readings that are not finite.
     """
     smoothed = observed if smoothed is None else smoothed
-    theta = np.linalg.lstsq(
-        observed.geometry.regressor.reshape(2 * len(observed), -1),
-        center(observed).ravel(),
-        rcond=None,
-    )[0]
+    theta = first_parameters(observed)
     known = np.zeros((len(observed), SIZE)) if explained is None else explained
     rest = exact(len(observed)) if background is None else background
     model = _round(observed, smoothed, theta, noise, channels, propagation, known, rest)
     for _ in range(rounds - 1):
         model = _round(observed, model.smoothed, model.theta, noise, channels, propagation, known, rest)
     return model
+
+
+def first_parameters(observed: Observation) -> np.ndarray:
+    """Return base parameters to begin with, (p,) [m]: CAD where it is needed, or else least squares."""
+    if observed.cad is not None:
+        return observed.cad.center
+    regressor = observed.geometry.regressor
+    return np.linalg.lstsq(regressor.reshape(2 * len(observed), -1), center(observed).ravel(), rcond=None)[0]
 
 
 def _round(
@@ -170,13 +174,12 @@ def _round(
     used = np.abs(nuisance).max(axis=(0, 1)) > 0
     members = background.columns.shape[2]
     kept = np.append(used, np.ones(members, bool))
-    prior = np.zeros((1 + members, len(kept)))
-    prior[0, : len(used)] = weighing(observed)
-    prior[1:, len(used) :] = np.eye(members)
+    rows, values = known_beforehand(observed, theta)
+    prior = block_diag(rows, np.eye(members))
     # A deviate that is removed in addition takes its columns from the residuals.
     whole = np.concatenate([nuisance, -background.columns], axis=2)
     whole = np.vstack([white(whole[..., kept]), prior[:, kept]])
-    known = np.append(0.0, background.removed)
+    known = np.append(values, background.removed)
     basis, triangle, order = _pivoted_qr(whole)
     size = np.abs(np.diag(triangle))
     rank = int((size > RANK * size.max(initial=0.0)).sum())
@@ -240,15 +243,23 @@ def nuisances(observed: Observation, channels: str) -> np.ndarray:
     return out
 
 
-def weighing(observed: Observation) -> np.ndarray:
-    """Return the row that says how well the weight is known, (p + 1,) with the columns of `nuisances`."""
-    row = np.zeros(len(observed.nominal.parameters.names) + 1)
-    row[-1] = weighed_precision(observed)
-    return row
+def known_beforehand(observed: Observation, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return what is known of the columns of `nuisances`, of unit variance: rows (e, p + 1), residuals (e,).
+
+    The first row says how well the weight is known, the others what CAD says if it is needed.
+    """
+    p = len(theta)
+    weighing = np.append(np.zeros(p), weighed_precision(observed))[None]
+    if observed.cad is None:
+        return weighing, np.zeros(1)
+    root = observed.cad.precision_root
+    rows = np.vstack([weighing, np.column_stack([root, np.zeros(p)])])
+    return rows, np.append(0.0, root @ (theta - observed.cad.center))
 
 
 def weighed_precision(observed: Observation) -> float:
     """Return one over the s.d. of the weight as it was weighed [1/N]."""
     weighed = observed.measurements.weighed_mass
-    sd = max(weighed[1], FINEST_SCALE) if weighed else UNWEIGHED * observed.nominal.mass
+    unweighed = UNWEIGHED * observed.nominal.mass if observed.cad is None else observed.cad.mass_sd
+    sd = max(weighed[1], FINEST_SCALE) if weighed else unweighed
     return 1.0 / (sd * observed.measurements.gravity)

@@ -18,7 +18,8 @@ class LinearProblem:
         whole: N, G and y side by side, (m, r, p + q + 1); zero in rows that are not in use.
         flat: p, the number of columns of N.
         noise: V_0, of k scales.
-        information: of nu, known beforehand with mean zero, (p, p).
+        information: of nu, known beforehand with mean zero, (p, p); with CAD as prior, nu is the difference
+            from it.
         roots: square root of C_f by family, (n_f, n_f) each; together q rows.
         doubt: s.d. of ln sigma about zero, (k,).
         excess: what the noise in the columns adds to G' V_0^-1 G on average, (q, q).

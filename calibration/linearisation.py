@@ -30,15 +30,18 @@ from tulip_testbed.identification.residual_channels import (
     constants_of_stances,
     difference,
     fields,
+    has_direction,
     residuals,
     residuals_in_use,
     sensitivity,
 )
 from tulip_testbed.identification.residual_noise import Noise, floor
 from tulip_testbed.identification.variance_components import MARK_PRIOR, NO_PRIOR, SHEET_PRIOR
+from tulip_testbed.measurements.data import feet_in_contact
 
 INTERNAL = "internal forces"
-SOURCES = ("encoders", "cells", INTERNAL, "right plate", "left plate")
+FOOT_TILT = "tilt of the feet"  # another in every row, which channel D shows
+ROW_TILT = np.radians(0.2)  # one s.d. at scale 1, assumed
 # Friction at rest opposes the loads, in like postures alike: its wrench is no noise that averages out, and
 # counts as so many times larger. On development seeds 96 % of the 95 % intervals of members held with 5,
 # 94 % with 3, 91 % with an estimated scale.
@@ -49,6 +52,17 @@ Families = Sequence[Family | FreeEffect]
 OF_LOADS = ("joint-compliance", "sole-compliance")
 
 
+def own_sources(observed: Observation) -> tuple[str, ...]:
+    """Name the sources of noise that differ from row to row."""
+    tilt = (FOOT_TILT,) if has_direction(observed) else ()
+    return ("encoders", "cells", INTERNAL, *tilt)
+
+
+def sources_of(observed: Observation) -> tuple[str, ...]:
+    """Name all sources of noise whose scale is estimated."""
+    return (*own_sources(observed), "right plate", "left plate")
+
+
 @dataclass(frozen=True)
 class LinearisationPoint:
     """An estimate about which the residuals are linearised.
@@ -56,7 +70,7 @@ class LinearisationPoint:
     Attributes:
         clean: readings without the members. smooth: the same without noise, by the last linearisation.
         nu: base parameters [m] and error of the weight [N], (p + 1,).
-        deviates: of the members' parts, (k,). variance: of the members, (q,). scales: of SOURCES.
+        deviates: of the members' parts, (k,). variance: of the members, (q,). scales: of `sources_of`.
         covariance: that of another linearisation, in place of the one at these members; None: at these.
     """
 
@@ -76,12 +90,14 @@ class ResidualCovariance:
     Attributes:
         reach: derivative of the residuals by the readings, through the compliances too, (m, 11, n + 2 k + 6).
         internal: change of the residuals by one s.d. of each component of the internal wrench, (m, 11, 3).
+        tilt: change by one s.d. of the tilt of each foot in each row, (m, 11, 4); nothing without channel D.
         unsure: change by one s.d. of what the readings do not show of each effect, (m, 11, u).
-        structure: of all of them, by the scales of SOURCES.
+        structure: of all of them, by the scales of `sources_of`.
     """
 
     reach: np.ndarray
     internal: np.ndarray
+    tilt: np.ndarray
     unsure: np.ndarray
     structure: NoiseStructure
 
@@ -121,7 +137,10 @@ def linearised(
         yielding = np.sqrt(joint_compliance(families, square, clean.tree.joints))
         pushed = slope[..., at["angles"]] @ (yielding[:, None] * state.smooth.loads.levers)
         unsure = slope @ _unsure(state.smooth, families, phi)
-        covariance = _covariance(reach, pushed * SYSTEMATIC * UNSEEN, unsure, noise, clean)
+        feet = np.repeat(feet_in_contact(clean.measurements.support), 2, axis=1)[:, None]
+        tilt = ROW_TILT * feet * slope[..., at["stance_tilt"].start : at["swing_tilt"].stop]
+        tilt = tilt if has_direction(clean) else tilt[..., :0]
+        covariance = _covariance(reach, pushed * SYSTEMATIC * UNSEEN, tilt, unsure, noise, clean)
     reach, weights = covariance.reach, covariance.structure.weights(np.log(state.scales))
 
     left = residuals(clean, theta)
@@ -140,11 +159,15 @@ def linearised(
     )
     there, by_sharing = _by_sharing(smooth, slope[..., at["angles"]], families, phi)
     members[..., there] += by_sharing
-    output = left + base[..., :p] @ theta + members @ phi
+    cad = clean.cad
+    about = np.zeros(p) if cad is None else cad.center
+    output = left + base[..., :p] @ (theta - about) + members @ phi
     members = members @ mixing
 
     information = np.zeros((p + 1, p + 1))
     information[-1, -1] = weighed_precision(clean) ** 2
+    if cad is not None:
+        information[:p, :p] = cad.precision_root.T @ cad.precision_root
     excess = np.zeros((len(phi), len(phi)))
     each = _excess(at_loads, yields.rate, reach[..., at["cells"].start :], scaled, weights)
     np.add.at(excess, (yields.member[:, None], yields.member), each)
@@ -272,16 +295,21 @@ def _unsure(observed: Observation, families: Families, phi: np.ndarray) -> np.nd
         if unsure is not None:
             predicted = effect.remove(observed, target, values)
             out.append(difference(predicted, unsure))
-    return np.stack(out, axis=-1) if out else np.zeros((len(observed), fields(observed)["lift"].stop, 0))
+    return np.stack(out, axis=-1) if out else np.zeros((len(observed), fields(observed)["push"].stop, 0))
 
 
 def _covariance(
-    reach: np.ndarray, internal: np.ndarray, unsure: np.ndarray, noise: Noise, observed: Observation
+    reach: np.ndarray,
+    internal: np.ndarray,
+    tilt: np.ndarray,
+    unsure: np.ndarray,
+    noise: Noise,
+    observed: Observation,
 ) -> ResidualCovariance:
     at = fields(observed)
     used = residuals_in_use(observed)
     cells, angles = noise.cell * reach[..., at["cells"]], noise.encoder * reach[..., at["angles"]]
-    own = [part @ part.mT for part in (angles, cells, internal)]
+    own = [part @ part.mT for part in (angles, cells, internal, tilt)[: len(own_sources(observed))]]
     fixed = np.where(used[..., None], floor(noise), np.eye(SIZE)) + unsure @ unsure.mT
     structure = NoiseStructure(
         placement=groups(observed.measurements.placement),
@@ -292,11 +320,11 @@ def _covariance(
         owner=np.repeat([len(own), len(own) + 1], 3),
         free=constants_of_stances(used),
     )
-    return ResidualCovariance(reach, internal, unsure, structure)
+    return ResidualCovariance(reach, internal, tilt, unsure, structure)
 
 
 def _doubt(observed: Observation) -> np.ndarray:
-    """Return the s.d. of the logarithm of the scale of each of SOURCES, (5,)."""
+    """Return the s.d. of the logarithm of the scale of each of `sources_of`, (k,)."""
     sheet, contacts = observed.measurements.sensors, observed.measurements.contacts
     stated = sheet.cell_sd is not None if contacts is None else contacts.covariance is not None
     placed = sheet.placement_sd is not None or observed.in_feet
@@ -305,6 +333,7 @@ def _doubt(observed: Observation) -> np.ndarray:
             NO_PRIOR if sheet.encoder_sd is None else SHEET_PRIOR,
             SHEET_PRIOR if stated else NO_PRIOR,
             INTERNAL_PRIOR,
+            *[NO_PRIOR] * has_direction(observed),
             *([MARK_PRIOR, SHEET_PRIOR] if placed else [NO_PRIOR] * 2),
         ]
     )
@@ -343,6 +372,6 @@ def joint_compliance(families: Families, values: np.ndarray, joints: Sequence[st
 
 
 def scaled_noise(noise: Noise, scales: np.ndarray) -> Noise:
-    encoder, cell, _, right, left = scales
+    encoder, cell, right, left = scales[[0, 1, -2, -1]]
     plates = noise.plates * np.repeat([right, left], 3)
     return replace(noise, encoder=encoder * noise.encoder, cell=cell * noise.cell, plates=plates)

@@ -20,7 +20,7 @@ from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.linearisation import OF_LOADS, Families, joint_compliance, split_members
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.identification.base_parameters import standard_parameters
-from tulip_testbed.identification.estimators.prior import CENTER_SD, MASS_SD
+from tulip_testbed.identification.cad_prior import CENTER_SD, MASS_SD
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import difference, moved_by, packed, unpacked
 

@@ -10,7 +10,13 @@ import numpy as np
 from scipy.linalg import block_diag, solve_triangular
 
 from tulip_testbed.calibration.calibration_result import SelfCalibration
-from tulip_testbed.calibration.linearisation import INTERNAL, SOURCES, LinearisationPoint, linearised
+from tulip_testbed.calibration.linearisation import (
+    FOOT_TILT,
+    INTERNAL,
+    LinearisationPoint,
+    linearised,
+    sources_of,
+)
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import ROWS, SIZE, residuals_in_use
@@ -93,8 +99,9 @@ def predicted(
         calibration.mixing @ calibration.solved.covariance[p + 1 :, p + 1 :] @ calibration.mixing.T
     )
     # The noise holds the scales of the readings already; those of other postures are not estimated anew.
-    scales = np.where(np.array(SOURCES) == INTERNAL, calibration.solved.scales, 1.0)
-    state = LinearisationPoint(clean, clean, estimate[: p + 1], estimate[p + 1 :], variance, scales, None)
+    unseen = np.isin(sources_of(others), (INTERNAL, FOOT_TILT))
+    scales = np.where(unseen, calibration.solved.scales, 1.0)
+    state = LinearisationPoint(clean, clean, calibration.nu, estimate[p + 1 :], variance, scales, None)
     problem, linear = linearised(state, calibration.all, calibration.noise)
     structure = linear.covariance.structure
     own = structure.fixed + np.tensordot(scales[: len(structure.own)] ** 2, structure.own, axes=1)

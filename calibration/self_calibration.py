@@ -20,21 +20,22 @@ from scipy.linalg import block_diag
 from tulip_testbed.calibration.calibration_result import STEADY, SelfCalibration, result_of
 from tulip_testbed.calibration.families import Tolerances, families_in, tolerances_of
 from tulip_testbed.calibration.free_effect import FreeEffect
+from tulip_testbed.calibration.linear_model import first_parameters
 from tulip_testbed.calibration.linear_problem import LinearProblem
 from tulip_testbed.calibration.linearisation import (
-    SOURCES,
     Families,
     LinearisationPoint,
     Linearised,
     ResidualCovariance,
     linearised,
     mixing_of,
+    sources_of,
 )
 from tulip_testbed.calibration.member_removal import members_removed
 from tulip_testbed.calibration.reml import LikelihoodFit, fit, given
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import moved_by, packed, residuals
+from tulip_testbed.identification.residual_channels import moved_by, packed
 from tulip_testbed.identification.residual_noise import noise_of, with_cell_noise
 
 ROUNDS = 12
@@ -76,14 +77,14 @@ def self_calibrate(
     p = observed.geometry.regressor.shape[2]
     mixing, owner = mixing_of(families)
     both = block_diag(np.eye(p + 1), mixing)
-    scales, spreads = np.ones(len(SOURCES)), np.ones(len(owner))
+    scales, spreads = np.ones(len(sources_of(observed))), np.ones(len(owner))
     phi, variance = _first(families, start)
     deviates = np.linalg.pinv(mixing) @ phi
     if start is None:
         clean = removed(observed, effects)  # members at zero change nothing
-        smooth, nu = clean, np.append(_least_squares(clean), 0.0)
+        smooth, nu = clean, np.append(first_parameters(clean), 0.0)
     else:
-        nu, scales, spreads = start.solved.estimate[: p + 1], start.solved.scales, _spreads(families, start)
+        nu, scales, spreads = start.nu, start.solved.scales, _spreads(families, start)
         errors = packed(start.observed) - packed(start.linear.smooth)
         clean = members_removed(observed, families, phi, nu[:p], start.covariance, errors)
         smooth = moved_by(clean, start.observed, start.linear.smooth)
@@ -100,6 +101,8 @@ def self_calibrate(
         smooth = linear.smooth
         del problem, linear
         estimate, covariance = both @ solved.estimate, both @ solved.covariance @ both.T
+        if clean.cad is not None:
+            estimate[:p] += clean.cad.center
         moved = float((np.abs(np.append(nu, phi) - estimate) / np.sqrt(np.diag(covariance))).max())
         nu, phi, variance = estimate[: p + 1], estimate[p + 1 :], np.diag(covariance)[p + 1 :]
         deviates, scales, spreads = solved.estimate[p + 1 :], solved.scales, solved.spreads
@@ -130,9 +133,9 @@ def least_determined(observed: Observation, tolerances: Mapping[str, float] | No
     families = families_in(observed, usual_tolerances(observed, tolerances))
     mixing, _ = mixing_of(families)
     sizes = [sum(part.shape[1] for part in family.parts) for family in families]
-    nu = np.append(_least_squares(observed), 0.0)
+    nu = np.append(first_parameters(observed), 0.0)
     left = np.ones(sum(sizes))  # variance of the deviates over that of their prior
-    variance, scales = (mixing**2).sum(axis=1), np.ones(len(SOURCES))
+    variance, scales = (mixing**2).sum(axis=1), np.ones(len(sources_of(observed)))
     try:
         state = LinearisationPoint(observed, observed, nu, 0 * left, variance, scales, None)
         problem, _ = linearised(state, families, noise_of(observed))
@@ -146,14 +149,6 @@ def least_determined(observed: Observation, tolerances: Mapping[str, float] | No
 def usual_tolerances(observed: Observation, given: Mapping[str, float] | None) -> Tolerances:
     measured = observed.measurements
     return tolerances_of(measured.sensors, {**measured.tolerances, **(given or {})})
-
-
-def _least_squares(observed: Observation) -> np.ndarray:
-    """Fit the base parameters to the centre of pressure, (p,) [m]."""
-    regressor = observed.geometry.regressor
-    p = regressor.shape[2]
-    start = residuals(observed, np.zeros(p))[:, :2]
-    return np.linalg.lstsq(regressor.reshape(-1, p), start.ravel(), rcond=None)[0]
 
 
 def _estimated(start: SelfCalibration | None) -> dict[str, tuple[float, float]]:

@@ -12,7 +12,7 @@ from pydantic import computed_field
 
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.result import Figure
-from tulip_testbed.calibration.linear_model import LinearModel, nuisances, weighing
+from tulip_testbed.calibration.linear_model import LinearModel, known_beforehand, nuisances
 from tulip_testbed.discovery.candidates import Candidate, Fitted, standing_out
 from tulip_testbed.discovery.columns import effect_columns
 from tulip_testbed.effects.effect import Parameter
@@ -138,9 +138,10 @@ def undetectable(linear: LinearModel, candidates: Sequence[Candidate]) -> tuple[
     Args:
         linear: the experiment without any effect.
     """
-    known = np.vstack([linear.whitening(nuisances(linear.smoothed, "AFTC")), weighing(linear.smoothed)[None]])
+    rows, _ = known_beforehand(linear.smoothed, linear.theta)
+    known = np.vstack([linear.whitening(nuisances(linear.smoothed, "AFTC")), rows])
     least_squares = np.linalg.pinv(known, rcond=np.finfo(float).eps * max(known.shape))
-    absorbed = least_squares[: len(linear.theta), :-1]  # no effect changes the weighing, the last row
+    absorbed = least_squares[: len(linear.theta), : -len(rows)]  # no effect changes what was known before
     return tuple(_undetectable(linear, absorbed, candidate) for candidate in candidates)
 
 

@@ -85,11 +85,14 @@ def without_force(observed: Observation, link: str, force: np.ndarray) -> Observ
         force: in the base frame, horizontal, (m, 2) or (2,), or of any direction, (m, 3) [N].
     """
     place = link_center(observed, link)
+    push = observed.push - force[..., :2] / observed.loaded_weight[:, None]
     moment = (place[:, 2] + observed.depth)[:, None] * force[..., :2]
     if force.shape[-1] == 2:
-        return observed.changed(shift=observed.shift + moment / observed.loaded_weight[:, None])
+        return observed.changed(shift=observed.shift + moment / observed.loaded_weight[:, None], push=push)
     down = -force[:, 2]
     moment = moment + down[:, None] * (place - observed.loaded_center)[:, :2]
     return observed.changed(
-        shift=observed.shift + moment / (observed.loaded_weight + down)[:, None], lift=observed.lift + down
+        shift=observed.shift + moment / (observed.loaded_weight + down)[:, None],
+        lift=observed.lift + down,
+        push=push,
     )

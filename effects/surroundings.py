@@ -33,6 +33,7 @@ def _level(observed: Observation, target: str, values: Values) -> Observation:
     return observed.changed(
         shift=observed.shift + observed.height[:, None] * slope,
         lift=observed.lift + observed.loaded_weight * (normal - 1),
+        push=observed.push - slope,
     )
 
 

@@ -30,6 +30,7 @@ class ContactReadings:
         values: (m, 2 k). Those of wrench sensors are corrected for what is known of their zeros.
         bears: vertical force of a unit of each reading, (2, k) [-]; 1 for a cell.
         levers: force times place of a unit of each, in the sensor's plane, (2, k, 2) [m].
+        pushes: horizontal force of a unit of each, in the foot's axes, (2, 2, k) [-]; None: not measured.
         sd: noise of every reading; 0: unknown or none.
         by_channel: scaled readings by the channels of each wrench sensor, (k, c) [1/N, 1/Nm]; None: cells.
         zero_sd: s.d. of what is left of each channel's zero, (2, c) [N, Nm]; 0: exact. None: cells.
@@ -45,6 +46,7 @@ class ContactReadings:
     zero_sd: np.ndarray | None = None
     below: np.ndarray | None = None
     unknown: np.ndarray | None = None
+    pushes: np.ndarray | None = None
 
     @property
     def unsure(self) -> np.ndarray:
@@ -97,12 +99,13 @@ def of_wrenches(
     return ContactReadings(
         values=scaled.reshape(len(scaled), -1),
         bears=gathered[:, 0],
-        levers=gathered[:, 1:].mT,
+        levers=gathered[:, 1:3].mT,
         sd=0.0 if exact else 1.0,
         by_channel=by_channel,
         zero_sd=zero_sd,
         below=(below @ by_channel.T).reshape(len(scaled), -1),
         unknown=zero_sd > 0.5 * wide,
+        pushes=gathered[:, 3:] if contacts.channels == WRENCH else None,
     )
 
 
@@ -156,12 +159,14 @@ def _zeros(
 
 
 def _gather(contacts: Contacts, side: int, sole: np.ndarray) -> np.ndarray:
-    """Return vertical force and force times place (x, y) by the channels, (3, c), for a level foot.
+    """Return vertical force, force times place (x, y) and horizontal force by the channels, (5, c).
 
-    The place is that on the ground, in the foot's axes from its sole point; on a plate, in the plate's axes.
+    The foot is level. The place is that on the ground, in the foot's axes from its sole point; on a plate, in
+    the plate's axes.
     """
     turn = turned_about(contacts.pose[side, 3:])
     arm = contacts.pose[side, :3] - sole if contacts.mount == "foot" else np.zeros(3)
     force = np.concatenate([turn, np.zeros((3, 3))], axis=1)
     moment = np.concatenate([np.cross(arm, turn.T).T, turn], axis=1)
-    return np.stack([force[2], -moment[1], moment[0]])[:, _in_full(contacts)]
+    rows = (force[2], -moment[1], moment[0], force[0], force[1])
+    return np.stack(rows)[:, _in_full(contacts)]

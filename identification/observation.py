@@ -16,6 +16,7 @@ import numpy as np
 
 from tulip_testbed.identification.ballast import Ballast, ballast_of, known_weight
 from tulip_testbed.identification.base_parameters import standard_parameters
+from tulip_testbed.identification.cad_prior import CadPrior
 from tulip_testbed.identification.contact_readings import ContactReadings, of_cells, of_wrenches
 from tulip_testbed.identification.joint_loads import Loads, joint_loads, servo_stiffness
 from tulip_testbed.identification.kinematics import Tree
@@ -46,6 +47,7 @@ class Observation:
         shift: displacement of the centre of pressure by forces other than weight, (m, 2) [m].
         lift: vertical force in addition to the weighed weight, positive downwards, (m,) [N]; at first that of
             the known masses of joined experiments.
+        push: horizontal force other than by the feet's tilt, over the weight, (m, 2) [-].
         standard: nominal standard parameters of the links (eq. 5), (n_links, 4) [kg, kg m].
         board_share: share of a board's weight on each of its cells, right and left, (2,) [N].
         servo_gain: torque of each joint's servo per error of its angle, (n_joints,) [Nm/rad].
@@ -55,6 +57,7 @@ class Observation:
         on_four_cells: whether all cells of the right and the left plate are loaded, (m, 2) bool. On three
             cells the twist of a board holds no information. A tared cell without load reads minus its share
             of the board's weight; if the empty board rocked when it was tared, nothing.
+        cad: what CAD says about the base parameters; None: the postures determine them.
     """
 
     nominal: Nominal
@@ -70,6 +73,7 @@ class Observation:
     swing_rise: np.ndarray
     shift: np.ndarray
     lift: np.ndarray
+    push: np.ndarray
     standard: np.ndarray
     board_share: np.ndarray
     servo_gain: np.ndarray
@@ -77,6 +81,7 @@ class Observation:
     cell_sd: float
     time_fraction: np.ndarray
     on_four_cells: np.ndarray
+    cad: CadPrior | None = None
 
     def __len__(self) -> int:
         return len(self.joint_angles)
@@ -269,6 +274,7 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
         swing_rise=np.zeros(m),
         shift=np.zeros((m, 2)),
         lift=known_weight(measurements),
+        push=np.zeros((m, 2)),
         standard=standard_parameters(nominal.robot.model),
         board_share=share,
         servo_gain=gain,

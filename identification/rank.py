@@ -33,8 +33,15 @@ def require_identifiable(
         blur: B, (k, p); None: rounding errors alone.
 
     Raises:
-        InputError: a parameter is not determined; the message names such parameters and combinations.
+        InputError: not more data points than parameters, or a parameter is not determined; the message names
+            such parameters and combinations.
     """
+    rows, columns = matrix.shape
+    if rows <= columns:
+        raise InputError(
+            f"{source}: found {rows // 2} postures ({rows} data points), expected at least "
+            f"{columns // 2 + 1} for {columns} base parameters; measure more postures"
+        )
     if len(free := undetermined_directions(matrix, blur)):
         known = len(names) - len(free)
         raise InputError(

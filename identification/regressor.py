@@ -7,11 +7,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tulip_testbed.base.errors import InputError, listed
-from tulip_testbed.identification.base_parameters import BaseParameters
+from tulip_testbed.identification.base_parameters import BaseParameters, standard_parameters
+from tulip_testbed.identification.cad_prior import cad_prior
 from tulip_testbed.identification.center_of_pressure import center_slopes, contact_pressure, wrench_noise
 from tulip_testbed.identification.loop_closure import encoder_sd_by_closure
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.identification.observation import observe
+from tulip_testbed.identification.observation import Observation, observe
+from tulip_testbed.identification.rank import undetermined_directions
 from tulip_testbed.identification.reading_noise import cell_noise, placement_levers, usable_sd
 from tulip_testbed.measurements import Measurements, SensorSheet
 from tulip_testbed.sim.plan_folder import check_model
@@ -24,6 +26,9 @@ ROWS_OF = {  # supports of rows that a set of base parameters describes
     "double-left": ("double", "left"),
 }
 ENCODER_SD = 5e-4  # rad, assumed without a data sheet
+
+
+SINGLE = 2  # base parameters, or sums of them, that a single posture determines
 
 
 @dataclass(frozen=True)
@@ -137,6 +142,25 @@ def check_robot(
     _check_joints(f"{where}: key 'joints'", measurements.joints, parameters.tree.joints)
 
 
+def with_cad_where_needed(observed: Observation, data: Regression) -> Observation:
+    """Return the observation with CAD as prior if its postures do not determine all base parameters.
+
+    Raises:
+        InputError: they determine no more than a single posture does.
+    """
+    few, free = len(data.matrix) <= data.matrix.shape[1], undetermined_directions(data.matrix, data.blur)
+    if not few and not len(free):
+        return observed
+    known = data.matrix.shape[1] - len(free)
+    if known <= SINGLE:
+        raise InputError(
+            f"{data.source}: the postures determine {known} of {len(data.names)} parameters, no more than a "
+            "single posture does, expected joints that move"
+        )
+    nominal = observed.nominal
+    return replace(observed, cad=cad_prior(nominal.parameters, standard_parameters(nominal.robot.model)))
+
+
 def _check_joints(where: str, found: tuple[str, ...], expected: tuple[str, ...]) -> None:
     """Refuse joints other than the robot's; names those that make the difference."""
     if missing := [joint for joint in expected if joint not in found]:
@@ -156,8 +180,7 @@ def regression(
         source: source of the measurements, for error messages.
 
     Raises:
-        InputError: the measurements have another model, other joints, feet or support, or not more data
-            points than parameters.
+        InputError: the measurements have another model, other joints, feet or support.
     """
     check_robot(parameters, measurements, robot, source)
     served = ROWS_OF[parameters.support]
@@ -166,12 +189,6 @@ def regression(
         raise InputError(
             f"{source}: postures, column 'support', row {row + 1}: found '{measurements.support[row]}', "
             f"expected {' or '.join(map(repr, served))} (base parameters in {parameters.support} support)"
-        )
-    rows, columns = 2 * len(measurements), len(parameters.names)
-    if rows <= columns:
-        raise InputError(
-            f"{source}: found {len(measurements)} postures ({rows} data points), expected at least "
-            f"{columns // 2 + 1} for {columns} base parameters; measure more postures"
         )
     sheet = measurements.sensors
     angles, support = measurements.joint_angles, measurements.support
@@ -206,7 +223,7 @@ def regression(
         blur=_blur(slope, ENCODER_SD if sheet.encoder_sd is None else sheet.encoder_sd),
         source=source,
         output=output.ravel(),
-        numbers=np.arange(1, columns + 1),
+        numbers=np.arange(1, len(parameters.names) + 1),
         names=parameters.names,
         placement=measurements.placement,
         load_share=pressure.load_share,

@@ -1,7 +1,9 @@
 """Residuals of an experiment in four channels, and their derivatives.
 
 A: centre of pressure minus the regressor's prediction (x, y). F: sum of the cell forces minus the weight.
-T: twist of the right and the left plate, f1 - f2 + f3 - f4. C: closure of the legs: height, roll and pitch
+T: twist of the right and the left plate, f1 - f2 + f3 - f4; six-axis sensors in the feet, which have no
+twist, hold channel D there: the direction of the force, horizontal over vertical, against the vertical seen
+from the kinematics (x, y). With it the tilt of a foot cancels. C: closure of the legs: height, roll and pitch
 of the swing foot from the joint angles, and its x, y and yaw, which are constant in a placement.
 """
 
@@ -10,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from tulip_testbed.identification.kinematics import roll_pitch_yaw
-from tulip_testbed.identification.observation import Observation
+from tulip_testbed.identification.observation import Observation, turned
 from tulip_testbed.measurements.data import feet_in_contact
 
 CHANNELS = ("A", "F", "T", "C")
@@ -22,15 +24,15 @@ TWIST = np.array([1.0, -1.0, 1.0, -1.0])
 # Fields of an observation that may vary between postures, in the order of `packed`.
 VARYING = (
     *("joint_angles", "cell_forces", "plate_poses", "stance_tilt"),
-    *("swing_tilt", "swing_rise", "shift", "lift"),
+    *("swing_tilt", "swing_rise", "shift", "lift", "push"),
 )
 
 
 def packed(observed: Observation) -> np.ndarray:
-    """Return all fields that may vary between postures side by side, (m, n_joints + 2 k + 14).
+    """Return all fields that may vary between postures side by side, (m, n_joints + 2 k + 16).
 
     The order is joint angles, readings of cells or wrench sensors, plate poses, stance tilt, swing tilt,
-    rise, shift, lift.
+    rise, shift, lift, push.
     """
     m = len(observed)
     return np.concatenate([getattr(observed, name).reshape(m, -1) for name in VARYING], axis=1)
@@ -47,6 +49,7 @@ def fields(observed: Observation) -> dict[str, slice]:
         "rise": 1,
         "shift": 2,
         "lift": 1,
+        "push": 2,
     }
     ends = np.cumsum(list(widths.values())).tolist()
     return {name: slice(end - widths[name], end) for name, end in zip(widths, ends, strict=True)}
@@ -64,6 +67,7 @@ def unpacked(observed: Observation, values: np.ndarray) -> Observation:
         swing_rise=values[:, at["rise"]][:, 0],
         shift=values[:, at["shift"]],
         lift=values[:, at["lift"]][:, 0],
+        push=values[:, at["push"]],
     )
 
 
@@ -83,7 +87,7 @@ def moved_by(observed: Observation, before: Observation, after: Observation) -> 
 
 def difference(before: Observation, after: Observation) -> np.ndarray:
     """Return the difference of two observations' fields side by side, as in `packed`."""
-    out, at = np.zeros((len(before), fields(before)["lift"].stop)), 0
+    out, at = np.zeros((len(before), fields(before)["push"].stop)), 0
     for name in VARYING:
         first, second = getattr(before, name), getattr(after, name)
         width = first[0].size
@@ -96,6 +100,8 @@ def difference(before: Observation, after: Observation) -> np.ndarray:
 def residuals(observed: Observation, theta: np.ndarray) -> np.ndarray:
     """Compute the residuals of all channels, (m, 11) [m, m, N, N, N, m, rad, rad, m, m, rad].
 
+    Those of channel D, in the place of T, are in rad.
+
     Args:
         theta: base parameters, (p,) [m].
     """
@@ -103,7 +109,10 @@ def residuals(observed: Observation, theta: np.ndarray) -> np.ndarray:
     out[:, ROWS["A"]] = center(observed) - observed.geometry.regressor @ theta
     down = carried(observed) @ observed.contacts.bears.ravel()
     out[:, ROWS["F"]] = (down - observed.weight - observed.lift)[:, None]
-    out[:, ROWS["T"]] = observed.cell_forces.reshape(-1, 2, 4) @ TWIST if has_twist(observed) else 0.0
+    if has_twist(observed):
+        out[:, ROWS["T"]] = observed.cell_forces.reshape(-1, 2, 4) @ TWIST
+    else:
+        out[:, ROWS["T"]] = _off_vertical(observed) if has_direction(observed) else 0.0
     pose = swing_pose(observed)
     out[:, 5] = pose[:, 2] - observed.swing_rise
     out[:, 6:8] = pose[:, 3:5] - observed.swing_tilt
@@ -123,6 +132,46 @@ def has_twist(observed: Observation) -> bool:
     return observed.contacts.by_channel is None
 
 
+def has_direction(observed: Observation) -> bool:
+    """Return whether the contacts are six-axis sensors in the feet, which measure the force's direction."""
+    return observed.in_feet and observed.contacts.pushes is not None
+
+
+def _off_vertical(observed: Observation) -> np.ndarray:
+    """Compute the direction of the force against the vertical as the feet's tilt shows it, (m, 2) [rad]."""
+    forces, tilts = carried(observed), np.concatenate([observed.stance_tilt, observed.swing_tilt], axis=1)
+    measured = (_pushes(observed) * forces[:, None]).sum(axis=2) / _total(observed)[:, None]
+    return measured - observed.push - (_leaning(observed) * tilts[:, None]).sum(axis=2)
+
+
+def _pushes(observed: Observation) -> np.ndarray:
+    """Return the horizontal force in the base frame by a unit of each reading, (m, 2, 2 k)."""
+    pushes = observed.contacts.pushes
+    assert pushes is not None
+    yaw = observed.contact_poses[..., 2]
+    turn = turned(yaw[:, :, None], np.broadcast_to(pushes.mT, (len(observed), *pushes.mT.shape)))
+    return turn.reshape(len(observed), -1, 2).mT
+
+
+def _across(observed: Observation) -> np.ndarray:
+    """Differentiate the horizontal force by the yaw of both sensors, (m, 2, 2) [N]."""
+    each = _pushes(observed) * carried(observed)[:, None]
+    x, y = each.reshape(len(observed), 2, 2, -1).sum(axis=3).transpose(1, 0, 2)
+    return np.stack([-y, x], axis=1)
+
+
+def _leaning(observed: Observation) -> np.ndarray:
+    """Differentiate the vertical's direction in the base frame by roll and pitch of both feet, (m, 2, 4).
+
+    A foot that rolls sees the vertical lean to its left, one that pitches to its rear. Each counts by its
+    load.
+    """
+    down = (carried(observed).reshape(len(observed), 2, -1) * observed.contacts.bears).sum(axis=2)
+    share, yaw = down / down.sum(axis=1, keepdims=True), observed.contact_poses[..., 2]
+    each = [turned(yaw, np.broadcast_to(way, (*yaw.shape, 2))) for way in ((0.0, 1.0), (-1.0, 0.0))]
+    return (np.stack(each, axis=2) * share[..., None, None]).reshape(len(observed), 4, 2).mT
+
+
 def _each_reading(observed: Observation, of_feet: np.ndarray) -> np.ndarray:
     """Repeat what holds for each foot, (m, 2), for each of its readings, (m, 2 k)."""
     return np.repeat(of_feet, observed.cell_forces.shape[1] // 2, axis=1)
@@ -133,7 +182,7 @@ def residuals_in_use(observed: Observation) -> np.ndarray:
     contact = feet_in_contact(observed.measurements.support)
     used = np.ones((len(observed), SIZE), bool)
     used[:, ROWS["C"]] = np.all(contact, axis=1, keepdims=True)
-    used[:, ROWS["T"]] = contact & observed.on_four_cells
+    used[:, ROWS["T"]] = contact & observed.on_four_cells if has_twist(observed) else has_direction(observed)
     return used
 
 
@@ -208,13 +257,13 @@ def swing_pose(observed: Observation) -> np.ndarray:
 
 
 def sensitivity(observed: Observation, theta: np.ndarray) -> np.ndarray:
-    """Differentiate the residuals by the fields of `packed`, (m, 11, n_joints + 22).
+    """Differentiate the residuals by the fields of `packed`, (m, 11, n_joints + 2 k + 16).
 
     Args:
         theta: base parameters, (p,) [m].
     """
     at, m = fields(observed), len(observed)
-    out = np.zeros((m, SIZE, at["lift"].stop))
+    out = np.zeros((m, SIZE, at["push"].stop))
     forces, bears = carried(observed), observed.contacts.bears
     total, contact = _total(observed), _each_reading(observed, feet_in_contact(observed.measurements.support))
     lever = observed.cell_places
@@ -225,10 +274,19 @@ def sensitivity(observed: Observation, theta: np.ndarray) -> np.ndarray:
     if has_twist(observed):
         out[:, 3, at["cells"].start : at["cells"].start + 4] = TWIST
         out[:, 4, at["cells"].start + 4 : at["cells"].stop] = TWIST
+    if has_direction(observed):
+        out[:, ROWS["T"], at["cells"]] = _pushes(observed) * contact[:, None] / total[:, None, None]
+        out[:, ROWS["T"], at["stance_tilt"].start : at["swing_tilt"].stop] = -_leaning(observed)
+        out[:, ROWS["T"], at["push"]] = -np.eye(2)
+        by_yaw = _across(observed) / total[:, None, None]
+        out[:, ROWS["T"], [at["plates"].start + 2, at["plates"].start + 5]] = by_yaw
     by_pose = _by_contact_poses(observed, forces.reshape(m, 2, -1) / total[:, None, None])
     rates = _foot_rates(observed)
     out[:, 0:2, at["angles"]] = -observed.geometry.slope_along(theta)
-    if (rows := observed.geometry.on_swing_foot).any():
+    rows = observed.geometry.on_swing_foot
+    if has_direction(observed):
+        out[~rows, ROWS["T"], at["angles"]] = (by_yaw[:, :, 1:] * rates[:, 5:])[~rows]
+    if rows.any():
         out[rows, 0:2, at["angles"]] -= observed.geometry.stance_sole_slope[rows, :2]
     if observed.in_feet:
         # The left sensor moves with the swing foot; a foot that is the base does not move.

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.identification.estimators import MIXED_MODEL
+from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.rank import (
     describe_combinations,
     reduced_basis,
@@ -88,15 +89,33 @@ def test_all_postures_the_same(parameters, plan, noise):
     assert "(free: 23 combinations)" in message
 
 
-def test_identify_and_the_simplified_model_say_so(wii, robot):
+def test_cad_carries_what_the_postures_do_not_determine(wii, robot):
     measured = wii.measurements
     rng = np.random.default_rng(114)
     angles = measured.joint_angles.copy()
     angles[:, 5] = ENCODER * rng.standard_normal(len(angles))
+    still = dataclasses.replace(measured, joint_angles=angles)
     expected = (
         r"^data: .* right_hip.y \(12\) and right_foot.y \(13\) .*right_ankle.z \(21\) is not determined$"
     )
     with pytest.raises(InputError, match=expected):
+        identify(still, robot, "data", estimator=MIXED_MODEL)
+    found = identify(still, robot, "data").full
+    cad = nominal_robot(robot)
+    assert found.data_share is not None
+    assert found.data_share[20] < 0.1
+    assert abs(found.value[20] - cad.value[20]) < 1e-3
+    assert found.data_share.max() > 0.9
+    # What the moving joints show is as it was.
+    whole = wii.identification.full
+    both = np.hypot(found.standard_error, whole.standard_error)
+    assert np.abs((found.value - whole.value) / both)[[1, 4, 7]].max() < 3
+
+
+def test_a_single_posture_is_refused_by_every_estimator(wii, robot):
+    measured = wii.measurements
+    angles = np.repeat(measured.joint_angles[:1], len(measured), axis=0)
+    with pytest.raises(InputError, match=r"determine 2 of 25 parameters, no more than a single posture"):
         identify(dataclasses.replace(measured, joint_angles=angles), robot, "data")
 
 
@@ -107,7 +126,7 @@ def test_an_unknown_encoder_has_a_usual_one_s_error(wii, robot):
     assert np.array_equal(found.full.value, wii.identification.full.value)
     poor = dataclasses.replace(measured.sensors, encoder_sd=0.02)
     with pytest.raises(InputError, match="not determined separately"):
-        identify(dataclasses.replace(measured, sensors=poor), robot)
+        identify(dataclasses.replace(measured, sensors=poor), robot, estimator=MIXED_MODEL)
 
 
 def test_blur_is_what_noise_does_on_average(parameters, plan):

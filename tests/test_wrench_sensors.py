@@ -44,7 +44,7 @@ def test_five_combinations_pass_for_zeros_and_the_others_are_exact(run, found):
     assert others == {10, 12, 15, 19, 20, 21, 23, 24, 25}
     error = found.full.value - run.laboratory.true_base_parameters(run.plan)
     assert np.abs(error - along @ (along.T @ error)).max() < 1e-3  # m
-    assert np.abs(error).max() > 2e-3  # what the zeros hide
+    assert np.abs(error).max() > 5e-4  # what the zeros hide
     assert "left_ankle.x (9) is not determined" in str(found)
 
 
@@ -132,13 +132,12 @@ def test_what_lifts_the_robot_is_taken_off_the_feet_but_not_off_zeros(run, robot
     np.testing.assert_allclose(change, -20.0, atol=1e-9)
 
 
-def test_wrong_signs_end_in_a_refusal_or_a_marked_table(robot):
+def test_wrong_signs_end_in_a_marked_table(robot):
     """Of unknown zeros the contract asks no weight: the estimate itself has to be looked at."""
     few = tt.plans.mixed.take(np.isin(tt.plans.mixed.placement, np.unique(tt.plans.mixed.placement)[::2]))
     measured: Any = tt.Laboratory(robot, sensors="foot-ft").run(few, seed=3, engine="statics").measurements
     upside_down = dataclasses.replace(measured, wrenches=-measured.wrenches)
-    with pytest.raises(InputError, match=r"found a total mass of -.* kg by the contact sensors.*signs"):
-        identify(dataclasses.replace(upside_down, weighed_mass=None), robot)
+    assert not identify(dataclasses.replace(upside_down, weighed_mass=None), robot).at_rest
     found = identify(upside_down, robot)
     assert not found.at_rest
     assert "did not come to rest" in str(found)

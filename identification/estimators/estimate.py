@@ -85,6 +85,9 @@ class Estimate:
         condition_number: condition number of H.
         unseen: imperfections that the estimator knows by their prior alone; None: it has no prior.
         standard: link masses and centres of mass, if the estimator gives them.
+        data_share: share of each parameter's prior variance that the data removed, 0 (all CAD) to 1, (p,).
+            direction_shares: the same of independent directions, the best known first, (p,). None: the
+            postures determine all parameters, and CAD takes no part.
     """
 
     numbers: Numbers
@@ -101,6 +104,8 @@ class Estimate:
     condition_number: float
     unseen: InMemory[Unseen | None] = None
     standard: StandardEstimate | None = None
+    data_share: Array | None = None
+    direction_shares: Array | None = None
 
     @computed_field
     @property

@@ -8,14 +8,13 @@ import numpy as np
 
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.base_parameters import standard_parameters
+from tulip_testbed.identification.cad_prior import CENTER_SD, MASS_SD
 from tulip_testbed.identification.estimators.estimate import Estimate, StandardEstimate
 from tulip_testbed.identification.estimators.mixed import mixed_model
 from tulip_testbed.identification.estimators.ordinary import residual_sigma
 from tulip_testbed.identification.identifiable_masses import identifiable_masses
 from tulip_testbed.identification.regressor import Regression
 
-MASS_SD = 0.2  # relative, of each link's mass: a CAD model lacks cables, screws and shells
-CENTER_SD = 0.02  # m, of each link's centre of mass, per axis
 STEPS = 20
 CONVERGED = 1e-10
 
