@@ -136,7 +136,7 @@ EFFECTS = (
         name="plate-map",
         sentence="A plate shows the centre of pressure displaced by a quadratic function of its place.",
         parameters=tuple(
-            Parameter(f"{axis} by {term}", "m", prior=0.003) for axis in "xy" for term in ("xx", "xy", "yy")
+            Parameter(axis + term, "m", prior=0.003) for axis in "xy" for term in ("xx", "xy", "yy")
         ),
         mechanism=Misreading(_bend, _straighten),
         words="The {target} plate shows the centre of pressure further forward by {0} times xx, {1} times xy "
@@ -149,10 +149,10 @@ EFFECTS = (
         explanation="""A plate displaces the centre of pressure by a smooth function of the place: it bends,
         and its cells or channels are calibrated at few points.
 
-        The displacement along each axis of the plate is quadratic in x and y, the place over half of the
-        plate: the distance of its cells from the centre, or 200 mm where these are not known. Beyond, it is
-        that of the edge. The load and the twist of the board stay. Linear terms are those of
-        `plate-translation`, `plate-yaw` and the gains.
+        The displacement along x is xxx x x + xxy x y + xyy y y, and that along y likewise, in the plate's
+        axes. x and y are the place over half of the plate: over the distance of its cells from the centre, or
+        over 200 mm where these are not known. Beyond the edge it is as at the edge. The load and the twist of
+        the board stay. Linear terms are those of `plate-translation`, `plate-yaw` and the gains.
 
         Six numbers a plate can imitate nearly anything that depends on where the robot stands, so a search
         does not try them, and no ordinary laboratory has them unless a tolerance is stated: 3 mm is usual

@@ -189,7 +189,7 @@ EFFECTS = (
     _in_foot(
         name="wrench-rotation",
         sentence="The force-torque sensor in a foot is rotated from its stated pose about its origin.",
-        parameters=tuple(Parameter(f"about {axis}", "rad", prior=np.radians(1.0)) for axis in "xyz"),
+        parameters=tuple(Parameter(axis, "rad", prior=np.radians(1.0)) for axis in "xyz"),
         mechanism=_linear(_rotation),
         words="The {target} foot's force-torque sensor is rotated by {0}, {1} and {2} about its x, y and z.",
         targets=FEET,
@@ -213,14 +213,14 @@ EFFECTS = (
         origin.
 
         A displacement r changes the moment by - r x f. Of a sensor that reads fz, mx and my alone, only x
-        and y are simulated. For a foot that bears the whole weight the change is constant, so the base parameters
-        absorb it.
+        and y are simulated. For a foot that bears the whole weight the change is constant, so the base
+        parameters absorb it.
         """,
     ),
     _in_foot(
         name="wrench-drift",
-        sentence="The zero of a force-torque sensor's channel drifts steadily, from 0 at the first posture to "
-        "this at the last.",
+        sentence="The zero of a force-torque sensor's channel drifts steadily, from 0 at the first posture "
+        "to this at the last.",
         parameters=(Parameter("drift", "N or Nm", prior=2.0),),
         mechanism=Misreading(_drift, _without_drift),
         words="The zero of the {target} channel of the force-torque sensors drifts by {0} over the "
