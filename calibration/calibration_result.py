@@ -261,7 +261,7 @@ def result_of(
         moments = np.array([(part**2).sum(axis=1) for part in family.parts])
         every = moments * solved.spreads[mine, None] ** 2  # parts of the members' variance
         each = every[:, 0]
-        spread = float(np.sqrt(each.sum()) / family.tolerance)
+        spread = float(np.sqrt(each.sum()) / family.sizes[0])
         weight = each / each.sum()
         log_sd = np.sqrt(weight @ solved.scale_covariance[k + mine][:, k + mine] @ weight)
         ends = spread * np.exp(HALF_95 * np.array([-1.0, 1.0]) * log_sd)

@@ -43,7 +43,8 @@ class FreeEffect:
     @property
     def steps(self) -> np.ndarray:
         """Return the prior s.d. of every size, (n,) [SI]."""
-        return np.array([self.effect.parameters[k].prior for k in self.effect.sizes])
+        parameters = self.effect.parameters_on(self.start.target)
+        return np.array([parameters[k].prior for k in self.effect.sizes])
 
     def __len__(self) -> int:
         return len(self.effect.sizes)

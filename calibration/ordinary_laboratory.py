@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.calibration.families import OF_PLATES, Family, families_of, tolerances_of
+from tulip_testbed.calibration.families import Family, families_of, tolerances_of
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.rig import Rig
@@ -36,9 +36,6 @@ def ordinary_members(rig: Rig, rng: np.random.Generator, scale: float = 1.0) -> 
     """
     header = header_of(rig)
     families = families_of(rig.robot, tolerances_of(header.sensors), contacts=header.contacts)
-    if header.contacts is not None and header.contacts.mount != "ground":
-        # The place of a sensor in a foot is not recorded by placement, so no record of it can be wrong.
-        families = tuple(family for family in families if family.name not in OF_PLATES)
     values, _ = draw_members(families, rng, scale)
     return tuple(i for family, v in zip(families, values, strict=True) for i in family.instances(v))
 
@@ -52,5 +49,5 @@ def draw_members(
     deviates where they cannot be negative.
     """
     spreads = scale * rng.uniform(*SPREADS, len(families))
-    values = [s * f.tolerance * rng.standard_normal(len(f)) for s, f in zip(spreads, families, strict=True)]
+    values = [s * f.sizes * rng.standard_normal(len(f)) for s, f in zip(spreads, families, strict=True)]
     return [np.abs(v) if f.positive else v for v, f in zip(values, families, strict=True)], spreads

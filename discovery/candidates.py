@@ -42,7 +42,8 @@ class Candidate:
     @cached_property
     def prior(self) -> np.ndarray:
         """Return the prior standard deviation of each size, (s,)."""
-        return np.array([self.effect.parameters[k].prior for k in self.effect.sizes])
+        parameters = self.effect.parameters_on(self.target)
+        return np.array([parameters[k].prior for k in self.effect.sizes])
 
     @cached_property
     def positive(self) -> np.ndarray:
@@ -112,11 +113,12 @@ def candidates(observed: Observation, effects: dict[str, Effect] | None = None) 
     """List every effect on every target that an experiment has; of many placements, those that stand out.
 
     Args:
-        effects: by name; None: the whole catalogue.
+        effects: by name; None: those of the catalogue that a search tries.
     """
     numbers, zeros, m = standing_out(observed), observed.contacts.zero_sd, observed.measurements
     out = []
-    for effect in (catalogue() if effects is None else effects).values():
+    known = {name: one for name, one in catalogue().items() if one.sought} if effects is None else effects
+    for effect in known.values():
         grids = [parameter.grid or (0.0,) for parameter in effect.parameters]
         settings = np.array(list(product(*grids)), float).reshape(-1, len(grids))
         if effect.name == "wrench-zero" and zeros is not None and zeros.any():

@@ -12,7 +12,7 @@ import numpy as np
 
 from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.calibration.calibration_result import CalibratedFamily, SelfCalibration
-from tulip_testbed.calibration.families import TOLERANCES
+from tulip_testbed.calibration.families import TOLERANCES, Family
 from tulip_testbed.calibration.self_calibration import usual_tolerances
 from tulip_testbed.discovery.candidate_search import DECISIVE, CandidateSearch, first_calibration
 from tulip_testbed.discovery.candidates import Fitted
@@ -301,14 +301,15 @@ def stands_out(selection: Selection, term: Fitted, error: np.ndarray) -> bool:
     Args:
         error: standard errors of its sizes, (s,).
     """
-    name = term.candidate.effect.name
+    effect, name = term.candidate.effect, term.candidate.effect.name
     tolerances = usual_tolerances(selection.null.data.observed, selection.tolerances)
     tolerance = tolerances.value.get(name, 0.0)
     if not tolerance or not len(term.sizes):
         return True
     spreads = [one.spread for one in selection.calibration.families if one.family.name == name]
+    usual = Family(effect, tolerance, (term.candidate.target,)).sizes
     least = np.abs(term.sizes) - SURE * error
-    return bool((least > STANDS_OUT * max([1.0, *spreads]) * tolerance).any())
+    return bool((least > STANDS_OUT * max([1.0, *spreads]) * usual).any())
 
 
 def _reasons(

@@ -50,7 +50,8 @@ class Explanation:
     def prior(self) -> np.ndarray:
         """Return the prior s.d. of the sizes, (s,)."""
         effect = self.instance.effect
-        return np.array([effect.parameters[k].prior for k in effect.sizes] or [1.0])
+        parameters = effect.parameters_on(self.instance.target)
+        return np.array([parameters[k].prior for k in effect.sizes] or [1.0])
 
 
 @dataclass(frozen=True)

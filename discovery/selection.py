@@ -239,8 +239,9 @@ def is_decisive(found: Judged, before: float, tests: float) -> bool:
 
 def _chance(found: SelfCalibration, gain: float, tests: float) -> float:
     """Compute the probability that noise alone gains as much by its last effect, over all candidates."""
-    effect, error = found.effects[-1].effect, found.effect_errors[-1]
-    prior = np.array([effect.parameters[k].prior for k in effect.sizes])
+    last, error = found.effects[-1], found.effect_errors[-1]
+    parameters = last.effect.parameters_on(last.target)
+    prior = np.array([parameters[k].prior for k in last.effect.sizes])
     likelihood = gain + float(np.log(np.maximum(prior / error, 1.0)).sum())
     return sidak(float(chi2_sf(2 * max(likelihood, 0.0), max(len(prior), 1))), tests)
 

@@ -79,8 +79,9 @@ def _unusual_members(search: CandidateSearch, calibration: SelfCalibration) -> l
     out = []
     for one in calibration.families:
         targets = one.family.targets
-        sizes = one.value.reshape(len(targets), -1) / one.family.tolerance
-        errors = one.standard_error.reshape(sizes.shape) / one.family.tolerance
+        usual_sizes = one.family.sizes.reshape(len(targets), -1)
+        sizes = one.value.reshape(usual_sizes.shape) / usual_sizes
+        errors = one.standard_error.reshape(sizes.shape) / usual_sizes
         known = one.determined.reshape(sizes.shape)
         for k, target in enumerate(targets):
             others = np.delete(sizes, k, axis=0)
@@ -91,5 +92,5 @@ def _unusual_members(search: CandidateSearch, calibration: SelfCalibration) -> l
             label = effect_label(one.family.name, target)
             candidate = next((c for c in search.candidates if c.label == label), None)
             if ratio > 1 and candidate is not None:
-                out.append((ratio, Fitted(candidate, 0, sizes[k] * one.family.tolerance)))
+                out.append((ratio, Fitted(candidate, 0, sizes[k] * usual_sizes[k])))
     return [fitted for _, fitted in sorted(out, key=lambda each: -each[0])]

@@ -18,7 +18,7 @@ from tulip_testbed.base.table import Table
 from tulip_testbed.effects import cell, encoder, foot, joint, link, plate, surroundings, wrench
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.lasting import split_target, targets_over
-from tulip_testbed.effects.targets import WRENCH_CHANNELS
+from tulip_testbed.effects.targets import WRENCH_CHANNELS, WRENCH_PAIRS
 from tulip_testbed.measurements.contacts import Contacts
 from tulip_testbed.measurements.manipulations import Experiment
 from tulip_testbed.sim.robot import Robot
@@ -107,6 +107,8 @@ def acts_on(effect: Effect, contacts: Contacts | None) -> bool:
         return contacts is None
     if effect.instrument == "wrenches":
         return contacts is not None
+    if effect.instrument == "feet":
+        return contacts is not None and contacts.mount == "foot"
     return effect.instrument != "plates" or contacts is None or contacts.mount == "ground"
 
 
@@ -148,11 +150,10 @@ def targets_in(
     if not acts_on(effect, contacts):
         return ()
     targets = targets_over(effect, effect.targets.of(robot, placements), experiments)
-    if effect.targets is not WRENCH_CHANNELS or contacts is None:
+    if effect.targets not in (WRENCH_CHANNELS, WRENCH_PAIRS) or contacts is None:
         return targets
-    return tuple(
-        target for target in targets if split_target(target)[0].partition(".")[2] in contacts.channels
-    )
+    read = set(contacts.channels)
+    return tuple(target for target in targets if read.issuperset(split_target(target)[0].split(".")[1:]))
 
 
 # An effect of the catalogue in a document, which holds its name.

@@ -121,10 +121,12 @@ class Effect:
         words: a finding as a sentence, with {target}, and {0}, {1}, ... for the values and their intervals.
         targets: what it can act on.
         instrument: on which contact sensors it acts: "cells", "plates" (on the ground, of any kind),
-            "wrenches"; "" if it acts with any of them.
+            "wrenches", "feet" (wrench sensors in the feet); "" if it acts with any of them.
         statics: whether the static laboratory can simulate it; otherwise only the full dynamics can.
         lasting: how long it stays the same.
-        unit_on: target -> unit of the first parameter there, where targets differ in it; None: they do not.
+        unit_on: target -> unit of the first parameter there, and its plausible size over that of the
+            parameter, where targets differ in them; None: they do not.
+        sought: whether a search tries it and a random draw may be it; otherwise only who names it has it.
         explanation: its physics, with the assumptions.
     """
 
@@ -137,7 +139,8 @@ class Effect:
     statics: bool = True
     instrument: str = ""
     lasting: Lasting = ALWAYS
-    unit_on: Callable[[str], str] | None = None
+    unit_on: Callable[[str], tuple[str, float]] | None = None
+    sought: bool = True
     explanation: str = ""
 
     def __repr__(self) -> str:
@@ -150,10 +153,11 @@ class Effect:
         return f"{self.name}{target}={','.join(p.placeholder for p in self.parameters)}"
 
     def parameters_on(self, target: str) -> tuple[Parameter, ...]:
-        """Return the parameters with the units that they have on a target."""
+        """Return the parameters with the units and plausible sizes that they have on a target."""
         if self.unit_on is None:
             return self.parameters
-        return (replace(self.parameters[0], unit=self.unit_on(target)), *self.parameters[1:])
+        (unit, scale), first = self.unit_on(target), self.parameters[0]
+        return (replace(first, unit=unit, prior=scale * first.prior), *self.parameters[1:])
 
     @property
     def misreads(self) -> bool:

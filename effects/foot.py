@@ -11,7 +11,7 @@ from scipy.special import ndtr
 
 from tulip_testbed.effects.effect import Effect, Parameter, Physics, Values
 from tulip_testbed.effects.injection import always, edited
-from tulip_testbed.effects.targets import CELL_NAMES, FOOT_CORNERS
+from tulip_testbed.effects.targets import CELL_NAMES, FEET, FOOT_CORNERS
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.measurements.cells import CORNERS, PLATES
 from tulip_testbed.sim.compliance import RIGID
@@ -22,16 +22,24 @@ ROCKING = 0.001  # m, the same for a foot
 
 
 def _soften_soles(rig: Rig, target: str, values: Values) -> Rig:
-    def softer(one: Rig) -> Rig:
-        soft = one.compliance
-        return replace(one, compliance=replace(soft, sole_tilt=soft.sole_tilt + values[0]))
+    names = tuple(f"{target}_{axis}" for axis in ("roll", "pitch")) if target else ("sole_tilt",)
+    more = {name: value for name, value in zip(names, values, strict=True) if value >= RIGID}
 
-    return rig if values[0] < RIGID else always(rig, softer)
+    def softer(one: Rig) -> Rig:
+        before = one.compliance
+        return replace(
+            one,
+            compliance=replace(before, **{name: getattr(before, name) + more[name] for name in more}),
+        )
+
+    return always(rig, softer) if more else rig
 
 
 def _with_lean(observed: Observation, target: str, values: Values) -> Observation:
+    softness = np.zeros((2, 2))  # of both soles about x and y
+    softness[PLATES.index(target) if target else slice(None)] = values
     # Load to the front turns about +y, load to the left about -x.
-    lean = values[0] * observed.sole_loads[..., ::-1] * np.array([-1.0, 1.0])
+    lean = softness * observed.sole_loads[..., ::-1] * np.array([-1.0, 1.0])
     return observed.changed(
         stance_tilt=observed.stance_tilt + lean[:, 0], swing_tilt=observed.swing_tilt + lean[:, 1]
     )
@@ -162,6 +170,24 @@ EFFECTS = (
 
         The foot leans towards its load, about the point of the sole below the ankle. The compliance is added
         to the one that the robot's description states.
+        """,
+    ),
+    Effect(
+        name="foot-compliance",
+        sentence="One foot rocks on its sole: it yields in roll and in pitch, by two compliances.",
+        parameters=tuple(
+            Parameter(f"about {axis}", "rad/Nm", prior=np.radians(0.05), positive=True) for axis in "xy"
+        ),
+        mechanism=Physics(_soften_soles, _with_lean),
+        words="The {target} foot rocks on its sole by {0} in roll and {1} in pitch.",
+        targets=FEET,
+        instrument="feet",
+        explanation="""One foot rocks on its sole, as `sole-compliance` of this foot alone, with two axes that
+        differ: a foot is longer than wide, and its sole may be worn.
+
+        A force-torque sensor in the foot shows the moment that turns it. While the robot stands on this foot,
+        the centre of mass moves by its height times the angle, so the foot makes every displacement of the
+        load larger.
         """,
     ),
     Effect(

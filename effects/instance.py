@@ -313,7 +313,7 @@ def check_instance(found: EffectInstance, robot: Robot, placements: Sequence[int
             f"expected {count} values, and an interval for each or for none: {effect.usage}"
         )
     check_target(effect.targets, split_target(found.target)[0], robot, placements, where)
-    for parameter, value in zip(effect.parameters, found.values, strict=True):
+    for parameter, value in zip(effect.parameters_on(found.target), found.values, strict=True):
         here = f"{where}: {effect.name}, {parameter.heading}: found {value:g}"
         if not np.isfinite(value):
             raise InputError(f"{here}, expected a finite number")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tulip_testbed.base.errors import InputError, at_least, look_up, shortened
-from tulip_testbed.effects.catalogue import catalogue, effects_on
+from tulip_testbed.effects.catalogue import catalogue, effects_on, targets_in
 from tulip_testbed.effects.effect import Effect, Parameter
 from tulip_testbed.effects.instance import EffectInstance, check_laboratory, split_label
 from tulip_testbed.effects.laws import LAW
@@ -31,24 +31,28 @@ def draw_effect(
         statics: whether to draw only what the static laboratory can simulate.
         contacts: wrench sensors; None: plates on cells.
     """
-    effects = effects_on(contacts, statics)
-    return draw_of_kind(effects[rng.integers(len(effects))], robot, placements, rng)
+    effects = [effect for effect in effects_on(contacts, statics) if effect.sought]
+    return draw_of_kind(effects[rng.integers(len(effects))], robot, placements, rng, contacts)
 
 
 def draw_of_kind(
-    effect: Effect, robot: Robot, placements: Sequence[int], rng: np.random.Generator
+    effect: Effect,
+    robot: Robot,
+    placements: Sequence[int],
+    rng: np.random.Generator,
+    contacts: Contacts | None = None,
 ) -> EffectInstance:
     """Draw an effect of a kind: target with equal chances, sizes from their priors, the rest from its grid.
 
     Args:
         placements: numbers of the experiment's placements.
+        contacts: wrench sensors; None: plates on cells.
     """
-    targets = effect.targets.of(robot, tuple(int(p) for p in placements))
+    targets = targets_in(effect, robot, contacts, tuple(int(p) for p in placements))
     target = targets[rng.integers(len(targets))]
+    parameters = effect.parameters_on(target)
     while True:
-        found = EffectInstance(
-            effect, target, tuple(_draw(parameter, rng) for parameter in effect.parameters)
-        )
+        found = EffectInstance(effect, target, tuple(_draw(parameter, rng) for parameter in parameters))
         if len(chosen := found.choices) == len(set(chosen)):
             return found
 

@@ -99,8 +99,16 @@ JOINTS = Targets("JOINT", lambda robot, placements: joints(robot))
 LEG_JOINTS = Targets("JOINT", lambda robot, placements: leg_joints(robot))
 PLATE_NAMES = Targets("PLATE", lambda robot, placements: PLATES)
 CELL_NAMES = Targets("PLATE.CORNER", lambda robot, placements: CELLS)
+FEET = Targets("FOOT", lambda robot, placements: PLATES)
 WRENCH_CHANNELS = Targets(
     "FOOT.CHANNEL", lambda robot, placements: tuple(f"{foot}.{one}" for foot in PLATES for one in WRENCH)
+)
+# Nothing is computed from mz, so what it reads of other channels does not matter.
+WRENCH_PAIRS = Targets(
+    "FOOT.CHANNEL.LOAD",
+    lambda robot, placements: tuple(
+        f"{foot}.{one}.{load}" for foot in PLATES for one in WRENCH[:-1] for load in WRENCH if load != one
+    ),
 )
 LINKS = Targets("LINK", lambda robot, placements: links(robot))
 LEG_LINKS = Targets("LINK", lambda robot, placements: leg_links(robot))

@@ -75,7 +75,8 @@ def _clear(one: CalibratedFamily) -> np.ndarray:
 def _exact(found: SelfCalibration, contacts: Contacts | None) -> str:
     """Name the families that the tolerances leave out."""
     there = {one.family.name for one in found.families}
-    names = [name for name in TOLERANCES if name not in there and acts_on(catalogue()[name], contacts)]
+    usual = [name for name, tolerances in TOLERANCES.items() if any(tolerances)]
+    names = [name for name in usual if name not in there and acts_on(catalogue()[name], contacts)]
     return f"Taken as exact: {', '.join(names)}." if names else ""
 
 

@@ -28,25 +28,38 @@ class Compliance:
         sole: vertical compliance of a sole [m/N].
         sole_tilt: compliance of a sole in roll and pitch about the point below the ankle [rad/(N m)].
         cell: vertical compliance of every load cell [m/N].
+        right_roll, right_pitch, left_roll, left_pitch: what one sole yields about one axis in addition to
+            `sole_tilt` [rad/(N m)].
     """
 
     sole: float = 0.0
     sole_tilt: float = 0.0
     cell: float = 0.0
+    right_roll: float = 0.0
+    right_pitch: float = 0.0
+    left_roll: float = 0.0
+    left_pitch: float = 0.0
+
+    @property
+    def tilt(self) -> np.ndarray:
+        """Return the compliance of the right and the left sole in roll and pitch, (2, 2) [rad/(N m)]."""
+        own = [[self.right_roll, self.right_pitch], [self.left_roll, self.left_pitch]]
+        return self.sole_tilt + np.array(own)
 
 
 def add_compliance(spec: mujoco.MjSpec, robot: Robot, compliance: Compliance) -> None:
     """Mount the sole corners of each foot and the cells of each board on springs where compliance > 0."""
-    if compliance.sole > 0 or compliance.sole_tilt > 0:
-        for foot in robot.feet:
+    for foot, (roll, pitch) in zip(robot.feet, compliance.tilt.tolist(), strict=True):
+        if max(compliance.sole, roll, pitch) > 0:
             corners = [spec.geom(f"{foot}_{corner}") for corner in CORNERS]
             height = float(corners[0].pos[2] - corners[0].size[0])
             sole = _hang(spec, spec.body(foot), f"{foot}_sole", [0.0, 0.0, height], corners)
             if compliance.sole > 0:
                 _spring(sole, "z", mujoco.mjtJoint.mjJNT_SLIDE, [0, 0, 1], compliance.sole)
-            if compliance.sole_tilt > 0:
-                _spring(sole, "roll", mujoco.mjtJoint.mjJNT_HINGE, [1, 0, 0], compliance.sole_tilt)
-                _spring(sole, "pitch", mujoco.mjtJoint.mjJNT_HINGE, [0, 1, 0], compliance.sole_tilt)
+            if roll > 0:
+                _spring(sole, "roll", mujoco.mjtJoint.mjJNT_HINGE, [1, 0, 0], roll)
+            if pitch > 0:
+                _spring(sole, "pitch", mujoco.mjtJoint.mjJNT_HINGE, [0, 1, 0], pitch)
     if compliance.cell > 0:
         for plate in PLATES:
             for corner in CORNERS:

@@ -29,6 +29,8 @@ PHYSICS = {  # values and the least cosine
     "backlash:left_ankle_roll": ((0.003,), 0.8),
     "tilt": ((0.01, 0.02), 0.95),
     "sole-compliance": ((0.0005,), 0.95),
+    "foot-compliance:right": ((0.0005, 0.001), 0.95),
+    "foot-compliance:left": ((0.001, 0.0), 0.95),
     "cell-position-scale": ((0.02,), 0.95),
     "payload-step:left_lower_leg": ((0.5, 0.34), 0.95),
     "payload-step:torso": ((-0.5, 0.7), 0.95),

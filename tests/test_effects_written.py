@@ -46,7 +46,7 @@ def value(parameter):
 def instances(draw, name):
     effect = catalogue()[name]
     target = draw(st.sampled_from(effect.targets.of(tulip(), PLACEMENTS)))
-    values = tuple(draw(value(parameter)) for parameter in effect.parameters)
+    values = tuple(draw(value(parameter)) for parameter in effect.parameters_on(target))
     chosen = [v for v, p in zip(values, effect.parameters, strict=True) if p.choices]
     if len(set(chosen)) < len(chosen):
         values = (0.0, 1.0)
@@ -139,7 +139,7 @@ def test_the_catalogue_is_a_table():
         "tilt=ABOUT_X,ABOUT_Y",
         "rad, rad",
         "s.d. 1 deg",
-        "The floor is tilted with robot and plates, about x, then",
+        "The floor is tilted with robot and plates, about x,",
     ]
     assert [cell.strip() for cell in tilt.split("  ") if cell] == cells
     assert page.count("<tr>") == len(catalogue()) + 1

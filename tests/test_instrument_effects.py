@@ -77,6 +77,16 @@ READINGS = {
     },
     # reading = load + 0, 2 and 4 N in all four cells
     "plate-drift:right=4": {"right": [[10, 20, 30, 40], [22, 22, 22, 22], [4, 14, 24, 34]]},
+    # Half of the plate: 0.1 and 0.2 m. Places of the load over it: (-2/13, 0), (0, 0) and (0.6, 0.2). The
+    # centre of pressure moves forward by 10 mm xx + 5 mm xy: 40/169, 0 and 4.2 mm; left by 20 mm yy: 0, 0
+    # and 0.8 mm. Moments of 260 and 200 N: 0.8/13 and 0.84 Nm, 0.16 Nm; a cell bears a quarter over its place
+    "plate-map:left=0.01,0.005,0,0,0,0.02": {
+        "left": [
+            [50 + 2 / 13, 60 + 2 / 13, 70 - 2 / 13, 80 - 2 / 13],
+            [40, 40, 40, 40],
+            [102.3, 61.9, 17.7, 18.1],
+        ]
+    },
     # reading = angle + 0.001 rad/N times 100, 80 and 60 N on the right plate
     "encoder-load:right_knee=0.001": {"knee": [0.3, 0.48, -0.04]},
     # reading = 0.9 angle + 0.1 previous angle; placement 2 begins afresh

@@ -7,16 +7,23 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
+from tests.effect_changes import agreement, changes, statically
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.calibration.families import families_of, tolerances_of
+from tulip_testbed.effects.catalogue import catalogue, targets_in
+from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.misreading import Misreading
 from tulip_testbed.effects.removal import corrected
 from tulip_testbed.experiments.identify import check_physical, identify
 from tulip_testbed.identification.contact_readings import of_wrenches
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
-from tulip_testbed.identification.residual_channels import packed, residuals, sensitivity, unpacked
+from tulip_testbed.identification.residual_channels import ROWS, packed, residuals, sensitivity, unpacked
+from tulip_testbed.measurements import SensorSheet
 from tulip_testbed.measurements.contacts import WRENCH, Contacts
+from tulip_testbed.measurements.data import feet_in_contact
+from tulip_testbed.sim.procedure import header_of
+from tulip_testbed.sim.rig import preset_rig
 
 
 @pytest.fixture(scope="module")
@@ -101,25 +108,99 @@ def test_a_wrench_by_hand():
     np.testing.assert_allclose((values[..., None] * found.levers).sum(axis=1), [[2.0, 1.0]] * 2, atol=1e-12)
 
 
-@pytest.mark.parametrize(("text", "value"), [("wrench-zero:right.my", 0.3), ("wrench-gain:left", 0.02)])
-def test_an_effect_on_wrenches_is_undone(text, value, run, robot):
-    name, _, target = text.partition(":")
-    effect, m = catalogue()[name], run.measurements
+FORCE, MOMENT = [10.0, 20.0, 100.0], [3.0, 4.0, 5.0]  # N, Nm
+QUARTER = np.pi / 2
+BY_HAND = {
+    # the reading of the left sensor at 0, 1/2 and 1 of the time for the wrench above
+    "wrench-gain:left=0.1": [[11, 22, 110, 3.3, 4.4, 5.5]] * 3,
+    "wrench-zero:left.my=0.5": [[10, 20, 100, 3, 4.5, 5]] * 3,
+    # my = 4 Nm + 0.01 m of 100 N; fx = 10 N + 2 / m of 3 Nm; fx = 10 N + 0.1 of 20 N
+    "wrench-crosstalk:left.my.fz=0.01": [[10, 20, 100, 3, 5, 5]] * 3,
+    "wrench-crosstalk:left.fx.mx=2": [[16, 20, 100, 3, 4, 5]] * 3,
+    "wrench-crosstalk:left.fx.fy=0.1": [[12, 20, 100, 3, 4, 5]] * 3,
+    # its x points along the stated y, its y along the stated -x
+    f"wrench-rotation:left=0,0,{QUARTER}": [[20, -10, 100, 4, -3, 5]] * 3,
+    # its y points along the stated z, its z along the stated -y
+    f"wrench-rotation:left={QUARTER},0,0": [[10, 100, -20, 3, 5, -4]] * 3,
+    # its z points along the stated x, its x along the stated -z
+    f"wrench-rotation:left=0,{QUARTER},0": [[-100, 20, 10, -5, 4, 3]] * 3,
+    # r x f = (0.02 * 100 - 0.03 * 20, 0.03 * 10 - 0.01 * 100, 0.01 * 20 - 0.02 * 10) = (1.4, -0.7, 0) Nm
+    "wrench-origin:left=0.01,0.02,0.03": [[10, 20, 100, 1.6, 4.7, 5]] * 3,
+    "wrench-drift:left.fz=4": [[10, 20, 100 + more, 3, 4, 5] for more in (0, 2, 4)],
+}
+
+
+def test_every_effect_on_wrenches_has_a_reading_worked_out_by_hand():
+    names = {text.partition(":")[0] for text in BY_HAND}
+    assert names == {name for name, one in catalogue().items() if one.misreads and name.startswith("wrench")}
+
+
+@pytest.mark.parametrize("text", BY_HAND)
+def test_a_sensor_misreads_by_definition_and_is_corrected(text, run, robot):
+    found = EffectInstance.parse(text.replace(str(QUARTER), "0.1"), robot)
+    values = tuple(float(value) for value in text.partition("=")[2].split(","))
+    rows, mechanism = run.measurements.take(np.arange(3)), found.effect.mechanism
+    true = np.tile([*FORCE, *MOMENT], (3, 2, 1))
+    m = dataclasses.replace(rows, wrenches=true, time=np.array([100.0, 200.0, 300.0]))
+    assert isinstance(mechanism, Misreading)
+    wrong = mechanism.apply(m, robot, found.target, values)
+    np.testing.assert_allclose(wrong.wrenches[:, 1], BY_HAND[text], atol=1e-12)
+    np.testing.assert_array_equal(wrong.wrenches[:, 0], true[:, 0])
     nominal = nominal_robot(robot)
-    assert isinstance(effect.mechanism, Misreading)
-    wrong = effect.mechanism.apply(m, robot, target, (value,))
-    assert wrong.wrenches is not None
-    assert m.wrenches is not None
-    side = ("right", "left").index(target.partition(".")[0])
-    by_hand = m.wrenches.copy()
-    if name == "wrench-gain":
-        by_hand[:, side] *= 1.02
-    else:
-        by_hand[:, side, 4] += 0.3
-    np.testing.assert_allclose(wrong.wrenches, by_hand, atol=1e-12)
-    again = effect.remove(observe(wrong, nominal), target, (value,))
-    expected = residuals(observe(m, nominal), nominal.value)
-    np.testing.assert_allclose(residuals(again, nominal.value), expected, atol=1e-9)
+    again = found.effect.remove(observe(wrong, nominal), found.target, values)
+    np.testing.assert_allclose(again.cell_forces, observe(m, nominal).cell_forces, atol=1e-9)
+
+
+@pytest.mark.parametrize("text", ["wrench-drift:left.my=0.3", "wrench-drift:right.fz=10"])
+def test_a_zero_taken_while_it_drifts_is_corrected(text, robot):
+    """The foot in the air shows the mean drift there."""
+    laboratory = tt.Laboratory(robot, sensors="foot-ideal")
+    exact, drifting = (
+        one.run(tt.plans.mixed, seed=3, engine="statics").measurements
+        for one in (laboratory, laboratory.with_effects(text))
+    )
+    assert exact.contacts is not None
+    assert np.isinf(exact.contacts.zero_sd).all()
+    nominal, (found,) = nominal_robot(robot), laboratory.with_effects(text).hidden
+    wrong, true = observe(drifting, nominal), observe(exact, nominal)
+    assert np.abs(wrong.cell_forces - true.cell_forces).max() > 0.1 * found.values[0]
+    again = found.effect.remove(wrong, found.target, found.values)
+    carried = np.repeat(feet_in_contact(exact.support), 6, axis=1)
+    np.testing.assert_allclose(again.cell_forces[carried], true.cell_forces[carried], atol=1e-6)
+
+
+@pytest.mark.parametrize(("sensors", "count"), [("foot-ft", 50), ("sole-3axis", 12), ("plate-ft", 0)])
+def test_cross_talk_is_sought_between_the_channels_that_there_are(sensors, count, robot):
+    contacts = header_of(preset_rig(sensors, robot)).contacts
+    targets = targets_in(catalogue()["wrench-crosstalk"], robot, contacts, ())
+    assert len(targets) == count
+    families = {f.name: f for f in families_of(robot, tolerances_of(SensorSheet()), contacts=contacts)}
+    assert "plate-map" not in families
+    if targets:
+        sizes = dict(zip(targets, families["wrench-crosstalk"].sizes.tolist(), strict=True))
+        assert sizes["left.my.fz"] == pytest.approx(0.0003)  # m: 1 % of 0.03 m
+        assert sizes["left.fz.mx"] == pytest.approx(1 / 3)  # 1/m
+        assert sizes["left.mx.my"] == 0.01
+
+
+@pytest.mark.parametrize("about_x", [0.0, 0.0005])
+def test_a_foot_that_rocks_is_seen_by_the_sensor_in_it(about_x, robot):
+    """Standing on the right foot alone, whose sole yields more in pitch than in roll or in pitch alone."""
+    plan = tt.plans.mixed.take(tt.plans.mixed.support == "right")
+    effect, values = catalogue()["foot-compliance"], (about_x, 0.001)
+    rig = preset_rig("foot-ideal", robot)
+    assert rig.sensors.wrench is not None
+    tared = dataclasses.replace(
+        rig.sensors, wrench=dataclasses.replace(rig.sensors.wrench, zero_sd=(0.0,) * 6)
+    )
+    rig = dataclasses.replace(rig, sensors=tared)
+    base, rocks = statically(rig, plan), statically(effect.inject(rig, "right", values), plan)
+    nominal = nominal_robot(robot, "right")
+    simulated, predicted = changes(nominal, base, rocks, effect, "right", values, absorbed=False)
+    assert np.abs(simulated[:, ROWS["A"]]).max() > 2.0  # mm
+    cosine, slope = agreement(simulated[:, ROWS["A"]], predicted[:, ROWS["A"]])
+    assert cosine > 0.9999
+    assert slope == pytest.approx(1.0, abs=0.01)
 
 
 def test_what_lifts_the_robot_is_taken_off_the_feet_but_not_off_zeros(run, robot):

@@ -34,7 +34,9 @@ TARGETS = {
     "PLATE.CORNER": "left.front_left",
     "LINK": "right_lower_leg",
     "FOOT.CORNER": "right_foot.front_left",
+    "FOOT": "left",
     "FOOT.CHANNEL": "left.my",
+    "FOOT.CHANNEL.LOAD": "left.my.fz",
     "PLACEMENT": "3",
 }
 OTHER_TARGETS = {"payload": "torso", "payload-step": "torso"}
@@ -105,11 +107,12 @@ def lever(observed: Observation, joint: str) -> np.ndarray:
 
 
 def _plain(robot: Robot, instrument: str) -> Rig:
-    rig = preset_rig("plate-ft" if instrument == "wrenches" else "ideal", robot)
+    rig = preset_rig({"wrenches": "plate-ft", "feet": "foot-ideal"}.get(instrument, "ideal"), robot)
     quiet = without_noise(rig)
-    if instrument != "wrenches" or rig.sensors.wrench is None:
+    if rig.sensors.wrench is None:
         return quiet
-    return replace(quiet, sensors=replace(quiet.sensors, wrench=rig.sensors.wrench.exact))
+    tared = replace(rig.sensors.wrench.exact, zero_sd=(0.0,) * len(rig.sensors.wrench.channels))
+    return replace(quiet, sensors=replace(quiet.sensors, wrench=tared))
 
 
 def _observed(rig: Rig, plan: PosturePlan, robot: Robot) -> Observation:

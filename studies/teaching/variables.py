@@ -72,6 +72,7 @@ VARIABLES: dict[str, Variable] = {
     "plate-translation": ON_PLATE,
     "plate-yaw": ON_PLATE,
     "wrench-gain": ON_PLATE,
+    "wrench-origin": ON_PLATE,
 }
 
 
