@@ -77,7 +77,8 @@ class ContactPressure:
 def contact_pressure(measurements: Measurements, nominal: Nominal) -> ContactPressure:
     """Return centre of pressure, load and mass by the contacts.
 
-    The moments of wrench sensors are divided by the weighed weight, if there is one: it has less noise.
+    The moments of wrench sensors are divided by the weighed weight, if there is one: it has less noise. What
+    motion adds by CAD is taken off.
 
     Raises:
         InputError: the contacts of a posture carry no weight.
@@ -93,7 +94,8 @@ def contact_pressure(measurements: Measurements, nominal: Nominal) -> ContactPre
     error = float(mass.std(ddof=1) / np.sqrt(len(mass)))
     moment = (forces[..., None] * observed.cell_places).sum(axis=1)
     weight = total if measurements.weighed_mass is None else np.full(len(total), observed.weight)
-    return ContactPressure(moment / weight[:, None], down / total[:, None], (float(mass.mean()), error))
+    center = moment / weight[:, None] - observed.shift
+    return ContactPressure(center, down / total[:, None], (float(mass.mean()), error))
 
 
 def center_slopes(observed: Observation) -> dict[str, np.ndarray]:

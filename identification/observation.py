@@ -18,6 +18,7 @@ from tulip_testbed.identification.ballast import Ballast, ballast_of, known_weig
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.cad_prior import CadPrior
 from tulip_testbed.identification.contact_readings import ContactReadings, of_cells, of_wrenches
+from tulip_testbed.identification.inertial_wrench import beyond_weight
 from tulip_testbed.identification.joint_loads import Loads, joint_loads, servo_stiffness
 from tulip_testbed.identification.kinematics import Tree
 from tulip_testbed.identification.nominal import Nominal, PostureGeometry
@@ -46,7 +47,7 @@ class Observation:
         swing_rise: height of the swing foot's sole point over the stance foot's, (m,) [m].
         shift: displacement of the centre of pressure by forces other than weight, (m, 2) [m].
         lift: vertical force in addition to the weighed weight, positive downwards, (m,) [N]; at first that of
-            the known masses of joined experiments.
+            the known masses of joined experiments, and what motion adds by CAD, as to `shift` and `push`.
         push: horizontal force other than by the feet's tilt, over the weight, (m, 2) [-].
         standard: nominal standard parameters of the links (eq. 5), (n_links, 4) [kg, kg m].
         board_share: share of a board's weight on each of its cells, right and left, (2,) [N].
@@ -257,6 +258,7 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
     """Return the observation of an experiment in the nominal laboratory."""
     measurements, m = as_joined(measurements), len(measurements)
     contacts = contact_readings(measurements, nominal)
+    shift, lift, push = beyond_weight(nominal, measurements)
     share = np.array(plate_masses(nominal.robot)) * measurements.gravity / 4
     gain = servo_stiffness(nominal.robot, measurements.gains)
     margin = max(LEAST_LOAD, 4 * (measurements.sensors.cell_sd or 0.0))
@@ -272,9 +274,9 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
         stance_tilt=np.zeros((m, 2)),
         swing_tilt=np.zeros((m, 2)),
         swing_rise=np.zeros(m),
-        shift=np.zeros((m, 2)),
-        lift=known_weight(measurements),
-        push=np.zeros((m, 2)),
+        shift=shift,
+        lift=known_weight(measurements) + lift,
+        push=push,
         standard=standard_parameters(nominal.robot.model),
         board_share=share,
         servo_gain=gain,
