@@ -9,7 +9,11 @@ import numpy as np
 from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.calibration.calibration_result import SelfCalibration
-from tulip_testbed.calibration.self_calibration import least_determined, self_calibrate
+from tulip_testbed.calibration.self_calibration import (
+    least_determined,
+    self_calibrate,
+    with_inertia_as_shown,
+)
 from tulip_testbed.identification.estimators import Estimate
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.regressor import Regression, with_cad_where_needed
@@ -42,6 +46,7 @@ def calibrated_estimates(
     """
     observed = with_cad_where_needed(observed, data)
     try:
+        observed = with_inertia_as_shown(observed, tolerances)
         return _estimates(observed, data, kept, tolerances, calibrate)
     except np.linalg.LinAlgError:
         excess = _in_excess(observed, data, kept, tolerances, calibrate)

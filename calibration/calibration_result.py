@@ -16,6 +16,7 @@ from tulip_testbed.calibration.linear_model import Background
 from tulip_testbed.calibration.linear_problem import LinearProblem
 from tulip_testbed.calibration.linearisation import (
     FOOT_TILT,
+    INERTIA,
     INTERNAL,
     Families,
     Linearised,
@@ -165,8 +166,9 @@ class SelfCalibration:
         deviates = self.solved.estimate[len(self.theta) + 1 :][: len(spreads)]
         covariance = self.linear.covariance
         scales = dict(zip(sources_of(self.observed), self.solved.scales.tolist(), strict=True))
-        internal, tilt = scales[INTERNAL] * covariance.internal, scales.get(FOOT_TILT, 0.0) * covariance.tilt
-        unseen = np.concatenate([internal, tilt, covariance.unsure], axis=2)
+        every = ((INTERNAL, covariance.internal), (FOOT_TILT, covariance.tilt), (INERTIA, covariance.inertia))
+        unseen = [scales.get(name, 0.0) * columns for name, columns in every]
+        unseen = np.concatenate([*unseen, covariance.unsure], axis=2)
         return Background(self.problem.members[..., : len(spreads)] * spreads, deviates / spreads, unseen)
 
     @property

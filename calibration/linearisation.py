@@ -41,6 +41,7 @@ from tulip_testbed.measurements.data import feet_in_contact
 
 INTERNAL = "internal forces"
 FOOT_TILT = "tilt of the feet"  # another in every row, which channel D shows
+INERTIA = "inertial forces"  # of a robot that moves, by CAD's inertias and measured accelerations
 ROW_TILT = np.radians(0.2)  # one s.d. at scale 1, assumed
 # Friction at rest opposes the loads, in like postures alike: its wrench is no noise that averages out, and
 # counts as so many times larger. On development seeds 96 % of the 95 % intervals of members held with 5,
@@ -49,13 +50,16 @@ SYSTEMATIC = 5.0
 INTERNAL_PRIOR = 0.01  # s.d. of the logarithm of the scale of the unseen wrench: it is not estimated
 CHANNELS = "AFTC"
 Families = Sequence[Family | FreeEffect]
-OF_LOADS = ("joint-compliance", "sole-compliance")
+OF_LOADS = ("joint-compliance", "sole-compliance", "foot-compliance")
+# With CAD as prior data say too little of how wide a family is, but of these.
+OF_CONTACTS = ("wrench-", "foot-")
 
 
 def own_sources(observed: Observation) -> tuple[str, ...]:
     """Name the sources of noise that differ from row to row."""
     tilt = (FOOT_TILT,) if has_direction(observed) else ()
-    return ("encoders", "cells", INTERNAL, *tilt)
+    inertia = (INERTIA,) if observed.moves else ()
+    return ("encoders", "cells", INTERNAL, *tilt, *inertia)
 
 
 def sources_of(observed: Observation) -> tuple[str, ...]:
@@ -91,6 +95,7 @@ class ResidualCovariance:
         reach: derivative of the residuals by the readings, through the compliances too, (m, 11, n + 2 k + 6).
         internal: change of the residuals by one s.d. of each component of the internal wrench, (m, 11, 3).
         tilt: change by one s.d. of the tilt of each foot in each row, (m, 11, 4); nothing without channel D.
+        inertia: change by the inertial forces of each row, (m, 11, 1); nothing of a robot that is held.
         unsure: change by one s.d. of what the readings do not show of each effect, (m, 11, u).
         structure: of all of them, by the scales of `sources_of`.
     """
@@ -98,6 +103,7 @@ class ResidualCovariance:
     reach: np.ndarray
     internal: np.ndarray
     tilt: np.ndarray
+    inertia: np.ndarray
     unsure: np.ndarray
     structure: NoiseStructure
 
@@ -140,7 +146,11 @@ def linearised(
         feet = np.repeat(feet_in_contact(clean.measurements.support), 2, axis=1)[:, None]
         tilt = ROW_TILT * feet * slope[..., at["stance_tilt"].start : at["swing_tilt"].stop]
         tilt = tilt if has_direction(clean) else tilt[..., :0]
-        covariance = _covariance(reach, pushed * SYSTEMATIC * UNSEEN, tilt, unsure, noise, clean)
+        motion = tilt[..., :0]
+        if clean.moves:
+            motion = slope[..., at["shift"].start : at["push"].stop] @ clean.motion[..., None]
+        parts = (pushed * SYSTEMATIC * UNSEEN, tilt, motion)
+        covariance = _covariance(reach, parts, unsure, noise, clean)
     reach, weights = covariance.reach, covariance.structure.weights(np.log(state.scales))
 
     left = residuals(clean, theta)
@@ -182,7 +192,7 @@ def linearised(
         doubt=_doubt(clean),
         excess=mixing.T @ excess @ mixing,
         about=state.deviates,
-        known=tuple(k for k, j in enumerate(owner) if _spread_is_known(families[j])),
+        known=tuple(k for k, j in enumerate(owner) if _spread_is_known(families[j], cad is not None)),
     )
     return problem, Linearised(smooth, covariance)
 
@@ -235,6 +245,10 @@ def _yields(observed: Observation, families: Families) -> _Yields:
             if family.name == "sole-compliance":
                 field, member = field + tilts, member + [number] * len(tilts)
                 rate.append(leans)
+            elif family.name == "foot-compliance":
+                tilt = 2 * ("right", "left").index(family.targets[k // 2]) + k % 2
+                field, member = [*field, tilts[tilt]], [*member, number]
+                rate.append(leans[:, [tilt]])
             else:
                 joint = joints.index(family.targets[k])
                 field, member = [*field, joint], [*member, number]
@@ -300,8 +314,7 @@ def _unsure(observed: Observation, families: Families, phi: np.ndarray) -> np.nd
 
 def _covariance(
     reach: np.ndarray,
-    internal: np.ndarray,
-    tilt: np.ndarray,
+    unseen: tuple[np.ndarray, np.ndarray, np.ndarray],
     unsure: np.ndarray,
     noise: Noise,
     observed: Observation,
@@ -309,7 +322,7 @@ def _covariance(
     at = fields(observed)
     used = residuals_in_use(observed)
     cells, angles = noise.cell * reach[..., at["cells"]], noise.encoder * reach[..., at["angles"]]
-    own = [part @ part.mT for part in (angles, cells, internal, tilt)[: len(own_sources(observed))]]
+    own = [part @ part.mT for part in (angles, cells, unseen[0], *(u for u in unseen[1:] if u.shape[2]))]
     fixed = np.where(used[..., None], floor(noise), np.eye(SIZE)) + unsure @ unsure.mT
     structure = NoiseStructure(
         placement=groups(observed.measurements.placement),
@@ -320,27 +333,29 @@ def _covariance(
         owner=np.repeat([len(own), len(own) + 1], 3),
         free=constants_of_stances(used),
     )
-    return ResidualCovariance(reach, internal, tilt, unsure, structure)
+    return ResidualCovariance(reach, *unseen, unsure, structure)
 
 
 def _doubt(observed: Observation) -> np.ndarray:
     """Return the s.d. of the logarithm of the scale of each of `sources_of`, (k,)."""
     sheet, contacts = observed.measurements.sensors, observed.measurements.contacts
     stated = sheet.cell_sd is not None if contacts is None else contacts.covariance is not None
-    placed = sheet.placement_sd is not None or observed.in_feet
+    placed = sheet.placement_sd is not None or (observed.in_feet and not observed.moves)
     return np.array(
         [
             NO_PRIOR if sheet.encoder_sd is None else SHEET_PRIOR,
             SHEET_PRIOR if stated else NO_PRIOR,
             INTERNAL_PRIOR,
-            *[NO_PRIOR] * has_direction(observed),
+            *[NO_PRIOR] * (has_direction(observed) + observed.moves),
             *([MARK_PRIOR, SHEET_PRIOR] if placed else [NO_PRIOR] * 2),
         ]
     )
 
 
-def _spread_is_known(family: Family | FreeEffect) -> bool:
-    return isinstance(family, FreeEffect) or bool(family.known)
+def _spread_is_known(family: Family | FreeEffect, by_cad: bool) -> bool:
+    if isinstance(family, FreeEffect) or family.known:
+        return True
+    return by_cad and not family.name.startswith(OF_CONTACTS)
 
 
 def _at(family: Family | FreeEffect, sizes: np.ndarray) -> Family | FreeEffect:

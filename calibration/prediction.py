@@ -3,23 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.linalg import block_diag, solve_triangular
 
 from tulip_testbed.calibration.calibration_result import SelfCalibration
+from tulip_testbed.calibration.linear_problem import LinearProblem
 from tulip_testbed.calibration.linearisation import (
     FOOT_TILT,
+    INERTIA,
     INTERNAL,
     LinearisationPoint,
+    Linearised,
+    ResidualCovariance,
     linearised,
     sources_of,
 )
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import ROWS, SIZE, residuals_in_use
+from tulip_testbed.identification.residual_channels import (
+    ROWS,
+    SIZE,
+    by_weight,
+    carried,
+    fields,
+    residuals,
+    residuals_in_use,
+)
 from tulip_testbed.identification.residual_noise import contrasts
 
 
@@ -93,16 +105,8 @@ def predicted(
         others: the postures, of other placements.
         known: effects that are removed from them first, as they are.
     """
-    clean = calibration.cleaned(removed(others, known))
-    estimate, p = calibration.solved.estimate, len(calibration.theta)
-    variance = np.diag(
-        calibration.mixing @ calibration.solved.covariance[p + 1 :, p + 1 :] @ calibration.mixing.T
-    )
-    # The noise holds the scales of the readings already; those of other postures are not estimated anew.
-    unseen = np.isin(sources_of(others), (INTERNAL, FOOT_TILT))
-    scales = np.where(unseen, calibration.solved.scales, 1.0)
-    state = LinearisationPoint(clean, clean, calibration.nu, estimate[p + 1 :], variance, scales, None)
-    problem, linear = linearised(state, calibration.all, calibration.noise)
+    problem, linear, _, scales = _linearised(calibration, removed(others, known))
+    estimate = calibration.solved.estimate
     structure = linear.covariance.structure
     own = structure.fixed + np.tensordot(scales[: len(structure.own)] ** 2, structure.own, axes=1)
     levers = structure.shared * scales[structure.owner]
@@ -123,6 +127,70 @@ def predicted(
         noise=tuple(covariances),
         estimates=whole[:, :-1] @ _root(calibration.solved.covariance),
     )
+
+
+def center_errors(calibration: SelfCalibration, others: Observation) -> np.ndarray:
+    """Return measured less predicted centre of pressure of other postures, (m, 2) [m].
+
+    A row's own force, its size and direction, may predict its moments; its moments may not. Where a
+    correction depends on the load, such as a foot that yields, what it says of its own load is undone:
+    the error e of a centre of pressure changes its residual by J e.
+
+    Args:
+        calibration: made without those postures.
+    """
+    others = replace(others, cad=calibration.observed.cad)
+    _, linear, clean, scales = _linearised(calibration, others)
+    structure = linear.covariance.structure
+    own = structure.fixed + np.tensordot(scales[: len(structure.own)] ** 2, structure.own, axes=1)
+    left = residuals(clean, calibration.theta)
+    left[:, : ROWS["F"].stop] += by_weight(clean) * calibration.nu[-1]
+    used, at = residuals_in_use(others), fields(others)
+    out = np.empty((len(others), 2))
+    for k in range(len(others)):
+        known = np.flatnonzero(used[k] & np.isin(np.arange(SIZE), range(2, ROWS["C"].start)))
+        gain = np.linalg.solve(own[k][np.ix_(known, known)], own[k][np.ix_(known, [0, 1])]).T
+        rest = np.eye(2, SIZE)
+        rest[:, known] -= gain
+        out[k] = np.linalg.solve(rest @ _by_center(linear.covariance, others, at["cells"], k), rest @ left[k])
+    return out
+
+
+def _linearised(
+    calibration: SelfCalibration, others: Observation
+) -> tuple[LinearProblem, Linearised, Observation, np.ndarray]:
+    """Linearise other readings about a calibration.
+
+    Returns:
+        the problem, where it was linearised, the readings without members and effects, and the scales of the
+        noise.
+    """
+    clean, estimate = calibration.cleaned(others), calibration.solved.estimate
+    p = len(calibration.theta)
+    variance = np.diag(
+        calibration.mixing @ calibration.solved.covariance[p + 1 :, p + 1 :] @ calibration.mixing.T
+    )
+    # The noise holds the scales of the readings already; those of other postures are not estimated anew.
+    unseen = np.isin(sources_of(others), (INTERNAL, FOOT_TILT, INERTIA))
+    scales = np.where(unseen, calibration.solved.scales, 1.0)
+    state = LinearisationPoint(clean, clean, calibration.nu, estimate[p + 1 :], variance, scales, None)
+    return *linearised(state, calibration.all, calibration.noise), clean, scales
+
+
+def _by_center(covariance: ResidualCovariance, observed: Observation, cells: slice, row: int) -> np.ndarray:
+    """Differentiate a row's residuals by its centre of pressure with the forces as they are, (11, 2)."""
+    bears = observed.contacts.bears.ravel()
+    forces = [bears] if observed.contacts.pushes is None else [bears, *_wide(observed.contacts.pushes)]
+    loaded = carried(observed)[row] != 0
+    rows = np.vstack([observed.cell_places[row].T, *forces]) * loaded
+    moved = np.linalg.lstsq(rows, np.vstack([observed.weight * np.eye(2), np.zeros((len(forces), 2))]))[0]
+    return covariance.reach[row][:, cells] @ moved
+
+
+def _wide(pushes: np.ndarray) -> list[np.ndarray]:
+    """Return the horizontal force of each foot along x and y by all readings, four of (2 k,)."""
+    nothing = np.zeros(pushes.shape[2])
+    return [np.append(a, nothing) for a in pushes[0]] + [np.append(nothing, a) for a in pushes[1]]
 
 
 def _root(covariance: np.ndarray) -> np.ndarray:

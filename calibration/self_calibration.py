@@ -124,6 +124,28 @@ def self_calibrate(
     return result_of(clean, families, noise, *latest, solved, used.assumed, moved)
 
 
+def with_inertia_as_shown(
+    observed: Observation, tolerances: Mapping[str, float] | None = None
+) -> Observation:
+    """Return a moving record with or without the inertial forces by CAD, whichever has more evidence.
+
+    Contact sensors may not show them: their signals are filtered, or a soft foot rocks in place of the body.
+    """
+    if not observed.moves:
+        return observed
+    both = (observed, without_inertia(observed))
+    evidence = [self_calibrate(one, tolerances).solved.log_evidence for one in both]
+    return both[int(np.argmax(evidence))]
+
+
+def without_inertia(observed: Observation) -> Observation:
+    """Return a moving record as if its contact sensors did not show the inertial forces."""
+    shift, lift, push = np.split(observed.motion, [2, 3], axis=1)
+    return observed.changed(
+        shift=observed.shift - shift, lift=observed.lift - lift[:, 0], push=observed.push - push
+    )
+
+
 def least_determined(observed: Observation, tolerances: Mapping[str, float] | None = None) -> list[str]:
     """Name the families, those first whose members the data determine least at spread 1.
 

@@ -12,6 +12,7 @@ from tulip_testbed.base.errors import InputError, listed, shortened
 from tulip_testbed.measurements import Measurements
 
 FOLDS = 5
+BLOCKS = "blocks"
 RANGE = re.compile(r"(placement:)?(\d+)(?:-(\d+))?")
 
 
@@ -50,8 +51,8 @@ def clusters(m: Measurements) -> np.ndarray:
 
 
 def by_blocks(m: Measurements) -> Split:
-    """Predict contiguous blocks of placements one after the other from the others."""
-    return _parts(m, "blocks", FOLDS)
+    """Predict contiguous blocks of placements, or single ones of a moving record, from the others."""
+    return _parts(m, BLOCKS, FOLDS)
 
 
 def by_halves(m: Measurements) -> Split:
@@ -61,7 +62,10 @@ def by_halves(m: Measurements) -> Split:
 
 def _parts(m: Measurements, name: str, count: int) -> Split:
     block = clusters(m)
-    part = block * min(count, int(block.max()) + 1) // (int(block.max()) + 1)
+    parts = min(count, int(block.max()) + 1)
+    # A moving record's blocks are seconds long: those around a block take part in its training.
+    moves = m.joint_rates is not None and name == BLOCKS
+    part = block % parts if moves else block * parts // (int(block.max()) + 1)
     return Split(name, tuple(_without_shared(m, part != k, part == k) for k in np.unique(part)))
 
 

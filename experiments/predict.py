@@ -13,25 +13,29 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Table
+from tulip_testbed.base.threads import one_blas_thread
+from tulip_testbed.calibration.prediction import center_errors
+from tulip_testbed.calibration.self_calibration import self_calibrate, with_inertia_as_shown, without_inertia
+from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.posture_splits import Split, by_blocks, by_halves, clusters, stated
 from tulip_testbed.identification.base_parameters import (
     BaseParameters,
     common_support,
     standard_parameters,
 )
+from tulip_testbed.identification.cad_prior import CENTER_SD, MASS_SD, cad_prior
 from tulip_testbed.identification.center_of_pressure import contact_pressure
 from tulip_testbed.identification.distributions import t_ppf
-from tulip_testbed.identification.estimators import estimate_by
-from tulip_testbed.identification.estimators.prior import CENTER_SD, MASS_SD
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
-from tulip_testbed.identification.observation import observe
-from tulip_testbed.identification.regressor import check_robot, regression
+from tulip_testbed.identification.observation import Observation, observe
+from tulip_testbed.identification.regressor import check_robot, regression, with_cad_where_needed
 from tulip_testbed.identification.residual_channels import carried
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.robot import Robot
 
-CAD, CONSTANT, IDENTIFIED, WITH_PRIOR = "CAD", "constant", "identified", "identified with prior at CAD"
-ESTIMATOR = "mixed-model"
+CAD, CAD_WITH_OFFSET, CONSTANT = "CAD", "CAD with offset", "constant"
+IDENTIFIED, WITH_CORRECTIONS = "identified", "identified with corrections"
+MODELS = (CAD, CAD_WITH_OFFSET, CONSTANT, IDENTIFIED, WITH_CORRECTIONS)
 LEAST_BLOCKS = 3  # that an interval needs
 RESAMPLES, SEED = 2000, 0
 STARTS = (0.1, 1.0)  # of the prior's scale
@@ -39,6 +43,7 @@ HARMLESS = 1e-5  # m: residuals that leave nothing to beat
 WIDE = 0.1  # m: what a zero of which nothing is known may move the centre of pressure by
 RANK = 1e-9  # of the largest singular value
 SMALLEST = 1e-6  # m: changes and s.d. that count as none
+WIDEST = 1.0  # of the prior's scale: beyond, masses would be absurd
 
 
 @dataclass(frozen=True)
@@ -57,7 +62,8 @@ class Score:
         name: of the model. split: see `Split`.
         rms_mm: of the residuals [mm].
         low95, high95: their 95 % interval, by blocks [mm]; None: too few blocks.
-        beats_cad: whether the mean squared residual is less than that of CAD; None: undecided.
+        beats_cad, beats_cad_with_offset: whether the mean squared residual is less than that of this model;
+            None: undecided.
     """
 
     name: str
@@ -66,6 +72,7 @@ class Score:
     low95: Axes | None
     high95: Axes | None
     beats_cad: bool | None
+    beats_cad_with_offset: bool | None
 
 
 def _axes(values: np.ndarray) -> Axes:
@@ -80,36 +87,39 @@ class Prediction(Result):
 
     Attributes:
         models: scores of every model and split.
-        beats_cad: whether the identified model beats CAD on the first split; None: undecided or not possible.
+        beats_cad: whether the identified masses beat CAD on the first split; None: undecided.
+        beats_cad_with_offset: whether masses and corrections together beat CAD with an offset of the contact
+            frame there; None: undecided or not possible.
         notes: what could not be done and why, and how the prior was weighed.
     """
 
     models: tuple[Score, ...]
     beats_cad: bool | None
+    beats_cad_with_offset: bool | None
     notes: tuple[str, ...]
 
     @property
     def verdict(self) -> str:
-        """Return the answer in a sentence."""
-        if self.beats_cad is None:
-            known = any(score.name == IDENTIFIED for score in self.models)
-            why = "these postures do not decide it" if known else "there is no identified model"
-            return f"Identified beats CAD: undecided; {why}."
-        if self.beats_cad:
-            return "Identified beats CAD: yes."
-        return "Identified beats CAD: no, the CAD masses predict better."
+        """Return the answers in two sentences."""
+        words = {True: "yes", False: "no", None: "undecided, these postures do not decide it"}
+        return (
+            f"Identified beats CAD: {words[self.beats_cad]}. Identified with corrections beats CAD with "
+            f"offset: {words[self.beats_cad_with_offset]}."
+        )
 
     def tables(self) -> list[Table | str]:
         """Return the scores, the notes and the verdict."""
         columns = (Column("model"), Column("postures left out by"))
         columns += tuple(Column(f"r.m.s. {axis} (95 %)", "mm", ".2f") for axis in "xy")
-        columns += (Column("beats CAD"),)
+        columns += (Column("beats CAD"), Column("beats CAD with offset"))
+        words = {True: "yes", False: "no", None: "undecided"}
         rows = [
             [
                 score.name,
                 score.split,
                 *(_with_interval(score, axis) for axis in "xy"),
-                "" if score.name == CAD else {True: "yes", False: "no", None: "undecided"}[score.beats_cad],
+                "" if score.name == CAD else words[score.beats_cad],
+                "" if score.name in (CAD, CAD_WITH_OFFSET) else words[score.beats_cad_with_offset],
             ]
             for score in self.models
         ]
@@ -133,11 +143,14 @@ def predict(
     train: Sequence[str] = (),
     test: Sequence[str] = (),
     source: str = "measurements",
+    adopted: Sequence[EffectInstance] = (),
 ) -> Prediction:
-    """Score CAD, a constant and identified models on postures that took no part in their training.
+    """Score CAD, base lines and identified models on postures that took no part in their training.
 
     Args:
         train, test: see `posture_splits.stated`; without both the postures are split by blocks and by halves.
+        adopted: effects of the model with corrections, whose sizes are fitted in training, in addition to the
+            ordinary imperfections.
 
     Raises:
         InputError: measurements that do not fit the robot, or parts that are not there.
@@ -152,9 +165,16 @@ def predict(
     scores: list[Score] = []
     notes: list[str] = []
     for split in splits:
-        _score(problem, split, scores, notes)
-    beats = [one.beats_cad for one in scores if one.name == IDENTIFIED and one.split == splits[0].name]
-    return Prediction(tuple(scores), beats[0] if beats else None, tuple(dict.fromkeys(notes)))
+        _score(problem, split, adopted, scores, notes)
+    first = {one.name: one for one in scores if one.split == splits[0].name}
+    return Prediction(
+        models=tuple(scores),
+        beats_cad=first[IDENTIFIED].beats_cad,
+        beats_cad_with_offset=(
+            first[WITH_CORRECTIONS].beats_cad_with_offset if WITH_CORRECTIONS in first else None
+        ),
+        notes=tuple(dict.fromkeys(notes)),
+    )
 
 
 def _without_zeros(problem: PredictionProblem, train: np.ndarray) -> np.ndarray:
@@ -164,31 +184,35 @@ def _without_zeros(problem: PredictionProblem, train: np.ndarray) -> np.ndarray:
     return problem.residual - problem.zeros @ size
 
 
-def _score(problem: PredictionProblem, split: Split, scores: list[Score], notes: list[str]) -> None:
+def _score(
+    problem: PredictionProblem,
+    split: Split,
+    adopted: Sequence[EffectInstance],
+    scores: list[Score],
+    notes: list[str],
+) -> None:
     """Add the scores of every model that the split allows."""
-    m, left = problem.measurements, dict.fromkeys((CAD, CONSTANT, IDENTIFIED, WITH_PRIOR))
+    m = problem.measurements
     rows = np.concatenate([test for _, test in split.folds])
-    found: dict[str, list[np.ndarray]] = {name: [] for name in left}
+    found: dict[str, list[np.ndarray]] = {name: [] for name in MODELS}
     scales = []
     for train, test in split.folds:
         if not len(train):
             raise InputError(f"{split.name}: found no posture to train with, expected two blocks or more")
         of_cad = _without_zeros(problem, train)
         found[CAD].append(of_cad[test])
-        found[CONSTANT].append(of_cad[test] - of_cad[train].mean(axis=0))
-        if IDENTIFIED not in found:
-            continue
-        try:
-            data = regression(problem.parameters, m.take(train), problem.robot)
-            found[IDENTIFIED].append(_identified(problem, estimate_by(data, ESTIMATOR).value, train, test))
-        except InputError as reason:
-            notes.append(f"No identified model by {split.name}: {reason}.")
-            found.pop(IDENTIFIED, None)
-            found.pop(WITH_PRIOR, None)
-            continue
+        found[CAD_WITH_OFFSET].append(of_cad[test] - of_cad[train].mean(axis=0))
+        found[CONSTANT].append(problem.center[test] - problem.center[train].mean(axis=0))
         residual, scale = _with_prior(problem, train, test)
         scales.append(scale)
-        found[WITH_PRIOR].append(residual)
+        found[IDENTIFIED].append(residual)
+        if WITH_CORRECTIONS not in found:
+            continue
+        try:
+            found[WITH_CORRECTIONS].append(_corrected(problem, adopted, train, test))
+        except (InputError, np.linalg.LinAlgError) as reason:
+            notes.append(f"No model with corrections by {split.name}: {reason}.")
+            found.pop(WITH_CORRECTIONS)
     if problem.zeros.shape[2]:
         notes.append(
             "The sensors' zeros are unknown: those of every model, CAD too, are fitted in training, and the "
@@ -201,13 +225,14 @@ def _score(problem: PredictionProblem, split: Split, scores: list[Score], notes:
             f"and {1e3 * CENTER_SD:.0f} mm of its centre (0: CAD), by the marginal likelihood in training."
         )
     block = clusters(m)[rows]
-    cad = np.concatenate(found[CAD])
+    cad, offset = (np.concatenate(found[name]) for name in (CAD, CAD_WITH_OFFSET))
     for name, parts in found.items():
         residual = np.concatenate(parts)
         beats = None if name == CAD else _beats(cad, residual, block)
+        beats_offset = None if name in (CAD, CAD_WITH_OFFSET) else _beats(offset, residual, block)
         rms = np.sqrt((residual**2).mean(axis=0))
         low, high = _interval(residual, block)
-        scores.append(Score(name, split.name, _axes(rms), low, high, beats))
+        scores.append(Score(name, split.name, _axes(rms), low, high, beats, beats_offset))
 
 
 def _sums(values: np.ndarray, block: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -241,29 +266,30 @@ def _beats(cad: np.ndarray, residual: np.ndarray, block: np.ndarray) -> bool | N
     return None if abs(gain.sum()) <= half else bool(gain.sum() > 0)
 
 
-def _identified(
-    problem: PredictionProblem, value: np.ndarray, train: np.ndarray, test: np.ndarray
+@one_blas_thread
+def _corrected(
+    problem: PredictionProblem, adopted: Sequence[EffectInstance], train: np.ndarray, test: np.ndarray
 ) -> np.ndarray:
-    """Return the residuals of an estimate, (n, 2) [m].
-
-    Zeros imitate some parameters: where they are unknown, both are fitted together, by least squares.
-    """
-    if not problem.zeros.shape[2]:
-        return problem.residual[test] - problem.matrix[test] @ (value - problem.value)
-    both = np.concatenate([problem.matrix, problem.zeros], axis=2)
-    change = np.linalg.lstsq(problem.rows(both, train), problem.residual[train].ravel(), rcond=RANK)[0]
-    return problem.residual[test] - both[test] @ change
+    """Return the residuals of what `identify` estimates, with its corrections, (n, 2) [m]."""
+    data = regression(problem.parameters, problem.measurements.take(train), problem.robot)
+    observed = with_cad_where_needed(problem.observed, data)
+    shown = with_inertia_as_shown(observed.take(train))
+    if shown.moves and (shown.shift != observed.shift[train]).any():
+        observed = without_inertia(observed)
+    return center_errors(self_calibrate(observed.take(train), effects=adopted), observed.take(test))
 
 
 def _with_prior(problem: PredictionProblem, train: np.ndarray, test: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the residuals of a posterior about CAD, (n, 2) [m], and the prior's scale.
+    """Return the residuals of a posterior about CAD with an offset, (n, 2) [m], and the prior's scale.
 
     The scale, the noise and what is common to a placement maximise the marginal likelihood of the training
     postures, whose residuals are normal with covariance scale^2 H S S' H' + sigma^2 + tau^2 by placement.
     """
     residual = problem.residual[train].ravel()
     reach = problem.rows(problem.matrix, train) @ problem.spread
-    zeros = WIDE * problem.rows(problem.zeros, train)
+    offset = np.broadcast_to(np.eye(2), (len(problem.residual), 2, 2))
+    every = WIDE * np.concatenate([problem.zeros, offset], axis=2)
+    zeros = problem.rows(every, train)
     fixed = zeros @ zeros.T
     same = np.equal.outer(problem.measurements.placement[train], problem.measurements.placement[train])
     common = np.kron(same, np.eye(2))
@@ -272,7 +298,7 @@ def _with_prior(problem: PredictionProblem, train: np.ndarray, test: np.ndarray)
     size = float(np.sqrt((residual**2).mean()))
 
     def covariance(logs: np.ndarray) -> np.ndarray:
-        scale, sigma, tau = np.exp(2 * np.clip(logs, np.log(SMALLEST), 10))
+        scale, sigma, tau = np.exp(2 * np.clip(logs, np.log(SMALLEST), [np.log(WIDEST), 10, 10]))
         return scale * prior + sigma * unit + fixed + (tau * common if shared else 0.0)
 
     def cost(logs: np.ndarray) -> float:
@@ -288,10 +314,10 @@ def _with_prior(problem: PredictionProblem, train: np.ndarray, test: np.ndarray)
     best = min(
         (minimize(cost, s, method="Nelder-Mead", options=options) for s in starts), key=lambda r: r.fun
     )
-    scale = float(np.exp(np.clip(best.x[0], np.log(SMALLEST), 10)))
+    scale = float(np.exp(np.clip(best.x[0], np.log(SMALLEST), np.log(WIDEST))))
     weights = np.linalg.solve(covariance(best.x), residual)
     change = scale**2 * problem.spread @ (reach.T @ weights)
-    shown = WIDE * problem.zeros[test] @ (zeros.T @ weights)
+    shown = every[test] @ (zeros.T @ weights)
     return problem.residual[test] - problem.matrix[test] @ change - shown, scale
 
 
@@ -300,16 +326,18 @@ class PredictionProblem:
     """The data that the models have to explain.
 
     Attributes:
-        matrix: H, (m, 2, p). residual: of CAD, (m, 2) [m].
+        observed: the measurements in the nominal laboratory.
+        matrix: H, (m, 2, p). center: centre of pressure, (m, 2) [m]. residual: of CAD, (m, 2) [m].
         spread: root of the prior's covariance of the base parameters, (p, k) [m].
         zeros: change of the residual by sensors' zeros of which nothing is known, each of size 1, (m, 2, z).
     """
 
     measurements: Measurements
+    observed: Observation
     robot: Robot
     parameters: BaseParameters
-    value: np.ndarray
     matrix: np.ndarray
+    center: np.ndarray
     residual: np.ndarray
     spread: np.ndarray
     zeros: np.ndarray
@@ -321,20 +349,21 @@ class PredictionProblem:
 
 def problem_of(m: Measurements, robot: Robot, nominal: Nominal) -> PredictionProblem:
     """Return what measurements of a robot leave to explain."""
-    parameters = nominal.parameters
-    unknown = observe(m, nominal).contacts.unsure
+    parameters, observed = nominal.parameters, observe(m, nominal)
+    unknown = observed.contacts.unsure
     if m.wrenches is None or not unknown.any():
         center, zeros = contact_pressure(m, nominal).center, np.zeros((len(m), 2, 0))
     else:
         center, zeros = _about_zeros(m, nominal, unknown)
     return PredictionProblem(
         measurements=m,
+        observed=observed,
         robot=robot,
         parameters=parameters,
-        value=nominal.value,
         matrix=parameters.regressor(m.joint_angles, m.support).reshape(len(m), 2, -1),
+        center=center,
         residual=center - nominal.center_of_mass(m.joint_angles, m.support),
-        spread=cad_spread(parameters, standard_parameters(robot.model)),
+        spread=cad_prior(parameters, standard_parameters(robot.model)).root,
         zeros=zeros,
     )
 
@@ -369,19 +398,3 @@ def _about_zeros(m: Measurements, nominal: Nominal, unknown: np.ndarray) -> tupl
     changes = np.stack(columns, axis=2)
     size = np.sqrt((changes**2).mean(axis=(0, 1)))
     return here, changes[..., size > SMALLEST] / size[size > SMALLEST]
-
-
-def cad_spread(parameters: BaseParameters, standard: np.ndarray) -> np.ndarray:
-    """Return base parameters' changes by one s.d. of every link's mass and centre of mass, (p, 4 n) [m].
-
-    The s.d. are those of the estimator `prior`; one scale of them all is estimated.
-
-    Args:
-        standard: (n, 4) [kg, kg m].
-    """
-    mass, total = standard[:, 0], float(standard[:, 0].sum())
-    by_standard = parameters.from_standard.reshape(len(parameters.names), -1, 4)
-    value = parameters.values(standard)
-    by_mass = np.einsum("pnk,nk->pn", by_standard, standard) - value[:, None] * mass
-    by_center = CENTER_SD * by_standard[..., 1:] * mass[:, None]
-    return np.hstack([MASS_SD * by_mass, by_center.reshape(len(value), -1)]) / total

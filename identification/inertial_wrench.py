@@ -33,20 +33,20 @@ def needed_wrench(nominal: Nominal, measurements: Measurements) -> np.ndarray:
     return out
 
 
-def beyond_weight(nominal: Nominal, measurements: Measurements) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def beyond_weight(nominal: Nominal, measurements: Measurements) -> np.ndarray:
     """Compute what motion adds by CAD: shift of the centre of pressure, vertical and horizontal force.
 
     Returns:
-        (m, 2) [m], (m,) [N] and, over the weight, (m, 2) [-]; zeros for a robot that is held.
+        side by side, (m, 5) [m, m, N, -, -], the horizontal force over the weight; (0, 5) for a robot that is
+        held.
     """
-    m = len(measurements)
     if measurements.joint_rates is None and measurements.joint_accelerations is None:
-        return np.zeros((m, 2)), np.zeros(m), np.zeros((m, 2))
+        return np.zeros((0, 5))
     held = replace(measurements, joint_rates=None, joint_accelerations=None)
     moving, still = needed_wrench(nominal, measurements), needed_wrench(nominal, held)
     after, before = (np.column_stack([-w[:, 4], w[:, 3]]) / w[:, 2:3] for w in (moving, still))
     added = moving - still
-    return after - before, added[:, 2], added[:, :2] / still[:, 2:3]
+    return np.column_stack([after - before, added[:, 2], added[:, :2] / still[:, 2:3]])
 
 
 def _balance(

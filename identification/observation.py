@@ -8,7 +8,7 @@ robot enter.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -47,7 +47,7 @@ class Observation:
         swing_rise: height of the swing foot's sole point over the stance foot's, (m,) [m].
         shift: displacement of the centre of pressure by forces other than weight, (m, 2) [m].
         lift: vertical force in addition to the weighed weight, positive downwards, (m,) [N]; at first that of
-            the known masses of joined experiments, and what motion adds by CAD, as to `shift` and `push`.
+            the known masses of joined experiments, and `motion`.
         push: horizontal force other than by the feet's tilt, over the weight, (m, 2) [-].
         standard: nominal standard parameters of the links (eq. 5), (n_links, 4) [kg, kg m].
         board_share: share of a board's weight on each of its cells, right and left, (2,) [N].
@@ -58,6 +58,7 @@ class Observation:
         on_four_cells: whether all cells of the right and the left plate are loaded, (m, 2) bool. On three
             cells the twist of a board holds no information. A tared cell without load reads minus its share
             of the board's weight; if the empty board rocked when it was tared, nothing.
+        motion: what motion adds by CAD to shift, lift and push, (m, 5); (0, 5) of a robot that is held.
         cad: what CAD says about the base parameters; None: the postures determine them.
     """
 
@@ -82,10 +83,16 @@ class Observation:
     cell_sd: float
     time_fraction: np.ndarray
     on_four_cells: np.ndarray
+    motion: np.ndarray = field(default_factory=lambda: np.zeros((0, 5)))
     cad: CadPrior | None = None
 
     def __len__(self) -> int:
         return len(self.joint_angles)
+
+    @property
+    def moves(self) -> bool:
+        """Return whether rates or accelerations of the joints were measured."""
+        return len(self.motion) > 0
 
     @cached_property
     def weight(self) -> float:
@@ -258,7 +265,8 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
     """Return the observation of an experiment in the nominal laboratory."""
     measurements, m = as_joined(measurements), len(measurements)
     contacts = contact_readings(measurements, nominal)
-    shift, lift, push = beyond_weight(nominal, measurements)
+    motion = beyond_weight(nominal, measurements)
+    added = motion if len(motion) else np.zeros((m, 5))
     share = np.array(plate_masses(nominal.robot)) * measurements.gravity / 4
     gain = servo_stiffness(nominal.robot, measurements.gains)
     margin = max(LEAST_LOAD, 4 * (measurements.sensors.cell_sd or 0.0))
@@ -274,9 +282,10 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
         stance_tilt=np.zeros((m, 2)),
         swing_tilt=np.zeros((m, 2)),
         swing_rise=np.zeros(m),
-        shift=shift,
-        lift=known_weight(measurements) + lift,
-        push=push,
+        shift=added[:, :2],
+        lift=known_weight(measurements) + added[:, 2],
+        push=added[:, 3:],
+        motion=motion,
         standard=standard_parameters(nominal.robot.model),
         board_share=share,
         servo_gain=gain,

@@ -278,14 +278,15 @@ def sensitivity(observed: Observation, theta: np.ndarray) -> np.ndarray:
         out[:, ROWS["T"], at["cells"]] = _pushes(observed) * contact[:, None] / total[:, None, None]
         out[:, ROWS["T"], at["stance_tilt"].start : at["swing_tilt"].stop] = -_leaning(observed)
         out[:, ROWS["T"], at["push"]] = -np.eye(2)
-        by_yaw = _across(observed) / total[:, None, None]
-        out[:, ROWS["T"], [at["plates"].start + 2, at["plates"].start + 5]] = by_yaw
+        yaws = [at["plates"].start + 2, at["plates"].start + 5]
+        out[:, ROWS["T"], yaws] = _across(observed) / total[:, None, None]
     by_pose = _by_contact_poses(observed, forces.reshape(m, 2, -1) / total[:, None, None])
     rates = _foot_rates(observed)
     out[:, 0:2, at["angles"]] = -observed.geometry.slope_along(theta)
     rows = observed.geometry.on_swing_foot
     if has_direction(observed):
-        out[~rows, ROWS["T"], at["angles"]] = (by_yaw[:, :, 1:] * rates[:, 5:])[~rows]
+        by_left = _across(observed)[:, :, 1:] / total[:, None, None]
+        out[~rows, ROWS["T"], at["angles"]] = (by_left * rates[:, 5:])[~rows]
     if rows.any():
         out[rows, 0:2, at["angles"]] -= observed.geometry.stance_sole_slope[rows, :2]
     if observed.in_feet:

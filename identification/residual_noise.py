@@ -34,6 +34,7 @@ ASSUMED_CELL = 1.0  # N
 OUTLYING = 4.0  # s.d. beyond which a twist is an outlier
 # Components of a plate's cell forces orthogonal to the twist: the load and its position.
 OTHERS = np.array([[1.0, 1.0, 1.0, 1.0], [1.0, 1.0, -1.0, -1.0], [1.0, -1.0, -1.0, 1.0]])
+SLOW = (1e-3, 1e-3, 0.0)  # m, m, rad: slow errors of a moving record, common to a block of time; assumed
 FREE_PLATE = (0.01, 0.01, 0.03)  # m, m, rad: assumed s.d. of a recorded pose without a data sheet
 
 # For one placement SciPy's function of this name takes six times as long, because of its checks.
@@ -75,8 +76,8 @@ def noise_of(observed: Observation) -> Noise:
     elif cell is None:
         cell = cell_by_twist(observed) or ASSUMED_CELL
         assumed.append("cells (from the plates' twist)")
-    if observed.in_feet:  # where a sensor is in its foot is no matter of placements
-        left = (0.0, 0.0, 0.0)
+    if observed.in_feet:  # where a sensor is in its foot is no matter of placements, blocks of time here
+        left = SLOW if observed.moves else (0.0, 0.0, 0.0)
     elif left is None:
         left = FREE_PLATE
         assumed.append("placement (taken as unknown)")
