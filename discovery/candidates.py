@@ -117,7 +117,7 @@ def candidates(observed: Observation, effects: dict[str, Effect] | None = None) 
     """
     numbers, zeros, m = standing_out(observed), observed.contacts.zero_sd, observed.measurements
     out = []
-    known = {name: one for name, one in catalogue().items() if one.sought} if effects is None else effects
+    known = {name: one for name, one in catalogue().items() if one.searched} if effects is None else effects
     for effect in known.values():
         grids = [parameter.grid or (0.0,) for parameter in effect.parameters]
         settings = np.array(list(product(*grids)), float).reshape(-1, len(grids))

@@ -126,7 +126,7 @@ class Effect:
         lasting: how long it stays the same.
         unit_on: target -> unit of the first parameter there, and its plausible size over that of the
             parameter, where targets differ in them; None: they do not.
-        sought: whether a search tries it and a random draw may be it; otherwise only who names it has it.
+        searched: whether a search tries it and a random draw may be it; otherwise it has to be named.
         explanation: its physics, with the assumptions.
     """
 
@@ -140,7 +140,7 @@ class Effect:
     instrument: str = ""
     lasting: Lasting = ALWAYS
     unit_on: Callable[[str], tuple[str, float]] | None = None
-    sought: bool = True
+    searched: bool = True
     explanation: str = ""
 
     def __repr__(self) -> str:

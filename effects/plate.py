@@ -145,7 +145,7 @@ EFFECTS = (
         targets=PLATE_NAMES,
         instrument="plates",
         lasting=Lasting(moves="plate"),
-        sought=False,
+        searched=False,
         explanation="""A plate displaces the centre of pressure by a smooth function of the place: it bends,
         and its cells or channels are calibrated at few points.
 
@@ -154,7 +154,7 @@ EFFECTS = (
         over 200 mm where these are not known. Beyond the edge it is as at the edge. The load and the twist of
         the board stay. Linear terms are those of `plate-translation`, `plate-yaw` and the gains.
 
-        Six numbers a plate can imitate nearly anything that depends on where the robot stands, so a search
+        Six numbers per plate can imitate nearly anything that depends on where the robot stands, so a search
         does not try them, and no ordinary laboratory has them unless a tolerance is stated: 3 mm is usual
         for balance boards, 0.3 mm for good plates (assumed). Over the plate, a map of independent
         coefficients leaves 0.54 of their s.d. after an affine fit.

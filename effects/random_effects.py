@@ -31,7 +31,7 @@ def draw_effect(
         statics: whether to draw only what the static laboratory can simulate.
         contacts: wrench sensors; None: plates on cells.
     """
-    effects = [effect for effect in effects_on(contacts, statics) if effect.sought]
+    effects = [effect for effect in effects_on(contacts, statics) if effect.searched]
     return draw_of_kind(effects[rng.integers(len(effects))], robot, placements, rng, contacts)
 
 

@@ -169,7 +169,7 @@ EFFECTS = (
     _in_foot(
         name="wrench-crosstalk",
         sentence="A channel of a force-torque sensor also reads a part of another channel's load.",
-        parameters=(Parameter("part", "1, m or 1/m", prior=0.01),),
+        parameters=(Parameter("part", "1, m or 1/m", prior=0.05),),
         mechanism=_linear(_crosstalk),
         words="The {target} channels of the force-torque sensors: the first also reads {0} of the second.",
         targets=WRENCH_PAIRS,
@@ -189,7 +189,7 @@ EFFECTS = (
     _in_foot(
         name="wrench-rotation",
         sentence="The force-torque sensor in a foot is rotated from its stated pose about its origin.",
-        parameters=tuple(Parameter(axis, "rad", prior=np.radians(1.0)) for axis in "xyz"),
+        parameters=tuple(Parameter(axis, "rad", prior=np.radians(2.0)) for axis in "xyz"),
         mechanism=_linear(_rotation),
         words="The {target} foot's force-torque sensor is rotated by {0}, {1} and {2} about its x, y and z.",
         targets=FEET,
@@ -203,7 +203,7 @@ EFFECTS = (
     _in_foot(
         name="wrench-origin",
         sentence="The moments of the force-torque sensor in a foot are about a displaced origin.",
-        parameters=tuple(Parameter(axis, "m", prior=0.002) for axis in "xyz"),
+        parameters=tuple(Parameter(axis, "m", prior=0.005) for axis in "xyz"),
         mechanism=_linear(_origin),
         words="The moments of the {target} foot's force-torque sensor are about a point displaced by {0}, "
         "{1} and {2} along its x, y and z.",
@@ -221,7 +221,7 @@ EFFECTS = (
         name="wrench-drift",
         sentence="The zero of a force-torque sensor's channel drifts steadily, from 0 at the first posture "
         "to this at the last.",
-        parameters=(Parameter("drift", "N or Nm", prior=2.0),),
+        parameters=(Parameter("drift", "N or Nm", prior=5.0),),
         mechanism=Misreading(_drift, _without_drift),
         words="The zero of the {target} channel of the force-torque sensors drifts by {0} over the "
         "experiment.",

@@ -99,7 +99,7 @@ def kept(folder: Path, case: Case, run: int, seed: int, world: World) -> None:
 def cases(settings: HiddenEffects) -> list[Case]:
     """Return all cases, in an order in which every arm is spread evenly."""
     rng = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(2,)))
-    kinds = [effect.name for effect in effects_on(None, statics=True) if effect.sought]
+    kinds = [effect.name for effect in effects_on(None, statics=True) if effect.searched]
     out = [Case(arm) for arm in (NOTHING, SCATTER) for _ in range(settings.count(FULL[arm]))]
     out += [Case(PRIOR, (kind,)) for kind in _in_turn(kinds, settings.count(FULL[PRIOR]), rng)]
     for arm, multiples in ((SINGLE, MULTIPLES), (LEFT_OUT, CLEAR)):

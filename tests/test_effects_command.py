@@ -131,7 +131,7 @@ def test_draws_are_valid_and_of_all_kinds(statics, robot):
     for found in drawn:
         check_instance(found, robot, placements, "draw")
         assert found.finding
-    possible = [effect.name for effect in effects_on(None, statics) if effect.sought]
+    possible = [effect.name for effect in effects_on(None, statics) if effect.searched]
     assert {found.effect.name for found in drawn} == set(possible)
     sizes = [f.values[0] for f in drawn if f.effect.name == "encoder-offset"]
     assert np.std(sizes) == pytest.approx(np.radians(1.0), rel=0.5)

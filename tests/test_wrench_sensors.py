@@ -144,10 +144,29 @@ def test_a_sensor_misreads_by_definition_and_is_corrected(text, run, robot):
     m = dataclasses.replace(rows, wrenches=true, time=np.array([100.0, 200.0, 300.0]))
     assert isinstance(mechanism, Misreading)
     wrong = mechanism.apply(m, robot, found.target, values)
+    assert wrong.wrenches is not None
     np.testing.assert_allclose(wrong.wrenches[:, 1], BY_HAND[text], atol=1e-12)
     np.testing.assert_array_equal(wrong.wrenches[:, 0], true[:, 0])
     nominal = nominal_robot(robot)
     again = found.effect.remove(observe(wrong, nominal), found.target, values)
+    np.testing.assert_allclose(again.cell_forces, observe(m, nominal).cell_forces, atol=1e-9)
+
+
+def test_a_six_axis_plate_has_a_map_too(robot):
+    """100 N at (40, 20) mm, so (0.2, 0.1) of 200 mm: 10 mm xx forward and 20 mm xy left are 0.4 mm each."""
+    m = (
+        tt.Laboratory(robot, sensors="plate-ft")
+        .run(tt.plans.random, 3, "statics")
+        .measurements.take(np.arange(3))
+    )
+    m = dataclasses.replace(m, wrenches=np.tile([1.0, 2, 100, 2, -4, 5], (3, 2, 1)))
+    effect, values = catalogue()["plate-map"], (0.01, 0.0, 0.0, 0.0, 0.02, 0.0)
+    assert isinstance(effect.mechanism, Misreading)
+    wrong = effect.mechanism.apply(m, robot, "right", values)
+    assert wrong.wrenches is not None
+    np.testing.assert_allclose(wrong.wrenches[:, 0], [[1, 2, 100, 2.04, -4.04, 5]] * 3, atol=1e-12)
+    nominal = nominal_robot(robot)
+    again = effect.remove(observe(wrong, nominal), "right", values)
     np.testing.assert_allclose(again.cell_forces, observe(m, nominal).cell_forces, atol=1e-9)
 
 
