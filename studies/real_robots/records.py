@@ -31,7 +31,7 @@ STEP, EVERY, SETTLING = 0.002, 5, 2.0  # s, steps a row, s before the first row
 MASS, MOST_MASS, CENTER = 0.1, 0.25, 0.003  # relative; m
 ROCKING, ROCKED_BY = (0.25, 1.0), 0.06  # range, deg under the weight at that distance, m
 ORIGIN = ((-0.03, 0.03), (-0.02, 0.02), (0.0, 0.05))  # range of the sensor, m
-TURN, CROSS_TALK, ARM = 0.6, 0.01, 0.05  # deg; relative; m: a moment's unit in forces
+TURN, CROSS_TALK, ARM = 0.6, 0.01, 0.03  # deg; relative; m: range of moments over that of forces
 ZERO, NOISE, STEP_OF = (2.0, 0.1), (0.2, 0.01), (0.05, 0.002)  # N, Nm
 ENCODER_ZERO, ENCODER_NOISE, ENCODER_STEP = 0.15, 0.02, 0.088  # deg
 IMU, NOT_LOGGED = (0.2, 0.2, 2.0), 5.0  # deg
@@ -79,14 +79,13 @@ class Motion:
 
     Attributes:
         time: (T,) [s]. joints: true angles, (T, n) [rad]. tilt: of the sole about x and y, (T, 2) [rad].
-        foot: its axes in the world, (T, 3, 3). wrench: of the ground, in the sensor, (T, 6) [N, Nm].
-        center: of mass, from the sole's middle, in the world (T, 3) [m].
+        wrench: of the ground on the foot, in the sensor, (T, 6) [N, Nm].
+        center: of mass, from the sole's middle, in the world, (T, 3) [m].
     """
 
     time: np.ndarray
     joints: np.ndarray
     tilt: np.ndarray
-    foot: np.ndarray
     wrench: np.ndarray
     center: np.ndarray
 
@@ -193,8 +192,7 @@ def simulate(robot: Robot, truth: Truth, seconds: float, rng: np.random.Generato
         # Sensors read the acceleration of the step; that of mj_forward ignores the implicit damping.
         seen.qacc = (data.qvel - seen.qvel) / STEP
         mujoco.mj_inverse(model, seen)
-        axes = seen.body(robot.swing_foot).xmat.reshape(3, 3)
-        row = (now - SETTLING, seen.qpos[at], seen.qpos[rocks], axes, seen.sensordata, seen.subtree_com[0])
+        row = (now - SETTLING, seen.qpos[at], seen.qpos[rocks], seen.sensordata, seen.subtree_com[0])
         rows.append(tuple(map(np.array, row)))
     return Motion(*(np.array(column) for column in zip(*rows, strict=True)))
 
@@ -213,7 +211,9 @@ def log(robot: Robot, truth: Truth, motion: Motion, rng: np.random.Generator) ->
     turns = {
         "sensor": lambda: np.tile(np.eye(3), (count, 1, 1)),
         "base": lambda: _in_base(robot, truth, np.radians(degrees)),
-        "world": lambda: Rotation.from_rotvec(truth.imu).as_matrix() @ motion.foot,
+        "world": lambda: (
+            Rotation.from_rotvec(truth.imu) * Rotation.from_euler("XY", motion.tilt)
+        ).as_matrix(),
     }[truth.frame]()
     columns = {"t_s": motion.time}
     columns |= {f"{n}_deg": degrees[:, k] for k, n in enumerate(names) if n not in truth.constants}
@@ -260,16 +260,15 @@ def write_record(
     hidden |= {f"com_{axis}_m": motion.center[:, k] for k, axis in enumerate("xyz")}
     with new_folder(out) as folder:
         (folder / "truth").mkdir()
-        write_text(folder / "series.csv", _csv(log(robot, truth, motion, reading)))
+        for name, columns in (
+            ("series.csv", log(robot, truth, motion, reading)),
+            ("truth/motion.csv", hidden),
+        ):
+            table = np.column_stack(list(columns.values()))
+            np.savetxt(folder / name, table, "%.5f", ",", header=",".join(columns), comments="")
         write_text(folder / "MAP.toml", map_text(robot, truth))
         write_text(folder / "truth" / "truth.json", json.dumps(asdict(truth), indent=1) + "\n")
-        write_text(folder / "truth" / "motion.csv", _csv(hidden))
     return truth
-
-
-def _csv(columns: dict[str, np.ndarray]) -> str:
-    rows = zip(*columns.values(), strict=True)
-    return "\n".join([",".join(columns), *(",".join(f"{v:.5f}" for v in row) for row in rows)]) + "\n"
 
 
 def _quaternion(turn: np.ndarray) -> np.ndarray:
@@ -301,80 +300,60 @@ def _in_base(robot: Robot, truth: Truth, angles: np.ndarray) -> np.ndarray:
 def _trajectory(
     robot: Robot, constants: dict[str, float], seconds: float, rng: np.random.Generator
 ) -> CubicSpline:
-    """Return a smooth motion on the left foot, (n,) [rad] of time [s], with its centre of mass over the sole.
+    """Return a smooth motion of the nominal robot on its left foot, (n,) [rad] of time [s].
+
+    Its centre of mass is led over the sole by the stance ankle.
 
     Raises:
         InputError: no such motion was found.
     """
-    pose, knots = _Posing(robot, constants), np.arange(KNOTS)
-    for shrunk in 0.95 ** np.arange(20):
-        postures, goals = zip(*(pose.draw(rng, shrunk) for _ in knots), strict=True)
-        path, goal = (CubicSpline(knots, np.array(one)) for one in (postures, goals))
-        fastest = np.abs(path(np.linspace(0, KNOTS - 1, 50 * KNOTS), 1)).max(axis=1)
-        pace, times = rng.uniform(*SPEED) / np.median(fastest), np.arange(0.0, seconds + 2 * FINE, FINE)
-        if times[-1] * pace > KNOTS - 1:
-            raise InputError(f"found {seconds:g} s, expected no more than {KNOTS} postures take")
-        rows = [pose.balanced(path(pace * t), goal(pace * t)) for t in times]
-        if all(pose.stands(row, 0.0) for row in rows):
-            return CubicSpline(times, np.array(rows))
-    raise InputError(f"{robot.name}: found no motion on one foot, expected one with smaller excursions")
+    model, names = on_left_foot(robot, draw_truth(robot, None)), joint_names(robot.model)
+    data, joints = mujoco.MjData(model), [robot.model.joint(name) for name in names]
+    at, fixed = [model.joint(name).qposadr[0] for name in names], [names.index(name) for name in constants]
+    leg, half = np.argsort(at)[:6], np.ptp(sole_corners(robot.model, robot.swing_foot), axis=0)[:2] / 2
+    stand = robot.model.key("stand").qpos[[joint.qposadr[0] for joint in joints]]
+    low, high = np.array([j.range if robot.model.jnt_limited[j.id] else (-np.pi, np.pi) for j in joints]).T
+    reach = np.where(np.isin(np.arange(len(names)), leg), STANCE_EXCURSION, EXCURSION)
+    inside = 0.05 * (high - low)
+    ends = np.maximum(low + inside, stand - reach), np.minimum(high - inside, stand + reach)
 
+    def center(angles: np.ndarray) -> np.ndarray:
+        data.qpos[at] = angles
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        return data.subtree_com[0, :2].copy()
 
-class _Posing:
-    """Postures of the nominal robot on the left foot; a class because all share a model's data."""
-
-    def __init__(self, robot: Robot, constants: dict[str, float]) -> None:
-        names, (self.model, self.robot) = (
-            joint_names(robot.model),
-            (on_left_foot(robot, draw_truth(robot, None)), robot),
-        )
-        self.data = mujoco.MjData(self.model)
-        self.at = [self.model.joint(name).qposadr[0] for name in names]
-        joints = [robot.model.joint(name) for name in names]
-        self.range = np.array([j.range if robot.model.jnt_limited[j.id] else (-np.pi, np.pi) for j in joints])
-        self.stand = robot.model.key("stand").qpos[[j.qposadr[0] for j in joints]]
-        leg = np.argsort(self.at)[:6]  # addresses grow with the distance from the left foot
-        self.ankle, reach = leg[:2], np.full(len(names), EXCURSION)
-        reach[leg] = STANCE_EXCURSION
-        self.fixed, self.constants = [names.index(name) for name in constants], list(constants.values())
-        low, high = self.range.T + np.multiply.outer([0.05, -0.05], np.ptp(self.range, axis=1))
-        self.low, self.high = np.maximum(low, self.stand - reach), np.minimum(high, self.stand + reach)
-        self.half = np.ptp(sole_corners(robot.model, robot.swing_foot), axis=0)[:2] / 2
-        self.other = _middle(robot, robot.stance_foot)
-
-    def draw(self, rng: np.random.Generator, shrunk: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return a posture that stands and its centre of mass over the sole, (n,) [rad] and (2,) [m]."""
-        for _ in range(TRIES):
-            angles = self.stand + shrunk * (rng.uniform(self.low, self.high) - self.stand)
-            goal = INSIDE * rng.uniform(-self.half, self.half)
-            if self.stands(angles := self.balanced(angles, goal), LIFTED):
-                return angles, goal
-        raise InputError(f"{self.robot.name}: found no posture on one foot in {TRIES} tries")
-
-    def balanced(self, angles: np.ndarray, goal: np.ndarray) -> np.ndarray:
-        """Return the angles with the stance ankle's changed: the centre of mass is where it should be."""
+    def balanced(angles: np.ndarray, goal: np.ndarray) -> np.ndarray:
         angles, slopes = angles.copy(), np.empty((2, 2))
-        angles[self.fixed] = self.constants
+        angles[fixed] = list(constants.values())
         for _ in range(4):
-            off = self.center(angles) - goal
-            for k, joint in enumerate(self.ankle):
-                moved = angles + 1e-4 * (np.arange(len(angles)) == joint)
-                slopes[:, k] = (self.center(moved) - goal - off) / 1e-4
-            angles[self.ankle] -= np.clip(np.linalg.solve(slopes, off), -0.3, 0.3)
+            off = center(angles) - goal
+            for k, joint in enumerate(leg[:2]):
+                slopes[:, k] = (center(angles + 1e-4 * np.eye(len(names))[joint]) - goal - off) / 1e-4
+            angles[leg[:2]] -= np.clip(np.linalg.solve(slopes, off), -0.3, 0.3)
         return angles
 
-    def center(self, angles: np.ndarray) -> np.ndarray:
-        """Return the centre of mass over the level sole, from its middle, (2,) [m]."""
-        self.data.qpos[self.at] = angles
-        mujoco.mj_kinematics(self.model, self.data)
-        mujoco.mj_comPos(self.model, self.data)
-        return self.data.subtree_com[0, :2].copy()
+    def stands(angles: np.ndarray, margin: float) -> bool:
+        center(angles)
+        other, root = data.body(robot.stance_foot), data.body(robot.model.body(1).name)
+        height = other.xpos[2] + other.xmat[6:] @ sole_point(robot.model, robot.stance_foot)
+        kept = (low <= angles) & (angles <= high)
+        return bool(kept.all() and height > margin and root.xmat[8] > UPRIGHT)
 
-    def stands(self, angles: np.ndarray, margin: float) -> bool:
-        """Return whether the posture keeps its ranges, is upright, and lifts the other foot."""
-        self.center(angles)
-        other = self.data.body(self.robot.stance_foot)
-        height = other.xpos[2] + other.xmat.reshape(3, 3)[2] @ self.other
-        up = self.data.body(self.robot.model.body(1).name).xmat[8]
-        kept = (self.range[:, 0] <= angles) & (angles <= self.range[:, 1])
-        return bool(kept.all() and height > margin and up > UPRIGHT)
+    def drawn(shrunk: float) -> tuple[np.ndarray, np.ndarray]:
+        for _ in range(TRIES):
+            goal = INSIDE * rng.uniform(-half, half)
+            angles = balanced(stand + shrunk * (rng.uniform(*ends) - stand), goal)
+            if stands(angles, LIFTED):
+                return angles, goal
+        raise InputError(f"{robot.name}: found no posture on one foot in {TRIES} tries")
+
+    knots, times = np.arange(KNOTS), np.arange(0.0, seconds + 2 * FINE, FINE)
+    for shrunk in 0.95 ** np.arange(20):
+        path, goal = (CubicSpline(knots, one) for one in zip(*(drawn(shrunk) for _ in knots), strict=True))
+        fastest = np.abs(path(np.linspace(0, KNOTS - 1, 50 * KNOTS), 1)).max(axis=1)
+        pace = rng.uniform(*SPEED) / np.median(fastest)
+        rows = [balanced(path(pace * t), goal(pace * t)) for t in times]
+        if all(stands(row, 0.0) for row in rows):
+            return CubicSpline(times, np.array(rows))
+    raise InputError(f"{robot.name}: found no motion on one foot, expected one with smaller excursions")
