@@ -1,4 +1,4 @@
-"""Simulated records of a humanoid on one foot keep the laws of mechanics, and hide what they say they hide."""
+"""Simulated records of a humanoid on one foot keep the laws of mechanics and hide what their truth names."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from studies.real_robots.records import (
     FRAMES,
     GRAVITY,
+    ROCKS,
     draw_truth,
     log,
     on_left_foot,
@@ -40,9 +41,10 @@ def motion(robot, truth):
 
 @pytest.fixture(scope="module")
 def on_ground(robot, truth, motion):
-    """The ground's force and its moment about the sole's middle, in the world, (T, 3) each."""
+    """Return the ground's force and its moment about the sole's middle, in the world, (T, 3) each."""
     turns = Rotation.from_euler("XY", motion.tilt).as_matrix()
-    place = sole_point(robot.model, robot.swing_foot) - sole_corners(robot.model, robot.swing_foot).mean(axis=0)
+    corners = sole_corners(robot.model, robot.swing_foot)
+    place = sole_point(robot.model, robot.swing_foot) - corners.mean(axis=0)
     in_foot = Rotation.from_rotvec(truth.turn).apply(motion.wrench.reshape(-1, 3)).reshape(-1, 2, 3)
     force, moment = (np.einsum("tij,tj->ti", turns, in_foot[:, k]) for k in range(2))
     return force, moment + np.cross(turns @ (place + truth.origin), force)
@@ -52,7 +54,7 @@ def test_the_ground_accelerates_the_center_of_mass(robot, truth, motion, on_grou
     mass = true_spec(robot, truth).compile().body_mass.sum()
     assert mass == pytest.approx(robot.model.body_mass.sum(), rel=0.15)
     assert mass != pytest.approx(robot.model.body_mass.sum(), rel=0.001)
-    needed = mass * (CubicSpline(motion.time, motion.center)(motion.time, 2) + [0, 0, GRAVITY])
+    needed = mass * (CubicSpline(motion.time, motion.center)(motion.time, 2) + np.array([0, 0, GRAVITY]))
     assert on_ground[0][EDGE] == pytest.approx(needed[EDGE], abs=0.05)
     assert np.abs(needed[EDGE, :2]).max() > 0.5
     assert on_ground[0][:, 2].mean() == pytest.approx(mass * GRAVITY, rel=0.003)
@@ -96,9 +98,9 @@ def test_a_log_is_in_the_axes_that_the_truth_names(frame, sign, robot, motion):
     columns = log(robot, plain, motion, np.random.default_rng(3))
     forces = sign * np.column_stack([columns[f"left_foot_f{axis}_N"] for axis in "xyz"])
     planted, expected = on_left_foot(robot, plain), []
-    data = mujoco.MjData(planted)
-    for angles, wrench, (x, y) in zip(motion.joints, motion.wrench, motion.tilt, strict=True):
-        for name, angle in zip((*joint_names(robot.model), "rocks_x", "rocks_y"), (*angles, x, y), strict=True):
+    data, names = mujoco.MjData(planted), (*joint_names(robot.model), *ROCKS)
+    for angles, wrench, tilt in zip(motion.joints, motion.wrench, motion.tilt, strict=True):
+        for name, angle in zip(names, (*angles, *tilt), strict=True):
             data.joint(name).qpos = angle
         mujoco.mj_kinematics(planted, data)
         in_world = data.body(robot.swing_foot).xmat.reshape(3, 3) @ wrench[:3]

@@ -1,8 +1,8 @@
 """Make records like a real humanoid's on one foot, with known truth, by MuJoCo alone.
 
 The left sole is held to the ground by two hinges with springs, about which the foot rocks. The joints follow
-a spline through random postures in full dynamics. The sensor is MuJoCo's own, between foot and ground. What a
-log does not say is drawn: the axes in which the wrench is written, its sign, and where the sensor sits.
+a spline through random postures in full dynamics. The sensor is MuJoCo's own, between foot and ground. The
+axes in which a log writes the wrench, its sign, and where the sensor sits are drawn.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ SERVO, ROTOR = 40.0, 0.02  # rad/s, kg m2
 
 @dataclass(frozen=True)
 class Truth:
-    """What is true of one record, and hidden from the tool.
+    """The truth about one record, hidden from the tool.
 
     Attributes:
         frame, sign: axes of the logged wrench; 1: of the ground on the robot, -1: of the robot on the ground.
@@ -75,7 +75,7 @@ class Truth:
 
 @dataclass(frozen=True)
 class Motion:
-    """What MuJoCo simulated, T rows.
+    """A simulated motion of T rows.
 
     Attributes:
         time: (T,) [s]. joints: true angles, (T, n) [rad]. tilt: of the sole about x and y, (T, 2) [rad].
@@ -138,7 +138,7 @@ def on_left_foot(robot: Robot, truth: Truth) -> mujoco.MjModel:
     data = mujoco.MjData(old)
     mujoco.mj_kinematics(old, data)
     turns, places = data.xmat.reshape(-1, 3, 3), data.xpos
-    middle = _middle(robot, robot.swing_foot)
+    middle = sole_corners(robot.model, robot.swing_foot).mean(axis=0)
 
     def grow(parent: mujoco.MjsBody, k: int, before: int, held_by: int, sign: int) -> mujoco.MjsBody:
         """Add a link, seen from the one before it, with the hinges that the file gives one of the two."""
@@ -177,13 +177,11 @@ def simulate(robot: Robot, truth: Truth, seconds: float, rng: np.random.Generato
     rocks = [model.joint(name).qposadr[0] for name in ROCKS]
     data.qpos[at] = aim(0.0)
     mujoco.mj_forward(model, data)
-    inertia = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, inertia)
+    mujoco.mj_fullM(model, data, inertia := np.zeros((model.nv, model.nv)))
     stiffness = SERVO**2 * np.diag(inertia)[at]
     model.dof_damping[at] = damping = 2 * stiffness / SERVO
     rows = []
-    for k in range(round((seconds + SETTLING) / STEP)):
-        now = k * STEP
+    for k, now in enumerate(np.arange(0.0, seconds + SETTLING - STEP / 2, STEP)):
         seen.qpos, seen.qvel = data.qpos, data.qvel
         data.qfrc_applied[at] = stiffness * (aim(now) - data.qpos[at]) + damping * aim(now, 1)
         mujoco.mj_step(model, data)
@@ -208,13 +206,11 @@ def log(robot: Robot, truth: Truth, motion: Motion, rng: np.random.Generator) ->
     degrees = read(np.degrees(motion.joints + zeros), ENCODER_NOISE, ENCODER_STEP)
     left = read(motion.wrench @ np.array(truth.cross_talk).T + truth.zeros[1], sd, step)
     right = read(np.tile(truth.zeros[0], (count, 1)), sd, step)
-    turns = {
-        "sensor": lambda: np.tile(np.eye(3), (count, 1, 1)),
-        "base": lambda: _in_base(robot, truth, np.radians(degrees)),
-        "world": lambda: (
-            Rotation.from_rotvec(truth.imu) * Rotation.from_euler("XY", motion.tilt)
-        ).as_matrix(),
-    }[truth.frame]()
+    turns = np.tile(np.eye(3), (count, 1, 1))
+    if truth.frame == "base":
+        turns = _in_base(robot, truth, np.radians(degrees))
+    elif truth.frame == "world":
+        turns = (Rotation.from_rotvec(truth.imu) * Rotation.from_euler("XY", motion.tilt)).as_matrix()
     columns = {"t_s": motion.time}
     columns |= {f"{n}_deg": degrees[:, k] for k, n in enumerate(names) if n not in truth.constants}
     for foot, wrench in (("left", left), ("right", right)):
@@ -230,7 +226,6 @@ def map_text(robot: Robot, truth: Truth) -> str:
 gravity = {GRAVITY}
 columns.time = {{column = "t_s", unit = "s"}}
 sensors = {{encoder_sd = {encoder:.6f}, encoder_resolution = {step:.6f}}}
-
 [constant_joints]
 """
     text += "".join(f'"{name}" = {{value = 0.0, sd = {unknown:.4f}}}\n' for name in truth.constants)
@@ -248,22 +243,19 @@ zero = {np.repeat(ZERO, 3).tolist()}
     return text
 
 
-def write_record(
-    robot: Robot, seed: int, out: Path, not_logged: Sequence[str] = (), seconds: float = 50.0
-) -> Truth:
+def write_record(robot: Robot, seed: int, out: Path, not_logged: Sequence[str] = (), seconds=50.0) -> Truth:
     """Write a new folder: the log `series.csv` and `MAP.toml`, and apart in `truth` what they hide."""
     drawn, moving, reading = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(3))
     truth = draw_truth(robot, drawn, not_logged)
     motion = simulate(robot, truth, seconds, moving)
-    hidden = {"t_s": motion.time}
-    hidden |= {f"tilt_{axis}_deg": np.degrees(motion.tilt[:, k]) for k, axis in enumerate("xy")}
-    hidden |= {f"com_{axis}_m": motion.center[:, k] for k, axis in enumerate("xyz")}
+    hidden = np.column_stack([motion.time, np.degrees(motion.tilt), motion.center]).T
+    moved = dict(
+        zip(("t_s", "tilt_x_deg", "tilt_y_deg", "com_x_m", "com_y_m", "com_z_m"), hidden, strict=True)
+    )
+    tables = {"series.csv": log(robot, truth, motion, reading), "truth/motion.csv": moved}
     with new_folder(out) as folder:
         (folder / "truth").mkdir()
-        for name, columns in (
-            ("series.csv", log(robot, truth, motion, reading)),
-            ("truth/motion.csv", hidden),
-        ):
+        for name, columns in tables.items():
             table = np.column_stack(list(columns.values()))
             np.savetxt(folder / name, table, "%.5f", ",", header=",".join(columns), comments="")
         write_text(folder / "MAP.toml", map_text(robot, truth))
@@ -275,15 +267,8 @@ def _quaternion(turn: np.ndarray) -> np.ndarray:
     return np.roll(Rotation.from_matrix(turn).as_quat(), 1)
 
 
-def _middle(robot: Robot, foot: str) -> np.ndarray:
-    return sole_corners(robot.model, foot).mean(axis=0)
-
-
 def _in_base(robot: Robot, truth: Truth, angles: np.ndarray) -> np.ndarray:
-    """Return the left foot's axes in the root's of the published file, as the robot's software has them.
-
-    It knows the nominal robot and the readings of the encoders; joints that are not logged are at zero.
-    """
+    """Return the left foot's axes in the published root's, as software has them from readings and CAD."""
     model, data, names = robot.model, mujoco.MjData(robot.model), joint_names(robot.model)
     at = [model.joint(name).qposadr[0] for name in names]
     known, out = [name not in truth.constants for name in names], np.empty((len(angles), 3, 3))
@@ -297,15 +282,10 @@ def _in_base(robot: Robot, truth: Truth, angles: np.ndarray) -> np.ndarray:
     return out
 
 
-def _trajectory(
-    robot: Robot, constants: dict[str, float], seconds: float, rng: np.random.Generator
-) -> CubicSpline:
-    """Return a smooth motion of the nominal robot on its left foot, (n,) [rad] of time [s].
+def _trajectory(robot: Robot, constants: dict[str, float], seconds: float, rng: np.random.Generator):
+    """Return a smooth motion of the nominal robot on its left foot, (n,) [rad] of time [s], as a spline.
 
-    Its centre of mass is led over the sole by the stance ankle.
-
-    Raises:
-        InputError: no such motion was found.
+    The stance ankle leads its centre of mass over the sole. Raises InputError if no such motion is found.
     """
     model, names = on_left_foot(robot, draw_truth(robot, None)), joint_names(robot.model)
     data, joints = mujoco.MjData(model), [robot.model.joint(name) for name in names]
