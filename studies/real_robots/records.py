@@ -34,7 +34,7 @@ ORIGIN = ((-0.03, 0.03), (-0.02, 0.02), (0.0, 0.05))  # range of the sensor, m
 TURN, CROSS_TALK, ARM = 0.6, 0.01, 0.03  # deg; relative; m: range of moments over that of forces
 ZERO, NOISE, STEP_OF = (2.0, 0.1), (0.2, 0.01), (0.05, 0.002)  # N, Nm
 ENCODER_ZERO, ENCODER_NOISE, ENCODER_STEP = 0.15, 0.02, 0.088  # deg
-IMU, NOT_LOGGED = (0.2, 0.2, 2.0), 5.0  # deg
+IMU, NOT_LOGGED = 0.2, 5.0  # deg; the heading of the world's axes may be any
 # The motion.
 KNOTS, FINE = 40, 0.05  # postures; s between the times at which the centre of mass is led
 SPEED = (0.25, 0.5)  # range of the fastest joint's, at half of the times; rad/s
@@ -56,7 +56,7 @@ class Truth:
             and rotation vector, (3,) [rad].
         cross_talk: reading over wrench, (6, 6). zeros: right and left, (2, 6) [N, Nm].
         encoder_zeros: by joint [rad]. constants: angles of the joints that are not logged [rad].
-        imu: rotation vector of the world's axes as logged, (3,) [rad].
+        imu: roll, pitch and yaw of the foot on level ground in the axes of a log in the world's, (3,) [rad].
     """
 
     frame: str
@@ -112,7 +112,7 @@ def draw_truth(robot: Robot, rng: np.random.Generator | None, not_logged: Sequen
         zeros=(normal(1.0, 2, 6) * np.repeat(ZERO, 3)).tolist(),
         encoder_zeros={name: float(np.radians(normal(ENCODER_ZERO))) for name in joints},
         constants={name: float(np.radians(normal(NOT_LOGGED))) for name in not_logged},
-        imu=np.radians(normal(np.array(IMU), 3)).tolist(),
+        imu=[*np.radians(normal(IMU, 2)), scale * some.uniform(-np.pi, np.pi)],
     )
 
 
@@ -210,7 +210,7 @@ def log(robot: Robot, truth: Truth, motion: Motion, rng: np.random.Generator) ->
     if truth.frame == "base":
         turns = _in_base(robot, truth, np.radians(degrees))
     elif truth.frame == "world":
-        turns = (Rotation.from_rotvec(truth.imu) * Rotation.from_euler("XY", motion.tilt)).as_matrix()
+        turns = (Rotation.from_euler("xyz", truth.imu) * Rotation.from_euler("XY", motion.tilt)).as_matrix()
     columns = {"t_s": motion.time}
     columns |= {f"{n}_deg": degrees[:, k] for k, n in enumerate(names) if n not in truth.constants}
     for foot, wrench in (("left", left), ("right", right)):
