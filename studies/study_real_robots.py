@@ -53,6 +53,8 @@ def case(robot: Robot, seed: int, not_logged: tuple[str, ...]) -> dict[str, Any]
             axes, sign = (told.get(f"{what} of the wrench", "") for what in ("axes", "sign"))
             published = "published" in axes or truth.frame != "base" or robot.model.body_quat[1, 0] == 1
             said["frame right"] = AXES[truth.frame] in axes and published and sign == SIGNS[truth.sign]
+            if found.folder is None:
+                raise InputError(f"no folder: {found.problems[0]}")
 
         def predict() -> None:
             models = [m for m in tt.predict(measured, robot).to_json()["models"] if m["split"] == "halves"]
@@ -79,6 +81,8 @@ def case(robot: Robot, seed: int, not_logged: tuple[str, ...]) -> dict[str, Any]
                 step()
             except (InputError, KeyError) as error:  # a refusal, or a key that the document lacks
                 said["failed"].append(f"{step.__name__}: {type(error).__name__}: {error}"[:200])
+                if step is audit:
+                    break
     return said
 
 
