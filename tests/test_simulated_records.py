@@ -1,0 +1,122 @@
+"""Simulated records of a humanoid on one foot keep the laws of mechanics and hide what their truth names."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, replace
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter1d
+from scipy.spatial.transform import Rotation
+
+from studies.real_robots.records import (
+    FRAMES,
+    GRAVITY,
+    ROCKS,
+    draw_truth,
+    log,
+    on_left_foot,
+    simulate,
+    true_spec,
+    write_record,
+)
+from tulip_testbed.sim.robot import joint_names, sole_corners, sole_point
+
+SECONDS = 8.0
+EDGE = slice(100, -100)  # rows away from the ends of a filter
+
+
+@pytest.fixture(scope="module")
+def truth(robot):
+    return draw_truth(robot, np.random.default_rng(1))
+
+
+@pytest.fixture(scope="module")
+def motion(robot, truth):
+    return simulate(robot, truth, SECONDS, np.random.default_rng(2))
+
+
+@pytest.fixture(scope="module")
+def on_ground(robot, truth, motion):
+    """Return the ground's force and its moment about the sole's middle, in the world, (T, 3) each."""
+    turns = Rotation.from_euler("XY", motion.tilt).as_matrix()
+    corners = sole_corners(robot.model, robot.swing_foot)
+    place = sole_point(robot.model, robot.swing_foot) - corners.mean(axis=0)
+    in_foot = Rotation.from_rotvec(truth.turn).apply(motion.wrench.reshape(-1, 3)).reshape(-1, 2, 3)
+    force, moment = (np.einsum("tij,tj->ti", turns, in_foot[:, k]) for k in range(2))
+    return force, moment + np.cross(turns @ (place + truth.origin), force)
+
+
+def test_the_ground_accelerates_the_center_of_mass(robot, truth, motion, on_ground):
+    mass = true_spec(robot, truth).compile().body_mass.sum()
+    assert mass == pytest.approx(robot.model.body_mass.sum(), rel=0.15)
+    assert mass != pytest.approx(robot.model.body_mass.sum(), rel=0.001)
+    needed = mass * (CubicSpline(motion.time, motion.center)(motion.time, 2) + np.array([0, 0, GRAVITY]))
+    assert on_ground[0][EDGE] == pytest.approx(needed[EDGE], abs=0.05)
+    assert np.abs(needed[EDGE, :2]).max() > 0.5
+    assert on_ground[0][:, 2].mean() == pytest.approx(mass * GRAVITY, rel=0.003)
+
+
+def test_at_rest_the_center_of_pressure_is_below_the_center_of_mass(robot, motion, on_ground):
+    force, moment = on_ground
+    pressure = np.column_stack([-moment[:, 1], moment[:, 0]]) / force[:, 2:]
+    half = np.ptp(sole_corners(robot.model, robot.swing_foot), axis=0)[:2] / 2
+    assert (np.abs(pressure) < half).all()
+    slow = gaussian_filter1d(pressure - motion.center[:, :2], 50, axis=0)[EDGE]
+    assert np.abs(slow).max() < 0.006
+    assert np.ptp(pressure, axis=0).min() > 0.01
+
+
+def test_the_sole_yields_to_its_moment(truth, motion, on_ground):
+    slow = gaussian_filter1d(np.column_stack([motion.tilt, on_ground[1][:, :2]]), 20, axis=0)[EDGE]
+    assert slow[:, :2] == pytest.approx(-slow[:, 2:] * truth.compliance, abs=np.radians(0.02))
+    assert np.degrees(np.abs(slow[:, :2]).max()) > 0.1
+
+
+def test_links_and_joints_are_where_the_robot_has_them(robot, motion):
+    planted, free = on_left_foot(robot, draw_truth(robot, None)), mujoco.MjData(robot.model)
+    data = mujoco.MjData(planted)
+    for name, angle in zip(joint_names(robot.model), motion.joints[300], strict=True):
+        data.joint(name).qpos = angle
+        free.joint(name).qpos = angle
+    mujoco.mj_forward(planted, data)
+    mujoco.mj_forward(robot.model, free)
+    foot = free.body(robot.swing_foot)
+    for k in range(1, robot.model.nbody):
+        name = robot.model.body(k).name
+        place = (free.xipos[k] - foot.xpos) @ foot.xmat.reshape(3, 3) + data.body(robot.swing_foot).xpos
+        assert data.body(name).xipos == pytest.approx(place, abs=1e-9)
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_log_is_in_the_axes_that_the_truth_names(frame, sign, robot, motion):
+    plain = replace(draw_truth(robot, None), frame=frame, sign=sign)
+    columns = log(robot, plain, motion, np.random.default_rng(3))
+    forces = sign * np.column_stack([columns[f"left_foot_f{axis}_N"] for axis in "xyz"])
+    planted, expected = on_left_foot(robot, plain), []
+    data, names = mujoco.MjData(planted), (*joint_names(robot.model), *ROCKS)
+    for angles, wrench, tilt in zip(motion.joints, motion.wrench, motion.tilt, strict=True):
+        for name, angle in zip(names, (*angles, *tilt), strict=True):
+            data.joint(name).qpos = angle
+        mujoco.mj_kinematics(planted, data)
+        in_world = data.body(robot.swing_foot).xmat.reshape(3, 3) @ wrench[:3]
+        root = data.body(robot.model.body(1).name).xmat.reshape(3, 3)
+        expected.append({"sensor": wrench[:3], "base": in_world @ root, "world": in_world}[frame])
+    assert forces == pytest.approx(np.array(expected), abs=1.5)
+    right = np.column_stack([columns[f"right_foot_f{axis}_N"] for axis in "xyz"])
+    assert np.abs(right).max() < 2
+
+
+def test_a_seed_gives_the_same_record(robot, tmp_path):
+    names = ("series.csv", "MAP.toml", "truth/truth.json", "truth/motion.csv")
+    for folder in ("a", "b"):
+        found = write_record(robot, 7, tmp_path / folder, seconds=1.0)
+    first, second = ([(tmp_path / folder / name).read_bytes() for name in names] for folder in "ab")
+    assert first == second
+    assert json.loads(first[2]) == asdict(found)
+    assert first[0].startswith(b"t_s,right_hip_yaw_deg,")
+    assert len(first[0].splitlines()) == 101
