@@ -20,17 +20,26 @@ def needed_wrench(nominal: Nominal, measurements: Measurements) -> np.ndarray:
     The base foot is flat and at rest, and the moment is about its sole point. In double support it is the sum
     of both feet. Without rates or accelerations of the joints these are zero.
     """
+    return link_wrenches(nominal, measurements)[0].sum(axis=1)
+
+
+def link_wrenches(nominal: Nominal, measurements: Measurements) -> tuple[np.ndarray, np.ndarray]:
+    """Compute what each link needs, (m, n_links, 6) [N, Nm], and its centre of mass, (m, n_links, 3) [m].
+
+    See `needed_wrench`.
+    """
     m, robot = measurements, nominal.robot
     rates, accelerations = (
         np.zeros_like(m.joint_angles) if values is None else values
         for values in (m.joint_rates, m.joint_accelerations)
     )
-    side, out = base_foot(m.support), np.empty((len(m), 6))
+    side, count = base_foot(m.support), len(nominal.parameters.tree.links)
+    wrenches, centers = np.empty((len(m), count, 6)), np.empty((len(m), count, 3))
     for k, foot in enumerate((robot.stance_foot, robot.swing_foot)):
         rows = side == k
         motion = m.joint_angles[rows], rates[rows], accelerations[rows]
-        out[rows] = _balance(nominal, foot, nominal.points[k], motion, m.gravity)
-    return out
+        wrenches[rows], centers[rows] = _balance(nominal, foot, nominal.points[k], motion, m.gravity)
+    return wrenches, centers
 
 
 def beyond_weight(nominal: Nominal, measurements: Measurements) -> np.ndarray:
@@ -55,8 +64,8 @@ def _balance(
     sole: np.ndarray,
     motion: tuple[np.ndarray, np.ndarray, np.ndarray],
     gravity: float,
-) -> np.ndarray:
-    """Sum the rates of momentum of all links, with the foot accelerated upward in place of gravity, (m, 6).
+) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the rates of momentum of all links, with the foot accelerated upward in place of gravity.
 
     Args:
         sole: sole point in the foot's frame, (3,) [m].
@@ -90,10 +99,9 @@ def _balance(
     arm = (turn @ model.body_ipos[1:, :, None])[..., 0]
     force = mass * (faster[:, links] + _swept(w, dw, arm))
     spin = (inertia @ w[..., None])[..., 0]
-    moment = (
-        np.cross(positions[:, links] + arm, force) + np.cross(w, spin) + (inertia @ dw[..., None])[..., 0]
-    )
-    return np.concatenate([force.sum(axis=1), moment.sum(axis=1)], axis=1)
+    center = positions[:, links] + arm
+    moment = np.cross(center, force) + np.cross(w, spin) + (inertia @ dw[..., None])[..., 0]
+    return np.concatenate([force, moment], axis=2), center
 
 
 def _swept(turning: np.ndarray, turning_faster: np.ndarray, arm: np.ndarray) -> np.ndarray:
