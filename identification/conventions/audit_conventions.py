@@ -1,0 +1,289 @@
+"""Audit the conventions of a log: every hypothesis, how likely the measured wrenches make it, and the verdict."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.table import Table
+from tulip_testbed.identification.conventions.convention_fit import (
+    ConventionFit,
+    NeededWrench,
+    fit_convention,
+    needed,
+    rows_worth,
+)
+from tulip_testbed.identification.conventions.joint_conventions import other_readings, shifted
+from tulip_testbed.identification.conventions.wrench_convention import (
+    ALL,
+    ASPECTS,
+    FOOT,
+    SENSOR,
+    WORLD,
+    ContactFrames,
+    WrenchConvention,
+    contact_frames,
+    rewritten,
+    total_in_base,
+)
+from tulip_testbed.identification.nominal import Nominal
+from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.contacts import WRENCH
+from tulip_testbed.measurements.data import feet_in_contact
+
+DECISIVE = 8.0  # of the log-likelihood, over that of the next hypothesis
+WORST_FORCE, WORST_MOMENT = 0.1, 0.05  # r.m.s. residual over the weight [-, m], beyond which nothing fits
+MOST_ROWS = 300
+FIRST_WORTH = 0.125  # of the rows, until their correlation is known
+YAWS = np.radians(np.arange(-180.0, 180.0, 30.0))
+SAME_YAW = np.radians(10.0)  # of the world's axes and the foot's
+LAGS = np.linspace(-0.5, 0.5, 21)  # s
+LEAST_SERIES = 40  # rows, for a lag
+NAMES = {
+    "axes": "axes of the wrench",
+    "sign": "sign of the wrench",
+    "about": "point of the moments",
+    "order": "order of the channels",
+}
+
+
+@dataclass(frozen=True)
+class ConventionRow:
+    """A hypothesis about one convention of a log.
+
+    Attributes:
+        what: the convention. hypothesis: one of its values.
+        log_likelihood: the best with this value, less the best of all [-].
+        applied: whether the measurements are read so.
+        change: what reading them so changes.
+    """
+
+    what: str
+    hypothesis: str
+    log_likelihood: float
+    applied: bool
+    change: str
+
+
+@dataclass(frozen=True)
+class Conventions:
+    """The result of an audit.
+
+    Attributes:
+        rows: hypotheses of each convention, the likeliest first.
+        convention: of the wrenches, as applied.
+        problems: what is not decided or contradicts the log.
+        residual: r.m.s. of the unexplained force and moment over the weight, x, y, z, (6,) [-, m].
+        origin: of the moments from its stated place, and s.d., (2, 3) [m].
+        lag: by which the contact sensors are behind the joints and its s.d., (2,) [s]; NaN: unknown.
+        applied: the measurements with wrenches as the contract has them.
+    """
+
+    rows: tuple[ConventionRow, ...]
+    convention: WrenchConvention
+    problems: tuple[str, ...]
+    residual: np.ndarray
+    origin: np.ndarray
+    lag: np.ndarray
+    applied: Measurements
+
+    def statement(self) -> list[dict[str, str | float | bool]]:
+        """Return the hypotheses as plain values, as manifest and document have them."""
+        keys = ("what", "hypothesis", "log_likelihood", "applied")
+        return [{key: getattr(row, key) for key in keys} for row in self.rows]
+
+    def table(self) -> Table:
+        """Return the hypotheses as a table."""
+        names = ("convention", "hypothesis", "log-likelihood", "applied", "would change")
+        rows = [
+            [row.what, row.hypothesis, round(row.log_likelihood, 1), "yes" if row.applied else "", row.change]
+            for row in self.rows
+        ]
+        return Table("Conventions", tuple(map(Column, names)), rows)
+
+
+@dataclass(frozen=True)
+class _Tried:
+    convention: WrenchConvention
+    fit: ConventionFit
+
+    @property
+    def log_likelihood(self) -> float:
+        return self.fit.log_likelihood
+
+
+def can_be_audited(measurements: Measurements) -> bool:
+    """Return whether the contacts are six-axis sensors in the feet."""
+    contacts = measurements.contacts
+    return contacts is not None and contacts.mount == "foot" and contacts.channels == WRENCH
+
+
+def audit_conventions(measurements: Measurements, nominal: Nominal) -> Conventions:
+    """Compare what six-axis sensors in the feet read with what the nominal robot needs, in every convention.
+
+    One is applied if its likelihood is decisive over all others and its residual is small for the weight.
+    """
+    m = _thinned(_usable(measurements))
+    need, frames = needed(nominal, m), contact_frames(nominal, m)
+    worth = FIRST_WORTH * len(m)
+    best = max(_tried(m, need, frames, worth), key=lambda one: one.log_likelihood)
+    worth = rows_worth(best.fit.residual)
+    tried = sorted(_tried(m, need, frames, worth), key=lambda one: -one.log_likelihood)
+    best, rows, undecided = tried[0], [], []
+    for aspect in ASPECTS:
+        ranked = _ranked(tried, aspect)
+        if aspect == "axes":
+            best, ranked = _foot_or_world(best, tried, ranked)
+        if ranked[1][1] > ranked[0][1] - DECISIVE:
+            undecided.append(f"{NAMES[aspect]}: '{ranked[0][0]}' or '{ranked[1][0]}'")
+        rows += [(aspect, value, likelihood) for value, likelihood in ranked]
+    scale = need.weight
+    residual = np.sqrt((best.fit.residual**2).mean(axis=0)) / scale
+    problems = []
+    fits = residual[:3].max() < WORST_FORCE and residual[3:].max() < WORST_MOMENT
+    if not fits:
+        problems.append(
+            f"no convention explains the wrenches: the best, {_described(best.convention)}, leaves "
+            f"{100 * residual[:3].max():.0f} % of the weight and {1e3 * residual[3:].max():.0f} mm, the next is "
+            f"{_described(tried[1].convention)}"
+        )
+    elif undecided:
+        problems.append(f"the wrenches do not decide: {'; '.join(undecided)}")
+    settled = fits and not undecided
+    chosen = best.convention if settled else WrenchConvention()
+    stated = {aspect: getattr(WrenchConvention(), aspect) for aspect in ASPECTS}
+    top = max(one[2] for one in rows)
+    out = [
+        ConventionRow(
+            what=NAMES[aspect],
+            hypothesis=value,
+            log_likelihood=likelihood - top,
+            applied=settled and value.startswith(getattr(chosen, aspect)) and likelihood == top,
+            change="nothing" if value.startswith(stated[aspect]) else _change(aspect, value),
+        )
+        for aspect, value, likelihood in rows
+    ]
+    lag = np.full(2, np.nan)
+    if fits:
+        others, contradictions = _joints(m, nominal, best, worth)
+        problems += contradictions
+        lag = _lag(m, need, frames, best, worth)
+        out += others
+    if abs(lag[0]) > max(4 * lag[1], 0.02):
+        problems.append(f"the contact sensors are {lag[0]:.3f} +- {lag[1]:.3f} s behind the joints")
+    applied = measurements
+    if settled:
+        applied = rewritten(measurements, contact_frames(nominal, measurements), chosen)
+    return Conventions(tuple(out), chosen, tuple(problems), residual, best.fit.origin, lag, applied)
+
+
+def _usable(m: Measurements) -> Measurements:
+    assert m.wrenches is not None
+    read = np.isfinite(m.wrenches).all(axis=2) | ~feet_in_contact(m.support)
+    return m.take(read.all(axis=1) & np.isfinite(m.joint_angles).all(axis=1))
+
+
+def _thinned(m: Measurements) -> Measurements:
+    return m.take(np.arange(0, len(m), -(-len(m) // MOST_ROWS)))
+
+
+def _tried(m: Measurements, need: NeededWrench, frames: ContactFrames, worth: float) -> list[_Tried]:
+    return [
+        _fitted(m, need, frames, one, worth)
+        for convention in ALL
+        for one in ([replace(convention, yaw=y) for y in YAWS] if convention.axes == WORLD else [convention])
+    ]
+
+
+def _fitted(
+    m: Measurements, need: NeededWrench, frames: ContactFrames, convention: WrenchConvention, worth: float
+) -> _Tried:
+    """Fit a convention; that of the world's axes once more about the yaw found."""
+    body = None if convention.about == FOOT else frames.body
+    for last in (convention.axes != WORLD, True):
+        measured = total_in_base(m, frames, convention)
+        fit = fit_convention(measured, need, convention.axes == WORLD, body, worth)
+        if last:
+            break
+        convention = replace(convention, yaw=convention.yaw + fit.yaw)
+    return _Tried(convention, fit)
+
+
+def _ranked(tried: list[_Tried], aspect: str) -> list[tuple[str, float]]:
+    """Return the values of one aspect with their best log-likelihood, the best first."""
+    best: dict[str, float] = {}
+    for one in tried:
+        best.setdefault(getattr(one.convention, aspect), one.log_likelihood)
+    return list(best.items())
+
+
+def _foot_or_world(
+    best: _Tried, tried: list[_Tried], ranked: list[tuple[str, float]]
+) -> tuple[_Tried, list[tuple[str, float]]]:
+    """Count the foot's axes and the world's as one where nothing tells them apart and nothing depends on it."""
+    likelihood = dict(ranked)
+    others = {one.convention.axes: one for one in reversed(tried)}
+    same = abs(np.angle(np.exp(1j * others[WORLD].convention.yaw))) < SAME_YAW
+    close = abs(likelihood[WORLD] - likelihood[SENSOR]) < DECISIVE
+    if best.convention.axes not in (SENSOR, WORLD) or not (same and close):
+        return best, ranked
+    both = f"{SENSOR}, or world: the same while the foot is flat"
+    kept = [(both, ranked[0][1]), *(one for one in ranked if one[0] not in (SENSOR, WORLD))]
+    return others[SENSOR], kept
+
+
+def _described(convention: WrenchConvention) -> str:
+    return ", ".join(f"{NAMES[aspect]}: {getattr(convention, aspect)}" for aspect in ASPECTS)
+
+
+def _change(aspect: str, value: str) -> str:
+    return {
+        "axes": "wrenches are turned to the sensor's axes",
+        "sign": "wrenches change their sign",
+        "about": "moments are moved to the sensor's origin",
+        "order": "forces and moments change places",
+    }[aspect]
+
+
+def _joints(
+    m: Measurements, nominal: Nominal, best: _Tried, worth: float
+) -> tuple[list[ConventionRow], list[str]]:
+    """Return other readings of the joints that are likelier than the one taken."""
+    found = []
+    for what, other in other_readings(m, nominal.parameters.tree.joint_range):
+        tried = _fitted(
+            other, needed(nominal, other), contact_frames(nominal, other), best.convention, worth
+        )
+        found.append((tried.log_likelihood - best.log_likelihood, what))
+    found.sort(reverse=True)
+    better = [one for one in found if one[0] > 0]
+    rows = [
+        ConventionRow("joints", what, gain, False, "the model's posture")
+        for gain, what in (better or found)[:3]
+    ]
+    as_named = ConventionRow("joints", "as the columns are named", 0.0, True, "nothing")
+    told = [f"joints: '{what}' is likelier by {gain:.0f}; state it" for gain, what in found if gain > DECISIVE]
+    return [as_named, *rows], told
+
+
+def _lag(
+    m: Measurements, need: NeededWrench, frames: ContactFrames, best: _Tried, worth: float
+) -> np.ndarray:
+    """Return by how much the wrenches are late, and its s.d., (2,) [s]; NaN: unknown."""
+    if len(m) < LEAST_SERIES or not (np.diff(m.time) > 0).all():
+        return np.full(2, np.nan)
+    measured = total_in_base(m, frames, best.convention)
+    body, world = None if best.convention.about == FOOT else frames.body, best.convention.axes == WORLD
+    likelihood = np.array(
+        [
+            fit_convention(shifted(measured, m.time, lag), need, world, body, worth).log_likelihood
+            for lag in LAGS
+        ]
+    )
+    k = int(np.clip(likelihood.argmax(), 1, len(LAGS) - 2))
+    curve, slope, _ = np.polyfit(LAGS[k - 1 : k + 2] - LAGS[k], likelihood[k - 1 : k + 2], 2)
+    if curve >= 0 or likelihood.argmax() != k:
+        return np.full(2, np.nan)
+    return np.array([LAGS[k] - slope / (2 * curve), np.sqrt(-0.5 / curve)])

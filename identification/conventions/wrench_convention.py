@@ -1,0 +1,127 @@
+"""How a log may write the wrench of a foot: its axes, its sign, the point of its moments, and its order."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tulip_testbed.identification.kinematics import frame_positions, link_rotations, turned_about
+from tulip_testbed.identification.nominal import Nominal
+from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.data import base_foot, feet_in_contact
+from tulip_testbed.sim.robot import rotation_matrices
+
+SENSOR, PREPARED, PUBLISHED, WORLD = "sensor", "base link", "base link as published", "world"
+FOOT = "a point of the foot"
+ON_ROBOT, ON_GROUND = "of the ground on the robot", "of the robot on the ground"
+FORCES, MOMENTS = "forces first", "moments first"
+
+
+@dataclass(frozen=True)
+class WrenchConvention:
+    """How a wrench is written; the first value of each is the contract's.
+
+    Attributes:
+        axes: `SENSOR` as its pose is stated; the free body's, as it is in the robot's file, or `PUBLISHED`:
+            as it was before the robot was prepared; or `WORLD`.
+        sign: whose force. about: the point of the moments, fixed in the foot or in the base link.
+        order: of the channels.
+        yaw: of the world's axes in the base foot's [rad].
+    """
+
+    axes: str = SENSOR
+    sign: str = ON_ROBOT
+    about: str = FOOT
+    order: str = FORCES
+    yaw: float = 0.0
+
+
+ASPECTS = {
+    "axes": (SENSOR, PREPARED, PUBLISHED, WORLD),
+    "sign": (ON_ROBOT, ON_GROUND),
+    "about": (FOOT, PREPARED),
+    "order": (FORCES, MOMENTS),
+}
+ALL = tuple(WrenchConvention(*values) for values in itertools.product(*ASPECTS.values()))
+
+
+@dataclass(frozen=True)
+class ContactFrames:
+    """Where sensors and base link are in the base frame, of m rows.
+
+    Attributes:
+        sensors: axes of both sensors, (m, 2, 3, 3). origins: of both, (m, 2, 3) [m].
+        body: axes of the base link, (m, 3, 3). place: of its origin, (m, 3) [m].
+        published: rotation from the base link's axes to those of the file it was prepared from, (3, 3).
+    """
+
+    sensors: np.ndarray
+    origins: np.ndarray
+    body: np.ndarray
+    place: np.ndarray
+    published: np.ndarray
+
+
+def contact_frames(nominal: Nominal, measurements: Measurements) -> ContactFrames:
+    """Compute the frames of flat feet from the joint angles."""
+    m, tree, contacts = measurements, nominal.parameters.tree, measurements.contacts
+    assert contacts is not None
+    feet = [tree.frame(foot) for foot in (nominal.robot.stance_foot, nominal.robot.swing_foot)]
+    side, shape = base_foot(m.support), (len(m), len(tree.frames), 3)
+    turns, places = np.empty((*shape, 3)), np.empty(shape)
+    for k, foot in enumerate(feet):
+        rows = side == k
+        turns[rows] = link_rotations(tree, foot, m.joint_angles[rows])
+        places[rows] = frame_positions(tree, foot, turns[rows], -nominal.points[k])
+    pose = np.array([turned_about(one[3:]) for one in contacts.pose])
+    arms = (turns[:, feet] @ contacts.pose[:, :3, None])[..., 0]
+    # In its initial posture a prepared robot has the world's axes where its published file had the body's.
+    (prepared,) = rotation_matrices(nominal.robot.model.body_quat[1:2])
+    return ContactFrames(
+        turns[:, feet] @ pose, places[:, feet] + arms, turns[:, 0], places[:, 0], prepared.T
+    )
+
+
+def in_base(wrenches: np.ndarray, frames: ContactFrames, convention: WrenchConvention) -> np.ndarray:
+    """Return logged wrenches in the base frame, on the robot, about the base foot's sole, (m, 2, 6)."""
+    c = convention
+    values = wrenches if c.order == FORCES else np.roll(wrenches, 3, axis=-1)
+    axes = {
+        SENSOR: frames.sensors,
+        PREPARED: frames.body[:, None],
+        PUBLISHED: (frames.body @ frames.published)[:, None],
+        WORLD: turned_about(np.array([0.0, 0.0, c.yaw])),
+    }[c.axes]
+    point = frames.origins if c.about == FOOT else frames.place[:, None]
+    force, moment = ((axes @ part[..., None])[..., 0] for part in (values[..., :3], values[..., 3:]))
+    sign = 1 if c.sign == ON_ROBOT else -1
+    return sign * np.concatenate([force, moment + np.cross(point, force)], axis=-1)
+
+
+def total_in_base(
+    measurements: Measurements, frames: ContactFrames, convention: WrenchConvention
+) -> np.ndarray:
+    """Return the wrench of all feet that stand, see `in_base`, (m, 6)."""
+    assert measurements.wrenches is not None
+    stands = feet_in_contact(measurements.support)[..., None]
+    each = in_base(np.where(stands, measurements.wrenches, 0.0), frames, convention)
+    return each.sum(axis=1)
+
+
+def rewritten(
+    measurements: Measurements, frames: ContactFrames, convention: WrenchConvention
+) -> Measurements:
+    """Return measurements with wrenches as the contract has them: in the sensor's frame, on the robot."""
+    assert measurements.wrenches is not None
+    there = in_base(measurements.wrenches, frames, convention)
+    force, moment = there[..., :3], there[..., 3:] - np.cross(frames.origins, there[..., :3])
+    parts = [(frames.sensors.mT @ part[..., None])[..., 0] for part in (force, moment)]
+    # The turned s.d. would need the readings' covariances; a mean over each triple keeps their size.
+    sd = measurements.wrenches_sd
+    if sd is not None and convention != WrenchConvention():
+        sd = sd if convention.order == FORCES else np.roll(sd, 3, axis=-1)
+        size = np.sqrt((sd.reshape(*sd.shape[:2], 2, 3) ** 2).mean(axis=3))
+        sd = np.repeat(size, 3, axis=2)
+    return replace(measurements, wrenches=np.concatenate(parts, axis=-1), wrenches_sd=sd)
