@@ -10,6 +10,7 @@ import numpy as np
 
 from tulip_testbed.measurements.contacts import Contacts
 from tulip_testbed.measurements.manipulations import Experiment
+from tulip_testbed.measurements.stated_convention import StatedConvention
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,7 @@ class MeasurementHeader:
         contacts: wrench sensors in place of the plates' cells; None: cells. With them there are no cells:
             `cells` is (2, 0, 2). In the feet, `top_height` is 0.
         constant_joints: s.d. of joints that are not logged but known to stand still, by name [rad].
+        conventions: of the log that the measurements were made from, as an audit found them; empty: none.
         experiments: session and manipulations of each of several experiments that were joined, or of this
             one where they are stated; empty: nothing is stated.
     """
@@ -57,6 +59,7 @@ class MeasurementHeader:
     tolerances: Mapping[str, float] = field(default_factory=dict)
     contacts: Contacts | None = None
     constant_joints: Mapping[str, float] = field(default_factory=dict)
+    conventions: tuple[StatedConvention, ...] = ()
     experiments: tuple[Experiment, ...] = ()
 
     @property

@@ -17,7 +17,12 @@ from tulip_testbed.measurements.column_mapping import MappingEntry
 from tulip_testbed.measurements.contact_entries import Pair, entries_of
 from tulip_testbed.measurements.data import Measurements
 
-OPTIONAL = ("gains", "tolerances", "constant_joints")  # keys that are written only if they hold something
+OPTIONAL = (
+    "gains",
+    "tolerances",
+    "constant_joints",
+    "conventions",
+)  # keys that are written only if they hold something
 
 
 class _Strict(BaseModel):
@@ -69,6 +74,15 @@ class ConstantEntry(_Strict):
     sd: Deviation
 
 
+class ConventionEntry(_Strict):
+    """A convention of the log, see `StatedConvention`."""
+
+    what: str
+    hypothesis: str
+    log_likelihood: float
+    applied: bool
+
+
 def _of_version_two(value: Any) -> None:
     raise ValueError("expected no such key in version 1, which has 'plates'; set 'version' to 2")
 
@@ -88,6 +102,7 @@ class Manifest(_Strict):
     gains: dict[str, Gain] | None = None
     tolerances: dict[str, Deviation] | None = None
     constant_joints: dict[str, ConstantEntry] | None = None
+    conventions: list[ConventionEntry] | None = None
     mapping: dict[str, MappingEntry] | None = None
     session: str | None = None
     manipulations: list[str] | None = None
@@ -148,6 +163,7 @@ def manifest_of(measurements: Measurements, tables: dict[str, str]) -> Manifest:
         "gains": dict(m.gains) if isinstance(m.gains, Mapping) else m.gains,
         "tolerances": dict(m.tolerances) if isinstance(m.tolerances, Mapping) else m.tolerances,
         "constant_joints": _constants(m),
+        "conventions": [dataclasses.asdict(one) for one in m.conventions],
         **_experiment_keys(m),
         "created": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         "software": software(),

@@ -37,6 +37,7 @@ from tulip_testbed.measurements.manifest import (
     unset_keys,
 )
 from tulip_testbed.measurements.manipulations import Experiment, arrangement_of
+from tulip_testbed.measurements.stated_convention import StatedConvention
 
 MAY_LACK = (
     *("support", "time", "window", "samples", "q_std", "q_command", "motor", "cell_std"),
@@ -239,6 +240,7 @@ def header_in(
         gains=manifest.gains or {},
         tolerances=manifest.tolerances or {},
         constant_joints={joint: entry.sd for joint, entry in constant.items()},
+        conventions=tuple(StatedConvention(**one.model_dump()) for one in manifest.conventions or ()),
         experiments=_experiments(manifest, where),
         **(of_sensors or _plates(manifest)),
     )

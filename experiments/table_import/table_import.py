@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+import shutil
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +22,19 @@ from tulip_testbed.experiments.table_import.column_names import Proposal, propos
 from tulip_testbed.experiments.table_import.import_map import ONE, ImportMap, with_unknowns
 from tulip_testbed.experiments.table_import.sign_checks import SignCheck, check_signs
 from tulip_testbed.identification.contact_readings import ASSUMED_FORCE, ASSUMED_MOMENT
+from tulip_testbed.identification.conventions.audit_conventions import (
+    audit_conventions,
+    can_be_audited,
+    convention_table,
+)
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.measurements import Measurements, read_measurements
+from tulip_testbed.measurements import Measurements, read_measurements, write_measurements
 from tulip_testbed.measurements.column_mapping import check_mapping
 from tulip_testbed.measurements.contact_entries import CopEntry, WrenchEntry
 from tulip_testbed.measurements.contract import WHOLE
 from tulip_testbed.measurements.manifest import Manifest, manifest_from
 from tulip_testbed.measurements.measurement_folder import known_columns, required_columns
+from tulip_testbed.measurements.stated_convention import StatedConvention
 from tulip_testbed.sim.robot import Robot, joint_names
 
 GRAVITY = 9.81  # m/s2
@@ -61,6 +68,7 @@ class ImportedTable(Result):
         assumed: what neither the table nor the user says. problems: what the user has to decide or look at.
         unused: columns of the table that are not read.
         folder: the measurement folder; None if something necessary is missing.
+        conventions: of the log, by the wrenches that the robot needs; empty without six-axis sensors in feet.
     """
 
     mapped: dict[str, MappedColumn]
@@ -68,6 +76,7 @@ class ImportedTable(Result):
     problems: tuple[str, ...]
     unused: tuple[str, ...]
     folder: str | None
+    conventions: tuple[StatedConvention, ...] = ()
 
     @property
     def exit_code(self) -> int:
@@ -87,6 +96,8 @@ class ImportedTable(Result):
         for title, lines in (("Assumed", self.assumed), ("Problems", self.problems)):
             if lines:
                 parts += [f"{title}:", *(f"- {line}" for line in lines)]
+        if self.conventions:
+            parts.append(convention_table(self.conventions))
         if self.folder is None:
             return [*parts, "No folder was written; state what is missing with `map`."]
         return [*parts, f"Measurement folder: {self.folder}"]
@@ -119,6 +130,7 @@ class _Import:
         self.assumed: list[str] = []
         self.problems: list[str] = []
         self.missing: list[str] = []
+        self.conventions: tuple[StatedConvention, ...] = ()
         self.added: dict[str, np.ndarray] = {}  # columns that the table lacks
 
     def carried_out(self, folder: Path) -> ImportedTable:
@@ -164,6 +176,7 @@ class _Import:
             problems=(*self.missing, *self.problems, *signs.doubtful),
             unused=tuple(proposal.unused),
             folder=None if self.missing else str(folder),
+            conventions=self.conventions,
         )
 
     def _manifest(self) -> Manifest:
@@ -285,11 +298,28 @@ class _Import:
                     measurements = read_measurements(working)
                 except InputError as error:
                     raise _RefusedError(self._of_the_table(str(error), working, proposal)) from None
+                audited = self._audited(measurements)
+                if self.conventions:
+                    manifest["conventions"] = [asdict(one) for one in self.conventions]
+                    write_json(working / "manifest.json", manifest)
         except _RefusedError as refused:
             self.missing.append(str(refused))
             return SignCheck({}, [])
+        if audited.wrenches is not measurements.wrenches:  # the table is not what the contract expects
+            shutil.rmtree(folder)
+            write_measurements(folder, audited)
+            measurements = audited
         self._find_lifted(measurements)
         return check_signs(measurements, nominal_robot(self.robot))
+
+    def _audited(self, measurements: Measurements) -> Measurements:
+        """Audit the conventions, and return measurements with wrenches as the contract has them."""
+        if not can_be_audited(measurements):
+            return measurements
+        found = audit_conventions(measurements, nominal_robot(self.robot))
+        self.conventions = found.stated
+        self.problems += found.problems
+        return found.applied
 
     def _write_table(self, folder: Path) -> Path:
         """Write the table as it is, or as CSV with columns that were added."""

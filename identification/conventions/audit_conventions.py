@@ -1,7 +1,8 @@
-"""Audit the conventions of a log: every hypothesis, how likely the measured wrenches make it, and the verdict."""
+"""Audit the conventions of a log: every hypothesis and how likely the measured wrenches make it."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +21,7 @@ from tulip_testbed.identification.conventions.wrench_convention import (
     ALL,
     ASPECTS,
     FOOT,
+    PUBLISHED,
     SENSOR,
     WORLD,
     ContactFrames,
@@ -32,6 +34,7 @@ from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.contacts import WRENCH
 from tulip_testbed.measurements.data import feet_in_contact
+from tulip_testbed.measurements.stated_convention import StatedConvention
 
 DECISIVE = 8.0  # of the log-likelihood, over that of the next hypothesis
 WORST_FORCE, WORST_MOMENT = 0.1, 0.05  # r.m.s. residual over the weight [-, m], beyond which nothing fits
@@ -40,7 +43,7 @@ FIRST_WORTH = 0.125  # of the rows, until their correlation is known
 YAWS = np.radians(np.arange(-180.0, 180.0, 30.0))
 SAME_YAW = np.radians(10.0)  # of the world's axes and the foot's
 LAGS = np.linspace(-0.5, 0.5, 21)  # s
-LEAST_SERIES = 40  # rows, for a lag
+LEAST_ROWS, LEAST_SERIES = 3, 40  # for an audit, and for a lag
 NAMES = {
     "axes": "axes of the wrench",
     "sign": "sign of the wrench",
@@ -48,28 +51,24 @@ NAMES = {
     "order": "order of the channels",
 }
 
+CHANGES = {
+    "axes": "wrenches are turned to the sensor's axes",
+    "sign": "wrenches change their sign",
+    "about": "moments are moved to the sensor's origin",
+    "order": "forces and moments change places",
+}
+
 
 @dataclass(frozen=True)
-class ConventionRow:
-    """A hypothesis about one convention of a log.
+class ConventionRow(StatedConvention):
+    """A hypothesis, and what reading the measurements so changes."""
 
-    Attributes:
-        what: the convention. hypothesis: one of its values.
-        log_likelihood: the best with this value, less the best of all [-].
-        applied: whether the measurements are read so.
-        change: what reading them so changes.
-    """
-
-    what: str
-    hypothesis: str
-    log_likelihood: float
-    applied: bool
     change: str
 
 
 @dataclass(frozen=True)
 class Conventions:
-    """The result of an audit.
+    """The result of an audit; where nothing is decisive the contract's convention is kept.
 
     Attributes:
         rows: hypotheses of each convention, the likeliest first.
@@ -89,19 +88,23 @@ class Conventions:
     lag: np.ndarray
     applied: Measurements
 
-    def statement(self) -> list[dict[str, str | float | bool]]:
-        """Return the hypotheses as plain values, as manifest and document have them."""
-        keys = ("what", "hypothesis", "log_likelihood", "applied")
-        return [{key: getattr(row, key) for key in keys} for row in self.rows]
-
-    def table(self) -> Table:
-        """Return the hypotheses as a table."""
-        names = ("convention", "hypothesis", "log-likelihood", "applied", "would change")
-        rows = [
-            [row.what, row.hypothesis, round(row.log_likelihood, 1), "yes" if row.applied else "", row.change]
+    @property
+    def stated(self) -> tuple[StatedConvention, ...]:
+        """Return the hypotheses as manifest and document have them."""
+        return tuple(
+            StatedConvention(row.what, row.hypothesis, round(row.log_likelihood, 2), row.applied)
             for row in self.rows
-        ]
-        return Table("Conventions", tuple(map(Column, names)), rows)
+        )
+
+
+def convention_table(conventions: Sequence[StatedConvention]) -> Table:
+    """Return hypotheses as a table."""
+    names = ("convention", "hypothesis", "log-likelihood", "applied")
+    rows = [
+        [row.what, row.hypothesis, round(row.log_likelihood, 1), "yes" if row.applied else ""]
+        for row in conventions
+    ]
+    return Table("Conventions", tuple(map(Column, names)), rows)
 
 
 @dataclass(frozen=True)
@@ -115,9 +118,10 @@ class _Tried:
 
 
 def can_be_audited(measurements: Measurements) -> bool:
-    """Return whether the contacts are six-axis sensors in the feet."""
+    """Return whether the contacts are six-axis sensors in the feet, with enough rows of both feet's loads."""
     contacts = measurements.contacts
-    return contacts is not None and contacts.mount == "foot" and contacts.channels == WRENCH
+    of_feet = contacts is not None and contacts.mount == "foot" and contacts.channels == WRENCH
+    return of_feet and len(_usable(measurements)) >= LEAST_ROWS
 
 
 def audit_conventions(measurements: Measurements, nominal: Nominal) -> Conventions:
@@ -144,24 +148,23 @@ def audit_conventions(measurements: Measurements, nominal: Nominal) -> Conventio
     problems = []
     fits = residual[:3].max() < WORST_FORCE and residual[3:].max() < WORST_MOMENT
     if not fits:
+        force, moment = 100 * residual[:3].max(), 1e3 * residual[3:].max()
         problems.append(
             f"no convention explains the wrenches: the best, {_described(best.convention)}, leaves "
-            f"{100 * residual[:3].max():.0f} % of the weight and {1e3 * residual[3:].max():.0f} mm, the next is "
-            f"{_described(tried[1].convention)}"
+            f"{force:.0f} % of the weight and {moment:.0f} mm, the next is {_described(tried[1].convention)}"
         )
-    elif undecided:
+    elif undecided and best.convention != WrenchConvention():
         problems.append(f"the wrenches do not decide: {'; '.join(undecided)}")
     settled = fits and not undecided
     chosen = best.convention if settled else WrenchConvention()
-    stated = {aspect: getattr(WrenchConvention(), aspect) for aspect in ASPECTS}
     top = max(one[2] for one in rows)
     out = [
         ConventionRow(
             what=NAMES[aspect],
             hypothesis=value,
             log_likelihood=likelihood - top,
-            applied=settled and value.startswith(getattr(chosen, aspect)) and likelihood == top,
-            change="nothing" if value.startswith(stated[aspect]) else _change(aspect, value),
+            applied=_is(value, getattr(chosen, aspect)),
+            change="nothing" if _is(value, getattr(WrenchConvention(), aspect)) else CHANGES[aspect],
         )
         for aspect, value, likelihood in rows
     ]
@@ -170,19 +173,20 @@ def audit_conventions(measurements: Measurements, nominal: Nominal) -> Conventio
         others, contradictions = _joints(m, nominal, best, worth)
         problems += contradictions
         lag = _lag(m, need, frames, best, worth)
-        out += others
+        out += [_origin(best.fit.origin), *others]
     if abs(lag[0]) > max(4 * lag[1], 0.02):
         problems.append(f"the contact sensors are {lag[0]:.3f} +- {lag[1]:.3f} s behind the joints")
     applied = measurements
-    if settled:
+    if settled and chosen != WrenchConvention():
         applied = rewritten(measurements, contact_frames(nominal, measurements), chosen)
-    return Conventions(tuple(out), chosen, tuple(problems), residual, best.fit.origin, lag, applied)
+    found = Conventions(tuple(out), chosen, tuple(problems), residual, best.fit.origin, lag, applied)
+    return replace(found, applied=replace(applied, conventions=found.stated))
 
 
 def _usable(m: Measurements) -> Measurements:
     assert m.wrenches is not None
     read = np.isfinite(m.wrenches).all(axis=2) | ~feet_in_contact(m.support)
-    return m.take(read.all(axis=1) & np.isfinite(m.joint_angles).all(axis=1))
+    return m.take(np.flatnonzero(read.all(axis=1) & np.isfinite(m.joint_angles).all(axis=1)))
 
 
 def _thinned(m: Measurements) -> Measurements:
@@ -193,6 +197,7 @@ def _tried(m: Measurements, need: NeededWrench, frames: ContactFrames, worth: fl
     return [
         _fitted(m, need, frames, one, worth)
         for convention in ALL
+        if convention.axes != PUBLISHED or not np.allclose(frames.published, np.eye(3))
         for one in ([replace(convention, yaw=y) for y in YAWS] if convention.axes == WORLD else [convention])
     ]
 
@@ -222,7 +227,7 @@ def _ranked(tried: list[_Tried], aspect: str) -> list[tuple[str, float]]:
 def _foot_or_world(
     best: _Tried, tried: list[_Tried], ranked: list[tuple[str, float]]
 ) -> tuple[_Tried, list[tuple[str, float]]]:
-    """Count the foot's axes and the world's as one where nothing tells them apart and nothing depends on it."""
+    """Count the foot's axes and the world's as one where neither is likelier and the yaw is the foot's."""
     likelihood = dict(ranked)
     others = {one.convention.axes: one for one in reversed(tried)}
     same = abs(np.angle(np.exp(1j * others[WORLD].convention.yaw))) < SAME_YAW
@@ -238,13 +243,15 @@ def _described(convention: WrenchConvention) -> str:
     return ", ".join(f"{NAMES[aspect]}: {getattr(convention, aspect)}" for aspect in ASPECTS)
 
 
-def _change(aspect: str, value: str) -> str:
-    return {
-        "axes": "wrenches are turned to the sensor's axes",
-        "sign": "wrenches change their sign",
-        "about": "moments are moved to the sensor's origin",
-        "order": "forces and moments change places",
-    }[aspect]
+def _is(shown: str, value: str) -> bool:
+    """Return whether a value is the one shown, alone or first."""
+    return shown.partition(",")[0] == value
+
+
+def _origin(origin: np.ndarray) -> ConventionRow:
+    (x, y, _), sd = 1e3 * origin[0], 1e3 * origin[1, :2].max()
+    text = f"{x:+.0f} mm in x, {y:+.0f} mm in y from its stated place, s.d. {sd:.0f} mm; z not determined"
+    return ConventionRow("place of that point", text, 0.0, False, "a constant moment")
 
 
 def _joints(
@@ -253,9 +260,7 @@ def _joints(
     """Return other readings of the joints that are likelier than the one taken."""
     found = []
     for what, other in other_readings(m, nominal.parameters.tree.joint_range):
-        tried = _fitted(
-            other, needed(nominal, other), contact_frames(nominal, other), best.convention, worth
-        )
+        tried = _fitted(other, needed(nominal, other), contact_frames(nominal, other), best.convention, worth)
         found.append((tried.log_likelihood - best.log_likelihood, what))
     found.sort(reverse=True)
     better = [one for one in found if one[0] > 0]
@@ -264,7 +269,9 @@ def _joints(
         for gain, what in (better or found)[:3]
     ]
     as_named = ConventionRow("joints", "as the columns are named", 0.0, True, "nothing")
-    told = [f"joints: '{what}' is likelier by {gain:.0f}; state it" for gain, what in found if gain > DECISIVE]
+    told = [
+        f"joints: '{what}' is likelier by {gain:.0f}; state it" for gain, what in found if gain > DECISIVE
+    ]
     return [as_named, *rows], told
 
 

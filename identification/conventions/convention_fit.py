@@ -111,6 +111,7 @@ def fit_convention(
     floor = np.diag(np.repeat([FLOOR_FORCE, FLOOR_MOMENT], 3) ** 2) * weight**2
     covariance = floor + np.diag((off**2).mean(axis=0))
     unit = np.eye(columns.shape[2])
+    residual, found, information = off, np.zeros(len(unit)), unit
     for _ in range(ROUNDS):
         root = np.linalg.cholesky(np.linalg.inv(covariance)).T * np.sqrt(rows / count)
         matrix, output = (root @ columns).reshape(6 * count, -1), (off @ root.T).ravel()

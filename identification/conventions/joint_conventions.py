@@ -1,4 +1,4 @@
-"""How a log may name, sign and count joint angles other than the robot's file, and lag behind its wrenches."""
+"""How a log may name, sign and count joint angles otherwise than the robot's file, and be late."""
 
 from __future__ import annotations
 
@@ -17,9 +17,7 @@ APART = np.radians(3.0)  # a range so nearly symmetric has no wrong end
 OF_ANGLES = ("joint_angles", "joint_rates", "joint_accelerations")
 
 
-def other_readings(
-    measurements: Measurements, joint_range: np.ndarray
-) -> Iterator[tuple[str, Measurements]]:
+def other_readings(measurements: Measurements, joint_range: np.ndarray) -> Iterator[tuple[str, Measurements]]:
     """Yield what the joints' columns may mean instead, and the measurements if so.
 
     These are another sign, a zero at the other end of the range, and another order of the roll, pitch and
@@ -60,9 +58,11 @@ def _read(m: Measurements, factor: np.ndarray, source: np.ndarray, joint: int, z
         name: None if (values := getattr(m, name)) is None else factor * values[:, source]
         for name in OF_ANGLES
     }
-    assert read["joint_angles"] is not None
-    read["joint_angles"][:, joint] += zero
-    return replace(m, **read)
+    angles = read["joint_angles"]
+    assert angles is not None
+    angles[:, joint] += zero
+    rates, accelerations = read["joint_rates"], read["joint_accelerations"]
+    return replace(m, joint_angles=angles, joint_rates=rates, joint_accelerations=accelerations)
 
 
 def _possible(what: str, m: Measurements, joint_range: np.ndarray) -> Iterator[tuple[str, Measurements]]:

@@ -44,7 +44,10 @@ ASPECTS = {
     "about": (FOOT, PREPARED),
     "order": (FORCES, MOMENTS),
 }
-ALL = tuple(WrenchConvention(*values) for values in itertools.product(*ASPECTS.values()))
+ALL = tuple(
+    WrenchConvention(axes, sign, about, order)
+    for axes, sign, about, order in itertools.product(*ASPECTS.values())
+)
 
 
 @dataclass(frozen=True)
@@ -79,9 +82,7 @@ def contact_frames(nominal: Nominal, measurements: Measurements) -> ContactFrame
     arms = (turns[:, feet] @ contacts.pose[:, :3, None])[..., 0]
     # In its initial posture a prepared robot has the world's axes where its published file had the body's.
     (prepared,) = rotation_matrices(nominal.robot.model.body_quat[1:2])
-    return ContactFrames(
-        turns[:, feet] @ pose, places[:, feet] + arms, turns[:, 0], places[:, 0], prepared.T
-    )
+    return ContactFrames(turns[:, feet] @ pose, places[:, feet] + arms, turns[:, 0], places[:, 0], prepared.T)
 
 
 def in_base(wrenches: np.ndarray, frames: ContactFrames, convention: WrenchConvention) -> np.ndarray:

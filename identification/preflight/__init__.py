@@ -12,6 +12,7 @@ from tulip_testbed.identification.preflight.agreement import (
     single_placements,
     single_postures,
 )
+from tulip_testbed.identification.preflight.convention_check import conventions
 from tulip_testbed.identification.preflight.excitation import identifiable
 from tulip_testbed.identification.preflight.finding import (
     FAIL_LEVEL,
@@ -113,6 +114,7 @@ def _of_wrenches(m: Measurements, nominal: Nominal, usual_changes: UsualChanges 
         *_skip(("weight balance", "constant weight"), f"{reason}, see 'carried weight'"),
         carried_weight(m, nominal),
         horizontal_forces(m, nominal),
+        conventions(m, nominal),
         drift(m, nominal),
         *_skip(("plate poses", "feet on plates"), reason),
     ]

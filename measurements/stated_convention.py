@@ -1,0 +1,21 @@
+"""A convention of the log that measurements were made from, as an audit found it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class StatedConvention:
+    """A hypothesis about one convention of a log.
+
+    Attributes:
+        what: the convention. hypothesis: one of its values.
+        log_likelihood: the best with this value, less that of all [-].
+        applied: whether the measurements are read so.
+    """
+
+    what: str
+    hypothesis: str
+    log_likelihood: float
+    applied: bool
