@@ -21,6 +21,7 @@ from tulip_testbed.identification.conventions.wrench_convention import (
     ALL,
     ASPECTS,
     FOOT,
+    PREPARED,
     PUBLISHED,
     SENSOR,
     WORLD,
@@ -39,9 +40,11 @@ from tulip_testbed.measurements.stated_convention import StatedConvention
 DECISIVE = 8.0  # of the log-likelihood, over that of the next hypothesis
 WORST_FORCE, WORST_MOMENT = 0.1, 0.05  # r.m.s. residual over the weight [-, m], beyond which nothing fits
 MOST_ROWS = 300
-FIRST_WORTH = 0.125  # of the rows, until their correlation is known
-YAWS = np.radians(np.arange(-180.0, 180.0, 30.0))
+FIRST_WORTH = 0.5  # of the rows, until their correlation is known
+YAWS = np.radians(np.arange(-180.0, 180.0, 45.0))
+REFITS, SETTLED = 8, np.radians(0.5)
 SAME_YAW = np.radians(10.0)  # of the world's axes and the foot's
+OF_POSTURE = (SENSOR, PREPARED, PUBLISHED)  # axes that follow from the joint angles
 LAGS = np.linspace(-0.5, 0.5, 21)  # s
 LEAST_ROWS, LEAST_SERIES = 3, 40  # for an audit, and for a lag
 NAMES = {
@@ -132,9 +135,9 @@ def audit_conventions(measurements: Measurements, nominal: Nominal) -> Conventio
     m = _thinned(_usable(measurements))
     need, frames = needed(nominal, m), contact_frames(nominal, m)
     worth = FIRST_WORTH * len(m)
-    best = max(_tried(m, need, frames, worth), key=lambda one: one.log_likelihood)
+    best = _tried(m, need, frames, worth)[0]
     worth = rows_worth(best.fit.residual)
-    tried = sorted(_tried(m, need, frames, worth), key=lambda one: -one.log_likelihood)
+    tried = _tried(m, need, frames, worth)
     best, rows, undecided = tried[0], [], []
     for aspect in ASPECTS:
         ranked = _ranked(tried, aspect)
@@ -168,12 +171,11 @@ def audit_conventions(measurements: Measurements, nominal: Nominal) -> Conventio
         )
         for aspect, value, likelihood in rows
     ]
-    lag = np.full(2, np.nan)
-    if fits:
-        others, contradictions = _joints(m, nominal, best, worth)
-        problems += contradictions
-        lag = _lag(m, need, frames, best, worth)
-        out += [_origin(best.fit.origin), *others]
+    likely = [best.convention] if fits else [replace(best.convention, axes=one) for one in OF_POSTURE]
+    others, contradictions = _joints(m, nominal, likely, best.log_likelihood, worth)
+    problems += contradictions
+    out += ([_origin(best.fit.origin)] if fits else []) + others
+    lag = _lag(m, need, frames, best, worth) if fits else np.full(2, np.nan)
     if abs(lag[0]) > max(4 * lag[1], 0.02):
         problems.append(f"the contact sensors are {lag[0]:.3f} +- {lag[1]:.3f} s behind the joints")
     applied = measurements
@@ -194,23 +196,32 @@ def _thinned(m: Measurements) -> Measurements:
 
 
 def _tried(m: Measurements, need: NeededWrench, frames: ContactFrames, worth: float) -> list[_Tried]:
-    return [
-        _fitted(m, need, frames, one, worth)
+    """Fit every convention, the likeliest first; that in the world's axes at the likeliest yaw."""
+    tried = [
+        _fitted(m, need, frames, one, worth, 1)
         for convention in ALL
         if convention.axes != PUBLISHED or not np.allclose(frames.published, np.eye(3))
         for one in ([replace(convention, yaw=y) for y in YAWS] if convention.axes == WORLD else [convention])
     ]
+    world = max((one for one in tried if one.convention.axes == WORLD), key=lambda one: one.log_likelihood)
+    tried.append(_fitted(m, need, frames, world.convention, worth))
+    return sorted(tried, key=lambda one: -one.log_likelihood)
 
 
 def _fitted(
-    m: Measurements, need: NeededWrench, frames: ContactFrames, convention: WrenchConvention, worth: float
+    m: Measurements,
+    need: NeededWrench,
+    frames: ContactFrames,
+    convention: WrenchConvention,
+    worth: float,
+    refits: int = REFITS,
 ) -> _Tried:
-    """Fit a convention; that of the world's axes once more about the yaw found."""
+    """Fit a convention; that of the world's axes again about the yaw found."""
     body = None if convention.about == FOOT else frames.body
-    for last in (convention.axes != WORLD, True):
-        measured = total_in_base(m, frames, convention)
-        fit = fit_convention(measured, need, convention.axes == WORLD, body, worth)
-        if last:
+    in_world = convention.axes == WORLD
+    for _ in range(refits):
+        fit = fit_convention(total_in_base(m, frames, convention), need, in_world, body, worth)
+        if abs(fit.yaw) < SETTLED:
             break
         convention = replace(convention, yaw=convention.yaw + fit.yaw)
     return _Tried(convention, fit)
@@ -255,13 +266,14 @@ def _origin(origin: np.ndarray) -> ConventionRow:
 
 
 def _joints(
-    m: Measurements, nominal: Nominal, best: _Tried, worth: float
+    m: Measurements, nominal: Nominal, likely: list[WrenchConvention], reached: float, worth: float
 ) -> tuple[list[ConventionRow], list[str]]:
-    """Return other readings of the joints that are likelier than the one taken."""
+    """Return other readings of the joints that are likelier than the one taken, in any likely convention."""
     found = []
     for what, other in other_readings(m, nominal.parameters.tree.joint_range):
-        tried = _fitted(other, needed(nominal, other), contact_frames(nominal, other), best.convention, worth)
-        found.append((tried.log_likelihood - best.log_likelihood, what))
+        need, frames = needed(nominal, other), contact_frames(nominal, other)
+        best = max(_fitted(other, need, frames, one, worth).log_likelihood for one in likely)
+        found.append((best - reached, what))
     found.sort(reverse=True)
     better = [one for one in found if one[0] > 0]
     rows = [

@@ -19,11 +19,12 @@ from tulip_testbed.measurements import Measurements
 MASS = 0.1  # of each link, relative
 ROCKING, ROCKED_BY = np.radians(1.0), 0.06  # tilt of the foot under the weight at that distance, rad and m
 CROSS_TALK, ARM = 0.02, 0.03  # relative; m: range of moments over that of forces
-TURN, YAW = np.radians(2.0), np.radians(10.0)  # of the sensor; of the world's axes about the vertical
+TURN, YAW = np.radians(2.0), np.radians(30.0)  # of the sensor; of the world's axes about the vertical
 ORIGIN = 0.05  # m, of the point of the moments
 ZERO_FORCE, ZERO_MOMENT = 0.05, 0.02  # constant part, of the weight and weight times metre
 FLOOR_FORCE, FLOOR_MOMENT = 0.003, 0.001  # likewise: a residual below it is none
-ROUNDS = 6
+ROUNDS = 5
+MOST_LASTING = 0.9  # correlation of a row with the next: more is a wrong convention, not noise
 
 
 @dataclass(frozen=True)
@@ -134,5 +135,7 @@ def rows_worth(residual: np.ndarray) -> float:
     """Return how many independent rows m consecutive rows are worth, by their correlation with the next."""
     centred = residual - residual.mean(axis=0)
     scaled = centred / np.maximum(centred.std(axis=0), 1e-12)
-    lasting = float(np.clip((scaled[1:] * scaled[:-1]).mean(), 0.0, 0.99)) if len(residual) > 2 else 0.0
+    lasting = (
+        float(np.clip((scaled[1:] * scaled[:-1]).mean(), 0.0, MOST_LASTING)) if len(residual) > 2 else 0.0
+    )
     return len(residual) * (1 - lasting) / (1 + lasting)

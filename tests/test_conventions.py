@@ -1,0 +1,180 @@
+"""The audit of conventions: records of a robot 10 % off, on a rocking foot, with cross-talk, by MuJoCo."""
+
+import copy
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from tests.moving_robots import GRAVITY, by_inverse_dynamics, moving, random_robot
+from tulip_testbed.identification.conventions.audit_conventions import DECISIVE, NAMES, audit_conventions
+from tulip_testbed.identification.conventions.wrench_convention import (
+    FOOT,
+    FORCES,
+    MOMENTS,
+    ON_GROUND,
+    ON_ROBOT,
+    PREPARED,
+    PUBLISHED,
+    SENSOR,
+    WORLD,
+    WrenchConvention,
+)
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.measurements import Measurements, read_measurements, write_measurements
+
+COUNT, STEP = 90, 0.25  # rows, s
+ROCKING = np.radians([0.5, 0.8]) / 0.06  # rad for the weight at one metre
+YAW = np.radians(50.0)
+PUBLISHED_YAW = np.radians(90.0)
+
+
+class Record(NamedTuple):
+    """A robot by its file, its motion, what its sensor reads, and where free body and foot are."""
+
+    robot: object
+    motion: Measurements
+    wrench: np.ndarray
+    body: np.ndarray
+    place: np.ndarray
+    tilt: np.ndarray
+
+
+@pytest.fixture(scope="module")
+def record(foreign) -> Record:
+    rng, nominal = np.random.default_rng(220), foreign["humanoid"]
+    model = copy.copy(nominal.model)
+    model.body_quat[1] = np.roll(Rotation.from_euler("z", PUBLISHED_YAW).as_quat(), 1)
+    robot = dataclasses.replace(nominal, model=model)
+    true, side = random_robot(nominal, rng, 0.1), 1
+    m, time = moving(robot, rng, COUNT), STEP * np.arange(COUNT)
+    shape = 3, len(m.joints)
+    pace, phase = 2 * np.pi * rng.uniform(0.02, 0.15, shape), rng.uniform(0, 6, shape)
+    angle = pace * time[:, None, None] + phase
+    low, high = nominal_robot(robot).parameters.tree.joint_range.T
+    half = np.minimum((high - low) / 6, 0.1)
+    m = dataclasses.replace(
+        m,
+        time=time,
+        support=np.full(COUNT, "left"),
+        joint_angles=np.clip(0.0, low + 3 * half, high - 3 * half) + half * np.sin(angle).sum(axis=1),
+        joint_rates=half * (pace * np.cos(angle)).sum(axis=1),
+        joint_accelerations=-half * (pace**2 * np.sin(angle)).sum(axis=1),
+    )
+    sole, weight = nominal_robot(robot).points[side], nominal_robot(robot).mass * GRAVITY
+    units = np.repeat([1.0, 0.03], 3)
+    talk = np.eye(6) + 0.01 * rng.standard_normal((6, 6)) * units[:, None] / units
+    wrench, body = np.empty((COUNT, 6)), np.empty((COUNT, 3, 3))
+    place, tilts = np.empty((COUNT, 3)), np.empty((COUNT, 3, 3))
+    moving_joints = np.array([m.joint_angles, m.joint_rates, m.joint_accelerations])
+    for row in range(COUNT):
+        motion = moving_joints[:, row]
+        level, _, _ = by_inverse_dynamics(true, robot.swing_foot, sole, *motion)
+        tilt = Rotation.from_rotvec([*(ROCKING * level[3:5] / weight), 0.0])
+        gravity = tilt.inv().apply([0, 0, -GRAVITY])
+        found = by_inverse_dynamics(true, robot.swing_foot, sole, *motion, gravity)
+        (wrench[row], body[row], place[row]), tilts[row] = found, tilt.as_matrix()
+    noise = rng.standard_normal((COUNT, 6)) * np.repeat([0.3, 0.02], 3)
+    return Record(robot, m, wrench @ talk.T + np.repeat([2.0, 0.1], 3) + noise, body, place, tilts)
+
+
+def logged(record: Record, convention: WrenchConvention) -> Measurements:
+    """The record as a log with this convention has it; its sensor is at the origin of the foot's frame."""
+    force, moment = record.wrench[:, :3], record.wrench[:, 3:]
+    sensor = -nominal_robot(record.robot).points[1]
+    moment = moment - np.cross(sensor if convention.about == FOOT else record.place, force)
+    published = Rotation.from_euler("z", PUBLISHED_YAW).as_matrix().T
+    axes = {
+        SENSOR: np.eye(3),
+        PREPARED: record.body,
+        PUBLISHED: record.body @ published,
+        WORLD: record.tilt.mT @ Rotation.from_euler("z", convention.yaw).as_matrix(),
+    }[convention.axes]
+    parts = [(np.swapaxes(axes, -1, -2) @ part[..., None])[..., 0] for part in (force, moment)]
+    rows = np.concatenate(parts if convention.order == FORCES else parts[::-1], axis=1)
+    wrenches = np.zeros((len(rows), 2, 6))
+    wrenches[:, 1] = rows if convention.sign == ON_ROBOT else -rows
+    return dataclasses.replace(record.motion, wrenches=wrenches)
+
+
+def readings(m: Measurements) -> np.ndarray:
+    assert m.wrenches is not None
+    return m.wrenches.copy()
+
+
+@pytest.mark.parametrize(
+    "convention",
+    [
+        WrenchConvention(),
+        WrenchConvention(PREPARED, ON_GROUND),
+        WrenchConvention(PUBLISHED),
+        WrenchConvention(PREPARED, ON_ROBOT, PREPARED, MOMENTS),
+        WrenchConvention(WORLD, ON_GROUND, yaw=YAW),
+    ],
+)
+def test_the_convention_of_a_record_is_found_and_undone(convention, record):
+    found = audit_conventions(logged(record, convention), nominal_robot(record.robot))
+    assert dataclasses.replace(found.convention, yaw=0.0) == dataclasses.replace(convention, yaw=0.0)
+    assert found.problems == ()
+    if convention.axes == WORLD:
+        assert found.convention.yaw == pytest.approx(YAW, abs=np.radians(10))
+    else:
+        expected = readings(logged(record, WrenchConvention()))[:, 1]
+        assert readings(found.applied)[:, 1] == pytest.approx(expected, abs=1e-9)
+    for what in NAMES.values():
+        best, second, *_ = (row for row in found.rows if row.what == what)
+        assert best.applied
+        assert not second.applied
+        assert second.log_likelihood < -DECISIVE
+
+
+@pytest.mark.parametrize("joint", ["abdomen_y", "right_hip_y", "left_knee"])
+def test_joints_that_are_read_wrongly_are_told(joint, record):
+    log = logged(record, WrenchConvention())
+    turned = np.where(np.array(log.joints) == joint, -1.0, 1.0)
+    angles = ("joint_angles", "joint_rates", "joint_accelerations")
+    wrong = dataclasses.replace(log, **{name: turned * getattr(log, name) for name in angles})
+    found = audit_conventions(wrong, nominal_robot(record.robot))
+    assert any(f"{joint}: sign turned" in text for text in found.problems)
+
+
+def test_a_delay_of_the_sensors_is_measured(record):
+    log = logged(record, WrenchConvention())
+    late = [np.interp(log.time - 0.1, log.time, channel) for channel in readings(log)[:, 1].T]
+    wrenches = readings(log)
+    wrenches[:, 1] = np.transpose(late)
+    found = audit_conventions(dataclasses.replace(log, wrenches=wrenches), nominal_robot(record.robot))
+    assert found.lag[0] == pytest.approx(0.1, abs=4 * found.lag[1])
+    assert found.lag[1] < 0.05
+
+
+def test_a_record_that_fits_nothing_says_so_with_the_best_two(record):
+    log = logged(record, WrenchConvention())
+    rng = np.random.default_rng(221)
+    turns = Rotation.random(len(log), rng=rng)
+    wrenches = readings(log)
+    wrenches[:, 1, :3] = turns.apply(wrenches[:, 1, :3])
+    log = dataclasses.replace(log, wrenches=wrenches)
+    found = audit_conventions(log, nominal_robot(record.robot))
+    assert "no convention explains the wrenches" in found.problems[0]
+    assert found.convention == WrenchConvention()
+    assert found.applied.wrenches is log.wrenches
+
+
+def test_a_folder_keeps_what_was_found(record, tmp_path):
+    found = audit_conventions(logged(record, WrenchConvention(PREPARED)), nominal_robot(record.robot))
+    header = {"model": "robot.xml", "sha256": None, "stance_foot": "right_foot", "swing_foot": "left_foot"}
+    m = dataclasses.replace(
+        found.applied,
+        robot=header,
+        window=np.full(COUNT, STEP),
+        samples=np.full(COUNT, 25.0),
+        joint_angles_sd=np.zeros((COUNT, len(record.motion.joints))),
+        wrenches_sd=np.zeros((COUNT, 2, 6)),
+    )
+    write_measurements(tmp_path / "data", m, likely=False)
+    again = read_measurements(tmp_path / "data", likely=False)
+    assert again.conventions == found.stated
+    assert next(row.hypothesis for row in again.conventions if row.applied) == PREPARED
