@@ -258,7 +258,7 @@ def test_the_command_prints_one_document(table, stated, tmp_path, capsys):
     arguments = ["import", str(table()), "--out", str(tmp_path / "data"), "--json", "--map"]
     assert main([*arguments, stated(WRENCHES)]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert list(document) == ["mapped", "assumed", "problems", "unused", "folder"]
+    assert list(document) == ["mapped", "assumed", "problems", "unused", "folder", "conventions"]
     assert document["folder"] == str(tmp_path / "data")
     assert document["mapped"]["q.left_hip_yaw"]["column"] == "LHipYaw [deg]"
     assert main(["import", str(table()), "--out", str(tmp_path / "other")]) == 1

@@ -39,7 +39,7 @@ from tulip_testbed.measurements.stated_convention import StatedConvention
 
 DECISIVE = 8.0  # of the log-likelihood, over that of the next hypothesis
 WORST_FORCE, WORST_MOMENT = 0.1, 0.05  # r.m.s. residual over the weight [-, m], beyond which nothing fits
-MOST_ROWS = 300
+MOST_ROWS = 150
 FIRST_WORTH = 0.5  # of the rows, until their correlation is known
 YAWS = np.radians(np.arange(-180.0, 180.0, 45.0))
 REFITS, SETTLED = 8, np.radians(0.5)
