@@ -119,7 +119,7 @@ def test_the_convention_of_a_record_is_found_and_undone(convention, record):
     assert dataclasses.replace(found.convention, yaw=0.0) == dataclasses.replace(convention, yaw=0.0)
     assert found.problems == ()
     if convention.axes == WORLD:
-        assert found.convention.yaw == pytest.approx(YAW, abs=np.radians(10))
+        assert found.convention.yaw == pytest.approx(YAW, abs=np.radians(3))
     else:
         expected = readings(logged(record, WrenchConvention()))[:, 1]
         assert readings(found.applied)[:, 1] == pytest.approx(expected, abs=1e-9)

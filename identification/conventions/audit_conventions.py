@@ -12,9 +12,9 @@ from tulip_testbed.base.table import Table
 from tulip_testbed.identification.conventions.convention_fit import (
     ConventionFit,
     NeededWrench,
+    effective_rows,
     fit_convention,
     needed,
-    rows_worth,
 )
 from tulip_testbed.identification.conventions.joint_conventions import other_readings, shifted
 from tulip_testbed.identification.conventions.wrench_convention import (
@@ -40,9 +40,9 @@ from tulip_testbed.measurements.stated_convention import StatedConvention
 DECISIVE = 8.0  # of the log-likelihood, over that of the next hypothesis
 WORST_FORCE, WORST_MOMENT = 0.1, 0.05  # r.m.s. residual over the weight [-, m], beyond which nothing fits
 MOST_ROWS = 150
-FIRST_WORTH = 0.5  # of the rows, until their correlation is known
-YAWS = np.radians(np.arange(-180.0, 180.0, 45.0))
-REFITS, SETTLED = 8, np.radians(0.5)
+FIRST_COUNTED = 0.5  # of the rows, until their correlation is known
+YAWS = np.radians(np.arange(-180.0, 180.0, 30.0))
+FINER = np.radians([8.0, 3.0, 1.0])  # steps about the best of them
 SAME_YAW = np.radians(10.0)  # of the world's axes and the foot's
 OF_POSTURE = (SENSOR, PREPARED, PUBLISHED)  # axes that follow from the joint angles
 LAGS = np.linspace(-0.5, 0.5, 21)  # s
@@ -134,10 +134,10 @@ def audit_conventions(measurements: Measurements, nominal: Nominal) -> Conventio
     """
     m = _thinned(_usable(measurements))
     need, frames = needed(nominal, m), contact_frames(nominal, m)
-    worth = FIRST_WORTH * len(m)
-    best = _tried(m, need, frames, worth)[0]
-    worth = rows_worth(best.fit.residual)
-    tried = _tried(m, need, frames, worth)
+    counted = FIRST_COUNTED * len(m)
+    best = _tried(m, need, frames, counted)[0]
+    counted = effective_rows(best.fit.residual)
+    tried = _tried(m, need, frames, counted)
     best, rows, undecided = tried[0], [], []
     for aspect in ASPECTS:
         ranked = _ranked(tried, aspect)
@@ -172,10 +172,10 @@ def audit_conventions(measurements: Measurements, nominal: Nominal) -> Conventio
         for aspect, value, likelihood in rows
     ]
     likely = [best.convention] if fits else [replace(best.convention, axes=one) for one in OF_POSTURE]
-    others, contradictions = _joints(m, nominal, likely, best.log_likelihood, worth)
+    others, contradictions = _joints(m, nominal, likely, best.log_likelihood, counted)
     problems += contradictions
     out += ([_origin(best.fit.origin)] if fits else []) + others
-    lag = _lag(m, need, frames, best, worth) if fits else np.full(2, np.nan)
+    lag = _lag(m, need, frames, best, counted) if fits else np.full(2, np.nan)
     if abs(lag[0]) > max(4 * lag[1], 0.02):
         problems.append(f"the contact sensors are {lag[0]:.3f} +- {lag[1]:.3f} s behind the joints")
     applied = measurements
@@ -195,36 +195,34 @@ def _thinned(m: Measurements) -> Measurements:
     return m.take(np.arange(0, len(m), -(-len(m) // MOST_ROWS)))
 
 
-def _tried(m: Measurements, need: NeededWrench, frames: ContactFrames, worth: float) -> list[_Tried]:
-    """Fit every convention, the likeliest first; that in the world's axes at the likeliest yaw."""
+def _tried(m: Measurements, need: NeededWrench, frames: ContactFrames, rows: float) -> list[_Tried]:
+    """Fit every convention, the likeliest first; those in the world's axes at their likeliest yaw."""
     tried = [
-        _fitted(m, need, frames, one, worth, 1)
+        _fitted(m, need, frames, one, rows)
         for convention in ALL
         if convention.axes != PUBLISHED or not np.allclose(frames.published, np.eye(3))
         for one in ([replace(convention, yaw=y) for y in YAWS] if convention.axes == WORLD else [convention])
     ]
-    world = max((one for one in tried if one.convention.axes == WORLD), key=lambda one: one.log_likelihood)
-    tried.append(_fitted(m, need, frames, world.convention, worth))
-    return sorted(tried, key=lambda one: -one.log_likelihood)
+    for about in ASPECTS["about"]:
+        world = [one for one in tried if (one.convention.axes, one.convention.about) == (WORLD, about)]
+        best = max(world, key=_likelihood)
+        for step in FINER:
+            turned = [replace(best.convention, yaw=best.convention.yaw + k * step) for k in (-2, -1, 1, 2)]
+            best = max(best, *(_fitted(m, need, frames, one, rows) for one in turned), key=_likelihood)
+        tried.append(best)
+    return sorted(tried, key=_likelihood, reverse=True)
+
+
+def _likelihood(tried: _Tried) -> float:
+    return tried.log_likelihood
 
 
 def _fitted(
-    m: Measurements,
-    need: NeededWrench,
-    frames: ContactFrames,
-    convention: WrenchConvention,
-    worth: float,
-    refits: int = REFITS,
+    m: Measurements, need: NeededWrench, frames: ContactFrames, convention: WrenchConvention, rows: float
 ) -> _Tried:
-    """Fit a convention; that of the world's axes again about the yaw found."""
     body = None if convention.about == FOOT else frames.body
-    in_world = convention.axes == WORLD
-    for _ in range(refits):
-        fit = fit_convention(total_in_base(m, frames, convention), need, in_world, body, worth)
-        if abs(fit.yaw) < SETTLED:
-            break
-        convention = replace(convention, yaw=convention.yaw + fit.yaw)
-    return _Tried(convention, fit)
+    measured = total_in_base(m, frames, convention)
+    return _Tried(convention, fit_convention(measured, need, convention.axes == WORLD, body, rows))
 
 
 def _ranked(tried: list[_Tried], aspect: str) -> list[tuple[str, float]]:
@@ -266,13 +264,13 @@ def _origin(origin: np.ndarray) -> ConventionRow:
 
 
 def _joints(
-    m: Measurements, nominal: Nominal, likely: list[WrenchConvention], reached: float, worth: float
+    m: Measurements, nominal: Nominal, likely: list[WrenchConvention], reached: float, counted: float
 ) -> tuple[list[ConventionRow], list[str]]:
     """Return other readings of the joints that are likelier than the one taken, in any likely convention."""
     found = []
     for what, other in other_readings(m, nominal.parameters.tree.joint_range):
         need, frames = needed(nominal, other), contact_frames(nominal, other)
-        best = max(_fitted(other, need, frames, one, worth).log_likelihood for one in likely)
+        best = max(_fitted(other, need, frames, one, counted).log_likelihood for one in likely)
         found.append((best - reached, what))
     found.sort(reverse=True)
     better = [one for one in found if one[0] > 0]
@@ -288,7 +286,7 @@ def _joints(
 
 
 def _lag(
-    m: Measurements, need: NeededWrench, frames: ContactFrames, best: _Tried, worth: float
+    m: Measurements, need: NeededWrench, frames: ContactFrames, best: _Tried, counted: float
 ) -> np.ndarray:
     """Return by how much the wrenches are late, and its s.d., (2,) [s]; NaN: unknown."""
     if len(m) < LEAST_SERIES or not (np.diff(m.time) > 0).all():
@@ -297,7 +295,7 @@ def _lag(
     body, world = None if best.convention.about == FOOT else frames.body, best.convention.axes == WORLD
     likelihood = np.array(
         [
-            fit_convention(shifted(measured, m.time, lag), need, world, body, worth).log_likelihood
+            fit_convention(shifted(measured, m.time, lag), need, world, body, counted).log_likelihood
             for lag in LAGS
         ]
     )

@@ -19,7 +19,7 @@ from tulip_testbed.measurements import Measurements
 MASS = 0.1  # of each link, relative
 ROCKING, ROCKED_BY = np.radians(1.0), 0.06  # tilt of the foot under the weight at that distance, rad and m
 CROSS_TALK, ARM = 0.02, 0.03  # relative; m: range of moments over that of forces
-TURN, YAW = np.radians(2.0), np.radians(30.0)  # of the sensor; of the world's axes about the vertical
+TURN = np.radians(2.0)  # of the sensor
 ORIGIN = 0.05  # m, of the point of the moments
 ZERO_FORCE, ZERO_MOMENT = 0.05, 0.02  # constant part, of the weight and weight times metre
 FLOOR_FORCE, FLOOR_MOMENT = 0.003, 0.001  # likewise: a residual below it is none
@@ -29,7 +29,7 @@ MOST_LASTING = 0.9  # correlation of a row with the next: more is a wrong conven
 
 @dataclass(frozen=True)
 class NeededWrench:
-    """What the nominal robot needs and what may change it, of m rows in the base frame.
+    """The wrench that the nominal robot needs and what may change it, of m rows in the base frame.
 
     Attributes:
         wrench: (m, 6) [N, Nm]. weight: [N].
@@ -53,13 +53,11 @@ class ConventionFit:
         residual: unexplained part of the measured wrench, (m, 6) [N, Nm].
         origin: of the moments from the stated point, in the axes of the body that has it, and its s.d.,
             (2, 3) [m].
-        yaw: of the world's axes, beyond that of the convention [rad].
     """
 
     log_likelihood: float
     residual: np.ndarray
     origin: np.ndarray
-    yaw: float
 
 
 def needed(nominal: Nominal, measurements: Measurements) -> NeededWrench:
@@ -99,14 +97,12 @@ def fit_convention(
         measured: total wrench in the base frame, (m, 6) [N, Nm].
         in_world: whether the wrench is in the world's axes.
         body: axes of the link that the point of the moments is fixed in, (m, 3, 3); None: the foot.
-        rows: how many rows the m rows are worth.
+        rows: how many independent rows the m rows count for.
     """
     count, weight = len(measured), need.weight
     axes = np.broadcast_to(np.eye(3), (count, 3, 3)) if body is None else body
     lever = ORIGIN * np.cross([0.0, 0.0, weight], axes.mT).mT  # of the weight: the rest is mostly noise
     parts = [need.common, need.rocking[int(in_world)], np.concatenate([np.zeros_like(lever), lever], axis=1)]
-    if in_world:
-        parts.append(YAW * _turned(need.wrench, np.array([0.0, 0.0, 1.0]))[..., None])
     columns = np.concatenate(parts, axis=2)
     off = measured - need.wrench
     floor = np.diag(np.repeat([FLOOR_FORCE, FLOOR_MOMENT], 3) ** 2) * weight**2
@@ -127,12 +123,11 @@ def fit_convention(
         log_likelihood=-0.5 * float(bits),
         residual=residual,
         origin=ORIGIN * np.array([found[where], spread]),
-        yaw=float(YAW * found[-1]) if in_world else 0.0,
     )
 
 
-def rows_worth(residual: np.ndarray) -> float:
-    """Return how many independent rows m consecutive rows are worth, by their correlation with the next."""
+def effective_rows(residual: np.ndarray) -> float:
+    """Return how many independent rows m consecutive rows count for, by their correlation with the next."""
     centred = residual - residual.mean(axis=0)
     scaled = centred / np.maximum(centred.std(axis=0), 1e-12)
     lasting = (
