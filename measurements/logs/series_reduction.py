@@ -1,0 +1,167 @@
+"""Reduce a series of samples to rows, each with the mean motion and readings of a short window."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tulip_testbed.measurements.data import Measurements, feet_in_contact
+
+WINDOW = 0.5  # s, of a row: with encoders of 0.088 deg shorter ones have noisy accelerations
+OVERLAP = 1  # windows at a time: neighbours share no sample
+BLOCK = 4.0  # s, of a placement: slow errors are common to it, and predictions leave whole blocks out
+DEGREE = 3  # of polynomials for which the weights are exact
+MOMENTS = np.array([[1, 0, 1 / 7, 0], [0, 1, 0, 3 / 7], [0, 0, 2, 0]])  # means of 1, u, u^2, u^3; of u', u''
+LEAST_SAMPLES = 8  # in a window: twice the polynomial's coefficients
+GAP = 0.25  # of a window, in which no sample is missed
+FILTERED = ("joint_angles", "command", "motor", "cell_forces", "plate_poses", "wrenches")
+LIFTED = 0.05  # of the weight, below which a foot is in the air
+MOVING, MISSED, NO_LOAD = (
+    "in which a foot lands or lifts",
+    "with too few samples or a gap between them",
+    "in which a foot that stands carries less than 5 % of the weight",
+)
+
+
+class Reduced(NamedTuple):
+    """Rows of a series, and how many windows gave none, by cause."""
+
+    measurements: Measurements
+    dropped: dict[str, int]
+
+
+class _Window(NamedTuple):
+    """The samples of a row.
+
+    Attributes:
+        start: [s]. inside: the samples' rows.
+        weights: of the n samples for mean value, rate and acceleration, (3, n).
+        residual: maps the samples to their deviations from a polynomial, (n, n).
+    """
+
+    start: float
+    inside: slice
+    weights: np.ndarray
+    residual: np.ndarray
+
+
+def supports(samples: Measurements, weight: float) -> np.ndarray:
+    """Return on which feet the robot stands by its contact sensors, (n,); "" on none.
+
+    Forces count by their size, since the frame of a wrench may be unknown.
+
+    Args:
+        weight: of the robot [N].
+    """
+    right, left = (_loads(samples) >= LIFTED * weight).T
+    return np.select([right & left, right, left], ["double", "right", "left"], "")
+
+
+def reduced(
+    samples: Measurements, weight: float, window: float = WINDOW, step: float = WINDOW / OVERLAP
+) -> Reduced:
+    """Average angles, rates, accelerations and contact readings over short windows, all by the same weights.
+
+    The mean rate and the mean acceleration follow from the angles alone, without a derivative, since the
+    weights fall to zero at both ends of a window (modulating functions). The equation of motion holds between
+    such means, whatever the frequency of the motion; with the values of a fitted polynomial it would not. The
+    weights of the acceleration are those of Savitzky and Golay for a cubic polynomial, here with any clock.
+
+    Args:
+        samples: one row a sample, in the order of their times. weight: of the robot [N].
+        window, step: length of a window, and from one to the next [s].
+
+    Returns:
+        the rows, none if every window was dropped. Every row is a posture; a placement begins where the
+        support changes, and after four seconds; s.d. are those of the samples about a cubic polynomial.
+    """
+    time = samples.time
+    starts = np.arange(time[0], time[-1] - window + 1e-9, step)
+    first, last = np.searchsorted(time, starts - 1e-9), np.searchsorted(time, starts + window - 1e-9)
+    carried, loaded = feet_in_contact(samples.support), _loads(samples) >= LIFTED * weight
+    dropped, windows = Counter[str](), []
+    for start, a, b in zip(starts, first, last, strict=True):
+        inside = slice(a, b)
+        edges = np.concatenate([[start], time[inside], [start + window]])
+        if b - a < LEAST_SAMPLES or np.diff(edges).max() > GAP * window:
+            dropped[MISSED] += 1
+        elif (samples.support[inside] != samples.support[a]).any():
+            dropped[MOVING] += 1
+        elif not carried[a].any() or not loaded[inside][:, carried[a]].all():
+            dropped[NO_LOAD] += 1
+        else:
+            windows.append(_Window(start, inside, *_weights(time[inside] - start - window / 2, window)))
+    return Reduced(_rows(samples, windows, window), dict(dropped))
+
+
+def _rows(samples: Measurements, windows: list[_Window], window: float) -> Measurements:
+    def each(name: str, of: Callable[[_Window, np.ndarray], np.ndarray]) -> np.ndarray | None:
+        """Return a function of the samples, (n, k), of every window."""
+        if (values := getattr(samples, name)) is None:
+            return None
+        flat = values.reshape(len(samples), -1)
+        return np.reshape([of(one, flat[one.inside]) for one in windows], (len(windows), *values.shape[1:]))
+
+    def mean(one: _Window, values: np.ndarray) -> np.ndarray:
+        return one.weights[0] @ values
+
+    def spread(one: _Window, values: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(one.residual @ values, axis=0) / np.sqrt(len(values) - DEGREE - 1)
+
+    first = samples.take(np.array([one.inside.start for one in windows], int))
+    readings: dict[str, Any] = {name: each(name, mean) for name in FILTERED}
+    readings |= {f"{name}_sd": each(name, spread) for name in ("joint_angles", "cell_forces", "wrenches")}
+    constant = [samples.joints.index(joint) for joint in samples.constant_joints]
+    readings["joint_angles"][:, constant] = first.joint_angles[:, constant]  # to the last digit
+    time = np.array([one.start for one in windows])
+    changed = np.append(False, first.support[1:] != first.support[:-1])[: len(windows)]
+    return dataclasses.replace(
+        first,
+        posture=np.arange(1, len(windows) + 1),
+        placement=_blocks(changed, time),
+        time=time,
+        window=np.full(len(windows), window),
+        samples=np.array([one.weights.shape[1] for one in windows], float),
+        joint_rates=each("joint_angles", lambda one, values: one.weights[1] @ values),
+        joint_accelerations=each("joint_angles", lambda one, values: one.weights[2] @ values),
+        **readings,
+    )
+
+
+def _blocks(changed: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Number the blocks of time, which begin where the support changed and after `BLOCK` seconds, (m,)."""
+    number, start, out = 0, -np.inf, []
+    for new, now in zip(changed.tolist(), time.tolist(), strict=True):
+        if new or now - start >= BLOCK:
+            number, start = number + 1, now
+        out.append(number)
+    return np.array(out, int)
+
+
+def _weights(time: np.ndarray, window: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return weights and residual, see `_Window`, of samples at times from the middle of a window, (n,) [s].
+
+    With u = 2 time / window the weight is k(u) = (1 - u^2)^2. By parts, the mean rate is that of -k' times
+    the value, the mean acceleration that of k'' times the value. The sums over samples are corrected so that
+    all three are exact for polynomials.
+    """
+    half = window / 2
+    u = time / half
+    powers = np.vander(u, DEGREE + 1, increasing=True)
+    raw = np.gradient(u) * np.array([(1 - u**2) ** 2, 4 * u * (1 - u**2), 12 * u**2 - 4]) / (16 / 15)
+    solve = np.linalg.pinv(powers)
+    weights = (raw + (MOMENTS - raw @ powers) @ solve) / half ** np.arange(3)[:, None]
+    return weights, np.eye(len(time)) - powers @ solve
+
+
+def _loads(m: Measurements) -> np.ndarray:
+    """Return the size of the force on each foot, 0 where none was recorded, (n, 2) [N]."""
+    if m.contacts is None:
+        return m.cell_forces.reshape(-1, 2, 4).sum(axis=2)
+    assert m.wrenches is not None
+    forces = [k for k, channel in enumerate(m.contacts.channels) if channel.startswith("f")]
+    return np.nan_to_num(np.linalg.norm(m.wrenches[..., forces], axis=2))
