@@ -351,6 +351,7 @@ class _Import:
         found = audit_conventions(measurements, nominal_robot(self.robot))
         self.conventions = found.stated
         self.problems += found.problems
+        self.assumed += [found.doubt] if found.doubt and found.doubt not in found.problems else []
         return found.applied
 
     def _reduced(

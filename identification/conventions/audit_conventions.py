@@ -39,7 +39,7 @@ from tulip_testbed.measurements.stated_convention import StatedConvention
 
 DECISIVE = 8.0  # of the log-likelihood, over that of the next hypothesis
 WORST_FORCE, WORST_MOMENT = 0.1, 0.05  # r.m.s. residual over the weight [-, m], beyond which nothing fits
-MOST_ROWS = 150
+MOST_ROWS = 300
 FIRST_COUNTED = 0.5  # of the rows, until their correlation is known
 YAWS = np.radians(np.arange(-180.0, 180.0, 30.0))
 FINER = np.radians([8.0, 3.0, 1.0])  # steps about the best of them
@@ -77,6 +77,7 @@ class Conventions:
         rows: hypotheses of each convention, the likeliest first.
         convention: of the wrenches, as applied.
         problems: what is not decided or contradicts the log.
+        doubt: hypotheses between which the wrenches do not decide; "" if they do.
         residual: r.m.s. of the unexplained force and moment over the weight, x, y, z, (6,) [-, m].
         origin: of the moments from its stated place, and s.d., (2, 3) [m].
         lag: by which the contact sensors are behind the joints and its s.d., (2,) [s]; NaN: unknown.
@@ -86,6 +87,7 @@ class Conventions:
     rows: tuple[ConventionRow, ...]
     convention: WrenchConvention
     problems: tuple[str, ...]
+    doubt: str
     residual: np.ndarray
     origin: np.ndarray
     lag: np.ndarray
@@ -156,10 +158,15 @@ def audit_conventions(measurements: Measurements, nominal: Nominal) -> Conventio
             f"no convention explains the wrenches: the best, {_described(best.convention)}, leaves "
             f"{force:.0f} % of the weight and {moment:.0f} mm, the next is {_described(tried[1].convention)}"
         )
-    elif undecided and best.convention != WrenchConvention():
-        problems.append(f"the wrenches do not decide: {'; '.join(undecided)}")
+    doubt = f"the wrenches do not decide: {'; '.join(undecided)}" if fits and undecided else ""
+    stated = next(one for one in tried if one.convention == WrenchConvention())
+    if doubt and stated.log_likelihood > tried[0].log_likelihood - DECISIVE:
+        doubt, best = f"{doubt}; taken as stated", stated
+    elif doubt:
+        problems.append(doubt)
     settled = fits and not undecided
-    chosen = best.convention if settled else WrenchConvention()
+    yaw = float(np.angle(np.exp(1j * best.convention.yaw)))
+    chosen = replace(best.convention, yaw=yaw) if settled else WrenchConvention()
     top = max(one[2] for one in rows)
     out = [
         ConventionRow(
@@ -181,7 +188,7 @@ def audit_conventions(measurements: Measurements, nominal: Nominal) -> Conventio
     applied = measurements
     if settled and chosen != WrenchConvention():
         applied = rewritten(measurements, contact_frames(nominal, measurements), chosen)
-    found = Conventions(tuple(out), chosen, tuple(problems), residual, best.fit.origin, lag, applied)
+    found = Conventions(tuple(out), chosen, tuple(problems), doubt, residual, best.fit.origin, lag, applied)
     return replace(found, applied=replace(applied, conventions=found.stated))
 
 

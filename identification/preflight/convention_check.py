@@ -18,6 +18,7 @@ def conventions(measurements: Measurements, nominal: Nominal) -> Finding:
     found = audit_conventions(measurements, nominal)
     force, moment = 100 * found.residual[:3].max(), 1e3 * found.residual[3:].max()
     taken = [f"{row.what}: {row.hypothesis}" for row in found.rows if row.applied]
+    taken += [found.doubt] if found.doubt else []
     changed = found.convention != WrenchConvention()
     return Finding(
         CONVENTIONS,
