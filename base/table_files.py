@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import math
 from collections.abc import Sequence
@@ -146,6 +147,25 @@ class TableFile:
             raise InputError(f"{path}: broken table: {shortened(error, 200)}") from None
         if len(self) == 0:
             raise InputError(f"{path}: found no rows, expected one per posture")
+
+    @classmethod
+    def of_columns(cls, path: Path, columns: Columns) -> TableFile:
+        """Return columns of numbers, (n,) each, that were read from a file of another kind."""
+        made = cls.__new__(cls)
+        made.path, made.most_rows = path, len(next(iter(columns.values()), ()))
+        made._limit("columns", len(columns), MOST_COLUMNS)
+        made.table = pa.Table.from_arrays([_arrow(value) for value in columns.values()], list(columns))
+        made.types = made._unique(made.table.column_names, made.table.schema.types)
+        return made
+
+    def with_columns(self, columns: Columns) -> TableFile:
+        """Return the table with more columns, (n,) each, which replace those of the same names."""
+        more = copy.copy(self)
+        more.table = more.table.drop_columns([name for name in columns if name in more.table.column_names])
+        for name, values in columns.items():
+            more.table = more.table.append_column(name, _arrow(values))
+        more.types = self.types | {name: more.table.schema.field(name).type for name in columns}
+        return more
 
     def _parquet(self, content: bytes) -> tuple[dict[str, pa.DataType], pa.Table]:
         """Unpack only files of declared small size; keep texts as a dictionary, since they may repeat."""

@@ -15,6 +15,7 @@ from pydantic import (
     Discriminator,
     Field,
     Strict,
+    ValidationInfo,
     model_validator,
 )
 
@@ -33,6 +34,7 @@ from tulip_testbed.measurements.contacts import CHANNEL_SETS, POSE, VERTICAL, Co
 LEAST_CELLS = 3  # a plane has no fewer
 SAME = 1e-9  # relative, of a covariance and its transpose
 UNKNOWN, TARED = "unknown", "tared"
+UNKNOWN_POSE = "unknown pose"  # context of a validation that accepts a sensor in a foot without its pose
 Load = Annotated[float, Strict(), Field(ge=0, le=MOST_FORCE, allow_inf_nan=False)]
 
 
@@ -112,9 +114,10 @@ class _Mounted(_Entry):
     top_height: Length | None = None
 
     @model_validator(mode="after")
-    def _has_a_place(self) -> _Mounted:
+    def _has_a_place(self, info: ValidationInfo) -> _Mounted:
         wanted, other = ("pose", "top_height") if self.mount == "foot" else ("top_height", "pose")
-        if getattr(self, wanted) is None:
+        unknown = self.mount == "foot" and (info.context or {}).get(UNKNOWN_POSE)
+        if getattr(self, wanted) is None and not unknown:
             raise ValueError(f"expected key '{wanted}' with mount '{self.mount}'")
         if getattr(self, other) is not None:
             raise ValueError(f"expected no key '{other}' with mount '{self.mount}'")

@@ -155,7 +155,7 @@ def measurements_in(manifest: Manifest, table: TableFile, where: Path, likely: b
     mapped = mapped_table(table, manifest.mapping or {}, known_columns(manifest), manifest.gravity, where)
     constant = manifest.constant_joints or {}
     mapped.require(required_columns(tuple(manifest.joints), manifest.contacts, constant), MAY_LACK)
-    measurements = _measurements(manifest, mapped, where)
+    measurements = rows_in(manifest, mapped, where)
     check_contract(measurements, table.path, where, likely)
     return measurements
 
@@ -181,7 +181,8 @@ def read_manifest(folder: Path) -> Manifest:
     return manifest
 
 
-def _measurements(manifest: Manifest, table: MappedTable, where: Path) -> Measurements:
+def rows_in(manifest: Manifest, table: MappedTable, where: Path) -> Measurements:
+    """Return the rows of a table that has the necessary columns; the contract is not checked."""
     angles = _Angles(table, tuple(manifest.joints), manifest.constant_joints or {}, where)
     support = table.texts("support", SUPPORTS) if table.has("support") else np.full(len(table), SUPPORTS[0])
     readings: dict[str, Any]

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 from tulip_testbed.base.errors import listed
 from tulip_testbed.measurements.column_mapping import UNITS, MappingEntry, quantity_of
-from tulip_testbed.measurements.contract import WHOLE
 
 BRACKETS = re.compile(r"^(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
 BORDERS = re.compile(r"[^A-Za-z0-9]+|(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
@@ -19,7 +18,7 @@ FILLING = {  # words that do not tell one column from another
     *("cop", "cell", "max", "maximum", "largest"),
 }
 COUNTS = {"no", "nr", "num", "number", "id", "index"}  # of a posture or a placement
-OTHER_WORDS = {"posture": {"pose"}, "placement": {"stance", "setup"}}
+OTHER_WORDS = {"posture": {"pose"}, "placement": {"stance", "setup"}, "time": {"t", "timestamp", "stamp"}}
 SPREAD = {"sd", "std", "stdev", "stddev", "sigma"}
 COMMAND = {"command", "commanded", "cmd", "desired", "reference", "ref", "target"}
 MOTOR = {"motor"}
@@ -148,7 +147,7 @@ def _matches(name: str, read: dict[str, Named]) -> list[str]:
     of_role = {column: named.words for column, named in read.items() if named.role == role}
     if same := [column for column, others in of_role.items() if others == words]:
         return same
-    if name in WHOLE:
+    if name in OTHER_WORDS:
         cores = [{name}, *({other} for other in OTHER_WORDS.get(name, ()))]
         return [column for column, others in of_role.items() if others - COUNTS in cores]
     return [column for column, others in of_role.items() if others - FILLING == words - FILLING]

@@ -5,16 +5,18 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from tulip_testbed.base.errors import InputError, shortened
 from tulip_testbed.base.files import read_text
 from tulip_testbed.base.validation_message import validation_message
 from tulip_testbed.measurements.bounds import Deviation, Gain, Gravity
 from tulip_testbed.measurements.column_mapping import MappingEntry
-from tulip_testbed.measurements.contact_entries import Pair
+from tulip_testbed.measurements.contact_entries import UNKNOWN, UNKNOWN_POSE, Pair
+from tulip_testbed.measurements.contacts import WRENCH
+from tulip_testbed.measurements.logs.series_reduction import WINDOW
 from tulip_testbed.measurements.manifest import ConstantEntry, MassEntry, PlatesEntry
 
 ENDING = ".toml"
@@ -33,6 +35,22 @@ class SensorsOfMap(BaseModel):
     placement_sd: tuple[Deviation, Deviation, Deviation] | None = None
 
 
+class SeriesOfMap(BaseModel):
+    """How a log of a moving robot is reduced to rows.
+
+    Attributes:
+        window, step: length of a row's window, and from one to the next; the same if left out [s].
+        rate: of a log without a time [Hz].
+        support: of all rows; None: by a column, or by the contact sensors.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+    window: Annotated[float, Field(ge=0.1, le=0.5)] = WINDOW
+    step: Annotated[float, Field(ge=0.01, le=60)] | None = None
+    rate: Annotated[float, Field(ge=20, le=1e5)] | None = None
+    support: Literal["double", "right", "left"] | None = None
+
+
 class ImportMap(BaseModel):
     """Everything that a table does not say itself."""
 
@@ -47,6 +65,7 @@ class ImportMap(BaseModel):
     sensors: SensorsOfMap = SensorsOfMap()
     gains: dict[str, Gain] | None = None
     tolerances: dict[str, Deviation] | None = None
+    series: SeriesOfMap | None = None
 
 
 def read_map(stated: Sequence[str] | Path) -> ImportMap:
@@ -71,16 +90,17 @@ def read_map(stated: Sequence[str] | Path) -> ImportMap:
     if isinstance(contacts := content.get("contacts"), list):
         content["contacts"] = [with_unknowns(one) for one in contacts]
     try:
-        return ImportMap.model_validate(content)
+        return ImportMap.model_validate(content, context={UNKNOWN_POSE: True})
     except ValidationError as error:
         raise InputError(f"{files[0] if files else 'map'}: {validation_message(error)}") from None
 
 
 def with_unknowns(contact: Any) -> Any:
-    """Return a contact with null, which TOML does not have, for what a manifest does not leave out."""
+    """Return a contact with what a manifest does not leave out, and null, which TOML does not have."""
     if not isinstance(contact, dict):
         return contact
-    unknown = {"wrench": {"covariance": None}, "cop": {"sd": None}}.get(str(contact.get("kind")), {})
+    wrench = {"channels": list(WRENCH), "covariance": None, "zero": UNKNOWN}
+    unknown = {"wrench": wrench, "cop": {"sd": None}}.get(str(contact.get("kind")), {})
     return unknown | contact
 
 

@@ -18,17 +18,28 @@ from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Table
 from tulip_testbed.base.table_files import TableFile, software, write_json
 from tulip_testbed.experiments.table_import.column_names import Proposal, propose, with_units
-from tulip_testbed.experiments.table_import.import_map import ONE, ImportMap, with_unknowns
+from tulip_testbed.experiments.table_import.import_map import ONE, ImportMap, SeriesOfMap, with_unknowns
 from tulip_testbed.experiments.table_import.sign_checks import SignCheck, check_signs
+from tulip_testbed.experiments.table_import.series_import import (
+    added_columns,
+    necessary,
+    sampled,
+    series_of,
+    series_rows,
+    settled_conventions,
+)
 from tulip_testbed.identification.contact_readings import ASSUMED_FORCE, ASSUMED_MOMENT
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.measurements import Measurements, read_measurements
-from tulip_testbed.measurements.column_mapping import check_mapping
+from tulip_testbed.measurements import Measurements, read_measurements, write_measurements
+from tulip_testbed.measurements.cells import PLATES
+from tulip_testbed.measurements.column_mapping import MappedTable, check_mapping
 from tulip_testbed.measurements.contact_entries import CopEntry, WrenchEntry
+from tulip_testbed.measurements.contacts import POSE
 from tulip_testbed.measurements.contract import WHOLE
+from tulip_testbed.measurements.logs.log_file import read_log
 from tulip_testbed.measurements.manifest import Manifest, manifest_from
 from tulip_testbed.measurements.measurement_folder import known_columns, required_columns
-from tulip_testbed.sim.robot import Robot, joint_names
+from tulip_testbed.sim.robot import Robot, joint_names, sole_point
 
 GRAVITY = 9.81  # m/s2
 AS_WRITTEN = ("time", "window", "samples", "speed", "acceleration")  # exact names that others use too
@@ -96,7 +107,7 @@ def import_table(table: Path, robot: Robot, folder: Path, stated: ImportMap) -> 
     """Write a measurement folder with a laboratory's own table, which is read through a mapping.
 
     Args:
-        table: CSV or Parquet, one row a held posture.
+        table: CSV or Parquet, one row a held posture; or the log of a moving robot, see `read_log`.
         folder: a new one; it is written only if nothing necessary is missing.
         stated: what the table does not say itself.
 
@@ -104,7 +115,7 @@ def import_table(table: Path, robot: Robot, folder: Path, stated: ImportMap) -> 
         InputError: a table that cannot be read, a statement that does not fit it, or a folder that exists.
     """
     stated = stated.model_copy(update={"columns": with_units(stated.columns)})
-    return _Import(TableFile(table, read_bytes(table)), robot, stated).carried_out(Path(folder))
+    return _Import(read_log(table), robot, stated).carried_out(Path(folder))
 
 
 class _RefusedError(InputError):
@@ -120,11 +131,12 @@ class _Import:
         self.problems: list[str] = []
         self.missing: list[str] = []
         self.added: dict[str, np.ndarray] = {}  # columns that the table lacks
+        self.series = series_of(table, stated)
 
     def carried_out(self, folder: Path) -> ImportedTable:
         """Map the table, write the folder if nothing is missing, and check the signs."""
-        manifest, stated = self._manifest(), self.stated
-        names = known_columns(manifest)
+        manifest, stated, series = self._manifest(), self.stated, self.series
+        names = known_columns(manifest) if series is None else sampled(known_columns(manifest))
         check_mapping(stated.columns, names, "map", "columns")
         for name, entry in stated.columns.items():
             look_up("column", entry.column, self.table.types, f"{self.table.path}: map of {name}")
@@ -139,17 +151,24 @@ class _Import:
             )
         else:
             required = required_columns(joints, manifest.contacts, stated.constant_joints)
+        if series is not None:
+            required = necessary(required, series)
         proposal = propose(list(self.table.types), names, required, stated.columns)
         if proposal.silent:
             self.assumed.append(
                 f"not used, since no unit is written in the name: {listed(map(repr, proposal.silent))}; "
                 "state it to use one"
             )
-        self._complete(proposal)
+        if series is None:
+            self._complete(proposal)
         self._find_missing(proposal, required)
         signs = SignCheck({}, [])
         if not self.missing:
-            signs = self._written(proposal, manifest.model_dump(exclude_unset=True), folder)
+            signs = (
+                self._written(proposal, manifest.model_dump(exclude_unset=True), folder)
+                if series is None
+                else self._reduced(proposal, manifest, series, folder)
+            )
         mapped = self._mapped(proposal, signs)
         unchecked = [
             name
@@ -183,6 +202,7 @@ class _Import:
         corners = {"front_left": [1, 1], "front_right": [1, -1], "rear_right": [-1, -1], "rear_left": [-1, 1]}
         nothing = {side: {"cells": corners, "top_height": 0.0} for side in ("right", "left")}
         contacts = [with_unknowns(entry) for entry in plain.get("contacts", [])]
+        self._assume_poses(contacts)
         return manifest_from(
             {
                 "format": "tulip-measurements",
@@ -201,6 +221,19 @@ class _Import:
                 **{key: plain[key] for key in ("gains", "tolerances", "constant_joints") if plain.get(key)},
             }
         )
+
+    def _assume_poses(self, contacts: list[dict[str, Any]]) -> None:
+        """Put sensors in the feet, whose place is not stated, below their ankles."""
+        unknown = [entry for entry in contacts if entry["mount"] == "foot" and "pose" not in entry]
+        for entry in unknown:
+            foot = self.robot.feet[PLATES.index(entry["name"])]
+            entry["pose"] = dict.fromkeys(POSE, 0.0)
+            entry["pose"] |= dict(zip("xyz", sole_point(self.robot.model, foot).tolist(), strict=True))
+        if unknown:
+            self.assumed.append(
+                f"the `pose` of the contact sensors {listed(entry['name'] for entry in unknown)} is not stated: "
+                "wrenches are taken to be in the sole below the ankle, in the axes of the foot"
+            )
 
     def _assume_sensors(self) -> None:
         """Say what is assumed of contact sensors of which a data sheet would say more."""
@@ -290,6 +323,24 @@ class _Import:
             return SignCheck({}, [])
         self._find_lifted(measurements)
         return check_signs(measurements, nominal_robot(self.robot))
+
+    def _reduced(
+        self, proposal: Proposal, manifest: Manifest, series: SeriesOfMap, folder: Path
+    ) -> SignCheck:
+        """Reduce the samples of a series, settle its conventions, write the folder, check the signs."""
+        nominal = nominal_robot(self.robot)
+        table = self.table.with_columns(added_columns(len(self.table), series))
+        mapped = MappedTable(table, proposal.mapping, manifest.gravity)
+        try:
+            rows = series_rows(mapped, manifest, nominal, series, self.stated)
+            measurements = settled_conventions(rows.measurements, nominal, self.stated)
+            write_measurements(folder, measurements)
+        except InputError as error:
+            self.missing.append(str(error))
+            return SignCheck({}, [])
+        self.assumed += rows.assumed
+        self.problems += rows.problems
+        return check_signs(measurements, nominal)
 
     def _write_table(self, folder: Path) -> Path:
         """Write the table as it is, or as CSV with columns that were added."""

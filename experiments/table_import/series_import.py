@@ -1,0 +1,141 @@
+"""Import the log of a moving robot: from samples to rows of measurements in the contract's own columns."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from tulip_testbed.base.errors import InputError, listed
+from tulip_testbed.base.numbers import number
+from tulip_testbed.base.table_files import TableFile
+from tulip_testbed.experiments.table_import.column_names import Proposal, propose
+from tulip_testbed.experiments.table_import.import_map import ONE, ImportMap, SeriesOfMap
+from tulip_testbed.identification.nominal import Nominal
+from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.column_mapping import MappedTable
+from tulip_testbed.measurements.contract import WHOLE
+from tulip_testbed.measurements.logs.series_reduction import LIFTED, Reduced, reduced, supports
+from tulip_testbed.measurements.manifest import Manifest
+from tulip_testbed.measurements.measurement_folder import rows_in
+
+TICK = 0.2  # s: rows that are closer, in a table of LEAST_ROWS or more, are samples
+LEAST_ROWS = 200
+STILL = 0.02  # rad: without a joint that moves more, nothing moves
+COMPUTED = (*WHOLE, "window", "samples", "speed", "acceleration")  # columns that samples do not have
+COMPUTED_OF = ("q_std", "q_rate", "q_acceleration", "cell_std", "wrench_std")
+
+
+class SeriesRows(NamedTuple):
+    """Rows of a series, what was assumed for them, and what the user has to look at."""
+
+    measurements: Measurements
+    assumed: list[str]
+    problems: list[str]
+
+
+def series_of(table: TableFile, stated: ImportMap) -> SeriesOfMap | None:
+    """Return how a table is reduced; None for one of held postures.
+
+    A table is a series if the map says so, or if it is long and its time ticks faster than 5 Hz.
+    """
+    if stated.series is not None or len(table) < LEAST_ROWS:
+        return stated.series
+    columns = {name: entry for name, entry in stated.columns.items() if name == "time"}
+    found: Proposal = propose(list(table.types), ["time"], [], columns)
+    if "time" not in (*found.exact, *found.mapping):
+        return None
+    steps = np.diff(MappedTable(table, found.mapping, 1.0).numbers("time", True))
+    return SeriesOfMap() if 0 < np.median(steps) < TICK else None
+
+
+def sampled(names: Sequence[str]) -> tuple[str, ...]:
+    """Return those of the contract's columns that samples may have."""
+    return tuple(
+        name for name in names if name not in COMPUTED and name.partition(".")[0] not in COMPUTED_OF
+    )
+
+
+def necessary(names: Sequence[str], series: SeriesOfMap) -> tuple[str, ...]:
+    """Return which of the contract's necessary columns a series needs, and its time."""
+    lifted = {"right": ".left.", "left": ".right."}.get(series.support or "", "none")
+    readings = ("wrench.", "cop.", "cell.")
+    needed = [name for name in sampled(names) if not (name.startswith(readings) and lifted in name)]
+    return (*needed, *(["time"] if series.rate is None else []))
+
+
+def series_rows(
+    table: MappedTable, manifest: Manifest, nominal: Nominal, series: SeriesOfMap, stated: ImportMap
+) -> SeriesRows:
+    """Read the samples of a series and reduce them to rows.
+
+    Args:
+        table: with all columns that `necessary` names, and those of `added_columns`.
+
+    Raises:
+        InputError: a sample that cannot be read, a clock that runs backwards, or no row that can be used.
+    """
+    if stated.placement not in (None, ONE):
+        raise InputError(
+            f"map: key 'placement': found '{stated.placement}' with a series, expected '{ONE}' or nothing: "
+            "a placement begins where the support changes"
+        )
+    samples = rows_in(manifest, table, Path("map"))
+    steps = np.diff(samples.time)
+    if not np.isfinite(samples.time).all() or (steps < 0).any():
+        row = int((~(steps >= 0)).argmax()) + 2
+        raise InputError(
+            f"{table.path}: time, row {row}: found {samples.time[row - 1]:.10g} s after "
+            f"{samples.time[row - 2]:.10g} s, expected a clock that does not run backwards"
+        )
+    samples = samples.take(np.append(True, steps > 0))
+    weight = nominal.mass * manifest.gravity
+    by_load = not table.has("support")
+    if by_load:
+        samples = dataclasses.replace(samples, support=supports(samples, weight))
+    out = reduced(samples, weight, series.window, series.step or series.window)
+    rows, left_out = out.measurements, _left_out(out)
+    if not len(rows):
+        raise InputError(
+            f"{table.path}: found no window of {series.window:g} s that gives a row; {left_out or 'too short'}"
+        )
+    if stated.placement == ONE:
+        rows = dataclasses.replace(rows, placement=np.ones(len(rows), int))
+    assumed = [
+        f"a series: {len(samples)} samples in {number(np.ptp(samples.time), '.4g')} s are reduced to "
+        f"{len(rows)} rows of {series.window:g} s with rates and accelerations" + (left_out and f"; {left_out}")
+    ]
+    if by_load:
+        kinds = [f"{int((rows.support == kind).sum())} {kind}" for kind in dict.fromkeys(rows.support)]
+        assumed.append(
+            f"a foot with less than {100 * LIFTED:.0f} % of the weight is in the air: support {listed(kinds)}"
+        )
+    moved = np.ptp(rows.joint_angles, axis=0).max()
+    still = f"nothing moves: no joint by more than {STILL:g} rad, expected a log of a robot that moves"
+    return SeriesRows(rows, assumed, [still] if moved < STILL else [])
+
+
+def added_columns(count: int, series: SeriesOfMap) -> dict[str, np.ndarray]:
+    """Return the columns that every sample is given."""
+    columns = {"posture": np.arange(count), "placement": np.ones(count, int)}
+    if series.rate is not None:
+        columns["time"] = np.arange(count) / series.rate
+    if series.support is not None:
+        columns["support"] = np.full(count, series.support)
+    return columns
+
+
+def settled_conventions(measurements: Measurements, nominal: Nominal, stated: ImportMap) -> Measurements:
+    """Return measurements whose wrenches are in the frames that the contract expects.
+
+    Nothing is audited yet: what the map does not state is taken as assumed.
+    """
+    return measurements
+
+
+def _left_out(out: Reduced) -> str:
+    causes = [f"{count} {cause}" for cause, count in out.dropped.items()]
+    return f"left out are windows {listed(causes)}" if causes else ""
