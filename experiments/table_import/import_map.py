@@ -39,7 +39,7 @@ class SeriesOfMap(BaseModel):
     """How a log of a moving robot is reduced to rows.
 
     Attributes:
-        window, step: length of a row's window, and from one to the next; the same if left out [s].
+        window, step: length of a row's window, and from one to the next (half of it if left out) [s].
         rate: of a log without a time [Hz].
         support: of all rows; None: by a column, or by the contact sensors.
     """

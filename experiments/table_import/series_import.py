@@ -18,7 +18,7 @@ from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.column_mapping import MappedTable
 from tulip_testbed.measurements.contract import WHOLE
-from tulip_testbed.measurements.logs.series_reduction import LIFTED, Reduced, reduced, supports
+from tulip_testbed.measurements.logs.series_reduction import LIFTED, OVERLAP, Reduced, reduced, supports
 from tulip_testbed.measurements.manifest import Manifest
 from tulip_testbed.measurements.measurement_folder import rows_in
 
@@ -96,7 +96,7 @@ def series_rows(
     by_load = not table.has("support")
     if by_load:
         samples = dataclasses.replace(samples, support=supports(samples, weight))
-    out = reduced(samples, weight, series.window, series.step or series.window)
+    out = reduced(samples, weight, series.window, series.step or series.window / OVERLAP)
     rows, left_out = out.measurements, _left_out(out)
     if not len(rows):
         raise InputError(

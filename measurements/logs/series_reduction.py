@@ -1,4 +1,4 @@
-"""Reduce a series of samples to rows, each with the motion at the middle of a short window."""
+"""Reduce a series of samples to rows, each with the mean motion and readings of a short window."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ import numpy as np
 
 from tulip_testbed.measurements.data import Measurements, feet_in_contact
 
-WINDOW = 0.25  # s, of a row
-DEGREE = 3  # of the polynomial in a window
+WINDOW = 0.5  # s, of a row: with encoders of 0.088 deg shorter ones have noisy accelerations
+OVERLAP = 2  # windows at a time: the ends of a window have little weight
+DEGREE = 3  # of polynomials for which the weights are exact
+MOMENTS = np.array([[1, 0, 1 / 7, 0], [0, 1, 0, 3 / 7], [0, 0, 2, 0]])  # means of 1, u, u^2, u^3; of u', u''
 LEAST_SAMPLES = 8  # in a window: twice the polynomial's coefficients
 GAP = 0.25  # of a window, in which no sample is missed
 LIFTED = 0.05  # of the weight, below which a foot is in the air
@@ -30,10 +32,10 @@ class Reduced(NamedTuple):
 
 
 class _Fit(NamedTuple):
-    """Weights of the samples of a window for value, rate and acceleration at its middle, (3, n)."""
+    """Weights of the samples of a window for the mean value, rate and acceleration in it, (3, n)."""
 
     weights: np.ndarray
-    residual: np.ndarray  # (n, n): maps samples to their deviations from the polynomial
+    residual: np.ndarray  # (n, n): maps samples to their deviations from a polynomial
 
 
 def supports(samples: Measurements, weight: float) -> np.ndarray:
@@ -48,19 +50,23 @@ def supports(samples: Measurements, weight: float) -> np.ndarray:
     return np.select([right & left, right, left], ["double", "right", "left"], "")
 
 
-def reduced(samples: Measurements, weight: float, window: float = WINDOW, step: float = WINDOW) -> Reduced:
-    """Fit a cubic polynomial to the angles of every window, and filter the contact readings by its weights.
+def reduced(
+    samples: Measurements, weight: float, window: float = WINDOW, step: float = WINDOW / OVERLAP
+) -> Reduced:
+    """Average angles, rates, accelerations and contact readings over short windows, all by the same weights.
 
-    Angles, rates and accelerations are those at the middle of the window; s.d. are those of the samples from
-    the polynomial. Both sides of the equation of motion pass the same filter of least squares (Savitzky and
-    Golay; here with any clock). Every row is a posture; a placement begins where the support changes.
+    The mean rate and the mean acceleration follow from the angles alone, without a derivative, since the
+    weights fall to zero at both ends of a window (modulating functions). The equation of motion holds between
+    such means, whatever the frequency of the motion; with the values of a fitted polynomial it would not. The
+    weights of the acceleration are those of Savitzky and Golay for a cubic polynomial, here with any clock.
 
     Args:
         samples: one row a sample, in the order of their times. weight: of the robot [N].
         window, step: length of a window, and from one to the next [s].
 
     Returns:
-        the rows, none if every window was dropped.
+        the rows, none if every window was dropped. Every row is a posture; a placement begins where the support
+        changes; s.d. are those of the samples about a cubic polynomial.
     """
     time = samples.time
     starts = np.arange(time[0], time[-1] - window + 1e-9, step)
@@ -123,10 +129,18 @@ def _rows(samples: Measurements, rows: list[tuple[float, int, int]], window: flo
 
 
 def _fit(time: np.ndarray, window: float) -> _Fit:
-    """Fit a polynomial by least squares to samples at times from the middle of a window, (n,) [s]."""
-    powers = np.vander(time / window, DEGREE + 1, increasing=True)
+    """Return the weights of samples at times from the middle of a window, (n,) [s].
+
+    With u = 2 time / window the weight is k(u) = (1 - u^2)^2. By parts, the mean rate is that of -k' times the
+    value, the mean acceleration that of k'' times the value. The sums over samples are corrected so that all
+    three are exact for polynomials.
+    """
+    half = window / 2
+    u = time / half
+    powers = np.vander(u, DEGREE + 1, increasing=True)
+    raw = np.gradient(u) * np.array([(1 - u**2) ** 2, 4 * u * (1 - u**2), 12 * u**2 - 4]) / (16 / 15)
     solve = np.linalg.pinv(powers)
-    weights = solve[:3] * (np.array([1.0, 1.0, 2.0]) / window ** np.arange(3))[:, None]
+    weights = (raw + (MOMENTS - raw @ powers) @ solve) / half ** np.arange(3)[:, None]
     return _Fit(weights, np.eye(len(time)) - powers @ solve)
 
 
