@@ -88,9 +88,10 @@ def series_rows(
     if not np.isfinite(samples.time).all() or (steps < 0).any():
         row = int((~(steps >= 0)).argmax()) + 2
         raise InputError(
-            f"{table.path}: time, row {row}: found {samples.time[row - 1]:.10g} s after "
-            f"{samples.time[row - 2]:.10g} s, expected a clock that does not run backwards"
+            f"{table.path}: time, row {row}: found {samples.time[row - 1]:g} s, expected a clock that does not "
+            "run backwards"
         )
+    samples = dataclasses.replace(samples, time=samples.time - samples.time[0])
     samples = samples.take(np.append(True, steps > 0))
     weight = nominal.mass * manifest.gravity
     by_load = not table.has("support")
@@ -137,5 +138,5 @@ def settled_conventions(measurements: Measurements, nominal: Nominal, stated: Im
 
 
 def _left_out(out: Reduced) -> str:
-    causes = [f"{count} {cause}" for cause, count in out.dropped.items()]
-    return f"left out are windows {listed(causes)}" if causes else ""
+    causes = [f"{count} window{'' if count == 1 else 's'} {cause}" for cause, count in out.dropped.items()]
+    return f"left out: {listed(causes)}" if causes else ""

@@ -178,6 +178,7 @@ def _contact_columns(m: Measurements) -> list[tuple[str, np.ndarray]]:
         (f"wrench.{plate}.{channel}", m.wrenches[stands[p], p, k])
         for p, plate in enumerate(PLATES)
         for k, channel in enumerate(m.contacts.channels)
+        if stands[p].any()
     ]
 
 
@@ -203,8 +204,6 @@ def _extremes(m: Measurements) -> list[tuple[str, str, str]]:
     """Find cells whose largest or smallest reading occurs repeatedly."""
     faults = []
     for name, values in _contact_columns(m):
-        if not len(values):
-            continue
         for extreme, kind in ((values.max(), "largest"), (values.min(), "smallest")):
             ties = int((values == extreme).sum())
             if np.ptp(values) > 0 and ties >= max(LEAST_TIES, TIED_SHARE * len(m)):

@@ -64,13 +64,12 @@ def joined_devices(path: Path, devices: Sequence[Device]) -> TableFile:
 def _in_order(path: Path, device: Device) -> Device:
     """Refuse a clock that runs backwards; keep the first of samples with the same time."""
     if len(device.time) < 2 or not np.isfinite(device.time).all():
-        raise InputError(f"{path}: {device.name}: found {len(device.time)} times, expected two or more, finite")
+        raise InputError(f"{path}: {device.name}: found times that are fewer than two or no numbers")
     steps = np.diff(device.time)
     if (steps < 0).any():
-        k = int(steps.argmin())
+        k = int((steps < 0).argmax())
         raise InputError(
-            f"{path}: {device.name}, sample {k + 2}: found the time {device.time[k + 1]:.10g} s after "
-            f"{device.time[k]:.10g} s, expected a clock that does not run backwards"
+            f"{path}: {device.name}: found a clock that runs backwards by {-steps[k]:.3g} s at sample {k + 2}"
         )
     new = np.append(True, steps > 0)
     return Device(device.name, device.time[new], device.columns, device.values[new])

@@ -1,0 +1,373 @@
+"""Logs of a moving robot: every reader gives the same table, and rows obey the equation of motion."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+import pytest
+import scipy.io
+
+import tulip_testbed as tt
+from tests.test_refusals import check_words, rows
+from tulip_testbed.measurements.logs.joined_clocks import TIME
+from tulip_testbed.measurements.logs.log_file import read_log
+from tulip_testbed.measurements.logs.series_reduction import reduced
+
+BOWING = Path(__file__).parent / "data" / "bowing"
+WEIGHT = 61.69 * 9.81
+CHANNELS = ("fx", "fy", "fz", "mx", "my", "mz")
+
+
+@pytest.fixture(scope="module")
+def bowing():
+    return tt.load_robot(BOWING / "robot.toml")
+
+
+@pytest.fixture(scope="module")
+def imported(bowing, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("bowing") / "rows"
+    result = tt.import_table(
+        BOWING / "ExperimentDataset.mat", bowing, out=folder, map=[str(BOWING / "map.toml")]
+    )
+    assert result.problems == ()
+    return tt.read_measurements(folder)
+
+
+def needed(robot, angles, rates, accelerations):
+    """Return the wrench of the ground on the foot at rest, by MuJoCo's inverse dynamics, (m, 6)."""
+    model = robot.spec.copy().compile()
+    model.dof_armature[:] = 0
+    data, out = mujoco.MjData(model), []
+    for state in zip(angles, rates, accelerations, strict=True):
+        data.qpos[:7], data.qvel[:], data.qacc[:] = [0, 0, 0, 1, 0, 0, 0], 0, 0
+        data.qpos[7:], data.qvel[6:], data.qacc[6:] = state
+        mujoco.mj_inverse(model, data)
+        out.append(data.qfrc_inverse[:6].copy())
+    return np.array(out)
+
+
+def motion(time):
+    """Return angles, rates and accelerations of a person who bows with up to 1 Hz, (n, 2) each."""
+    turn, size = 2 * np.pi * np.array([[0.13, 0.4], [0.31, 1.0]]), np.array([[0.03, 0.3], [0.01, 0.03]])
+    phase = turn * time[:, None, None]
+    value = size * np.sin(phase), size * turn * np.cos(phase), -size * turn**2 * np.sin(phase)
+    return tuple(one.sum(axis=1) for one in value)
+
+
+def samples(imported, robot, time):
+    """Return samples of the motion with the wrenches that it needs."""
+    angles, rates, accelerations = motion(time)
+    one = imported.take(np.zeros(len(time), int))
+    wrenches = np.full((len(time), 2, 6), np.nan)
+    wrenches[:, 0] = needed(robot, angles, rates, accelerations)
+    return dataclasses.replace(one, time=time, joint_angles=angles, wrenches=wrenches)
+
+
+@pytest.mark.parametrize("regular", [True, False])
+def test_rows_obey_the_equation_of_motion(imported, bowing, regular):
+    rng = np.random.default_rng(100)
+    steps = np.full(2000, 0.01) if regular else rng.uniform(0.005, 0.015, 2000)
+    time = np.cumsum(steps)
+    m = reduced(samples(imported, bowing, time), WEIGHT).measurements
+    assert len(m) > 70
+    off = m.wrenches[:, 0] - needed(bowing, m.joint_angles, m.joint_rates, m.joint_accelerations)
+    assert np.abs(off[:, 3:5]).max() < 6e-4 * WEIGHT  # 0.6 mm, of the curvature of sines
+    assert np.abs(off[:, :3]).max() < 1.0
+    middle = motion(m.time + m.window / 2)
+    np.testing.assert_allclose(m.joint_rates, middle[1], atol=0.03)
+    np.testing.assert_allclose(m.joint_accelerations, middle[2], atol=0.15)
+
+
+def test_means_are_exact_for_cubic_motion_by_any_clock(imported, bowing):
+    rng = np.random.default_rng(101)
+    time = np.cumsum(rng.uniform(0.002, 0.03, 400))
+    cubic = np.polynomial.Polynomial([0.3, -0.2, 0.1, 0.05])
+    made = samples(imported, bowing, time)
+    made = dataclasses.replace(made, joint_angles=np.column_stack([cubic(time - 3)] * 2))
+    m = reduced(made, WEIGHT, window=0.4, step=0.3).measurements
+    middle = m.time + 0.2 - 3
+    spread = 0.2**2 / 7  # variance of the window's weights
+    np.testing.assert_allclose(m.joint_angles[:, 0], (cubic + spread / 2 * cubic.deriv(2))(middle), atol=1e-9)
+    np.testing.assert_allclose(
+        m.joint_rates[:, 0], (cubic.deriv() + spread / 2 * cubic.deriv(3))(middle), atol=1e-9
+    )
+    np.testing.assert_allclose(m.joint_accelerations[:, 0], cubic.deriv(2)(middle), atol=1e-9)
+    np.testing.assert_allclose(m.joint_angles_sd[:, 0], 0, atol=1e-9)
+
+
+def test_a_person_who_bows_becomes_rows(imported, bowing):
+    m = imported
+    assert len(m) == 57
+    assert set(m.support) == {"right"}
+    assert set(m.placement) == {1}
+    assert np.isnan(m.wrenches[:, 1]).all()
+    off = m.wrenches[:, 0] - needed(bowing, m.joint_angles, m.joint_rates, m.joint_accelerations)
+    assert np.std(off[:, 4]) / WEIGHT < 6e-3  # CAD, inertia and a constant
+    held = needed(bowing, m.joint_angles, 0 * m.joint_rates, 0 * m.joint_rates)
+    assert np.std(m.wrenches[:, 0, 4] - held[:, 4]) > 1.2 * np.std(off[:, 4])
+
+
+def two_feet(imported, bowing, loads):
+    """Return samples at 100 Hz with given forces on the right and the left foot, (n, 2) [of the weight]."""
+    made = samples(imported, bowing, np.arange(len(loads)) / 100)
+    wrenches = np.zeros((len(loads), 2, 6))
+    wrenches[:, :, 1] = np.multiply(loads, WEIGHT)  # in whatever frame the sensors are
+    return dataclasses.replace(made, wrenches=wrenches)
+
+
+def test_support_follows_from_the_loads_and_transitions_are_left_out(imported, bowing):
+    from tulip_testbed.measurements.logs.series_reduction import supports
+
+    loads = [*[(0.5, 0.5)] * 200, *[(0.02, 0.98)] * 200, *[(0.5, 0.5)] * 200, *[(0.0, 0.0)] * 100]
+    made = two_feet(imported, bowing, loads)
+    made = dataclasses.replace(made, support=supports(made, WEIGHT))
+    out = reduced(made, WEIGHT, window=0.5, step=0.25)
+    m = out.measurements
+    stances = [(a, b) for a, b in zip(m.support, m.placement.tolist(), strict=True)]
+    assert sorted(set(stances)) == [("double", 1), ("double", 3), ("left", 2)]
+    assert out.dropped == {
+        "in which a foot lands or lifts": 3,
+        "in which a foot that stands carries less than 5 % of the weight": 2,
+    }
+
+
+def test_a_gap_in_the_clock_costs_its_windows_alone(imported, bowing):
+    time = np.arange(1000) / 100
+    made = samples(imported, bowing, time[(time < 3) | (time > 3.3)])
+    out = reduced(made, WEIGHT)
+    assert out.dropped == {"with too few samples or a gap between them": 2}
+    assert set(out.measurements.placement) == {1}
+
+
+# Readers
+
+JOINT_STATE = """std_msgs/Header header
+string[] name
+float64[] position
+float64[] velocity
+float64[] effort
+"""
+WRENCH_STAMPED = """std_msgs/Header header
+geometry_msgs/Wrench wrench
+================================================================================
+MSG: geometry_msgs/Wrench
+geometry_msgs/Vector3 force
+geometry_msgs/Vector3 torque
+================================================================================
+MSG: geometry_msgs/Vector3
+float64 x
+float64 y
+float64 z
+"""
+HEADER = """================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+CLOCK = np.arange(300) / 100
+ANGLES, _, _ = motion(CLOCK)
+WRENCHES = np.column_stack([np.sin(CLOCK + k) * 10 + 600 * (k == 2) for k in range(6)])
+NAMES = ("ankle", "hip")
+
+
+def write_table(path):
+    columns = {"t_s": CLOCK}
+    columns |= {f"{name}_rad": ANGLES[:, k] for k, name in enumerate(NAMES)}
+    columns |= {
+        f"right_foot_{name}_{'N' if name[0] == 'f' else 'Nm'}": WRENCHES[:, k]
+        for k, name in enumerate(CHANNELS)
+    }
+    if path.suffix == ".parquet":
+        pyarrow.parquet.write_table(pa.table({name: pa.array(v) for name, v in columns.items()}), path)
+    else:
+        np.savetxt(path, np.column_stack(list(columns.values())), "%.17g", ",", header=",".join(columns), comments="")
+
+
+def write_matlab(path):
+    log = {"t": CLOCK, "joints": {"q": ANGLES.T}, "foot": {"wrench": {"right": WRENCHES}}, "gain": np.eye(4)}
+    scipy.io.savemat(path, {"log": log})
+
+
+def write_dumper(path, change=lambda device, rows: rows):
+    for device, values in (("legs", ANGLES), ("feet/right", WRENCHES)):
+        (path / device).mkdir(parents=True)
+        rows = np.column_stack([np.arange(len(CLOCK)), CLOCK + 1e9, values])
+        np.savetxt(path / device / "data.log", change(device, rows), "%.17g")
+
+
+def write_ros(path):
+    writer_of = pytest.importorskip("mcap_ros2.writer").Writer
+    with path.open("wb") as file:
+        writer = writer_of(file)
+        joints = writer.register_msgdef("sensor_msgs/msg/JointState", JOINT_STATE + HEADER)
+        wrenches = writer.register_msgdef("geometry_msgs/msg/WrenchStamped", WRENCH_STAMPED + HEADER)
+        for time, angles, wrench in zip(CLOCK, ANGLES, WRENCHES, strict=True):
+            header = {"stamp": {"sec": 5 + int(time), "nanosec": round(1e9 * (time % 1))}, "frame_id": ""}
+            state = {"header": header, "name": list(NAMES), "position": angles.tolist()}
+            writer.write_message("/joint_states", joints, state | {"velocity": [], "effort": []})
+            vectors = [dict(zip("xyz", part, strict=True)) for part in (wrench[:3], wrench[3:])]
+            content = dict(zip(("force", "torque"), vectors, strict=True))
+            writer.write_message("/right_foot/wrench", wrenches, {"header": header, "wrench": content})
+        writer.finish()
+
+
+KINDS = {
+    "log.csv": (write_table, []),
+    "log.parquet": (write_table, []),
+    "log.mat": (
+        write_matlab,
+        [
+            *("time=log.t:s:1", "q.ankle=log.joints.q.1:rad:1", "q.hip=log.joints.q.2:rad:1"),
+            *(f"wrench.right.{c}=log.foot.wrench.right.{k + 1}:{'Nm' if k > 2 else 'N'}:1" for k, c in enumerate(CHANNELS)),
+        ],
+    ),
+    "log": (
+        write_dumper,
+        [
+            *("q.ankle=legs.1:rad:1", "q.hip=legs.2:rad:1"),
+            *(f"wrench.right.{c}=feet.right.{k + 1}:{'Nm' if k > 2 else 'N'}:1" for k, c in enumerate(CHANNELS)),
+        ],
+    ),
+    "log.mcap": (write_ros, []),
+}
+MAP = """
+[series]
+support = "right"
+""" + "".join(f'\n[[contacts]]\nname = "{side}"\nkind = "wrench"\nmount = "foot"\n' for side in ("right", "left"))
+
+
+def import_log(bowing, path, columns, text=MAP):
+    stated = path.with_name("map.toml")
+    stated.write_text(text)
+    return tt.import_table(path, bowing, out=path.with_name("rows"), map=[str(stated), *columns])
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_every_reader_gives_the_same_rows(bowing, tmp_path, name):
+    write, columns = KINDS[name]
+    write(tmp_path / name)
+    result = import_log(bowing, tmp_path / name, columns)
+    assert result.folder is not None, result.problems
+    m = tt.read_measurements(result.folder)
+    assert len(m) == 10
+    middle = m.time - m.time[0] + 0.25
+    np.testing.assert_allclose(m.joint_rates, motion(middle)[1], atol=0.06)
+    expected = np.column_stack([np.sin(middle + k) * 10 + 600 * (k == 2) for k in range(6)])
+    np.testing.assert_allclose(m.wrenches[:, 0], expected, atol=0.1)
+
+
+def test_devices_are_joined_on_the_slowest_clock_where_all_were_logged(tmp_path):
+    clocks = {"slow": np.arange(100) / 20 + 1.013, "fast": np.arange(600) / 100}
+    for device, clock in clocks.items():
+        (tmp_path / device).mkdir()
+        gap = (clock > 2.5) & (clock < 3) if device == "fast" else np.zeros(len(clock), bool)
+        rows = np.column_stack([np.arange(len(clock)), clock, 3 * clock])[~gap]
+        np.savetxt(tmp_path / device / "data.log", rows, "%.9f")
+    table = read_log(tmp_path)
+    time = table.numbers(TIME)
+    expected = clocks["slow"]
+    expected = expected[(expected <= 5.99) & ~((expected > 2.5) & (expected < 3))]
+    np.testing.assert_allclose(time, expected, atol=1e-9)
+    np.testing.assert_allclose(table.numbers("fast.1"), 3 * expected, atol=1e-6)
+
+
+def test_a_long_table_with_a_fast_clock_is_a_series(bowing, tmp_path):
+    write_table(tmp_path / "log.csv")
+    text = MAP.replace('[series]\nsupport = "right"\n', "")
+    result = import_log(bowing, tmp_path / "log.csv", [], text)
+    assert result.folder is None  # the left foot's wrench is not logged, and nobody said that it is in the air
+    assert "wrench.left.fx" in " ".join(result.problems)
+
+
+# Bad input
+
+
+def no_overlap(path):
+    write_dumper(path, lambda device, rows: rows + [0, 100 * (device == "legs"), *[0] * (rows.shape[1] - 2)])
+
+
+def backwards(path):
+    write_dumper(path, lambda device, rows: rows[::-1])
+
+
+def words_inside(path):
+    write_dumper(path)
+    (path / "legs" / "data.log").write_text("0 1.0 [ok] 2 3\n")
+
+
+def not_a_number(path):
+    write_dumper(path)
+    lines = (path / "legs" / "data.log").read_text().splitlines()
+    lines[7] = "7 1000000000.07 nan 0"
+    (path / "legs" / "data.log").write_text("\n".join(lines))
+
+
+def nothing(path):
+    path.mkdir()
+
+
+def new_matlab(path):
+    path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM" + b"\x89HDF" * 100)
+
+
+def short_matlab(path):
+    scipy.io.savemat(path, {"gain": 3.0})
+
+
+def broken(path):
+    path.write_bytes(b"nothing")
+
+
+def lifted(path):
+    write_dumper(path, lambda device, rows: rows * (1 - (device != "legs") * (np.arange(rows.shape[1]) > 1)))
+
+
+def still(path):
+    write_dumper(path, lambda device, rows: np.where((device == "legs") & (np.arange(rows.shape[1]) > 1), 0.1, rows))
+
+
+BAD = {
+    "clocks that do not overlap": ("log", no_overlap),
+    "a clock that runs backwards": ("log", backwards),
+    "words among numbers": ("log", words_inside),
+    "NaN in a log": ("log", not_a_number),
+    "an empty folder": ("log", nothing),
+    "MATLAB 7.3": ("log.mat", new_matlab),
+    "MATLAB without a series": ("log.mat", short_matlab),
+    "no MATLAB file": ("log.mat", broken),
+    "no bag": ("log.mcap", broken),
+    "a foot in the air all the time": ("log", lifted),
+    "nothing moves": ("log", still),
+}
+
+
+@rows("logs")
+def test_bad_logs_are_refused(bowing, tmp_path, changes, words):
+    if changes[0] == "no bag":
+        pytest.importorskip("mcap")
+    name, write = BAD[changes[0]]
+    write(tmp_path / name)
+    try:
+        result = import_log(bowing, tmp_path / name, KINDS["log"][1])
+    except tt.InputError as error:
+        messages = [str(error)]
+    else:
+        messages = result.problems
+    assert len(messages) == 1
+    check_words(words, messages[0])
+
+
+def test_a_device_that_stops_is_told(bowing, tmp_path):
+    write_dumper(tmp_path / "log", lambda device, rows: rows[: 150 if device == "legs" else None])
+    with pytest.warns(UserWarning, match=r"legs stops 1.5 s before the others"):
+        result = import_log(bowing, tmp_path / "log", KINDS["log"][1])
+    assert result.folder is not None
