@@ -54,9 +54,7 @@ def series_of(table: TableFile, stated: ImportMap) -> SeriesOfMap | None:
 
 def sampled(names: Sequence[str]) -> tuple[str, ...]:
     """Return those of the contract's columns that samples may have."""
-    return tuple(
-        name for name in names if name not in COMPUTED and name.partition(".")[0] not in COMPUTED_OF
-    )
+    return tuple(name for name in names if name not in COMPUTED and name.partition(".")[0] not in COMPUTED_OF)
 
 
 def necessary(names: Sequence[str], series: SeriesOfMap) -> tuple[str, ...]:
@@ -88,8 +86,8 @@ def series_rows(
     if not np.isfinite(samples.time).all() or (steps < 0).any():
         row = int((~(steps >= 0)).argmax()) + 2
         raise InputError(
-            f"{table.path}: time, row {row}: found {samples.time[row - 1]:g} s, expected a clock that does not "
-            "run backwards"
+            f"{table.path}: time, row {row}: found {samples.time[row - 1]:g} s, expected a clock "
+            "that does not run backwards"
         )
     samples = dataclasses.replace(samples, time=samples.time - samples.time[0])
     samples = samples.take(np.append(True, steps > 0))
@@ -101,13 +99,15 @@ def series_rows(
     rows, left_out = out.measurements, _left_out(out)
     if not len(rows):
         raise InputError(
-            f"{table.path}: found no window of {series.window:g} s that gives a row; {left_out or 'too short'}"
+            f"{table.path}: found no window of {series.window:g} s that gives a row; "
+            f"{left_out or 'the log is shorter'}"
         )
     if stated.placement == ONE:
         rows = dataclasses.replace(rows, placement=np.ones(len(rows), int))
     assumed = [
         f"a series: {len(samples)} samples in {number(np.ptp(samples.time), '.4g')} s are reduced to "
-        f"{len(rows)} rows of {series.window:g} s with rates and accelerations" + (left_out and f"; {left_out}")
+        f"{len(rows)} rows of {series.window:g} s with rates and accelerations"
+        + (left_out and f"; {left_out}")
     ]
     if by_load:
         kinds = [f"{int((rows.support == kind).sum())} {kind}" for kind in dict.fromkeys(rows.support)]

@@ -19,7 +19,6 @@ from tulip_testbed.base.table import Table
 from tulip_testbed.base.table_files import TableFile, software, write_json
 from tulip_testbed.experiments.table_import.column_names import Proposal, propose, with_units
 from tulip_testbed.experiments.table_import.import_map import ONE, ImportMap, SeriesOfMap, with_unknowns
-from tulip_testbed.experiments.table_import.sign_checks import SignCheck, check_signs
 from tulip_testbed.experiments.table_import.series_import import (
     added_columns,
     necessary,
@@ -28,6 +27,7 @@ from tulip_testbed.experiments.table_import.series_import import (
     series_rows,
     settled_conventions,
 )
+from tulip_testbed.experiments.table_import.sign_checks import SignCheck, check_signs
 from tulip_testbed.identification.contact_readings import ASSUMED_FORCE, ASSUMED_MOMENT
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.measurements import Measurements, read_measurements, write_measurements
@@ -231,8 +231,8 @@ class _Import:
             entry["pose"] |= dict(zip("xyz", sole_point(self.robot.model, foot).tolist(), strict=True))
         if unknown:
             self.assumed.append(
-                f"the `pose` of the contact sensors {listed(entry['name'] for entry in unknown)} is not stated: "
-                "wrenches are taken to be in the sole below the ankle, in the axes of the foot"
+                f"the `pose` of the contact sensors {listed(entry['name'] for entry in unknown)} is not "
+                "stated: wrenches are taken to be in the sole below the ankle, in the axes of the foot"
             )
 
     def _assume_sensors(self) -> None:

@@ -29,7 +29,9 @@ def read_log(path: Path) -> TableFile:
             return read_ros(path, bags)
         if devices := sorted(path.rglob(DATA)):
             return read_dumper(path, devices)
-        raise InputError(f"{path}: found a folder without {DATA} or *.mcap in it, expected the log of a robot")
+        raise InputError(
+            f"{path}: found a folder without {DATA} or *.mcap in it, expected the log of a robot"
+        )
     if path.suffix == ".mat":
         return read_matlab(path, read_bytes(path))
     if path.suffix == ".mcap":

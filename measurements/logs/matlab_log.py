@@ -33,7 +33,7 @@ def read_matlab(path: Path, content: bytes) -> TableFile:
         raise InputError(
             f"{path}: found MATLAB 7.3 (HDF5), expected 5 to 7.2; in MATLAB, save('x.mat', '-v7')"
         ) from None
-    except Exception as error:  # noqa: BLE001  scipy raises errors of many kinds
+    except Exception as error:  # scipy raises errors of many kinds
         raise InputError(f"{path}: not a MATLAB file ({shortened(error, 120)})") from None
     arrays = dict(_arrays("", {name: value for name, value in found.items() if not name.startswith("__")}, 0))
     sizes = Counter[int]()

@@ -69,11 +69,12 @@ def _samples(file: Path) -> Iterator[_Sample]:
             ]
             if topics:
                 for schema, channel, message, decoded in reader.iter_decoded_messages(topics):
+                    assert schema is not None  # it was looked up by its name
                     if schema.name == WRENCHES or len(decoded.position) == len(decoded.name):
                         yield _sample(schema.name, channel.topic, message.log_time, decoded)
     except InputError:
         raise
-    except Exception as error:  # noqa: BLE001  the library raises errors of many kinds
+    except Exception as error:  # the library raises errors of many kinds
         raise InputError(f"{file}: not a bag of ROS 2 in MCAP ({shortened(error, 120)})") from None
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,7 @@ DEGREE = 3  # of polynomials for which the weights are exact
 MOMENTS = np.array([[1, 0, 1 / 7, 0], [0, 1, 0, 3 / 7], [0, 0, 2, 0]])  # means of 1, u, u^2, u^3; of u', u''
 LEAST_SAMPLES = 8  # in a window: twice the polynomial's coefficients
 GAP = 0.25  # of a window, in which no sample is missed
+FILTERED = ("command", "motor", "cell_forces", "plate_poses", "wrenches")
 LIFTED = 0.05  # of the weight, below which a foot is in the air
 MOVING, MISSED, NO_LOAD = (
     "in which a foot lands or lifts",
@@ -65,8 +66,8 @@ def reduced(
         window, step: length of a window, and from one to the next [s].
 
     Returns:
-        the rows, none if every window was dropped. Every row is a posture; a placement begins where the support
-        changes; s.d. are those of the samples about a cubic polynomial.
+        the rows, none if every window was dropped. Every row is a posture; a placement begins where the
+        support changes; s.d. are those of the samples about a cubic polynomial.
     """
     time = samples.time
     starts = np.arange(time[0], time[-1] - window + 1e-9, step)
@@ -113,6 +114,8 @@ def _rows(samples: Measurements, rows: list[tuple[float, int, int]], window: flo
     constant = [samples.joints.index(joint) for joint in samples.constant_joints]
     angles[:, constant] = chosen.joint_angles[:, constant]  # to the last digit
     new = chosen.support[1:] != chosen.support[:-1]
+    readings: dict[str, Any] = {name: each(name) for name in FILTERED}
+    readings |= {f"{name}_sd": spread(name) for name in ("joint_angles", "cell_forces", "wrenches")}
     return dataclasses.replace(
         chosen,
         posture=np.arange(1, len(rows) + 1),
@@ -123,17 +126,16 @@ def _rows(samples: Measurements, rows: list[tuple[float, int, int]], window: flo
         joint_angles=angles,
         joint_rates=each("joint_angles", 1),
         joint_accelerations=each("joint_angles", 2),
-        **{name: each(name) for name in ("command", "motor", "cell_forces", "plate_poses", "wrenches")},
-        **{f"{name}_sd": spread(name) for name in ("joint_angles", "cell_forces", "wrenches")},
+        **readings,
     )
 
 
 def _fit(time: np.ndarray, window: float) -> _Fit:
     """Return the weights of samples at times from the middle of a window, (n,) [s].
 
-    With u = 2 time / window the weight is k(u) = (1 - u^2)^2. By parts, the mean rate is that of -k' times the
-    value, the mean acceleration that of k'' times the value. The sums over samples are corrected so that all
-    three are exact for polynomials.
+    With u = 2 time / window the weight is k(u) = (1 - u^2)^2. By parts, the mean rate is that of -k' times
+    the value, the mean acceleration that of k'' times the value. The sums over samples are corrected so that
+    all three are exact for polynomials.
     """
     half = window / 2
     u = time / half
