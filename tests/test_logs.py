@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from pathlib import Path
 
 import mujoco
@@ -14,6 +15,7 @@ import scipy.io
 
 import tulip_testbed as tt
 from tests.test_refusals import check_words, rows
+from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.measurements.logs.joined_clocks import TIME
 from tulip_testbed.measurements.logs.log_file import read_log
 from tulip_testbed.measurements.logs.series_reduction import reduced
@@ -377,6 +379,28 @@ def test_bad_logs_are_refused(bowing, tmp_path, changes, words):
         messages = result.problems
     assert len(messages) == 1
     check_words(words, messages[0])
+
+
+@pytest.mark.skipif(
+    "TULIP_ICUB_YOGA" not in os.environ,
+    reason="set TULIP_ICUB_YOGA to a folder with iCubGenova02.urdf and left_foot_yoga.csv, made from the "
+    "public repository robotology-legacy/WBI-Toolbox-controllers, commit df0d1f3, controllers/torqueBalancing/data",
+)
+def test_a_real_icub_on_its_left_foot_becomes_rows(tmp_path):
+    folder = Path(os.environ["TULIP_ICUB_YOGA"])
+    urdf, robot = folder / "iCubGenova02.urdf", tmp_path / "robot"
+    feet, sole = ("r_ankle_2", "l_ankle_2"), (0.14, 0.06, 0.09, 0.0645)
+    icub = import_robot(urdf, feet, sole).write(robot)
+    table, stated = (
+        folder / "left_foot_yoga.csv",
+        Path(__file__).parent.parent / "examples" / "icub_yoga.toml",
+    )
+    result = tt.import_table(table, icub, out=tmp_path / "rows", map=[str(stated)])
+    assert result.unused == ("controller_state",)
+    m = tt.read_measurements(tmp_path / "rows")
+    left = m.time[m.support == "left"]
+    assert (left.min() < 2.6) & (left.max() > 46.5)
+    assert set(m.support) == {"double", "left"}
 
 
 def test_a_device_that_stops_is_told(bowing, tmp_path):

@@ -99,6 +99,8 @@ def with_unknowns(contact: Any) -> Any:
     """Return a contact with what a manifest does not leave out, and null, which TOML does not have."""
     if not isinstance(contact, dict):
         return contact
+    if "foot" in contact and "name" not in contact:
+        contact = {("name" if key == "foot" else key): value for key, value in contact.items()}
     wrench = {"channels": list(WRENCH), "covariance": None, "zero": UNKNOWN}
     unknown = {"wrench": wrench, "cop": {"sd": None}}.get(str(contact.get("kind")), {})
     return unknown | contact

@@ -124,18 +124,20 @@ def import_table(
     out: str | Path,
     map: Sequence[str] = (),  # noqa: A002  a table's map
 ) -> ImportedTable:
-    """Make a measurement folder of your own table.
+    """Make a measurement folder of your own table, or of the log of a robot that moves.
 
     The table keeps its names, units and signs; the manifest maps them to the contract's. Columns are found by
     their names, units in brackets. Units that no column name gives have to be stated. Signs are +1 unless
     stated, and are checked against the robot where closed legs, weight and centre of pressure determine them.
+    The samples of a log are reduced to rows with rates and accelerations of the joints.
 
     Args:
-        table: CSV or Parquet file, one row a held posture.
+        table: CSV or Parquet file, one row a held posture; or a log: such a file, a `.mat`, an `.mcap` of
+            ROS 2, or a dumper's folder of devices.
         robot: that was measured; TULip if None.
         out: new measurement folder.
         map: what the table does not say: the path of a TOML file (contacts, columns, units, signs, constant
-            joints), and entries such as "q.right_knee=RKnee [deg]:deg:-1".
+            joints, how a log is reduced), and entries such as "q.right_knee=RKnee [deg]:deg:-1".
 
     Returns:
         what was mapped, assumed and is to be decided; its `folder` is None if something necessary is missing.
