@@ -384,7 +384,8 @@ def test_bad_logs_are_refused(bowing, tmp_path, changes, words):
 @pytest.mark.skipif(
     "TULIP_ICUB_YOGA" not in os.environ,
     reason="set TULIP_ICUB_YOGA to a folder with iCubGenova02.urdf and left_foot_yoga.csv, made from the "
-    "public repository robotology-legacy/WBI-Toolbox-controllers, commit df0d1f3, controllers/torqueBalancing/data",
+    "public repository robotology-legacy/WBI-Toolbox-controllers, commit df0d1f3, "
+    "controllers/torqueBalancing/data",
 )
 def test_a_real_icub_on_its_left_foot_becomes_rows(tmp_path):
     folder = Path(os.environ["TULIP_ICUB_YOGA"])

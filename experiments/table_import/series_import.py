@@ -18,6 +18,7 @@ from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.column_mapping import MappedTable
 from tulip_testbed.measurements.contract import WHOLE
+from tulip_testbed.measurements.logs.joined_clocks import in_order
 from tulip_testbed.measurements.logs.series_reduction import LIFTED, OVERLAP, Reduced, reduced, supports
 from tulip_testbed.measurements.manifest import Manifest
 from tulip_testbed.measurements.measurement_folder import rows_in
@@ -82,15 +83,8 @@ def series_rows(
             "a placement begins where the support changes"
         )
     samples = rows_in(manifest, table, Path("map"))
-    steps = np.diff(samples.time)
-    if not np.isfinite(samples.time).all() or (steps < 0).any():
-        row = int((~(steps >= 0)).argmax()) + 2
-        raise InputError(
-            f"{table.path}: time, row {row}: found {samples.time[row - 1]:g} s, expected a clock "
-            "that does not run backwards"
-        )
+    samples = samples.take(in_order(str(table.path), samples.time))
     samples = dataclasses.replace(samples, time=samples.time - samples.time[0])
-    samples = samples.take(np.append(True, steps > 0))
     weight = nominal.mass * manifest.gravity
     by_load = not table.has("support")
     if by_load:

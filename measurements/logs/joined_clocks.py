@@ -38,7 +38,7 @@ def joined_devices(path: Path, devices: Sequence[Device]) -> TableFile:
     Raises:
         InputError: a clock that runs backwards, or clocks that do not overlap.
     """
-    devices = [_in_order(path, device) for device in devices]
+    devices = [_ordered(path, device) for device in devices]
     first, last = (max(devices, key=lambda d: d.time[0]), min(devices, key=lambda d: d.time[-1]))
     start, end = first.time[0], last.time[-1]
     if start >= end:
@@ -61,17 +61,23 @@ def joined_devices(path: Path, devices: Sequence[Device]) -> TableFile:
     return TableFile.of_columns(path, columns)
 
 
-def _in_order(path: Path, device: Device) -> Device:
-    """Refuse a clock that runs backwards; keep the first of samples with the same time."""
-    if len(device.time) < 2 or not np.isfinite(device.time).all():
-        raise InputError(f"{path}: {device.name}: found times that are fewer than two or no numbers")
-    steps = np.diff(device.time)
+def in_order(where: str, time: np.ndarray) -> np.ndarray:
+    """Return which of the times are new, (n,) bool: the first of samples with the same time counts.
+
+    Raises:
+        InputError: a clock that runs backwards.
+    """
+    steps = np.diff(time)
+    if len(time) < 2 or not np.isfinite(time).all():
+        raise InputError(f"{where}: found times that are fewer than two or no numbers")
     if (steps < 0).any():
         k = int((steps < 0).argmax())
-        raise InputError(
-            f"{path}: {device.name}: found a clock that runs backwards by {-steps[k]:.3g} s at sample {k + 2}"
-        )
-    new = np.append(True, steps > 0)
+        raise InputError(f"{where}: found a clock that runs backwards by {-steps[k]:.3g} s at sample {k + 2}")
+    return np.append(True, steps > 0)
+
+
+def _ordered(path: Path, device: Device) -> Device:
+    new = in_order(f"{path}: {device.name}", device.time)
     return Device(device.name, device.time[new], device.columns, device.values[new])
 
 

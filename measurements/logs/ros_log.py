@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -18,14 +18,6 @@ from tulip_testbed.measurements.logs.joined_clocks import Device, joined_devices
 JOINTS, WRENCHES = "sensor_msgs/msg/JointState", "geometry_msgs/msg/WrenchStamped"
 
 
-class _Sample(NamedTuple):
-    """A message: its stream (a topic may carry several sets of joints), time [s] and values."""
-
-    stream: tuple[str, tuple[str, ...]]
-    time: float
-    values: list[float]
-
-
 def read_ros(path: Path, files: Sequence[Path]) -> TableFile:
     """Read all joint states and wrenches of a bag, joined by the times in their headers.
 
@@ -35,21 +27,21 @@ def read_ros(path: Path, files: Sequence[Path]) -> TableFile:
         InputError: the library is not installed, a file that is no MCAP, a bag without such messages, or
             clocks that do not overlap.
     """
-    streams: dict[tuple[str, tuple[str, ...]], list[_Sample]] = defaultdict(list)
+    streams: dict[tuple[str, ...], list[list[float]]] = defaultdict(list)  # by topic and columns
     for file in files:
-        for sample in _samples(file):
-            streams[sample.stream].append(sample)
+        for stream, sample in _samples(file):
+            streams[stream].append(sample)
     if not streams:
         raise InputError(f"{path}: found no message of {JOINTS} or {WRENCHES}, expected the log of a robot")
     devices = []
-    for (topic, columns), samples in streams.items():
-        samples.sort(key=lambda one: one.time)
-        values = np.array([one.values for one in samples], float)
-        devices.append(Device(topic, np.array([one.time for one in samples]), columns, values))
+    for (topic, *columns), samples in streams.items():
+        rows = np.array(sorted(samples))
+        devices.append(Device(topic, rows[:, 0], tuple(columns), rows[:, 1:]))
     return joined_devices(path, devices)
 
 
-def _samples(file: Path) -> Iterator[_Sample]:
+def _samples(file: Path) -> Iterator[tuple[tuple[str, ...], list[float]]]:
+    """Yield topic and columns of each message, and its time [s] and values."""
     try:
         from mcap.reader import make_reader
         from mcap_ros2.decoder import DecoderFactory
@@ -59,31 +51,32 @@ def _samples(file: Path) -> Iterator[_Sample]:
         ) from None
     try:
         with opened(file) as stream:
-            reader = make_reader(stream, decoder_factories=[DecoderFactory()])
-            summary = reader.get_summary()
-            kinds = {} if summary is None else {one.id: one.name for one in summary.schemas.values()}
-            topics = [
-                channel.topic
-                for channel in (() if summary is None else summary.channels.values())
-                if kinds.get(channel.schema_id) in (JOINTS, WRENCHES)
-            ]
-            if topics:
-                for schema, channel, message, decoded in reader.iter_decoded_messages(topics):
-                    assert schema is not None  # it was looked up by its name
-                    if schema.name == WRENCHES or len(decoded.position) == len(decoded.name):
-                        yield _sample(schema.name, channel.topic, message.log_time, decoded)
+            factory = DecoderFactory()
+            for schema, channel, message in make_reader(stream).iter_messages():
+                read = None if schema is None else READERS.get(schema.name)
+                decode = None if read is None else factory.decoder_for(channel.message_encoding, schema)
+                if read is None or decode is None:
+                    continue
+                decoded = decode(message.data)
+                stamp = decoded.header.stamp
+                time = stamp.sec + 1e-9 * stamp.nanosec or 1e-9 * message.log_time
+                names, values = read(channel.topic, decoded)
+                if len(names) == len(values):
+                    yield (channel.topic, *names), [time, *values]
     except InputError:
         raise
     except Exception as error:  # the library raises errors of many kinds
         raise InputError(f"{file}: not a bag of ROS 2 in MCAP ({shortened(error, 120)})") from None
 
 
-def _sample(kind: str, topic: str, logged: int, message: Any) -> _Sample:
-    stamp = message.header.stamp
-    time = stamp.sec + 1e-9 * stamp.nanosec or 1e-9 * logged
-    if kind == JOINTS:
-        names = tuple(f"{name} position [rad]" for name in message.name)
-        return _Sample((topic, names), time, list(message.position))
+def _joints(topic: str, message: Any) -> tuple[list[str], list[float]]:
+    return [f"{name} position [rad]" for name in message.name], list(message.position)
+
+
+def _wrench(topic: str, message: Any) -> tuple[list[str], list[float]]:
+    names = [f"{topic} {channel} [{'N' if channel[0] == 'f' else 'Nm'}]" for channel in WRENCH]
     force, moment = message.wrench.force, message.wrench.torque
-    names = tuple(f"{topic} {channel} [{'N' if channel[0] == 'f' else 'Nm'}]" for channel in WRENCH)
-    return _Sample((topic, names), time, [*(force.x, force.y, force.z), *(moment.x, moment.y, moment.z)])
+    return names, [force.x, force.y, force.z, moment.x, moment.y, moment.z]
+
+
+READERS = {JOINTS: _joints, WRENCHES: _wrench}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ DEGREE = 3  # of polynomials for which the weights are exact
 MOMENTS = np.array([[1, 0, 1 / 7, 0], [0, 1, 0, 3 / 7], [0, 0, 2, 0]])  # means of 1, u, u^2, u^3; of u', u''
 LEAST_SAMPLES = 8  # in a window: twice the polynomial's coefficients
 GAP = 0.25  # of a window, in which no sample is missed
-FILTERED = ("command", "motor", "cell_forces", "plate_poses", "wrenches")
+FILTERED = ("joint_angles", "command", "motor", "cell_forces", "plate_poses", "wrenches")
 LIFTED = 0.05  # of the weight, below which a foot is in the air
 MOVING, MISSED, NO_LOAD = (
     "in which a foot lands or lifts",
@@ -32,11 +33,19 @@ class Reduced(NamedTuple):
     dropped: dict[str, int]
 
 
-class _Fit(NamedTuple):
-    """Weights of the samples of a window for the mean value, rate and acceleration in it, (3, n)."""
+class _Window(NamedTuple):
+    """The samples of a row.
 
+    Attributes:
+        start: [s]. inside: the samples' rows.
+        weights: of the n samples for mean value, rate and acceleration, (3, n).
+        residual: maps the samples to their deviations from a polynomial, (n, n).
+    """
+
+    start: float
+    inside: slice
     weights: np.ndarray
-    residual: np.ndarray  # (n, n): maps samples to their deviations from a polynomial
+    residual: np.ndarray
 
 
 def supports(samples: Measurements, weight: float) -> np.ndarray:
@@ -73,7 +82,7 @@ def reduced(
     starts = np.arange(time[0], time[-1] - window + 1e-9, step)
     first, last = np.searchsorted(time, starts - 1e-9), np.searchsorted(time, starts + window - 1e-9)
     carried, loaded = feet_in_contact(samples.support), _loads(samples) >= LIFTED * weight
-    dropped, rows = Counter[str](), []
+    dropped, windows = Counter[str](), []
     for start, a, b in zip(starts, first, last, strict=True):
         inside = slice(a, b)
         edges = np.concatenate([[start], time[inside], [start + window]])
@@ -84,54 +93,45 @@ def reduced(
         elif not carried[a].any() or not loaded[inside][:, carried[a]].all():
             dropped[NO_LOAD] += 1
         else:
-            rows.append((start, a, b))
-    return Reduced(_rows(samples, rows, window), dict(dropped))
+            windows.append(_Window(start, inside, *_weights(time[inside] - start - window / 2, window)))
+    return Reduced(_rows(samples, windows, window), dict(dropped))
 
 
-def _rows(samples: Measurements, rows: list[tuple[float, int, int]], window: float) -> Measurements:
-    fits = [_fit(samples.time[a:b] - start - window / 2, window) for start, a, b in rows]
-
-    def each(name: str, order: int = 0) -> np.ndarray | None:
-        """Return value, rate or acceleration in every window."""
+def _rows(samples: Measurements, windows: list[_Window], window: float) -> Measurements:
+    def each(name: str, of: Callable[[_Window, np.ndarray], np.ndarray]) -> np.ndarray | None:
+        """Return a function of the samples, (n, k), of every window."""
         if (values := getattr(samples, name)) is None:
             return None
-        found = [
-            np.tensordot(fit.weights[order], values[a:b], 1)
-            for fit, (_, a, b) in zip(fits, rows, strict=True)
-        ]
-        return np.reshape(found, (len(rows), *values.shape[1:]))
+        flat = values.reshape(len(samples), -1)
+        return np.reshape([of(one, flat[one.inside]) for one in windows], (len(windows), *values.shape[1:]))
 
-    def spread(name: str) -> np.ndarray | None:
-        if (values := getattr(samples, name)) is None:
-            return None
-        off = [np.tensordot(fit.residual, values[a:b], 1) for fit, (_, a, b) in zip(fits, rows, strict=True)]
-        found = [np.sqrt((one**2).sum(axis=0) / (len(one) - DEGREE - 1)) for one in off]
-        return np.reshape(found, (len(rows), *values.shape[1:]))
+    def mean(one: _Window, values: np.ndarray) -> np.ndarray:
+        return one.weights[0] @ values
 
-    chosen = samples.take(np.array([a for _, a, _ in rows], int))
-    angles = each("joint_angles")
-    assert angles is not None
+    def spread(one: _Window, values: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(one.residual @ values, axis=0) / np.sqrt(len(values) - DEGREE - 1)
+
+    first = samples.take(np.array([one.inside.start for one in windows], int))
+    readings: dict[str, Any] = {name: each(name, mean) for name in FILTERED}
+    readings |= {f"{name}_sd": each(name, spread) for name in ("joint_angles", "cell_forces", "wrenches")}
     constant = [samples.joints.index(joint) for joint in samples.constant_joints]
-    angles[:, constant] = chosen.joint_angles[:, constant]  # to the last digit
-    new = chosen.support[1:] != chosen.support[:-1]
-    readings: dict[str, Any] = {name: each(name) for name in FILTERED}
-    readings |= {f"{name}_sd": spread(name) for name in ("joint_angles", "cell_forces", "wrenches")}
+    readings["joint_angles"][:, constant] = first.joint_angles[:, constant]  # to the last digit
+    changed = np.append(False, first.support[1:] != first.support[:-1])[: len(windows)]
     return dataclasses.replace(
-        chosen,
-        posture=np.arange(1, len(rows) + 1),
-        placement=1 + np.cumsum(np.append(np.zeros(min(len(rows), 1), bool), new)),
-        time=np.array([start for start, _, _ in rows]),
-        window=np.full(len(rows), window),
-        samples=np.array([b - a for _, a, b in rows], float),
-        joint_angles=angles,
-        joint_rates=each("joint_angles", 1),
-        joint_accelerations=each("joint_angles", 2),
+        first,
+        posture=np.arange(1, len(windows) + 1),
+        placement=1 + np.cumsum(changed),
+        time=np.array([one.start for one in windows]),
+        window=np.full(len(windows), window),
+        samples=np.array([one.weights.shape[1] for one in windows], float),
+        joint_rates=each("joint_angles", lambda one, values: one.weights[1] @ values),
+        joint_accelerations=each("joint_angles", lambda one, values: one.weights[2] @ values),
         **readings,
     )
 
 
-def _fit(time: np.ndarray, window: float) -> _Fit:
-    """Return the weights of samples at times from the middle of a window, (n,) [s].
+def _weights(time: np.ndarray, window: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return weights and residual, see `_Window`, of samples at times from the middle of a window, (n,) [s].
 
     With u = 2 time / window the weight is k(u) = (1 - u^2)^2. By parts, the mean rate is that of -k' times
     the value, the mean acceleration that of k'' times the value. The sums over samples are corrected so that
@@ -143,7 +143,7 @@ def _fit(time: np.ndarray, window: float) -> _Fit:
     raw = np.gradient(u) * np.array([(1 - u**2) ** 2, 4 * u * (1 - u**2), 12 * u**2 - 4]) / (16 / 15)
     solve = np.linalg.pinv(powers)
     weights = (raw + (MOMENTS - raw @ powers) @ solve) / half ** np.arange(3)[:, None]
-    return _Fit(weights, np.eye(len(time)) - powers @ solve)
+    return weights, np.eye(len(time)) - powers @ solve
 
 
 def _loads(m: Measurements) -> np.ndarray:

@@ -124,7 +124,7 @@ def import_table(
     out: str | Path,
     map: Sequence[str] = (),  # noqa: A002  a table's map
 ) -> ImportedTable:
-    """Make a measurement folder of your own table, or of the log of a robot that moves.
+    """Make a measurement folder of your own table or log.
 
     The table keeps its names, units and signs; the manifest maps them to the contract's. Columns are found by
     their names, units in brackets. Units that no column name gives have to be stated. Signs are +1 unless
