@@ -52,7 +52,7 @@ CHANNELS = "AFTC"
 Families = Sequence[Family | FreeEffect]
 OF_LOADS = ("joint-compliance", "sole-compliance", "foot-compliance")
 # With CAD as prior data say too little of how wide a family is, but of these.
-OF_CONTACTS = ("wrench-", "foot-")
+OF_CONTACTS = ("wrench-crosstalk", "foot-compliance")
 
 
 def own_sources(observed: Observation) -> tuple[str, ...]:
@@ -355,7 +355,7 @@ def _doubt(observed: Observation) -> np.ndarray:
 def _spread_is_known(family: Family | FreeEffect, by_cad: bool) -> bool:
     if isinstance(family, FreeEffect) or family.known:
         return True
-    return by_cad and not family.name.startswith(OF_CONTACTS)
+    return by_cad and family.name not in OF_CONTACTS
 
 
 def _at(family: Family | FreeEffect, sizes: np.ndarray) -> Family | FreeEffect:

@@ -178,9 +178,13 @@ def predict(
 
 
 def _without_zeros(problem: PredictionProblem, train: np.ndarray) -> np.ndarray:
-    """Return CAD's residuals less what zeros explain of the training postures', (m, 2) [m]."""
-    target = problem.residual[train].ravel()
-    size = np.linalg.lstsq(problem.rows(problem.zeros, train), target, rcond=RANK)[0]
+    """Return CAD's residuals less what zeros explain of the training postures', (m, 2) [m].
+
+    Zeros have their prior: that of the weight would else make all moments small.
+    """
+    target, columns = problem.residual[train].ravel(), problem.rows(problem.zeros, train)
+    noise = max(float(np.sqrt((target**2).mean())), SMALLEST)
+    size = columns.T @ np.linalg.solve(columns @ columns.T + noise**2 * np.eye(len(target)), target)
     return problem.residual - problem.zeros @ size
 
 
@@ -288,7 +292,7 @@ def _with_prior(problem: PredictionProblem, train: np.ndarray, test: np.ndarray)
     residual = problem.residual[train].ravel()
     reach = problem.rows(problem.matrix, train) @ problem.spread
     offset = np.broadcast_to(np.eye(2), (len(problem.residual), 2, 2))
-    every = WIDE * np.concatenate([problem.zeros, offset], axis=2)
+    every = np.concatenate([problem.zeros, WIDE * offset], axis=2)
     zeros = problem.rows(every, train)
     fixed = zeros @ zeros.T
     same = np.equal.outer(problem.measurements.placement[train], problem.measurements.placement[train])
@@ -329,7 +333,8 @@ class PredictionProblem:
         observed: the measurements in the nominal laboratory.
         matrix: H, (m, 2, p). center: centre of pressure, (m, 2) [m]. residual: of CAD, (m, 2) [m].
         spread: root of the prior's covariance of the base parameters, (p, k) [m].
-        zeros: change of the residual by sensors' zeros of which nothing is known, each of size 1, (m, 2, z).
+        zeros: change of the residual by one s.d. of sensors' zeros of which nothing is known, and of the
+            weight if it is not either, (m, 2, z).
     """
 
     measurements: Measurements
@@ -369,7 +374,7 @@ def problem_of(m: Measurements, robot: Robot, nominal: Nominal) -> PredictionPro
 
 
 def _about_zeros(m: Measurements, nominal: Nominal, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the centre of pressure, (m, 2) [m], and its change by zeros of size 1, (m, 2, z).
+    """Return the centre of pressure, (m, 2) [m], and its change by one s.d. of zeros, (m, 2, z).
 
     The vertical forces hold the zeros too: the moments are divided by the robot's weight, so that zeros
     enter linearly.
@@ -388,13 +393,15 @@ def _about_zeros(m: Measurements, nominal: Nominal, unknown: np.ndarray) -> tupl
         return contact_pressure(other, nominal).center * (total / (nominal.mass * m.gravity))[:, None]
 
     assert m.wrenches is not None
-    here, columns = center(m.wrenches), []
+    here, columns, weight = center(m.wrenches), [], []
     for side, channel in np.argwhere(unknown):
         zero = np.zeros(unknown.shape)
         zero[side, channel] = 1.0
         columns.append(center(m.wrenches + zero) - here)
     if m.weighed_mass is None:  # an error of the weight is no error of the CAD model's centre of mass
-        columns.append(-here)
-    changes = np.stack(columns, axis=2)
+        mass = standard_parameters(nominal.robot.model)[:, 0]
+        weight = [-here * MASS_SD * np.linalg.norm(mass) / mass.sum()]
+    changes = np.stack([*columns, np.zeros_like(here)], axis=2)
     size = np.sqrt((changes**2).mean(axis=(0, 1)))
-    return here, changes[..., size > SMALLEST] / size[size > SMALLEST]
+    zeros = WIDE * changes[..., size > SMALLEST] / size[size > SMALLEST]
+    return here, np.concatenate([zeros, *(one[..., None] for one in weight)], axis=2)
