@@ -1,4 +1,4 @@
-"""A robot without its file's peculiarities: MuJoCo has fixed to a link whatever moves with it."""
+"""A robot without its file's peculiarities: MuJoCo has fixed to every link all that moves with it."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ def tree_spec(
     frames: Mapping[int, tuple[Array, Array]] | None = None,
     digits: int = 16,
 ) -> mujoco.MjSpec:
-    """Write a tree of bodies anew: inertias, hinges about their place in `data`, and convex shapes.
+    """Write a tree of bodies again: inertias, hinges about their place in `data`, and convex shapes.
 
     Args:
         data: kinematics. root: the first body. moving: hinges to keep, by name.
