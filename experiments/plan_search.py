@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cache
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,16 +17,12 @@ from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.planning.interior_point import casadi_module
 from tulip_testbed.identification.planning.objectives import Objective
 from tulip_testbed.identification.planning.optimal_plan import (
-    Start,
+    SearchTask,
     measured_information,
     objective_by_name,
-    optimize_plan,
-    plan_from_state,
-    random_start,
     with_repeats,
 )
 from tulip_testbed.identification.planning.problem import PlanningProblem, planning_problem
-from tulip_testbed.identification.planning.search import SearchState, round_count
 from tulip_testbed.identification.planning.search_defaults import HOPS, SOLVERS
 from tulip_testbed.identification.planning.single_support import single_support_plan
 from tulip_testbed.measurements import Measurements, PosturePlan
@@ -39,7 +33,6 @@ from tulip_testbed.sim.scene import nominal_plates
 from tulip_testbed.sim.scene_check import check_scene
 
 SIGMA_MM = 4.16  # the paper's residual per axis (eq. 14)
-Show = Callable[[SearchState], None]
 
 
 @dataclass(frozen=True)
@@ -74,30 +67,10 @@ class PlanSettings:
         counts = {"right": self.right, "left": self.left}
         return {foot: count for foot, count in counts.items() if count}
 
-    @property
-    def size(self) -> tuple[int, int, int]:
-        """Placements, postures on each, hops."""
-        return self.placements, self.postures_per_placement, self.hops
-
 
 def state_folder(out: Path) -> Path:
     """Return where an interrupted search leaves its states, next to its plan."""
     return out.with_name(f".{out.name}.search")
-
-
-@dataclass(frozen=True)
-class SearchJob:
-    """A search from one random start.
-
-    Attributes:
-        rounds: how many it takes.
-        run: from a state, or from the start; calls back after every round.
-        best: the best plan of a state.
-    """
-
-    rounds: int
-    run: Callable[[Show, SearchState | None], PosturePlan]
-    best: Callable[[SearchState], PosturePlan]
 
 
 @dataclass(frozen=True)
@@ -115,29 +88,24 @@ class PlanSearch:
     problem: PlanningProblem
     goal: Objective
 
-    def job(self, seed: int | None = None) -> SearchJob:
-        """Set up the search from a random start.
+    def task(self, seed: int | None = None) -> SearchTask:
+        """Return the search from a random start.
 
         Args:
             seed: of the start; the settings' if None.
         """
-        seed = self.settings.seed if seed is None else seed
-        problem, goal, solver, measured = self.problem, self.goal, self.settings.solver, self.measured
-        placements, per, hops = self.settings.size
-
-        @cache
-        def start() -> Start:
-            return random_start(problem, goal, placements, per, seed, self.settings.on_one_foot, measured)
-
-        def run(show: Show, state: SearchState | None) -> PosturePlan:
-            return optimize_plan(
-                problem, goal, placements, per, seed, hops, show, state, solver, measured, start()
-            )
-
-        def best(state: SearchState) -> PosturePlan:
-            return plan_from_state(problem, goal, replace(start(), state=state), seed, hops, solver, measured)
-
-        return SearchJob(round_count(goal, hops), run, best)
+        wanted = self.settings
+        return SearchTask(
+            self.problem,
+            self.goal,
+            wanted.placements,
+            wanted.postures_per_placement,
+            wanted.seed if seed is None else seed,
+            wanted.hops,
+            wanted.solver,
+            wanted.on_one_foot,
+            self.measured,
+        )
 
     def folder(self, out: Path) -> ResumableFolder:
         """Return the folder of the search's states, next to the plan that it makes."""
@@ -180,7 +148,7 @@ def set_up_search(
         *(("single_support", 0), ("repeats", 0), ("right", 0), ("left", 0)),
     ):
         at_least(name, getattr(settings, name), least)
-    placements, per, _ = settings.size
+    placements, per = settings.placements, settings.postures_per_placement
     at_most("placements, postures_per_placement", placements * per, MOST_ROWS)
     if settings.repeats > (most := trials * placements * per):
         raise InputError(f"repeats: found {settings.repeats}, expected at most the plan's {most} postures")

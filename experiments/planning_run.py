@@ -21,8 +21,9 @@ from tulip_testbed.base.files import check_new, present, write_text
 from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.table_files import read_json
 from tulip_testbed.experiments.described_plan import SEARCHED, DescribedPlan, Trial, describe_plan
-from tulip_testbed.experiments.plan_search import PlanSearch, SearchJob, state_folder
+from tulip_testbed.experiments.plan_search import PlanSearch, state_folder
 from tulip_testbed.experiments.usable_plan import joined_trials
+from tulip_testbed.identification.planning.optimal_plan import SearchTask
 from tulip_testbed.identification.planning.search import ARRAYS, SearchState, StateError
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.plan_folder import write_plan
@@ -62,7 +63,7 @@ def _search(
     began, finished, trials, plans = time.perf_counter(), True, [], []
     for seed in TABLE1 if table1 else [search.settings.seed]:
         started = time.process_time()
-        plan, finished = _carry_out(search.job(seed), states, seed, progress)
+        plan, finished = _carry_out(search.task(seed), states, progress)
         plans.append(plan)
         if not finished:
             break
@@ -109,13 +110,11 @@ def _states_of(search: PlanSearch, out: Path | None) -> Iterator[Path | None]:
                 shutil.rmtree(states, ignore_errors=True)
 
 
-def _carry_out(
-    job: SearchJob, states: Path | None, seed: int, progress: Progress
-) -> tuple[PosturePlan, bool]:
+def _carry_out(task: SearchTask, states: Path | None, progress: Progress) -> tuple[PosturePlan, bool]:
     """Carry out a search from its last state; return its plan and whether it came to its end."""
-    kept = None if states is None else states / f"seed-{seed}.json"
+    kept = None if states is None else states / f"seed-{task.seed}.json"
     state = last = None if kept is None else read_state(kept)
-    with progress(f"seed {seed}", job.rounds, state.rounds if state else 0) as advance:
+    with progress(f"seed {task.seed}", task.rounds, state.rounds if state else 0) as advance:
 
         def show(reached: SearchState) -> None:
             nonlocal last
@@ -125,13 +124,13 @@ def _carry_out(
             advance(reached.rounds - before, reached.value)
 
         try:
-            return job.run(show, state), True
+            return task.run(show, state), True
         except StateError as error:
             raise InputError(f"{kept}: found no state of an interrupted run ({error}); remove it") from None
         except KeyboardInterrupt:
             if last is None or kept is None:
                 raise
-            plan = job.best(last)
+            plan = task.plan_of(last)
             return replace(plan, made=plan.made | {"interrupted": True}), False
 
 

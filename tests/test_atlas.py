@@ -237,19 +237,6 @@ def test_commands(small_plan, tmp_path, capsys):
     assert said["check"]["largest_difference_se"] < 0.3 * said["check"]["largest_bias_se"]
 
 
-def test_bad_input_is_refused(small_plan, tmp_path, capsys):
-    (tmp_path / "there").mkdir()
-    for arguments, message in (
-        (["atlas", str(small_plan), "--out", str(tmp_path / "there")], "exists already"),
-        (["atlas", str(tmp_path / "none")], "none"),
-        (["atlas", "tolerance", str(small_plan), "--seed", "-1"], "seed: found -1"),
-    ):
-        assert main(arguments) == 2
-        printed = capsys.readouterr()
-        assert printed.out == ""
-        assert message in " ".join(printed.err.split())
-
-
 def test_the_screen_shows_every_kind_in_two_screens(found):
     """Every detected and hidden size is counted once, and the ranges hold all targets."""
     opening, kinds, closing = found.tables()

@@ -148,7 +148,7 @@ def test_every_verdict_has_its_page_and_its_view(saved, verdict, robot, tmp_path
     told = unescape(re.sub("</?code>", "`", text))
     assert all(line in told for line in run.story)
     if verdict == "ambiguous":
-        assert "link-length:right_lower_leg" in discovery_text(run, 1)
+        assert "link-length:right_lower_leg" in "\n".join(discovery_text(run, 1))
         assert "1.5" in text
     window.save(tmp_path / "v.rrd", "v", lambda recording: log_discovery(recording, run))
 

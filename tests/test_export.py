@@ -345,11 +345,6 @@ def test_adopted_lengths_on_request(run, found, robot, tmp_path):
     assert f'<origin xyz="{" ".join(map(repr, place))}"' in urdf
 
 
-def test_lengths_that_nothing_adopted_are_refused(found, robot, tmp_path):
-    with pytest.raises(InputError, match="found no adopted link-length"):
-        export_model(found, robot, Export(tmp_path / "a.xml", samples=0, lengths=True))
-
-
 def test_a_place_within_a_frame_is_refused(tmp_path):
     text = b'<mujoco><worldbody><frame pos="1 0 0"><body name="a" pos="0 0 1"/></frame></worldbody></mujoco>'
     with pytest.raises(InputError, match="expected its place in the body itself"):

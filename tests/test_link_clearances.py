@@ -21,7 +21,7 @@ from tulip_testbed.identification.link_paths import SHARE, blocked, path_clearan
 from tulip_testbed.identification.link_shapes import GROUND, link_shapes
 from tulip_testbed.identification.planning.constraints import evaluate, inequality_names
 from tulip_testbed.identification.planning.objectives import objectives
-from tulip_testbed.identification.planning.optimal_plan import optimize_plan, smallest_margins
+from tulip_testbed.identification.planning.optimal_plan import SearchTask, smallest_margins
 from tulip_testbed.identification.planning.path_order import with_free_paths
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning.search import design_of
@@ -52,7 +52,8 @@ def problem(humanoid):
 
 @pytest.fixture(scope="module")
 def optimal_plan(problem):
-    return optimize_plan(problem, objectives(problem.nominal, 4.16e-3)["condition"], 7, 5, 412, hops=1)
+    goal = objectives(problem.nominal, 4.16e-3)["condition"]
+    return SearchTask(problem, goal, 7, 5, 412, hops=1).run()
 
 
 class Collisions:

@@ -10,7 +10,7 @@ from tests.scaled_robot import write_scaled_robot
 from tulip_testbed.identification.planning.closed_chain import chain_at
 from tulip_testbed.identification.planning.link_distances import limb_distances
 from tulip_testbed.identification.planning.objectives import objectives
-from tulip_testbed.identification.planning.optimal_plan import optimize_plan, smallest_margins
+from tulip_testbed.identification.planning.optimal_plan import SearchTask, smallest_margins
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning_ranges import (
     Margins,
@@ -42,7 +42,8 @@ def test_a_light_robot_can_be_planned(tmp_path):
     assert margins.foot_moment == pytest.approx(0.55 * LIGHT**4, rel=0.01)
     problem = planning_problem(robot, plate)
     assert problem.weight == pytest.approx(31.0, abs=0.01)
-    plan = optimize_plan(problem, objectives(problem.nominal, 4.16e-3)["condition"], 5, 3, 421, hops=0)
+    goal = objectives(problem.nominal, 4.16e-3)["condition"]
+    plan = SearchTask(problem, goal, 5, 3, 421, hops=0).run()
     assert plan.made["final_objective"] < plan.made["initial_objective"]
     assert all(margin["value"] > -1e-6 for margin in smallest_margins(problem, plan).values())
 

@@ -30,9 +30,8 @@ from tulip_testbed.identification.planning.one_foot_search import (
     random_pools,
 )
 from tulip_testbed.identification.planning.optimal_plan import (
+    SearchTask,
     measured_information,
-    optimize_plan,
-    random_start,
 )
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning.single_support import feasible_pool
@@ -64,8 +63,8 @@ def goal(problem):
 
 
 @pytest.fixture(scope="module")
-def start(problem, goal):
-    return random_start(problem, goal, PLACEMENTS, PER, SEED, COUNTS)
+def task(problem, goal):
+    return SearchTask(problem, goal, PLACEMENTS, PER, SEED, hops=0, counts=COUNTS)
 
 
 @pytest.fixture(scope="module")
@@ -74,9 +73,9 @@ def states():
 
 
 @pytest.fixture(scope="module")
-def mixed(problem, goal, start, states):
+def mixed(task, states):
     """Nine postures on both feet and four on each foot."""
-    return optimize_plan(problem, goal, PLACEMENTS, PER, SEED, hops=0, progress=states.append, start=start)
+    return task.run(states.append)
 
 
 @pytest.fixture(scope="module")
@@ -195,8 +194,8 @@ def test_the_search_beats_the_best_of_a_random_pool(problem, goal, mixed):
     assert found < mixed.made["initial_objective"] - 0.5
 
 
-def test_a_search_is_taken_up_in_the_same_bits(problem, goal, start, states, mixed):
-    again = optimize_plan(problem, goal, PLACEMENTS, PER, SEED, hops=0, state=states[0], start=start)
+def test_a_search_is_taken_up_in_the_same_bits(task, states, mixed):
+    again = task.run(state=states[0])
     assert again.joint_angles.tobytes() == mixed.joint_angles.tobytes()
 
 

@@ -46,21 +46,6 @@ def test_a_dask_cluster_writes_the_same_bytes(undisturbed, tmp_path):
     assert bytes_of(done) == bytes_of(undisturbed)
 
 
-@pytest.mark.filterwarnings("default")
-def test_nobody_at_the_address(monkeypatch):
-    pytest.importorskip("distributed")
-    monkeypatch.setattr("tulip_testbed.experiments.montecarlo.parallel_runs.PATIENCE", 1)
-    began = time.perf_counter()
-    with pytest.raises(InputError, match="no Dask scheduler within 1 s"), computed_by(1, "tcp://127.0.0.1:9"):
-        pass
-    assert time.perf_counter() - began < 5
-    with (
-        pytest.raises(InputError, match="expected the scheduler's"),
-        computed_by(1, "no address"),
-    ):
-        pass
-
-
 def test_without_dask_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r"tulip-testbed\[cluster\]"), computed_by(1, "tcp://127.0.0.1:9"):

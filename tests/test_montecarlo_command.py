@@ -113,7 +113,9 @@ def test_an_unreachable_cluster_leaves_nothing(small, tmp_path, capsys, monkeypa
     pytest.importorskip("distributed")
     monkeypatch.setattr("tulip_testbed.experiments.montecarlo.parallel_runs.PATIENCE", 1)
     options = ("--out", tmp_path / "run", "--runs", 5, "--scheduler", "tcp://127.0.0.1:9")
+    began = time.perf_counter()
     assert "no Dask scheduler within 1 s" in refused(capsys, "montecarlo", small, *options)
+    assert time.perf_counter() - began < 10
     assert not (tmp_path / "run").exists()
 
 

@@ -13,7 +13,6 @@ from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, montecarlo_file
 from tulip_testbed.experiments.montecarlo.montecarlo_run import raise_runs, run_folder
 from tulip_testbed.experiments.montecarlo.settings import Settings
-from tulip_testbed.experiments.usable_plan import random_plan
 
 SETTINGS = Settings(runs=100, seed=5, estimator="mixed-model", robot_spread=None, imperfections=0)
 
@@ -103,16 +102,6 @@ def test_the_processor_is_recorded_and_another_one_may_go_on(scenario, tmp_path)
             json.dumps({name: value for name, value in document.items() if value is not None})
         )
         begin(folder, scenario)
-
-
-def test_more_runs_than_anybody_waits_for_are_refused(scenario, tmp_path):
-    with pytest.raises(InputError, match="runs: found 10000000000000, expected 1000000 or less"):
-        tt.monte_carlo(*scenario, runs=10**13, out=tmp_path / "run")
-    with pytest.raises(InputError, match="workers: found 100000, expected 1000 or less"):
-        tt.monte_carlo(*scenario, runs=100, workers=10**5, out=tmp_path / "run")
-    with pytest.raises(InputError, match=r"placements, per_placement: found 50000000, expected 10000"):
-        random_plan(scenario[0].robot, placements=10**7)
-    assert not (tmp_path / "run").exists()
 
 
 def test_what_is_no_monte_carlo_is_refused(scenario, tmp_path):

@@ -18,9 +18,9 @@ from tulip_testbed.identification.planning.closed_chain import chain_at, open_ch
 from tulip_testbed.identification.planning.objectives import objectives
 from tulip_testbed.identification.planning.one_foot import single_support_margins
 from tulip_testbed.identification.planning.optimal_plan import (
+    SearchTask,
     after,
     measured_information,
-    optimize_plan,
     smallest_margins,
     with_repeats,
 )
@@ -72,7 +72,7 @@ def test_the_next_placements_tell_more_than_random_ones(problem, robot, plate, p
     taken = measured(robot, plan.take(plan.placement <= 10))
     goal = objectives(problem.nominal, SIGMA)["condition"]
     states = []
-    found = optimize_plan(problem, goal, 2, 5, SEED, 10, states.append, measured=taken)
+    found = SearchTask(problem, goal, 2, 5, SEED, 10, measured=taken).run(states.append)
     known = measured_information(problem, taken)
 
     def with_these(angles):

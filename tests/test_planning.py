@@ -20,7 +20,7 @@ from tulip_testbed.identification.planning.footing import footing
 from tulip_testbed.identification.planning.interior_point import interior_point
 from tulip_testbed.identification.planning.linear_steps import evaluate_plan
 from tulip_testbed.identification.planning.objectives import OBJECTIVES, objectives
-from tulip_testbed.identification.planning.optimal_plan import optimize_plan, smallest_margins
+from tulip_testbed.identification.planning.optimal_plan import SearchTask, smallest_margins
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning.search import design_of, repair_start, search
 from tulip_testbed.identification.planning_ranges import planning_ranges
@@ -48,7 +48,7 @@ def goal(problem):
 @pytest.fixture(scope="module")
 def small(problem, goal):
     """Five placements of three postures, as `tulip plan optimal --hops 1` makes them."""
-    return optimize_plan(problem, goal, 5, 3, 211, hops=1)
+    return SearchTask(problem, goal, 5, 3, 211, hops=1).run()
 
 
 def differences(function, design):
@@ -195,7 +195,7 @@ def test_ipopt_goes_on_from_a_plan(problem, goal, plan):
 @pytest.mark.slow
 def test_taken_up_again_it_ends_in_the_same_bits(problem, goal, small):
     whole = []
-    optimize_plan(problem, goal, 5, 3, 211, hops=1, progress=whole.append)
+    SearchTask(problem, goal, 5, 3, 211, hops=1).run(whole.append)
     middle = whole[3]
     last = list(search(problem, goal, middle, 3, 211, hops=1))[-1]
     assert last.best_angles.tobytes() == whole[-1].best_angles.tobytes() == small.joint_angles.tobytes()

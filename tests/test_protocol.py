@@ -31,7 +31,7 @@ def folder(small_protocol, tmp_path_factory):
     """A protocol's folder, and the protocol."""
     path = tmp_path_factory.mktemp("protocol") / "day"
     with pytest.MonkeyPatch.context() as patch:  # drawing takes long; the space of the pictures counts
-        patch.setattr("tulip_testbed.pages.protocol_page.rendered", _grey)
+        patch.setattr("tulip_testbed.pages.pictures.rendered", _grey)
         assert write_protocol(path, small_protocol) == []
     return path, small_protocol
 
@@ -116,7 +116,7 @@ def table_of(path):
 def test_without_a_data_sheet_the_manifest_says_so(robot, small_plan, small_protocol, tmp_path, monkeypatch):
     without = replace(small_protocol, sensors=None)
     monkeypatch.setattr("tulip_testbed.api.planned.protocol_of", lambda *arguments: without)
-    monkeypatch.setattr("tulip_testbed.pages.protocol_page.rendered", _no_pictures)
+    monkeypatch.setattr("tulip_testbed.pages.pictures.rendered", _no_pictures)
     tt.protocol(small_plan, robot, out=tmp_path / "day", repeats=0)
     manifest = json.loads((tmp_path / "day" / "measurements" / "manifest.json").read_text())
     assert set(manifest["sensors"].values()) == {None}
@@ -229,7 +229,7 @@ def test_another_robot_s_plan_is_refused(tmp_path, small_plan):
 
 
 def test_command_prints_one_document(tmp_path, small_protocol, capsys, monkeypatch):
-    monkeypatch.setattr("tulip_testbed.pages.protocol_page.rendered", _no_pictures)
+    monkeypatch.setattr("tulip_testbed.pages.pictures.rendered", _no_pictures)
     monkeypatch.setattr("tulip_testbed.api.planned.protocol_of", lambda *arguments: small_protocol)
     assert main(["protocol", "optimal", "--out", str(tmp_path / "day"), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)

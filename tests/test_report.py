@@ -148,16 +148,6 @@ def test_a_failed_verdict_names_the_checks_and_a_hostile_name_stays_text(run, ro
     assert "<script>alert(1)" not in html(found)
 
 
-def test_bad_input(run, tmp_path, capsys):  # noqa: F811
-    out = ("--out", tmp_path / "x.html")
-    assert "no such folder" in refused(capsys, "report", tmp_path / "none", *out)
-    message = refused(capsys, "report", run / "plan", *out)
-    assert "found a plan folder, expected a run folder" in message
-    (tmp_path / "taken.html").write_text("")
-    assert "exists already" in refused(capsys, "report", run, "--out", tmp_path / "taken.html")
-    assert not (tmp_path / "x.html").exists()
-
-
 def test_an_unfinished_montecarlo_is_not_reported(coverage, tmp_path, capsys):
     shutil.copytree(coverage, tmp_path / "part")
     (tmp_path / "part" / "runs" / "chunk-000001.parquet").unlink()

@@ -20,7 +20,6 @@ from tests.drawing import draws_with
 from tests.looking import headless_viewer
 from tests.test_cli import refused
 from tests.test_series import raw_series, write_series
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
@@ -228,24 +227,6 @@ def test_a_robot_of_meshes_and_one_of_two_hinges_a_body_are_drawn(foreign, tmp_p
         postures.log_geometry(recording, "robot", nominal)
         recording.disconnect()
         assert (tmp_path / f"{name}.rrd").stat().st_size > 1e4
-
-
-def test_bad_input(run, tmp_path, capsys, monkeypatch):
-    monkeypatch.delenv("DISPLAY", raising=False)
-    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    message = refused(capsys, "view", run)
-    assert "found no display" in message
-    assert "expected one; `save=FILE.rrd` writes the view without a window, `serve=True` shows" in message
-    with pytest.raises(InputError, match=r"expected one; `save=FILE.rrd` writes the view without a window, "):
-        window.check_display()
-    assert "no such folder" in refused(capsys, "view", tmp_path / "none")
-    (tmp_path / "empty").mkdir()
-    message = refused(capsys, "view", tmp_path / "empty")
-    assert "found 0 of run.json, manifest.json, plan.json" in message
-    (tmp_path / "taken.rrd").write_text("")
-    assert "exists already" in refused(capsys, "view", run, "--save", tmp_path / "taken.rrd")
-    assert "found both" in refused(capsys, "view", run, "--save", tmp_path / "x.rrd", "--serve")
-    assert not (tmp_path / "x.rrd").exists()
 
 
 def test_a_run_of_another_version_or_robot_or_one_that_was_changed(run, foreign, tmp_path, capsys):

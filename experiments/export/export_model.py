@@ -23,7 +23,7 @@ from tulip_testbed.experiments.export.published_links import PublishedLinks, pub
 from tulip_testbed.experiments.export.robot_samples import robot_samples
 from tulip_testbed.experiments.export.written_urdf import written_urdf
 from tulip_testbed.experiments.identification_result import Identification
-from tulip_testbed.experiments.robot_import.skeleton import LEAST_MASS, rotation
+from tulip_testbed.experiments.robot_import.skeleton import LEAST_MASS
 from tulip_testbed.experiments.robot_import.urdf import find_mesh
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters
 from tulip_testbed.identification.consistent_robot import (
@@ -41,7 +41,7 @@ from tulip_testbed.identification.pseudo_inertia import (
 )
 from tulip_testbed.sim.mjcf_files import mjcf_files
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import Robot, check_unchanged, load_spec
+from tulip_testbed.sim.robot import Robot, check_unchanged, load_spec, rotation_matrices
 
 LENGTH = "link-length"
 ENDINGS = (".xml", ".urdf")
@@ -244,12 +244,12 @@ def _content(
 
 def _rigid(pseudo: np.ndarray, model: mujoco.MjModel) -> np.ndarray:
     """Return pseudo-inertias with those of bodies without a joint in their parents', (n_links, 4, 4)."""
-    sums = pseudo.copy()
+    sums, rotations = pseudo.copy(), rotation_matrices(model.body_quat)
     for body in range(model.nbody - 1, 0, -1):
         parent = int(model.body_parentid[body])
         if model.body_jntnum[body] == 0 and parent > 0:
             place = np.eye(4)
-            place[:3, :3], place[:3, 3] = rotation(model.body_quat[body]), model.body_pos[body]
+            place[:3, :3], place[:3, 3] = rotations[body], model.body_pos[body]
             sums[parent - 1] += moved(sums[body - 1], place)
             sums[body - 1] = 0.0
     return sums

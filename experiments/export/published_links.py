@@ -67,13 +67,7 @@ def published_links(path: Path, robot: Robot) -> PublishedLinks:
         InputError: no MJCF or URDF, or one of another robot.
     """
     source = read_published(path)
-    model, data = source.model, mujoco.MjData(source.model)
-    for k in range(model.njnt):
-        joint = model.joint(k)
-        if joint.type[0] in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
-            turns = joint.name in joint_names(robot.model)
-            data.qpos[int(joint.qposadr[0])] = 0.0 if turns else source.reference.get(joint.name, 0.0)
-    mujoco.mj_kinematics(model, data)
+    model, data = source.model, source.at_zero(joint_names(robot.model))
     other = mujoco.MjData(robot.model)
     other.qpos[[int(robot.model.joint(name).qposadr[0]) for name in joint_names(robot.model)]] = 0.0
     mujoco.mj_kinematics(robot.model, other)

@@ -9,10 +9,9 @@ import numpy as np
 
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.export.inertial_text import inertial_xml, joined
-from tulip_testbed.experiments.robot_import.skeleton import rotation
 from tulip_testbed.identification.pseudo_inertia import moved
 from tulip_testbed.sim.control import joint_torques
-from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.robot import Robot, rotation_matrices
 
 FASTEST = 100.0  # rad/s: a URDF needs a limit of the speed, which an MJCF does not have
 
@@ -30,7 +29,7 @@ def written_urdf(robot: Robot, model: mujoco.MjModel, pseudo: np.ndarray) -> byt
     Raises:
         InputError: a hinge whose zero is not where the file draws it (`ref`), which a URDF cannot express.
     """
-    torques = joint_torques(robot.spec)
+    torques, rotations = joint_torques(robot.spec), rotation_matrices(model.body_quat)
     lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(robot.name)}>"]
     if (pseudo[:, 3, 3] == 0).any() or (model.body_jntnum > 1).any():
         # MuJoCo refuses links that move without mass; other programs pass over this.
@@ -49,7 +48,11 @@ def written_urdf(robot: Robot, model: mujoco.MjModel, pseudo: np.ndarray) -> byt
         lines.append(f"  <link name={quoteattr(name)}>{inertial}</link>")
         if not above:
             continue
-        parent, start, turn = model.body(above).name, model.body_pos[body] - shift[above], _rpy(model, body)
+        parent, start, turn = (
+            model.body(above).name,
+            model.body_pos[body] - shift[above],
+            _rpy(rotations[body]),
+        )
         if not hinges:
             lines.append(_joint(f"{name}_fixed", "fixed", parent, name, start, turn))
         for k, hinge in enumerate(hinges):
@@ -62,7 +65,7 @@ def written_urdf(robot: Robot, model: mujoco.MjModel, pseudo: np.ndarray) -> byt
                 lines.append(f"  <link name={quoteattr(child)}/>")
             origin = anchor - model.jnt_pos[hinges[k - 1]]
             if k == 0:
-                origin = start + rotation(model.body_quat[body]) @ anchor
+                origin = start + rotations[body] @ anchor
             limits = f'effort="{float(torques.get(joint, 0.0))!r}" velocity="{FASTEST!r}"'
             if model.jnt_limited[hinge]:
                 low, high = map(float, model.jnt_range[hinge])
@@ -99,9 +102,8 @@ def _joint(
     )
 
 
-def _rpy(model: mujoco.MjModel, body: int) -> np.ndarray:
-    """Return a body's rotation as roll, pitch and yaw about fixed axes, (3,) [rad]."""
-    axes = rotation(model.body_quat[body])
+def _rpy(axes: np.ndarray) -> np.ndarray:
+    """Return a rotation as roll, pitch and yaw about fixed axes, (3,) [rad]."""
     yaw = np.arctan2(axes[1, 0], axes[0, 0])  # at a vertical x axis any yaw will do
     c, s = np.cos(yaw), np.sin(yaw)
     rest = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ axes

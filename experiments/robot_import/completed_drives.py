@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
+import mujoco
 import numpy as np
 
 from tulip_testbed.base.errors import listed
-from tulip_testbed.experiments.robot_import.skeleton import Hinge, Skeleton
-from tulip_testbed.sim.drives import LEAST_ARMATURE
+from tulip_testbed.sim.drives import LEAST_ARMATURE, SOLIMP_FRICTION, SOLREF_FRICTION
 
 # Per Nm of torque limit, as TULip's drives.
 ARMATURE, DAMPING, FRICTION = 0.003, 0.04, 0.05  # kg m2, Nm s, Nm
@@ -17,16 +15,19 @@ UNLIMITED = np.radians(90.0)  # either way, for hinges without limits
 GRAVITY = 9.81  # m/s2
 
 
-def with_drives(skeleton: Skeleton, leg: float) -> tuple[Skeleton, list[str]]:
-    """Complete the drives of all hinges.
+def complete_drives(spec: mujoco.MjSpec, torques: dict[str, float], mass: float, leg: float) -> list[str]:
+    """Complete the hinges of a robot and give each a motor.
 
     Args:
-        leg: length of a leg [m].
+        spec: the robot, which is changed.
+        torques: limits that the file gives, by joint [Nm].
+        mass: of the robot [kg]. leg: its length [m].
 
     Returns:
-        the skeleton with torque, armature, damping, friction and range of every hinge; what was assumed.
+        what was assumed.
     """
-    usual = STRENGTH * skeleton.mass * GRAVITY * leg
+    usual = STRENGTH * mass * GRAVITY * leg
+    hinges = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_HINGE]
     lacking: dict[str, list[str]] = {
         f"torque limit {usual:.3g} Nm ({STRENGTH:g} of the weight times the leg's length)": [],
         f"rotor inertia {ARMATURE:g} kg m2 per Nm of torque limit": [],
@@ -34,33 +35,30 @@ def with_drives(skeleton: Skeleton, leg: float) -> tuple[Skeleton, list[str]]:
         f"dry friction {FRICTION:g} of the torque limit": [],
         f"range of {np.degrees(UNLIMITED):g} deg either way": [],
     }
-
-    def completed(hinge: Hinge) -> Hinge:
-        torque = float(hinge.torque or usual)
+    for hinge in hinges:
+        torque = torques.get(hinge.name) or usual
+        limited = hinge.limited == mujoco.mjtLimited.mjLIMITED_TRUE
         lacks = (
-            hinge.torque is None,
+            hinge.name not in torques,
             hinge.armature < LEAST_ARMATURE * torque,
-            hinge.damping <= 0,
-            hinge.friction <= 0,
-            not np.isfinite(hinge.range).all(),
+            hinge.damping[0] <= 0,
+            hinge.frictionloss <= 0,
+            not limited,
         )
         for names, lack in zip(lacking.values(), lacks, strict=True):
-            names += [hinge.name] * lack
-        _, weak, loose, slick, free = lacks
-        return replace(
-            hinge,
-            torque=torque,
-            armature=ARMATURE * torque if weak else hinge.armature,
-            damping=DAMPING * torque if loose else hinge.damping,
-            friction=FRICTION * torque if slick else hinge.friction,
-            range=np.array([-UNLIMITED, UNLIMITED]) if free else np.clip(hinge.range, -np.pi, np.pi),
-        )
-
-    links = [replace(link, hinges=tuple(map(completed, link.hinges))) for link in skeleton.links]
-    count = len(skeleton.hinges)
-    assumed = [
-        f"{words} for {'all joints' if len(names) == count else listed(names)}"
+            names += [hinge.name] * bool(lack)
+        _, weak, loose, slick, _ = lacks
+        hinge.armature = ARMATURE * torque if weak else hinge.armature
+        hinge.damping = [DAMPING * torque if loose else hinge.damping[0], 0, 0]
+        hinge.frictionloss = FRICTION * torque if slick else hinge.frictionloss
+        hinge.range = np.clip(hinge.range, -np.pi, np.pi) if limited else [-UNLIMITED, UNLIMITED]
+        hinge.limited = mujoco.mjtLimited.mjLIMITED_TRUE
+        hinge.solref_friction, hinge.solimp_friction = SOLREF_FRICTION, SOLIMP_FRICTION
+        motor = spec.add_actuator(name=hinge.name, target=hinge.name, gear=[1, 0, 0, 0, 0, 0])
+        motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
+        motor.forcelimited, motor.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, [-torque, torque]
+    return [
+        f"{words} for {'all joints' if len(names) == len(hinges) else listed(names)}"
         for words, names in lacking.items()
         if names
     ]
-    return Skeleton(tuple(links)), assumed

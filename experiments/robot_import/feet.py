@@ -69,12 +69,12 @@ def stance_of(
         InputError: no two feet with soles.
     """
     pair, toes = _pair(skeleton, names)
-    ankles = [skeleton.links[link].hinges[-1].anchor for link in pair]
+    ankles = [skeleton.data.xanchor[skeleton.model.joint(skeleton.hinges([link])[-1]).id] for link in pair]
     if sole:
         soles = [(_stated(ankle, sole, np.eye(3)[0]), UP) for ankle in ankles]
     else:
         soles = [_sole(skeleton, link) for link in pair]
-    sides = [_side(skeleton.links[link].name) for link in pair]
+    sides = [_side(skeleton.name(link)) for link in pair]
     known = 1 if names is not None else SIDES.get((sides[0], sides[1]))
     forward = _forward(soles, ankles, known)
     if sole:
@@ -82,54 +82,52 @@ def stance_of(
     left = np.cross(UP, forward)
     if names is None and (ankles[1] - ankles[0]) @ left < 0:
         pair, soles, ankles = pair[::-1], soles[::-1], ankles[::-1]
-    root = skeleton.links[0]
-    axes = _axes(root.turn, UP, forward)
-    turned = [root.name] if not np.allclose(axes, root.turn, atol=1e-6) else []
+    _, old = skeleton.pose(1)
+    axes = _axes(old, UP, forward)
+    turned = [] if np.allclose(axes, old, atol=1e-6) else [skeleton.name(1)]
     feet = []
     for link, (points, normal), ankle in zip(pair, soles, ankles, strict=True):
         foot, frame_kept = _foot(skeleton, link, points, normal, ankle, forward)
         feet.append(foot)
         if not frame_kept:
-            turned.append(skeleton.links[link].name)
+            turned.append(skeleton.name(link))
     return Stance((feet[0], feet[1]), axes, toes, tuple(turned))
 
 
 def _pair(skeleton: Skeleton, names: tuple[str, str] | None) -> tuple[list[int], frozenset[str]]:
     """Return the links of both feet and the hinges of their toes."""
-    links = skeleton.links
     if names is not None:
-        movable = [link.name for link in links if link.hinges]
+        movable = [skeleton.name(link) for link in skeleton.links if skeleton.hinges([link])]
         for name in names:
             if name not in movable:
                 raise InputError(f"feet: found '{name}', expected two of the links {listed(movable)}")
         if names[0] == names[1]:
             raise InputError(f"feet: found '{names[0]}' twice, expected the right and the left one")
-        return [skeleton.number(name) for name in names], frozenset()
-    heights = np.array([link.lowest(UP) for link in links])
-    order = [int(k) for k in np.argsort(heights) if np.isfinite(heights[k]) and k > 0]
+        return [skeleton.model.body(name).id for name in names], frozenset()
+    heights = np.array([np.inf, *(skeleton.lowest(link, UP) for link in skeleton.links)])
+    order = [int(k) for k in np.argsort(heights) if np.isfinite(heights[k]) and k > 1]
     if not order:
         raise InputError("found no geometry of any link, expected that of feet; state them by name")
     first = order[0]
-    own = set(skeleton.path(first))
-    others = [k for k in order if k not in own and first not in skeleton.path(k)]
+    others = [k for k in order if k not in skeleton.path(first) and first not in skeleton.path(k)]
     if not others or heights[others[0]] - heights[first] > 0.1:
         raise InputError(
-            f"found one lowest link, '{links[first].name}', and no other at its height; expected two feet"
+            f"found one lowest link, '{skeleton.name(first)}', and no other at its height; expected two feet"
         )
     pair, toes = [first, others[0]], set()
     for k, foot in enumerate(pair):
-        above = links[foot].parent
+        above = int(skeleton.model.body_parentid[foot])
         toe = _is_toe(skeleton, foot, heights)
         if toe and above not in skeleton.path(pair[1 - k]):
-            toes |= {hinge.name for hinge in links[foot].hinges}
+            toes |= set(skeleton.hinges([foot]))
             pair[k] = above
     return pair, frozenset(toes)
 
 
 def _is_toe(skeleton: Skeleton, foot: int, heights: np.ndarray) -> bool:
     """Return whether the link above is a foot of its own right: as low, and long."""
-    above = skeleton.links[foot].parent
-    if above <= 0 or heights[above] - heights[foot] > TOE:
+    above = int(skeleton.model.body_parentid[foot])
+    if above <= 1 or heights[above] - heights[foot] > TOE:
         return False
     points, _ = _lowest_points(skeleton, above, UP)
     return bool(np.ptp(points[:, :2], axis=0).max() > 4 * LEAST_SOLE)
@@ -137,7 +135,7 @@ def _is_toe(skeleton: Skeleton, foot: int, heights: np.ndarray) -> bool:
 
 def _lowest_points(skeleton: Skeleton, link: int, up: Array) -> tuple[Array, float]:
     """Return the points of a link that touch a plane below it, (k, 3) [m], and the plane's height."""
-    balls = [shape.points() for shape in skeleton.links[link].solid()]
+    balls = map(skeleton.points, skeleton.solid(link))
     points = np.concatenate([p - r * up for p, r in balls])
     heights = points @ up
     return points[heights < heights.min() + SOLE], float(heights.min())
@@ -145,8 +143,8 @@ def _lowest_points(skeleton: Skeleton, link: int, up: Array) -> tuple[Array, flo
 
 def _sole(skeleton: Skeleton, link: int) -> tuple[Array, Array]:
     """Return the points of a sole, (k, 3) [m], and its normal, (3,), out of the ground."""
-    name = skeleton.links[link].name
-    if not skeleton.links[link].solid():
+    name = skeleton.name(link)
+    if not skeleton.solid(link):
         raise InputError(f"foot '{name}': found no geometry, expected a sole; state its corners")
     normal = UP
     for _ in range(REFINED):
@@ -232,15 +230,15 @@ def _foot(
     skeleton: Skeleton, link: int, points: Array, normal: Array, ankle: Array, forward: Array
 ) -> tuple[Foot, bool]:
     """Return a foot, and whether it keeps its frame."""
-    old = skeleton.links[link]
-    axes = _axes(old.turn, normal, forward)
+    place, old = skeleton.pose(link)
+    axes = _axes(old, normal, forward)
     flat = (points - ankle) @ axes
     low, high = flat[:, :2].min(axis=0), flat[:, :2].max(axis=0)
-    own = ((old.place - ankle) @ axes)[:2]
+    own = ((place - ankle) @ axes)[:2]
     inside = bool((own > low).all() and (own < high).all())
-    origin = old.place if inside else ankle
+    origin = place if inside else ankle
     corners = _corners((points - origin) @ axes)
-    kept = inside and np.allclose(axes, old.turn, atol=1e-6)
+    kept = inside and np.allclose(axes, old, atol=1e-6)
     return Foot(link, axes, origin.copy(), corners), kept
 
 

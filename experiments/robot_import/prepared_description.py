@@ -28,7 +28,7 @@ def description(name: str, path: Path, skeleton: Skeleton, stance: Stance, plann
     Args:
         path: of the published file. planning: see `planning_table`.
     """
-    right, left = (skeleton.links[foot.link].name for foot in stance.feet)
+    right, left = (skeleton.name(foot.link) for foot in stance.feet)
     return (
         f"# Prepared by `tulip robot` from {printable(path.name)}; everything here can be edited.\n"
         f"name = {json.dumps(name)}\n"

@@ -53,14 +53,12 @@ def read_published(path: Path) -> SourceFile:
     driven = _driven(model, root, parsed.followers, assumed)
     reference = _reference(model, assumed)
     assumed += _left_out(model, root)
-    collides = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
     return SourceFile(
         model=model,
         root=root,
         driven=driven,
         torque=torque,
         reference=reference,
-        collides=collides,
         assumed=tuple(assumed),
         problems=parsed.problems,
     )

@@ -8,16 +8,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.base.files import new_folder, write_bytes, write_text
-from tulip_testbed.experiments.robot_import.completed_drives import GRAVITY, with_drives
+from tulip_testbed.experiments.robot_import.completed_drives import GRAVITY
 from tulip_testbed.experiments.robot_import.compose import compose
 from tulip_testbed.experiments.robot_import.feet import Stance, stance_of
 from tulip_testbed.experiments.robot_import.prepared_description import description, planning_table
 from tulip_testbed.experiments.robot_import.published import read_published
-from tulip_testbed.experiments.robot_import.skeleton import Skeleton, fixed, skeleton_of
+from tulip_testbed.experiments.robot_import.skeleton import Skeleton, skeleton_of
 from tulip_testbed.experiments.robot_import.standing_posture import Standing, standing
 from tulip_testbed.identification.link_clearances import clearances_at, link_pairs
 from tulip_testbed.sim.robot import Robot, load_robot
@@ -85,13 +86,13 @@ def _imported(path: Path, feet: tuple[str, ...], sole: tuple[float, ...]) -> Imp
     source, name = read_published(path), path.stem
     assumed, skeleton = list(source.assumed), skeleton_of(source)
     named = None if not feet else (feet[0], feet[1])
-    stance = stance_of(skeleton, named, sole)
-    if stance.toes:
-        assumed.append(f"fixed: toes: {listed(sorted(stance.toes))}")
-    skeleton = fixed(skeleton, stance.toes)
+    toes = stance_of(skeleton, named, sole).toes
+    if toes:
+        assumed.append(f"fixed: toes: {listed(sorted(toes))}")
+        skeleton = skeleton_of(source, toes)
     if light := _light_joints(skeleton):
         assumed.append(f"fixed: joints that move less than {100 * LIGHT:g} % of the mass: {listed(light)}")
-    skeleton = fixed(skeleton, frozenset(light))
+        skeleton = skeleton_of(source, {*toes, *light})
     stance = stance_of(skeleton, named, sole)
     _check_legs(skeleton, stance)
     if stance.turned:
@@ -101,28 +102,27 @@ def _imported(path: Path, feet: tuple[str, ...], sole: tuple[float, ...]) -> Imp
         )
     if sole:
         assumed.append("soles as stated")
-    # Drives need the length of the legs, which the bare robot tells.
-    stand = _stand(name, with_drives(skeleton, 1.0)[0], stance, source.reference)
-    skeleton, of_drives = with_drives(skeleton, stand.leg)
-    spec = compose(name, skeleton, stance)
+    # Drives need the length of the legs, which the robot with any drives tells.
+    stand = _stand(compose(name, skeleton, stance, source.torque, 1.0)[0], skeleton, stance, source.reference)
+    spec, of_drives = compose(name, skeleton, stance, source.torque, stand.leg)
     spec.add_key(name="stand", qpos=stand.qpos)
     model = compile_spec(spec.copy(), str(path))
     chain = _between_feet(skeleton, stance)
-    free = tuple(hinge.name for hinge in skeleton.hinges if hinge.name not in chain)
+    free = tuple(name for name in skeleton.hinges() if name not in chain)
     planning = planning_table(model, stance, stand, free, float(model.body_mass.sum()) * GRAVITY)
     return ImportedRobot(
         found={
             "links": len(skeleton.links),
-            "joints": len(skeleton.hinges),
+            "joints": len(skeleton.hinges()),
             "mass": skeleton.mass,
-            "root": skeleton.links[0].name,
-            "feet": [skeleton.links[foot.link].name for foot in stance.feet],
+            "root": skeleton.name(1),
+            "feet": [skeleton.name(foot.link) for foot in stance.feet],
             "soles": [np.round(foot.corners, 4).tolist() for foot in stance.feet],
             "leg": stand.leg,
             "height": stand.height,
             "between_feet": chain,
             "others": list(free),
-            "torque": {hinge.name: hinge.torque for hinge in skeleton.hinges},
+            "torque": {motor.name: float(motor.forcerange[1]) for motor in spec.actuators},
             "stand": np.round(stand.qpos, 5).tolist(),
         },
         assumed=(*assumed, *of_drives),
@@ -134,38 +134,37 @@ def _imported(path: Path, feet: tuple[str, ...], sole: tuple[float, ...]) -> Imp
 
 def _light_joints(skeleton: Skeleton) -> list[str]:
     """Name the joints beyond which there is hardly any mass."""
-    least = LIGHT * skeleton.mass
-    light = [link for k, link in enumerate(skeleton.links) if skeleton.beyond(k) < least]
-    return [hinge.name for link in light for hinge in link.hinges]
+    beyond = skeleton.model.body_subtreemass
+    return skeleton.hinges([link for link in skeleton.links if beyond[link] < LIGHT * skeleton.mass])
 
 
 def _between_feet(skeleton: Skeleton, stance: Stance) -> list[str]:
     """Name the hinges between the feet."""
-    first, second = (set(skeleton.path(foot.link)) for foot in stance.feet)
-    return [hinge.name for k in sorted(first ^ second) for hinge in skeleton.links[k].hinges]
+    first, second = (skeleton.path(foot.link) for foot in stance.feet)
+    return skeleton.hinges(first ^ second)
 
 
 def _check_legs(skeleton: Skeleton, stance: Stance) -> None:
     """Refuse legs that cannot put a foot where a plan needs it."""
-    first, second = (set(skeleton.path(foot.link)) for foot in stance.feet)
+    first, second = (skeleton.path(foot.link) for foot in stance.feet)
     for leg, foot in ((first - second, stance.feet[0]), (second - first, stance.feet[1])):
-        hinges = [hinge.name for k in sorted(leg) for hinge in skeleton.links[k].hinges]
+        hinges = skeleton.hinges(leg)
         if len(hinges) < LEAST_CHAIN // 2:
             raise InputError(
-                f"the leg of foot '{skeleton.links[foot.link].name}' has {len(hinges)} hinges "
+                f"the leg of foot '{skeleton.name(foot.link)}' has {len(hinges)} hinges "
                 f"({listed(hinges)}), expected six or more: with fewer a foot cannot stand level wherever "
                 "the other one and the torso are"
             )
 
 
-def _stand(name: str, skeleton: Skeleton, stance: Stance, reference: dict[str, float]) -> Standing:
+def _stand(spec: mujoco.MjSpec, skeleton: Skeleton, stance: Stance, reference: dict[str, float]) -> Standing:
     """Find the posture `stand` of a robot whose links may be anywhere.
 
     Links that overlap at zero angles, as rough hulls do, count as neighbours.
     """
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "robot.toml"
-        write_text(path.with_name("robot.xml"), compose(name, skeleton, stance).to_xml())
+        write_text(path.with_name("robot.xml"), spec.to_xml())
         write_text(path, description("robot", path, skeleton, stance))
         robot = load_robot(path)
         pairs = link_pairs(robot, NEAR)

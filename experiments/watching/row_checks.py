@@ -18,6 +18,7 @@ from tulip_testbed.identification.preflight.settling import (
     LEAST_FORCE,
     UNSTEADY_FAIL,
     UNSTEADY_WARN,
+    by_channel,
 )
 from tulip_testbed.identification.preflight.units import joint_limits, units
 from tulip_testbed.measurements import Measurements
@@ -108,10 +109,9 @@ def settled(row: Measurements, usual: np.ndarray) -> Finding | None:
         usual: `spreads_of` the last rows, (k, n_joints + 9).
     """
     spreads, sheet = spreads_of(row), row.sensors
-    joints, cells = len(row.joints), len(CELLS)
     # A reading between two steps of a coarse sensor jumps by half a step without movement.
-    steps = [sheet.encoder_resolution or 0.0, sheet.cell_resolution or 0.0, 0.0]
-    steps, least = np.repeat([steps, [LEAST_ANGLE, LEAST_FORCE, LEAST_SPEED]], [joints, cells, 1], axis=1)
+    steps = np.append(by_channel(row, sheet.encoder_resolution or 0.0, sheet.cell_resolution or 0.0), 0.0)
+    least = np.append(by_channel(row, LEAST_ANGLE, LEAST_FORCE), LEAST_SPEED)
     known = np.zeros(len(spreads), bool)
     if len(usual):
         known = np.isfinite(spreads) & (np.isfinite(usual).sum(axis=0) >= LEAST_ROWS)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -68,37 +69,6 @@ def objective_by_name(problem: PlanningProblem, name: str, sigma: float) -> Obje
     return objectives(problem.nominal, sigma)[name]
 
 
-def initial_state(
-    problem: PlanningProblem, objective: Objective, placements: int, per: int, seed: int
-) -> tuple[PosturePlan, SearchState]:
-    """Draw a random start of the search and repair it.
-
-    Raises:
-        InputError: no posture is feasible, or too few can be repaired to keep the margins.
-    """
-    drawn = random_postures(
-        problem.robot,
-        problem.plate,
-        SPARE * placements,
-        per,
-        seed,
-        problem.ranges,
-        margins=problem.margins,
-    )
-    where = f"{problem.robot.path}: planning ranges, seed {seed}"
-    state = repair_start(problem, objective, drawn.joint_angles, drawn.swing_pose, per, placements, where)
-    count = placements * per
-    drawn = replace(
-        drawn,
-        joint_angles=state.angles,
-        posture=drawn.posture[:count],
-        placement=drawn.placement[:count],
-        support=drawn.support[:count],
-        swing_pose=state.design[:, 6:],
-    )
-    return drawn, state
-
-
 @dataclass(frozen=True)
 class Start:
     """Start of a search.
@@ -113,117 +83,160 @@ class Start:
     state: SearchState
     single: tuple[OnOneFoot, ...] = ()
 
-    @property
-    def per(self) -> int:
-        """Return the number of postures on a placement."""
-        return int((self.drawn.placement == self.drawn.placement[0]).sum())
 
-
-def random_start(
-    problem: PlanningProblem,
-    objective: Objective,
-    placements: int,
-    per: int,
-    seed: int,
-    counts: Mapping[str, int] | None = None,
-    measured: Measurements | None = None,
-) -> Start:
-    """Draw random postures on both feet, and improve random ones on one foot that add most to them.
-
-    Args:
-        problem: planning problem with the base parameters that the supports show together.
-        objective: the objective of the whole plan.
-        placements, per: number of placements on both feet, and of postures in each.
-        seed: seed of the draws.
-        counts: number of postures on the "right" and on the "left" foot, as far as any are wanted.
-        measured: postures that were measured before; None: nothing was.
-
-    Raises:
-        InputError: too few random postures are feasible, or these do not determine the parameters.
-    """
-    goal = after(problem, objective, measured)
-    drawn, state = initial_state(problem, goal, placements, per, seed)
-    single: list[OnOneFoot] = []
-    if counts:
-        both = _information(problem, state)
-        single = from_pools(random_pools(problem, counts, seed), counts, both, goal.smooth[0])
-        first = both + total(single)
-        single = improved(single, both, *goal.smooth)
-        state = replace(
-            state,
-            value=goal.value(both + total(single)),
-            initial=goal.value(first),
-            initial_condition=goal.condition_number(first),
-        )
-    if not np.isfinite(state.initial_condition):
-        number = placements + (0 if measured is None else len(np.unique(measured.placement)))
-        raise InputError(
-            f"{problem.robot.path}: found that postures on {number} placements do not determine "
-            f"{len(problem.nominal)} base parameters, expected more placements"
-        )
-    return Start(drawn, state, tuple(single))
-
-
-def optimize_plan(
-    problem: PlanningProblem,
-    objective: Objective,
-    placements: int,
-    per: int,
-    seed: int,
-    hops: int = HOPS,
-    progress: Callable[[SearchState], None] = lambda state: None,
-    state: SearchState | None = None,
-    solver: str = SOLVERS[0],
-    measured: Measurements | None = None,
-    start: Start | None = None,
-) -> PosturePlan:
-    """Optimise a plan, or the placements that tell most after what was measured.
+@dataclass(frozen=True, eq=False)
+class SearchTask:
+    """A search for a plan, or for the placements that tell most after what was measured.
 
     The postures on both feet are optimised by `search`; then, if there are any on one foot, those of one kind
     given the others in turn, until that gains no more. All rows count alike.
 
-    Args:
-        problem: the robot and its constraints.
+    Attributes:
+        problem: the robot and its constraints; its base parameters are those that all supports show together.
         objective: the objective to minimise.
-        placements, per: number of placements, and of postures in each.
+        placements, per: number of placements on both feet, and of postures in each.
         seed: seed of the start and of the search.
         hops: number of rounds that exchange postures of one placement.
-        progress: called with the state of the postures on both feet after every round of `search`; may raise
-            KeyboardInterrupt.
-        state: state of an interrupted search with the same arguments, to continue from.
         solver: solver of the last round, one of `SOLVERS`.
+        counts: number of postures on the "right" and on the "left" foot, as far as any are wanted.
         measured: postures that were measured before; None: nothing was.
-        start: see `random_start`; None: one without postures on one foot.
-
-    Raises:
-        InputError: as `random_start` and `resumed`.
     """
-    start = start or random_start(problem, objective, placements, per, seed, measured=measured)
-    goal, rounds = after(problem, objective, measured), round_count(objective, hops)
-    whole = given(goal, total(start.single)) if start.single else goal
-    state = first = resumed(problem, whole, state, start.state, per, rounds)
-    for state in search(problem, whole, first, per, seed, hops, solver):
-        progress(state)
-    reached = replace(start, state=state)
-    if start.single:
-        reached = _in_turn(problem, goal, reached, seed, hops)
-    return plan_from_state(problem, objective, reached, seed, hops, solver, measured)
 
+    problem: PlanningProblem
+    objective: Objective
+    placements: int
+    per: int
+    seed: int
+    hops: int = HOPS
+    solver: str = SOLVERS[0]
+    counts: Mapping[str, int] = field(default_factory=dict)
+    measured: Measurements | None = None
 
-def _in_turn(problem: PlanningProblem, goal: Objective, reached: Start, seed: int, hops: int) -> Start:
-    """Improve the postures on one foot and polish those on both, in turn."""
-    smooth, rounds, state, single = goal.smooth[-1], round_count(goal, hops), reached.state, reached.single
-    both = _information(problem, state)
-    for _ in range(TURNS):
-        before = smooth(both + total(single))[0]
-        single = tuple(improved(single, both, smooth))
-        whole = given(goal, total(single))
-        state = replace(state, rounds=rounds - 1, value=whole.value(both))
-        (state,) = search(problem, whole, state, reached.per, seed, hops)
-        both = _information(problem, state)
-        if before - smooth(both + total(single))[0] < SETTLED:
-            break
-    return replace(reached, state=state, single=single)
+    @property
+    def rounds(self) -> int:
+        """Return the number of rounds of the search."""
+        return round_count(self.objective, self.hops)
+
+    @cached_property
+    def goal(self) -> Objective:
+        """Return the objective of the postures that are searched for."""
+        return after(self.problem, self.objective, self.measured)
+
+    @cached_property
+    def start(self) -> Start:
+        """Draw random postures on both feet, and improve random ones on one foot that add most to them.
+
+        Raises:
+            InputError: too few random postures are feasible or can be repaired to keep the margins, or these
+                do not determine the parameters.
+        """
+        problem, goal, seed = self.problem, self.goal, self.seed
+        drawn, state = self._repaired()
+        single: list[OnOneFoot] = []
+        if self.counts:
+            both = _information(problem, state)
+            pools = random_pools(problem, self.counts, seed)
+            single = from_pools(pools, self.counts, both, goal.smooth[0])
+            first = both + total(single)
+            single = improved(single, both, *goal.smooth)
+            state = replace(
+                state,
+                value=goal.value(both + total(single)),
+                initial=goal.value(first),
+                initial_condition=goal.condition_number(first),
+            )
+        if not np.isfinite(state.initial_condition):
+            before = 0 if self.measured is None else len(np.unique(self.measured.placement))
+            raise InputError(
+                f"{problem.robot.path}: found that postures on {self.placements + before} placements do not "
+                f"determine {len(problem.nominal)} base parameters, expected more placements"
+            )
+        return Start(drawn, state, tuple(single))
+
+    def _repaired(self) -> tuple[PosturePlan, SearchState]:
+        """Draw random postures on both feet and repair them."""
+        problem, size = self.problem, (SPARE * self.placements, self.per, self.seed)
+        drawn = random_postures(problem.robot, problem.plate, *size, problem.ranges, margins=problem.margins)
+        where = f"{problem.robot.path}: planning ranges, seed {self.seed}"
+        random = (drawn.joint_angles, drawn.swing_pose, self.per, self.placements)
+        state = repair_start(problem, self.goal, *random, where)
+        first = drawn.take(np.arange(self.placements * self.per))
+        return replace(first, joint_angles=state.angles, swing_pose=state.design[:, 6:]), state
+
+    def run(
+        self, progress: Callable[[SearchState], None] = lambda state: None, state: SearchState | None = None
+    ) -> PosturePlan:
+        """Search.
+
+        Args:
+            progress: called with the state of the postures on both feet after every round of `search`; may
+                raise KeyboardInterrupt.
+            state: state of an interrupted search with the same settings, to continue from.
+
+        Raises:
+            InputError: as `start` and `resumed`.
+        """
+        start, problem = self.start, self.problem
+        whole = given(self.goal, total(start.single)) if start.single else self.goal
+        state = first = resumed(problem, whole, state, start.state, self.per, self.rounds)
+        for state in search(problem, whole, first, self.per, self.seed, self.hops, self.solver):
+            progress(state)
+        return self.plan_of(*(self._in_turn(state) if start.single else (state, ())))
+
+    def _in_turn(self, state: SearchState) -> tuple[SearchState, tuple[OnOneFoot, ...]]:
+        """Improve the postures on one foot and polish those on both, in turn."""
+        problem, goal, single = self.problem, self.goal, self.start.single
+        smooth, both = goal.smooth[-1], _information(problem, state)
+        for _ in range(TURNS):
+            before = smooth(both + total(single))[0]
+            single = tuple(improved(single, both, smooth))
+            whole = given(goal, total(single))
+            state = replace(state, rounds=self.rounds - 1, value=whole.value(both))
+            (state,) = search(problem, whole, state, self.per, self.seed, self.hops)
+            both = _information(problem, state)
+            if before - smooth(both + total(single))[0] < SETTLED:
+                break
+        return state, single
+
+    def plan_of(self, state: SearchState, single: Sequence[OnOneFoot] | None = None) -> PosturePlan:
+        """Return the best plan of a state, with the settings that made it; numbered after what was measured.
+
+        Args:
+            single: postures on one foot, which come behind the others, on placements of their own; None:
+                those of the start.
+        """
+        problem, measured, drawn = self.problem, self.measured, self.start.drawn
+        made = {
+            "objective": self.objective.name,
+            "seed": self.seed,
+            "placements": self.placements,
+            "per_placement": self.per,
+            "solver": f"sequential linear programming, exchange, {self.solver}",
+            "rounds": state.rounds,
+            "rounds_planned": self.rounds,
+            "initial_condition_number": state.initial_condition,
+            "initial_objective": state.initial,
+            "final_objective": state.value,
+            "ranges": dataclasses.asdict(problem.ranges),
+            "margins": dataclasses.asdict(problem.margins),
+        }
+        if measured is not None:
+            made["measured_objective"] = self.objective.value(measured_information(problem, measured))
+            made["after"] = {"postures": len(measured), "placements": len(np.unique(measured.placement))}
+        best = evaluate(problem, state.best_design, state.best_angles)
+        swing = state.best_design[:, 6:]
+        angles = best.chain.angles
+        plan = replace(drawn, joint_angles=angles, swing_pose=swing, made=made, torques=best.torque)
+        plan = with_free_paths(problem, plan)
+        if single := self.start.single if single is None else single:
+            plan = _with_one_foot(problem, plan, single)
+        if measured is None:
+            return plan
+        return replace(
+            plan,
+            placement=plan.placement + int(measured.placement.max()),
+            posture=plan.posture + int(measured.posture.max()),
+        )
 
 
 def _information(problem: PlanningProblem, state: SearchState) -> np.ndarray:
@@ -241,60 +254,6 @@ def measured_information(problem: PlanningProblem, measurements: Measurements) -
     """Compute M = H'H of the measured postures at their measured angles, (p, p)."""
     rows = stacked_regressor(problem.parameters, measurements.joint_angles, measurements.support)
     return rows.T @ rows
-
-
-def plan_from_state(
-    problem: PlanningProblem,
-    objective: Objective,
-    reached: Start,
-    seed: int,
-    hops: int,
-    solver: str = SOLVERS[0],
-    measured: Measurements | None = None,
-) -> PosturePlan:
-    """Return the best plan of a state, with the settings that made it; numbered after what was measured.
-
-    The postures on one foot are behind the others, on placements of their own.
-
-    Args:
-        reached: a start with the state that was reached.
-    """
-    drawn, state = reached.drawn, reached.state
-    made = {
-        "objective": objective.name,
-        "seed": seed,
-        "placements": len(np.unique(drawn.placement)),
-        "per_placement": reached.per,
-        "solver": f"sequential linear programming, exchange, {solver}",
-        "rounds": state.rounds,
-        "rounds_planned": round_count(objective, hops),
-        "initial_condition_number": state.initial_condition,
-        "initial_objective": state.initial,
-        "final_objective": state.value,
-        "ranges": dataclasses.asdict(problem.ranges),
-        "margins": dataclasses.asdict(problem.margins),
-    }
-    if measured is not None:
-        made["measured_objective"] = objective.value(measured_information(problem, measured))
-        made["after"] = {"postures": len(measured), "placements": len(np.unique(measured.placement))}
-    best = evaluate(problem, state.best_design, state.best_angles)
-    plan = replace(
-        drawn,
-        joint_angles=best.chain.angles,
-        swing_pose=state.best_design[:, 6:],
-        made=made,
-        torques=best.torque,
-    )
-    plan = with_free_paths(problem, plan)
-    if reached.single:
-        plan = _with_one_foot(problem, plan, reached.single)
-    if measured is None:
-        return plan
-    return replace(
-        plan,
-        placement=plan.placement + int(measured.placement.max()),
-        posture=plan.posture + int(measured.posture.max()),
-    )
 
 
 def _with_one_foot(problem: PlanningProblem, plan: PosturePlan, single: Sequence[OnOneFoot]) -> PosturePlan:

@@ -21,9 +21,7 @@ def settling(measurements: Measurements, series: Series | None) -> Finding:
     name, m = "settling", measurements
     if series is None:
         return skipped(name, "no series.parquet with the raw readings; see 'steady windows' instead")
-    harmless = np.concatenate(
-        [np.full(len(m.joints), m.sensors.encoder_sd or 0.0), np.full(len(CELLS), m.sensors.cell_sd or 0.0)]
-    )
+    harmless = by_channel(m, m.sensors.encoder_sd or 0.0, m.sensors.cell_sd or 0.0)
     p_values = np.ones((len(m), len(harmless)))
     change = np.zeros_like(p_values)
     evaluated = np.zeros(len(m), dtype=bool)
@@ -57,9 +55,7 @@ def series_agrees(measurements: Measurements, series: Series | None) -> Finding:
         return skipped(name, "no series.parquet")
     worst, where, missing = 0.0, "", 0
     table = np.column_stack([m.joint_angles, m.cell_forces])
-    scale = np.concatenate(
-        [np.full(len(m.joints), m.sensors.encoder_sd or 1e-3), np.full(len(CELLS), m.sensors.cell_sd or 1.0)]
-    )
+    scale = by_channel(m, m.sensors.encoder_sd or 1e-3, m.sensors.cell_sd or 1.0)
     for row in range(len(m)):
         readings = series.window(m, row)
         if not len(readings):
@@ -93,19 +89,11 @@ def steady_windows(measurements: Measurements) -> Finding:
     available = np.isfinite(spread).sum(axis=0) >= 3
     if not available.any():
         return skipped(name, "no q_std.* or cell_std.* columns")
-    sheet = m.sensors
-    step = np.concatenate(
-        [
-            np.full(len(m.joints), sheet.encoder_resolution or 0.0),
-            np.full(m.cell_forces.shape[1], sheet.cell_resolution or 0.0),
-        ]
-    )
+    step = by_channel(m, m.sensors.encoder_resolution or 0.0, m.sensors.cell_resolution or 0.0)
     usual = np.full(spread.shape[1], np.nan)
     usual[available] = np.nanmedian(spread[:, available], axis=0)
     # A reading between two steps of a coarse sensor jumps by half a step without movement.
-    cells = m.cell_forces.shape[1]
-    floor = np.concatenate([np.full(len(m.joints), LEAST_ANGLE), np.full(cells, LEAST_FORCE)])
-    limit = np.sqrt(usual**2 + (step / 2) ** 2 + floor**2)
+    limit = np.sqrt(usual**2 + (step / 2) ** 2 + by_channel(m, LEAST_ANGLE, LEAST_FORCE) ** 2)
     frozen = [_channel(m, int(k), 0.0)[0] for k in np.flatnonzero(available & (usual == 0))]
     ratio = np.nan_to_num(spread / limit)
     row, channel = np.unravel_index(ratio.argmax(), ratio.shape)
@@ -144,6 +132,11 @@ def _halves(readings: np.ndarray, harmless: np.ndarray) -> tuple[np.ndarray, np.
     beyond = np.maximum(np.abs(change) - harmless, 0.0)
     t = np.divide(beyond, error, out=np.where(beyond > 0, np.inf, 0.0), where=error > 0)
     return change, np.where(beyond > 0, 2 * t_sf(t, dof), 1.0)
+
+
+def by_channel(m: Measurements, of_joints: float, of_cells: float) -> np.ndarray:
+    """Return a number for the reading of every joint and of every cell, (n_joints + k,)."""
+    return np.repeat([of_joints, of_cells], [len(m.joints), m.cell_forces.shape[1]])
 
 
 def _channel(m: Measurements, channel: int, value: float) -> tuple[str, float, str]:

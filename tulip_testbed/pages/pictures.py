@@ -35,19 +35,11 @@ def posture_pictures(
 ) -> tuple[Picture, ...]:
     """Draw postures spread over the experiment; a reason not to draw them is added to `missing`."""
     rows = np.unique(np.linspace(0, len(postures) - 1, PICTURES).astype(int))
-    try:
-        drawings = rendered(robot, postures.joint_angles[rows], postures.support[rows], plates[rows], *SIZE)
-    except InputError as error:
-        missing.append(f"Pictures of postures: {error}.")
-        return ()
-    names = [f"Posture {postures.posture[k]}, placement {postures.placement[k]}" for k in rows]
+    drawn = addresses(robot, postures, rows, plates, SIZE, missing)
+    names = [f"Posture {postures.posture[k]}, placement {postures.placement[k]}" for k in rows[: len(drawn)]]
     return tuple(
-        Picture(
-            "data:image/png;base64," + base64.b64encode(png(drawing)).decode(),
-            name,
-            f"The robot on its two plates: {name}.",
-        )
-        for name, drawing in zip(names, drawings, strict=True)
+        Picture(address, name, f"The robot on its two plates: {name}.")
+        for name, address in zip(names, drawn, strict=True)
     )
 
 
@@ -58,8 +50,22 @@ def planned_pictures(robot: Robot, plan: PosturePlan, missing: list[str]) -> tup
     return posture_pictures(robot, shown, boards, missing)
 
 
-def png(image: np.ndarray) -> bytes:
-    """Return an image as a PNG of few colours."""
-    file = io.BytesIO()
-    Image.fromarray(image).quantize(COLOURS).save(file, "PNG", optimize=True)
-    return file.getvalue()
+def addresses(
+    robot: Robot,
+    postures: Measurements | PosturePlan,
+    rows: np.ndarray,
+    plates: np.ndarray,
+    size: tuple[int, int],
+    missing: list[str],
+) -> list[str]:
+    """Draw some rows as data addresses of PNGs of few colours; if that fails, none: `missing` says why."""
+    try:
+        images = rendered(robot, postures.joint_angles[rows], postures.support[rows], plates[rows], *size)
+    except InputError as error:
+        missing.append(f"Pictures of postures: {error}.")
+        return []
+    drawn = []
+    for image in images:
+        Image.fromarray(image).quantize(COLOURS).save(file := io.BytesIO(), "PNG", optimize=True)
+        drawn.append("data:image/png;base64," + base64.b64encode(file.getvalue()).decode())
+    return drawn

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +9,6 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import new_folder, write_text
 from tulip_testbed.experiments.example import empty_measurements
 from tulip_testbed.experiments.protocols.motion import FREE, Motion
@@ -20,9 +18,8 @@ from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.measurements.cells import CORNERS, PLATES
 from tulip_testbed.measurements.measurement_folder import write_start
 from tulip_testbed.pages.page import filled
-from tulip_testbed.pages.pictures import png
+from tulip_testbed.pages.pictures import addresses
 from tulip_testbed.pages.placement_drawing import Mark, drawing, marks, placement_of, scale_for
-from tulip_testbed.rendering import rendered
 from tulip_testbed.sim.plan_folder import write_plan
 
 KNOWN = ("posture", "placement", "support")  # columns of the rows to fill in that the plan knows
@@ -178,17 +175,8 @@ def _pictures(protocol: LaboratoryProtocol, missing: list[str]) -> dict[int, str
     """Return a picture of every posture as a data address, by its number."""
     plan = protocol.plan
     _, rows = np.unique(plan.posture, return_index=True)
-    try:
-        images = rendered(
-            protocol.robot, plan.joint_angles[rows], plan.support[rows], protocol.boards[rows], *SIZE
-        )
-    except InputError as error:
-        missing.append(f"Pictures of postures: {error}.")
-        return {}
-    return {
-        int(plan.posture[row]): "data:image/png;base64," + base64.b64encode(png(image)).decode()
-        for row, image in zip(rows, images, strict=True)
-    }
+    drawn = addresses(protocol.robot, plan, rows, protocol.boards, SIZE, missing)
+    return dict(zip(plan.posture[rows].tolist(), drawn, strict=False))
 
 
 def rows_to_fill_in(empty: Measurements, plan: PosturePlan) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from tulip_testbed.viewer.balance_series import circles, close_up, from_above
+from tulip_testbed.viewer.canvas import blueprint, plane_view
 from tulip_testbed.viewer.plots import curves, title_of
 from tulip_testbed.viewer.robot_view import height_of
 from tulip_testbed.viewer.subject import Subject
@@ -43,15 +44,12 @@ def laid_out(views: Views) -> rrb.Blueprint:
     """Arrange the robot large, the curves below it, the ground and the numbers on the right."""
     beside = [*views.ground, *views.text]
     shares = [1.1, *[0.8] * (len(views.ground) - 1), 1.6]
-    return rrb.Blueprint(
+    return blueprint(
         rrb.Horizontal(
             rrb.Vertical(rrb.Tabs(*views.space), rrb.Tabs(*views.curves), row_shares=[2.2, 1]),
             rrb.Vertical(*beside, row_shares=shares),
             column_shares=[1.7, 1],
-        ),
-        rrb.TimePanel(timeline="posture", state="collapsed", fps=2.0),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
+        )
     )
 
 
@@ -90,12 +88,8 @@ def above_view(plates: np.ndarray, size: np.ndarray) -> rrb.Spatial2DView:
     reach = np.linalg.norm(size) / 2
     corners = np.vstack([plates[..., :2].reshape(-1, 2) - reach, plates[..., :2].reshape(-1, 2) + reach])
     low, high = from_above(corners).min(axis=0), from_above(corners).max(axis=0)
-    return rrb.Spatial2DView(
-        origin="above",
-        name="From above, mm (x up, y left)",
-        background=(250, 250, 250),
-        visual_bounds=rrb.VisualBounds2D(x_range=[low[0], high[0]], y_range=[low[1], high[1]]),
-    )
+    name = "From above, mm (x up, y left)"
+    return plane_view("above", name, (low[0], high[0]), (low[1], high[1]))
 
 
 def close_up_view(subject: Subject) -> rrb.Spatial2DView:
@@ -103,9 +97,5 @@ def close_up_view(subject: Subject) -> rrb.Spatial2DView:
     _, _, reach = close_up(subject)
     name = "estimated" if "estimate" in subject.com else "nominal"
     scale = " and ".join(f"{radius:g}" for radius in circles(reach))
-    return rrb.Spatial2DView(
-        origin="close_up",
-        name=f"Close-up around the {name} CoM: circles of {scale} mm (x up, y left)",
-        background=(250, 250, 250),
-        visual_bounds=rrb.VisualBounds2D(x_range=[-reach, reach], y_range=[-reach, reach]),
-    )
+    name = f"Close-up around the {name} CoM: circles of {scale} mm (x up, y left)"
+    return plane_view("close_up", name, (-reach, reach), (-reach, reach))

@@ -7,18 +7,18 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from tulip_testbed.base.document import first_difference
-from tulip_testbed.colours import ESTIMATE, MEASURED, SKELETON, rgb
+from tulip_testbed.colours import ESTIMATE, MEASURED, rgb
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.coverage_tables import coverage_check_table
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of, stream_of
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, montecarlo_file
-from tulip_testbed.identification.base_parameters import common_support, standard_parameters
+from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.center_of_pressure import contact_pressure
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.viewer.balance_series import from_above, log_balance
+from tulip_testbed.viewer.balance_series import from_above
+from tulip_testbed.viewer.canvas import CIRCLE, Canvas, flat, log_markdown, plane_view, styled
 from tulip_testbed.viewer.layout import Views, above_view, laid_out, space_views
-from tulip_testbed.viewer.plates_view import log_plates
-from tulip_testbed.viewer.robot_view import log_geometry, log_masses, log_motion, log_skeleton
+from tulip_testbed.viewer.postures_view import log_links, log_standing
 from tulip_testbed.viewer.subject import Subject, planned
 
 CLOUD_RUNS, BINS = 100, 40
@@ -27,22 +27,14 @@ MOST_Z = 5.0  # standard errors that the picture of all parameters reaches
 
 def log_montecarlo(recording: rr.RecordingStream, run: MonteCarlo) -> None:
     """Log a Monte Carlo and the layout of its views."""
-    recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     subject = planned(run.plan, run.robot)
-    index = rr.TimeColumn("posture", sequence=np.arange(1, len(subject) + 1))
-    model = run.robot.visual_model
-    log_geometry(recording, "world/robot", model)
-    log_motion(recording, "world/robot", index, subject)
-    masses = {"nominal model": standard_parameters(model)}
-    log_masses(recording, "world/masses", index, subject, masses)
-    log_skeleton(recording, "world/masses/skeleton", index, subject, subject.joint_angles, SKELETON)
-    log_plates(recording, "world/plates", index, subject)
-    log_balance(recording, index, subject)
+    canvas = log_standing(recording, subject)
+    log_links(canvas, subject)
     clouds, note = cop_clouds(run)
     if clouds:
         _log_clouds(recording, subject, clouds)
     _log_errors(recording, run)
-    recording.log("text", rr.TextDocument(_text(run, note), media_type=rr.MediaType.MARKDOWN), static=True)
+    log_markdown(recording, _text(run, note))
     recording.send_blueprint(laid_out(montecarlo_views(run, subject, bool(clouds))))
 
 
@@ -80,27 +72,16 @@ def cop_clouds(run: MonteCarlo) -> tuple[dict[int, np.ndarray], str]:
 
 def _log_clouds(recording: rr.RecordingStream, subject: Subject, clouds: dict[int, np.ndarray]) -> None:
     rows = [k for k, posture in enumerate(subject.posture) if int(posture) in clouds]
-    index = rr.TimeColumn("posture", sequence=np.array(rows) + 1)
+    canvas = Canvas(recording, rr.TimeColumn("posture", sequence=np.array(rows) + 1))
     points = [clouds[int(subject.posture[k])] for k in rows]
-    lengths, flat = [len(cloud) for cloud in points], np.vstack(points)
-    colour = rgb(MEASURED)
-    ground = np.column_stack([flat, np.full(len(flat), 0.004)])
-    recording.log("world/cop_cloud", rr.Points3D.from_fields(colors=colour, radii=0.003), static=True)
-    recording.send_columns(
-        "world/cop_cloud", [index], rr.Points3D.columns(positions=ground).partition(lengths)
-    )
-    style = rr.Points2D.from_fields(colors=colour, radii=rr.Radius.ui_points(1.5))
-    for path, place in (
-        ("above/cop_cloud", flat),
-        ("cloud/cop", np.vstack([cloud - cloud.mean(axis=0) for cloud in points])),
-    ):
-        recording.log(path, style, static=True)
-        columns = rr.Points2D.columns(positions=from_above(place)).partition(lengths)
-        recording.send_columns(path, [index], columns)
+    lengths, every = [len(cloud) for cloud in points], np.vstack(points)
+    ground = np.column_stack([every, np.full(len(every), 0.004)])
+    canvas.rows("world/cop_cloud", rr.Points3D, styled(MEASURED, 0.003), lengths, positions=ground)
+    about = np.vstack([cloud - cloud.mean(axis=0) for cloud in points])
+    for path, place in (("above/cop_cloud", every), ("cloud/cop", about)):
+        canvas.rows(path, rr.Points2D, flat(MEASURED, 1.5), lengths, positions=from_above(place))
     ellipses = [from_above(_ellipse(cloud)) for cloud in points]
-    blue = rr.LineStrips2D.from_fields(colors=rgb(ESTIMATE), radii=rr.Radius.ui_points(1))
-    recording.log("cloud/two_sd", blue, static=True)
-    recording.send_columns("cloud/two_sd", [index], rr.LineStrips2D.columns(strips=ellipses))
+    canvas.rows("cloud/two_sd", rr.LineStrips2D, flat(ESTIMATE, 1), strips=ellipses)
 
 
 def _ellipse(cloud: np.ndarray) -> np.ndarray:
@@ -108,9 +89,7 @@ def _ellipse(cloud: np.ndarray) -> np.ndarray:
     if len(cloud) < 3:
         return np.zeros((2, 2))
     values, vectors = np.linalg.eigh(np.cov(cloud.T))
-    turn = np.linspace(0, 2 * np.pi, 73)
-    circle = np.column_stack([np.cos(turn), np.sin(turn)])
-    return 2 * circle * np.sqrt(np.maximum(values, 0)) @ vectors.T
+    return 2 * CIRCLE * np.sqrt(np.maximum(values, 0)) @ vectors.T
 
 
 def _log_errors(recording: rr.RecordingStream, run: MonteCarlo) -> None:
@@ -130,11 +109,10 @@ def _log_errors(recording: rr.RecordingStream, run: MonteCarlo) -> None:
         stated = 1e3 * np.array([row.standard_error for row in rows], float)
         place = np.arange(1, len(numbers) + 1)
         side = place + rng.uniform(-0.3, 0.3, errors.shape)
-        flat = np.column_stack([side.ravel(), -(errors / stated).ravel()])
-        points = rr.Points2D(flat, colors=rgb(ESTIMATE), radii=rr.Radius.ui_points(1))
-        recording.log(f"errors/{model}/runs", points, static=True)
+        z = np.column_stack([side.ravel(), -(errors / stated).ravel()])
+        recording.log(f"errors/{model}/runs", rr.Points2D(z, **flat(ESTIMATE, 1)), static=True)
         lines = [[[0, -z], [len(numbers) + 1, -z]] for z in (-2, 0, 2)]
-        scale = rr.LineStrips2D(lines, colors=rgb(MEASURED), radii=rr.Radius.ui_points(1))
+        scale = rr.LineStrips2D(lines, **flat(MEASURED, 1))
         recording.log(f"errors/{model}/two_standard_errors", scale, static=True)
         labels = rr.Points2D(
             np.column_stack([place, np.full(len(place), MOST_Z - 0.5)]),
@@ -145,8 +123,8 @@ def _log_errors(recording: rr.RecordingStream, run: MonteCarlo) -> None:
         recording.log(f"errors/{model}/numbers", labels, static=True)
 
 
-def _text(run: MonteCarlo, note: str) -> str:
-    lines = [
+def _text(run: MonteCarlo, note: str) -> list[str]:
+    return [
         f"## Verdict: {run.verdict}{'' if run.conclusive else ', inconclusive'}",
         f"{run.identified} of {run.runs} runs identified, estimator {run.estimator}.",
         "",
@@ -157,7 +135,6 @@ def _text(run: MonteCarlo, note: str) -> str:
         "Errors: estimate minus truth over the standard error that the estimator states, a point a run, a "
         "column a parameter, lines at -2, 0 and 2. Histograms, in mm: choose the `parameter` time line.",
     ]
-    return "\n".join(lines)
 
 
 def montecarlo_views(run: MonteCarlo, subject: Subject, clouds: bool) -> Views:
@@ -166,14 +143,13 @@ def montecarlo_views(run: MonteCarlo, subject: Subject, clouds: bool) -> Views:
     Args:
         clouds: whether there are CoP clouds.
     """
-    pale = {"background": (250, 250, 250)}
     counts = {model: errors.shape[1] for model, errors in run.errors_mm.items()}
     errors = [
-        rrb.Spatial2DView(
-            origin=f"errors/{model}",
-            name=f"Errors over s.e., {model} model (up: too large)",
-            visual_bounds=rrb.VisualBounds2D(x_range=[0, count + 1], y_range=[-MOST_Z, MOST_Z]),
-            **pale,
+        plane_view(
+            f"errors/{model}",
+            f"Errors over s.e., {model} model (up: too large)",
+            (0, count + 1),
+            (-MOST_Z, MOST_Z),
         )
         for model, count in counts.items()
     ]
@@ -186,7 +162,6 @@ def montecarlo_views(run: MonteCarlo, subject: Subject, clouds: bool) -> Views:
     ground: list[rrb.View] = [above_view(subject.plates, subject.board.size)]
     if clouds:
         name = "CoP around its mean, mm (x up, y left); ellipse: 2 s.d."
-        bounds = rrb.VisualBounds2D(x_range=[-20, 20], y_range=[-20, 20])
-        ground.append(rrb.Spatial2DView(origin="cloud", name=name, visual_bounds=bounds, **pale))
+        ground.append(plane_view("cloud", name, (-20, 20), (-20, 20)))
     text = rrb.TextDocumentView(origin="text", name="Verdict")
     return Views([*space_views(subject)], ground, [*errors, *bars], [text])

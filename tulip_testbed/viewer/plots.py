@@ -8,6 +8,7 @@ import rerun as rr
 from tulip_testbed.colours import PALETTE, rgb
 from tulip_testbed.measurements.cells import CELLS, PLATES
 from tulip_testbed.viewer.balance_series import magnification
+from tulip_testbed.viewer.canvas import Canvas
 from tulip_testbed.viewer.plates_view import METRES_PER_WEIGHT
 from tulip_testbed.viewer.subject import Subject
 
@@ -17,15 +18,11 @@ LEGEND = {
 }
 
 
-def log_curves(
-    recording: rr.RecordingStream, path: str, index: rr.TimeColumn, curves: dict[str, np.ndarray]
-) -> None:
+def log_curves(canvas: Canvas, plot: str, curves: dict[str, np.ndarray]) -> None:
     """Log the named curves of one plot, (m,) each."""
     for k, (name, values) in enumerate(curves.items()):
-        entity = f"{path}/{name}"
-        colour = rgb(PALETTE[k % len(PALETTE)])
-        recording.log(entity, rr.SeriesLines(colors=colour, names=name, widths=1.5), static=True)
-        recording.send_columns(entity, [index], rr.Scalars.columns(scalars=values))
+        style = rr.SeriesLines(colors=rgb(PALETTE[k % len(PALETTE)]), names=name, widths=1.5)
+        canvas.series(f"plots/{plot}/{name}", style, values)
 
 
 def curves(subject: Subject) -> dict[str, dict[str, np.ndarray]]:
@@ -81,11 +78,10 @@ TITLES = {
 }
 
 
-def log_text(recording: rr.RecordingStream, path: str, index: rr.TimeColumn, subject: Subject) -> None:
+def log_text(canvas: Canvas, subject: Subject) -> None:
     """Log a page of numbers for every row."""
     texts = [posture_text(subject, row) for row in range(len(subject))]
-    recording.log(path, rr.TextDocument.from_fields(media_type=rr.MediaType.MARKDOWN), static=True)
-    recording.send_columns(path, [index], rr.TextDocument.columns(text=texts))
+    canvas.rows("text", rr.TextDocument, {"media_type": rr.MediaType.MARKDOWN}, text=texts)
 
 
 def posture_text(subject: Subject, row: int) -> str:

@@ -8,6 +8,7 @@ import rerun as rr
 from tulip_testbed.colours import COMMAND, SKELETON
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.viewer.balance_series import log_balance, log_close_up
+from tulip_testbed.viewer.canvas import Canvas
 from tulip_testbed.viewer.layout import laid_out, posture_views
 from tulip_testbed.viewer.plates_view import log_plates, log_subject_loads
 from tulip_testbed.viewer.plots import curves, log_curves, log_text
@@ -18,26 +19,41 @@ from tulip_testbed.viewer.time_series import log_series
 
 def log_postures(recording: rr.RecordingStream, subject: Subject) -> None:
     """Log all data of the postures and the blueprint."""
-    recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    model = subject.nominal.robot.visual_model
-    log_geometry(recording, "world/robot", model)
-    index = rr.TimeColumn("posture", sequence=np.arange(1, len(subject) + 1))
-    log_motion(recording, "world/robot", index, subject)
-    masses = {"nominal model": standard_parameters(model)}
-    for name, standard in subject.true_masses.items():
-        if not np.allclose(standard, masses["nominal model"]):
-            masses[name] = standard
-    log_masses(recording, "world/masses", index, subject, masses)
-    log_skeleton(recording, "world/masses/skeleton", index, subject, subject.joint_angles, SKELETON)
+    canvas = log_standing(recording, subject)
+    log_links(canvas, subject)
     if subject.command is not None:
-        log_skeleton(recording, "world/commanded", index, subject, subject.command, COMMAND)
-    log_plates(recording, "world/plates", index, subject)
-    log_subject_loads(recording, "world/loads", index, subject)
-    log_balance(recording, index, subject)
-    log_close_up(recording, index, subject)
+        log_skeleton(canvas, "world/commanded", subject, subject.command, COMMAND)
+    log_close_up(canvas, subject)
     for name, lines in curves(subject).items():
-        log_curves(recording, f"plots/{name}", index, lines)
-    log_text(recording, "text", index, subject)
+        log_curves(canvas, name, lines)
+    log_text(canvas, subject)
     if subject.series is not None:
         log_series(recording, subject)
     recording.send_blueprint(laid_out(posture_views(subject)))
+
+
+def log_standing(
+    recording: rr.RecordingStream, subject: Subject, sequence: np.ndarray | None = None
+) -> Canvas:
+    """Log the robot on its plates with everything on the ground.
+
+    Args:
+        sequence: number of each row on the time line, (m,); None: 1, 2, ...
+    """
+    recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    log_geometry(recording, "world/robot", subject.nominal.robot.visual_model)
+    numbers = np.arange(1, len(subject) + 1) if sequence is None else sequence
+    canvas = Canvas(recording, rr.TimeColumn("posture", sequence=numbers))
+    log_motion(canvas, subject)
+    log_plates(canvas, subject)
+    log_subject_loads(canvas, subject)
+    log_balance(canvas, subject)
+    return canvas
+
+
+def log_links(canvas: Canvas, subject: Subject) -> None:
+    """Log the masses of the links, the true ones too where they differ, and the skeleton."""
+    nominal = standard_parameters(subject.nominal.robot.visual_model)
+    others = {name: true for name, true in subject.true_masses.items() if not np.allclose(true, nominal)}
+    log_masses(canvas, subject, {"nominal model": nominal} | others)
+    log_skeleton(canvas, "world/masses/skeleton", subject, subject.joint_angles, SKELETON)

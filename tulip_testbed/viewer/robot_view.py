@@ -7,8 +7,9 @@ import numpy as np
 import rerun as rr
 from scipy.spatial.transform import Rotation
 
-from tulip_testbed.colours import NOMINAL, TRUTH, rgb
+from tulip_testbed.colours import NOMINAL, TRUTH
 from tulip_testbed.standing import link_frames
+from tulip_testbed.viewer.canvas import Canvas, styled
 from tulip_testbed.viewer.subject import Subject
 
 SHOWN_GROUPS = (0, 1, 2)  # as MuJoCo's own viewer; collision geometry stands in the others
@@ -40,41 +41,25 @@ def undrawn(model: mujoco.MjModel) -> list[str]:
     ]
 
 
-def log_motion(recording: rr.RecordingStream, path: str, index: rr.TimeColumn, subject: Subject) -> None:
+def log_motion(canvas: Canvas, subject: Subject) -> None:
     """Log every link's pose in the base frame at every time."""
     rotations, positions = link_frames(subject.nominal, subject.joint_angles, subject.support)
     tree = subject.nominal.parameters.tree
     for link, frame in zip(tree.links, tree.frame_of_link, strict=True):
-        quaternion = Rotation.from_matrix(rotations[:, frame]).as_quat()
-        columns = rr.Transform3D.columns(translation=positions[:, frame], quaternion=quaternion)
-        recording.send_columns(f"{path}/{link}", [index], columns)
+        canvas.poses(f"world/robot/{link}", Rotation.from_matrix(rotations[:, frame]), positions[:, frame])
 
 
-def log_skeleton(
-    recording: rr.RecordingStream,
-    path: str,
-    index: rr.TimeColumn,
-    subject: Subject,
-    joint_angles: np.ndarray,
-    colour: str,
-) -> None:
+def log_skeleton(canvas: Canvas, path: str, subject: Subject, joint_angles: np.ndarray, colour: str) -> None:
     """Log lines from joint to joint at every time, at the measured or the commanded angles."""
     _, positions = link_frames(subject.nominal, joint_angles, subject.support)
     edges = subject.nominal.parameters.tree.edges
     ends = np.array([[edge.parent, edge.child] for edge in edges])
     strips = positions[:, ends].reshape(-1, 2, 3)
-    recording.log(path, rr.LineStrips3D.from_fields(colors=rgb(colour), radii=0.004), static=True)
-    columns = rr.LineStrips3D.columns(strips=strips).partition([len(edges)] * len(joint_angles))
-    recording.send_columns(path, [index], columns)
+    lengths = [len(edges)] * len(joint_angles)
+    canvas.rows(path, rr.LineStrips3D, styled(colour, 0.004), lengths, strips=strips)
 
 
-def log_masses(
-    recording: rr.RecordingStream,
-    path: str,
-    index: rr.TimeColumn,
-    subject: Subject,
-    masses: dict[str, np.ndarray],
-) -> None:
+def log_masses(canvas: Canvas, subject: Subject, masses: dict[str, np.ndarray]) -> None:
     """Log each link's centre of mass as a ball whose volume is proportional to its mass.
 
     Args:
@@ -89,16 +74,10 @@ def log_masses(
         local = standard[heavy, 1:] / mass[:, None]
         centres = positions[:, of] + (rotations[:, of] @ local[..., None])[..., 0]
         links = np.array(tree.links)[heavy]
-        style = rr.Points3D.from_fields(
-            radii=MARKER * np.cbrt(mass),
-            colors=rgb(MASS_COLOURS[name]),
-            labels=[f"{link} {kg:.2f} kg" for link, kg in zip(links, mass, strict=True)],
-            show_labels=False,
-        )
-        entity = f"{path}/{name.replace(' ', '_')}"
-        recording.log(entity, style, static=True)
-        columns = rr.Points3D.columns(positions=centres.reshape(-1, 3)).partition([len(mass)] * len(subject))
-        recording.send_columns(entity, [index], columns)
+        labels = [f"{link} {kg:.2f} kg" for link, kg in zip(links, mass, strict=True)]
+        style = styled(MASS_COLOURS[name], MARKER * np.cbrt(mass), labels=labels, show_labels=False)
+        path, lengths = f"world/masses/{name.replace(' ', '_')}", [len(mass)] * len(subject)
+        canvas.rows(path, rr.Points3D, style, lengths, positions=centres.reshape(-1, 3))
 
 
 def height_of(subject: Subject) -> float:
@@ -117,26 +96,25 @@ def _shape(model: mujoco.MjModel, geom: int) -> rr.AsComponents | None:
     position, (w, x, y, z) = model.geom_pos[geom], model.geom_quat[geom]
     material = int(model.geom_matid[geom])
     rgba = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
+    if kind == GEOM.mjGEOM_MESH:
+        return _mesh(model, geom, rgba)
     style = {
         "quaternions": [rr.Quaternion(xyzw=[x, y, z, w])],
         "colors": [rgba],
+        "fill_mode": rr.components.FillMode.Solid,
     }
-    solid = rr.components.FillMode.Solid
     if kind == GEOM.mjGEOM_BOX:
-        return rr.Boxes3D(half_sizes=[size], centers=[position], fill_mode=solid, **style)
+        return rr.Boxes3D(half_sizes=[size], centers=[position], **style)
     if kind in (GEOM.mjGEOM_SPHERE, GEOM.mjGEOM_ELLIPSOID):
         half = size if kind == GEOM.mjGEOM_ELLIPSOID else np.full(3, size[0])
-        return rr.Ellipsoids3D(half_sizes=[half], centers=[position], fill_mode=solid, **style)
+        return rr.Ellipsoids3D(half_sizes=[half], centers=[position], **style)
+    along = {"lengths": [2 * size[1]], "radii": [size[0]], **style}
     if kind == GEOM.mjGEOM_CYLINDER:
-        length, radius = [2 * size[1]], [size[0]]
-        return rr.Cylinders3D(lengths=length, radii=radius, centers=[position], fill_mode=solid, **style)
+        return rr.Cylinders3D(centers=[position], **along)
     if kind == GEOM.mjGEOM_CAPSULE:
         # MuJoCo puts a capsule by its middle, rerun by the middle of one of its ends.
         end = position - Rotation.from_quat([x, y, z, w]).apply([0, 0, size[1]])
-        length, radius = [2 * size[1]], [size[0]]
-        return rr.Capsules3D(lengths=length, radii=radius, translations=[end], fill_mode=solid, **style)
-    if kind == GEOM.mjGEOM_MESH:
-        return _mesh(model, geom, rgba)
+        return rr.Capsules3D(translations=[end], **along)
     return None
 
 

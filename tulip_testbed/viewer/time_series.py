@@ -10,6 +10,7 @@ import rerun as rr
 from tulip_testbed.colours import COMMAND
 from tulip_testbed.identification.center_of_pressure import cell_positions, center_of_pressure
 from tulip_testbed.viewer.balance_series import log_balance, log_close_up
+from tulip_testbed.viewer.canvas import Canvas
 from tulip_testbed.viewer.plates_view import log_loads, log_plates
 from tulip_testbed.viewer.plots import curves, log_curves, log_text
 from tulip_testbed.viewer.robot_view import log_motion, log_skeleton
@@ -25,13 +26,13 @@ def log_series(recording: rr.RecordingStream, subject: Subject) -> None:
     """
     for most, log in ((MOST_READINGS, _log_readings), (MOST_POSES, _log_robot)):
         dense, t = sampled(subject, most)
-        log(recording, rr.TimeColumn("time", duration=t), dense)
+        log(Canvas(recording, rr.TimeColumn("time", duration=t)), dense)
     assert subject.measurements is not None
     if np.isfinite(subject.measurements.time).all():
-        begun = rr.TimeColumn("time", duration=subject.measurements.time)
-        log_balance(recording, begun, subject)
-        log_close_up(recording, begun, subject)
-        log_text(recording, "text", begun, subject)
+        begun = Canvas(recording, rr.TimeColumn("time", duration=subject.measurements.time))
+        log_balance(begun, subject)
+        log_close_up(begun, subject)
+        log_text(begun, subject)
 
 
 def sampled(subject: Subject, most: int) -> tuple[Subject, np.ndarray]:
@@ -80,17 +81,17 @@ def sampled(subject: Subject, most: int) -> tuple[Subject, np.ndarray]:
 _ROWS = ("posture", "placement", "support", "time", "window", "samples", "plate_poses")
 
 
-def _log_readings(recording: rr.RecordingStream, index: rr.TimeColumn, dense: Subject) -> None:
+def _log_readings(canvas: Canvas, dense: Subject) -> None:
     for name, lines in curves(dense).items():
         if name.split("/")[0] in ("cells", "tracking", "joints", "cop"):
-            log_curves(recording, f"plots/{name}", index, lines)
+            log_curves(canvas, name, lines)
 
 
-def _log_robot(recording: rr.RecordingStream, index: rr.TimeColumn, dense: Subject) -> None:
-    log_motion(recording, "world/robot", index, dense)
+def _log_robot(canvas: Canvas, dense: Subject) -> None:
+    log_motion(canvas, dense)
     if dense.command is not None:
-        log_skeleton(recording, "world/commanded", index, dense, dense.command, COMMAND)
-    log_plates(recording, "world/plates", index, dense)
+        log_skeleton(canvas, "world/commanded", dense, dense.command, COMMAND)
+    log_plates(canvas, dense)
     assert dense.measurements is not None
     positions = cell_positions(dense.measurements)
-    log_loads(recording, "world/loads", index, positions, dense.measurements.cell_forces, dense.weight)
+    log_loads(canvas, positions, dense.measurements.cell_forces, dense.weight)

@@ -19,6 +19,7 @@ from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.standing import link_frames
 from tulip_testbed.viewer import window
+from tulip_testbed.viewer.canvas import blueprint
 from tulip_testbed.viewer.layout import space_view
 from tulip_testbed.viewer.robot_view import log_geometry
 from tulip_testbed.viewer.subject import planned
@@ -53,21 +54,15 @@ def begin(recording: rr.RecordingStream, plan: PosturePlan, nominal: Nominal) ->
     for channel in CHANNELS:
         line_name = rr.SeriesLines(names=CHANNEL_NAMES[channel])
         recording.log(f"misfit/{channel}", line_name, static=True)
-    recording.send_blueprint(
-        rrb.Blueprint(
-            rrb.Horizontal(
-                space_view(planned(plan, nominal.robot), "Robot in the last posture", ["$origin/**"]),
-                rrb.Vertical(
-                    rrb.TimeSeriesView(origin="misfit", name="Misfit, standard deviations"),
-                    rrb.TimeSeriesView(origin="errors", name="Standard errors, mm"),
-                    rrb.TextLogView(origin="verdicts", name="Verdicts"),
-                ),
-            ),
-            rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
-            rrb.BlueprintPanel(state="collapsed"),
-            rrb.SelectionPanel(state="collapsed"),
-        )
+    views = rrb.Horizontal(
+        space_view(planned(plan, nominal.robot), "Robot in the last posture", ["$origin/**"]),
+        rrb.Vertical(
+            rrb.TimeSeriesView(origin="misfit", name="Misfit, standard deviations"),
+            rrb.TimeSeriesView(origin="errors", name="Standard errors, mm"),
+            rrb.TextLogView(origin="verdicts", name="Verdicts"),
+        ),
     )
+    recording.send_blueprint(blueprint(views, TIMELINE, fps=None))
 
 
 def log_verdict(

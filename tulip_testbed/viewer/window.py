@@ -27,6 +27,7 @@ ENDINGS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(si
 LOCAL = ("--bind", "127.0.0.1")  # rerun's own default is every address of the machine
 OTHERWISE = "`save=FILE.rrd` writes the view without a window, `serve=True` shows it in a browser"
 SCRATCH = "tulip-view"
+SOURCE = "rerun+http://127.0.0.1:{}/proxy"  # of the data, by the port
 START = 30.0  # s, in which a server has to open its port
 # `rerun` starts the viewer as a child of its own, all in one process group, which ends with this process.
 VIEWER = """
@@ -99,15 +100,22 @@ def open_page(title: str, log: Log) -> tuple[str, Callable[[], None]]:
     Returns:
         the address, and a function that waits for the end of the server.
     """
-    data, page = _free_port(), _free_port()
-    source = urllib.parse.quote(f"rerun+http://127.0.0.1:{data}/proxy", safe="")
-    viewer, said = _opened(title, log, "--serve-web", "--port", str(data), "--web-viewer-port", str(page))
+    _, address, options = _served()
+    viewer, said = _opened(title, log, *options)
 
     def closed() -> None:
         viewer.wait()
         raise InputError(f"viewer: {_fault(said.read_text(errors='replace'))}")
 
-    return f"http://127.0.0.1:{page}?url={source}", closed
+    return address, closed
+
+
+def _served() -> tuple[int, str, tuple[str, ...]]:
+    """Choose free ports of this machine: the data's, the page's address, and rerun's options for both."""
+    data, page = _free_port(), _free_port()
+    source = urllib.parse.quote(SOURCE.format(data), safe="")
+    options = ("--serve-web", "--port", str(data), "--web-viewer-port", str(page))
+    return data, f"http://127.0.0.1:{page}?url={source}", options
 
 
 def _opened(title: str, log: Log, *options: str) -> tuple[subprocess.Popen[bytes], Path]:
@@ -132,15 +140,13 @@ def serve_live(title: str, announce: Callable[[str], None]) -> Iterator[rr.Recor
     Raises:
         InputError: the server did not start.
     """
-    data, page = _free_port(), _free_port()
-    source = f"rerun+http://127.0.0.1:{data}/proxy"
-    options = ("--serve-web", "--port", str(data), "--web-viewer-port", str(page))
+    data, address, options = _served()
     with scratch_folder(SCRATCH) as scratch, _viewer(scratch, None, *options) as (viewer, said):
         _wait_for(data, viewer, said)
         recording = rr.RecordingStream(APPLICATION)
-        recording.connect_grpc(source)
+        recording.connect_grpc(SOURCE.format(data))
         recording.send_recording_name(title)
-        announce(f"http://127.0.0.1:{page}?url={urllib.parse.quote(source, safe='')}")
+        announce(address)
         try:
             yield recording
         finally:
