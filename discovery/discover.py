@@ -13,7 +13,7 @@ import numpy as np
 from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.calibration.calibration_result import CalibratedFamily, SelfCalibration
 from tulip_testbed.calibration.families import TOLERANCES, Family
-from tulip_testbed.calibration.self_calibration import usual_tolerances
+from tulip_testbed.calibration.self_calibration import usual_tolerances, with_inertia_as_shown
 from tulip_testbed.discovery.candidate_search import DECISIVE, CandidateSearch, first_calibration
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.detectability import Undetectable, undetectable
@@ -33,6 +33,7 @@ from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import Observation, observe
+from tulip_testbed.identification.regressor import regression, with_cad_where_needed
 from tulip_testbed.identification.residual_noise import Noise
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.robot import Robot
@@ -156,11 +157,13 @@ def discover(
         InputError: measurements that do not fit the robot, too few placements or postures, or an unknown
             family.
     """
-    observed = observe(measurements, nominal_robot(robot, common_support(measurements.support)))
+    nominal = nominal_robot(robot, common_support(measurements.support))
+    data = regression(nominal.parameters, measurements, robot, source)
+    observed = with_cad_where_needed(observe(measurements, nominal), data)
     if hold_out:
         check_placements(measurements)
-    search = CandidateSearch.of(observed, tolerances, effects)
     try:
+        search = CandidateSearch.of(with_inertia_as_shown(observed, tolerances), tolerances, effects)
         first = calibration or first_calibration(search.observed, tolerances)
         return _discover(search, first, seed, through_laboratory, hold_out, progress)
     except np.linalg.LinAlgError:

@@ -41,7 +41,6 @@ RESAMPLES, SEED = 2000, 0
 STARTS = (0.1, 1.0)  # of the prior's scale
 HARMLESS = 1e-5  # m: residuals that leave nothing to beat
 WIDE = 0.1  # m: what a zero of which nothing is known may move the centre of pressure by
-RANK = 1e-9  # of the largest singular value
 SMALLEST = 1e-6  # m: changes and s.d. that count as none
 WIDEST = 1.0  # of the prior's scale: beyond, masses would be absurd
 
@@ -400,7 +399,9 @@ def _about_zeros(m: Measurements, nominal: Nominal, unknown: np.ndarray) -> tupl
         columns.append(center(m.wrenches + zero) - here)
     if m.weighed_mass is None:  # an error of the weight is no error of the CAD model's centre of mass
         mass = standard_parameters(nominal.robot.model)[:, 0]
-        weight = [-here * MASS_SD * np.linalg.norm(mass) / mass.sum()]
+        # By the moments that CAD expects: by the measured ones, any could be made to vanish.
+        expected = nominal.center_of_mass(m.joint_angles, m.support)
+        weight = [expected * MASS_SD * np.linalg.norm(mass) / mass.sum()]
     changes = np.stack([*columns, np.zeros_like(here)], axis=2)
     size = np.sqrt((changes**2).mean(axis=(0, 1)))
     zeros = WIDE * changes[..., size > SMALLEST] / size[size > SMALLEST]

@@ -20,6 +20,10 @@ UNSURE = 0.5  # of a reading's noise
 LEAST_NOISE = 1e-6  # of the assumed variance, that every channel has
 # S.d. of a zero of which nothing is known, in weights of the robot; assumed: a larger one would be noticed.
 WIDE_FORCE, WIDE_MOMENT = 0.5, 0.1  # -, m
+MOVING_FORCE, MOVING_MOMENT = (
+    0.1,
+    0.03,
+)  # -, m: of a log, whose sensors were tared at some time before; assumed
 
 
 @dataclass(frozen=True)
@@ -89,7 +93,9 @@ def of_wrenches(
     known = wrenches + below
     covariance = noise_of_wrenches(contacts)
     stands = feet_in_contact(measurements.support)
-    wide = weight * by_kind(contacts.channels, WIDE_FORCE, WIDE_MOMENT)
+    held = measurements.joint_rates is None
+    sizes = (WIDE_FORCE, WIDE_MOMENT) if held else (MOVING_FORCE, MOVING_MOMENT)
+    wide = weight * by_kind(contacts.channels, *sizes)
     zero, zero_sd = _zeros(contacts, known, stands, covariance, wide)
     root = np.linalg.cholesky(covariance)
     by_channel = np.linalg.inv(root)

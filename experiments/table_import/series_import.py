@@ -25,6 +25,7 @@ from tulip_testbed.measurements.measurement_folder import rows_in
 
 TICK = 0.2  # s: rows that are closer, in a table of LEAST_ROWS or more, are samples
 LEAST_ROWS = 200
+FEW = 0.2  # of the rows
 STILL = 0.02  # rad: without a joint that moves more, nothing moves
 COMPUTED = (*WHOLE, "window", "samples", "speed", "acceleration")  # columns that samples do not have
 COMPUTED_OF = ("q_std", "q_rate", "q_acceleration", "cell_std", "wrench_std")
@@ -96,10 +97,16 @@ def series_rows(
             f"{table.path}: found no window of {series.window:g} s that gives a row; "
             f"{left_out or 'the log is shorter'}"
         )
+    both = rows.support == "double"
+    closed = ""
+    if by_load and 0 < both.mean() < FEW:
+        rows = rows.take(~both)
+        closed = f"; left out: {int(both.sum())} windows on both feet, too few to settle the closed legs"
     assumed = [
         f"a series: {len(samples)} samples in {number(np.ptp(samples.time), '.4g')} s are reduced to "
         f"{len(rows)} rows of {series.window:g} s with rates and accelerations"
         + (left_out and f"; {left_out}")
+        + closed
     ]
     if by_load:
         kinds = [f"{int((rows.support == kind).sum())} {kind}" for kind in dict.fromkeys(rows.support)]
