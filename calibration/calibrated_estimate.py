@@ -10,9 +10,9 @@ from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.calibration.self_calibration import (
+    as_log_shows,
     least_determined,
     self_calibrate,
-    with_inertia_as_shown,
 )
 from tulip_testbed.identification.estimators import Estimate
 from tulip_testbed.identification.observation import Observation
@@ -46,7 +46,7 @@ def calibrated_estimates(
     """
     observed = with_cad_where_needed(observed, data)
     try:
-        observed = with_inertia_as_shown(observed, tolerances)
+        observed = as_log_shows(observed, tolerances)
         return _estimates(observed, data, kept, tolerances, calibrate)
     except np.linalg.LinAlgError:
         excess = _in_excess(observed, data, kept, tolerances, calibrate)

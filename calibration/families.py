@@ -7,7 +7,7 @@ the sensors; how large the errors of a laboratory really are, in tolerances, is 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from numbers import Real
 
@@ -60,6 +60,8 @@ OF_PLATES = (
     "plate-translation",
     "plate-yaw",
 )  # scale with the s.d. of a placement, the others with the cells'
+SOLE = "foot-compliance"
+TIPPING = 0.1  # of the compliance with which a robot would tip over, 1 / (height x weight); assumed
 # Squared mean of the absolute value of a standard normal deviate.
 COMMON = 2 / np.pi
 
@@ -251,7 +253,7 @@ def families_of(
     """
     others = {(effect.effect.name, effect.target) for effect in free}
     six_axes = contacts is not None and contacts.mount == "foot" and contacts.channels == WRENCH
-    other_sole = "sole-compliance" if six_axes else "foot-compliance"  # where each foot shows its own tilt
+    other_sole = "sole-compliance" if six_axes else SOLE  # where each foot shows its own tilt
     return tuple(
         Family(effect, tolerances.value[name], targets)
         for name, effect in catalogue().items()
@@ -279,6 +281,12 @@ def families_in(
     if observed.cad is not None and observed.measurements.weighed_mass is None:
         # The gain and a weight that nobody knows are one.
         families = tuple(family for family in families if family.name != "wrench-gain")
+    if len(observed) and SOLE in [family.name for family in families]:
+        upright = TIPPING / float((observed.height * observed.loaded_weight).max())
+        families = tuple(
+            replace(family, tolerance=min(family.tolerance, upright)) if family.name == SOLE else family
+            for family in families
+        )
     if observed.moves:  # it is short
         families = tuple(family for family in families if family.name != "wrench-drift")
     if contacts is None or readings.zero_sd is None or not readings.zero_sd.any():

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from tulip_testbed.calibration.calibration_result import STEADY, SelfCalibration, result_of
-from tulip_testbed.calibration.families import Tolerances, families_in, tolerances_of
+from tulip_testbed.calibration.families import SOLE, Tolerances, families_in, tolerances_of
 from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.linear_model import first_parameters
 from tulip_testbed.calibration.linear_problem import LinearProblem
@@ -39,6 +39,7 @@ from tulip_testbed.identification.residual_channels import moved_by, packed
 from tulip_testbed.identification.residual_noise import noise_of, with_cell_noise
 
 ROUNDS = 12
+NEARLY_TIPPED = 0.8  # of the compliance with which a robot would tip over
 WORSE = 10.0  # ln of the evidence, by which the last linearisation may lie below the best
 STANDS = 0.25  # s.e. by which nothing moves any more: the next step would move it by about a fifth of that
 
@@ -124,18 +125,39 @@ def self_calibrate(
     return result_of(clean, families, noise, *latest, solved, used.assumed, moved)
 
 
-def with_inertia_as_shown(
-    observed: Observation, tolerances: Mapping[str, float] | None = None
+def as_log_shows(
+    observed: Observation, tolerances: Mapping[str, float] | None = None, rows: np.ndarray | None = None
 ) -> Observation:
-    """Return a moving record with or without the inertial forces by CAD, whichever has more evidence.
+    """Return a moving record with what some of its rows show of inertial forces and of soft soles.
 
-    Contact sensors may not show them: their signals are filtered, or a soft foot rocks in place of the body.
+    Contact sensors may not show the inertial forces: their signals are filtered, or a soft foot rocks in
+    place of the body. Whichever has more evidence is taken. Soles so soft that the robot would tip over are
+    none: then nothing is to be learnt about them.
+
+    Args:
+        rows: those that may be looked at, (n,); None: all.
     """
     if not observed.moves:
         return observed
-    both = (observed, without_inertia(observed))
-    evidence = [self_calibrate(one, tolerances).solved.log_evidence for one in both]
-    return both[int(np.argmax(evidence))]
+    for one in (observed, _on_hard_soles(observed)):
+        both = (one, without_inertia(one))
+        tried = [self_calibrate(o if rows is None else o.take(rows), tolerances) for o in both]
+        best = int(np.argmax([calibration.solved.log_evidence for calibration in tried]))
+        if not _tips_over(tried[best]):
+            break
+    return both[best]
+
+
+def _tips_over(calibration: SelfCalibration) -> bool:
+    """Whether a foot is so soft that hardly any height or weight more would tip the robot over."""
+    observed = calibration.observed
+    most = NEARLY_TIPPED / float((observed.height * observed.loaded_weight).max())
+    return any((one.value > most).any() for one in calibration.families if one.family.name == SOLE)
+
+
+def _on_hard_soles(observed: Observation) -> Observation:
+    measured = observed.measurements
+    return replace(observed, measurements=replace(measured, tolerances={**measured.tolerances, SOLE: 0.0}))
 
 
 def without_inertia(observed: Observation) -> Observation:

@@ -13,7 +13,7 @@ import numpy as np
 from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.calibration.calibration_result import CalibratedFamily, SelfCalibration
 from tulip_testbed.calibration.families import TOLERANCES, Family
-from tulip_testbed.calibration.self_calibration import usual_tolerances, with_inertia_as_shown
+from tulip_testbed.calibration.self_calibration import as_log_shows, usual_tolerances
 from tulip_testbed.discovery.candidate_search import DECISIVE, CandidateSearch, first_calibration
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.detectability import Undetectable, undetectable
@@ -163,7 +163,7 @@ def discover(
     if hold_out:
         check_placements(measurements)
     try:
-        search = CandidateSearch.of(with_inertia_as_shown(observed, tolerances), tolerances, effects)
+        search = CandidateSearch.of(as_log_shows(observed, tolerances), tolerances, effects)
         first = calibration or first_calibration(search.observed, tolerances)
         return _discover(search, first, seed, through_laboratory, hold_out, progress)
     except np.linalg.LinAlgError:

@@ -70,8 +70,11 @@ def _parts(m: Measurements, name: str, count: int) -> Split:
 
 
 def _without_shared(m: Measurements, train: np.ndarray, test: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Leave postures that are measured again in the part that is predicted out of the other."""
+    """Leave what is measured again in the part that is predicted, postures or samples, out of the other."""
     train = train & ~np.isin(m.posture, m.posture[test])
+    if m.joint_rates is not None:  # windows overlap
+        near = np.abs(m.time[:, None] - m.time[test]) < m.window[:, None]
+        train = train & ~near.any(axis=1)
     return np.flatnonzero(train), np.flatnonzero(test)
 
 

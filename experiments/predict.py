@@ -15,7 +15,7 @@ from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Table
 from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.calibration.prediction import center_errors
-from tulip_testbed.calibration.self_calibration import self_calibrate, with_inertia_as_shown, without_inertia
+from tulip_testbed.calibration.self_calibration import as_log_shows, self_calibrate
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.posture_splits import Split, by_blocks, by_halves, clusters, stated
 from tulip_testbed.identification.base_parameters import (
@@ -179,10 +179,11 @@ def predict(
 def _without_zeros(problem: PredictionProblem, train: np.ndarray) -> np.ndarray:
     """Return CAD's residuals less what zeros explain of the training postures', (m, 2) [m].
 
-    Zeros have their prior: that of the weight would else make all moments small.
+    Zeros have their prior, next to the scatter that no zeros explain.
     """
     target, columns = problem.residual[train].ravel(), problem.rows(problem.zeros, train)
-    noise = max(float(np.sqrt((target**2).mean())), SMALLEST)
+    free = target - columns @ np.linalg.lstsq(columns, target)[0]
+    noise = max(float(np.sqrt((free**2).mean())), SMALLEST)
     size = columns.T @ np.linalg.solve(columns @ columns.T + noise**2 * np.eye(len(target)), target)
     return problem.residual - problem.zeros @ size
 
@@ -275,10 +276,7 @@ def _corrected(
 ) -> np.ndarray:
     """Return the residuals of what `identify` estimates, with its corrections, (n, 2) [m]."""
     data = regression(problem.parameters, problem.measurements.take(train), problem.robot)
-    observed = with_cad_where_needed(problem.observed, data)
-    shown = with_inertia_as_shown(observed.take(train))
-    if shown.moves and (shown.shift != observed.shift[train]).any():
-        observed = without_inertia(observed)
+    observed = as_log_shows(with_cad_where_needed(problem.observed, data), rows=train)
     return center_errors(self_calibrate(observed.take(train), effects=adopted), observed.take(test))
 
 

@@ -1,4 +1,4 @@
-"""What a robot's own model says about base parameters, where postures do not determine all of them."""
+"""Base parameters as a robot's own model states them, for postures that do not determine all of them."""
 
 from __future__ import annotations
 

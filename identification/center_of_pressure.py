@@ -56,7 +56,13 @@ def load_shares(measurements: Measurements) -> np.ndarray:
 def total_mass(measurements: Measurements) -> tuple[float, float]:
     """Return the total mass from the mean force, and its standard error over the postures [kg]."""
     mass = loads(measurements).sum(axis=1) / measurements.gravity
-    return float(mass.mean()), float(mass.std(ddof=1) / np.sqrt(len(mass)))
+    return _mean_and_error(mass)
+
+
+def _mean_and_error(values: np.ndarray) -> tuple[float, float]:
+    """Return the mean and its standard error; NaN of a single value."""
+    few = len(values) < 2
+    return float(values.mean()), np.nan if few else float(values.std(ddof=1) / np.sqrt(len(values)))
 
 
 @dataclass(frozen=True)
@@ -77,8 +83,8 @@ class ContactPressure:
 def contact_pressure(measurements: Measurements, nominal: Nominal) -> ContactPressure:
     """Return centre of pressure, load and mass by the contacts.
 
-    The moments of wrench sensors are divided by the weighed weight, if there is one: it has less noise. What
-    motion adds by CAD is taken off.
+    The moments of wrench sensors are divided by the weighed weight, if there is one: it has less noise. The
+    inertial part by CAD is taken off.
 
     Raises:
         InputError: the contacts of a posture carry no weight.
@@ -91,11 +97,10 @@ def contact_pressure(measurements: Measurements, nominal: Nominal) -> ContactPre
     down = (forces.reshape(len(observed), 2, -1) * observed.contacts.bears).sum(axis=2)
     total = down.sum(axis=1)
     mass = total / measurements.gravity
-    error = float(mass.std(ddof=1) / np.sqrt(len(mass)))
     moment = (forces[..., None] * observed.cell_places).sum(axis=1)
     weight = total if measurements.weighed_mass is None else np.full(len(total), observed.weight)
     center = moment / weight[:, None] - observed.shift
-    return ContactPressure(center, down / total[:, None], (float(mass.mean()), error))
+    return ContactPressure(center, down / total[:, None], _mean_and_error(mass))
 
 
 def center_slopes(observed: Observation) -> dict[str, np.ndarray]:

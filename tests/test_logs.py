@@ -111,7 +111,7 @@ def test_a_person_who_bows_becomes_rows(imported, bowing):
     m = imported
     assert len(m) == 57
     assert set(m.support) == {"right"}
-    assert set(m.placement) == {1}
+    assert set(m.placement) == {1, 2, 3, 4}  # blocks of four seconds
     assert m.wrenches is not None
     assert np.isnan(m.wrenches[:, 1]).all()
     wrenches, angles, rates, accelerations = moved(m)
@@ -150,7 +150,18 @@ def test_a_gap_in_the_clock_costs_its_windows_alone(imported, bowing):
     made = samples(imported, bowing, time[(time < 3) | (time > 3.3)])
     out = reduced(made, WEIGHT)
     assert out.dropped == {"with too few samples or a gap between them": 2}
-    assert set(out.measurements.placement) == {1}
+    assert set(out.measurements.placement) == {1, 2, 3}
+
+
+def test_identification_predicts_a_person_better_than_cad_does(imported, bowing):
+    """Held-out halves, along the plane in which the person bows. CAD with an offset is not beaten."""
+    found = tt.predict(imported, bowing)
+    x = {one.name: one.rms_mm.x for one in found.models if one.split == "halves"}
+    assert x["identified"] < 0.75 * x["CAD"]
+    assert x["identified"] < 9.0
+    assert x["CAD with offset"] < x["constant"]
+    assert found.beats_cad is True
+    assert found.beats_cad_with_offset is not True
 
 
 # Readers

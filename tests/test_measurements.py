@@ -103,7 +103,7 @@ def test_optional_columns_may_be_absent_and_unknown_spreads_null(folder):
 def test_fewer_postures_than_parameters_are_refused(folder, robot):
     rewrite(folder, lambda t: t.slice(0, 12))
     with pytest.raises(InputError, match=r"found 12 postures .* expected at least 13 for 25 base parameters"):
-        identify(read_measurements(folder), robot)
+        identify(read_measurements(folder), robot, estimator="mixed-model")
 
 
 def test_no_rows_a_truncated_table_and_no_folder(folder, tmp_path):

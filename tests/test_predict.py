@@ -12,8 +12,16 @@ import tulip_testbed as tt
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of
 from tulip_testbed.experiments.posture_splits import by_blocks, by_halves, clusters, stated
-from tulip_testbed.experiments.predict import CAD, CONSTANT, IDENTIFIED, WITH_PRIOR, cad_spread
+from tulip_testbed.experiments.predict import (
+    CAD,
+    CAD_WITH_OFFSET,
+    CONSTANT,
+    IDENTIFIED,
+    MODELS,
+    WITH_CORRECTIONS,
+)
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
+from tulip_testbed.identification.cad_prior import cad_prior
 from tulip_testbed.measurements import write_measurements
 
 SEED = 4217  # development seeds are 0 to 99
@@ -58,19 +66,21 @@ def total(found, name, split="blocks"):
 def test_a_robot_unlike_its_cad_is_predicted_better_by_identification(predicted):
     assert predicted.beats_cad is True
     for split in ("blocks", "halves"):
-        assert score(predicted, WITH_PRIOR, split).beats_cad is True
-        assert total(predicted, IDENTIFIED, split) < 0.7 * total(predicted, CAD, split)
-        assert total(predicted, WITH_PRIOR, split) < total(predicted, IDENTIFIED, split)
-    assert predicted.verdict == "Identified beats CAD: yes."
+        assert score(predicted, IDENTIFIED, split).beats_cad is True
+        assert total(predicted, WITH_CORRECTIONS, split) < 0.7 * total(predicted, CAD, split)
+        assert total(predicted, IDENTIFIED, split) < total(predicted, WITH_CORRECTIONS, split)
+    assert predicted.beats_cad_with_offset is True
+    assert [one.name for one in predicted.models] == [*MODELS, *MODELS]
+    assert predicted.verdict.startswith("Identified beats CAD: yes. ")
 
 
 def test_a_robot_like_its_cad_is_predicted_no_better_by_identification(laboratory, robot):
     found = tt.predict(measured(laboratory, None), robot)
     assert found.beats_cad is not True
-    assert total(found, IDENTIFIED) > total(found, CAD)
+    assert total(found, WITH_CORRECTIONS) > total(found, CAD)
     # The training postures weigh the prior so much that hardly anything changes.
-    assert total(found, WITH_PRIOR) == pytest.approx(total(found, CAD), rel=0.03)
-    assert total(found, WITH_PRIOR) < total(found, IDENTIFIED)
+    assert total(found, IDENTIFIED) == pytest.approx(total(found, CAD), rel=0.03)
+    assert total(found, IDENTIFIED) < total(found, WITH_CORRECTIONS)
 
 
 def test_residuals_of_cad_are_those_of_the_measurements(predicted, heavier, robot):
@@ -98,7 +108,7 @@ def test_residuals_of_cad_are_those_of_the_measurements(predicted, heavier, robo
 
 def test_the_interval_is_as_wide_as_the_scatter_between_placements(predicted, heavier):
     """By the delta method: the r.m.s. of the placements' own mean squares."""
-    found, placements = score(predicted, CONSTANT), np.unique(heavier.placement)
+    found, placements = score(predicted, CAD_WITH_OFFSET), np.unique(heavier.placement)
     assert found.low95 is not None
     assert found.high95 is not None
     low, high = (1e-3 * np.array([end.x, end.y]) for end in (found.low95, found.high95))
@@ -140,7 +150,7 @@ def test_the_prior_has_the_spread_that_is_stated(robot):
         masses = mass * (1 + 0.2 * small * generator.standard_normal(len(mass)))
         centers = center + 0.02 * small * generator.standard_normal(center.shape)
         drawn.append(parameters.values(np.column_stack([masses, masses[:, None] * centers])))
-    spread = small * cad_spread(parameters, standard)
+    spread = small * cad_prior(parameters, standard).root
     stated_covariance, found = spread @ spread.T, np.cov(np.array(drawn).T)
     scale = np.sqrt(np.diag(stated_covariance))
     assert found / scale / scale[:, None] == pytest.approx(
@@ -166,16 +176,14 @@ def test_stated_parts_and_what_is_wrong_with_them(heavier, robot):
         tt.predict(heavier, robot, train=["1-20"], test=["15-30"])
 
 
-def test_too_few_postures_do_not_identify_but_cad_is_scored(heavier, robot, tmp_path, capsys):
+def test_few_postures_are_scored_with_cad_as_prior(heavier, robot, tmp_path, capsys):
     few = heavier.take(np.flatnonzero(heavier.placement <= np.unique(heavier.placement)[2]))
     write_measurements(tmp_path / "few", few)
     assert main(["predict", str(tmp_path / "few"), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert document["beats_cad"] is None
-    assert {one["name"] for one in document["models"]} == {CAD, CONSTANT}
+    assert {CAD, CONSTANT, IDENTIFIED} <= {one["name"] for one in document["models"]}
     for one in document["models"]:
         assert one["low95"]["x"] <= one["rms_mm"]["x"] <= one["high95"]["x"]
-    assert any(note.startswith("No identified model by blocks: ") for note in document["notes"])
 
 
 @pytest.mark.parametrize("spread", [None, 0.2])
@@ -185,8 +193,7 @@ def test_unknown_zeros_of_sensors_in_the_feet_are_no_merit_of_identification(rob
     assert (found.beats_cad is True) == (spread is not None)
     assert any(note.startswith("The sensors' zeros are unknown") for note in found.notes)
     if spread is None:
-        assert total(found, CAD) < total(found, IDENTIFIED)
-        assert total(found, WITH_PRIOR) == pytest.approx(total(found, CAD), rel=0.03)
+        assert total(found, IDENTIFIED) == pytest.approx(total(found, CAD), rel=0.03)
 
 
 def test_the_command_prints_a_table(heavier, tmp_path, capsys, monkeypatch):

@@ -99,8 +99,8 @@ def test_a_wrench_by_hand():
         below_sd=np.zeros((2, 4)),
     )
     soles = np.tile([0.0, 0, -0.06], (2, 1))
-    m = dataclasses.make_dataclass("M", ["contacts", "wrenches", "gravity", "support"])(
-        contacts, np.tile(reading, (1, 2, 1)), 9.81, np.array(["double"])
+    m = dataclasses.make_dataclass("M", ["contacts", "wrenches", "gravity", "support", "joint_rates"])(
+        contacts, np.tile(reading, (1, 2, 1)), 9.81, np.array(["double"]), None
     )
     found = of_wrenches(m, soles, np.tile([0.0, 0, 1], (1, 2, 1)), 200.0)
     values = found.values.reshape(2, 6)

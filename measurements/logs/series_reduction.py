@@ -12,7 +12,7 @@ import numpy as np
 from tulip_testbed.measurements.data import Measurements, feet_in_contact
 
 WINDOW = 0.5  # s, of a row: with encoders of 0.088 deg shorter ones have noisy accelerations
-OVERLAP = 1  # windows at a time: neighbours share no sample
+OVERLAP = 2  # windows at a time: the ends of a window have little weight
 BLOCK = 4.0  # s, of a placement: slow errors are common to it, and predictions leave whole blocks out
 DEGREE = 3  # of polynomials for which the weights are exact
 MOMENTS = np.array([[1, 0, 1 / 7, 0], [0, 1, 0, 3 / 7], [0, 0, 2, 0]])  # means of 1, u, u^2, u^3; of u', u''

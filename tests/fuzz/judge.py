@@ -38,6 +38,8 @@ TOLERANCE = 1e-6  # of a result, relative to its largest number
 MAY_BE_NULL = (
     "calibration",
     "standard",
+    "data_share",
+    "direction_shares",
     "unseen",
     "made",
     "rig",
