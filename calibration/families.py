@@ -60,7 +60,8 @@ OF_PLATES = (
     "plate-translation",
     "plate-yaw",
 )  # scale with the s.d. of a placement, the others with the cells'
-SOLE = "foot-compliance"
+SOLE, CROSSTALK = "foot-compliance", "wrench-crosstalk"
+UNCORRECTED = 5.0  # times the tolerance: 5 % of the range, see the table
 TIPPING = 0.1  # of the compliance with which a robot would tip over, 1 / (height x weight); assumed
 # Squared mean of the absolute value of a standard normal deviate.
 COMMON = 2 / np.pi
@@ -287,8 +288,12 @@ def families_in(
             replace(family, tolerance=min(family.tolerance, upright)) if family.name == SOLE else family
             for family in families
         )
-    if observed.moves:  # it is short
-        families = tuple(family for family in families if family.name != "wrench-drift")
+    if observed.moves:  # a short record, of sensors as they come, without a correction by a matrix
+        families = tuple(
+            replace(family, tolerance=UNCORRECTED * family.tolerance) if family.name == CROSSTALK else family
+            for family in families
+            if family.name != "wrench-drift"
+        )
     if contacts is None or readings.zero_sd is None or not readings.zero_sd.any():
         return families
     if readings.unknown is not None and readings.unknown.any():

@@ -51,8 +51,8 @@ INTERNAL_PRIOR = 0.01  # s.d. of the logarithm of the scale of the unseen wrench
 CHANNELS = "AFTC"
 Families = Sequence[Family | FreeEffect]
 OF_LOADS = ("joint-compliance", "sole-compliance", "foot-compliance")
-# With CAD as prior data say too little of how wide a family is, but of these.
-OF_CONTACTS = ("wrench-crosstalk", "foot-compliance")
+# With CAD as prior data say too little of how wide a family is, but of this one.
+OF_CONTACTS = ("foot-compliance",)
 
 
 def own_sources(observed: Observation) -> tuple[str, ...]:

@@ -23,6 +23,7 @@ from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR
 from tulip_testbed.experiments.family_tables import calibration_report
 from tulip_testbed.experiments.parameter_tables import (
     LEGEND,
+    cad_line,
     mass_line,
     models,
     parameter_table,
@@ -233,6 +234,8 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
                 *([f"Weakly determined: {weak}."] if weak else []),
                 "",
             ]
+        if self.full.direction_shares is not None:
+            parts.append(cad_line(self.full.direction_shares))
         if self.full.standard is not None:
             parts.append(standard_table(self.full.standard))
         if self.hidden:

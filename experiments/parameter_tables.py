@@ -30,11 +30,26 @@ LEGEND = (
     f"{WELL_IDENTIFIED:.0f} %."
 )
 NOT_AT_REST = "The estimate did not come to rest: these numbers and their standard errors mean nothing."
+HALF, LEADING = 0.5, 5  # share of data, directions that are listed
 MOST_TABLE = 2**20  # bytes
 NO_PLACEMENT_SD = 1e-3  # of sigma
 PAPER_COLUMNS = tuple(
     f"{model}_{what}" for model in ("full", "simplified") for what in ("mm", "rel_se_percent")
 )
+
+
+def cad_line(shares: np.ndarray) -> str:
+    """Say how much of an estimate with CAD as prior is data.
+
+    Args:
+        shares: of every direction's prior variance that the data removed, (p,).
+    """
+    known, most = int((shares > HALF).sum()), ", ".join(f"{100 * share:.0f} %" for share in shares[:LEADING])
+    return (
+        f"The postures do not determine all {len(shares)} parameters, so CAD is the prior (20 % of each "
+        f"mass, 20 mm of each centre). In {known} independent directions more than half is data (the first: "
+        f"{most})."
+    )
 
 
 @dataclass(frozen=True)
@@ -149,6 +164,8 @@ def parameter_table(
     if paper and beside:
         columns += _paper_columns(model, shown, paper)
     links = [united_links(parameters, number) for number in estimate.numbers.tolist()]
+    if estimate.data_share is not None:
+        columns.append((Column("from data", "%", ".0f", 100), estimate.data_share.tolist()))
     columns.append((Column("links", extra=True), links))
     title = f"{model.capitalize()} model{', compared with Table II' if beside else ''}"
     note = f"{residual_line(shown, model, paper)} {placements_line(shown)}"
