@@ -10,6 +10,8 @@ import tulip_testbed as tt
 from tests.effect_changes import agreement, changes, statically
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.families import families_of, tolerances_of
+from tulip_testbed.calibration.prediction import center_errors
+from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.effects.catalogue import catalogue, targets_in
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.misreading import Misreading
@@ -264,3 +266,44 @@ def test_tables_speak_of_the_sensors_that_there_are(run, found, robot):
     assert "contact sensors, encoders: their noise; internal forces" in text
     assert "cells" not in text
     assert "right, left plate: errors" not in text
+
+
+def on_right_foot():
+    plan = tt.plans.mixed
+    return plan.take(plan.support == "right")
+
+
+def test_the_force_shows_a_foot_that_pitches(robot):
+    """By hand: on a right foot that pitches by e (front down) the ground's force leans to the rear by e."""
+    measured: Any = tt.Laboratory(robot, sensors="foot-ft").run(on_right_foot(), seed=3, engine="statics")
+    m = measured.measurements
+    tilt, wrenches = 0.01, m.wrenches.copy()
+    wrenches[:, 0, 0] -= tilt * wrenches[:, 0, 2]  # fx
+    nominal = nominal_robot(robot, "right")
+    observed, leaning = (observe(dataclasses.replace(m, wrenches=w), nominal) for w in (m.wrenches, wrenches))
+    change = residuals(leaning, nominal.value) - residuals(observed, nominal.value)
+    np.testing.assert_allclose(change[:, 3], -tilt, rtol=0.03)  # fz has the sensor's gain and noise
+    pitched = leaning.changed(stance_tilt=np.tile([0.0, tilt], (len(m), 1)))
+    np.testing.assert_allclose(
+        residuals(pitched, nominal.value)[:, 3:5],
+        residuals(observed, nominal.value)[:, 3:5],
+        atol=0.03 * tilt,
+    )
+
+
+def test_no_prediction_sees_the_moments_that_it_predicts(robot):
+    """With a sole as soft as it may be, an error of a centre of pressure is an error of the prediction."""
+    soft = tt.Laboratory(robot, sensors="foot-ft").with_effects("foot-compliance:right=0.002,0.002")
+    m: Any = soft.run(on_right_foot(), seed=4, engine="statics").measurements
+    nominal = nominal_robot(robot, "right")
+    found = self_calibrate(observe(m, nominal))
+    shift = np.array([0.004, -0.003])
+    wrenches = m.wrenches.copy()
+    weight = nominal.mass * m.gravity
+    wrenches[:, 0, 3] += shift[1] * weight  # mx = y W, my = -x W
+    wrenches[:, 0, 4] -= shift[0] * weight
+    before, after = (
+        center_errors(found, observe(dataclasses.replace(m, wrenches=w), nominal))
+        for w in (m.wrenches, wrenches)
+    )
+    np.testing.assert_allclose(after - before, np.tile(shift, (len(m), 1)), rtol=0.05)
