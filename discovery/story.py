@@ -23,7 +23,7 @@ SHOWN_TARGETS = 12  # of one kind of effect
 PLACES = {
     "A": "the centre of pressure",
     "F": "the sum of the vertical forces",
-    "T": "the twist of the plates",
+    "T": "the twist of the plates or, under the feet, the force's direction",
     "C": "the closure of the legs",
 }
 

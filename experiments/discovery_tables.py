@@ -27,7 +27,7 @@ MOST_P = 0.05  # above it a pattern in the residuals gets no row
 CHANNEL_NAMES = {
     "A": "A, centre of pressure",
     "F": "F, sum of the vertical forces",
-    "T": "T, twist of the plates",
+    "T": "T, twist, or the force's direction",
     "C": "C, closure of the legs",
     "AFTC": "all channels",
 }

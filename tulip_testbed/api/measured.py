@@ -208,27 +208,32 @@ def predict(
     *,
     train: Sequence[str] = (),
     test: Sequence[str] = (),
+    corrections: Effects = (),
 ) -> Prediction:
     """Ask whether the identified model predicts better than CAD.
 
-    Models are the robot's own masses (CAD), CAD and a constant, the identified one, and the identified one
-    with a prior at CAD. Each predicts the centre of pressure of postures that took no part in its training.
+    Models are the robot's own masses (CAD), CAD with an offset, a constant, identified masses, and those with
+    corrections. Each predicts the centre of pressure of postures that took no part in its training.
 
     Args:
         measurements: or their folder, or a run.
         robot: the nominal robot, whose masses are CAD's; TULip if None.
         train, test: postures by number, "1-40", or placements, "placement:1-8"; the rest if left out. Without
             both the postures are split by blocks of placements and by halves.
+        corrections: effects of the model with corrections, e.g. `discover(...).adopted`, or texts as for
+            `Laboratory.with_effects`; their sizes are fitted in training, next to ordinary imperfections.
 
     Returns:
-        r.m.s. of the centre of pressure on postures that took no part, for CAD, a constant, the identified
-        model and one with a prior at CAD; `beats_cad`.
+        r.m.s. of the centre of pressure on postures that took no part, for each model; `beats_cad` and
+        `beats_cad_with_offset`.
 
     Raises:
         InputError: measurements that do not fit the robot, or parts that are not there.
     """
     source = source_of(measurements) or "measurements"
-    return _predict(measurements_of(measurements), robot or load_robot(), train, test, source)
+    robot = robot or load_robot()
+    adopted = corrections_of(corrections, robot)
+    return _predict(measurements_of(measurements), robot, train, test, source, adopted)
 
 
 @checked
