@@ -12,6 +12,7 @@ from tulip_testbed.base.errors import InputError
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 DECIMAL_POINT = re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?")
 SEPARATOR_LINE = re.compile(r'"?sep=[,;]"?', re.IGNORECASE)
+COMMENT = re.compile(r'[\s"]*#')  # values lose the space around them, of any kind
 NOT_VALUES = str.maketrans("", "", ',;"')  # without them an empty line is only space
 
 
@@ -32,7 +33,7 @@ def plain_csv(path: Path, content: bytes) -> bytes:
     lines = [
         (number, line)
         for number, line in enumerate(_text(path, content).split("\n"), 1)
-        if not line.lstrip(' "').startswith("#") and line.translate(NOT_VALUES).strip()
+        if not COMMENT.match(line) and line.translate(NOT_VALUES).strip()
     ]
     if lines and SEPARATOR_LINE.fullmatch(lines[0][1].strip()):
         del lines[0]
