@@ -8,8 +8,14 @@ from typing import Any
 import numpy as np
 
 from tulip_testbed.base.column import Column
+from tulip_testbed.base.errors import listed
 from tulip_testbed.base.table import Table
-from tulip_testbed.identification.link_clearances import LinkPairs, clearances_at, link_pairs
+from tulip_testbed.identification.link_clearances import (
+    LinkPairs,
+    clearances_at,
+    link_pairs,
+    overlaps_at_reference,
+)
 from tulip_testbed.identification.link_paths import path_clearances
 from tulip_testbed.identification.planning.one_foot import with_feet_exchanged
 from tulip_testbed.identification.planning_ranges import planning_margins
@@ -30,7 +36,8 @@ def clearances_of(robot: Robot, plan: PosturePlan) -> dict[str, list[dict[str, A
         plan: its postures; the paths are the laboratory's between the postures of a placement.
 
     Returns:
-        "postures" and "paths": links, distance [mm] and the posture, or the two that the path connects.
+        "postures" and "paths": links, distance [mm] and the posture, or the two that the path connects;
+        "left out": links that overlap in the posture `stand`, which may do so in plans.
     """
     margin = planning_margins(robot).link_clearance
     pairs, foot = link_pairs(robot, margin), base_foot(plan.support)
@@ -53,6 +60,10 @@ def clearances_of(robot: Robot, plan: PosturePlan) -> dict[str, list[dict[str, A
     return {
         "postures": _nearest(pairs, held, [[int(number)] for number in plan.posture]),
         "paths": _nearest(pairs, ways, [[int(plan.posture[k]) for k in step] for step in steps]),
+        "left out": [
+            {"links": list(names), "distance_mm": -1e3 * overlap}
+            for names, overlap in overlaps_at_reference(robot).items()
+        ],
     }
 
 
@@ -63,15 +74,19 @@ def clearance_table(clearances: dict[str, list[dict[str, Any]]]) -> Table | str:
         for where, entries in (("posture", clearances["postures"]), ("path", clearances["paths"]))
         for entry in entries
     ]
+    left_out = listed(
+        f"{' and '.join(entry['links'])} ({-entry['distance_mm']:.0f} mm)" for entry in clearances["left out"]
+    )
+    note = f" Left out, since they overlap in the posture stand: {left_out}." if left_out else ""
     if not rows:
-        return f"No links come nearer to each other than {1e3 * WITHIN:.0f} mm."
+        return f"No links come nearer to each other than {1e3 * WITHIN:.0f} mm.{note}"
     columns = (
         Column("links"),
         Column("distance", "mm", ".1f"),
         Column("in a"),
         Column("posture"),
     )
-    note = "Negative: the shapes of the links overlap."
+    note = f"Negative: the shapes of the links overlap.{note}"
     return Table(
         "Smallest distances between links, in postures and on the paths between them", columns, rows, note
     )

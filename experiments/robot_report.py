@@ -17,6 +17,7 @@ from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, standard_parameters
+from tulip_testbed.identification.link_clearances import overlaps_at_reference
 from tulip_testbed.sim.robot import PUBLISHED, Robot
 from tulip_testbed.sim.robot_check import RobotFinding, robot_findings
 
@@ -60,7 +61,7 @@ class RobotReport(Result):
         name: of the robot. model: its MJCF file. support: of the base parameters.
         total_mass: [kg]. counts: of parameters: standard, columns, joined, base.
         standard, base: the parameters. findings: what it lacks for the laboratory.
-        found, assumed, problems: of a published file: what it says, what it does not, what may go wrong.
+        found, assumed, problems: what a published file says and does not, and what may go wrong.
         description: file that was written for the other commands; None: none was.
     """
 
@@ -123,19 +124,20 @@ def report_robot(
             )
         return _report(described_robot(file), support)
     imported = import_robot(file, feet, sole)
-    more: dict[str, Any] = {
-        "found": imported.found,
-        "assumed": imported.assumed,
-        "problems": imported.problems,
-    }
+    more: dict[str, Any] = {"found": imported.found, "assumed": imported.assumed}
     if out is not None:
         robot = imported.write(out, picture)
-        return _report(robot, support, **more, description=str(out / robot.path.name))
+        return _report(robot, support, imported.problems, **more, description=str(out / robot.path.name))
     with tempfile.TemporaryDirectory() as folder:
-        return _report(imported.write(Path(folder) / file.stem), support, **more)
+        return _report(imported.write(Path(folder) / file.stem), support, imported.problems, **more)
 
 
-def _report(robot: Robot, support: str, **more: Any) -> RobotReport:
+def _report(robot: Robot, support: str, problems: tuple[str, ...] = (), **more: Any) -> RobotReport:
+    overlaps = [
+        f"{' and '.join(names)} ({1e3 * d:.0f} mm)" for names, d in overlaps_at_reference(robot).items()
+    ]
+    if overlaps:
+        problems += (f"links that overlap in the posture stand, and may do so in plans: {listed(overlaps)}",)
     parameters = base_parameters(robot, robot.model, support)
     standard = standard_parameters(robot.model)
     values = parameters.values(standard)
@@ -168,6 +170,7 @@ def _report(robot: Robot, support: str, **more: Any) -> RobotReport:
             )
         ),
         findings=tuple(robot_findings(robot)),
+        problems=problems,
         **more,
     )
 

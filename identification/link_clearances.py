@@ -86,15 +86,33 @@ class Clearances:
 
 @lru_cache(maxsize=2)
 def link_pairs(robot: Robot, margin: float) -> LinkPairs:
-    """Select the pairs of links that must keep a distance.
-
-    Links that one joint, or several at one place, connect are neighbours and may touch. So may links that
-    overlap in the reference posture, and pairs that the MJCF excludes. All links but the feet must stay off
-    the ground.
+    """Select the pairs of links that must keep a distance: all that do not overlap in the reference posture.
 
     Args:
         robot: the robot.
         margin: distance to keep [m]; links that are nearer in the reference posture keep half of that.
+    """
+    pairs, at_reference = unjoined_pairs(robot), _at_reference(robot)
+    pairs = replace(pairs, needed=np.minimum(margin, REFERENCE * at_reference))
+    return pairs.take(at_reference > 0)
+
+
+def overlaps_at_reference(robot: Robot) -> dict[tuple[str, str], float]:
+    """Return the overlap of the pairs that `link_pairs` leaves out for it, the deepest first [m]."""
+    found = dict(zip(unjoined_pairs(robot).names, (-_at_reference(robot)).tolist(), strict=True))
+    return {names: found[names] for names in sorted(found, key=lambda n: -found[n]) if found[names] >= 0}
+
+
+def _at_reference(robot: Robot) -> np.ndarray:
+    return clearances_at(unjoined_pairs(robot), reference_posture(robot)[None], FAR).distance[0]
+
+
+@lru_cache(maxsize=2)
+def unjoined_pairs(robot: Robot) -> LinkPairs:
+    """List the pairs of links that should not touch.
+
+    Links that one joint, or several at one place, connect are neighbours and may touch. So may pairs that the
+    MJCF excludes. All links but the feet must stay off the ground.
     """
     shapes = link_shapes(robot)
     tree, owners = shapes.tree, {int(f): np.flatnonzero(shapes.frame[:-1] == f) for f in shapes.frame[:-1]}
@@ -113,7 +131,7 @@ def link_pairs(robot: Robot, margin: float) -> LinkPairs:
     parts = [np.array(list(itertools.product(owners[a], owners[b]))) for a, b in found]
     parts += [np.column_stack([owners[f], np.full(len(owners[f]), ground)]) for f in lifted]
     center, reach = _balls(shapes, owners)
-    pairs = LinkPairs(
+    return LinkPairs(
         shapes=shapes,
         names=(*((link[a], link[b]) for a, b in found), *((link[f], GROUND) for f in lifted)),
         frames=np.array([*found, *((f, shapes.base) for f in lifted)]).reshape(-1, 2),
@@ -122,11 +140,8 @@ def link_pairs(robot: Robot, margin: float) -> LinkPairs:
         reach=reach,
         between=np.concatenate([np.zeros((0, 2), int), *parts]),
         begin=np.cumsum([0, *map(len, parts)]),
-        needed=np.full(len(parts), margin),
+        needed=np.zeros(len(parts)),
     )
-    at_reference = clearances_at(pairs, reference_posture(robot)[None], FAR).distance[0]
-    pairs = replace(pairs, needed=np.minimum(margin, REFERENCE * at_reference))
-    return pairs.take(at_reference > 0)
 
 
 def moving_pairs(pairs: LinkPairs, joints: np.ndarray) -> np.ndarray:

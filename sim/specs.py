@@ -22,13 +22,13 @@ def read_spec(path: Path) -> mujoco.MjSpec:
     """
     try:
         spec = mujoco.MjSpec.from_file(str(path))
+        names = {joint.name for joint in spec.joints}
+        for joint in spec.joints:
+            if joint.type == mujoco.mjtJoint.mjJNT_FREE and not joint.name:
+                body = joint.parent.name
+                joint.name = body if body not in names else f"{body}_free"
     except BROKEN as error:
         raise InputError(f"{path}: broken MJCF: {shortened(error, 300)}") from None
-    names = {joint.name for joint in spec.joints}
-    for joint in spec.joints:
-        if joint.type == mujoco.mjtJoint.mjJNT_FREE and not joint.name:
-            body = joint.parent.name
-            joint.name = body if body not in names else f"{body}_free"
     return spec
 
 

@@ -15,6 +15,7 @@ LEG = (
     ("ankle_pitch", "0 1 0", "0 0 -0.3", 0.3, "-0.9 0.6"),
     ("ankle_roll", "1 0 0", "0 0 0", 0.9, "-0.5 0.5"),
 )
+BOX = '<geom type="box" size=".1 .04 .01" pos=".03 0 -.05"/>'  # the foot of an MJCF
 SOLE = (0.15, -0.07, 0.045, -0.035, 0.06)  # front, rear, outer and inner edge, ankle's height [m]
 MASS = 2 * sum(link[3] for link in LEG) + 9.0 + 6.0 + 2 * (1.1 + 0.8 + 0.01) + 0.15
 
@@ -147,3 +148,24 @@ def center_of_mass(joints: dict[str, float]) -> np.ndarray:
         add(0.8, "0.02 0 -0.1", elbow, lower)
         add(0.01, "0 0 0", elbow + lower @ [0, 0, -0.24], lower)
     return first / total
+
+
+def mjcf(legs: int = 6, more: str = "", foot: str = BOX) -> str:
+    """An MJCF humanoid with `legs` hinges a leg."""
+    axes = ("0 0 1", "1 0 0", "0 1 0", "0 1 0", "0 1 0", "1 0 0")[:legs]
+    chains = []
+    for side, y in (("right", -0.1), ("left", 0.1)):
+        text = end = ""
+        for k, axis in enumerate(axes):
+            place = f"0 {y} 0" if k == 0 else "0 0 -.3" if k in (3, 4) else "0 0 0"
+            shape = foot if k == len(axes) - 1 else ""
+            text += (
+                f'<body name="{side}{k}" pos="{place}">'
+                f'<joint name="{side}{k}" axis="{axis}" range="-60 100"/>'
+                f'<inertial pos="0 0 -.1" mass="1" diaginertia=".01 .01 .01"/>{shape}'
+            )
+            end += "</body>"
+        chains.append(text + end)
+    return f"""<mujoco><worldbody><geom name="floor" type="plane" size="1 1 1"/>
+<body name="trunk" pos="0 0 .7"><freejoint/><inertial pos="0 0 .2" mass="10" diaginertia=".2 .2 .1"/>
+{"".join(chains)}</body></worldbody>{more}</mujoco>"""

@@ -6,6 +6,7 @@ Changes that are drawn at random, and what the commands make of them, are in `te
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import pytest
 import tulip_testbed as tt
 from tests.contact_folders import EXAMPLE, contacts_of, write_contacts
 from tests.edited_files import BUILT, change_texts
+from tests.published_robot import mjcf, write_published
 from tulip_testbed.calibration.families import read_tolerances
 from tulip_testbed.cli.main import main
 from tulip_testbed.effects.instance import EffectInstance
@@ -22,17 +24,21 @@ from tulip_testbed.effects.random_effects import read_effects
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.rig_folder import read_rig, write_rig
+from tulip_testbed.experiments.robot_import import published
+from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.experiments.validate import judge
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.planning_ranges import free_joint_ranges, planning_ranges
 from tulip_testbed.measurements import read_measurements
 from tulip_testbed.measurements.manipulations import arrangement_of
+from tulip_testbed.sim import sandbox
 from tulip_testbed.sim.composer import laboratory_environment
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import load_robot
 from tulip_testbed.sim.scene_check import check_scene
 from tulip_testbed.sim.shipped import TULIP
 
+ENDLESS = re.compile(r'count="\d{3}')
 TABLE = Path(__file__).with_name("refusals.txt").read_text()
 
 
@@ -121,6 +127,20 @@ def test_a_robot_is_refused(tmp_path, changes, words):
     folder = shutil.copytree(TULIP.parent, tmp_path / "robot")
     change_texts(folder, changes if changes[0].startswith(("scene", "tulip.toml")) else [BUILT, *changes])
     refuse(words, lambda: check_scene(preset_rig("ideal", described_robot(folder / "tulip.toml"))))
+
+
+@rows("published")
+def test_a_published_robot_is_refused(tmp_path, monkeypatch, capfd, changes, words):
+    """What would be read without end is, in another process; the others would only take longer there."""
+    write_published(tmp_path).rename(tmp_path / "robot.urdf")
+    (tmp_path / "robot.xml").write_text(mjcf())
+    change_texts(tmp_path, changes)
+    if ENDLESS.search(changes[0]):
+        monkeypatch.setattr(sandbox, "MOST_SECONDS", 1)
+    else:
+        monkeypatch.setattr(published, "call_safely", lambda function, path: function(path))
+    refuse(words, import_robot, tmp_path / changes[0].partition(":")[0])
+    assert capfd.readouterr() == ("", "")
 
 
 @rows("humanoid")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import tempfile
 from pathlib import Path
 
 import mujoco
@@ -11,26 +9,35 @@ import numpy as np
 
 from tulip_testbed.base.errors import InputError, listed, shortened
 from tulip_testbed.base.files import present, read_bytes
-from tulip_testbed.experiments.robot_import.skeleton import SourceFile
+from tulip_testbed.experiments.robot_import.skeleton import SourceFile, hull, mesh_vertices
 from tulip_testbed.experiments.robot_import.urdf import Parsed, read_urdf
 from tulip_testbed.sim.control import joint_torques
 from tulip_testbed.sim.mjcf_files import mjcf_files
-from tulip_testbed.sim.sandbox import try_to_compile
-from tulip_testbed.sim.specs import compile_spec
+from tulip_testbed.sim.model_check import MOST_MASS
+from tulip_testbed.sim.sandbox import call_safely
+from tulip_testbed.sim.specs import BROKEN, compile_spec, read_spec
 
 STANDING = ("stand", "home", "standing", "stand_bent_knees", "knees_bent", "default")  # names of keyframes
 EARTH = (0.0, 0.0, -9.81)  # m/s2
 LOOPS = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
+MESH, HINGE = mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtJoint.mjJNT_HINGE
+MOST_SHAPE = 5.0  # m
+MOST_ANGLE = 4 * np.pi, 360.0  # rad: limits between these were degrees; larger ones are none
 
 
 def read_published(path: Path) -> SourceFile:
-    """Read a published robot.
+    """Read a published robot, in a separate process, which a file may crash or keep busy for ever.
 
     Raises:
-        InputError: no MJCF or URDF, or closed loops.
+        InputError: no MJCF or URDF, closed loops, or numbers that no robot has.
     """
     if not present(path):
         raise InputError(f"{path}: no such file, expected an MJCF or a URDF")
+    return call_safely(read_here, path)
+
+
+def read_here(path: Path) -> SourceFile:
+    """Read a published robot in this process, see `read_published`."""
     head = read_bytes(path)[:4096]
     if b"<robot" in head or path.suffix == ".urdf":
         parsed = read_urdf(path)
@@ -41,9 +48,10 @@ def read_published(path: Path) -> SourceFile:
         raise InputError(f"{path}: found {kind}, expected an MJCF or a URDF")
     spec, assumed = parsed.spec, list(parsed.assumed)
     _name_all(spec)
-    _try(parsed, path)
-    model = compile_spec(spec, str(path))
+    _check_spec(spec, path)
+    model, unread = _compiled(spec, path)
     root = _root(model, path)
+    _check_tree(model, root, path)
     torque = dict(joint_torques(spec))
     for j in range(model.njnt):  # a URDF's effort
         if model.jnt_actfrclimited[j]:
@@ -53,6 +61,8 @@ def read_published(path: Path) -> SourceFile:
     driven = _driven(model, root, parsed.followers, assumed)
     reference = _reference(model, assumed)
     assumed += _left_out(model, root)
+    bad = sorted({*parsed.unread, *unread})
+    problems = [f"{len(bad)} meshes are missing or cannot be read: {listed(bad)}"] if bad else []
     return SourceFile(
         model=model,
         root=root,
@@ -60,28 +70,15 @@ def read_published(path: Path) -> SourceFile:
         torque=torque,
         reference=reference,
         assumed=tuple(assumed),
-        problems=parsed.problems,
+        problems=tuple(problems),
     )
 
 
 def _mjcf(path: Path) -> Parsed:
-    """Parse an MJCF; meshes that are missing are removed with the geoms that show them."""
+    """Parse an MJCF, without what no laboratory needs."""
     folder = path.resolve().parents[min(2, len(path.resolve().parents) - 1)]
-    files = mjcf_files(path.resolve(), folder)
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-    except (ValueError, RuntimeError, mujoco.FatalError) as error:
-        raise InputError(f"{path}: broken MJCF: {shortened(error, 300)}") from None
-    there = {file.name for file in files}
-    files_of = {mesh.name or Path(mesh.file).stem: mesh.file for mesh in spec.meshes if mesh.file}
-    missing = {name: file for name, file in files_of.items() if Path(file).name not in there}
-    problems = (f"{len(missing)} meshes are missing: {listed(missing.values())}",) if missing else ()
-    unseen = [geom for geom in spec.geoms if geom.meshname in missing]
-    for element in [
-        *unseen,
-        *(mesh for mesh in spec.meshes if (mesh.name or Path(mesh.file).stem) in missing),
-    ]:
-        spec.delete(element)
+    mjcf_files(path.resolve(), folder)
+    spec = read_spec(path)
     loops = [equality for equality in spec.equalities if equality.type in LOOPS]
     if loops:
         names = listed(f"{loop.name1} and {loop.name2}" for loop in loops)
@@ -95,37 +92,96 @@ def _mjcf(path: Path) -> Parsed:
         for name in (equality.name1, equality.name2)
         if equality.type == mujoco.mjtEq.mjEQ_JOINT and name
     ]
-    if spec.plugins:
-        raise InputError(f"{path}: found plugins, expected rigid bodies alone")
-    of_world = list(spec.worldbody.geoms)
+    if spec.plugins or spec.flexes:
+        raise InputError(f"{path}: found plugins or flexible bodies, expected rigid bodies alone")
+    for material in spec.materials:
+        material.textures = [""] * len(material.textures)
+    of_world = [*spec.worldbody.geoms, *spec.textures, *spec.skins, *spec.hfields]
     for element in [*spec.equalities, *spec.pairs, *spec.excludes, *spec.sensors, *of_world]:
         spec.delete(element)
-    return Parsed(spec, frozenset(coupled), problems=problems)
+    return Parsed(spec, frozenset(coupled))
 
 
 def _name_all(spec: mujoco.MjSpec) -> None:
-    """Name bodies and joints that have no name."""
+    """Name what has no name."""
     for kind, elements in (("body", spec.bodies[1:]), ("joint", spec.joints)):
         for k, element in enumerate(elements):
             element.name = element.name or f"{kind}_{k}"
+    for k, geom in enumerate(spec.geoms):
+        geom.name = geom.name or f"{geom.parent.name}, geom {k}"
 
 
-def _try(parsed: Parsed, path: Path) -> None:
-    """Compile a copy in a separate process, which a file may crash."""
-    copy = parsed.spec.copy()
-    with tempfile.TemporaryDirectory() as folder:
-        for name, content in parsed.assets.items():
-            (Path(folder) / name).write_bytes(content)
-        beside = Path(folder) if parsed.assets else path.parent
-        copy.compiler.meshdir = str((beside / copy.compiler.meshdir).resolve())
-        copy.compiler.texturedir = str((beside / copy.compiler.texturedir).resolve())
-        place = Path(folder) / f"{path.stem}.xml"
-        text = copy.to_xml()
-        place.write_text(text, encoding="utf-8")
-        try:
-            try_to_compile(place, {place: {place: hashlib.sha256(text.encode()).hexdigest()}})
-        except InputError as error:
-            raise InputError(str(error).replace(str(place), str(path))) from None
+def _check_spec(spec: mujoco.MjSpec, path: Path) -> None:
+    """Refuse what MuJoCo would change without a word."""
+    for body in spec.bodies:
+        if body.mass < 0:
+            raise InputError(f"{path}: link '{body.name}': found mass {body.mass:g} kg, expected 0 or more")
+    for joint in spec.joints:
+        low, high = joint.range
+        if low > high:
+            raise InputError(
+                f"{path}: joint '{joint.name}': found range [{low:g}, {high:g}], expected low < high"
+            )
+
+
+def _compiled(spec: mujoco.MjSpec, path: Path) -> tuple[mujoco.MjModel, list[str]]:
+    """Compile a spec, where that fails without the meshes that cannot be read; return the model and these."""
+    try:
+        return compile_spec(spec, str(path)), []
+    except InputError:
+        unread = [mesh for mesh in spec.meshes if mesh.file and not _is_mesh(spec, mesh)]
+        files = {mesh.name: mesh.file for mesh in unread}
+        if not files:
+            raise
+    for geom in [geom for geom in spec.geoms if geom.meshname in files]:
+        if not geom.parent.explicitinertial and geom.density and geom.mass != 0:
+            raise InputError(
+                f"{path}: mesh '{files[geom.meshname]}' is missing or cannot be read: the mass of the link "
+                f"'{geom.parent.name}' depends on it"
+            )
+        spec.delete(geom)
+    for mesh in unread:
+        spec.delete(mesh)
+    return compile_spec(spec, str(path)), [*files.values()]
+
+
+def _is_mesh(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh) -> bool:
+    """Return whether a mesh can be read and has a convex hull."""
+    alone = mujoco.MjSpec()
+    alone.modelfiledir, alone.meshdir, alone.assets = spec.modelfiledir, spec.meshdir, spec.assets
+    alone.add_mesh(name="mesh", file=mesh.file, scale=mesh.scale, inertia=mesh.inertia)
+    alone.worldbody.add_geom(type=MESH, meshname="mesh")
+    try:
+        alone.compile()
+    except BROKEN:
+        return False
+    return True
+
+
+def _flat(model: mujoco.MjModel) -> list[str]:
+    """Name the meshes that have no convex hull, of which no shape is made."""
+    shown = {int(model.geom_dataid[g]): g for g in np.flatnonzero(model.geom_type == MESH).tolist()}
+    return [model.mesh(mesh).name for mesh, g in shown.items() if not len(hull(mesh_vertices(model, g)))]
+
+
+def _check_tree(model: mujoco.MjModel, root: int, path: Path) -> None:
+    """Refuse sizes that no robot has, which other units have."""
+    own = model.body_rootid == root
+    for body in np.flatnonzero(own & (model.body_mass > MOST_MASS))[:1]:
+        found = f"'{model.body(body).name}': found mass {model.body_mass[body]:g} kg"
+        raise InputError(f"{path}: link {found}, expected at most {MOST_MASS:g} kg")
+    for geom in np.flatnonzero(own[model.geom_bodyid] & (2 * model.geom_rbound > MOST_SHAPE))[:1]:
+        name = model.body(model.geom_bodyid[geom]).name
+        raise InputError(
+            f"{path}: link '{name}': found a shape of {2 * model.geom_rbound[geom]:.3g} m, expected at most "
+            f"{MOST_SHAPE:g} m; a mesh in millimetres needs the scale 0.001"
+        )
+    angle = np.abs(model.jnt_range).max(axis=1) * model.jnt_limited * (model.jnt_type == HINGE)
+    for joint in np.flatnonzero((angle > MOST_ANGLE[0]) & (angle <= MOST_ANGLE[1]))[:1]:
+        raise InputError(
+            f"{path}: joint '{model.joint(joint).name}': found limits {listed(model.jnt_range[joint])} rad, "
+            f"expected at most {MOST_ANGLE[0]:.1f} rad; are they in degrees?"
+        )
 
 
 def _left_out(model: mujoco.MjModel, root: int) -> list[str]:
@@ -138,6 +194,11 @@ def _left_out(model: mujoco.MjModel, root: int) -> list[str]:
         "springs of the tendons": [model.tendon(t).name for t in strained],
         "compensation of the weight of": [model.body(b).name for b in floating],
     }
+    others = [b for b in range(1, model.nbody) if model.body_parentid[b] == 0 and b != root]
+    forces["flat meshes"] = _flat(model)
+    forces["what no joint connects with the robot:"] = [
+        f"{model.body(b).name} ({round(model.body_subtreemass[b], 3):g} kg)" for b in others
+    ]
     lines = [f"left out: {force} {listed(names)}" for force, names in forces.items() if names]
     if not np.allclose(model.opt.gravity, EARTH):
         lines.append(f"left out: gravity {listed(model.opt.gravity)}; it is {listed(EARTH)} m/s2")

@@ -18,9 +18,9 @@ from tulip_testbed.experiments.robot_import.compose import compose
 from tulip_testbed.experiments.robot_import.feet import Stance, stance_of
 from tulip_testbed.experiments.robot_import.prepared_description import description, planning_table
 from tulip_testbed.experiments.robot_import.published import read_published
-from tulip_testbed.experiments.robot_import.skeleton import Skeleton, skeleton_of
+from tulip_testbed.experiments.robot_import.skeleton import Skeleton, SourceFile, skeleton_of
 from tulip_testbed.experiments.robot_import.standing_posture import Standing, standing
-from tulip_testbed.identification.link_clearances import clearances_at, link_pairs
+from tulip_testbed.identification.link_clearances import clearances_at, unjoined_pairs
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.specs import compile_spec
 
@@ -76,15 +76,17 @@ def import_robot(path: Path, feet: Sequence[str] = (), sole: Sequence[float] = (
         InputError: no robot on two legs, or one that cannot stand, with the reason.
     """
     path = Path(path)
+    source = read_published(path)
     try:
-        return _imported(path, tuple(feet), tuple(sole))
-    except InputError as error:
-        raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
+        return _imported(path, source, tuple(feet), tuple(sole))
+    except InputError as error:  # perhaps for want of what could not be read
+        raise InputError("; ".join((f"{path}: {error}", *source.problems))) from None
 
 
-def _imported(path: Path, feet: tuple[str, ...], sole: tuple[float, ...]) -> ImportedRobot:
-    source, name = read_published(path), path.stem
-    assumed, skeleton = list(source.assumed), skeleton_of(source)
+def _imported(
+    path: Path, source: SourceFile, feet: tuple[str, ...], sole: tuple[float, ...]
+) -> ImportedRobot:
+    name, assumed, skeleton = path.stem, list(source.assumed), skeleton_of(source)
     named = None if not feet else (feet[0], feet[1])
     toes = stance_of(skeleton, named, sole).toes
     if toes:
@@ -106,7 +108,7 @@ def _imported(path: Path, feet: tuple[str, ...], sole: tuple[float, ...]) -> Imp
     stand = _stand(compose(name, skeleton, stance, source.torque, 1.0)[0], skeleton, stance, source.reference)
     spec, of_drives = compose(name, skeleton, stance, source.torque, stand.leg)
     spec.add_key(name="stand", qpos=stand.qpos)
-    model = compile_spec(spec.copy(), str(path))
+    model = compile_spec(spec.copy(), "the prepared robot")
     chain = _between_feet(skeleton, stance)
     free = tuple(name for name in skeleton.hinges() if name not in chain)
     planning = planning_table(model, stance, stand, free, float(model.body_mass.sum()) * GRAVITY)
@@ -158,19 +160,19 @@ def _check_legs(skeleton: Skeleton, stance: Stance) -> None:
 
 
 def _stand(spec: mujoco.MjSpec, skeleton: Skeleton, stance: Stance, reference: dict[str, float]) -> Standing:
-    """Find the posture `stand` of a robot whose links may be anywhere.
-
-    Links that overlap at zero angles, as rough hulls do, count as neighbours.
-    """
+    """Find the posture `stand` of a robot whose links may be anywhere."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "robot.toml"
-        write_text(path.with_name("robot.xml"), spec.to_xml())
+        path = Path(folder).resolve() / "robot.toml"
+        write_text(path.with_suffix(".xml"), spec.to_xml())
         write_text(path, description("robot", path, skeleton, stance))
-        robot = load_robot(path)
-        pairs = link_pairs(robot, NEAR)
+        try:
+            robot = load_robot(path)
+        except InputError as error:
+            raise InputError(str(error).replace(f"{path.with_suffix('.xml')}: ", "")) from None
+        pairs = unjoined_pairs(robot)
 
-    def clearance(angles: np.ndarray) -> float:
-        return float(clearances_at(pairs, angles[None], NEAR).distance.min(initial=NEAR))
+    def distances(angles: np.ndarray) -> np.ndarray:
+        return clearances_at(pairs, angles, NEAR).distance
 
     right, left = (foot.corners.mean(axis=0) for foot in stance.feet)
-    return standing(robot, (right, left), reference, clearance)
+    return standing(robot, (right, left), reference, distances)

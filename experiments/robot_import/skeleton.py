@@ -16,6 +16,7 @@ from tulip_testbed.sim.specs import compile_spec
 Array = NDArray[np.float64]
 LEAST_MASS = 1e-6  # kg, of a link that moves: MuJoCo refuses less
 LEAST_INERTIA = 1e-9  # kg m2
+FLAT = 2e-5  # m: thinner meshes have no hull when their vertices are rounded
 ROUND = 24  # points on the rim of a cylinder or along an ellipsoid
 KINDS = mujoco.mjtGeom
 
@@ -172,7 +173,7 @@ def tree_spec(
         if body not in hinges:
             carried[model.body_parentid[body]] += carried[body]
     places = {body: (data.xpos[body], data.xmat[body].reshape(3, 3)) for body in tree} | dict(frames or {})
-    bodies, meshes = {0: spec.worldbody}, dict[int, str]()
+    bodies, meshes, hulls = {0: spec.worldbody}, dict[int, str](), dict[int, Array]()
     for body in tree:
         above, (place, turn) = int(model.body_parentid[body]), places[body]
         base, axes = places.get(above, (np.zeros(3), np.eye(3)))
@@ -206,6 +207,11 @@ def tree_spec(
                 frictionloss=model.dof_frictionloss[dof],
             )
         for number, geom in enumerate(np.flatnonzero(model.geom_bodyid == body).tolist()):
+            is_mesh, mesh = model.geom_type[geom] == KINDS.mjGEOM_MESH, int(model.geom_dataid[geom])
+            if is_mesh and mesh not in hulls:
+                hulls[mesh] = np.round(hull(mesh_vertices(model, geom)), digits)
+            if is_mesh and not len(hulls[mesh]):
+                continue
             own = data.xmat[body].reshape(3, 3)
             collides = int(bool(model.geom_contype[geom] or model.geom_conaffinity[geom]))
             shape = bodies[body].add_geom(
@@ -219,12 +225,10 @@ def tree_spec(
                 conaffinity=collides,
                 mass=0.0,
             )
-            if model.geom_type[geom] == KINDS.mjGEOM_MESH:
-                mesh = int(model.geom_dataid[geom])
+            if is_mesh:
                 if mesh not in meshes:
                     meshes[mesh] = f"{model.body(body).name}_shape{number}"
-                    vertices = np.round(hull(mesh_vertices(model, geom)), digits)
-                    spec.add_mesh(name=meshes[mesh], uservert=vertices.ravel())
+                    spec.add_mesh(name=meshes[mesh], uservert=hulls[mesh].ravel())
                 shape.meshname, shape.size = meshes[mesh], [0, 0, 0]
     return spec
 
@@ -237,13 +241,13 @@ def mesh_vertices(model: mujoco.MjModel, geom: int) -> Array:
 
 
 def hull(vertices: Array) -> Array:
-    """Return the vertices of a convex hull, (k, 3) [m]; a flat mesh keeps its own."""
-    from scipy.spatial import ConvexHull, QhullError
+    """Return the vertices of a convex hull, (k, 3) [m]; none of a mesh that is flat."""
+    from scipy.spatial import ConvexHull
 
-    try:
-        return vertices[ConvexHull(vertices).vertices]
-    except QhullError:
-        return vertices
+    across = np.linalg.svd(vertices - vertices.mean(axis=0), full_matrices=False)[2][-1]
+    if len(vertices) < 4 or np.ptp(vertices @ across) < FLAT:
+        return vertices[:0]
+    return vertices[ConvexHull(vertices).vertices]
 
 
 def quaternion(turn: np.ndarray) -> Array:

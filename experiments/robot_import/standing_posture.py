@@ -45,7 +45,7 @@ def standing(
     robot: Robot,
     soles: tuple[Array, Array],
     reference: dict[str, float],
-    clearance: Callable[[Array], float],
+    distances: Callable[[Array], Array],
 ) -> Standing:
     """Find a posture that stands.
 
@@ -53,7 +53,7 @@ def standing(
         robot: its root and feet have x forward, y left, z up.
         soles: middle of each sole in its foot's frame, (3,) [m].
         reference: angles near which the joints stay, by name [rad].
-        clearance: smallest distance between links that should not touch, by the joint angles (n,) [m].
+        distances: between p pairs of links that should not touch, by joint angles (m, n), (m, p) [m].
 
     Raises:
         InputError: none was found, with what is missed.
@@ -109,7 +109,7 @@ def standing(
             f"or mrad, with {_at_limits(names, best[2:], low, high)}; expected legs that can put both feet "
             "flat on the ground with bent knees"
         )
-    best = _apart(best, clearance, ROOM * leg, ~legs, (low, high), rng)
+    best = _apart(best, distances, ROOM * leg, ~legs, (low, high), rng)
     place(best)
     return Standing(data.qpos.copy(), float(best[1]), spacing, leg)
 
@@ -127,7 +127,7 @@ def _at_limits(names: tuple[str, ...], angles: Array, low: Array, high: Array) -
 
 def _apart(
     x: Array,
-    clearance: Callable[[Array], float],
+    distances: Callable[[Array], Array],
     room: float,
     free: np.ndarray,
     limits: tuple[Array, Array],
@@ -135,18 +135,28 @@ def _apart(
 ) -> Array:
     """Move the joints that are not between the feet until the links are apart, as little as will do.
 
+    Pairs that they do not move, or that rough shapes never separate, have no say.
+
     Args:
         x: place and height of the root, then the joint angles. free: which of these may be moved.
     """
-    best, most = x, clearance(x[2:])
-    for k in range(TRIES):
-        if most >= room or not free.any():
-            break
-        trial = x.copy()
-        step = SPREAD * (k + 1) / TRIES * rng.standard_normal(int(free.sum()))
-        trial[2:][free] = np.clip(x[2:][free] + step, limits[0][free], limits[1][free])
-        if (room_left := clearance(trial[2:])) > most:
-            best, most = trial, room_left
+    if not free.any() or (distances(x[None, 2:]) >= room).all():
+        return x
+    steps = SPREAD * np.arange(TRIES + 1)[:, None] / TRIES * rng.standard_normal((TRIES + 1, free.sum()))
+    tries = np.repeat(x[None], TRIES + 1, axis=0)
+    tries[:, 2:][:, free] = np.clip(x[2:][free] + steps, limits[0][free], limits[1][free])
+    found = np.minimum(distances(tries[:, 2:]), room)
+    able = (np.ptp(found, axis=0) > 0) & (found.max(axis=0) > 0)
+
+    def least(found: Array) -> Array:
+        return np.minimum(found[:, able], room).min(axis=1, initial=room)
+
+    best = tries[int(least(found).argmax())]  # the first of the best
+    for joint in 2 + np.flatnonzero(free):
+        back = best.copy()
+        back[joint] = x[joint]
+        now, then = least(distances(np.stack([best, back])[:, 2:]))
+        best = back if then >= now else best
     return best
 
 

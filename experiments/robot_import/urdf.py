@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
@@ -17,7 +17,21 @@ MOST_URDF = 16 * 2**20  # bytes
 MOST_MESH = 64 * 2**20  # bytes
 GYRATION = 0.05  # m: radius of gyration of a link whose inertia is impossible, assumed
 LEAST_GYRATION = 1e-4  # m
+TRIANGLE = 1e-3  # of the largest moment of inertia, by which it may exceed the others' sum
 SCHEME = re.compile(r"^[a-z]+://")
+NUMBERS = {
+    "origin": ("xyz", "rpy"),
+    "mass": ("value",),
+    "inertia": ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"),
+    "axis": ("xyz",),
+    "limit": ("lower", "upper", "effort"),
+    "dynamics": ("damping", "friction"),
+    "mesh": ("scale",),
+    "box": ("size",),
+    "sphere": ("radius",),
+    "cylinder": ("radius", "length"),
+    "capsule": ("radius", "length"),
+}
 # Links without mass that move get the least that MuJoCo takes; `skeleton_of` takes it away again.
 COMPILER = {
     "discardvisual": "false",
@@ -37,15 +51,14 @@ class Parsed:
     Attributes:
         spec: not yet compiled.
         followers: joints that follow others.
-        assets: contents of files that the spec names, by name.
-        assumed, problems: sentences on what was read.
+        assumed: sentences on what was read.
+        unread: meshes that are missing or cannot be read.
     """
 
     spec: mujoco.MjSpec
     followers: frozenset[str] = frozenset()
-    assets: dict[str, bytes] = field(default_factory=dict)
     assumed: tuple[str, ...] = ()
-    problems: tuple[str, ...] = ()
+    unread: tuple[str, ...] = ()
 
 
 def read_urdf(path: Path) -> Parsed:
@@ -58,13 +71,9 @@ def read_urdf(path: Path) -> Parsed:
         root = ET.fromstring(_text(path))
     except ET.ParseError as error:
         raise InputError(f"{path}: not a URDF file ({error})") from None
-    try:
-        assumed, problems = _with_possible_inertia(root), []
-    except (ValueError, np.linalg.LinAlgError) as error:
-        raise InputError(f"{path}: broken URDF: <inertial>: {shortened(error, 100)}") from None
+    _check(root, path)
+    assumed = _with_possible_inertia(root)
     assets, missing = _with_hulls(root, path)
-    if missing:
-        problems.append(f"{len(missing)} meshes are missing or cannot be read: {listed(sorted(missing))}")
     for old in root.findall("mujoco"):
         root.remove(old)
     ET.SubElement(ET.SubElement(root, "mujoco"), "compiler", COMPILER)
@@ -75,7 +84,29 @@ def read_urdf(path: Path) -> Parsed:
         spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"), assets=assets)
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise InputError(f"{path}: broken URDF: {shortened(error, 300)}") from None
-    return Parsed(spec, followers, assets, tuple(assumed), tuple(problems))
+    return Parsed(spec, followers, tuple(assumed), tuple(missing))
+
+
+def _check(root: ET.Element, path: Path) -> None:
+    """Refuse what MuJoCo would ignore or change without a word."""
+    for element in root.iter():
+        space, _, tag = element.tag.rpartition("}")
+        if "xacro" in space:
+            raise InputError(f"{path}: found <xacro:{tag}>, expected a URDF that `xacro` has expanded")
+    for kind in ("link", "joint"):
+        elements = root.findall(kind)
+        names = [element.get("name", "") for element in elements]
+        for k, (name, element) in enumerate(zip(names, elements, strict=True)):
+            where = f"{path}: {kind} '{shortened(name)}'"
+            if name in names[:k]:
+                raise InputError(f"{where}: found more than one {kind} of this name")
+            for inner in element.iter():
+                for key in NUMBERS.get(inner.tag, ()):
+                    if bad := [token for token in inner.get(key, "").split() if not _is_finite(token)]:
+                        raise InputError(
+                            f"{where}, <{inner.tag}>, attribute '{key}': found '{shortened(bad[0])}', "
+                            "expected finite numbers"
+                        )
 
 
 def _text(path: Path) -> bytes:
@@ -97,8 +128,9 @@ def _with_possible_inertia(root: ET.Element) -> list[str]:
         )
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         heavy = float(mass.get("value") or 0)
-        least, _, most = np.linalg.eigvalsh(tensor)
-        if least > 1e-6 * most > heavy * LEAST_GYRATION**2 * 1e-6:
+        least, middle, most = np.linalg.eigvalsh(tensor)
+        is_body = least + middle > (1 - TRIANGLE) * most
+        if is_body and least > 1e-6 * most > heavy * LEAST_GYRATION**2 * 1e-6:
             continue
         moment = heavy * GYRATION**2
         if heavy > 0:
@@ -136,6 +168,13 @@ def _with_hulls(root: ET.Element, path: Path) -> tuple[dict[str, bytes], list[st
             else:
                 mesh.set("filename", names[file])
     return assets, missing
+
+
+def _is_finite(token: str) -> bool:
+    try:
+        return bool(np.isfinite(float(token)))
+    except ValueError:
+        return False
 
 
 def find_mesh(name: str, urdf: Path) -> Path | None:
