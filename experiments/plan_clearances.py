@@ -37,7 +37,7 @@ def clearances_of(robot: Robot, plan: PosturePlan) -> dict[str, list[dict[str, A
 
     Returns:
         "postures" and "paths": links, distance [mm] and the posture, or the two that the path connects;
-        "left out": links that overlap in the posture `stand`, which may do so in plans.
+        "left_out": links that overlap in the posture `stand`, which may do so in plans.
     """
     margin = planning_margins(robot).link_clearance
     pairs, foot = link_pairs(robot, margin), base_foot(plan.support)
@@ -60,7 +60,7 @@ def clearances_of(robot: Robot, plan: PosturePlan) -> dict[str, list[dict[str, A
     return {
         "postures": _nearest(pairs, held, [[int(number)] for number in plan.posture]),
         "paths": _nearest(pairs, ways, [[int(plan.posture[k]) for k in step] for step in steps]),
-        "left out": [
+        "left_out": [
             {"links": list(names), "distance_mm": -1e3 * overlap}
             for names, overlap in overlaps_at_reference(robot).items()
         ],
@@ -75,7 +75,8 @@ def clearance_table(clearances: dict[str, list[dict[str, Any]]]) -> Table | str:
         for entry in entries
     ]
     left_out = listed(
-        f"{' and '.join(entry['links'])} ({-entry['distance_mm']:.0f} mm)" for entry in clearances["left out"]
+        f"{' and '.join(entry['links'])} ({-entry['distance_mm']:.0f} mm)"
+        for entry in clearances.get("left_out", ())
     )
     note = f" Left out, since they overlap in the posture stand: {left_out}." if left_out else ""
     if not rows:

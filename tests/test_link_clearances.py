@@ -16,6 +16,8 @@ from tulip_testbed.identification.link_clearances import (
     clearances_at,
     link_pairs,
     moving_pairs,
+    overlaps_at_reference,
+    unjoined_pairs,
 )
 from tulip_testbed.identification.link_paths import SHARE, blocked, path_clearances
 from tulip_testbed.identification.link_shapes import GROUND, link_shapes
@@ -176,6 +178,10 @@ def test_neighbours_and_links_that_overlap_at_rest_are_left_out(robot, foreign):
     pairs = link_pairs(stand, 0.015)
     assert (pairs.needed > 0).all()
     assert pairs.needed.max() == 0.015
+    overlaps = overlaps_at_reference(stand)
+    assert [*overlaps] == [("upperneck", "lclavicle"), ("upperneck", "rclavicle")]
+    assert set(unjoined_pairs(stand).names) - set(pairs.names) == {*overlaps}
+    assert max(overlaps.values()) == pytest.approx(0.0591, abs=1e-4)
     fixed = pairs.take(~moving_pairs(pairs, np.ones(56, bool)))
     assert not fixed.names  # some joint moves every pair
 
@@ -280,6 +286,9 @@ def test_the_report_gives_the_nearest_links(robot, plan, humanoid, random_plan):
     assert isinstance(table, Table)
     assert table.rows[0][0] == "right_lower_leg and left_lower_leg"
     assert clearance_table({"postures": [], "paths": []}) == "No links come nearer to each other than 30 mm."
+    lain = {"postures": [], "paths": [], "left_out": [{"links": ["hand", "thigh"], "distance_mm": -27.2}]}
+    assert clearance_table(lain).endswith("since they overlap in the posture stand: hand and thigh (27 mm).")
+    assert said["left_out"] == []
     least = clearances_of(humanoid, random_plan)
     needed = 1e3 * planning_margins(humanoid).link_clearance
     assert all(entry["distance_mm"] >= needed - 1e-6 for entry in least["postures"])

@@ -139,7 +139,8 @@ def test_a_published_robot_is_refused(tmp_path, monkeypatch, capfd, changes, wor
         monkeypatch.setattr(sandbox, "MOST_SECONDS", 1)
     else:
         monkeypatch.setattr(published, "call_safely", lambda function, path: function(path))
-    refuse(words, import_robot, tmp_path / changes[0].partition(":")[0])
+    file = tmp_path / changes[0].partition(":")[0]
+    refuse(f"{file}: {words}", import_robot, file)
     assert capfd.readouterr() == ("", "")
 
 

@@ -12,8 +12,14 @@ from tests.published_robot import MASS, SOLE, center_of_mass, mjcf, write_publis
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
+from tulip_testbed.experiments.robot_report import report_robot
 from tulip_testbed.experiments.usable_plan import random_plan
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
+from tulip_testbed.identification.link_clearances import (
+    clearances_at,
+    overlaps_at_reference,
+    unjoined_pairs,
+)
 from tulip_testbed.sim.robot import load_robot, sole_corners
 
 
@@ -86,6 +92,66 @@ def test_it_stands_on_level_soles_with_bent_knees(prepared):
     np.testing.assert_allclose(heights, 0.0, atol=2e-4)
     assert abs(data.subtree_com[1, 0]) < 0.05
     assert data.qpos[model.joint("left_knee").qposadr[0]] > 0.2
+
+
+def test_a_forearm_inside_of_the_chest_is_moved_out_and_overlaps_that_stay_are_told(tmp_path):
+    """At zero angles the forearms are 50 mm inside of the chest; the thighs always lie in each other."""
+    path = write_published(tmp_path / "humanoid")
+    text = path.read_text().replace('<box size="0.04 0.04 0.22"/>', '<box size="0.04 0.2 0.22"/>')
+    path.write_text(text)
+    robot = import_robot(path).write(tmp_path / "robot")
+    assert overlaps_at_reference(robot) == {}
+    distance = clearances_at(unjoined_pairs(robot), np.zeros((1, 17)), 1.0).distance[0]
+    assert distance.min() == pytest.approx(-0.05, abs=1e-4)
+    moved = robot.model.key("stand").qpos[7:]
+    arms = [robot.model.joint(name).qposadr[0] - 7 for name in robot.settings["planning"]["joints_deg"]]
+    assert 0 < np.count_nonzero(np.abs(moved[arms]) > 0.01) < len(arms)  # no joint moves for nothing
+    path.write_text(text.replace('<box size="0.06 0.06 0.2"/>', '<box size="0.06 0.3 0.2"/>'))
+    (told,) = [line for line in report_robot(path).problems if "overlap" in line]
+    assert told.startswith("links that overlap in the posture stand, and may do so in plans: ")
+    assert "right_hip_pitch_link and left_hip_pitch_link (60 mm)" in told
+
+
+LOST = (
+    '<link name="lost"><inertial><mass value="5"/>'
+    '<inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>'
+)
+MESHES = """<mujoco><asset><texture name="t" type="2d" file="none.png"/><material name="m" texture="t"/>
+<texture name="h" type="2d" builtin="flat" width="100000" height="100000"/>
+<mesh name="flat" file="flat.obj" inertia="shell"/><mesh file="cut.stl"/><mesh file="none.stl"/></asset>"""
+SHOWN = """<geom type="box" size=".1 .1 .1" material="m"/>
+<geom type="mesh" mesh="flat" contype="0" conaffinity="0"/>
+<geom type="mesh" mesh="cut"/><geom type="mesh" mesh="none"/></body></worldbody>"""
+
+
+def test_what_is_left_out_or_changed_is_told(tmp_path):
+    text = write_published(tmp_path / "urdf").read_text()
+    for old, new in (
+        ("</robot>", LOST),
+        ('effort="60"', 'effort="1e9"'),
+        ('lower="-1.6" upper="0.6"', 'lower="-1.6" upper="6"'),
+        ('ixx="0.060000" iyy="0.060000" izz="0.060000"', 'ixx="0.06" iyy="0.06" izz="0.9"'),
+    ):
+        assert old in text
+        text = text.replace(old, new, 1)
+    (tmp_path / "urdf" / "changed.urdf").write_text(text)
+    changed = import_robot(tmp_path / "urdf" / "changed.urdf")
+    assert changed.found["mass"] == pytest.approx(MASS)
+    (tmp_path / "flat.obj").write_text("v 0 0 0\nv .1 0 0\nv .1 .1 0\nv 0 .1 0\nf 1 2 3\nf 1 3 4\n")
+    (tmp_path / "cut.stl").write_bytes((tmp_path / "urdf" / "meshes" / "torso.stl").read_bytes()[:300])
+    text = mjcf().replace("<mujoco>", MESHES).replace("</body></worldbody>", SHOWN)
+    (tmp_path / "meshes.xml").write_text(text)
+    shown = import_robot(tmp_path / "meshes.xml")
+    told = "\n".join((*changed.assumed, *shown.assumed, *shown.problems))
+    for words in (
+        "left out: what no joint connects with the robot: lost (5 kg)",
+        "torque limit 83.3 Nm instead of the file's, over 100 times as much for right_hip_yaw",
+        "range of 180 deg either way instead of the file's wider one for right_hip_pitch",
+        "for links whose own is impossible: chest (it does not matter at rest)",
+        "left out: flat meshes flat",
+        "2 meshes are missing or cannot be read: cut.stl, none.stl",
+    ):
+        assert words in told
 
 
 @pytest.mark.parametrize("turn", [np.pi, np.pi / 2])

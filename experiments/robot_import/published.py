@@ -146,11 +146,12 @@ def _compiled(spec: mujoco.MjSpec, path: Path) -> tuple[mujoco.MjModel, list[str
 
 
 def _is_mesh(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh) -> bool:
-    """Return whether a mesh can be read and has a convex hull."""
+    """Return whether a mesh can be read, and has a convex hull if it needs one."""
     alone = mujoco.MjSpec()
     alone.modelfiledir, alone.meshdir, alone.assets = spec.modelfiledir, spec.meshdir, spec.assets
     alone.add_mesh(name="mesh", file=mesh.file, scale=mesh.scale, inertia=mesh.inertia)
-    alone.worldbody.add_geom(type=MESH, meshname="mesh")
+    needs_hull = any(geom.contype or geom.conaffinity for geom in spec.geoms if geom.meshname == mesh.name)
+    alone.worldbody.add_geom(type=MESH, meshname="mesh", contype=int(needs_hull), conaffinity=0)
     try:
         alone.compile()
     except BROKEN:
