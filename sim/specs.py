@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import mujoco
 import numpy as np
 
 from tulip_testbed.base.errors import InputError, shortened
 
+T = TypeVar("T")
 # Exceptions of MuJoCo's compiler.
 BROKEN = (ValueError, RuntimeError, mujoco.FatalError, mujoco.UnexpectedError)
 
@@ -68,9 +71,18 @@ def without_meshes(spec: mujoco.MjSpec, where: str) -> mujoco.MjSpec:
 
 def compile_spec(spec: mujoco.MjSpec, where: str) -> mujoco.MjModel:
     """Compile a spec; the compiler's complaint becomes the message of an `InputError`."""
+    return _quietly(spec.compile, where)
+
+
+def xml_of(spec: mujoco.MjSpec, where: str) -> str:
+    """Return a spec as MJCF text, for which MuJoCo compiles it; see `compile_spec`."""
+    return _quietly(spec.to_xml, where)
+
+
+def _quietly(compiling: Callable[[], T], where: str) -> T:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # `check_model` refuses these cases by name
-            return spec.compile()
+            return compiling()
     except BROKEN as error:
         raise InputError(f"{where}: broken MJCF: {shortened(error, 300)}") from None

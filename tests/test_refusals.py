@@ -130,6 +130,7 @@ def test_a_robot_is_refused(tmp_path, changes, words):
 
 
 @rows("published")
+@pytest.mark.filterwarnings("error")  # none next to a refusal
 def test_a_published_robot_is_refused(tmp_path, monkeypatch, capfd, changes, words):
     """What would be read without end is, in another process; the others would only take longer there."""
     write_published(tmp_path).rename(tmp_path / "robot.urdf")

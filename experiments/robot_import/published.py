@@ -9,7 +9,7 @@ import numpy as np
 
 from tulip_testbed.base.errors import InputError, listed, shortened
 from tulip_testbed.base.files import present, read_bytes
-from tulip_testbed.experiments.robot_import.skeleton import SourceFile, hull, mesh_vertices
+from tulip_testbed.experiments.robot_import.skeleton import SourceFile, is_flat, mesh_vertices
 from tulip_testbed.experiments.robot_import.urdf import Parsed, read_urdf
 from tulip_testbed.sim.control import joint_torques
 from tulip_testbed.sim.mjcf_files import mjcf_files
@@ -21,6 +21,7 @@ STANDING = ("stand", "home", "standing", "stand_bent_knees", "knees_bent", "defa
 EARTH = (0.0, 0.0, -9.81)  # m/s2
 LOOPS = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
 MESH, HINGE = mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtJoint.mjJNT_HINGE
+MOST_LINKS = 1000
 MOST_SHAPE = 5.0  # m
 MOST_ANGLE = 4 * np.pi, 360.0  # rad: limits between these were degrees; larger ones are none
 
@@ -162,11 +163,13 @@ def _is_mesh(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh) -> bool:
 def _flat(model: mujoco.MjModel) -> list[str]:
     """Name the meshes that have no convex hull, of which no shape is made."""
     shown = {int(model.geom_dataid[g]): g for g in np.flatnonzero(model.geom_type == MESH).tolist()}
-    return [model.mesh(mesh).name for mesh, g in shown.items() if not len(hull(mesh_vertices(model, g)))]
+    return [model.mesh(mesh).name for mesh, g in shown.items() if is_flat(mesh_vertices(model, g))]
 
 
 def _check_tree(model: mujoco.MjModel, root: int, path: Path) -> None:
-    """Refuse sizes that no robot has, which other units have."""
+    """Refuse sizes that no robot has."""
+    if model.nbody > MOST_LINKS:
+        raise InputError(f"{path}: found {model.nbody - 1} links, expected at most {MOST_LINKS}")
     own = model.body_rootid == root
     for body in np.flatnonzero(own & (model.body_mass > MOST_MASS))[:1]:
         found = f"'{model.body(body).name}': found mass {model.body_mass[body]:g} kg"

@@ -22,10 +22,11 @@ from tulip_testbed.experiments.robot_import.skeleton import Skeleton, SourceFile
 from tulip_testbed.experiments.robot_import.standing_posture import Standing, standing
 from tulip_testbed.identification.link_clearances import clearances_at, unjoined_pairs
 from tulip_testbed.sim.robot import Robot, load_robot
-from tulip_testbed.sim.specs import compile_spec
+from tulip_testbed.sim.specs import compile_spec, xml_of
 
 LIGHT = 0.005  # of the robot's mass: a joint that moves less is fixed
 NEAR = 0.1  # m: links farther apart are not looked at
+PREPARED = "the prepared robot"
 LEAST_CHAIN = 12  # hinges between the feet
 
 
@@ -108,7 +109,7 @@ def _imported(
     stand = _stand(compose(name, skeleton, stance, source.torque, 1.0)[0], skeleton, stance, source.reference)
     spec, of_drives = compose(name, skeleton, stance, source.torque, stand.leg)
     spec.add_key(name="stand", qpos=stand.qpos)
-    model = compile_spec(spec.copy(), "the prepared robot")
+    model = compile_spec(spec.copy(), PREPARED)
     chain = _between_feet(skeleton, stance)
     free = tuple(name for name in skeleton.hinges() if name not in chain)
     planning = planning_table(model, stance, stand, free, float(model.body_mass.sum()) * GRAVITY)
@@ -129,7 +130,7 @@ def _imported(
         },
         assumed=(*assumed, *of_drives),
         problems=source.problems,
-        model=spec.to_xml(),
+        model=xml_of(spec, PREPARED),
         description=description(name, path, skeleton, stance, planning),
     )
 
@@ -163,7 +164,7 @@ def _stand(spec: mujoco.MjSpec, skeleton: Skeleton, stance: Stance, reference: d
     """Find the posture `stand` of a robot whose links may be anywhere."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder).resolve() / "robot.toml"
-        write_text(path.with_suffix(".xml"), spec.to_xml())
+        write_text(path.with_suffix(".xml"), xml_of(spec, PREPARED))
         write_text(path, description("robot", path, skeleton, stance))
         try:
             robot = load_robot(path)

@@ -244,10 +244,14 @@ def hull(vertices: Array) -> Array:
     """Return the vertices of a convex hull, (k, 3) [m]; none of a mesh that is flat."""
     from scipy.spatial import ConvexHull
 
-    across = np.linalg.svd(vertices - vertices.mean(axis=0), full_matrices=False)[2][-1]
-    if len(vertices) < 4 or np.ptp(vertices @ across) < FLAT:
-        return vertices[:0]
-    return vertices[ConvexHull(vertices).vertices]
+    return vertices[:0] if is_flat(vertices) else vertices[ConvexHull(vertices).vertices]
+
+
+def is_flat(vertices: Array) -> bool:
+    """Return whether vertices, (k, 3) [m], lie in a plane."""
+    middle = vertices - vertices.mean(axis=0)
+    across = np.linalg.eigh(middle.T @ middle)[1][:, 0]
+    return len(vertices) < 4 or bool(np.ptp(middle @ across) < FLAT)
 
 
 def quaternion(turn: np.ndarray) -> Array:

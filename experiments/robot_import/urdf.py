@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,6 +33,7 @@ NUMBERS = {
     "cylinder": ("radius", "length"),
     "capsule": ("radius", "length"),
 }
+LISTS = ("xyz", "rpy", "size", "scale")  # several numbers each
 # Links without mass that move get the least that MuJoCo takes; `skeleton_of` takes it away again.
 COMPILER = {
     "discardvisual": "false",
@@ -95,14 +97,17 @@ def _check(root: ET.Element, path: Path) -> None:
             raise InputError(f"{path}: found <xacro:{tag}>, expected a URDF that `xacro` has expanded")
     for kind in ("link", "joint"):
         elements = root.findall(kind)
-        names = [element.get("name", "") for element in elements]
-        for k, (name, element) in enumerate(zip(names, elements, strict=True)):
+        count = Counter(element.get("name", "") for element in elements)
+        for element in elements:
+            name = element.get("name", "")
             where = f"{path}: {kind} '{shortened(name)}'"
-            if name in names[:k]:
+            if count[name] > 1:
                 raise InputError(f"{where}: found more than one {kind} of this name")
             for inner in element.iter():
                 for key in NUMBERS.get(inner.tag, ()):
-                    if bad := [token for token in inner.get(key, "").split() if not _is_finite(token)]:
+                    value = inner.get(key, "0")
+                    tokens = value.split() if key in LISTS else [value]
+                    if bad := [token for token in tokens if not _is_finite(token)]:
                         raise InputError(
                             f"{where}, <{inner.tag}>, attribute '{key}': found '{shortened(bad[0])}', "
                             "expected finite numbers"
