@@ -287,7 +287,9 @@ def test_the_report_gives_the_nearest_links(robot, plan, humanoid, random_plan):
     assert table.rows[0][0] == "right_lower_leg and left_lower_leg"
     assert clearance_table({"postures": [], "paths": []}) == "No links come nearer to each other than 30 mm."
     lain = {"postures": [], "paths": [], "left_out": [{"links": ["hand", "thigh"], "distance_mm": -27.2}]}
-    assert clearance_table(lain).endswith("since they overlap in the posture stand: hand and thigh (27 mm).")
+    assert str(clearance_table(lain)).endswith(
+        "since they overlap in the posture stand: hand and thigh (27 mm)."
+    )
     assert said["left_out"] == []
     least = clearances_of(humanoid, random_plan)
     needed = 1e3 * planning_margins(humanoid).link_clearance
