@@ -134,8 +134,10 @@ def _compiled(spec: mujoco.MjSpec, path: Path) -> tuple[mujoco.MjModel, list[str
         files = {mesh.name: mesh.file for mesh in unread}
         if not files:
             raise
+    from_geoms = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     for geom in [geom for geom in spec.geoms if geom.meshname in files]:
-        if not geom.parent.explicitinertial and geom.density and geom.mass != 0:
+        inferred = from_geoms or not geom.parent.explicitinertial
+        if inferred and geom.density and geom.mass != 0:
             raise InputError(
                 f"{path}: mesh '{files[geom.meshname]}' is missing or cannot be read: the mass of the link "
                 f"'{geom.parent.name}' depends on it"
@@ -180,8 +182,9 @@ def _check_tree(model: mujoco.MjModel, root: int, path: Path) -> None:
             f"{path}: link '{name}': found a shape of {2 * model.geom_rbound[geom]:.3g} m, expected at most "
             f"{MOST_SHAPE:g} m; a mesh in millimetres needs the scale 0.001"
         )
-    angle = np.abs(model.jnt_range).max(axis=1) * model.jnt_limited * (model.jnt_type == HINGE)
-    for joint in np.flatnonzero((angle > MOST_ANGLE[0]) & (angle <= MOST_ANGLE[1]))[:1]:
+    turns = own[model.jnt_bodyid] & (model.jnt_type == HINGE) & model.jnt_limited.astype(bool)
+    angle = np.abs(model.jnt_range).max(axis=1)
+    for joint in np.flatnonzero(turns & (angle > MOST_ANGLE[0]) & (angle <= MOST_ANGLE[1]))[:1]:
         raise InputError(
             f"{path}: joint '{model.joint(joint).name}': found limits {listed(model.jnt_range[joint])} rad, "
             f"expected at most {MOST_ANGLE[0]:.1f} rad; are they in degrees?"

@@ -77,11 +77,14 @@ def import_robot(path: Path, feet: Sequence[str] = (), sole: Sequence[float] = (
         InputError: no robot on two legs, or one that cannot stand, with the reason.
     """
     path = Path(path)
-    source = read_published(path)
+    problems: tuple[str, ...] = ()
     try:
+        source = read_published(path)
+        problems = source.problems
         return _imported(path, source, tuple(feet), tuple(sole))
     except InputError as error:  # perhaps for want of what could not be read
-        raise InputError("; ".join((f"{path}: {error}", *source.problems))) from None
+        where = "" if str(path) in str(error) else f"{path}: "
+        raise InputError("; ".join((f"{where}{error}", *problems))) from None
 
 
 def _imported(
