@@ -36,7 +36,7 @@ BROKEN = (
     *(ValueError, LookupError, TypeError, OSError, EOFError, RuntimeError, SyntaxError, MemoryError),
     *(OverflowError, zipfile.BadZipFile, tokenize.TokenError, zlib.error, struct.error),
 )
-FORMAT, VERSION = "tulip-watch", 3
+FORMAT, VERSION = "tulip-watch", 4
 HASH = 32  # bytes at the beginning of the file: the sha256 of all that follow
 
 
