@@ -22,7 +22,7 @@ from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.watching.arriving_rows import MOST_AT_ONCE, Place, new_lines
 from tulip_testbed.experiments.watching.watch_day import read_targets
 from tulip_testbed.experiments.watching.watch_row import OK, watch_row
-from tulip_testbed.experiments.watching.watch_state import key_of, read_state, write_state
+from tulip_testbed.experiments.watching.watch_state import Fault, key_of, read_state, write_state
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.plan_folder import write_plan
 
@@ -103,6 +103,17 @@ def test_a_state_is_read_as_it_was_written(robot, plan, day, tmp_path):
     np.testing.assert_array_equal(one[0].changes.ratio, two[0].changes.ratio)
     with pytest.raises(InputError, match="state of another plan"):
         read_state(tmp_path / "state", key_of(plan, b"other"), model)
+    wrong = {
+        "fault": Fault(10**6, 0, 1, 1.0),
+        "done": state.done + 7,
+        "spreads": np.zeros((30, 2)),
+        "place": Place(size=-5),
+        "odd_pull": state.odd_pull.astype(complex),
+    }
+    for name, value in wrong.items():
+        write_state(tmp_path / "state", key, replace(state, **{name: value}))
+        with pytest.raises(InputError, match=f"no state of a watch .state.{name}"):
+            read_state(tmp_path / "state", key, model)
     (tmp_path / "state").write_bytes(b"PK\x03\x04 broken")
     with pytest.raises(InputError, match="no state of a watch"):
         read_state(tmp_path / "state", key, model)
