@@ -231,3 +231,10 @@ def test_a_fault_that_is_corrected_for_is_none(robot):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         tt.identify(measured, robot, corrections="cell-gain:right.front_left=0.1")
+    wrong = "cell-gain:right.front_left=0.1", "encoder-offset:left_knee=0.003"
+    told = (
+        r"found the correction encoder-offset:left_knee=0\.003, but the measurements show offset \S+ ± \S+ "
+    )
+    with pytest.warns(InputWarning, match=told) as warned:
+        tt.identify(measured, robot, corrections=wrong)
+    assert len(warned) == 1

@@ -31,7 +31,7 @@ from tulip_testbed.experiments.export.exported_model import ExportedModel
 from tulip_testbed.experiments.export.identified_run import identified_run
 from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.identify import identify as _identify
-from tulip_testbed.experiments.identify import warn_of_unrest
+from tulip_testbed.experiments.identify import warn_of_contradiction, warn_of_unrest
 from tulip_testbed.experiments.predict import Prediction
 from tulip_testbed.experiments.predict import predict as _predict
 from tulip_testbed.experiments.proposed_experiment import Proposals
@@ -107,6 +107,7 @@ def identify(
     source = source_of(measurements) or "measurements"
     found = _identify(given, robot, source, estimator, adopted=adopted, tolerances=tolerances)
     warn_of_unrest(found, source)
+    warn_of_contradiction(found, source, tolerances)
     return found
 
 
