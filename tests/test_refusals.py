@@ -175,7 +175,14 @@ def names(robot, run):
         environment.reset()
         environment.step(action)
 
-    own = {"composed": composed, "stepped": stepped, "np": np, "tt": tt, "base_parameters": base_parameters}
+    own = {
+        "replace": replace,
+        "composed": composed,
+        "stepped": stepped,
+        "np": np,
+        "tt": tt,
+        "base_parameters": base_parameters,
+    }
     return own | {"run": run, "lab": run.laboratory, "plan": tt.plans.random}
 
 
