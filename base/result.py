@@ -26,7 +26,7 @@ from pydantic import (
 from pydantic_core import CoreSchema, core_schema
 
 from tulip_testbed.base.column import printable
-from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.errors import InputError, shortened
 from tulip_testbed.base.files import new_folder
 from tulip_testbed.base.table import Table
 from tulip_testbed.base.table_files import finite, read_json, write_json
@@ -89,7 +89,8 @@ def _nothing(*_: Any) -> None:
 # A field that neither the document nor the folder holds: None in a result that was read.
 InMemory = Annotated[Item, Outside(), Field(exclude=True)]
 # A field that whoever reads the folder gives, such as the robot.
-Given = Annotated[Item, Kept("", _nothing, lambda folder, given: given), Field(exclude=True)]
+GIVEN = Kept("", _nothing, lambda folder, given: given)
+Given = Annotated[Item, GIVEN, Field(exclude=True)]
 # The folder itself; None: the result is in memory alone.
 Place = Annotated[Path | None, Kept("", _nothing, lambda folder, *context: folder), Field(exclude=True)]
 
@@ -176,8 +177,22 @@ class Result(Documented):
         """
         folder = Path(folder)
         result = cls.read(folder / RESULT_FILE)
+        if wanted := [field for field, kept in _kept(cls).items() if kept is GIVEN and not context]:
+            raise InputError(
+                f"{wanted[0]}: found none, expected it behind the folder: load(folder, {wanted[0]})"
+            )
         parts = {field: kept.read(folder / kept.name, *context) for field, kept in _kept(cls).items()}
-        return dataclasses.replace(result, **parts)  # pyrefly: ignore[bad-specialization]
+        result = dataclasses.replace(result, **parts)  # pyrefly: ignore[bad-specialization]
+        try:
+            result.tables()
+        except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(
+                f"{folder / RESULT_FILE}: found values that do not fit together ({shortened(error)}), "
+                "expected the file as it was written"
+            ) from error
+        return result
 
     def __repr__(self) -> str:
         texts = (p.text() + "\n" if isinstance(p, Table) else printable(p) for p in self.tables())

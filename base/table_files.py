@@ -6,6 +6,7 @@ import copy
 import json
 import math
 from collections.abc import Sequence
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -330,6 +331,7 @@ def is_number(kind: pa.DataType) -> bool:
     return pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_null(kind)
 
 
+@cache
 def software() -> dict[str, str]:
     """Return the versions of the packages that computed a result."""
     versions = {}

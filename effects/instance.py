@@ -98,7 +98,7 @@ class EffectInstance:
         Raises:
             InputError: with what is wrong and what is valid.
         """
-        label, equals, tail = text.partition("=")
+        label, equals, tail = text.rpartition("=") if "=" in text else (text, "", "")
         name, target = split_label(label)
         effect = effect_named(name, target, where)
         where = f"{where} {shortened(text)}"

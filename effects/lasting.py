@@ -83,8 +83,8 @@ Change = Callable[[Observation, str, Values], Observation]
 
 def split_target(target: str) -> tuple[str, int | None]:
     """Return a target and the number of the experiment from which on it is meant, None: all."""
-    name, mark, number = target.partition(FROM)
-    return name, int(number) if mark and number.isdigit() else None
+    name, mark, number = target.rpartition(FROM)
+    return (name, int(number)) if mark and number.isdecimal() else (target, None)
 
 
 def everywhere(target: str) -> bool:

@@ -22,6 +22,7 @@ from tulip_testbed.experiments.example import compact_json, example_manifest, ex
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.preflight import RESULTS, Finding, preflight, worst_of
 from tulip_testbed.identification.preflight.plate_checks import plate_poses
+from tulip_testbed.identification.preflight.units import units
 from tulip_testbed.identification.regressor import check_robot
 from tulip_testbed.measurements import Measurements, Series, read_measurements, read_series
 from tulip_testbed.measurements.folder_kind import check_kind
@@ -162,24 +163,32 @@ def warn_of_faults(
     source: str | None = None,
     tolerances: Mapping[str, float] | None = None,
 ) -> None:
-    """Warn of measurements that fail the preflight.
+    """Refuse measurements in wrong units, and warn of others that fail the preflight.
+
+    All measurements that a user gives to a function pass here, whether in memory or as a folder.
 
     Args:
         corrections: see `check_folder`. source: folder of the measurements.
         tolerances: of families, in place of those of the measurements and those that fit the sensors [SI].
 
     Raises:
-        InputError: measurements that do not fit the robot.
+        InputError: measurements that do not fit the robot or are in wrong units, tolerances of unknown
+            families or impossible ones.
     """
-    nominal = nominal_robot(robot)
-    check_robot(nominal.parameters, measurements, robot, source or "measurements")
+    nominal, source = nominal_robot(robot), source or "measurements"
+    check_tolerances(measurements.tolerances, f"{source}: key 'tolerances'")
+    check_tolerances(tolerances or {})
+    check_robot(nominal.parameters, measurements, robot, source)
+    in_units = units(measurements, nominal)
+    if in_units.result == "fail":
+        raise InputError(f"{source}: found {in_units.seen}; expected {in_units.expected}; `check` says more")
     if corrections:
         measurements, _ = without(measurements, nominal, corrections)
     usual = partial(usual_changes, measurements, nominal, tolerances)
     findings = preflight(measurements, nominal, usual_changes=usual)
     if faults := [finding for finding in findings if finding.result == "fail"]:
         names = listed(repr(finding.name) for finding in faults)
-        warn(f"{source or 'measurements'}: found faults in {names}; `check` says more")
+        warn(f"{source}: found faults in {names}; `check` says more")
 
 
 def _refuse_other_robot(folder: Path, nominal: Nominal) -> None:

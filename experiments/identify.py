@@ -53,6 +53,36 @@ def warn_of_unrest(found: Identification, source: str) -> None:
         )
 
 
+def warn_of_contradiction(found: Identification, source: str, tolerances: Mapping[str, float] | None) -> None:
+    """Warn of corrections of other sizes than the measurements show, by more than three standard errors.
+
+    The sizes are estimated together with everything else; those that the data do not determine are left out.
+    """
+    if found.calibration is None or not found.corrections or not len(found.measurements):
+        return
+    observed = observe(found.measurements, nominal_robot(found.robot, found.parameters.support))
+    if observed.moves or found.calibration.observed.cad is not None:
+        return
+    try:
+        free = self_calibrate(observed, tolerances, found.corrections, found.calibration)
+    except (np.linalg.LinAlgError, InputError):
+        return
+    for given, shown, errors in zip(found.corrections, free.effects, free.effect_errors, strict=True):
+        parameters = given.effect.parameters_on(given.target)
+        for k, error in zip(given.effect.sizes, errors, strict=True):
+            if error > parameters[k].prior / 2:
+                continue  # the data say too little
+            share = 1 - (error / parameters[k].prior) ** 2  # of the data, not of the prior, in the estimate
+            value, error = shown.values[k] / share, error / np.sqrt(share)
+            off = abs(given.values[k] - value) / error
+            if off > CLEARLY:
+                told = f"{number(value, '.3g')} ± {number(2 * error, '.2g')} {parameters[k].unit}".strip()
+                warn(
+                    f"{source}: found the correction {given}, but the measurements show {parameters[k].name} "
+                    f"{told}, {number(off, '.1f')} standard errors away"
+                )
+
+
 def identify(
     measurements: Measurements,
     robot: Robot,

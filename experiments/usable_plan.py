@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tulip_testbed.base.errors import InputError, at_least, at_most, choices, listed
+from tulip_testbed.base.errors import InputError, at_least, at_most, choices
 from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.table_files import MOST_ROWS
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, common_support
@@ -16,8 +16,8 @@ from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.identification.rank import labels, require_identifiable
 from tulip_testbed.identification.regressor import ENCODER_SD, encoder_blur, stacked_regressor
-from tulip_testbed.measurements import Measurements, PosturePlan, read_measurements
-from tulip_testbed.sim.plan_folder import check_fits, check_model, read_plan
+from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.plan_folder import check_fits, read_plan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.robot_check import warn_of_robot
@@ -115,23 +115,6 @@ def random_plan(
     plate = nominal_plates(robot)[0]
     with progress("drawing postures", placements * per_placement, 0) as advance:
         return random_postures(robot, plate, placements, per_placement, seed, progress=advance)
-
-
-def measured_for(robot: Robot, folder: Path, joints: tuple[str, ...]) -> Measurements:
-    """Return the earlier measurements with this robot.
-
-    Raises:
-        InputError: no such folder, or of another robot.
-    """
-    measured = read_measurements(folder)
-    where = f"{folder}: manifest.json"
-    check_model(where, measured.robot["model"], measured.robot["sha256"], robot)
-    if measured.joints != joints:
-        raise InputError(
-            f"{where}: key 'joints': found {listed(measured.joints)}; expected the model's order "
-            f"{listed(joints)}"
-        )
-    return measured
 
 
 def as_plan(robot: Robot, measured: Measurements) -> PosturePlan:

@@ -21,6 +21,7 @@ import numpy as np
 from tulip_testbed.identification.pseudo_inertia import standard_of
 
 RANK = 1e-10  # of the largest singular value
+CAD_SD = 0.25  # of a link's mass, by which CAD may be wrong
 STEPS = 200  # of Newton's method
 ROUNDS = 30  # of the active set
 CONVERGED = 1e-14  # of the right-hand side
@@ -99,21 +100,28 @@ def robot_with(
     return None if found is None else ConsistentRobot(_robot(space, found), target.value, 0.0)
 
 
-def data_shares(pseudo: np.ndarray, from_standard: np.ndarray) -> np.ndarray:
+def data_shares(
+    pseudo: np.ndarray, from_standard: np.ndarray, covariance: np.ndarray | None = None
+) -> np.ndarray:
     """Return how much of each link's mass and centre the data determine, (n_links, 4): 0 CAD to 1 data.
 
     In the metric of the divergence's Hessian, tr(P^-1 dP P^-1 dP), it is the squared norm of the part of the
     number's gradient that base parameters and total mass span, over the squared norm of the whole gradient.
-    A link without mass has zeros.
+    A number whose standard error exceeds what CAD leaves open is not from data: the share is times the part
+    of CAD's variance in both. A link without mass has zeros.
 
     Args:
         pseudo: of the robot, (n_links, 4, 4).
+        covariance: of the base parameters times the total mass, and of the total mass, (p + 1, p + 1); None:
+            they are exact.
     """
     heavy = np.flatnonzero(pseudo[:, 3, 3] > 0)
     roots = np.linalg.cholesky(pseudo[heavy])
     rows = _rows(roots, _weights(from_standard, heavy))
-    _, size, turned = np.linalg.svd(rows.reshape(len(rows), -1), full_matrices=False)
-    spanned = turned[size > RANK * size[0]].reshape(-1, len(heavy), 16)
+    basis, size, turned = np.linalg.svd(rows.reshape(len(rows), -1), full_matrices=False)
+    kept = size > RANK * size[0]
+    spanned, inverse = turned[kept].reshape(-1, len(heavy), 16), basis[:, kept] / size[kept]
+    noise = 0.0 * spanned[:, 0] @ spanned[:, 0].T if covariance is None else inverse.T @ covariance @ inverse
     shares = np.zeros((len(pseudo), 4))
     for k, link in enumerate(heavy):
         mass = pseudo[link, 3, 3]
@@ -122,7 +130,10 @@ def data_shares(pseudo: np.ndarray, from_standard: np.ndarray) -> np.ndarray:
         weights[1:, :3] = np.eye(3) / mass
         weights[1:, 3] = -pseudo[link, :3, 3] / mass**2
         gradient = _symmetric(roots[k], weights).reshape(4, 16)
-        shares[link] = ((gradient @ spanned[:, k].T) ** 2).sum(axis=1) / (gradient**2).sum(axis=1)
+        along = gradient @ spanned[:, k].T
+        square, errors = (along**2).sum(axis=1), np.einsum("ij,jk,ik->i", along, noise, along)
+        known = square / np.maximum(square + errors / CAD_SD**2, 1e-300)
+        shares[link] = known * square / (gradient**2).sum(axis=1)
     return shares
 
 

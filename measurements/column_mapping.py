@@ -65,7 +65,7 @@ def quantity_of(name: str) -> str | None:
 def check_mapping(
     mapping: Mapping[str, MappingEntry], known: Iterable[str], where: str, key: str = "mapping"
 ) -> None:
-    """Refuse a mapping of unknown columns, or with units that do not fit.
+    """Refuse a mapping of unknown columns, of one column to two readings, or with units that do not fit.
 
     Args:
         known: names of the contract's columns. where, key: file and key of the mapping, for messages.
@@ -73,9 +73,15 @@ def check_mapping(
     Raises:
         InputError: names the key, what was found and what was expected.
     """
+    readings: dict[str, str] = {}
     for name, entry in mapping.items():
         look_up("column", name, known, f"{where}: key '{key}'")
         quantity = quantity_of(name)
+        if quantity and (first := readings.setdefault(entry.column, name)) != name:
+            raise InputError(
+                f"{where}: key '{key}.{name}': found column '{shortened(entry.column)}', which is {first} "
+                "already; expected another column"
+            )
         units = UNITS[quantity] if quantity else {}
         if entry.unit not in units and (units or entry.unit is not None):
             found = "nothing" if entry.unit is None else shortened(repr(entry.unit))

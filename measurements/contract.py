@@ -5,11 +5,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import ValidationError
 
+from tulip_testbed.base.arguments import expect
 from tulip_testbed.base.errors import InputError, look_up, shortened
 from tulip_testbed.base.validation_message import validation_message
 from tulip_testbed.measurements.bounds import (
@@ -26,6 +27,8 @@ from tulip_testbed.measurements.contacts import Contacts
 from tulip_testbed.measurements.data import Measurements, feet_in_contact, vertical_forces
 from tulip_testbed.measurements.header import SensorSheet
 from tulip_testbed.measurements.manifest import RobotEntry, manifest_of
+from tulip_testbed.measurements.manipulations import Experiment
+from tulip_testbed.measurements.stated_convention import StatedConvention
 
 WHOLE = ("posture", "placement")  # columns of whole numbers
 SUPPORTS = ("double", "right", "left")
@@ -71,6 +74,13 @@ RULES = {  # by the first word of a column's name
     "wrench_std": Rule(0.0, MOST_FORCE, gaps=True),
     "speed": Rule(0.0, MOST_SPEED, gaps=True),
     "acceleration": Rule(-MOST_ACCELERATION, MOST_ACCELERATION, gaps=True),
+}
+
+
+OF_HEADER: dict[str, Any] = {
+    **dict.fromkeys(("gains", "tolerances", "constant_joints"), Mapping),
+    "conventions": tuple[StatedConvention, ...],
+    "experiments": tuple[Experiment, ...],
 }
 
 
@@ -144,6 +154,8 @@ def _check_shapes(m: Measurements, where: str) -> None:
     keys = tuple(RobotEntry.model_fields)
     if not isinstance(m.robot, dict) or any(key not in m.robot for key in keys):
         raise InputError(f"{where}: robot: found {shortened(m.robot)}, expected the keys {', '.join(keys)}")
+    for name, kind in OF_HEADER.items():
+        expect(f"{where}: {name}", getattr(m, name), kind)
     if m.contacts is not None:
         wrong = (
             wrong_contacts(m.contacts) if isinstance(m.contacts, Contacts) else "expected Contacts or None"

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 
-from tulip_testbed.base.errors import InputError, listed
+from tulip_testbed.base.errors import InputError, listed, shortened
 
 MOST_BODIES = 100
 MOST_LENGTH = 20.0  # m, from a body to the next or to its centre of mass
@@ -41,6 +41,12 @@ def check_model(model: mujoco.MjModel, where: str) -> None:
             raise InputError(
                 f"{where}: found a {kind} without a name (the {names.index('') + 1}. in the file)"
             )
+        for name in names:  # an effect from experiment 2 on is written left_knee@2
+            if not name.isprintable() or (name.rpartition("@")[2].isdecimal() and "@" in name):
+                raise InputError(
+                    f"{where}: found a {kind} named {shortened(repr(name))}, expected printable characters "
+                    "and no '@' with a number at the end"
+                )
     free = mujoco.mjtJoint.mjJNT_FREE
     roots = np.flatnonzero(model.body_parentid[1:] == 0) + 1
     if len(roots) != 1 or [model.jnt_type[j] for j in _joints_of(model, roots[0])] != [free]:

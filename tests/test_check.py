@@ -199,11 +199,12 @@ def test_the_printed_example_can_be_read(robot, tmp_path):
 # --- warnings of identify and discover ------------------------------------------------------------
 
 
-def test_discover_and_identify_warn_of_faults(precise, robot, monkeypatch):
-    monkeypatch.setattr("tulip_testbed.api.measured.discover_effects", lambda *a, **k: None)
+def test_what_computes_with_measurements_warns_of_faults(precise, robot, monkeypatch):
+    for work in ("discover_effects", "_predict"):
+        monkeypatch.setattr(f"tulip_testbed.api.measured.{work}", lambda *a, **k: None)
     wrong = FAULTS["one encoder's sign wrong"](precise, np.random.default_rng(0))
     failed = [check.name for check in tt.check(wrong, robot).checks if check.result == "fail"]
-    for call in (tt.discover, warn_of_faults):
+    for call in (tt.discover, tt.predict, warn_of_faults):
         with pytest.warns(InputWarning, match=f"found faults in .*{failed[-1]}"):
             call(wrong, robot)
 
@@ -216,9 +217,9 @@ def test_a_fault_is_one_line_that_points_to_the_preflight(precise, robot, tmp_pa
         with pytest.warns(InputWarning, match=f"{where}{found}"):
             tt.identify(measured, robot)
     capsys.readouterr()
-    assert main(["identify", str(data)]) == 0
-    said = capsys.readouterr().err
-    assert re.fullmatch(f"tulip: warning: {data}: {found[:-1]}\n", said)
+    for command in (["identify"], ["export", "--samples", "0", "--out", str(tmp_path / "out.xml")]):
+        assert main([*command, str(data)]) == 0
+        assert re.search(f"^tulip: warning: {data}: {found}", capsys.readouterr().err, re.MULTILINE)
     assert main(["check", str(data)]) == 1
 
 
@@ -230,3 +231,15 @@ def test_a_fault_that_is_corrected_for_is_none(robot):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         tt.identify(measured, robot, corrections="cell-gain:right.front_left=0.1")
+    wrong = "cell-gain:right.front_left=0.1", "encoder-offset:left_knee=0.003"
+    told = (
+        r"found the correction encoder-offset:left_knee=0\.003, but the measurements show offset \S+ ± \S+ "
+    )
+    with pytest.warns(InputWarning, match=told) as warned:
+        tt.identify(measured, robot, corrections=wrong)
+    assert len(warned) == 1
+
+
+def test_angles_in_whole_radians_are_checked(precise, robot):
+    whole = dataclasses.replace(precise, joint_angles=precise.joint_angles.round())
+    assert tt.check(whole, robot).verdict == "fail"

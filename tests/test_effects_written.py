@@ -20,6 +20,8 @@ from tulip_testbed.effects.instance import (
     effect_label,
     split_label,
 )
+from tulip_testbed.effects.lasting import split_target
+from tulip_testbed.effects.laws.grammar import says, sentence_of, sentences
 from tulip_testbed.sim.robot import load_robot
 
 PLACEMENTS = (1, 2, 30)
@@ -84,6 +86,20 @@ def test_what_is_written_is_read_exactly(name, data):
 )
 def test_how_an_effect_is_written(text, written, robot):
     assert str(EffectInstance.parse(text, robot)) == written
+
+
+@pytest.mark.parametrize(
+    "name", ["left/knee", "left:knee", "left=knee", "left,knee", "a knee", "a%2F", "a@b"]
+)
+def test_a_joint_of_any_name_is_read_as_it_was_written(name, edited_tulip):
+    robot = edited_tulip(*[f'tulip.xml: "left_knee" => "{name}"'] * 5)
+    found = EffectInstance.parse(f"encoder-offset:{name}=0.01", robot)
+    assert (found.target, str(found)) == (name, f"encoder-offset:{name}=0.01")
+    assert split_target(f"{name}@2") == (name, 2)
+    laws = [law for law in sentences(robot) if name in (law.place, law.joint)]
+    same = [law for law in sentences(tulip()) if "left_knee" in (law.place, law.joint)]
+    assert len(laws) == len(same) > 100
+    assert all(sentence_of(str(law)) == law and says(robot, law) for law in laws)
 
 
 def test_a_placement_is_any_number_until_the_experiment_is_known(robot):

@@ -16,6 +16,7 @@ from tulip_testbed.experiments.table_import.column_names import propose, read_na
 from tulip_testbed.experiments.table_import.import_map import ImportMap, read_map, with_unknowns
 from tulip_testbed.experiments.table_import.table_import import MappedColumn
 from tulip_testbed.measurements import read_measurements
+from tulip_testbed.measurements.cells import CELLS
 from tulip_testbed.measurements.contacts import VERTICAL
 
 ROOT = Path(__file__).parent.parent
@@ -92,10 +93,10 @@ def stated(tmp_path):
 
 
 def test_names_say_what_a_column_is():
-    assert read_name("RKnee [deg]") == ("value", {"right", "knee"}, "deg")
-    assert read_name("left_hip_pitch (rad)") == ("value", {"left", "hip", "pitch"}, "rad")
-    assert read_name("l_sole.fx sd") == ("spread", {"left", "sole", "fx"}, "")
-    assert read_name("cmd_r_knee_deg") == ("command", {"right", "knee"}, "deg")
+    assert read_name("RKnee [deg]")[:3] == ("value", {"right", "knee"}, "deg")
+    assert read_name("left_hip_pitch (rad)")[:3] == ("value", {"left", "hip", "pitch"}, "rad")
+    assert read_name("l_sole.fx sd")[:3] == ("spread", {"left", "sole", "fx"}, "")
+    assert read_name("cmd_r_knee_deg")[:3] == ("command", {"right", "knee"}, "deg")
     assert read_name("speed_rad_s").unit == "rad/s"
     assert read_name("M [N m]").unit == "Nm"
     assert read_name("angle [grad]").unit == "grad"
@@ -202,6 +203,24 @@ def test_columns_that_could_be_the_same_are_not_chosen_from(table, stated, tmp_p
     assert proposal.undecided == [
         "q.a_knee: columns 'a knee pos [deg]', 'knee a angle [deg]' could be it; state one"
     ]
+
+
+def test_a_column_is_one_of_the_contract(table, tmp_path):
+    cells = [f"cell.{cell}" for cell in CELLS]
+    written = [f"{cell.replace('.', ' ')} [N]" for cell in cells]
+    found = propose([*written, "plate right x [m]"], [*cells, "cop.right.x", "plate.right.x"], cells, {})
+    columns = {name: entry.column for name, entry in found.mapping.items()}
+    assert columns == dict(zip(cells, written, strict=True)) | {"plate.right.x": "plate right x [m]"}
+    assert propose(["left front_right [N]"], cells, cells, {}).mapping.keys() == {"cell.left.front_right"}
+    names = ["cop.right.x", "plate.right.x"]
+    unclear = propose(["x right [m]"], names, names, {})
+    assert not unclear.mapping
+    assert unclear.undecided[0] == (
+        "cop.right.x: column 'x right [m]' could be each of cop.right.x, plate.right.x; state one"
+    )
+    stated = ["q.right_knee=RKnee [deg]:deg", "q.left_knee=RKnee [deg]:deg"]
+    with pytest.raises(tt.InputError, match=r"found column 'RKnee \[deg\]', which is q\.right_knee already"):
+        tt.import_table(table(), out=tmp_path / "data", map=stated)
 
 
 def test_a_folder_that_would_break_the_contract_is_not_left(table, stated, tmp_path):

@@ -221,6 +221,14 @@ def test_folders_that_do_not_belong_together_are_refused(pair, noisy, few):
     first, second = pair
     with pytest.raises(InputError, match="tuesday and monday: found the same measurements twice"):
         joined([first, first], ["monday", "tuesday"])
+    for again in (
+        first.take(np.arange(len(first))[::-1]),
+        first.take(np.arange(len(first) // 2)),
+        dataclasses.replace(first, joint_angles=first.joint_angles.round(4)),
+        dataclasses.replace(first, cell_forces=first.cell_forces + 0.05),
+    ):
+        with pytest.raises(InputError, match=r"2 and 1: found the same measurements twice .*rows agree"):
+            joined([again, first], ["1", "2"])
     other = dataclasses.replace(second, robot=second.robot | {"sha256": "0" * 64, "model": "other.xml"})
     with pytest.raises(InputError, match="expected one robot with one nominal model"):
         joined([first, other])

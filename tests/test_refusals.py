@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -196,7 +197,14 @@ def names(robot, run):
         environment.reset()
         environment.step(action)
 
-    own = {"composed": composed, "stepped": stepped, "np": np, "tt": tt, "base_parameters": base_parameters}
+    own = {
+        "replace": replace,
+        "composed": composed,
+        "stepped": stepped,
+        "np": np,
+        "tt": tt,
+        "base_parameters": base_parameters,
+    }
     return own | {"run": run, "lab": run.laboratory, "plan": tt.plans.random}
 
 
@@ -209,9 +217,11 @@ def test_a_call_is_refused(names, monkeypatch, changes, words):
 
 @pytest.fixture(scope="module")
 def folders(names, tmp_path_factory):
-    """A folder with measurements, a plan and the run of a validation."""
+    """A folder with measurements, also in kilograms, a plan and the run of a validation."""
     place = tmp_path_factory.mktemp("folders")
-    tt.write_measurements(place / "data", names["run"].measurements)
+    measured = names["run"].measurements
+    tt.write_measurements(place / "data", measured)
+    tt.write_measurements(place / "kg", replace(measured, cell_forces=measured.cell_forces / 9.81))
     tt.plans.write(place / "plan", names["plan"])
     judge(names["run"]).save(place / "run")
     for name in ("taken.html", "taken.rrd"):

@@ -1,12 +1,14 @@
 """Results as a researcher meets them: parameters by name, tables that print themselves, data frames."""
 
 import dataclasses
+import json
 import shutil
 
 import numpy as np
 import pytest
 from scipy.stats import t as t_distribution
 
+import tulip_testbed as tt
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.parameter_tables import parameter_table, read_reported
@@ -189,3 +191,21 @@ def test_a_hostile_name_steers_nothing(fit):
     assert "<script>" not in changed._repr_html_()
     assert "&lt;script&gt;" in changed._repr_html_()
     assert "\x1b" not in repr(changed) + changed._repr_html_()
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("estimator", "x"), ("confounded", None), ("calibration.covariance", None)]
+)
+def test_an_edited_result_is_refused_when_it_is_read(key, value, run, robot, tmp_path):
+    found = tt.identify(run, robot)
+    found.save(tmp_path / "fit")
+    file = tmp_path / "fit" / "result.json"
+    document = json.loads(file.read_text())
+    *above, last = key.split(".")
+    place = document[above[0]] if above else document
+    place[last] = value
+    file.write_text(json.dumps(document))
+    with pytest.raises(InputError, match=r"result\.json: (found values that do not fit together|key)"):
+        tt.Identification.load(tmp_path / "fit", robot)
+    with pytest.raises(InputError, match="robot: found none, expected it behind the folder"):
+        tt.Identification.load(tmp_path / "fit")

@@ -22,7 +22,7 @@ from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.watching.arriving_rows import MOST_AT_ONCE, Place, new_lines
 from tulip_testbed.experiments.watching.watch_day import read_targets
 from tulip_testbed.experiments.watching.watch_row import OK, watch_row
-from tulip_testbed.experiments.watching.watch_state import key_of, read_state, write_state
+from tulip_testbed.experiments.watching.watch_state import Fault, key_of, read_state, write_state
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.plan_folder import write_plan
 
@@ -51,12 +51,15 @@ def judged(folder: Path, plan, robot, **more) -> list:
     return list(tt.watch(folder, robot, plan=plan, once=True, **more))
 
 
-def test_half_a_line_waits_for_its_end(folder, plan, robot):
+def test_half_a_line_waits_for_its_end(folder, plan, robot, tmp_path):
     path, lines = folder
     grow(path, lines[0] + lines[1][:50])
     assert [one.verdict.posture for one in judged(path, plan, robot)] == [1]
-    grow(path, lines[1][50:])
-    assert [one.verdict.verdict for one in judged(path, plan, robot)] == [OK, OK]
+    grow(path, lines[1][50:] + lines[2].rstrip("\n"))
+    state = tmp_path / "state"
+    assert [one.verdict.verdict for one in judged(path, plan, robot, out=state)] == [OK] * 3  # no end of line
+    grow(path, "\n" + lines[3])
+    assert [one.line for one in judged(path, plan, robot, out=state)] == [5]
 
 
 def test_prepared_rows_wait_for_their_readings(folder, plan, robot, tmp_path):
@@ -90,16 +93,27 @@ def test_a_state_is_read_as_it_was_written(robot, plan, day, tmp_path):
     model = model_of(robot, plan, day)
     state, _ = play(model, day.take(np.arange(ROWS - 1)))
     key = key_of(plan, b"manifest")
-    write_state(tmp_path / "state", key, replace(state, place=Place(5, 99, b"a,b", b"1,2")))
+    write_state(tmp_path / "state", key, replace(state, place=Place(5, 99, b"a,b", 12)))
     kept = read_state(tmp_path / "state", key, model)
     assert kept is not None
-    assert kept.place == Place(5, 99, b"a,b", b"1,2")
+    assert kept.place == Place(5, 99, b"a,b", 12)
     one, two = (watch_row(model, each, one_row(day, ROWS - 1)) for each in (state, kept))
     assert one[1].to_json() == two[1].to_json()
     np.testing.assert_array_equal(one[0].belief.covariance, two[0].belief.covariance)
     np.testing.assert_array_equal(one[0].changes.ratio, two[0].changes.ratio)
     with pytest.raises(InputError, match="state of another plan"):
         read_state(tmp_path / "state", key_of(plan, b"other"), model)
+    wrong = {
+        "fault": Fault(10**6, 0, 1, 1.0),
+        "done": state.done + 7,
+        "spreads": np.zeros((30, 2)),
+        "place": Place(size=-5),
+        "odd_pull": state.odd_pull.astype(complex),
+    }
+    for name, value in wrong.items():
+        write_state(tmp_path / "state", key, replace(state, **{name: value}))
+        with pytest.raises(InputError, match=f"no state of a watch .state.{name}"):
+            read_state(tmp_path / "state", key, model)
     (tmp_path / "state").write_bytes(b"PK\x03\x04 broken")
     with pytest.raises(InputError, match="no state of a watch"):
         read_state(tmp_path / "state", key, model)
@@ -127,8 +141,26 @@ def test_rows_that_were_read_may_not_change(folder, plan, robot, tmp_path):
     judged(path, plan, robot, out=state)
     text = (path / "postures.csv").read_text()
     (path / "postures.csv").write_text(text.replace(lines[2], lines[3]) + " " * 100)
-    with pytest.raises(InputError, match="found other values than were read before"):
+    with pytest.raises(InputError, match="found other values in the first 4 lines than were read before"):
         judged(path, plan, robot, out=state)
+    (path / "postures.csv").write_text(text.replace(lines[0], lines[0][:-2] + "7\n"))  # of equal length
+    with pytest.raises(InputError, match="found other values in the first 4 lines"):
+        judged(path, plan, robot, out=state)
+    (path / "postures.csv").write_text(text.rstrip("\n"))
+    last = judged(path, plan, robot, out=tmp_path / "other")
+    assert len(last) == 3
+    (path / "postures.csv").write_text(text.rstrip("\n") + "5\n")  # the last value had not come to its end
+    with pytest.raises(InputError, match="found other values in the first 4 lines"):
+        judged(path, plan, robot, out=tmp_path / "other")
+    (path / "postures.csv").write_text(text)
+    days = tt.watch(path, robot, plan=plan, once=True)
+    next(days)
+    manifest = (path / "manifest.json").read_text()
+    (path / "manifest.json").write_text(manifest.replace("9.81", "9.80"))
+    grow(path, lines[3])
+    with pytest.raises(InputError, match=r"manifest.json: found another manifest than before the first row"):
+        list(days)
+    (path / "manifest.json").write_text(manifest)
     (path / "postures.csv").write_text(text[:-50])
     with pytest.raises(InputError, match="rows may only be added at the end"):
         judged(path, plan, robot, out=state)

@@ -1,7 +1,7 @@
 """The grammar of laws: what errs, as a function of what, in which shape, and which sentences make sense.
 
 Written `WHAT/OF/SHAPE`, for instance `encoder:right_knee/own-angle/sine`. A shape on cells may end in
-`-gain`: the error is then in proportion to the cell's own load.
+`-gain`: the error is then in proportion to the cell's own load. In names, `/` is written `%2F` and `%` `%25`.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
+from urllib.parse import unquote
 
 from tulip_testbed.base.errors import InputError, listed, look_up, shortened
 from tulip_testbed.effects.targets import leg_joints, links, plate_of
@@ -155,7 +156,7 @@ class Sentence:
     @property
     def place(self) -> str:
         """Return which one errs, such as `right_knee`."""
-        return self.what.partition(":")[2]
+        return unquote(self.what.partition(":")[2])
 
     @property
     def field(self) -> str:
@@ -170,7 +171,7 @@ class Sentence:
     @property
     def joint(self) -> str:
         """Return the joint of the quantity, "" if it has none."""
-        return self.of.partition(":")[2]
+        return unquote(self.of.partition(":")[2])
 
     @property
     def form(self) -> str:
@@ -205,7 +206,7 @@ def sentence_of(text: str, where: str = "law") -> Sentence:
     if len(parts) != 3:
         raise InputError(
             f"{where}: found '{shortened(text)}', expected WHAT/OF/SHAPE, such as "
-            "encoder:right_knee/own-angle/sine"
+            "encoder:right_knee/own-angle/sine (a / in a name is written %2F)"
         )
     found = Sentence(*parts)
     look_up("kind of what errs", found.kind, VALID, where)
@@ -227,6 +228,10 @@ def sentence_of(text: str, where: str = "law") -> Sentence:
     return found
 
 
+def _written(name: str) -> str:
+    return name.replace("%", "%25").replace("/", "%2F")
+
+
 def _with_joint(quantity: str) -> str:
     return f"{quantity}:JOINT" if quantity in WITH_JOINT else quantity
 
@@ -235,12 +240,12 @@ def _with_joint(quantity: str) -> str:
 def whats(robot: Robot) -> tuple[str, ...]:
     """List everything of a robot and its plates that can err."""
     return (
-        *(f"{ENCODER}:{name}" for name in joint_names(robot.model)),
+        *(f"{ENCODER}:{_written(name)}" for name in joint_names(robot.model)),
         *(f"{ENCODERS}:{leg}" for leg in PLATES if joints_of_leg(robot, leg)),
         *(f"{CELL}:{name}" for name in CELLS),
         *(f"{CELLS_OF}:{name}" for name in PLATES),
         *(f"{PLATE}:{name}" for name in PLATES),
-        *(f"{FORCE}:{name}" for name in links(robot)),
+        *(f"{FORCE}:{_written(name)}" for name in links(robot)),
     )
 
 
@@ -254,7 +259,7 @@ def joints_that_err(robot: Robot, what: str) -> tuple[str, ...]:
     """List the joints whose encoders err, () if none do."""
     kind, _, place = what.partition(":")
     if kind == ENCODER:
-        return (place,)
+        return (unquote(place),)
     return joints_of_leg(robot, place) if kind == ENCODERS else ()
 
 
@@ -263,7 +268,9 @@ def quantities(robot: Robot, what: str) -> Iterator[str]:
     own = joints_that_err(robot, what)
     for quantity in VALID[what.partition(":")[0]]:
         if quantity in WITH_JOINT:
-            yield from (f"{quantity}:{name}" for name in joint_names(robot.model) if name not in own)
+            yield from (
+                f"{quantity}:{_written(name)}" for name in joint_names(robot.model) if name not in own
+            )
         elif quantity != LEG_LOAD or all(plate_of(robot, name) for name in own):
             yield quantity
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+from scipy.linalg import block_diag
 
 from tulip_testbed.base.errors import InputError, at_least, at_most, listed, shortened, warn
 from tulip_testbed.base.files import check_new, present, read_bytes, write_bytes
@@ -106,6 +107,11 @@ def export_model(
     mass, mass_error = weighed or identification.mass
     target = Target(parameters.from_standard[full.numbers - 1], full.value, full.covariance, mass)
     consistent = consistent_robot(reference, ellipsoids, target)
+    slope = np.eye(len(full.value) + 1)  # of base parameters times the mass, and the mass
+    slope[:-1] *= mass
+    slope[:-1, -1] = full.value
+    known = slope @ block_diag(full.covariance, mass_error**2) @ slope.T
+    shares = data_shares(consistent.pseudo, target.from_standard, known)
     content, notes = _content(robot, model, export, source, parameters, consistent)
     left_out = [
         str(effect) for effect in export.adopted if effect.effect.name != LENGTH or not export.lengths
@@ -113,9 +119,7 @@ def export_model(
     if left_out:
         notes = (*notes, f"Adopted, but not in the file: {listed(left_out)}")
     result = ExportedModel(
-        links=exported_links(
-            links, cad, consistent.pseudo, data_shares(consistent.pseudo, target.from_standard)
-        ),
+        links=exported_links(links, cad, consistent.pseudo, shares),
         base_parameters=consistent.value,
         misfit_in_standard_errors=float(consistent.misfit),
         total_mass=TotalMass(float(mass), "weighed" if weighed else "by the measured forces"),

@@ -82,8 +82,9 @@ class ExportedModel(Result):
             of_center = zip(link.center_cad, link.center, link.center_data_share, strict=True)
             rows.append([link.link, *cells, *(float(value) for axis in of_center for value in axis)])
         note = (
-            "From data: 100 %: base parameters and total mass determine the number; 0 %: it is what CAD "
-            "makes likely. Inertias follow mass and centre; statics cannot determine them."
+            "From data: 100 %: base parameters and total mass determine the number; 0 %: CAD makes it "
+            "likely, or its standard error exceeds what CAD leaves open. Inertias follow mass and centre; "
+            "statics cannot determine them."
         )
         return [
             Table("Masses and centres of mass of the links", tuple(columns), rows, note),

@@ -7,12 +7,13 @@ from pathlib import Path
 from tulip_testbed.base.errors import InputError, warn
 from tulip_testbed.discovery.discover import AMBIGUOUS, UNKNOWN
 from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.experiments.check_folder import warn_of_faults
 from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.identification_result import Identification
-from tulip_testbed.experiments.identify import identify
+from tulip_testbed.experiments.identify import identify, warn_of_unrest
 from tulip_testbed.experiments.run_file import kind_of
 from tulip_testbed.experiments.validation_result import Validation
-from tulip_testbed.measurements import read_experiments
+from tulip_testbed.measurements import read_measurements
 from tulip_testbed.sim.robot import Robot
 
 
@@ -49,7 +50,11 @@ def identified_run(
             )
         return identified_run(discovery, robot)
     if kind == "measurement":
-        return identify(read_experiments([folder]), robot, str(folder)), ()
+        measured = read_measurements(folder)
+        warn_of_faults(measured, robot, source=str(folder))
+        found = identify(measured, robot, str(folder))
+        warn_of_unrest(found, str(folder))
+        return found, ()
     raise InputError(
         f"{folder}: found a {kind} folder, which holds no estimate of one robot; expected the folder of "
         "a validation, a discovery or measurements"

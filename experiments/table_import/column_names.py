@@ -44,11 +44,13 @@ class Named(NamedTuple):
         role: "value", "spread", "command" or "motor".
         words: the others, in no order.
         unit: one of the contract's; "" if none is written, another text as it is written.
+        bare: the name without its unit.
     """
 
     role: str
     words: frozenset[str]
     unit: str
+    bare: str
 
 
 def read_name(name: str) -> Named:
@@ -62,7 +64,7 @@ def read_name(name: str) -> Named:
             if name.endswith(f"_{end}"):
                 bare, unit = name[: -len(end) - 1], KNOWN[end.lower().replace("_", " ")]
                 break
-    return Named(*_role_and_words(bare), unit)
+    return Named(*_role_and_words(bare), unit, bare)
 
 
 def _role_and_words(text: str) -> tuple[str, frozenset[str]]:
@@ -120,13 +122,18 @@ def propose(
     free = [column for column in columns if column not in used]
     exact = [name for name in names if name in free and name not in mapping]
     read = {column: read_name(column) for column in free if column not in exact}
-    for name in names:
-        matches = [] if name in mapping or name in exact else _matches(name, read)
+    found = _claims([name for name in names if name not in mapping and name not in exact], read)
+    for name, matches in found.items():
         if len(matches) > 1 and name in required:
             undecided.append(f"{name}: columns {listed(map(repr, matches))} could be it; state one")
         if len(matches) != 1:
             continue
         (column,), quantity = matches, quantity_of(name)
+        rivals = [one for one in found if column in found[one] and _fits(one, read[column])]
+        if name in rivals and len(rivals) > 1:
+            if name in required:
+                undecided.append(f"{name}: column '{column}' could be each of {listed(rivals)}; state one")
+            continue
         unit, units = read[column].unit, UNITS[quantity] if quantity else {}
         if quantity is None or unit in units:
             mapping[name] = MappingEntry(column=column, unit=unit if quantity else None)
@@ -139,6 +146,32 @@ def propose(
     silent = [column for column in silent if column not in taken]
     unused = [column for column in read if column not in taken and column not in silent]
     return Proposal(mapping, exact, undecided, silent, unused)
+
+
+def _claims(names: Sequence[str], read: dict[str, Named]) -> dict[str, list[str]]:
+    """Return the columns that may be each of the contract's.
+
+    A column whose words fit several goes to those of the same order: `left front_right` is one cell's.
+    """
+    found = {name: _matches(name, read) for name in names}
+    for column, named in read.items():
+        several = [name for name in names if column in found[name] and _fits(name, named)]
+        for core in (False, True):
+            if same := [name for name in several if _in_order(name, core) == _in_order(named.bare, core)]:
+                for name in set(several) - set(same):
+                    found[name].remove(column)
+                break
+    return found
+
+
+def _fits(name: str, column: Named) -> bool:
+    quantity = quantity_of(name)
+    return column.unit in UNITS[quantity] if quantity else not column.unit
+
+
+def _in_order(text: str, core: bool) -> list[str]:
+    words = [SIDES.get(word.lower(), word.lower()) for word in BORDERS.split(text) if word]
+    return [word for word in words if not core or word not in FILLING]
 
 
 def _matches(name: str, read: dict[str, Named]) -> list[str]:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import itertools
+import math
 import os
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
+from zlib import crc32
 
 from tulip_testbed.base.errors import InputError, listed, shortened
 from tulip_testbed.base.files import opened, present
@@ -25,9 +29,11 @@ class Line:
     """A complete line of a table.
 
     Attributes:
-        text: without its end. number: in the file, from 1. end: bytes of the file up to its end.
+        whole: as it was read. text: without its end. number: in the file, from 1.
+        end: bytes of the file up to its end.
     """
 
+    whole: bytes
     text: bytes
     number: int
     end: int
@@ -51,31 +57,34 @@ class Place:
     Attributes:
         lines: number of lines. size: bytes up to the end of the last one.
         header: the first line that holds values; b"": none yet.
-        last: the last line that was read.
+        checksum: of everything that was read.
     """
 
     lines: int = 0
     size: int = 0
     header: bytes = b""
-    last: bytes = b""
+    checksum: int = 0
 
     def after(self, line: Line) -> Place:
         """Return the place after one more line."""
         header = self.header or (line.text if line.is_row else b"")
-        return Place(line.number, line.end, header, line.text)
+        return Place(line.number, line.end, header, crc32(line.whole, self.checksum))
 
 
 BEGINNING = Place()
 
 
-def new_lines(path: Path, place: Place) -> list[Line]:
+def new_lines(path: Path, place: Place, once: bool = False) -> list[Line]:
     """Return the complete lines of a file that grew; a half-written last line waits for its end.
 
     A row that is prepared, its readings still empty, waits for them, and so do those after it.
 
+    Args:
+        once: also return a last line that has all values but no end.
+
     Raises:
-        InputError: the file became shorter, its header or the last line that was read is another one, or
-            its lines end with CR alone.
+        InputError: the file became shorter, its header or a line that was read is another one, or its lines
+            end with CR alone.
     """
     if not present(path):
         if place.size:
@@ -88,23 +97,26 @@ def new_lines(path: Path, place: Place) -> list[Line]:
                 f"{path}: found {size} bytes, expected at least the {place.size} that were read: rows "
                 "may only be added at the end"
             )
-        beginning = file.read(min(place.size, MOST_LINE))
-        if place.header and place.header not in beginning:
+        beginning = file.read(place.size)
+        if place.header and place.header not in beginning[:MOST_LINE]:
             raise _another_header(path, 1, beginning.split(b"\n")[0].rstrip(b"\r"), place)
-        file.seek(max(place.size - len(place.last) - 2, 0))
-        before = file.read(place.size - file.tell())
-        if place.last and place.last not in before:
-            raise InputError(
-                f"{path}: line {place.lines}: found other values than were read before; rows may only be "
-                "added at the end"
-            )
         content = file.read(MOST_AT_ONCE)
+        open_end = beginning[-1:] not in (b"", b"\n")
+        if (open_end and content[:1] not in (b"", b"\r", b"\n")) or crc32(beginning) != place.checksum:
+            raise InputError(
+                f"{path}: found other values in the first {place.lines} lines than were read before; rows "
+                "may only be added at the end"
+            )
     if len(content) == MOST_AT_ONCE and b"\n" not in content:
         raise InputError(
             f"{path}: line {place.lines + 1}: found more than {MOST_AT_ONCE} bytes, expected a row"
         )
-    *complete, rest = (text + b"\n" for text in content.split(b"\n"))
-    lines = lines_of(complete or [rest], place, path)  # of half a line the ending alone is checked
+    *complete, rest = list(io.BytesIO(content)) or [b""]
+    whole = once and len(_names(rest)) == len(_names(place.header)) > 1 and len(content) < MOST_AT_ONCE
+    if rest.endswith(b"\n") or whole:
+        complete.append(rest)
+    begun = replace(place, lines=place.lines - open_end)
+    lines = lines_of(complete or [rest], begun, path)  # of half a line the ending alone is checked
     arrived = list(itertools.takewhile(lambda line: not line.is_prepared, lines))
     return arrived if complete else []
 
@@ -124,15 +136,17 @@ def lines_of(stream: Iterable[bytes], place: Place, path: Path) -> Iterator[Line
                 f"{path}: line {number}: found a carriage return (CR) within the line, expected lines that "
                 "end with LF or CR LF"
             )
-        yield Line(text, number, end)
+        yield Line(whole, text, number, end)
 
 
 def is_header(path: Path, line: Line, place: Place) -> bool:
     """Return whether a line is the header: the first one, or the same once more.
 
     Raises:
-        InputError: it is another header.
+        InputError: it is another header, or the first line is none.
     """
+    if not place.header and 2 * sum(map(_is_number, names := _names(line.text))) > len(names):
+        raise InputError(f"{path}: line {line.number}: found numbers, expected the columns' names")
     if place.header in (b"", line.text):
         return True
     if "posture" not in _names(line.text):
@@ -140,6 +154,12 @@ def is_header(path: Path, line: Line, place: Place) -> bool:
     if _names(line.text) != _names(place.header):
         raise _another_header(path, line.number, line.text, place)
     return True
+
+
+def _is_number(text: str) -> bool:
+    with suppress(ValueError):
+        return math.isfinite(float(text))
+    return False
 
 
 def _another_header(path: Path, number: int, now: bytes, place: Place) -> InputError:

@@ -25,6 +25,7 @@ from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.cells import CELLS
 
 BREAK = 3600.0  # s: a longer time between two rows is a break, or a clock that jumped
+DAY, MOST_DAYS = 86400.0, 2  # s, and a number of them: what is further apart is no day of measurements
 USUAL = 30  # rows from which the usual s.d. within a window is taken
 LEAST_ROWS = 5  # of them, from which a window is compared
 LEAST_SPEED = 1e-4  # rad/s: slower is at rest
@@ -52,6 +53,17 @@ def order_findings(model: DayModel, state: WatchState, row: Measurements, planne
         )
         findings.append(Finding("clock", "warn", seen, expect, where, advice))
     return findings
+
+
+def clock_jump(state: WatchState, row: Measurements) -> Finding | None:
+    """Refuse a row of another day; None: it is not."""
+    days = (float(row.time[0]) - state.time) / DAY
+    if not abs(days) > MOST_DAYS:
+        return None
+    way = "back" if days < 0 else "ahead"
+    seen, expected = f"the time jumps {way} by {number(abs(days), '.1f')} days", f"{MOST_DAYS} days at most"
+    advice = "Correct the clock; watch another day with a state of its own."
+    return Finding("clock", "fail", seen, expected, f"posture {row.posture[0]}", advice)
 
 
 def plausible(row: Measurements, nominal: Nominal, level: float) -> list[Finding]:

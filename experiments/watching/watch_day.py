@@ -202,7 +202,7 @@ class Watch(Result):
             manifest = read_manifest(self.folder)
             model = self._model(manifest, where)
             targets = _targets_of(model, self._targets)
-            key = key_of(self.plan, read_bytes(where))
+            key = key_of(self.plan, stated := read_bytes(where))
             state = (None if out is None else read_state(out, key, model)) or first_state(model)
             place = state.place
             path = self.folder / TABLE if self._rows is None else Path("standard input")
@@ -210,6 +210,8 @@ class Watch(Result):
             known = stream is not None and state.row >= 0  # rows that a stream may bring again
             judge = one_blas_thread(watch_row)
             while lines := self._lines(path, place, stream):
+                if read_bytes(where) != stated:
+                    raise InputError(f"{where}: found another manifest than before the first row")
                 for line in lines:
                     before, place = place, place.after(line)
                     if not line.is_row or is_header(path, line, before):
@@ -234,7 +236,7 @@ class Watch(Result):
         """Return the next lines of a stream or a file; none at the end of what is to be judged."""
         if stream is not None:
             return [line for line in (next(stream, None),) if line is not None]
-        while not (lines := new_lines(path, place)) and not self._once:
+        while not (lines := new_lines(path, place, self._once)) and not self._once:
             time.sleep(POLL)
         return lines
 

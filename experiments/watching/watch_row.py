@@ -29,6 +29,7 @@ from tulip_testbed.experiments.watching.recursive_estimate import Innovation
 from tulip_testbed.experiments.watching.row_checks import (
     USUAL,
     as_planned,
+    clock_jump,
     order_findings,
     plausible,
     settled,
@@ -118,6 +119,8 @@ def watch_row(
             "posture", "fail", f"posture {posture}", "a posture of the plan", "", "Look at its number."
         )
         verdict, findings = UNPLANNED, [wrong]
+    elif (jump := clock_jump(state, row)) is not None:
+        verdict, findings = UNUSABLE, [jump]
     elif float(row.time[0]) == state.time and planned == state.row:
         # Its noise is the same, so that it would count for more than it says.
         seen = f"posture {posture} at the same time as in the row before"

@@ -27,6 +27,7 @@ from tulip_testbed.experiments.watching.day_model import DayModel
 from tulip_testbed.experiments.watching.recursive_estimate import Belief, DesignInformation
 from tulip_testbed.identification.residual_channels import SIZE
 from tulip_testbed.measurements import PosturePlan
+from tulip_testbed.measurements.cells import CELLS
 
 OPEN, MEASURED, AGAIN = 0, 1, 2  # of a plan's rows
 GAPS = 20  # times between postures that are remembered
@@ -36,7 +37,7 @@ BROKEN = (
     *(ValueError, LookupError, TypeError, OSError, EOFError, RuntimeError, SyntaxError, MemoryError),
     *(OverflowError, zipfile.BadZipFile, tokenize.TokenError, zlib.error, struct.error),
 )
-FORMAT, VERSION = "tulip-watch", 3
+FORMAT, VERSION = "tulip-watch", 4
 HASH = 32  # bytes at the beginning of the file: the sha256 of all that follow
 
 
@@ -260,6 +261,7 @@ def read_state(path: Path, key: str, model: DayModel) -> WatchState | None:
             )
         state = TypeAdapter(WatchState).validate_python(head["state"])
         _check_shapes(state, first_state(model))
+        _check_numbers(state, model)
         return state
     except InputError:
         raise
@@ -273,7 +275,20 @@ def _check_shapes(state: Any, empty: Any, where: str = "state") -> None:
     for name, value in vars(empty).items():
         if is_dataclass(value):
             _check_shapes(getattr(state, name), value, name)
-        elif (
-            isinstance(value, np.ndarray) and name != "spreads" and getattr(state, name).shape != value.shape
-        ):
-            raise ValueError(f"{where}.{name} has the shape {getattr(state, name).shape}")
+        elif isinstance(value, np.ndarray) and name != "spreads":
+            found = getattr(state, name)
+            if (found.shape, found.dtype) != (value.shape, value.dtype):
+                raise ValueError(f"{where}.{name} is {found.dtype} of the shape {found.shape}")
+
+
+def _check_numbers(state: WatchState, model: DayModel) -> None:
+    """Refuse numbers that point nowhere."""
+    width, fault = len(model.plan.joints) + len(CELLS) + 1, state.fault
+    usable = {
+        "spreads": state.spreads.ndim == 2 and (not len(state.spreads) or state.spreads.shape[1] == width),
+        "done": bool(np.isin(state.done, (OPEN, MEASURED, AGAIN)).all()),
+        "fault": fault is None or 0 <= fault.direction < len(model.directions),
+        "place": min(state.place.size, state.place.lines) >= 0,
+    }
+    for name in [name for name, well in usable.items() if not well]:
+        raise ValueError(f"state.{name} does not fit the plan")

@@ -171,7 +171,8 @@ def fit(measurements: Measurements, data: Regression, noise: ReadingNoise) -> Ag
     model, output = data.matrix.reshape(m, 2, -1), data.output.reshape(m, 2, 1)
     weighted = weights(model)
     information = np.tensordot(model, weighted, axes=((0, 1), (0, 1)))
-    unit = 1 / np.sqrt(np.diag(information))
+    size = np.sqrt(np.diag(information))
+    unit = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)  # nothing tells of a zero column
     covariance = unit[:, None] * pinvh(unit[:, None] * information * unit) * unit
     theta = covariance @ np.tensordot(weighted, output, axes=((0, 1), (0, 1)))
     residual = output - model @ theta

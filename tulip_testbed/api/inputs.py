@@ -5,7 +5,7 @@ from __future__ import annotations
 import atexit
 import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from tulip_testbed.base.arguments import checked
@@ -14,6 +14,7 @@ from tulip_testbed.base.files import check_new
 from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.drawings import standing_picture
 from tulip_testbed.effects.instance import EffectInstance, Effects, check_different, instances_of
+from tulip_testbed.experiments.check_folder import warn_of_faults
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.laboratory import Run
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
@@ -178,20 +179,27 @@ def source_of(measurements: Several) -> str | None:
     return ", ".join(folders) or None
 
 
-def to_check(measurements: Several) -> list[tuple[Measurements, str | None]]:
-    """Return each experiment with its source, but those that were simulated with faults on purpose."""
-    given = [one for one in each_of(measurements) if not isinstance(one, Run)]
-    return [(measurements_of(one), source_of(one)) for one in given]
+def measurements_of(
+    measured: Several,
+    robot: Robot | None = None,
+    corrections: Sequence[EffectInstance] = (),
+    tolerances: Mapping[str, float] | None = None,
+    likely: bool = True,
+) -> Measurements:
+    """Return measurements, or those of runs and folders, checked against the contract once and joined.
 
-
-def measurements_of(measured: Several, likely: bool = True) -> Measurements:
-    """Return measurements, or those of runs and folders, checked against the contract once and joined."""
+    Args:
+        robot: whose faulty measurements cause a warning or are refused, see `warn_of_faults`, unless they
+            were simulated: their faults are on purpose; None: those of any robot, to be looked at.
+    """
     each, found = each_of(measured), []
     for one in each:
         if isinstance(one, str | Path):
             found.append(read_measurements(one))
-            continue
-        found.append(one.measurements if isinstance(one, Run) else one)
-        check_contract(found[-1], likely=likely)
+        else:
+            found.append(one.measurements if isinstance(one, Run) else one)
+            check_contract(found[-1], likely=likely)
+        if robot is not None and not isinstance(one, Run):
+            warn_of_faults(found[-1], robot, corrections, source_of(one), tolerances)
     names = [str(one) if isinstance(one, str | Path) else f"experiment {k + 1}" for k, one in enumerate(each)]
     return joined(found, names)

@@ -14,7 +14,6 @@ from tulip_testbed.api.inputs import (
     measurements_of,
     plan_of,
     source_of,
-    to_check,
 )
 from tulip_testbed.base.arguments import checked
 from tulip_testbed.base.errors import at_least
@@ -22,7 +21,7 @@ from tulip_testbed.base.files import check_new
 from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.threads import one_blas_thread, processes
 from tulip_testbed.effects.instance import EffectInstance, Effects
-from tulip_testbed.experiments.check_folder import Preflight, check_folder, check_measurements, warn_of_faults
+from tulip_testbed.experiments.check_folder import Preflight, check_folder, check_measurements
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, DEFAULT_SEED, SAMPLES
 from tulip_testbed.experiments.discovering import discover_effects
 from tulip_testbed.experiments.discovery_result import Discovered
@@ -32,7 +31,7 @@ from tulip_testbed.experiments.export.exported_model import ExportedModel
 from tulip_testbed.experiments.export.identified_run import identified_run
 from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.identify import identify as _identify
-from tulip_testbed.experiments.identify import warn_of_unrest
+from tulip_testbed.experiments.identify import warn_of_contradiction, warn_of_unrest
 from tulip_testbed.experiments.predict import Prediction
 from tulip_testbed.experiments.predict import predict as _predict
 from tulip_testbed.experiments.proposed_experiment import Proposals
@@ -104,12 +103,11 @@ def identify(
     """
     robot = robot or load_robot()
     adopted = corrections_of(corrections, robot)
-    given = measurements_of(measurements)
+    given = measurements_of(measurements, robot, adopted, tolerances)
     source = source_of(measurements) or "measurements"
     found = _identify(given, robot, source, estimator, adopted=adopted, tolerances=tolerances)
-    for one, where in to_check(measurements):
-        warn_of_faults(one, robot, adopted, where, tolerances)
     warn_of_unrest(found, source)
+    warn_of_contradiction(found, source, tolerances)
     return found
 
 
@@ -152,13 +150,12 @@ def discover(
     """
     if out is not None:
         check_new(Path(out))
-    robot, given = robot or load_robot(), measurements_of(measurements)
+    robot = robot or load_robot()
+    given = measurements_of(measurements, robot, tolerances=tolerances)
     source = source_of(measurements) or "measurements"
     result = discover_effects(
         given, robot, seed, check, processes(workers), source, tolerances=tolerances, progress=progress
     )
-    for one, where in to_check(measurements):
-        warn_of_faults(one, robot, source=where, tolerances=tolerances)
     if out is None:
         return result
     result = replace(result, folder=Path(out))
@@ -233,7 +230,7 @@ def predict(
     source = source_of(measurements) or "measurements"
     robot = robot or load_robot()
     adopted = corrections_of(corrections, robot)
-    return _predict(measurements_of(measurements), robot, train, test, source, adopted)
+    return _predict(measurements_of(measurements, robot, adopted), robot, train, test, source, adopted)
 
 
 @checked

@@ -28,11 +28,9 @@ from tulip_testbed.experiments.effect_list import list_effects as _list_effects
 from tulip_testbed.experiments.plan_search import PlanSettings, set_up_search
 from tulip_testbed.experiments.planning_run import CHOSEN, check_out, search_plan
 from tulip_testbed.experiments.protocols.protocol_run import LaboratoryProtocol, protocol_of
-from tulip_testbed.experiments.usable_plan import check_plan, measured_for, random_plan
+from tulip_testbed.experiments.usable_plan import check_plan, random_plan
 from tulip_testbed.experiments.watching.watch_day import Watch
-from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.planning.search_defaults import HOPS, SOLVERS
-from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.plan_folder import write_plan
 from tulip_testbed.sim.robot import Robot
 
@@ -107,7 +105,8 @@ def describe_plan(
     if place is not None:
         check_new(place)
     given = plan_of(plan, robot)
-    described = _describe_plan(robot, given, plan_name(plan), sensors, _earlier(after, robot))
+    earlier = None if after is None else measurements_of(after, robot)
+    described = _describe_plan(robot, given, plan_name(plan), sensors, earlier)
     if place is None:
         return described
     from tulip_testbed.drawings import write_pictures
@@ -179,19 +178,13 @@ def optimize_plan(
     robot = robot or load_robot()
     size = (placements, postures_per_placement, hops)
     settings = PlanSettings(seed, objective, *size, single_support, repeats, solver, right, left)
-    search = set_up_search(robot, settings, _earlier(after, robot), CHOSEN if table1 else 1)
+    earlier = None if after is None else measurements_of(after, robot)
+    search = set_up_search(robot, settings, earlier, CHOSEN if table1 else 1)
     return search_plan(search, place, sensors, table1, progress)
 
 
 def _check_noisy(sensors: str) -> None:
     look_up("preset", sensors, NOISY, "sensors")
-
-
-def _earlier(after: Measured | None, robot: Robot) -> Measurements | None:
-    """Return the measurements before a plan."""
-    if isinstance(after, str | Path):
-        return measured_for(robot, Path(after), base_parameters(robot).tree.joints)
-    return None if after is None else measurements_of(after)
 
 
 @checked
