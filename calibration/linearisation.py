@@ -188,7 +188,7 @@ def linearised(
         flat=p + 1,
         noise=covariance.structure,
         information=information,
-        roots=tuple(np.eye(part.shape[1]) for family in families for part in family.parts),
+        sizes=tuple(part.shape[1] for family in families for part in family.parts),
         doubt=_doubt(clean),
         excess=mixing.T @ excess @ mixing,
         about=state.deviates,

@@ -183,7 +183,7 @@ def least_determined(observed: Observation, tolerances: Mapping[str, float] | No
     try:
         state = LinearisationPoint(observed, observed, nu, 0 * left, variance, scales, None)
         problem, _ = linearised(state, families, noise_of(observed))
-        left = np.diag(given(problem, scales, np.ones(len(problem.roots))).conditional)[len(nu) :]
+        left = np.diag(given(problem, scales, np.ones(len(problem.sizes))).conditional)[len(nu) :]
     except np.linalg.LinAlgError:
         pass  # then the order is the table's
     share = [part.mean() for part in np.split(left, np.cumsum(sizes)[:-1])]

@@ -13,7 +13,7 @@ restricted likelihood (Patterson and Thompson 1971) with Z among its columns, up
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -73,6 +73,22 @@ class NoiseStructure:
         """Return the number of scales."""
         return max([len(self.own), *(1 + self.owner)])
 
+    def varies(self) -> np.ndarray:
+        """Return which residuals have any noise in any posture, (r,) bool."""
+        plain = np.eye(self.fixed.shape[1])
+        out = (self.fixed != plain).any(axis=(0, 2)) | self.own.any(axis=(0, 1, 3))
+        return out | self.shared.any(axis=(0, 2)) | self.free.any(axis=(0, 2))
+
+    def take(self, used: np.ndarray) -> NoiseStructure:
+        """Return the covariance of some residuals of every posture, (r,) bool."""
+        return replace(
+            self,
+            fixed=self.fixed[:, used][..., used],
+            own=self.own[:, :, used][..., used],
+            shared=self.shared[:, used],
+            free=self.free[:, used],
+        )
+
     def weights(self, log_scale: np.ndarray) -> Weights:
         """Return the inverse of the covariance at scales of the noise.
 
@@ -82,12 +98,7 @@ class NoiseStructure:
         square = np.exp(2 * log_scale)
         alone = self.fixed + np.tensordot(square[: len(self.own)], self.own, axes=1)
         levers = self.shared * np.exp(log_scale)[self.owner]
-        unit = 1 / np.sqrt(np.diagonal(alone, axis1=1, axis2=2))
-        both = unit[:, :, None] * unit[:, None]
-        lower = np.linalg.cholesky(alone * both)
-        inverse = np.linalg.inv(alone * both) * both
-        log_volume = np.log(np.diagonal(lower, axis1=1, axis2=2) / unit).sum()
-
+        inverse, log_volume = _inverted(alone)
         on_free = inverse @ self.free
         of_free, volume = _inverted(self.stance.sums(self.free.mT @ on_free))
         log_volume += volume
@@ -200,8 +211,13 @@ def _inverted(matrices: np.ndarray) -> tuple[np.ndarray, float]:
     unit = 1 / np.sqrt(diagonal)
     both = unit[:, :, None] * unit[:, None]
     lower = np.linalg.cholesky(matrices * both)
-    volume = np.log(np.diagonal(lower, axis1=1, axis2=2) / unit).sum()
-    return np.linalg.inv(matrices * both) * both, float(volume)
+    pivots = np.diagonal(lower, axis1=1, axis2=2)
+    # By substitution in all matrices at once: numpy inverts one by one.
+    inverse_root = np.zeros_like(lower)
+    for k, row in enumerate(np.moveaxis(lower / pivots[..., None], 1, 0)):
+        inverse_root[:, k, :k] = -(row[:, None, :k] @ inverse_root[:, :k, :k])[:, 0]
+        inverse_root[:, k, k] = 1 / pivots[:, k]
+    return inverse_root.mT @ inverse_root * both, float(np.log(pivots / unit).sum())
 
 
 def groups(number: np.ndarray) -> Groups:
