@@ -24,6 +24,7 @@ from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
+from scipy.linalg import eigh
 
 from tulip_testbed.calibration.family_spreads import (
     HALVINGS,
@@ -220,10 +221,10 @@ def _without_negative(information: np.ndarray) -> np.ndarray:
         return information
     except np.linalg.LinAlgError:
         pass
-    values, axes = np.linalg.eigh(information)
-    if not len(values) or values[0] >= 0:
-        return information
-    return (axes * np.maximum(values, 0.0)) @ axes.T
+    if not np.isfinite(information).all():
+        raise np.linalg.LinAlgError("found members whose columns are not finite")
+    values, axes = eigh(information, subset_by_value=(-np.inf, 0.0), check_finite=False)
+    return information - (axes * values) @ axes.T
 
 
 def bounded(excess: np.ndarray, information: np.ndarray) -> np.ndarray:

@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_array
 
 LEAST_AT_ONCE, MOST_NUMBERS, POSTURES = 32, 300_000, 1000  # columns, numbers, postures: for memory's sake
 
@@ -37,14 +36,16 @@ class Groups:
         return int(self.number.max()) + 1
 
     @cached_property
-    def _sums(self) -> csr_array:
-        m = len(self.number)
-        return csr_array((np.ones(m), (self.number, np.arange(m))))
+    def _runs(self) -> tuple[np.ndarray | slice, np.ndarray]:
+        """Return the postures group by group, and where each group begins."""
+        order = np.argsort(self.number, kind="stable")
+        begins = np.flatnonzero(np.diff(self.number[order], prepend=-1))
+        return slice(None) if (np.diff(order) > 0).all() else order, begins
 
     def sums(self, values: np.ndarray) -> np.ndarray:
         """Sum over the postures of each group, (m, ...) -> (g, ...)."""
-        flat = self._sums @ values.reshape(len(values), int(np.prod(values.shape[1:])))
-        return flat.reshape(len(flat), *values.shape[1:])
+        order, begins = self._runs
+        return np.add.reduceat(values[order], begins, axis=0)
 
 
 @dataclass(frozen=True)
