@@ -72,16 +72,12 @@ def at_spread(
     lower, shrinkage = inverted(np.eye(q) + root[:, None] * reduced * root) if q else (reduced, reduced)
     pull = root * moment
     deviate = shrinkage @ pull
-    first = np.array([part.start for part in problem.parts], int)
-    own, sizes = (
-        np.add.reduceat(values, first) if q else np.zeros(0) for values in (np.diag(shrinkage), deviate**2)
-    )
+    belongs = np.repeat(np.eye(len(count)), count, axis=1)  # families by members
+    own, sizes = belongs @ np.diag(shrinkage), belongs @ deviate**2
     prior, slope, curvature = _log_prior(log_spread, count)
     known = list(problem.known)
     together = 2 * shrinkage**2 + 4 * deviate[:, None] * shrinkage * deviate
-    hessian = np.diag(2 * (own + sizes) + curvature)
-    if q:
-        hessian -= np.add.reduceat(np.add.reduceat(together, first, axis=0), first, axis=1)
+    hessian = np.diag(2 * (own + sizes) + curvature) - belongs @ together @ belongs.T
     gradient = count - own - sizes + slope
     gradient[known] = 0.0
     hessian[known] = hessian[:, known] = 0.0

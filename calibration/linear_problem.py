@@ -58,7 +58,24 @@ class LinearProblem:
         ends = np.cumsum([0, *self.sizes]).tolist()
         return [slice(a, b) for a, b in pairwise(ends)]
 
-    def in_use(self) -> LinearProblem:
-        """Return the problem without the residuals that no posture uses, which say nothing."""
+    def in_use(self) -> tuple[LinearProblem, np.ndarray]:
+        """Return the problem without the residuals that no posture uses and members that no residual shows.
+
+        Returns:
+            the problem, and which unknowns it has, (p + q,) bool. Members of an unknown spread all stay.
+        """
         used = self.whole.any(axis=(0, 2)) | self.noise.varies()
-        return self if used.all() else replace(self, whole=self.whole[:, used], noise=self.noise.take(used))
+        whole = self.whole if used.all() else self.whole[:, used]
+        own = np.repeat(~np.isin(np.arange(len(self.sizes)), self.known), self.sizes)
+        shown = whole[..., self.flat : -1].any(axis=(0, 1)) | self.excess.any(axis=0) | own
+        noise = self.noise if used.all() else self.noise.take(used)
+        columns = np.concatenate([np.ones(self.flat, bool), shown, [True]])
+        small = replace(
+            self,
+            whole=whole if shown.all() else whole[..., columns],
+            noise=noise,
+            sizes=tuple(int(shown[part].sum()) for part in self.parts),
+            excess=self.excess[shown][:, shown],
+            about=self.about[shown],
+        )
+        return small, columns[:-1]

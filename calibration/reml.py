@@ -100,7 +100,11 @@ def fit(problem: LinearProblem, start: tuple[np.ndarray, np.ndarray] | None = No
     Raises:
         numpy.linalg.LinAlgError: readings that are not finite, or columns N that are not independent.
     """
-    problem = problem.in_use()
+    small, shown = problem.in_use()
+    return _with_hidden(problem, shown, _fit(small, start))
+
+
+def _fit(problem: LinearProblem, start: tuple[np.ndarray, np.ndarray] | None) -> LikelihoodFit:
     k, f = len(problem.noise), len(problem.sizes)
     first = (np.zeros(k), np.zeros(f)) if start is None else (np.log(start[0]), np.log(start[1]))
     noise = _noise(problem, first[0])
@@ -143,11 +147,25 @@ def _on_the_way(
 
 def given(problem: LinearProblem, scales: np.ndarray, spreads: np.ndarray) -> LikelihoodFit:
     """Return the estimate with known scales (k,) and spreads (f,)."""
-    problem = problem.in_use()
-    noise = _noise(problem, np.log(scales))
-    spread = at_spread(problem, noise.reduced, noise.moment, np.log(spreads))
-    fitted = _result(problem, noise, spread, _joint(problem, noise, spread))
+    small, shown = problem.in_use()
+    noise = _noise(small, np.log(scales))
+    spread = at_spread(small, noise.reduced, noise.moment, np.log(spreads))
+    fitted = _with_hidden(problem, shown, _result(small, noise, spread, _joint(small, noise, spread)))
     return replace(fitted, scale_covariance=0 * fitted.scale_covariance, covariance=fitted.conditional)
+
+
+def _with_hidden(problem: LinearProblem, shown: np.ndarray, fitted: LikelihoodFit) -> LikelihoodFit:
+    """Return an estimate of some unknowns with the others, members of which nothing is known but the spread.
+
+    Args:
+        shown: which are estimated, (p + q,) bool.
+    """
+    estimate, at = np.zeros(len(shown)), np.ix_(shown, shown)
+    estimate[shown] = fitted.estimate
+    variance = np.append(np.zeros(problem.flat), np.repeat(fitted.spreads**2, problem.sizes))
+    conditional, covariance = np.diag(variance), np.diag(variance)
+    conditional[at], covariance[at] = fitted.conditional, fitted.covariance
+    return replace(fitted, estimate=estimate, conditional=conditional, covariance=covariance)
 
 
 def objective(
