@@ -91,20 +91,25 @@ class _Noise:
     value: float
 
 
-def fit(problem: LinearProblem, start: tuple[np.ndarray, np.ndarray] | None = None) -> LikelihoodFit:
+def fit(
+    problem: LinearProblem, start: tuple[np.ndarray, np.ndarray] | None = None, within: float = CONVERGED
+) -> LikelihoodFit:
     """Estimate scales, spreads, base parameters and members.
 
     Args:
         start: sigma and tau from which the search begins; ones if None.
+        within: of the log-likelihood at its mode.
 
     Raises:
         numpy.linalg.LinAlgError: readings that are not finite, or columns N that are not independent.
     """
     small, shown = problem.in_use()
-    return _with_hidden(problem, shown, _fit(small, start))
+    return _with_hidden(problem, shown, _fit(small, start, within))
 
 
-def _fit(problem: LinearProblem, start: tuple[np.ndarray, np.ndarray] | None) -> LikelihoodFit:
+def _fit(
+    problem: LinearProblem, start: tuple[np.ndarray, np.ndarray] | None, within: float
+) -> LikelihoodFit:
     k, f = len(problem.noise), len(problem.sizes)
     first = (np.zeros(k), np.zeros(f)) if start is None else (np.log(start[0]), np.log(start[1]))
     noise = _noise(problem, first[0])
@@ -112,7 +117,7 @@ def _fit(problem: LinearProblem, start: tuple[np.ndarray, np.ndarray] | None) ->
     for _ in range(MOST_STEPS):
         gradient, hessian, _ = joint = _joint(problem, noise, spread)
         step = newton_step(gradient, hessian)
-        if abs(gradient @ step) < CONVERGED:
+        if abs(gradient @ step) < within:
             return _result(problem, noise, spread, joint)
         del joint
         at, value = noise.log_scale, noise.value + spread.value
@@ -123,7 +128,7 @@ def _fit(problem: LinearProblem, start: tuple[np.ndarray, np.ndarray] | None) ->
             break
         noise, spread = better
         del better
-        if value - noise.value - spread.value < CONVERGED:
+        if value - noise.value - spread.value < within:
             break
     return _result(problem, noise, spread, _joint(problem, noise, spread))
 

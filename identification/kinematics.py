@@ -285,6 +285,21 @@ def frame_positions(tree: Tree, base: int, rotations: np.ndarray, origin: np.nda
     return positions
 
 
+def frame_shifts(tree: Tree, like: Tree, base: int, rotations: np.ndarray) -> np.ndarray:
+    """Compute how far the origins of all frames lie from where other lengths have them, (m, n_frames, 3) [m].
+
+    Args:
+        like: the tree with the other lengths. rotations: of both, see `link_rotations`.
+    """
+    shift = np.zeros(rotations.shape[:3])
+    for step, other in zip(walk(tree, base), walk(like, base), strict=True):
+        shift[:, step.new] = shift[:, step.known]
+        if step.edge is not other.edge:
+            shift[:, step.new] += rotations[:, step.known] @ (step.anchor_known - other.anchor_known)
+            shift[:, step.new] -= rotations[:, step.new] @ (step.anchor_new - other.anchor_new)
+    return shift
+
+
 def place_on_feet(positions: np.ndarray, swing: int, origin: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Put the swing foot to its place in the rows that stand on it, (m, n_frames, 3) [m].
 
