@@ -309,8 +309,8 @@ def _joint(
     for j, part in enumerate(problem.parts):
         each[p:][part, j] = estimate[p:][part]
         slope[p:, k + j] = 2 * spread.root * (spread.shrinkage[:, part] @ spread.deviate[part])
-    flat = pushed.reshape(-1, k)
-    solved = noise.weights(pushed).reshape(-1, k)
+    flat = pushed.reshape(weighted.size, k)
+    solved = noise.weights(pushed).reshape(flat.shape)
     on_columns = (problem.whole.reshape(len(flat), -1).T @ solved)[:-1]
     doubtful = covariance @ on_columns
     hessian = np.zeros((k + len(problem.parts),) * 2)
