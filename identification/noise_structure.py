@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import csr_array
 
 LEAST_AT_ONCE, MOST_NUMBERS, POSTURES = 32, 300_000, 1000  # columns, numbers, postures: for memory's sake
 
@@ -36,16 +37,14 @@ class Groups:
         return int(self.number.max()) + 1
 
     @cached_property
-    def _runs(self) -> tuple[np.ndarray | slice, np.ndarray]:
-        """Return the postures group by group, and where each group begins."""
-        order = np.argsort(self.number, kind="stable")
-        begins = np.flatnonzero(np.diff(self.number[order], prepend=-1))
-        return slice(None) if (np.diff(order) > 0).all() else order, begins
+    def _sums(self) -> csr_array:
+        m = len(self.number)
+        return csr_array((np.ones(m), (self.number, np.arange(m))))
 
     def sums(self, values: np.ndarray) -> np.ndarray:
         """Sum over the postures of each group, (m, ...) -> (g, ...)."""
-        order, begins = self._runs
-        return np.add.reduceat(values[order], begins, axis=0)
+        flat = self._sums @ values.reshape(len(values), int(np.prod(values.shape[1:])))
+        return flat.reshape(len(flat), *values.shape[1:])
 
 
 @dataclass(frozen=True)
@@ -150,19 +149,14 @@ class Weights:
         """Return W times columns, (m, r, n)."""
         stance, placement = self.structure.stance, self.structure.placement
         m, rows, count = columns.shape
-        ends, across = self.on_free.shape[2], np.concatenate([self.on_free, self.on_levers], axis=2).mT
-        back = np.concatenate([self.inverse, -self.free_weights, -self.lever_weights], axis=2)
         out = np.empty_like(columns)
         at_once = max(LEAST_AT_ONCE, MOST_NUMBERS // (m * rows))
         for first in range(0, count, at_once):
             some = columns[..., first : first + at_once]
-            seen = across @ some
-            shared = [
-                some,
-                stance.sums(seen[:, :ends])[stance.number],
-                placement.sums(seen[:, ends:])[placement.number],
-            ]
-            np.matmul(back, np.concatenate(shared, axis=1), out=out[..., first : first + at_once])
+            part = self.inverse @ some
+            part -= self.free_weights @ stance.sums(self.on_free.mT @ some)[stance.number]
+            part -= self.lever_weights @ placement.sums(self.on_levers.mT @ some)[placement.number]
+            out[..., first : first + at_once] = part
         return out
 
     @cached_property
