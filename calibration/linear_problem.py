@@ -65,14 +65,14 @@ class LinearProblem:
             the problem, and which unknowns it has, (p + q,) bool. Members of an unknown spread all stay.
         """
         used = self.whole.any(axis=(0, 2)) | self.noise.varies()
-        whole = self.whole if used.all() else self.whole[:, used]
+        whole = self.whole if used.all() else np.compress(used, self.whole, axis=1)
         own = np.repeat(~np.isin(np.arange(len(self.sizes)), self.known), self.sizes)
         shown = whole[..., self.flat : -1].any(axis=(0, 1)) | self.excess.any(axis=0) | own
         noise = self.noise if used.all() else self.noise.take(used)
         columns = np.concatenate([np.ones(self.flat, bool), shown, [True]])
         small = replace(
             self,
-            whole=whole if shown.all() else whole[..., columns],
+            whole=whole if shown.all() else np.compress(columns, whole, axis=2),
             noise=noise,
             sizes=tuple(int(shown[part].sum()) for part in self.parts),
             excess=self.excess[shown][:, shown],

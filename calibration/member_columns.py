@@ -46,6 +46,7 @@ def member_columns(
     out = np.zeros((len(observed), SIZE, len(sizes)))
     changes, linear = np.zeros((len(sizes), len(observed), sensitivity.shape[2])), []
     before_all, places = [getattr(before, name) for name in VARYING], list(fields(before).values())
+    changed = np.zeros(sensitivity.shape[2], bool)
     plain: np.ndarray | None = None
     for number, size in enumerate(sizes.tolist()):
         after = _removed(observed, family.single(number, size))
@@ -54,13 +55,13 @@ def member_columns(
             for name, first, at in zip(VARYING, before_all, places, strict=True):
                 if (second := getattr(after, name)) is not first:
                     changes[number, :, at] = (second - first).reshape(len(first), -1)
+                    changed[at] = True
         else:
             plain = residuals(before, theta) if plain is None else plain
             out[..., number] = (plain - residuals(after, theta)) / size
     if linear:
-        changed = np.flatnonzero(changes.any(axis=(0, 1)))
-        by = changes[linear][..., changed].transpose(1, 2, 0)
-        out[..., linear] = -(sensitivity[..., changed] @ by) / sizes[linear]
+        by = np.compress(changed, changes[linear], axis=2).transpose(1, 2, 0)
+        out[..., linear] = -(np.compress(changed, sensitivity, axis=2) @ by) / sizes[linear]
     return out
 
 

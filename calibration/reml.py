@@ -301,7 +301,7 @@ def _joint(
     pushed = np.concatenate(
         [np.zeros((*weighted.shape, 0)), *noise.weights.parts(weighted[..., None])], axis=2
     )
-    score = noise.weights.traces(noise.weighted[..., :-1], covariance)
+    score = noise.weights.traces(noise.weighted, np.pad(covariance, (0, 1)))
     score -= np.tensordot(weighted, pushed, axes=2)
     score += noise.log_scale / problem.doubt**2
     each = np.zeros((len(estimate), len(problem.parts)))  # members by families

@@ -41,8 +41,8 @@ def _linear(matrix: Callable[[str, Values], np.ndarray]) -> Misreading:
 
     def of_foot(contacts: Contacts | None, target: str, values: Values) -> tuple[int, np.ndarray]:
         assert contacts is not None
-        read = np.array([WRENCH.index(channel) for channel in contacts.channels])
-        return PLATES.index(target.partition(".")[0]), matrix(target, values)[read[:, None], read]
+        read = [WRENCH.index(channel) for channel in contacts.channels]
+        return PLATES.index(target.partition(".")[0]), matrix(target, values)[read][:, read]
 
     def apply(m: Measurements, robot: Robot, target: str, values: Values) -> Measurements:
         assert m.wrenches is not None
@@ -57,9 +57,9 @@ def _linear(matrix: Callable[[str, Values], np.ndarray]) -> Misreading:
         assert below is not None
         foot, by = of_foot(observed.measurements.contacts, target, values)
         at = slice(foot * len(by), (foot + 1) * len(by))
-        forces = observed.cell_forces.copy()
-        read = (forces[:, at] - below[:, at]) @ np.linalg.inv(scale).T  # it was added, not read
-        forces[:, at] = np.linalg.solve(by, read.T).T @ scale.T + below[:, at]
+        forces, added = observed.cell_forces.copy(), below[:, at]  # not read
+        back = scale @ np.linalg.inv(by) @ observed.contacts.by_reading
+        forces[:, at] = (forces[:, at] - added) @ back.T + added
         return observed.changed(cell_forces=forces)
 
     return Misreading(apply, remove)

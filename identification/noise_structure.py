@@ -83,10 +83,10 @@ class NoiseStructure:
         """Return the covariance of some residuals of every posture, (r,) bool."""
         return replace(
             self,
-            fixed=self.fixed[:, used][..., used],
-            own=self.own[:, :, used][..., used],
-            shared=self.shared[:, used],
-            free=self.free[:, used],
+            fixed=np.compress(used, self.fixed[:, used], axis=2),
+            own=np.compress(used, self.own[:, :, used], axis=3),
+            shared=np.compress(used, self.shared, axis=1),
+            free=np.compress(used, self.free, axis=1),
         )
 
     def weights(self, log_scale: np.ndarray) -> Weights:
