@@ -152,9 +152,10 @@ class Family:
 
     def single(self, number: int, value: float) -> EffectInstance:
         """Return the effect in which one of the numbers has this value and the others are zero."""
-        values = np.zeros(len(self))
-        values[number] = value
-        return self.instances(values)[number // len(self.effect.parameters)]
+        values = [0.0] * len(self.effect.parameters)
+        target, parameter = divmod(number, len(values))
+        values[parameter] = value
+        return EffectInstance(self.effect, self.targets[target], tuple(values))
 
 
 def tolerances_of(sheet: SensorSheet, given: Mapping[str, float] | None = None) -> Tolerances:

@@ -1,7 +1,7 @@
 """Spreads of families in a restricted likelihood, the noise being as it is.
 
-With B the information about the members and b their moment, both without the flat parameters, D = R R' the
-covariance of the members and S = (I + R'BR)^-1, the families add 1/2 (-ln|S| - b' R S R' b) to the objective.
+With B the information about the members and b their moment, both without the flat parameters, R the s.d. of
+the members and S = (I + R B R)^-1, the families add 1/2 (-ln|S| - b' R S R b) to the objective.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import get_lapack_funcs
 
 from tulip_testbed.calibration.linear_problem import LinearProblem
 
@@ -24,10 +25,13 @@ ALONE = np.log(2.0)  # s.d. of ln tau of a family of so few
 SETTLED = 1e-6  # of the log-likelihood, in the spreads alone
 LEAST_CURVATURE = 0.25  # the s.d. of the logarithm of a scale is at most two
 
+# Of a single matrix NumPy's and SciPy's functions take a multiple of the time.
+cholesky_root, inverse_of_root = get_lapack_funcs(("potrf", "potri"))
+
 
 @dataclass(frozen=True)
 class Spread:
-    """The terms that ln tau adds: value, gradient and Hessian of the objective; R, S and u with phi = R u.
+    """The terms that ln tau adds: value, gradient and Hessian of the objective; R, (q,), S; u with phi = R u.
 
     `square` is what the members take from the residuals' sum of squares.
     """
@@ -42,6 +46,19 @@ class Spread:
     deviate: np.ndarray
 
 
+def inverted(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lower root of a positive definite matrix by Cholesky and the inverse of the matrix.
+
+    Raises:
+        numpy.linalg.LinAlgError: it is not positive definite.
+    """
+    root, failed = cholesky_root(matrix, lower=True)
+    if failed:
+        raise np.linalg.LinAlgError("found a matrix that is not positive definite")
+    half, _ = inverse_of_root(root, lower=True)  # its lower half
+    return root, half + np.tril(half, -1).T
+
+
 def at_spread(
     problem: LinearProblem, reduced: np.ndarray, moment: np.ndarray, log_spread: np.ndarray
 ) -> Spread:
@@ -50,26 +67,17 @@ def at_spread(
     Args:
         reduced, moment: B, (q, q), and b, (q,).
     """
-    parts, q = problem.parts, len(moment)
-    root = np.zeros((q, q))
-    for part, unit, size in zip(parts, problem.roots, np.exp(log_spread), strict=True):
-        root[part, part] = size * unit
-    lower = np.linalg.cholesky(np.eye(q) + root.T @ reduced @ root)
-    inverse = np.linalg.inv(lower)
-    shrinkage = inverse.T @ inverse
-    pull = root.T @ moment
+    q, count = len(moment), np.array(problem.sizes, int)
+    root = np.repeat(np.exp(log_spread), count)
+    lower, shrinkage = inverted(np.eye(q) + root[:, None] * reduced * root) if q else (reduced, reduced)
+    pull = root * moment
     deviate = shrinkage @ pull
-    first = np.array([part.start for part in parts], int)
-    own, sizes = (
-        np.add.reduceat(values, first) if q else np.zeros(0) for values in (np.diag(shrinkage), deviate**2)
-    )
-    count = np.array([len(unit) for unit in problem.roots])
+    belongs = np.repeat(np.eye(len(count)), count, axis=1)  # families by members
+    own, sizes = belongs @ np.diag(shrinkage), belongs @ deviate**2
     prior, slope, curvature = _log_prior(log_spread, count)
     known = list(problem.known)
     together = 2 * shrinkage**2 + 4 * deviate[:, None] * shrinkage * deviate
-    hessian = np.diag(2 * (own + sizes) + curvature)
-    if q:
-        hessian -= np.add.reduceat(np.add.reduceat(together, first, axis=0), first, axis=1)
+    hessian = np.diag(2 * (own + sizes) + curvature) - belongs @ together @ belongs.T
     gradient = count - own - sizes + slope
     gradient[known] = 0.0
     hessian[known] = hessian[:, known] = 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -20,7 +20,7 @@ class LinearProblem:
         noise: V_0, of k scales.
         information: of nu, known beforehand with mean zero, (p, p); with CAD as prior, nu is the difference
             from it.
-        roots: square root of C_f by family, (n_f, n_f) each; together q rows.
+        sizes: number of members of each family, together q; theirs are the variances tau_f^2.
         doubt: s.d. of ln sigma about zero, (k,).
         excess: what the noise in the columns adds to G' V_0^-1 G on average, (q, q).
         about: members at which y was linearised, (q,); there the noise of the columns has no effect.
@@ -31,7 +31,7 @@ class LinearProblem:
     flat: int
     noise: NoiseStructure
     information: np.ndarray
-    roots: tuple[np.ndarray, ...]
+    sizes: tuple[int, ...]
     doubt: np.ndarray
     excess: np.ndarray
     about: np.ndarray
@@ -55,5 +55,27 @@ class LinearProblem:
     @property
     def parts(self) -> list[slice]:
         """Return the columns of G that belong to each family."""
-        ends = np.cumsum([0, *map(len, self.roots)]).tolist()
+        ends = np.cumsum([0, *self.sizes]).tolist()
         return [slice(a, b) for a, b in pairwise(ends)]
+
+    def in_use(self) -> tuple[LinearProblem, np.ndarray]:
+        """Return the problem without the residuals that no posture uses and members that no residual shows.
+
+        Returns:
+            the problem, and which unknowns it has, (p + q,) bool. Members of an unknown spread all stay.
+        """
+        used = self.whole.any(axis=(0, 2)) | self.noise.varies()
+        whole = self.whole if used.all() else np.compress(used, self.whole, axis=1)
+        own = np.repeat(~np.isin(np.arange(len(self.sizes)), self.known), self.sizes)
+        shown = whole[..., self.flat : -1].any(axis=(0, 1)) | self.excess.any(axis=0) | own
+        noise = self.noise if used.all() else self.noise.take(used)
+        columns = np.concatenate([np.ones(self.flat, bool), shown, [True]])
+        small = replace(
+            self,
+            whole=whole if shown.all() else np.compress(columns, whole, axis=2),
+            noise=noise,
+            sizes=tuple(int(shown[part].sum()) for part in self.parts),
+            excess=self.excess[shown][:, shown],
+            about=self.about[shown],
+        )
+        return small, columns[:-1]

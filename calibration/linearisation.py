@@ -172,7 +172,10 @@ def linearised(
     cad = clean.cad
     about = np.zeros(p) if cad is None else cad.center
     output = left + base[..., :p] @ (theta - about) + members @ phi
-    members = members @ mixing
+    parts = [np.concatenate([np.zeros((len(f), 0)), *f.parts], axis=1) for f in families]
+    ends = np.cumsum([0, *map(len, families)])
+    split = [members[..., a:b] @ part for part, a, b in zip(parts, ends, ends[1:], strict=False)]
+    members = np.concatenate([members[..., :0], *split], axis=2)
 
     information = np.zeros((p + 1, p + 1))
     information[-1, -1] = weighed_precision(clean) ** 2
@@ -188,7 +191,7 @@ def linearised(
         flat=p + 1,
         noise=covariance.structure,
         information=information,
-        roots=tuple(np.eye(part.shape[1]) for family in families for part in family.parts),
+        sizes=tuple(part.shape[1] for family in families for part in family.parts),
         doubt=_doubt(clean),
         excess=mixing.T @ excess @ mixing,
         about=state.deviates,

@@ -8,7 +8,14 @@ from tulip_testbed.calibration.families import Family
 from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import SIZE, difference, packed, residuals, unpacked
+from tulip_testbed.identification.residual_channels import (
+    SIZE,
+    VARYING,
+    fields,
+    packed,
+    residuals,
+    unpacked,
+)
 
 STEP = 1e-2  # of an effect's plausible size, of the difference quotient
 
@@ -37,18 +44,24 @@ def member_columns(
         before = observed
     sizes = STEP * family.steps
     out = np.zeros((len(observed), SIZE, len(sizes)))
-    changes, linear = np.zeros((len(observed), len(sizes), sensitivity.shape[2])), []
+    changes, linear = np.zeros((len(sizes), len(observed), sensitivity.shape[2])), []
+    before_all, places = [getattr(before, name) for name in VARYING], list(fields(before).values())
+    changed = np.zeros(sensitivity.shape[2], bool)
     plain: np.ndarray | None = None
     for number, size in enumerate(sizes.tolist()):
         after = _removed(observed, family.single(number, size))
         if after.tree is before.tree and after.cells is before.cells:
-            changes[:, number] = difference(before, after)
             linear.append(number)
+            for name, first, at in zip(VARYING, before_all, places, strict=True):
+                if (second := getattr(after, name)) is not first:
+                    changes[number, :, at] = (second - first).reshape(len(first), -1)
+                    changed[at] = True
         else:
             plain = residuals(before, theta) if plain is None else plain
             out[..., number] = (plain - residuals(after, theta)) / size
     if linear:
-        out[..., linear] = -(sensitivity @ changes[:, linear].mT) / sizes[linear]
+        by = np.compress(changed, changes[linear], axis=2).transpose(1, 2, 0)
+        out[..., linear] = -(np.compress(changed, sensitivity, axis=2) @ by) / sizes[linear]
     return out
 
 

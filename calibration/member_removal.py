@@ -22,7 +22,7 @@ from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.cad_prior import CENTER_SD, MASS_SD
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import difference, moved_by, packed, unpacked
+from tulip_testbed.identification.residual_channels import moved_by, packed, unpacked
 
 SCALE_SD = 1e-3  # relative, of the total mass, which is weighed
 
@@ -66,11 +66,10 @@ def members_removed(
 def _removed(observed: Observation, instances: Sequence[EffectInstance]) -> Observation:
     """Remove effects; compliances last, and together, since the loads hardly depend on them."""
     yielding = [instance for instance in instances if instance.effect.name in OF_LOADS]
-    rest = removed(observed, [instance for instance in instances if instance.effect.name not in OF_LOADS])
-    if not yielding:
-        return rest
-    change = sum(difference(rest, removed(rest, [instance])) for instance in yielding)
-    return unpacked(rest, packed(rest) + change)
+    out = rest = removed(observed, [one for one in instances if one.effect.name not in OF_LOADS])
+    for instance in yielding:
+        out = moved_by(out, rest, removed(rest, [instance]))
+    return out
 
 
 def instances_of_members(families: Families, phi: np.ndarray) -> list[EffectInstance]:

@@ -1,14 +1,14 @@
 """Restricted likelihood of base parameters, families of members and scales of the noise.
 
-y = N nu + sum_f G_f phi_f + e,  phi_f ~ N(0, tau_f^2 C_f),  V_0 = cov(e) = F + sum_k sigma_k^2 K_k.
+y = N nu + sum_f G_f phi_f + e,  phi_f ~ N(0, tau_f^2 I),  V_0 = cov(e) = F + sum_k sigma_k^2 K_k.
 
 `noise_structure` holds V_0; the families add a low rank to it: V = V_0 + G D G'. The spreads tau and the
 scales sigma minimise
 
     1/2 (ln|V| + ln|N' V^-1 N| + y' P y) - ln prior,   P = V^-1 - V^-1 N (N' V^-1 N)^-1 N' V^-1
 
-(Patterson and Thompson 1971). With B = G' P_0 G and b = G' P_0 y of V_0 alone, D = R R' and S = (I +
-R'BR)^-1, it is that of V_0 plus 1/2 (-ln|S| - b' R S R' b), which holds at tau = 0 too. All scales are
+(Patterson and Thompson 1971). With B = G' P_0 G and b = G' P_0 y of V_0 alone, D = R R and S = (I +
+R B R)^-1, it is that of V_0 plus 1/2 (-ln|S| - b' R S R b), which holds at tau = 0 too. All scales are
 estimated by their logarithms. ln tau has the prior of a half-Cauchy tau (Gelman 2006): a family that no
 reading shows has its mode at tau = 1, and one that the readings do not want becomes small, but never zero.
 Four members or fewer hardly determine the spread of their family: there ln tau is normal about zero, with a
@@ -24,6 +24,7 @@ from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
+from scipy.linalg import eigh
 
 from tulip_testbed.calibration.family_spreads import (
     HALVINGS,
@@ -34,11 +35,14 @@ from tulip_testbed.calibration.family_spreads import (
     Spread,
     at_spread,
     best_spreads,
+    cholesky_root,
+    inverted,
     newton_step,
 )
 from tulip_testbed.calibration.linear_problem import LinearProblem
 from tulip_testbed.identification.estimators.errors_in_variables import MOST_CORRECTION
 from tulip_testbed.identification.noise_structure import Weights
+from tulip_testbed.identification.residual_noise import solve_triangular
 
 QUIETEST = np.log(0.05)  # of a scale of the noise: less leaves residuals without any
 CONVERGED = 1e-3  # of the log-likelihood: a step of less than a twentieth of a standard deviation
@@ -87,23 +91,33 @@ class _Noise:
     value: float
 
 
-def fit(problem: LinearProblem, start: tuple[np.ndarray, np.ndarray] | None = None) -> LikelihoodFit:
+def fit(
+    problem: LinearProblem, start: tuple[np.ndarray, np.ndarray] | None = None, within: float = CONVERGED
+) -> LikelihoodFit:
     """Estimate scales, spreads, base parameters and members.
 
     Args:
         start: sigma and tau from which the search begins; ones if None.
+        within: of the log-likelihood at its mode.
 
     Raises:
         numpy.linalg.LinAlgError: readings that are not finite, or columns N that are not independent.
     """
-    k, f = len(problem.noise), len(problem.roots)
+    small, shown = problem.in_use()
+    return _with_hidden(problem, shown, _fit(small, start, within))
+
+
+def _fit(
+    problem: LinearProblem, start: tuple[np.ndarray, np.ndarray] | None, within: float
+) -> LikelihoodFit:
+    k, f = len(problem.noise), len(problem.sizes)
     first = (np.zeros(k), np.zeros(f)) if start is None else (np.log(start[0]), np.log(start[1]))
     noise = _noise(problem, first[0])
     spread = best_spreads(problem, noise.reduced, noise.moment, first[1])
     for _ in range(MOST_STEPS):
         gradient, hessian, _ = joint = _joint(problem, noise, spread)
         step = newton_step(gradient, hessian)
-        if abs(gradient @ step) < CONVERGED:
+        if abs(gradient @ step) < within:
             return _result(problem, noise, spread, joint)
         del joint
         at, value = noise.log_scale, noise.value + spread.value
@@ -114,7 +128,7 @@ def fit(problem: LinearProblem, start: tuple[np.ndarray, np.ndarray] | None = No
             break
         noise, spread = better
         del better
-        if value - noise.value - spread.value < CONVERGED:
+        if value - noise.value - spread.value < within:
             break
     return _result(problem, noise, spread, _joint(problem, noise, spread))
 
@@ -138,10 +152,25 @@ def _on_the_way(
 
 def given(problem: LinearProblem, scales: np.ndarray, spreads: np.ndarray) -> LikelihoodFit:
     """Return the estimate with known scales (k,) and spreads (f,)."""
-    noise = _noise(problem, np.log(scales))
-    spread = at_spread(problem, noise.reduced, noise.moment, np.log(spreads))
-    fitted = _result(problem, noise, spread, _joint(problem, noise, spread))
+    small, shown = problem.in_use()
+    noise = _noise(small, np.log(scales))
+    spread = at_spread(small, noise.reduced, noise.moment, np.log(spreads))
+    fitted = _with_hidden(problem, shown, _result(small, noise, spread, _joint(small, noise, spread)))
     return replace(fitted, scale_covariance=0 * fitted.scale_covariance, covariance=fitted.conditional)
+
+
+def _with_hidden(problem: LinearProblem, shown: np.ndarray, fitted: LikelihoodFit) -> LikelihoodFit:
+    """Return an estimate of some unknowns with the others, members of which nothing is known but the spread.
+
+    Args:
+        shown: which are estimated, (p + q,) bool.
+    """
+    estimate, at = np.zeros(len(shown)), np.ix_(shown, shown)
+    estimate[shown] = fitted.estimate
+    variance = np.append(np.zeros(problem.flat), np.repeat(fitted.spreads**2, problem.sizes))
+    conditional, covariance = np.diag(variance), np.diag(variance)
+    conditional[at], covariance[at] = fitted.conditional, fitted.covariance
+    return replace(fitted, estimate=estimate, conditional=conditional, covariance=covariance)
 
 
 def objective(
@@ -170,8 +199,8 @@ def parts_of_variance(problem: LinearProblem, fitted: LikelihoodFit) -> np.ndarr
     pushed = chain([problem.noise.fixed @ across], weights.parts(across))
     parts = [of_nu[:, :p] @ problem.information @ of_nu[:, :p].T]
     parts += [flat.T @ part.reshape(-1, p) for part in pushed]
-    for part, root, size in zip(problem.parts, problem.roots, fitted.spreads, strict=True):
-        half = np.linalg.solve(size * root, fitted.conditional[p:, :p][part])
+    for part, size in zip(problem.parts, fitted.spreads, strict=True):
+        half = fitted.conditional[p:, :p][part] / size
         parts.append(half.T @ half)
     return np.array(parts)
 
@@ -184,18 +213,15 @@ def _noise(problem: LinearProblem, log_scale: np.ndarray) -> _Noise:
     p = problem.flat
     information = gram[:p, :p] + problem.information
     size = 1 / np.sqrt(np.diag(information))
-    root = np.linalg.cholesky(size[:, None] * information * size)
-    half = np.linalg.solve(root, size[:, None] * gram[:p, p:])
+    root, inverse = inverted(size[:, None] * information * size)
+    half, _ = solve_triangular(root, size[:, None] * gram[:p, p:], lower=True)
     rest = gram[p:, p:] - half.T @ half
     if problem.excess.any():
         least = np.exp(-2 * WIDEST) * np.eye(len(rest) - 1)  # of the prior at the largest spread
         excess = bounded(problem.excess, rest[:-1, :-1] + least)
         at_about = excess @ problem.about
         noisy = np.block([[excess, at_about[:, None]], [at_about, problem.about @ at_about]])
-        gram[p:, p:] -= noisy
         rest = rest - noisy
-    inverse_root = np.linalg.inv(root) * size
-    flat = inverse_root.T @ inverse_root
     logs = weights.log_volume + np.log(np.diag(root) / size).sum()
     prior = 0.5 * ((log_scale / problem.doubt) ** 2).sum()
     return _Noise(
@@ -203,7 +229,7 @@ def _noise(problem: LinearProblem, log_scale: np.ndarray) -> _Noise:
         weights=weights,
         weighted=weighted,
         gram=gram,
-        flat=flat,
+        flat=size[:, None] * inverse * size,
         reduced=_without_negative(rest[:-1, :-1]),
         moment=rest[:-1, -1],
         square=float(rest[-1, -1]),
@@ -218,10 +244,10 @@ def _without_negative(information: np.ndarray) -> np.ndarray:
         return information
     except np.linalg.LinAlgError:
         pass
-    values, axes = np.linalg.eigh(information)
-    if not len(values) or values[0] >= 0:
-        return information
-    return (axes * np.maximum(values, 0.0)) @ axes.T
+    if not np.isfinite(information).all():
+        raise np.linalg.LinAlgError("found members whose columns are not finite")
+    values, axes = eigh(information, subset_by_value=(-np.inf, 0.0), check_finite=False)
+    return information - (axes * values) @ axes.T
 
 
 def bounded(excess: np.ndarray, information: np.ndarray) -> np.ndarray:
@@ -232,12 +258,13 @@ def bounded(excess: np.ndarray, information: np.ndarray) -> np.ndarray:
     """
     noisy = np.flatnonzero(excess.any(axis=0))
     own = excess[np.ix_(noisy, noisy)]
-    try:
-        root = np.linalg.cholesky(np.linalg.inv(information)[np.ix_(noisy, noisy)])
-    except np.linalg.LinAlgError:  # a direction with so little information that rounding hides it
+    whole, failed = cholesky_root(information, lower=True)
+    if failed:  # a direction with so little information that rounding hides it
         values, axes = np.linalg.eigh(information)
-        inverse = (axes / np.maximum(values, ROUNDING * values[-1])) @ axes.T
-        root = np.linalg.cholesky(inverse[np.ix_(noisy, noisy)])
+        half = (axes / np.sqrt(np.maximum(values, ROUNDING * values[-1]))).T[:, noisy]
+    else:
+        half, _ = solve_triangular(whole, np.eye(len(information))[:, noisy], lower=True)
+    root = np.linalg.cholesky(half.T @ half)
     share, turn = np.linalg.eigh(root.T @ own @ root)
     if share[-1] <= MOST_CORRECTION:
         return excess
@@ -250,11 +277,11 @@ def bounded(excess: np.ndarray, information: np.ndarray) -> np.ndarray:
 def _posterior(problem: LinearProblem, noise: _Noise, spread: Spread) -> tuple[np.ndarray, np.ndarray]:
     """Return mean and covariance of nu and phi with the scales known, (p + q,) and (p + q, p + q)."""
     p = problem.flat
-    members = spread.root @ spread.shrinkage @ spread.root.T
+    members = spread.root[:, None] * spread.shrinkage * spread.root
     carry = noise.flat @ noise.gram[:p, p:-1]
     cross = -carry @ members
     covariance = np.block([[noise.flat - cross @ carry.T, cross], [cross.T, members]])
-    phi = spread.root @ spread.deviate
+    phi = spread.root * spread.deviate
     nu = noise.flat @ (noise.gram[:p, -1] - noise.gram[:p, p:-1] @ phi)
     return np.concatenate([nu, phi]), covariance
 
@@ -270,35 +297,30 @@ def _joint(
     """
     k, p = len(problem.noise), problem.flat
     estimate, covariance = _posterior(problem, noise, spread)
-    shape, width = noise.weighted.shape[:2], noise.weighted.shape[2]
-    weighted = (noise.weighted.reshape(-1, width) @ np.append(-estimate, 1.0)).reshape(shape)
+    weighted = noise.weighted @ np.append(-estimate, 1.0)
     pushed = np.concatenate(
         [np.zeros((*weighted.shape, 0)), *noise.weights.parts(weighted[..., None])], axis=2
     )
     score = noise.weights.traces(noise.weighted, np.pad(covariance, (0, 1)))
     score -= np.tensordot(weighted, pushed, axes=2)
     score += noise.log_scale / problem.doubt**2
-    phi = estimate[p:]
-    parts = [slice(p + part.start, p + part.stop) for part in problem.parts]
-    each = np.zeros((width, len(parts)))
-    for j, part in enumerate(parts):
-        each[part, j] = estimate[part]
-    by_spreads = (problem.whole.reshape(-1, width) @ each).reshape(*shape, -1)
-    pushed = np.concatenate([pushed, by_spreads], axis=2)
-    solved = noise.weights(pushed).reshape(-1, pushed.shape[2])
-    q = pushed.reshape(-1, pushed.shape[2])
-    on_columns = (problem.whole.reshape(-1, width).T @ solved)[:-1]
-    hessian = 2 * (q.T @ solved - on_columns.T @ covariance @ on_columns)
-    hessian[:k, :k] += np.diag(problem.doubt**-2.0)
-    known = [k + number for number in problem.known]
-    hessian[known] = hessian[:, known] = 0.0
-    hessian[k:, k:] = spread.hessian
-    slope = np.empty((width - 1, k + each.shape[1]))
-    slope[:, :k] = -2 * covariance @ on_columns[:, :k]
+    each = np.zeros((len(estimate), len(problem.parts)))  # members by families
+    slope = np.zeros((len(estimate), k + len(problem.parts)))
     for j, part in enumerate(problem.parts):
-        u = np.zeros(len(phi))
-        u[part] = spread.deviate[part]
-        slope[p:, k + j] = 2 * spread.root @ (spread.shrinkage @ u)
+        each[p:][part, j] = estimate[p:][part]
+        slope[p:, k + j] = 2 * spread.root * (spread.shrinkage[:, part] @ spread.deviate[part])
+    flat = pushed.reshape(weighted.size, k)
+    solved = noise.weights(pushed).reshape(flat.shape)
+    on_columns = (problem.whole.reshape(len(flat), -1).T @ solved)[:-1]
+    doubtful = covariance @ on_columns
+    hessian = np.zeros((k + len(problem.parts),) * 2)
+    hessian[:k, :k] = 2 * (flat.T @ solved - on_columns.T @ doubtful) + np.diag(problem.doubt**-2.0)
+    hessian[:k, k:] = 2 * (on_columns - noise.gram[:-1, :-1] @ doubtful).T @ each
+    known = [k + number for number in problem.known]
+    hessian[:, known] = 0.0
+    hessian[k:, :k] = hessian[:k, k:].T
+    hessian[k:, k:] = spread.hessian
+    slope[:, :k] = -2 * doubtful
     slope[:, known] = 0.0
     slope[:p, k:] = -noise.flat @ noise.gram[:p, p:-1] @ slope[p:, k:]
     return (

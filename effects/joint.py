@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from tulip_testbed.effects.effect import Effect, Parameter, Physics, Values
-from tulip_testbed.effects.injection import edited, indicator
+from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.targets import JOINTS
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.compliance import RATE, RIGID
@@ -45,8 +45,9 @@ def _soften(rig: Rig, target: str, values: Values) -> Rig:
 
 
 def _yielded(observed: Observation, target: str, values: Values) -> Observation:
-    yielded = values[0] * observed.torques * indicator(observed.tree.joints, target)
-    return observed.changed(joint_angles=observed.joint_angles + yielded)
+    angles, joint = observed.joint_angles.copy(), observed.tree.joints.index(target)
+    angles[:, joint] += values[0] * observed.torques[:, joint]
+    return observed.changed(joint_angles=angles)
 
 
 def _loosen(rig: Rig, target: str, values: Values) -> Rig:

@@ -70,7 +70,7 @@ def _corrected_wrenches(observed: Observation) -> Measurements:
     # The force on the foot is scaled; the sensor's zero and what hangs below it are not.
     share = np.where(forces != 0, (1 - _lift(observed) / total)[:, None], 1.0)
     change = (observed.cell_forces * share - found.values).reshape(len(observed), 2, -1)
-    wrenches = m.wrenches + change @ np.linalg.inv(found.by_channel).T
+    wrenches = m.wrenches + change @ found.by_reading.T
     moments = (forces[..., None] * observed.cell_places).sum(axis=1)
     plain = moments / (observed.weight + observed.lift)[:, None]
     shift = turned(-observed.contact_poses[..., 2], (_center(observed) - plain)[:, None])

@@ -39,26 +39,28 @@ def _linear(matrix: Callable[[str, Values], np.ndarray]) -> Misreading:
             part between these counts.
     """
 
-    def of_both(contacts: Contacts | None, target: str, values: Values) -> np.ndarray:
+    def of_foot(contacts: Contacts | None, target: str, values: Values) -> tuple[int, np.ndarray]:
         assert contacts is not None
         read = [WRENCH.index(channel) for channel in contacts.channels]
-        out = np.tile(np.eye(len(read)), (2, 1, 1))
-        out[PLATES.index(target.partition(".")[0])] = matrix(target, values)[np.ix_(read, read)]
-        return out
+        return PLATES.index(target.partition(".")[0]), matrix(target, values)[read][:, read]
 
     def apply(m: Measurements, robot: Robot, target: str, values: Values) -> Measurements:
         assert m.wrenches is not None
-        return replace(m, wrenches=np.einsum("sij,msj->msi", of_both(m.contacts, target, values), m.wrenches))
+        foot, by = of_foot(m.contacts, target, values)
+        wrenches = m.wrenches.copy()
+        wrenches[:, foot] = wrenches[:, foot] @ by.T
+        return replace(m, wrenches=wrenches)
 
     def remove(observed: Observation, target: str, values: Values) -> Observation:
         scale, below = observed.contacts.by_channel, observed.contacts.below
         assert scale is not None
         assert below is not None
-        both = of_both(observed.measurements.contacts, target, values)
-        back = scale @ np.linalg.inv(both) @ np.linalg.inv(scale)
-        read = (observed.cell_forces - below).reshape(len(below), 2, -1)  # it was added, not read
-        load = np.einsum("sij,msj->msi", back, read).reshape(below.shape)
-        return observed.changed(cell_forces=load + below)
+        foot, by = of_foot(observed.measurements.contacts, target, values)
+        at = slice(foot * len(by), (foot + 1) * len(by))
+        forces, added = observed.cell_forces.copy(), below[:, at]  # not read
+        back = scale @ np.linalg.inv(by) @ observed.contacts.by_reading
+        forces[:, at] = (forces[:, at] - added) @ back.T + added
+        return observed.changed(cell_forces=forces)
 
     return Misreading(apply, remove)
 

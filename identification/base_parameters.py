@@ -115,7 +115,9 @@ class BaseParameters:
         Args:
             joint_angles, support, rotations: see `regressor`.
         """
-        return self._turned(joint_angles, support, rotations) @ self.combination
+        axes, vectors, moved = self._turning(joint_angles, support, rotations)
+        turned = np.cross(axes[:, :, None], vectors.mT[:, None])[..., :2] * moved[..., None]  # (m, n, k, 2)
+        return np.moveaxis(turned, 3, 1) @ self.combination
 
     def slope_along(
         self,
@@ -130,21 +132,22 @@ class BaseParameters:
             theta: base parameters, (p,) [m].
             joint_angles, support, rotations: see `regressor`.
         """
-        return self._turned(joint_angles, support, rotations) @ (self.combination @ theta)
+        axes, vectors, moved = self._turning(joint_angles, support, rotations)
+        beyond = (vectors * (self.combination @ theta)) @ moved.mT.astype(float)  # (m, 3, n)
+        return np.cross(axes, beyond.mT)[..., :2].mT
 
-    def _turned(
+    def _turning(
         self, joint_angles: np.ndarray, support: np.ndarray | None, rotations: np.ndarray | None
-    ) -> np.ndarray:
-        """Differentiate the axes of the frames that the parameters combine, (m, 2, n_joints, k) [1/rad]."""
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return axes of the joints, axes of the frames that parameters combine, which joint turns which.
+
+        Their shapes are (m, n_joints, 3), (m, 3, k) and (m, n_joints, k), see `moved`.
+        """
         if rotations is None:
             rotations = self.rotations(joint_angles, support)
         frames, axes = np.divmod(self.columns, 3)
-        vector = rotations[:, frames, :, axes].transpose(1, 2, 0)[:, :, None]  # (m, 3, 1, k)
-        turn = joint_axes(self.tree, self.base, rotations).transpose(0, 2, 1)[..., None]  # (m, 3, n, 1)
-        x = turn[:, 1] * vector[:, 2] - turn[:, 2] * vector[:, 1]
-        y = turn[:, 2] * vector[:, 0] - turn[:, 0] * vector[:, 2]
-        moved = self.moved(support)[:, None, :, frames]
-        return np.stack([x, y], axis=1) * moved
+        vectors = rotations[:, frames, :, axes].transpose(1, 2, 0)
+        return joint_axes(self.tree, self.base, rotations), vectors, self.moved(support)[..., frames]
 
     def moved(self, support: np.ndarray | None = None) -> np.ndarray:
         """Return how each joint turns the frames as seen from the base, (m, n_joints, n_frames).

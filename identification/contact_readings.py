@@ -7,6 +7,7 @@ force times place: `bears` and `levers` say how much a unit of it adds. A cell b
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -52,12 +53,18 @@ class ContactReadings:
     unknown: np.ndarray | None = None
     pushes: np.ndarray | None = None
 
+    @cached_property
+    def by_reading(self) -> np.ndarray:
+        """Return the channels of a wrench sensor by its scaled readings, (c, k) [N, Nm]."""
+        assert self.by_channel is not None
+        return np.linalg.inv(self.by_channel)
+
     @property
     def unsure(self) -> np.ndarray:
         """Return of which channels the zero is no better known than half a reading's noise, (2, c) bool."""
         if self.zero_sd is None or self.by_channel is None:
             return np.zeros((2, 0), bool)
-        noise = np.linalg.norm(np.linalg.inv(self.by_channel), axis=1)
+        noise = np.linalg.norm(self.by_reading, axis=1)
         return self.zero_sd > UNSURE * noise
 
     def take(self, rows: np.ndarray) -> ContactReadings:

@@ -93,8 +93,10 @@ def joint_loads(
     upward = carries * (lever[..., 1] * ax[..., None] - lever[..., 0] * ay[..., None])
     torque = weight / mass * carried + (upward * down[:, None]).sum(axis=2)
     k = bears.shape[1]
-    arms = cells.reshape(len(cells), 2 * k, 1, 2) - bears.reshape(-1, 1, 1) * geometry.pivots[:, None, :, :2]
-    by_cells = (arms[..., 1] * ax[:, None] - arms[..., 0] * ay[:, None]) * np.repeat(carries, k, axis=1).T
+    cell_x, cell_y = np.moveaxis(cells.reshape(len(cells), 2 * k, 1, 2), -1, 0)
+    of_pivots = geometry.pivots[..., 1] * ax - geometry.pivots[..., 0] * ay
+    by_cells = cell_y * ax[:, None] - cell_x * ay[:, None] - bears.reshape(-1, 1) * of_pivots[:, None]
+    by_cells *= np.repeat(carries, k, axis=1).T
     borne = carries * down[:, None]
     by_points = np.stack([-borne * ay[..., None], borne * ax[..., None]], axis=-1).reshape(*ax.shape, 4)
     by = np.concatenate([by_cells.mT, by_points], axis=2)
@@ -111,9 +113,8 @@ def joint_loads(
     inverse = inverse * weigh
     push, wrench_by = -(inverse @ torque[..., None])[..., 0], -inverse @ by
     torques_by = by + unknown @ wrench_by
-    variance = cell_sd**2 * (torques_by[..., : 2 * k] ** 2).sum(axis=2) + ((unknown * UNSEEN) ** 2).sum(
-        axis=2
-    )
+    of_cells = torques_by[..., : 2 * k]
+    variance = cell_sd**2 * np.einsum("mnk,mnk->mn", of_cells, of_cells) + unknown**2 @ UNSEEN**2
     variance += (MISPLACED * np.abs(carries) @ down[..., None])[..., 0] ** 2
     return Loads(
         torques=torque + (unknown @ push[..., None])[..., 0],

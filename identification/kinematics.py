@@ -273,15 +273,31 @@ def frame_positions(tree: Tree, base: int, rotations: np.ndarray, origin: np.nda
         rotations: result of `link_rotations`.
         origin: origin of the base link in the base frame, (3,) [m].
     """
+    steps = walk(tree, base)
+    before, after = ([step.known for step in steps], [step.new for step in steps])
+    ends = np.array([[step.anchor_known, step.anchor_new] for step in steps]).reshape(-1, 2, 3)
+    way = np.einsum("msij,sj->msi", rotations[:, before], ends[:, 0])
+    way -= np.einsum("msij,sj->msi", rotations[:, after], ends[:, 1])
     positions = np.empty(rotations.shape[:3])
     positions[:, base] = origin
-    for step in walk(tree, base):
-        positions[:, step.new] = (
-            positions[:, step.known]
-            + rotations[:, step.known] @ step.anchor_known
-            - rotations[:, step.new] @ step.anchor_new
-        )
+    for k, (known, new) in enumerate(zip(before, after, strict=True)):
+        positions[:, new] = positions[:, known] + way[:, k]
     return positions
+
+
+def frame_shifts(tree: Tree, like: Tree, base: int, rotations: np.ndarray) -> np.ndarray:
+    """Compute how far the origins of all frames lie from where other lengths have them, (m, n_frames, 3) [m].
+
+    Args:
+        like: the tree with the other lengths. rotations: of both, see `link_rotations`.
+    """
+    shift = np.zeros(rotations.shape[:3])
+    for step, other in zip(walk(tree, base), walk(like, base), strict=True):
+        shift[:, step.new] = shift[:, step.known]
+        if step.edge is not other.edge:
+            shift[:, step.new] += rotations[:, step.known] @ (step.anchor_known - other.anchor_known)
+            shift[:, step.new] -= rotations[:, step.new] @ (step.anchor_new - other.anchor_new)
+    return shift
 
 
 def place_on_feet(positions: np.ndarray, swing: int, origin: np.ndarray, rows: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ restricted likelihood (Patterson and Thompson 1971) with Z among its columns, up
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -73,6 +73,22 @@ class NoiseStructure:
         """Return the number of scales."""
         return max([len(self.own), *(1 + self.owner)])
 
+    def varies(self) -> np.ndarray:
+        """Return which residuals have any noise in any posture, (r,) bool."""
+        plain = np.eye(self.fixed.shape[1])
+        out = (self.fixed != plain).any(axis=(0, 2)) | self.own.any(axis=(0, 1, 3))
+        return out | self.shared.any(axis=(0, 2)) | self.free.any(axis=(0, 2))
+
+    def take(self, used: np.ndarray) -> NoiseStructure:
+        """Return the covariance of some residuals of every posture, (r,) bool."""
+        return replace(
+            self,
+            fixed=np.compress(used, self.fixed[:, used], axis=2),
+            own=np.compress(used, self.own[:, :, used], axis=3),
+            shared=np.compress(used, self.shared, axis=1),
+            free=np.compress(used, self.free, axis=1),
+        )
+
     def weights(self, log_scale: np.ndarray) -> Weights:
         """Return the inverse of the covariance at scales of the noise.
 
@@ -82,12 +98,7 @@ class NoiseStructure:
         square = np.exp(2 * log_scale)
         alone = self.fixed + np.tensordot(square[: len(self.own)], self.own, axes=1)
         levers = self.shared * np.exp(log_scale)[self.owner]
-        unit = 1 / np.sqrt(np.diagonal(alone, axis1=1, axis2=2))
-        both = unit[:, :, None] * unit[:, None]
-        lower = np.linalg.cholesky(alone * both)
-        inverse = np.linalg.inv(alone * both) * both
-        log_volume = np.log(np.diagonal(lower, axis1=1, axis2=2) / unit).sum()
-
+        inverse, log_volume = _inverted(alone)
         on_free = inverse @ self.free
         of_free, volume = _inverted(self.stance.sums(self.free.mT @ on_free))
         log_volume += volume
@@ -138,19 +149,14 @@ class Weights:
         """Return W times columns, (m, r, n)."""
         stance, placement = self.structure.stance, self.structure.placement
         m, rows, count = columns.shape
-        ends, across = self.on_free.shape[2], np.concatenate([self.on_free, self.on_levers], axis=2).mT
-        back = np.concatenate([self.inverse, -self.free_weights, -self.lever_weights], axis=2)
         out = np.empty_like(columns)
         at_once = max(LEAST_AT_ONCE, MOST_NUMBERS // (m * rows))
         for first in range(0, count, at_once):
             some = columns[..., first : first + at_once]
-            seen = across @ some
-            shared = [
-                some,
-                stance.sums(seen[:, :ends])[stance.number],
-                placement.sums(seen[:, ends:])[placement.number],
-            ]
-            np.matmul(back, np.concatenate(shared, axis=1), out=out[..., first : first + at_once])
+            part = self.inverse @ some
+            part -= self.free_weights @ stance.sums(self.on_free.mT @ some)[stance.number]
+            part -= self.lever_weights @ placement.sums(self.on_levers.mT @ some)[placement.number]
+            out[..., first : first + at_once] = part
         return out
 
     @cached_property
@@ -200,8 +206,13 @@ def _inverted(matrices: np.ndarray) -> tuple[np.ndarray, float]:
     unit = 1 / np.sqrt(diagonal)
     both = unit[:, :, None] * unit[:, None]
     lower = np.linalg.cholesky(matrices * both)
-    volume = np.log(np.diagonal(lower, axis1=1, axis2=2) / unit).sum()
-    return np.linalg.inv(matrices * both) * both, float(volume)
+    pivots = np.diagonal(lower, axis1=1, axis2=2)
+    # By substitution in all matrices at once: numpy inverts one by one.
+    inverse_root = np.zeros_like(lower)
+    for k, row in enumerate(np.moveaxis(lower / pivots[..., None], 1, 0)):
+        inverse_root[:, k, :k] = -(row[:, None, :k] @ inverse_root[:, :k, :k])[:, 0]
+        inverse_root[:, k, k] = 1 / pivots[:, k]
+    return inverse_root.mT @ inverse_root * both, float(np.log(pivots / unit).sum())
 
 
 def groups(number: np.ndarray) -> Groups:

@@ -15,6 +15,7 @@ from tulip_testbed.identification.kinematics import (
     Tree,
     alike_in_turns,
     frame_positions,
+    frame_shifts,
     joint_axes,
     joint_pivots,
     link_rotations,
@@ -203,6 +204,11 @@ class PostureGeometry:
     @cached_property
     def frames(self) -> tuple[np.ndarray, np.ndarray]:
         """Return rotations (m, n_frames, 3, 3) and compute origins (m, n_frames, 3) [m] of all frames."""
+        if self.like is not None:
+            rotations, origins = self.like.frames
+            shift = frame_shifts(self.tree, self.like.tree, self.base, rotations)
+            shift[self.on_swing_foot] -= shift[self.on_swing_foot, None, self.nominal.swing_frame]
+            return rotations, origins + shift
         stance, swing = -self.nominal.points
         origins = frame_positions(self.tree, self.base, self.rotations, stance)
         place_on_feet(origins, self.nominal.swing_frame, swing, self.on_swing_foot)
@@ -246,10 +252,16 @@ class PostureGeometry:
     @cached_property
     def _first_moments(self) -> np.ndarray:
         """Compute mass times centre of mass of every link, (m, n_links, 3) [kg m]."""
-        rotations, positions = self.frames
-        frames = np.array(self.tree.frame_of_link)
-        own = (rotations[:, frames] @ self.standard[:, 1:, None])[..., 0]
-        return self.standard[:, 0, None] * positions[:, frames] + own
+        positions = self.frames[1][:, np.array(self.tree.frame_of_link)]
+        return self.standard[:, 0, None] * positions + self._own_moments
+
+    @cached_property
+    def _own_moments(self) -> np.ndarray:
+        """Compute the part about the origin of every link's frame, (m, n_links, 3) [kg m]."""
+        if self.like is not None:
+            return self.like._own_moments
+        turns = self.rotations[:, np.array(self.tree.frame_of_link)]
+        return np.einsum("mlij,lj->mli", turns, self.standard[:, 1:])
 
     @cached_property
     def mass_moments(self) -> np.ndarray:

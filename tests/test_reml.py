@@ -44,26 +44,18 @@ def problem(
     own = factors @ factors.mT
     fixed = 0.01 * np.tile(np.eye(rows), (postures, 1, 1)) + (1 - used)[..., None] * np.eye(rows)
     columns, members = rng.standard_normal((postures, rows, p)), rng.standard_normal((postures, rows, q))
-    roots = tuple(
-        (0.5 + k) * np.linalg.cholesky(0.4 * np.eye(n) + 0.6 * (k == 1) + 0.6 * (k != 1) * np.eye(n))
-        for k, n in enumerate(sizes)
-    )
+    members *= np.repeat([0.5, 1.5, 2.5][: len(sizes)], sizes)
     common = rng.standard_normal((postures // 3, 2))[np.arange(postures) // 3]
     noise = (factors @ rng.standard_normal((postures, 6, 1)) + levers @ common[..., None])[..., 0]
     noise += 0.1 * rng.standard_normal(noise.shape)
-    phi = np.concatenate(
-        [
-            size * root @ rng.standard_normal(len(root))
-            for size, root in zip((1, 0.05, 2), roots, strict=False)
-        ]
-    )
+    phi = np.repeat([1, 0.05, 2][: len(sizes)], sizes) * rng.standard_normal(q)
     output = noise + columns @ rng.standard_normal(p) + members @ phi
     return LinearProblem(
         whole=used[..., None] * np.concatenate([columns, members, output[..., None]], axis=2),
         flat=p,
         noise=noise_of(fixed, own[None], levers, free),
         information=np.diag([0.0, 0.0, 0.0, 3.0]),
-        roots=roots,
+        sizes=sizes,
         doubt=np.array([0.7, np.log(4.0)]),
         excess=np.zeros((q, q)),
         about=np.zeros(q),
@@ -86,8 +78,8 @@ def dense_covariance(given: LinearProblem, log_scale: np.ndarray, log_spread: np
             if noise.placement.number[i] == noise.placement.number[j]:
                 full[i, :, j] += noise.shared[i] * scales[noise.owner] ** 2 @ noise.shared[j].T
     v = full.reshape(m * r, m * r)
-    for part, root, size in zip(given.parts, given.roots, np.exp(log_spread), strict=True):
-        one = flat(given.members)[:, part] @ root * size
+    for part, size in zip(given.parts, np.exp(log_spread), strict=True):
+        one = flat(given.members)[:, part] * size
         v = v + one @ one.T
     known = np.flatnonzero(np.diag(given.information))
     v = np.pad(v, ((0, len(known)), (0, len(known))))
@@ -170,9 +162,7 @@ def test_the_estimate_is_generalised_least_squares_with_the_dense_covariance():
     assert found.estimate[:p] == pytest.approx(nu[:p])
     assert found.conditional[:p, :p] == pytest.approx(inner[:p, :p])
     assert parts_of_variance(given, found).sum(axis=0) == pytest.approx(inner[:p, :p])
-    d = np.zeros((9, 9))
-    for part, root, size in zip(given.parts, given.roots, found.spreads, strict=True):
-        d[part, part] = size**2 * root @ root.T
+    d = np.diag(np.repeat(found.spreads**2, given.sizes))
     known = len(y) - given.output.size
     g = np.pad(flat(given.members), ((0, known), (0, 0)))
     assert found.estimate[p:] == pytest.approx(d @ g.T @ np.linalg.solve(v, y - n @ nu))
@@ -203,8 +193,42 @@ def test_a_family_that_nothing_shows_has_spread_one():
     whole[..., 9:12] = given.columns[..., :3]  # as flat parameters: nothing can tell them apart
     found = fit(dataclasses.replace(given, whole=whole))
     assert found.spreads[1] == pytest.approx(1.0, abs=1e-3)
-    covariance = given.roots[1] @ given.roots[1].T
-    assert found.conditional[9:12, 9:12] == pytest.approx(covariance, rel=1e-5)
+    assert found.conditional[9:12, 9:12] == pytest.approx(np.eye(3), rel=1e-5, abs=1e-9)
+
+
+def test_what_no_residual_shows_changes_nothing():
+    """Residuals that no posture uses, and members without columns in a family of known spread, are added."""
+    given = problem(8)
+    rows, members = given.whole.shape[1], given.flat + 9
+    whole = np.insert(given.whole, members, np.zeros((2, 1, 1)), axis=2)
+    whole = np.insert(whole, [1, rows], 0.0, axis=1)
+    noise = {
+        name: np.insert(getattr(given.noise, name), [1, rows], 0.0, axis=axis)
+        for name, axis in (("shared", 1), ("free", 1), ("fixed", 1), ("own", 2))
+    }
+    noise = {
+        name: value if name in ("shared", "free") else np.insert(value, [1, rows], 0.0, axis=-1)
+        for name, value in noise.items()
+    }
+    noise["fixed"][:, [1, -1], [1, -1]] = 1.0
+    larger = dataclasses.replace(
+        given,
+        whole=whole,
+        sizes=(*given.sizes[:2], 3),
+        noise=dataclasses.replace(given.noise, **noise),
+        excess=np.zeros((11, 11)),
+        about=np.zeros(11),
+        known=(2,),
+    )
+    small, shown = larger.in_use()
+    assert small.whole.shape == given.whole.shape
+    assert np.flatnonzero(~shown).tolist() == [members, members + 1]
+    found, plain = fit(larger), fit(dataclasses.replace(given, known=(2,)))
+    assert found.log_evidence == pytest.approx(plain.log_evidence, abs=1e-9)
+    assert found.estimate[shown] == pytest.approx(plain.estimate)
+    assert found.covariance[np.ix_(shown, shown)] == pytest.approx(plain.covariance)
+    assert not found.estimate[~shown].any()
+    assert np.diag(found.covariance)[~shown] == pytest.approx(1.0)
 
 
 def test_marginal_posterior_of_a_member_by_quadrature():
@@ -217,7 +241,7 @@ def test_marginal_posterior_of_a_member_by_quadrature():
         flat=1,
         noise=white(0.25 * np.eye(12)[None]),
         information=np.zeros((1, 1)),
-        roots=(np.eye(4),),
+        sizes=(4,),
         doubt=np.zeros(0),
         excess=np.zeros((4, 4)),
         about=np.zeros(4),
@@ -250,7 +274,7 @@ def test_evidence_of_two_members_by_quadrature():
 
     def given(x: float) -> float:
         one = LinearProblem(np.column_stack([n, g, y])[None], 1, white(np.eye(4)[None]), np.zeros((1, 1)),
-                      (np.eye(1),), np.zeros(0), np.zeros((1, 1)), np.zeros(1))  # fmt: skip
+                      (1,), np.zeros(0), np.zeros((1, 1)), np.zeros(1))  # fmt: skip
         prior = 0.5 * (x / np.log(2)) ** 2
         return -objective(one, np.zeros(0), np.array([x]))[0] + prior
 
@@ -277,16 +301,16 @@ def test_noise_in_a_column_does_not_draw_its_member_to_zero():
         y = 3.0 * true[..., 0] + 0.3 * rng.standard_normal((1, 200))
         for share in errors:
             one = LinearProblem(
-                whole=np.concatenate([np.ones((1, 200, 1)), noisy, y[..., None]], axis=2),
+                whole=np.concatenate([np.ones((1, 200, 1)), 100.0 * noisy, y[..., None]], axis=2),
                 flat=1,
                 noise=white(np.eye(200)[None]),
                 information=np.zeros((1, 1)),
-                roots=(100.0 * np.eye(1),),
+                sizes=(1,),
                 doubt=np.zeros(0),
-                excess=np.array([[share * 0.49 * 199]]),
+                excess=np.array([[share * 0.49 * 199 * 100.0**2]]),
                 about=np.zeros(1),
             )
-            errors[share].append(fit_with(one, np.ones(0), np.ones(1)).estimate[1] - 3.0)
+            errors[share].append(100.0 * fit_with(one, np.ones(0), np.ones(1)).estimate[1] - 3.0)
     assert np.mean(errors[0.0]) < -0.9
     assert abs(np.mean(errors[1.0])) < 0.1
 
