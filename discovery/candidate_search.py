@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.budget import Budget
 from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.discovery.candidates import Candidate, Fitted, candidates, change_times, log_choices
@@ -44,6 +45,7 @@ class CandidateSearch:
         tolerances: of families, in place of those that fit the sensors [SI]; zero: exact.
         candidates: effects that may be the cause.
         widest: prior s.d. of the spread of a family [tolerances]: half a normal.
+        budget: when it is spent, nothing more is judged.
         last: the last calibration, its terms and their `fits`.
         changes: of the candidates, by the labels of the effects that were removed before.
     """
@@ -52,6 +54,7 @@ class CandidateSearch:
     tolerances: Mapping[str, float] | None
     candidates: list[Candidate]
     widest: float = np.inf
+    budget: Budget = field(default_factory=lambda: Budget.of(0))
     last: list[Any] = field(default_factory=list)
     changes: dict[tuple[str, ...], Changes] = field(default_factory=dict)
 
@@ -63,7 +66,9 @@ class CandidateSearch:
     ) -> CandidateSearch:
         """Return the search for all effects of a catalogue, or of the whole one if None."""
         observed = with_cell_noise(observed)
-        return CandidateSearch(observed, tolerances, candidates(observed, effects))
+        return CandidateSearch(
+            observed, tolerances, candidates(observed, effects), budget=Budget.of(len(observed))
+        )
 
     def judged(
         self, terms: Sequence[Fitted], start: SelfCalibration, begin: SelfCalibration | None = None
@@ -151,6 +156,8 @@ class CandidateSearch:
             worthy = [True] * len(every)
         out, rest = [], set[tuple[str, bytes]]()
         for k, (one, glance) in enumerate(every):
+            if self.budget.spent:
+                break
             key = one.label, one.candidate.settings[one.point].tobytes()
             if not worthy[k] or (k >= len(near) and key in rest):
                 continue

@@ -14,7 +14,7 @@ from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import SIZE, difference, residuals
 
 STEP = 1e-2  # prior s.d., of the difference quotient
-AT_ONCE = 2e7  # numbers in the columns of several candidates
+AT_ONCE = 5e6  # numbers in the columns of several candidates
 Moments = tuple[np.ndarray, np.ndarray]  # of a candidate's columns: Gram matrix, (s, s), and pulls, (s, d)
 
 

@@ -186,6 +186,7 @@ def _discover(
     # A law speaks of places in one laboratory, so none is sought in several experiments together.
     joined = search.observed.measurements.experiments
     laws = [] if joined else law_candidates(selection.first.without_members(search.observed))
+    laws = [] if search.budget.spent else laws
     found, sought = None, bool(laws) and left_to_laws(search, selection, laws)
     described = select_laws(search, selection, laws, rng) if sought else None
     progress(1)
@@ -193,7 +194,7 @@ def _discover(
         found = _described(described, through_laboratory, hold_out)
     if found is None:
         found = _listed(search, selection, through_laboratory, hold_out)
-        if found.verdict == UNKNOWN and laws and not sought:
+        if found.verdict == UNKNOWN and laws and not (sought or search.budget.spent):
             described = select_laws(search, found.selection, laws, rng)
         if found.verdict == UNKNOWN and described is not None and not (sought and described.better):
             found = _described(described, through_laboratory, hold_out) or found
@@ -209,7 +210,7 @@ def _listed(
     An effect for which the laboratory leaves no evidence is dropped, and others are sought in its place.
     """
     fitted = _fitted(selection, through_laboratory)
-    while lost := fitted.lost:
+    while (lost := fitted.lost) and not search.budget.spent:
         search = replace(search, candidates=[c for c in search.candidates if c.label not in lost])
         selection = select_without(search, selection, lost)
         fitted = _fitted(selection, through_laboratory)
@@ -359,7 +360,8 @@ def _unexplained(selection: Selection) -> list[str]:
     """Say what a selection leaves unexplained however it is fitted."""
     if not selection.lacks_fit:
         return []
-    out = [] if selection.complete else ["Another effect would still be decisive."]
+    out = [f"The search ended at its budget of {selection.ended}."] if selection.ended else []
+    out += [] if selection.complete else ["Another effect would still be decisive."]
     return out + [
         f"The family {one.family.name} is {one.spread:.0f} times as wide as its tolerance: that is not usual."
         for one in too_wide(selection.calibration)

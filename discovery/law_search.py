@@ -103,7 +103,7 @@ def select_laws(
         return None
     near = _alternatives(law_search, found)
     for _ in range(EXCHANGES):
-        if sum(map(len, law_search.known.values())) > MOST_JUDGED:
+        if sum(map(len, law_search.known.values())) > MOST_JUDGED or search.budget.spent:
             break
         better = _exchanged(law_search, found, near)
         if better is None:
@@ -129,6 +129,7 @@ def select_laws(
         selection,
         calibration=calibration,
         complete=True,
+        ended=str(search.budget) if search.budget.spent else "",
         fit=fit,
         alternatives=alternatives,
         runners_up=(),
@@ -146,7 +147,7 @@ def _forward(law_search: LawSearch, selection: Selection) -> Judged | None:
     terms: tuple[Fitted, ...] = ()
     calibration = law_search.start
     seen: list[set[str]] = []
-    while len(terms) < MOST_TERMS:
+    while len(terms) < MOST_TERMS and not search.budget.spent:
         before = search.evidence(calibration, terms)
         if terms and (plain := search.tried(terms, law_search.start)) is not None:
             before = plain.evidence
@@ -162,7 +163,8 @@ def _forward(law_search: LawSearch, selection: Selection) -> Judged | None:
         seen.append(labels)
         calibration = search.calibrated(found)
         terms = at_estimate(found.terms, calibration)
-    assert found is not None
+    if found is None:  # at the end of the budget
+        return None
     near = [*_near(law_search, calibration, terms), *search.best(calibration, terms)]
     more = search.judged_of(terms, near, [], law_search.start)
     return None if any(is_decisive(one, found.evidence, law_search.tests) for one in more) else found

@@ -64,7 +64,7 @@ class Selection:
     Attributes:
         first: ordinary imperfections without effects. calibration: in addition to the selected effects.
         tolerances: as asked for.
-        complete: whether no further candidate is decisive.
+        complete: whether no further candidate is decisive. ended: by what budget the search ended, or "".
         fit: of the selected effects, with the ordinary imperfections as background. null: without either.
         alternatives: what else might explain each term, by predictions, the best first; itself among them.
         runners_up: of each term, the best of all candidates by linear predictions, the best first.
@@ -88,6 +88,7 @@ class Selection:
     tests: float
     undetectable: tuple[Candidate, ...]
     weak: tuple[WeaklyDetectable, ...]
+    ended: str = ""
 
     @property
     def lacks_fit(self) -> bool:
@@ -190,6 +191,7 @@ def _selected(
         fit=fit,
         alternatives=tuple(alternatives for alternatives, _ in others),
         runners_up=tuple(ranked for _, ranked in others),
+        ended=str(search.budget) if search.budget.spent else "",
     )
 
 

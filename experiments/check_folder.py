@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tulip_testbed.base.column import Column
-from tulip_testbed.base.errors import MOST_LISTED, InputError, listed, shortened, warn
+from tulip_testbed.base.errors import MOST_LISTED, FaultyError, InputError, listed, shortened, warn
 from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Cell, Table, Verbatim
 from tulip_testbed.calibration.families import check_tolerances
@@ -161,6 +161,7 @@ def warn_of_faults(
     corrections: Sequence[EffectInstance] = (),
     source: str | None = None,
     tolerances: Mapping[str, float] | None = None,
+    refuse: str = "",
 ) -> None:
     """Warn of measurements that fail the preflight.
 
@@ -168,8 +169,11 @@ def warn_of_faults(
         corrections: see `check_folder`. source: folder of the measurements.
         tolerances: of families, in place of those of the measurements and those that fit the sensors [SI].
 
+        refuse: how to go on with gross faults, which are refused then; "": they are not.
+
     Raises:
         InputError: measurements that do not fit the robot.
+        FaultyError: gross faults, if those are refused.
     """
     nominal = nominal_robot(robot)
     check_robot(nominal.parameters, measurements, robot, source or "measurements")
@@ -177,6 +181,12 @@ def warn_of_faults(
         measurements, _ = without(measurements, nominal, corrections)
     usual = partial(usual_changes, measurements, nominal, tolerances)
     findings = preflight(measurements, nominal, usual_changes=usual)
+    if refuse and (gross := [finding for finding in findings if finding.gross]):
+        found = "; ".join(f"'{one.name}': {one.seen}" for one in gross)
+        raise FaultyError(
+            f"{source or 'measurements'}: found gross faults, which no search can explain ({found}); expected "
+            f"measurements without: correct them as `check` advises, or {refuse}"
+        )
     if faults := [finding for finding in findings if finding.result == "fail"]:
         names = listed(repr(finding.name) for finding in faults)
         warn(f"{source or 'measurements'}: found faults in {names}; `check` says more")

@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from threading import Event, Thread
 from typing import Any
 
 from rich.console import Console
@@ -31,6 +32,7 @@ from tulip_testbed.base.table_files import finite
 
 ERR = Console(stderr=True)
 PIPE_WIDTH = 150
+QUIET = 60.0  # s between two lines about work that goes on
 VERDICT = "Verdict: "  # what the line begins with whose rest has the colour of the verdict
 
 
@@ -131,6 +133,10 @@ def progress(label: str, total: int, done: int = 0) -> Iterator[Advance]:
     Yields:
         A function to be called with the number of steps that are done now.
     """
+    if not ERR.is_terminal:
+        with _plain_lines(label, total, done) as advance:
+            yield advance
+        return
     value_column = TextColumn("{task.fields[value]}")
     with _bar(label, RateColumn(), TimeElapsedColumn(), TimeRemainingColumn(), value_column) as bar:
         task = bar.add_task(label, total=total, completed=done, value="")
@@ -141,9 +147,28 @@ def progress(label: str, total: int, done: int = 0) -> Iterator[Advance]:
         yield advance
 
 
+@contextmanager
+def _plain_lines(label: str, total: int, done: int) -> Iterator[Advance]:
+    """Say every minute how far the work is, where there is no terminal."""
+    ended, count = Event(), [done]
+
+    def advance(more: int, /, value: float | None = None) -> None:
+        count[0] += more
+
+    def tell() -> None:
+        while not ended.wait(QUIET):
+            say(f"{label}: {min(count[0], total)} of {total}")
+
+    Thread(target=tell, daemon=True).start()
+    try:
+        yield advance
+    finally:
+        ended.set()
+
+
 def _bar(label: str, *columns: ProgressColumn) -> Progress:
     first = (TextColumn(label), BarColumn(), MofNCompleteColumn())
-    return Progress(*first, *columns, console=ERR, transient=True, disable=not ERR.is_terminal)
+    return Progress(*first, *columns, console=ERR, transient=True)
 
 
 def _console(least: int = 0) -> Console:
