@@ -2,34 +2,30 @@
 
 from __future__ import annotations
 
-import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 ROWS = 2000  # up to which a budget is the same
-SECONDS, GIGABYTES = 600.0, 2.0  # up to so many rows
-MORE_GIGABYTES = 2.0 / 8000  # for every row more
+STATUS = Path("/proc/self/statm")  # in pages of 4 kB, where there is one
 
 
 @dataclass(frozen=True)
 class Budget:
-    """Processor time and memory of a search.
+    """Processor time and memory of a search in so many rows, which begins now."""
 
-    Attributes:
-        seconds: processor time from the beginning. gigabytes: memory of the process.
-        began: processor time at the beginning [s].
-    """
+    rows: int
+    began: float = field(default_factory=time.process_time)
 
-    seconds: float
-    gigabytes: float
-    began: float
+    @property
+    def seconds(self) -> float:
+        """Return the processor time [s]."""
+        return 600.0 * max(self.rows / ROWS, 1.0)
 
-    @staticmethod
-    def of(rows: int) -> Budget:
-        """Return the budget of a search that begins now, in so many rows."""
-        seconds = SECONDS * max(rows / ROWS, 1.0)
-        return Budget(seconds, GIGABYTES + MORE_GIGABYTES * max(rows - ROWS, 0), time.process_time())
+    @property
+    def gigabytes(self) -> float:
+        """Return the memory of the process [GB]."""
+        return 2.0 + 2.0 * max(self.rows - ROWS, 0) / 8000
 
     def __str__(self) -> str:
         return f"{self.seconds / 60:.0f} min of processor time and {self.gigabytes:.1f} GB of memory"
@@ -37,11 +33,5 @@ class Budget:
     @property
     def spent(self) -> bool:
         """Return whether no more may be begun."""
-        return time.process_time() - self.began > self.seconds or _in_use() > self.gigabytes
-
-
-def _in_use() -> float:
-    """Return the memory of this process [GB]; 0 where the system does not tell."""
-    if sys.platform != "linux":
-        return 0.0
-    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 1e9
+        used = 4096e-9 * int(STATUS.read_text().split()[1]) if STATUS.exists() else 0.0
+        return time.process_time() - self.began > self.seconds or used > self.gigabytes

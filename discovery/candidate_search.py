@@ -54,7 +54,7 @@ class CandidateSearch:
     tolerances: Mapping[str, float] | None
     candidates: list[Candidate]
     widest: float = np.inf
-    budget: Budget = field(default_factory=lambda: Budget.of(0))
+    budget: Budget = field(default_factory=lambda: Budget(0))
     last: list[Any] = field(default_factory=list)
     changes: dict[tuple[str, ...], Changes] = field(default_factory=dict)
 
@@ -67,32 +67,14 @@ class CandidateSearch:
         """Return the search for all effects of a catalogue, or of the whole one if None."""
         observed = with_cell_noise(observed)
         return CandidateSearch(
-            observed, tolerances, candidates(observed, effects), budget=Budget.of(len(observed))
+            observed, tolerances, candidates(observed, effects), budget=Budget(len(observed))
         )
-
-    def judged(
-        self, terms: Sequence[Fitted], start: SelfCalibration, begin: SelfCalibration | None = None
-    ) -> Judged:
-        """Calibrate with some effects in addition to the families; comparable with others of the same start.
-
-        Args:
-            begin: where the linearisations begin, if not at the start.
-        """
-        instances = [term.instance for term in terms]
-        found, covariance = begin or start, start.linear.covariance
-        for _ in range(TRIES):
-            found = self_calibrate(self.observed, self.tolerances, instances, found, covariance, ROUNDS)
-            if found.moved < RESTS:
-                break
-        return Judged(at_estimate(terms, found), found, self.evidence(found, terms))
 
     def glanced(self, terms: Sequence[Fitted], start: SelfCalibration) -> Judged | None:
         """Judge by one linearisation about a start that is steady; None: it does not converge."""
-        instances = [term.instance for term in terms]
+        instances, covariance = [term.instance for term in terms], start.linear.covariance
         try:
-            found = self_calibrate(
-                self.observed, self.tolerances, instances, start, start.linear.covariance, 1
-            )
+            found = self_calibrate(self.observed, self.tolerances, instances, start, covariance, 1)
         except np.linalg.LinAlgError:
             return None
         return Judged(at_estimate(terms, found), found, self.evidence(found, terms))
@@ -107,21 +89,30 @@ class CandidateSearch:
         return out - 0.5 * sum((one.spread / self.widest) ** 2 for one in found.families)
 
     def tried(
-        self, terms: Sequence[Fitted], start: SelfCalibration, begin: SelfCalibration | None = None
+        self,
+        terms: Sequence[Fitted],
+        start: SelfCalibration,
+        begin: SelfCalibration | None = None,
+        afresh: bool = False,
     ) -> Judged | None:
-        """Judge as `judged` does; None: with these effects the calibration does not converge."""
-        try:
-            return self.judged(terms, start, begin)
-        except np.linalg.LinAlgError:
-            return None
+        """Calibrate with some effects in addition to the families; comparable with others of the same start.
 
-    def tried_afresh(self, terms: Sequence[Fitted], start: SelfCalibration) -> Judged | None:
-        """Judge without the members of the start, which a missing effect may have distorted."""
+        Args:
+            begin: where the linearisations begin, if not at the start. afresh: they begin from nothing.
+
+        Returns:
+            None: with these effects the calibration does not converge.
+        """
+        instances, covariance = [term.instance for term in terms], start.linear.covariance
         try:
-            first = self_calibrate(self.observed, self.tolerances, [term.instance for term in terms])
+            found = self_calibrate(self.observed, self.tolerances, instances) if afresh else begin or start
+            for _ in range(TRIES):
+                found = self_calibrate(self.observed, self.tolerances, instances, found, covariance, ROUNDS)
+                if found.moved < RESTS:
+                    break
         except np.linalg.LinAlgError:
             return None
-        return self.tried(terms, start, first)
+        return Judged(at_estimate(terms, found), found, self.evidence(found, terms))
 
     def judged_of(
         self,
@@ -138,36 +129,31 @@ class CandidateSearch:
         not serve.
 
         Args:
-            near: candidates. afresh: those that are judged without the members of the start, unless a
-                judgement with them came to rest.
+            afresh: candidates that are judged without the members of the start, which a missing effect may
+                have distorted, unless a judgement with them came to rest.
             best: ln of the evidence for the best of what they compete with.
         """
-        every: list[tuple[Fitted, Judged | None]] = [(one, None) for one in [*near, *afresh]]
+        every = [(*terms, one) for one in (*near, *afresh)]
+        glances: list[Judged | None] = [None] * len(every)
+        least = -np.inf
         if start.moved < RESTS:
-            plain = self.glanced(terms, start)
-            before = -np.inf if plain is None else plain.evidence
-            seen = [self.glanced((*terms, one), start) for one, _ in every]
-            evidence = [-np.inf if one is None else one.evidence for one in seen]
-            best = max([best, *evidence])
+            plain, *glances = (self.glanced(several, start) for several in (terms, *every))
+            before, *seen = (-np.inf if one is None else one.evidence for one in (plain, *glances))
+            best = max([best, *seen])
             least = max(before, best - GLANCED_NEAR - GLANCED * max(best - before, 0.0))
-            worthy = [value > least for value in evidence]
-            every = [(one, at) for (one, _), at in zip(every, seen, strict=True)]
-        else:
-            worthy = [True] * len(every)
-        out, rest = [], set[tuple[str, bytes]]()
-        for k, (one, glance) in enumerate(every):
+            glances = [one if one is not None and one.evidence > least else None for one in glances]
+        out, at_rest = [], set[tuple[str, bytes]]()
+        for k, (several, glance) in enumerate(zip(every, glances, strict=True)):
+            key = several[-1].label, several[-1].candidate.settings[several[-1].point].tobytes()
             if self.budget.spent:
                 break
-            key = one.label, one.candidate.settings[one.point].tobytes()
-            if not worthy[k] or (k >= len(near) and key in rest):
+            if (glance is None and start.moved < RESTS) or (k >= len(near) and key in at_rest):
                 continue
-            if k < len(near):
-                judged = self.tried((*terms, one), start, None if glance is None else glance.calibration)
-            else:
-                judged = self.tried_afresh((*terms, one), start)
+            begin = None if glance is None else glance.calibration
+            judged = self.tried(several, start, begin, k >= len(near))
             if judged is not None and judged.possible:
                 out.append(judged)
-                rest |= {key} if judged.steady else set()
+                at_rest |= {key} if judged.steady else set()
         return out
 
     def calibrated(self, judged: Judged) -> SelfCalibration:
@@ -191,7 +177,7 @@ class CandidateSearch:
     def of_part(self, observed: Observation, rows: np.ndarray) -> CandidateSearch:
         """Return the search in some postures of an experiment."""
         parts = {
-            key: {which: change.take(rows) for which, change in known.items()}
+            key: {which: replace(one, values=one.values[rows]) for which, one in known.items()}
             for key, known in self.changes.items()
         }
         return replace(self, observed=observed.take(rows), last=[], changes=parts)

@@ -19,25 +19,15 @@ Moments = tuple[np.ndarray, np.ndarray]  # of a candidate's columns: Gram matrix
 
 
 class Columns(Protocol):
-    """Columns of many candidates, at hand or as far as their fits need them."""
+    """Columns of many candidates, of which a fit needs the number of rows and their products."""
 
     @property
-    def candidates(self) -> list[Candidate]:
-        """Return whose columns they are."""
-        ...
+    def candidates(self) -> list[Candidate]: ...
 
     @property
-    def count(self) -> int:
-        """Return the number of rows, r + e."""
-        ...
+    def count(self) -> int: ...
 
-    def moments(self, whitened: np.ndarray) -> list[list[Moments]]:
-        """Multiply the columns of each candidate, at each point of its grid, by themselves and by others.
-
-        Args:
-            whitened: the others, projected or not, (r + e, d).
-        """
-        ...
+    def moments(self, whitened: np.ndarray, /) -> list[list[Moments]]: ...
 
 
 @dataclass(frozen=True)
@@ -58,21 +48,16 @@ class CandidateColumns:
         return len(self.projected[0][0])
 
     def moments(self, whitened: np.ndarray) -> list[list[Moments]]:
-        """Multiply columns by themselves and by others, see `Columns`."""
-        flat = [column for points in self.projected for column in points]
-        pulls = np.concatenate(flat, axis=1).T @ whitened
-        ends = np.cumsum([column.shape[1] for column in flat])[:-1]
-        each = iter(zip((c.T @ c for c in flat), np.split(pulls, ends), strict=True))
-        return [[next(each) for _ in points] for points in self.projected]
+        """Multiply the columns of each candidate, at each point, by themselves and by others, (r + e, d)."""
+        return [[(column.T @ column, column.T @ whitened) for column in points] for points in self.projected]
 
 
 @dataclass(frozen=True)
 class Change:
-    """How an experiment changes with a candidate's sizes at a point of its grid.
+    """How an experiment changes by a unit of each of a candidate's sizes.
 
     Attributes:
-        fields: numbers of the fields of `packed` that change, (f,); None: `values` are of the residuals.
-        values: (m, f, s) or (m, 11, s), per unit of each size.
+        values: of the numbered `fields` of `packed`, (m, f, s), or of the residuals if None, (m, 11, s).
     """
 
     fields: np.ndarray | None
@@ -84,10 +69,6 @@ class Change:
             return self.values
         return -(linear.whitening.sensitivity[:, :, self.fields] @ self.values)
 
-    def take(self, rows: np.ndarray) -> Change:
-        """Return the change of some postures."""
-        return Change(self.fields, self.values[rows])
-
 
 # By label and point. It hardly depends on the linear model, so that all rankings share it.
 Changes = dict[tuple[str, int], Change]
@@ -96,11 +77,7 @@ Changes = dict[tuple[str, int], Change]
 def candidate_columns(
     linear: LinearModel, candidates: list[Candidate], known: Changes | None = None
 ) -> CandidateColumns:
-    """Compute the columns of many candidates.
-
-    Args:
-        known: changes that are at hand, to which the others are added.
-    """
+    """Compute the columns of many candidates; changes that are not `known` are added there."""
     flat = whitened_columns(linear, candidates, known)
     whole = linear.project(np.concatenate(flat, axis=1))
     parts = iter(np.split(whole, np.cumsum([column.shape[1] for column in flat])[:-1], axis=1))
@@ -110,7 +87,7 @@ def candidate_columns(
 def candidate_blocks(
     linear: LinearModel, candidates: list[Candidate], known: Changes | None = None
 ) -> Iterator[CandidateColumns]:
-    """Compute the columns of many candidates, as many at a time as memory holds; `known` as above."""
+    """Compute the columns of many candidates, as many at a time as memory holds."""
     block: list[Candidate] = []
     numbers = 0
     for candidate in candidates:

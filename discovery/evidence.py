@@ -7,7 +7,7 @@ b = G'r. A size that cannot be negative has half a normal as its prior.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from scipy.special import chdtrc, log_ndtr
@@ -31,13 +31,14 @@ def fitted_and_counted(
 ) -> tuple[list[Fitted], float]:
     """Fit each candidate alone, in order, and estimate the effective number of independent tests."""
     fits: list[Fitted] = []
-    noise = rng.standard_normal((len(residual), draws))
-    least = _LeastOfNoise(draws)
-    for columns in blocks:
-        moments = columns.moments(np.column_stack([residual, noise]))
-        fits += _fits(columns.candidates, moments)
-        least.add(columns.candidates, moments, 1)
-    return fits, least.tests
+
+    def fitted() -> Iterator[Columns]:
+        for columns in blocks:
+            fits.extend(marginal_fits(columns, residual))
+            yield columns
+
+    tests = effective_tests(fitted(), rng, draws)
+    return fits, tests
 
 
 def marginal_fits(columns: Columns, residual: np.ndarray) -> list[Fitted]:
@@ -50,14 +51,9 @@ def marginal_fits(columns: Columns, residual: np.ndarray) -> list[Fitted]:
         the posterior means of the sizes, in the order of the candidates. Bayes factors are averaged over the
         grid.
     """
-    return _fits(columns.candidates, columns.moments(residual[:, None]))
-
-
-def _fits(candidates: Sequence[Candidate], moments: Sequence[list[Moments]]) -> list[Fitted]:
-    """Fit each candidate alone; the first of its pulls is that of the residual."""
-    pairs = list(zip(candidates, moments, strict=True))
+    pairs = list(zip(columns.candidates, columns.moments(residual[:, None]), strict=True))
     out: dict[int, Fitted] = {}
-    for count in {len(candidate.effect.sizes) for candidate in candidates}:
+    for count in {len(candidate.effect.sizes) for candidate in columns.candidates}:
         alike = [k for k, (candidate, _) in enumerate(pairs) if len(candidate.effect.sizes) == count]
         fit = _with_sizes if count else _without_sizes
         out |= zip(alike, fit([pairs[k] for k in alike]), strict=True)
@@ -128,57 +124,42 @@ def effective_tests(blocks: Iterable[Columns], rng: np.random.Generator, draws: 
     The smallest of n independent p-values has the median 1 - 2^(-1/n). That of the candidates is simulated
     on noise alone and solved for n.
     """
-    noise, least = None, _LeastOfNoise(draws)
+    noise: np.ndarray | None = None
+    # Largest gain in each draw, by degrees of freedom and number of sides of the test.
+    largest: dict[tuple[int, int], np.ndarray] = {}
     for columns in blocks:
         noise = rng.standard_normal((columns.count, draws)) if noise is None else noise
-        least.add(columns.candidates, columns.moments(noise), 0)
-    return least.tests
+        for alike in _alike(columns, noise):
+            gain, key = _gains(alike)
+            largest[key] = np.maximum(gain, largest.get(key, -np.inf))
+    least = np.ones(draws)
+    for (dof, sides), gain in largest.items():
+        p = np.where(gain > -np.inf, chdtrc(dof, gain) * sides / 2, 1.0)
+        least = np.minimum(least, p)
+    # The median is estimated well from few draws. In the tail candidates are less correlated, so that a
+    # nominal level of 0.5 % is in fact one of 0.6 to 0.8 %.
+    low = float(np.quantile(least, 0.5))
+    return float(np.log(0.5) / np.log1p(-low)) if low < 1 else 1.0
 
 
-class _LeastOfNoise:
-    """The smallest p-value of many candidates in each draw of noise."""
-
-    def __init__(self, draws: int) -> None:
-        self.draws = draws
-        # Largest gain in each draw, by degrees of freedom and number of sides of the test.
-        self.largest: dict[tuple[int, int], np.ndarray] = {}
-
-    def add(self, candidates: Sequence[Candidate], moments: Sequence[list[Moments]], first: int) -> None:
-        """Add candidates; `first` is the number of the first pull that is one of noise."""
-        alike: dict[tuple[bool, bytes], list[tuple[Candidate, Moments]]] = {}
-        for candidate, points in zip(candidates, moments, strict=True):
-            key = bool(candidate.effect.sizes), candidate.positive.tobytes()
-            alike.setdefault(key, []).extend((candidate, one) for one in points)
-        for several in alike.values():
-            for k in range(0, len(several), STACKED):
-                gain, key = _gains(several[k : k + STACKED], first)
-                self.largest[key] = np.maximum(gain, self.largest.get(key, -np.inf))
-
-    @property
-    def tests(self) -> float:
-        """Return how many independent tests have as small a median."""
-        least = np.ones(self.draws)
-        for (dof, sides), gain in self.largest.items():
-            p = np.where(gain > -np.inf, chdtrc(dof, gain) * sides / 2, 1.0)
-            least = np.minimum(least, p)
-        # The median is estimated well from few draws. In the tail candidates are less correlated, so that a
-        # nominal level of 0.5 % is in fact one of 0.6 to 0.8 %.
-        low = float(np.quantile(least, 0.5))
-        return float(np.log(0.5) / np.log1p(-low)) if low < 1 else 1.0
+def _alike(columns: Columns, noise: np.ndarray) -> Iterator[list[tuple[Candidate, Moments]]]:
+    """Yield candidates with moments at single points of their grids, those with alike sizes together."""
+    out: dict[tuple[bool, bytes], list[tuple[Candidate, Moments]]] = {}
+    for candidate, points in zip(columns.candidates, columns.moments(noise), strict=True):
+        key = bool(candidate.effect.sizes), candidate.positive.tobytes()
+        out.setdefault(key, []).extend((candidate, one) for one in points)
+    for several in out.values():
+        yield from (several[k : k + STACKED] for k in range(0, len(several), STACKED))
 
 
-def _gains(alike: list[tuple[Candidate, Moments]], noise: int) -> tuple[np.ndarray, tuple[int, int]]:
+def _gains(alike: list[tuple[Candidate, Moments]]) -> tuple[np.ndarray, tuple[int, int]]:
     """Compute the largest gain in each draw of noise by candidates with alike sizes.
-
-    Args:
-        noise: number of the first pull that is one of noise.
 
     Returns:
         gains, (draws,); degrees of freedom and sides of the test.
     """
     first = alike[0][0]
-    gram = np.array([gram for _, (gram, _) in alike])
-    pull = np.array([pull[:, noise:] for _, (_, pull) in alike])
+    gram, pull = (np.array([one[k] for _, one in alike]) for k in (0, 1))
     if not first.effect.sizes:
         gain = (2 * pull[:, 0] - gram[:, 0]).max(axis=0)
         return np.where(gain > 0, gain, -np.inf), (gram.shape[1], 1)

@@ -16,7 +16,7 @@ import numpy as np
 
 from tulip_testbed.calibration.linear_model import LinearModel
 from tulip_testbed.discovery.candidates import Candidate, Fitted
-from tulip_testbed.discovery.columns import AT_ONCE, Columns, Moments, candidate_columns
+from tulip_testbed.discovery.columns import Columns, Moments, candidate_columns
 from tulip_testbed.discovery.evidence import fitted_and_counted, ranked
 from tulip_testbed.effects.laws import LAW, Sentence, law_effect
 from tulip_testbed.effects.laws import grammar as g
@@ -29,6 +29,7 @@ from tulip_testbed.measurements.cells import PLATES
 
 DRAWS = 100  # of noise, for the number of tests among thousands of columns
 Known = dict[tuple[Hashable, ...], np.ndarray]  # quantities and functions that were computed before
+AT_ONCE = 50  # laws whose functions are held together
 KEPT_POINTS = 3  # of a law's grid, with which it is judged
 
 
@@ -98,31 +99,15 @@ def _columns(linear: LinearModel, laws: list[Candidate]) -> Iterator[Columns]:
             yield candidate_columns(linear, alike)
             continue
         sensitivities = _sensitivities(linear, sentence)
-        block: list[Candidate] = []
-        numbers = 0
-        for law in alike:
-            added = sensitivities.nuisance.shape[1] * len(law.settings) * len(law.effect.sizes)
-            if block and numbers + added > AT_ONCE:
-                yield _of_readings(linear, block, sensitivities, known)
-                block, numbers = [], 0
-            block.append(law)
-            numbers += added
-        yield _of_readings(linear, block, sensitivities, known)
+        for k in range(0, len(alike), AT_ONCE):
+            some = alike[k : k + AT_ONCE]
+            functions = [_functions(linear.smoothed, law, known) for law in some]
+            yield _LawColumns(some, linear.basis, sensitivities, functions)
 
 
-@dataclass(frozen=True)
-class _Sensitivities:
-    """Derivatives of the whitened residuals by what errs, k readings in m postures.
-
-    Attributes:
-        basis: orthonormal basis of the nuisance columns, (r + e, n).
-        blocks: of every placement the coordinates, the numbers of its k m errors, and the derivative.
-        nuisance: the basis times the derivatives, (n, k m).
-    """
-
-    basis: np.ndarray
-    blocks: list[tuple[slice, np.ndarray, np.ndarray]]
-    nuisance: np.ndarray
+# Basis of the nuisance columns times the derivatives of the residuals by the errors of k readings, (n, k m);
+# of every placement the coordinates, the numbers of these errors, and the derivatives.
+_Sensitivities = tuple[np.ndarray, list[tuple[slice, np.ndarray, np.ndarray]]]
 
 
 def _sensitivities(linear: LinearModel, sentence: Sentence) -> _Sensitivities:
@@ -146,7 +131,7 @@ def _sensitivities(linear: LinearModel, sentence: Sentence) -> _Sensitivities:
         errors = (np.arange(len(columns))[:, None] * m + inside).ravel()
         nuisance[:, errors] = linear.basis[where].T @ derivative
         blocks.append((where, errors, derivative))
-    return _Sensitivities(linear.basis, blocks, nuisance)
+    return nuisance, blocks
 
 
 @dataclass(frozen=True)
@@ -154,26 +139,28 @@ class _LawColumns:
     """The columns of laws about the same readings, as far as their fits need them.
 
     Attributes:
+        basis: orthonormal, of the nuisance columns, (r + e, n).
         functions: errors of all readings by a unit of each size, by law and grid, (k m, s) each.
     """
 
     candidates: list[Candidate]
+    basis: np.ndarray
     sensitivities: _Sensitivities
     functions: list[list[np.ndarray]]
 
     @property
     def count(self) -> int:
         """Return the number of rows, r + e."""
-        return len(self.sensitivities.basis)
+        return len(self.basis)
 
     def moments(self, whitened: np.ndarray) -> list[list[Moments]]:
-        """Multiply columns by themselves and by others, see `Columns`."""
-        basis, nuisance = self.sensitivities.basis, self.sensitivities.nuisance
-        whitened = whitened - basis @ (basis.T @ whitened)
+        """Multiply columns by themselves and by others, (r + e, d), see `CandidateColumns`."""
+        nuisance, blocks = self.sensitivities
+        whitened = whitened - self.basis @ (self.basis.T @ whitened)
         flat = [one for each in self.functions for one in each]
         whole = np.concatenate(flat, axis=1)
         image, pull = np.empty_like(whole), np.empty((len(whole), whitened.shape[1]))
-        for where, errors, derivative in self.sensitivities.blocks:
+        for where, errors, derivative in blocks:
             image[errors] = derivative.T @ (derivative @ whole[errors])
             pull[errors] = derivative.T @ whitened[where]
         image -= nuisance.T @ (nuisance @ whole)
@@ -181,16 +168,6 @@ class _LawColumns:
         parts = [slice(end - one.shape[1], end) for one, end in zip(flat, ends, strict=True)]
         each = iter([(f.T @ image[:, at], pulls[at]) for f, at in zip(flat, parts, strict=True)])
         return [[next(each) for _ in points] for points in self.functions]
-
-
-def _of_readings(
-    linear: LinearModel,
-    laws: list[Candidate],
-    sensitivities: _Sensitivities,
-    known: Known,
-) -> _LawColumns:
-    """Return the columns of laws about the same reading or readings."""
-    return _LawColumns(laws, sensitivities, [_functions(linear.smoothed, law, known) for law in laws])
 
 
 def _functions(observed: Observation, law: Candidate, known: Known) -> list[np.ndarray]:

@@ -184,8 +184,8 @@ def warn_of_faults(
     if refuse and (gross := [finding for finding in findings if finding.gross]):
         found = "; ".join(f"'{one.name}': {one.seen}" for one in gross)
         raise FaultyError(
-            f"{source or 'measurements'}: found gross faults, which no search can explain ({found}); expected "
-            f"measurements without: correct them as `check` advises, or {refuse}"
+            f"{source or 'measurements'}: found gross faults, which no effect explains ({found}); "
+            f"expected none: correct them as `check` advises, or {refuse}"
         )
     if faults := [finding for finding in findings if finding.result == "fail"]:
         names = listed(repr(finding.name) for finding in faults)

@@ -64,7 +64,7 @@ def discover_effects(
     check_tolerances(tolerances or {})
     # Says what does not fit, before the work.
     before = identify(measurements, robot, source, tolerances=tolerances, calibrate=first_calibration)
-    with progress(f"looking for what is missing, in at most {Budget.of(len(measurements))}", 4, 0) as advance:
+    with progress(f"looking for what is missing, in at most {Budget(len(measurements))}", 4, 0) as advance:
         discovery = discover(
             measurements,
             robot,

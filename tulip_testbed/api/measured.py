@@ -134,9 +134,9 @@ def discover(
     what errs, as a function of what, in which shape), `ambiguous` or `unknown`. The effects found are added
     to the model: the folder `rig` in the run folder can be given to other commands as corrections.
 
-    The preflight comes first: gross faults, such as a joint's wrong sign, are named and nothing is searched. A
-    search that exceeds its budget ends as `unknown` with the best so far. Up to 2,000 rows it has 10 minutes of
-    processor time and 2 GB of memory; at 10,000 rows, 50 minutes and 4 GB.
+    The preflight comes first: gross faults, such as a joint's wrong sign, are named, and nothing is searched.
+    A search that exceeds its budget ends as `unknown` with the best so far. Up to 2,000 rows it has 10 min of
+    processor time and 2 GB of memory; at 10,000 rows, 50 min and 4 GB.
 
     Args:
         measurements: or their folder, or a run; a list of them: experiments with one robot.

@@ -125,7 +125,7 @@ class RateColumn(ProgressColumn):
 
 @contextmanager
 def progress(label: str, total: int, done: int = 0) -> Iterator[Advance]:
-    """Show a bar with rate, time left and the best value so far on stderr.
+    """Show a bar with rate, time left and the best value so far on stderr; no terminal gets a line a minute.
 
     Args:
         done: steps that were done before.
@@ -134,8 +134,17 @@ def progress(label: str, total: int, done: int = 0) -> Iterator[Advance]:
         A function to be called with the number of steps that are done now.
     """
     if not ERR.is_terminal:
-        with _plain_lines(label, total, done) as advance:
-            yield advance
+        ended, count = Event(), [done]
+
+        def tell() -> None:
+            while not ended.wait(QUIET):
+                say(f"{label}: {min(sum(count), total)} of {total}")
+
+        Thread(target=tell, daemon=True).start()
+        try:
+            yield lambda more, /, value=None: count.append(more)
+        finally:
+            ended.set()
         return
     value_column = TextColumn("{task.fields[value]}")
     with _bar(label, RateColumn(), TimeElapsedColumn(), TimeRemainingColumn(), value_column) as bar:
@@ -145,25 +154,6 @@ def progress(label: str, total: int, done: int = 0) -> Iterator[Advance]:
             bar.update(task, advance=count, value="" if value is None else f"{value:.4g}")
 
         yield advance
-
-
-@contextmanager
-def _plain_lines(label: str, total: int, done: int) -> Iterator[Advance]:
-    """Say every minute how far the work is, where there is no terminal."""
-    ended, count = Event(), [done]
-
-    def advance(more: int, /, value: float | None = None) -> None:
-        count[0] += more
-
-    def tell() -> None:
-        while not ended.wait(QUIET):
-            say(f"{label}: {min(count[0], total)} of {total}")
-
-    Thread(target=tell, daemon=True).start()
-    try:
-        yield advance
-    finally:
-        ended.set()
 
 
 def _bar(label: str, *columns: ProgressColumn) -> Progress:
