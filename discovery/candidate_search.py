@@ -197,7 +197,7 @@ class CandidateSearch:
     def fits(self, calibration: SelfCalibration, terms: Sequence[Fitted]) -> tuple[JointFit, JointFit]:
         """Fit terms with the spreads and the noise as estimated, and with none larger than usual.
 
-        The last ones are kept: whoever searches goes on where the selection has ended.
+        The last ones are kept: the search for laws begins where the selection ended.
         """
         if self.last and self.last[0] is calibration and self.last[1] == list(terms):
             return self.last[2], self.last[3]

@@ -183,20 +183,20 @@ def _discover(
 ) -> Discovery:
     began, rng = time.perf_counter(), np.random.default_rng(seed)
     selection = select(search, first, rng, progress)
-    # A law speaks of places in one laboratory, so none is sought in several experiments together.
+    # A law speaks of places in one laboratory, so none is searched for in several experiments together.
     joined = search.observed.measurements.experiments
     laws = [] if joined else law_candidates(selection.first.without_members(search.observed))
     laws = [] if search.budget.spent else laws
-    found, sought = None, bool(laws) and left_to_laws(search, selection, laws)
-    described = select_laws(search, selection, laws, rng) if sought else None
+    found, searched = None, bool(laws) and left_to_laws(search, selection, laws)
+    described = select_laws(search, selection, laws, rng) if searched else None
     progress(1)
     if described is not None and described.better:
         found = _described(described, through_laboratory, hold_out)
     if found is None:
         found = _listed(search, selection, through_laboratory, hold_out)
-        if found.verdict == UNKNOWN and laws and not (sought or search.budget.spent):
+        if found.verdict == UNKNOWN and laws and not (searched or search.budget.spent):
             described = select_laws(search, found.selection, laws, rng)
-        if found.verdict == UNKNOWN and described is not None and not (sought and described.better):
+        if found.verdict == UNKNOWN and described is not None and not (searched and described.better):
             found = _described(described, through_laboratory, hold_out) or found
     progress(1)
     return replace(found, wall_s=time.perf_counter() - began)
@@ -207,7 +207,7 @@ def _listed(
 ) -> Discovery:
     """Reach a verdict with the effects of the catalogue.
 
-    An effect for which the laboratory leaves no evidence is dropped, and others are sought in its place.
+    An effect for which the laboratory leaves no evidence is dropped, and the search for others is repeated.
     """
     fitted = _fitted(selection, through_laboratory)
     while (lost := fitted.lost) and not search.budget.spent:
