@@ -135,13 +135,14 @@ class CandidateSearch:
         """
         every = [(*terms, one) for one in (*near, *afresh)]
         glances: list[Judged | None] = [None] * len(every)
-        least = -np.inf
         if start.moved < RESTS:
-            plain, *glances = (self.glanced(several, start) for several in (terms, *every))
-            before, *seen = (-np.inf if one is None else one.evidence for one in (plain, *glances))
-            best = max([best, *seen])
-            least = max(before, best - GLANCED_NEAR - GLANCED * max(best - before, 0.0))
-            glances = [one if one is not None and one.evidence > least else None for one in glances]
+            plain = self.glanced(terms, start)
+            before = -np.inf if plain is None else plain.evidence
+            for k, several in enumerate(every):  # what holds no promise is forgotten for the sake of memory
+                glances[k] = self.glanced(several, start)
+                best = max([best, *(one.evidence for one in glances if one)])
+                least = max(before, best - GLANCED_NEAR - GLANCED * max(best - before, 0.0))
+                glances = [one if one and one.evidence > least else None for one in glances]
         out, at_rest = [], set[tuple[str, bytes]]()
         for k, (several, glance) in enumerate(zip(every, glances, strict=True)):
             key = several[-1].label, several[-1].candidate.settings[several[-1].point].tobytes()
