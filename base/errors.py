@@ -19,6 +19,8 @@ MOST_LISTED = 40  # names in a message
 class InputError(ValueError):
     """Bad input; the message names what was found, where, and what was expected."""
 
+    exit_code = 2  # of the command
+
     def _render_traceback_(self) -> list[str]:
         """Return what a notebook shows: the line that called the library, and the message."""
         way = takewhile(lambda step: not _is_ours(step[0]), traceback.walk_tb(self.__traceback__))
@@ -27,6 +29,12 @@ class InputError(ValueError):
             for frame, number in way
         ]
         return [*caller[-1:], f"{type(self).__name__}: {self}"]
+
+
+class FaultyError(InputError):
+    """Measurements that can be read, but fail a check without which the work makes no sense."""
+
+    exit_code = 1
 
 
 class InputWarning(UserWarning):

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.budget import Budget
 from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.discovery.candidates import Candidate, Fitted, candidates, change_times, log_choices
-from tulip_testbed.discovery.columns import CandidateColumns, candidate_blocks, whitened_columns
+from tulip_testbed.discovery.columns import CandidateColumns, Changes, candidate_blocks, whitened_columns
 from tulip_testbed.discovery.evidence import marginal_fits, ranked
 from tulip_testbed.discovery.joint_fit import Data, JointFit, gauss_newton, joint_fit, log_share_of_positive
 from tulip_testbed.effects.effect import Effect
@@ -29,6 +31,9 @@ TRIES = 2
 LONGEST = 12
 WITHIN = 15.0  # ln of the Bayes factor by linear columns, of candidates that are shortlisted
 TIMES = 60  # between postures, at most, that are tried for a change in time
+GLANCED_NEAR = 15.0  # ln of the evidence at a glance, by which others that are judged may lie below the best
+GLANCED = 0.2  # of the best gain at a glance: by so much more
+KEPT_CHANGES = 3  # sets of effects of which the candidates' changes are kept
 ORDINARY = 1.0  # tolerances: the largest spread of a family in the search
 
 
@@ -40,12 +45,18 @@ class CandidateSearch:
         tolerances: of families, in place of those that fit the sensors [SI]; zero: exact.
         candidates: effects that may be the cause.
         widest: prior s.d. of the spread of a family [tolerances]: half a normal.
+        budget: when it is spent, nothing more is judged.
+        last: the last calibration, its terms and their `fits`.
+        changes: of the candidates, by the labels of the effects that were removed before.
     """
 
     observed: Observation
     tolerances: Mapping[str, float] | None
     candidates: list[Candidate]
     widest: float = np.inf
+    budget: Budget = field(default_factory=lambda: Budget(0))
+    last: list[Any] = field(default_factory=list)
+    changes: dict[tuple[str, ...], Changes] = field(default_factory=dict)
 
     @staticmethod
     def of(
@@ -55,37 +66,18 @@ class CandidateSearch:
     ) -> CandidateSearch:
         """Return the search for all effects of a catalogue, or of the whole one if None."""
         observed = with_cell_noise(observed)
-        return CandidateSearch(observed, tolerances, candidates(observed, effects))
+        return CandidateSearch(
+            observed, tolerances, candidates(observed, effects), budget=Budget(len(observed))
+        )
 
-    def judged(self, terms: Sequence[Fitted], start: SelfCalibration, afresh: bool = False) -> Judged:
-        """Calibrate with some effects in addition to the families; comparable with others of the same start.
-
-        Args:
-            afresh: begin without the members of the start, which a missing effect may have distorted.
-        """
-        instances = [term.instance for term in terms]
-        first = self_calibrate(self.observed, self.tolerances, instances) if afresh else start
-        found, covariance = first, start.linear.covariance
-        for _ in range(TRIES):
-            found = self_calibrate(self.observed, self.tolerances, instances, found, covariance, ROUNDS)
-            if found.moved < RESTS:
-                break
-        return Judged(at_estimate(terms, found), found, self.evidence(found, terms))
-
-    def glanced(self, terms: Sequence[Fitted], start: SelfCalibration) -> float:
-        """Estimate the evidence that `judged` would find, by one linearisation about a start that is steady.
-
-        Returns:
-            minus infinity: it does not converge.
-        """
-        instances = [term.instance for term in terms]
+    def glanced(self, terms: Sequence[Fitted], start: SelfCalibration) -> Judged | None:
+        """Judge by one linearisation about a start that is steady; None: it does not converge."""
+        instances, covariance = [term.instance for term in terms], start.linear.covariance
         try:
-            found = self_calibrate(
-                self.observed, self.tolerances, instances, start, start.linear.covariance, 1
-            )
+            found = self_calibrate(self.observed, self.tolerances, instances, start, covariance, 1)
         except np.linalg.LinAlgError:
-            return -np.inf
-        return self.evidence(found, terms)
+            return None
+        return Judged(at_estimate(terms, found), found, self.evidence(found, terms))
 
     def evidence(self, found: SelfCalibration, terms: Sequence[Fitted]) -> float:
         """Compute ln of the evidence for effects, whose positive sizes have half a normal as their prior."""
@@ -96,12 +88,74 @@ class CandidateSearch:
             out += log_share_of_positive(sizes, error, positive)
         return out - 0.5 * sum((one.spread / self.widest) ** 2 for one in found.families)
 
-    def tried(self, terms: Sequence[Fitted], start: SelfCalibration, afresh: bool = False) -> Judged | None:
-        """Judge as `judged` does; None: with these effects the calibration does not converge."""
+    def tried(
+        self,
+        terms: Sequence[Fitted],
+        start: SelfCalibration,
+        begin: SelfCalibration | None = None,
+        afresh: bool = False,
+    ) -> Judged | None:
+        """Calibrate with some effects in addition to the families; comparable with others of the same start.
+
+        Args:
+            begin: where the linearisations begin, if not at the start. afresh: they begin from nothing.
+
+        Returns:
+            None: with these effects the calibration does not converge.
+        """
+        instances, covariance = [term.instance for term in terms], start.linear.covariance
         try:
-            return self.judged(terms, start, afresh)
+            found = self_calibrate(self.observed, self.tolerances, instances) if afresh else begin or start
+            for _ in range(TRIES):
+                found = self_calibrate(self.observed, self.tolerances, instances, found, covariance, ROUNDS)
+                if found.moved < RESTS:
+                    break
         except np.linalg.LinAlgError:
             return None
+        return Judged(at_estimate(terms, found), found, self.evidence(found, terms))
+
+    def judged_of(
+        self,
+        terms: tuple[Fitted, ...],
+        near: list[Fitted],
+        afresh: list[Fitted],
+        start: SelfCalibration,
+        best: float = -np.inf,
+    ) -> list[Judged]:
+        """Judge what is promising at a glance, each in addition to some terms.
+
+        A glance is the first linearisation of a judgement. About a start at rest it misses the evidence by 3
+        at most where the gap is small, by a small part of the gain where it is large. Other starts it does
+        not serve.
+
+        Args:
+            afresh: candidates that are judged without the members of the start, which a missing effect may
+                have distorted, unless a judgement with them came to rest.
+            best: ln of the evidence for the best of what they compete with.
+        """
+        every = [(*terms, one) for one in (*near, *afresh)]
+        glances: list[Judged | None] = [None] * len(every)
+        if start.moved < RESTS:
+            plain = self.glanced(terms, start)
+            before = -np.inf if plain is None else plain.evidence
+            for k, several in enumerate(every):  # what holds no promise is forgotten for the sake of memory
+                glances[k] = self.glanced(several, start)
+                best = max([best, *(one.evidence for one in glances if one)])
+                least = max(before, best - GLANCED_NEAR - GLANCED * max(best - before, 0.0))
+                glances = [one if one and one.evidence > least else None for one in glances]
+        out, at_rest = [], set[tuple[str, bytes]]()
+        for k, (several, glance) in enumerate(zip(every, glances, strict=True)):
+            key = several[-1].label, several[-1].candidate.settings[several[-1].point].tobytes()
+            if self.budget.spent:
+                break
+            if (glance is None and start.moved < RESTS) or (k >= len(near) and key in at_rest):
+                continue
+            begin = None if glance is None else glance.calibration
+            judged = self.tried(several, start, begin, k >= len(near))
+            if judged is not None and judged.possible:
+                out.append(judged)
+                at_rest |= {key} if judged.steady else set()
+        return out
 
     def calibrated(self, judged: Judged) -> SelfCalibration:
         """Calibrate again with the covariance of the residuals that belongs to the result."""
@@ -116,8 +170,18 @@ class CandidateSearch:
     def ranked(self, adopted: JointFit) -> list[Fitted]:
         """Rank all other candidates in addition to the adopted terms."""
         others = [candidate for candidate in self.candidates if candidate.label not in adopted.labels]
-        linear = adopted.partialled_out
-        return ranked(candidate_blocks(linear, others), linear.residual)
+        linear, key = adopted.partialled_out, tuple(sorted(adopted.labels))
+        if key not in self.changes and len(self.changes) == KEPT_CHANGES:
+            del self.changes[next(iter(self.changes))]
+        return ranked(candidate_blocks(linear, others, self.changes.setdefault(key, {})), linear.residual)
+
+    def of_part(self, observed: Observation, rows: np.ndarray) -> CandidateSearch:
+        """Return the search in some postures of an experiment."""
+        parts = {
+            key: {which: replace(one, values=one.values[rows]) for which, one in known.items()}
+            for key, known in self.changes.items()
+        }
+        return replace(self, observed=observed.take(rows), last=[], changes=parts)
 
     def best(self, calibration: SelfCalibration, terms: Sequence[Fitted]) -> list[Fitted]:
         """List the candidates that may explain most in addition to the terms, the best first.
@@ -131,8 +195,13 @@ class CandidateSearch:
                 out.setdefault(fitted.label, fitted)
         return list(out.values())
 
-    def fits(self, calibration: SelfCalibration, terms: Sequence[Fitted]) -> Iterator[JointFit]:
-        """Fit terms with the spreads and the noise as estimated, and with none larger than usual."""
+    def fits(self, calibration: SelfCalibration, terms: Sequence[Fitted]) -> tuple[JointFit, JointFit]:
+        """Fit terms with the spreads and the noise as estimated, and with none larger than usual.
+
+        The last ones are kept: the search for laws begins where the selection ended.
+        """
+        if self.last and self.last[0] is calibration and self.last[1] == list(terms):
+            return self.last[2], self.last[3]
         data = calibrated_data(self.observed, calibration)
         stated, found = noise_of(self.observed), calibration.noise
         usual = replace(
@@ -141,8 +210,10 @@ class CandidateSearch:
             cell=min(stated.cell, found.cell),
             plates=np.minimum(stated.plates, found.plates),
         )
-        yield joint_fit(data, terms)
-        yield joint_fit(replace(data, noise=usual, background=calibration.background(ORDINARY)), terms)
+        fit = joint_fit(data, terms)
+        capped = joint_fit(replace(data, noise=usual, background=calibration.background(ORDINARY)), terms)
+        self.last[:] = calibration, list(terms), fit, capped
+        return fit, capped
 
     def without_idle(self, judged: Judged, start: SelfCalibration) -> Judged:
         """Eliminate terms that are not decisive in addition to the others, the least decisive first.
@@ -214,12 +285,19 @@ def first_calibration(
     observed: Observation,
     tolerances: Mapping[str, float] | None = None,
     effects: Sequence[EffectInstance] = (),
+    start: SelfCalibration | None = None,
 ) -> SelfCalibration:
     """Calibrate with these effects; if a gross fault lets it diverge, with the usual spreads and noise."""
     try:
-        return self_calibrate(observed, tolerances, effects)
+        return self_calibrate(observed, tolerances, effects, start)
     except np.linalg.LinAlgError:
         return self_calibrate(observed, tolerances, effects, rounds=1)
+
+
+def part_of(calibration: SelfCalibration, rows: np.ndarray) -> SelfCalibration:
+    """Return a calibration as the start of one of some of its postures alone."""
+    linear = replace(calibration.linear, smooth=calibration.linear.smooth.take(rows))
+    return replace(calibration, observed=calibration.observed.take(rows), linear=linear)
 
 
 def calibrated_data(observed: Observation, calibration: SelfCalibration) -> Data:

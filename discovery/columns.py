@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -13,7 +14,20 @@ from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import SIZE, difference, residuals
 
 STEP = 1e-2  # prior s.d., of the difference quotient
-AT_ONCE = 2e7  # numbers in the columns of several candidates
+AT_ONCE = 5e6  # numbers in the columns of several candidates
+Moments = tuple[np.ndarray, np.ndarray]  # of a candidate's columns: Gram matrix, (s, s), and pulls, (s, d)
+
+
+class Columns(Protocol):
+    """Columns of many candidates, of which a fit needs the number of rows and their products."""
+
+    @property
+    def candidates(self) -> list[Candidate]: ...
+
+    @property
+    def count(self) -> int: ...
+
+    def moments(self, whitened: np.ndarray, /) -> list[list[Moments]]: ...
 
 
 @dataclass(frozen=True)
@@ -28,39 +42,81 @@ class CandidateColumns:
     candidates: list[Candidate]
     projected: list[list[np.ndarray]]
 
+    @property
+    def count(self) -> int:
+        """Return the number of rows, r + e."""
+        return len(self.projected[0][0])
 
-def candidate_columns(linear: LinearModel, candidates: list[Candidate]) -> CandidateColumns:
-    """Compute the columns of many candidates."""
-    flat = whitened_columns(linear, candidates)
+    def moments(self, whitened: np.ndarray) -> list[list[Moments]]:
+        """Multiply the columns of each candidate, at each point, by themselves and by others, (r + e, d)."""
+        return [[(column.T @ column, column.T @ whitened) for column in points] for points in self.projected]
+
+
+@dataclass(frozen=True)
+class Change:
+    """How an experiment changes by a unit of each of a candidate's sizes.
+
+    Attributes:
+        values: of the numbered `fields` of `packed`, (m, f, s), or of the residuals if None, (m, 11, s).
+    """
+
+    fields: np.ndarray | None
+    values: np.ndarray
+
+    def of_residuals(self, linear: LinearModel) -> np.ndarray:
+        """Return the change of the residuals about a linear model, (m, 11, s)."""
+        if self.fields is None:
+            return self.values
+        return -(linear.whitening.sensitivity[:, :, self.fields] @ self.values)
+
+
+# By label and point. It hardly depends on the linear model, so that all rankings share it.
+Changes = dict[tuple[str, int], Change]
+
+
+def candidate_columns(
+    linear: LinearModel, candidates: list[Candidate], known: Changes | None = None
+) -> CandidateColumns:
+    """Compute the columns of many candidates; changes that are not `known` are added there."""
+    flat = whitened_columns(linear, candidates, known)
     whole = linear.project(np.concatenate(flat, axis=1))
     parts = iter(np.split(whole, np.cumsum([column.shape[1] for column in flat])[:-1], axis=1))
     return CandidateColumns(candidates, [[next(parts) for _ in c.settings] for c in candidates])
 
 
-def candidate_blocks(linear: LinearModel, candidates: list[Candidate]) -> Iterator[CandidateColumns]:
+def candidate_blocks(
+    linear: LinearModel, candidates: list[Candidate], known: Changes | None = None
+) -> Iterator[CandidateColumns]:
     """Compute the columns of many candidates, as many at a time as memory holds."""
     block: list[Candidate] = []
     numbers = 0
     for candidate in candidates:
         added = len(linear.basis) * len(candidate.settings) * max(len(candidate.effect.sizes), 1)
         if block and numbers + added > AT_ONCE:
-            yield candidate_columns(linear, block)
+            yield candidate_columns(linear, block, known)
             block, numbers = [], 0
         block.append(candidate)
         numbers += added
     if block:
-        yield candidate_columns(linear, block)
+        yield candidate_columns(linear, block, known)
 
 
-def whitened_columns(linear: LinearModel, candidates: list[Candidate]) -> list[np.ndarray]:
+def whitened_columns(
+    linear: LinearModel, candidates: list[Candidate], known: Changes | None = None
+) -> list[np.ndarray]:
     """Compute the columns of candidates at each point of their grids in turn, whitened, (r, s) each."""
-    return linear.whitening.each(
-        [
-            (_size_columns if c.effect.sizes else _presence_column)(linear, c, point)
-            for c in candidates
-            for point in range(len(c.settings))
-        ]
-    )
+    known = {} if known is None else known
+    out = []
+    for candidate in candidates:
+        for point in range(len(candidate.settings)):
+            if not candidate.effect.sizes:
+                out.append(_presence_column(linear, candidate, point))
+                continue
+            key = candidate.label, point
+            if key not in known:
+                known[key] = _change(linear, candidate, point)
+            out.append(known[key].of_residuals(linear))
+    return linear.whitening.each(out)
 
 
 def effect_columns(
@@ -75,7 +131,7 @@ def effect_columns(
     Returns:
         whitened columns, (r, s) per unit of each size.
     """
-    return linear.whitening(_size_columns(linear, candidate, point, sizes))
+    return linear.whitening(_change(linear, candidate, point, sizes).of_residuals(linear))
 
 
 def presence_column(linear: LinearModel, candidate: Candidate, point: int) -> np.ndarray:
@@ -83,22 +139,22 @@ def presence_column(linear: LinearModel, candidate: Candidate, point: int) -> np
     return linear.whitening(_presence_column(linear, candidate, point))
 
 
-def _size_columns(
-    linear: LinearModel, candidate: Candidate, point: int, sizes: np.ndarray | None = None
-) -> np.ndarray:
-    """Differentiate the residuals with respect to a candidate's sizes, (m, 11, s)."""
+def _change(linear: LinearModel, candidate: Candidate, point: int, sizes: np.ndarray | None = None) -> Change:
+    """Differentiate the experiment with respect to a candidate's sizes."""
     smoothed, prior = linear.smoothed, candidate.prior
-    out = np.zeros((len(smoothed), SIZE, len(prior)))
     start = np.zeros(len(prior)) if sizes is None else sizes
-    before = _removed(smoothed, candidate, start, point) if len(prior) else smoothed
-    for k, step in enumerate(STEP * prior):
-        after = _removed(smoothed, candidate, start + step * (np.arange(len(start)) == k), point)
-        if after.tree is before.tree and after.cells is before.cells:
-            change = difference(before, after) / step
-            out[..., k] = -(linear.whitening.sensitivity @ change[..., None])[..., 0]
-        else:
-            out[..., k] = -((residuals(after, linear.theta) - residuals(before, linear.theta)) / step)
-    return out
+    if not len(prior):
+        return Change(None, np.zeros((len(smoothed), SIZE, 0)))
+    before = _removed(smoothed, candidate, start, point)
+    steps = STEP * np.diag(prior)
+    every = [_removed(smoothed, candidate, start + step, point) for step in steps]
+    if all(after.tree is before.tree and after.cells is before.cells for after in every):
+        values = np.stack([difference(before, after) for after in every], axis=2) / steps.diagonal()
+        changed = np.flatnonzero(values.any(axis=(0, 2)))
+        return Change(changed, values[:, changed])
+    plain = residuals(before, linear.theta)
+    left = np.stack([plain - residuals(after, linear.theta) for after in every], axis=2)
+    return Change(None, left / steps.diagonal())
 
 
 def _presence_column(linear: LinearModel, candidate: Candidate, point: int) -> np.ndarray:

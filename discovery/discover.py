@@ -21,12 +21,12 @@ from tulip_testbed.discovery.effect_intervals import as_calibrated, with_interva
 from tulip_testbed.discovery.experiment_information import Explanation
 from tulip_testbed.discovery.held_out import HeldOut, check_placements, held_out
 from tulip_testbed.discovery.joint_fit import JointFit
-from tulip_testbed.discovery.law_candidates import is_law
-from tulip_testbed.discovery.law_search import LawSelection, select_laws
+from tulip_testbed.discovery.law_candidates import is_law, law_candidates
+from tulip_testbed.discovery.law_search import LawSelection, left_to_laws, select_laws
 from tulip_testbed.discovery.patterns import Pattern, in_channels, patterns
 from tulip_testbed.discovery.pure_error import PureError, pure_error
 from tulip_testbed.discovery.refit import equivalent, refit_if_better, refit_with_alternatives
-from tulip_testbed.discovery.selection import LEVEL, Selection, select
+from tulip_testbed.discovery.selection import LEVEL, Selection, select, select_without
 from tulip_testbed.discovery.unusual_members import STANDS_OUT, SURE, too_wide
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import EffectInstance
@@ -183,16 +183,21 @@ def _discover(
 ) -> Discovery:
     began, rng = time.perf_counter(), np.random.default_rng(seed)
     selection = select(search, first, rng, progress)
-    # A law speaks of places in one laboratory, so none is sought in several experiments together.
-    laws = None if search.observed.measurements.experiments else select_laws(search, selection, rng)
+    # A law speaks of places in one laboratory, so none is searched for in several experiments together.
+    joined = search.observed.measurements.experiments
+    laws = [] if joined else law_candidates(selection.first.without_members(search.observed))
+    laws = [] if search.budget.spent else laws
+    found, searched = None, bool(laws) and left_to_laws(search, selection, laws)
+    described = select_laws(search, selection, laws, rng) if searched else None
     progress(1)
-    found = None
-    if laws is not None and laws.better:
-        found = _described(laws, through_laboratory, hold_out)
+    if described is not None and described.better:
+        found = _described(described, through_laboratory, hold_out)
     if found is None:
         found = _listed(search, selection, through_laboratory, hold_out)
-        if found.verdict == UNKNOWN and laws is not None and not laws.better:
-            found = _described(laws, through_laboratory, hold_out) or found
+        if found.verdict == UNKNOWN and laws and not (searched or search.budget.spent):
+            described = select_laws(search, found.selection, laws, rng)
+        if found.verdict == UNKNOWN and described is not None and not (searched and described.better):
+            found = _described(described, through_laboratory, hold_out) or found
     progress(1)
     return replace(found, wall_s=time.perf_counter() - began)
 
@@ -200,8 +205,15 @@ def _discover(
 def _listed(
     search: CandidateSearch, selection: Selection, through_laboratory: bool, hold_out: bool
 ) -> Discovery:
-    """Reach a verdict with the effects of the catalogue."""
+    """Reach a verdict with the effects of the catalogue.
+
+    An effect for which the laboratory leaves no evidence is dropped, and the search for others is repeated.
+    """
     fitted = _fitted(selection, through_laboratory)
+    while (lost := fitted.lost) and not search.budget.spent:
+        search = replace(search, candidates=[c for c in search.candidates if c.label not in lost])
+        selection = select_without(search, selection, lost)
+        fitted = _fitted(selection, through_laboratory)
     validation = held_out(search, selection.calibration, fitted.fit.terms) if hold_out else None
     return _concluded(search, selection, fitted, validation)
 
@@ -231,26 +243,39 @@ class _Fitted:
     """The selected effects, fitted once more through the laboratory.
 
     Attributes:
+        final: the fit with the sizes of self-calibration.
+        standing: numbers of the terms that are no members of a family, or too large for theirs.
         equivalents: see `Discovery`.
-        shared: s.d. of the error that laboratory and predictions share, (s,).
     """
 
     fit: JointFit
-    shared: np.ndarray
+    final: JointFit
+    standing: tuple[int, ...]
     equivalents: tuple[tuple[Fitted, ...], ...]
+
+    @property
+    def outside(self) -> tuple[int, ...]:
+        """Return the numbers of the standing terms that are decisive."""
+        return tuple(k for k in self.standing if self.equivalents[k][0].log_bayes_factor > DECISIVE)
+
+    @property
+    def lost(self) -> list[str]:
+        """Return the labels of those that are not."""
+        return [self.fit.terms[k].label for k in self.standing if k not in self.outside]
 
 
 def _fitted(selection: Selection, through_laboratory: bool) -> _Fitted:
     fit = selection.fit
     shared = np.zeros(len(fit.sizes))
-    if not fit.terms:
-        return _Fitted(fit, shared, ())
-    if through_laboratory and not any(is_law(term.candidate) for term in fit.terms):
-        return _Fitted(*refit_with_alternatives(fit, selection.alternatives))
-    if through_laboratory:  # the neighbours of laws have been judged by self-calibration
-        fit, shared = refit_if_better(fit.repeated)
-    near = tuple(equivalent(a, t) for a, t in zip(selection.alternatives, fit.terms, strict=True))
-    return _Fitted(fit, shared, near)
+    if fit.terms and through_laboratory and not any(is_law(term.candidate) for term in fit.terms):
+        fit, shared, near = refit_with_alternatives(fit, selection.alternatives)
+    else:
+        if fit.terms and through_laboratory:  # the neighbours of laws have been judged by self-calibration
+            fit, shared = refit_if_better(fit.repeated)
+        near = tuple(equivalent(a, t) for a, t in zip(selection.alternatives, fit.terms, strict=True))
+    final = as_calibrated(fit, selection.fit, selection.calibration, shared)
+    standing = [k for k, term in enumerate(final.terms) if stands_out(selection, term, final.errors[k])]
+    return _Fitted(fit, final, tuple(standing), near)
 
 
 def _concluded(
@@ -258,17 +283,12 @@ def _concluded(
 ) -> Discovery:
     """Reach a verdict; `validation` is None where it was not asked for."""
     began, observed, fit = time.perf_counter(), search.observed, fitted.fit
-    shared, equivalents = fitted.shared, fitted.equivalents
-    laws = [is_law(term.candidate) for term in fit.terms]
+    final, outside, equivalents = fitted.final, fitted.outside, fitted.equivalents
     left = patterns(fit.linear, fit.residual, fit.columns)
-    final = as_calibrated(fit, selection.fit, selection.calibration, shared)
-    standing = [k for k, term in enumerate(final.terms) if stands_out(selection, term, final.errors[k])]
-    outside = tuple(k for k in standing if equivalents[k][0].log_bayes_factor > DECISIVE)
-    lost = [fit.terms[k].label for k in standing if k not in outside]
-    described = any(laws[k] for k in outside)
+    described = any(is_law(fit.terms[k].candidate) for k in outside)
     # A law need not be exact: what it leaves is tolerated if it predicts what it has not seen.
     tolerated = described and validation is not None and validation.holds
-    reasons = _reasons(selection, None if tolerated else left[0], validation, lost)
+    reasons = _reasons(selection, None if tolerated else left[0], validation, fitted.lost)
     verdict = _verdict(selection, reasons, [equivalents[k] for k in outside], described)
     adopted = tuple(with_intervals(final, k) for k in range(len(fit.terms)))
     null, clearest = selection.null, left[0]
@@ -340,7 +360,8 @@ def _unexplained(selection: Selection) -> list[str]:
     """Say what a selection leaves unexplained however it is fitted."""
     if not selection.lacks_fit:
         return []
-    out = [] if selection.complete else ["Another effect would still be decisive."]
+    out = [f"The search ended at its budget of {selection.ended}."] if selection.ended else []
+    out += [] if selection.complete else ["Another effect would still be decisive."]
     return out + [
         f"The family {one.family.name} is {one.spread:.0f} times as wide as its tolerance: that is not usual."
         for one in too_wide(selection.calibration)

@@ -13,26 +13,26 @@ import numpy as np
 from scipy.special import chdtrc, log_ndtr
 
 from tulip_testbed.discovery.candidates import Candidate, Fitted
-from tulip_testbed.discovery.columns import CandidateColumns
+from tulip_testbed.discovery.columns import Columns, Moments
 
 DETECTABLE = 0.5  # smallest singular value times prior s.d. that an experiment can show
 DRAWS = 400
 STACKED = 500  # candidates at a time whose gains are computed together
 
 
-def ranked(blocks: Iterable[CandidateColumns], residual: np.ndarray) -> list[Fitted]:
+def ranked(blocks: Iterable[Columns], residual: np.ndarray) -> list[Fitted]:
     """Fit each candidate alone to a projected residual, (r + 1,); the best first."""
     fits = [fitted for columns in blocks for fitted in marginal_fits(columns, residual)]
     return sorted(fits, key=lambda fitted: -fitted.log_bayes_factor)
 
 
 def fitted_and_counted(
-    blocks: Iterable[CandidateColumns], residual: np.ndarray, rng: np.random.Generator, draws: int = DRAWS
+    blocks: Iterable[Columns], residual: np.ndarray, rng: np.random.Generator, draws: int = DRAWS
 ) -> tuple[list[Fitted], float]:
     """Fit each candidate alone, in order, and estimate the effective number of independent tests."""
     fits: list[Fitted] = []
 
-    def fitted() -> Iterator[CandidateColumns]:
+    def fitted() -> Iterator[Columns]:
         for columns in blocks:
             fits.extend(marginal_fits(columns, residual))
             yield columns
@@ -41,7 +41,7 @@ def fitted_and_counted(
     return fits, tests
 
 
-def marginal_fits(columns: CandidateColumns, residual: np.ndarray) -> list[Fitted]:
+def marginal_fits(columns: Columns, residual: np.ndarray) -> list[Fitted]:
     """Fit each candidate alone to a projected residual, at the best point of its grid.
 
     Args:
@@ -51,22 +51,22 @@ def marginal_fits(columns: CandidateColumns, residual: np.ndarray) -> list[Fitte
         the posterior means of the sizes, in the order of the candidates. Bayes factors are averaged over the
         grid.
     """
-    pairs = list(zip(columns.candidates, columns.projected, strict=True))
+    pairs = list(zip(columns.candidates, columns.moments(residual[:, None]), strict=True))
     out: dict[int, Fitted] = {}
     for count in {len(candidate.effect.sizes) for candidate in columns.candidates}:
         alike = [k for k, (candidate, _) in enumerate(pairs) if len(candidate.effect.sizes) == count]
         fit = _with_sizes if count else _without_sizes
-        out |= zip(alike, fit([pairs[k] for k in alike], residual), strict=True)
+        out |= zip(alike, fit([pairs[k] for k in alike]), strict=True)
     return [out[k] for k in range(len(pairs))]
 
 
-def _with_sizes(pairs: list[tuple[Candidate, list[np.ndarray]]], residual: np.ndarray) -> Iterator[Fitted]:
+def _with_sizes(pairs: list[tuple[Candidate, list[Moments]]]) -> Iterator[Fitted]:
     """Fit candidates with equally many sizes."""
-    flat = [(candidate, column) for candidate, points in pairs for column in points]
+    flat = [(candidate, one) for candidate, points in pairs for one in points]
     prior = np.array([candidate.prior for candidate, _ in flat])
     positive = np.array([candidate.positive for candidate, _ in flat])
-    gram = np.array([column.T @ column for _, column in flat])
-    pull = np.array([column.T @ residual for _, column in flat])
+    gram = np.array([gram for _, (gram, _) in flat])
+    pull = np.array([pull[:, 0] for _, (_, pull) in flat])
     scaled = prior[:, :, None] * gram * prior[:, None, :]
     visible = np.linalg.eigvalsh(scaled).max(axis=1)
     detectable = visible > DETECTABLE**2
@@ -102,12 +102,12 @@ def _dot(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return (first[:, None, :] @ second[:, :, None])[:, 0, 0]
 
 
-def _without_sizes(pairs: list[tuple[Candidate, list[np.ndarray]]], residual: np.ndarray) -> Iterator[Fitted]:
+def _without_sizes(pairs: list[tuple[Candidate, list[Moments]]]) -> Iterator[Fitted]:
     """Weigh effects that have no size but are there or not: ln BF = g'r - g'g / 2."""
     for candidate, points in pairs:
-        size = np.array([float(g[:, 0] @ g[:, 0]) for g in points])
+        size = np.array([float(gram[0, 0]) for gram, _ in points])
         detectable = size > DETECTABLE**2  # exchanging a cell with itself changes nothing
-        logs = np.array([float(g[:, 0] @ residual) for g in points]) - size / 2
+        logs = np.array([float(pull[0, 0]) for _, pull in points]) - size / 2
         point = int(np.where(detectable, logs, -np.inf).argmax())
         gain = max(2 * float(logs[point]), 0.0)
         p = float(chdtrc(1, gain)) / 2 if gain > 0 else 1.0
@@ -118,9 +118,7 @@ def _without_sizes(pairs: list[tuple[Candidate, list[np.ndarray]]], residual: np
         yield Fitted(candidate, point, np.zeros(0), average, p, most)
 
 
-def effective_tests(
-    blocks: Iterable[CandidateColumns], rng: np.random.Generator, draws: int = DRAWS
-) -> float:
+def effective_tests(blocks: Iterable[Columns], rng: np.random.Generator, draws: int = DRAWS) -> float:
     """Estimate the effective number of independent tests among correlated candidates.
 
     The smallest of n independent p-values has the median 1 - 2^(-1/n). That of the candidates is simulated
@@ -130,10 +128,9 @@ def effective_tests(
     # Largest gain in each draw, by degrees of freedom and number of sides of the test.
     largest: dict[tuple[int, int], np.ndarray] = {}
     for columns in blocks:
-        for alike in _alike(columns):
-            noise = rng.standard_normal((len(alike[0][1]), draws)) if noise is None else noise
-            gain, sides = _gains(alike, noise)
-            key = alike[0][1].shape[1], sides
+        noise = rng.standard_normal((columns.count, draws)) if noise is None else noise
+        for alike in _alike(columns, noise):
+            gain, key = _gains(alike)
             largest[key] = np.maximum(gain, largest.get(key, -np.inf))
     least = np.ones(draws)
     for (dof, sides), gain in largest.items():
@@ -145,31 +142,33 @@ def effective_tests(
     return float(np.log(0.5) / np.log1p(-low)) if low < 1 else 1.0
 
 
-def _alike(columns: CandidateColumns) -> Iterator[list[tuple[Candidate, np.ndarray]]]:
-    """Yield candidates with columns at single points of their grids, those with alike sizes together."""
-    out: dict[tuple[bool, bytes], list[tuple[Candidate, np.ndarray]]] = {}
-    for candidate, points in zip(columns.candidates, columns.projected, strict=True):
+def _alike(columns: Columns, noise: np.ndarray) -> Iterator[list[tuple[Candidate, Moments]]]:
+    """Yield candidates with moments at single points of their grids, those with alike sizes together."""
+    out: dict[tuple[bool, bytes], list[tuple[Candidate, Moments]]] = {}
+    for candidate, points in zip(columns.candidates, columns.moments(noise), strict=True):
         key = bool(candidate.effect.sizes), candidate.positive.tobytes()
-        out.setdefault(key, []).extend((candidate, column) for column in points)
+        out.setdefault(key, []).extend((candidate, one) for one in points)
     for several in out.values():
         yield from (several[k : k + STACKED] for k in range(0, len(several), STACKED))
 
 
-def _gains(alike: list[tuple[Candidate, np.ndarray]], noise: np.ndarray) -> tuple[np.ndarray, int]:
-    """Compute the largest gain in each draw of noise by candidates with alike sizes, (draws,), and sides."""
-    size, first = alike[0][1].shape[1], alike[0][0]
-    gram = np.array([column.T @ column for _, column in alike])
-    pull = np.concatenate([column for _, column in alike], axis=1).T @ noise
-    pull = pull.reshape(len(alike), size, -1)
+def _gains(alike: list[tuple[Candidate, Moments]]) -> tuple[np.ndarray, tuple[int, int]]:
+    """Compute the largest gain in each draw of noise by candidates with alike sizes.
+
+    Returns:
+        gains, (draws,); degrees of freedom and sides of the test.
+    """
+    first = alike[0][0]
+    gram, pull = (np.array([one[k] for _, one in alike]) for k in (0, 1))
     if not first.effect.sizes:
         gain = (2 * pull[:, 0] - gram[:, 0]).max(axis=0)
-        return np.where(gain > 0, gain, -np.inf), 1
+        return np.where(gain > 0, gain, -np.inf), (gram.shape[1], 1)
     prior = np.array([candidate.prior for candidate, _ in alike])
     visible = np.linalg.eigvalsh(prior[:, :, None] * gram * prior[:, None, :]).max(axis=1)
     free = np.linalg.pinv(gram, hermitian=True) @ pull
     possible = (visible > DETECTABLE**2)[:, None] & (free[:, first.positive] > 0).all(axis=1)
     gain = np.where(possible, (pull * free).sum(axis=1), -np.inf).max(axis=0)
-    return gain, 1 if first.positive.any() else 2
+    return gain, (gram.shape[1], 1 if first.positive.any() else 2)
 
 
 def sidak(p: float, tests: float) -> float:

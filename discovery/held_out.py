@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import ndtri
@@ -13,7 +13,7 @@ from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.calibration.families import EXACT
 from tulip_testbed.calibration.prediction import predicted
 from tulip_testbed.calibration.self_calibration import self_calibrate
-from tulip_testbed.discovery.candidate_search import CandidateSearch
+from tulip_testbed.discovery.candidate_search import CandidateSearch, part_of
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.selection import calibrated_with_best
 from tulip_testbed.effects.instance import removed
@@ -90,8 +90,8 @@ def held_out(search: CandidateSearch, found: SelfCalibration, terms: Sequence[Fi
         inside, outside = np.flatnonzero(fold == k), np.flatnonzero(fold != k)
         exact = self_calibrate(observed.take(outside), EXACT, rounds=1)
         plain = predicted(exact, observed.take(inside))
-        mine = replace(search, observed=corrected.take(outside))
-        calibration = calibrated_with_best(mine, general)
+        mine = search.of_part(corrected, outside)
+        calibration = calibrated_with_best(mine, general, part_of(found, outside))
         fitted = predicted(calibration, corrected.take(inside))
         for key in sums:
             before, after = plain.of(key), fitted.of(key)

@@ -1,21 +1,22 @@
 """All laws of the grammar as candidates, ranked by linear columns.
 
 A reading that errs as a function of a quantity changes the residuals by their sensitivity to the reading,
-times the function. So the sensitivities are whitened and projected once for each reading, one column per
-posture, and the column of a law is their combination by its function.
+times the function. A fit needs the products of the columns only, and these follow from the functions and the
+products of the sensitivities, which differ from zero within a placement alone. So the columns of laws are
+never made: time and memory grow with the postures, not with their square.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Hashable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tulip_testbed.calibration.linear_model import LinearModel
 from tulip_testbed.discovery.candidates import Candidate, Fitted
-from tulip_testbed.discovery.columns import CandidateColumns, candidate_columns
+from tulip_testbed.discovery.columns import Columns, Moments, candidate_columns
 from tulip_testbed.discovery.evidence import fitted_and_counted, ranked
 from tulip_testbed.effects.laws import LAW, Sentence, law_effect
 from tulip_testbed.effects.laws import grammar as g
@@ -27,6 +28,8 @@ from tulip_testbed.identification.residual_channels import SIZE, fields
 from tulip_testbed.measurements.cells import PLATES
 
 DRAWS = 100  # of noise, for the number of tests among thousands of columns
+Known = dict[tuple[Hashable, ...], np.ndarray]  # quantities and functions that were computed before
+AT_ONCE = 50  # laws whose functions are held together
 KEPT_POINTS = 3  # of a law's grid, with which it is judged
 
 
@@ -43,13 +46,11 @@ def law_candidates(observed: Observation) -> list[Candidate]:
     alike: dict[str, int] = defaultdict(int)
     for one in found:
         alike[one.what] += 1
-    known: dict[tuple[str, ...], np.ndarray] = {}
+    known: Known = {}
     return [_candidate(observed, one, float(np.log(alike[one.what])), known) for one in found]
 
 
-def _candidate(
-    observed: Observation, sentence: Sentence, price: float, known: dict[tuple[str, ...], np.ndarray]
-) -> Candidate:
+def _candidate(observed: Observation, sentence: Sentence, price: float, known: Known) -> Candidate:
     """Make a candidate with the grid and the range of the experiment's readings; `known` collects these."""
     effect = law_effect(str(sentence))
     if sentence.kind == g.FORCE:
@@ -63,14 +64,14 @@ def _candidate(
     return Candidate(effect, str(sentence), settings, price)
 
 
-def _of_all_readings(
-    observed: Observation, sentence: Sentence, known: dict[tuple[str, ...], np.ndarray]
-) -> np.ndarray:
+def _of_all_readings(observed: Observation, sentence: Sentence, known: Known) -> np.ndarray:
     """Return the quantity of all readings that err one after the other, (k m, d)."""
     key = (sentence.what, sentence.of)
     if key not in known:
         each = [quantity(observed, sentence, at) for at in readings(observed, sentence)]
-        known[key] = np.concatenate(each)
+        found = np.concatenate(each)
+        # Others may err as a function of the same: then what follows is computed once.
+        known[key] = known.setdefault((found.tobytes(),), found)
     return known[key]
 
 
@@ -87,21 +88,30 @@ def ranked_and_counted(
     return sorted(fits, key=lambda one: -one.log_bayes_factor), tests
 
 
-def _columns(linear: LinearModel, laws: list[Candidate]) -> Iterator[CandidateColumns]:
+def _columns(linear: LinearModel, laws: list[Candidate]) -> Iterator[Columns]:
     by_what: dict[str, list[Candidate]] = defaultdict(list)
     for law in laws:
         by_what[law.target.partition("/")[0]].append(law)
-    known: dict[tuple[str, ...], np.ndarray] = {}
+    known: Known = {}
     for alike in by_what.values():
         sentence = _sentence(alike[0])
         if sentence.kind == g.FORCE:
             yield candidate_columns(linear, alike)
-        else:
-            yield _of_readings(linear, alike, _sensitivities(linear, sentence), known)
+            continue
+        sensitivities = _sensitivities(linear, sentence)
+        for k in range(0, len(alike), AT_ONCE):
+            some = alike[k : k + AT_ONCE]
+            functions = [_functions(linear.smoothed, law, known) for law in some]
+            yield _LawColumns(some, linear.basis, sensitivities, functions)
 
 
-def _sensitivities(linear: LinearModel, sentence: Sentence) -> np.ndarray:
-    """Differentiate the residuals by what errs, posture by posture, whitened and projected, (r + e, k m)."""
+# Basis of the nuisance columns times the derivatives of the residuals by the errors of k readings, (n, k m);
+# of every placement the coordinates, the numbers of these errors, and the derivatives.
+_Sensitivities = tuple[np.ndarray, list[tuple[slice, np.ndarray, np.ndarray]]]
+
+
+def _sensitivities(linear: LinearModel, sentence: Sentence) -> _Sensitivities:
+    """Differentiate the residuals by what errs, posture by posture, whitened."""
     observed, slope, at = linear.smoothed, linear.whitening.sensitivity, fields(linear.observed)
     if sentence.kind == g.PLATE:
         first = at["plates"].start + len(POSE) * PLATES.index(sentence.place)
@@ -109,38 +119,68 @@ def _sensitivities(linear: LinearModel, sentence: Sentence) -> np.ndarray:
     else:
         first = at["angles" if sentence.kind in (g.ENCODER, g.ENCODERS) else "cells"].start
         columns = [first + k for k in readings(observed, sentence)]
-    m = len(observed)
-    raw = np.zeros((m, SIZE, len(columns), m))
-    every = np.arange(m)
-    raw[every, :, :, every] = slope[:, :, columns]
-    return linear.project(linear.whitening(raw.reshape(m, SIZE, -1)))
+    m, blocks = len(observed), []
+    nuisance = np.zeros((linear.basis.shape[1], len(columns) * m))
+    for where, numbers, factor in linear.whitening.blocks:
+        inside = np.unique(numbers // SIZE)
+        raw = np.zeros((len(inside), SIZE, len(columns), len(inside)))
+        every = np.arange(len(inside))
+        raw[every, :, :, every] = slope[inside][:, :, columns]
+        place = np.searchsorted(inside, numbers // SIZE) * SIZE + numbers % SIZE
+        derivative = factor @ raw.reshape(len(inside) * SIZE, -1)[place]
+        errors = (np.arange(len(columns))[:, None] * m + inside).ravel()
+        nuisance[:, errors] = linear.basis[where].T @ derivative
+        blocks.append((where, errors, derivative))
+    return nuisance, blocks
 
 
-def _of_readings(
-    linear: LinearModel,
-    laws: list[Candidate],
-    sensitivities: np.ndarray,
-    known: dict[tuple[str, ...], np.ndarray],
-) -> CandidateColumns:
-    """Compute the columns of laws about the same reading or readings."""
-    observed = linear.smoothed
-    functions = [_functions(observed, law, known) for law in laws]
-    flat = [one for each in functions for one in each]
-    whole = sensitivities @ np.concatenate(flat, axis=1)
-    parts = iter(np.split(whole, np.cumsum([one.shape[1] for one in flat])[:-1], axis=1))
-    return CandidateColumns(laws, [[next(parts) for _ in each] for each in functions])
+@dataclass(frozen=True)
+class _LawColumns:
+    """The columns of laws about the same readings, as far as their fits need them.
+
+    Attributes:
+        basis: orthonormal, of the nuisance columns, (r + e, n).
+        functions: errors of all readings by a unit of each size, by law and grid, (k m, s) each.
+    """
+
+    candidates: list[Candidate]
+    basis: np.ndarray
+    sensitivities: _Sensitivities
+    functions: list[list[np.ndarray]]
+
+    @property
+    def count(self) -> int:
+        """Return the number of rows, r + e."""
+        return len(self.basis)
+
+    def moments(self, whitened: np.ndarray) -> list[list[Moments]]:
+        """Multiply columns by themselves and by others, (r + e, d), see `CandidateColumns`."""
+        nuisance, blocks = self.sensitivities
+        whitened = whitened - self.basis @ (self.basis.T @ whitened)
+        flat = [one for each in self.functions for one in each]
+        whole = np.concatenate(flat, axis=1)
+        image, pull = np.empty_like(whole), np.empty((len(whole), whitened.shape[1]))
+        for where, errors, derivative in blocks:
+            image[errors] = derivative.T @ (derivative @ whole[errors])
+            pull[errors] = derivative.T @ whitened[where]
+        image -= nuisance.T @ (nuisance @ whole)
+        ends, pulls = np.cumsum([one.shape[1] for one in flat]).tolist(), whole.T @ pull
+        parts = [slice(end - one.shape[1], end) for one, end in zip(flat, ends, strict=True)]
+        each = iter([(f.T @ image[:, at], pulls[at]) for f, at in zip(flat, parts, strict=True)])
+        return [[next(each) for _ in points] for points in self.functions]
 
 
-def _functions(
-    observed: Observation, law: Candidate, known: dict[tuple[str, ...], np.ndarray]
-) -> list[np.ndarray]:
+def _functions(observed: Observation, law: Candidate, known: Known) -> list[np.ndarray]:
     """Compute the errors of all readings one after the other by a unit of each size, (k m, s), by grid."""
     sentence = _sentence(law)
     x = _of_all_readings(observed, sentence, known)
     first, ends = len(law.effect.sizes), len(range_names(sentence))
     out = []
     for row in law.settings:
-        found = basis(sentence, x, row[first : len(row) - ends], row[len(row) - ends :])
+        key = id(x), sentence.quantity, sentence.form, row[first:].tobytes()
+        if key not in known:
+            known[key] = basis(sentence, x, row[first : len(row) - ends], row[len(row) - ends :])
+        found = known[key]
         if sentence.scales:
             found = found * observed.cell_forces[:, readings(observed, sentence)].T.reshape(-1, 1)
         out.append(np.kron(np.eye(len(POSE)), found) if sentence.kind == g.PLATE else found)

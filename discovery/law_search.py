@@ -16,7 +16,6 @@ import numpy as np
 from tulip_testbed.calibration.calibration_result import HALF_95, SelfCalibration
 from tulip_testbed.discovery.candidate_search import (
     DECISIVE,
-    RESTS,
     CandidateSearch,
     Judged,
     at_estimate,
@@ -27,13 +26,12 @@ from tulip_testbed.discovery.evidence import sidak
 from tulip_testbed.discovery.joint_fit import joint_fit
 from tulip_testbed.discovery.law_candidates import (
     is_law,
-    law_candidates,
     ranked_and_counted,
     ranked_laws,
     with_best_points,
 )
 from tulip_testbed.discovery.selection import LEVEL, Selection, is_decisive
-from tulip_testbed.discovery.unusual_members import STANDS_OUT, with_unusual_members
+from tulip_testbed.discovery.unusual_members import STANDS_OUT, too_wide, with_unusual_members
 from tulip_testbed.effects.laws import LAW
 
 MOST_TERMS = 3
@@ -43,8 +41,6 @@ SHAPES = 4  # of the best pair
 EXCHANGES = 2  # rounds in which every term is sought anew
 MOST_JUDGED = 60  # after which nothing is exchanged: in a gross gap a judgement takes a second
 NEAR, SHARE = 15.0, 0.6  # laws are judged above SHARE of the best ln Bayes factor by linear columns less NEAR
-GLANCED_NEAR = 15.0  # ln of the evidence at a glance, by which others that are judged may lie below the best
-GLANCED = 0.2  # of the best gain at a glance: by so much more
 
 
 @dataclass(frozen=True)
@@ -64,13 +60,30 @@ class LawSelection:
     disagreement: float = 0.0
 
 
+def left_to_laws(search: CandidateSearch, selection: Selection, laws: list[Candidate]) -> bool:
+    """Return whether the effects of the catalogue leave anything that a law may explain.
+
+    A law that does decisively better than they is decisive in addition to them, with no family wider and no
+    noise larger than usual.
+    """
+    if not selection.lacks_fit:
+        alone = ranked_laws(selection.null.linear, laws)
+        return min((sidak(one.p, selection.tests) for one in alone), default=1.0) < LEVEL
+    if not selection.complete or too_wide(selection.calibration):
+        return True
+    _, usual = search.fits(selection.calibration, selection.fit.terms)
+    best = max((one.log_bayes_factor for one in ranked_laws(usual.partialled_out, laws)), default=-np.inf)
+    return best >= DECISIVE
+
+
 def select_laws(
-    search: CandidateSearch, selection: Selection, rng: np.random.Generator
+    search: CandidateSearch, selection: Selection, laws: list[Candidate], rng: np.random.Generator
 ) -> LawSelection | None:
     """Select laws and effects of the catalogue that explain an experiment together.
 
     Args:
         selection: of effects of the catalogue alone.
+        laws: see `law_candidates`.
         rng: for the number of independent tests.
 
     Returns:
@@ -78,7 +91,6 @@ def select_laws(
     """
     search = replace(search, widest=WIDEST)
     start = selection.first
-    laws = law_candidates(calibrated_data(search.observed, start).observed)
     linear = selection.null.linear
     alone, more = ranked_and_counted(linear, laws, rng)
     tests = selection.tests + more
@@ -91,7 +103,7 @@ def select_laws(
         return None
     near = _alternatives(law_search, found)
     for _ in range(EXCHANGES):
-        if sum(map(len, law_search.known.values())) > MOST_JUDGED:
+        if sum(map(len, law_search.known.values())) > MOST_JUDGED or search.budget.spent:
             break
         better = _exchanged(law_search, found, near)
         if better is None:
@@ -117,6 +129,7 @@ def select_laws(
         selection,
         calibration=calibration,
         complete=True,
+        ended=str(search.budget) if search.budget.spent else "",
         fit=fit,
         alternatives=alternatives,
         runners_up=(),
@@ -134,7 +147,7 @@ def _forward(law_search: LawSearch, selection: Selection) -> Judged | None:
     terms: tuple[Fitted, ...] = ()
     calibration = law_search.start
     seen: list[set[str]] = []
-    while len(terms) < MOST_TERMS:
+    while len(terms) < MOST_TERMS and not search.budget.spent:
         before = search.evidence(calibration, terms)
         if terms and (plain := search.tried(terms, law_search.start)) is not None:
             before = plain.evidence
@@ -150,9 +163,10 @@ def _forward(law_search: LawSearch, selection: Selection) -> Judged | None:
         seen.append(labels)
         calibration = search.calibrated(found)
         terms = at_estimate(found.terms, calibration)
-    assert found is not None
+    if found is None:  # at the end of the budget
+        return None
     near = [*_near(law_search, calibration, terms), *search.best(calibration, terms)]
-    more = judged(law_search, terms, [(one, False) for one in near])
+    more = search.judged_of(terms, near, [], law_search.start)
     return None if any(is_decisive(one, found.evidence, law_search.tests) for one in more) else found
 
 
@@ -172,12 +186,11 @@ def _judged_in_addition(
     search, key = law_search.search, tuple(sorted(term.label for term in terms))
     if key in law_search.known:
         return law_search.known[key]
-    near = [(one, False) for one in _near(law_search, calibration, terms)]
-    near += [(one, False) for one in search.best(calibration, terms)]
+    near = [*_near(law_search, calibration, terms), *search.best(calibration, terms)]
+    afresh: list[Fitted] = []
     if selection is not None:
-        near += [(one, True) for one in _pairs(law_search.alone)[: PAIRS // 2]]
-        near += [(one, True) for one in search.shortest(selection.null)]
-    out = judged(law_search, terms, near)
+        afresh = [*_pairs(law_search.alone)[: PAIRS // 2], *search.shortest(selection.null)]
+    out = search.judged_of(terms, near, afresh, law_search.start)
     laws = [one for one in out if is_law(one.terms[-1].candidate)]
     best = max(laws, key=lambda one: (one.steady, one.evidence), default=None)
     law_search.known[key] = out if best is None else out + _other_shapes(law_search, terms, calibration, best)
@@ -225,9 +238,9 @@ def _other_shapes(
         for other in law_search.laws
         if other.target.rpartition("/")[0] == _pair(law) and other.label != law.label
     ]
-    linear = next(law_search.search.fits(calibration, terms)).partialled_out
+    linear = law_search.search.fits(calibration, terms)[0].partialled_out
     near = [with_best_points(one) for one in ranked_laws(linear, alike)[:SHAPES] if one.detectable]
-    return judged(law_search, terms, [(one, False) for one in near], best.evidence)
+    return law_search.search.judged_of(terms, near, [], law_search.start, best.evidence)
 
 
 def _preferred(tried: list[Judged]) -> Judged | None:
@@ -295,29 +308,6 @@ class LawSearch:
     start: SelfCalibration
     tests: float
     known: dict[tuple[str, ...], list[Judged]] = field(default_factory=dict)
-
-
-def judged(
-    law_search: LawSearch, terms: tuple[Fitted, ...], near: list[tuple[Fitted, bool]], best: float = -np.inf
-) -> list[Judged]:
-    """Judge what is promising at a glance, each in addition to some terms.
-
-    A glance costs a fifth of a judgement. About a start at rest it misses the evidence by 3 at most where
-    the gap is small, by a small part of the gain where it is large. Other starts it does not serve.
-
-    Args:
-        near: with each, whether it is judged without the members of the start.
-        best: ln of the evidence for the best of what they compete with.
-    """
-    search = law_search.search
-    if law_search.start.moved < RESTS:
-        plain = search.glanced(terms, law_search.start)
-        seen = [search.glanced((*terms, one), law_search.start) for one, _ in near]
-        best = max([best, *seen])
-        least = max(plain, best - GLANCED_NEAR - GLANCED * max(best - plain, 0.0))
-        near = [one for one, evidence in zip(near, seen, strict=True) if evidence > least]
-    tried = [search.tried((*terms, one), law_search.start, afresh) for one, afresh in near]
-    return [one for one in tried if one is not None and one.possible]
 
 
 def as_good(law_search: LawSearch, found: Judged) -> list[Judged]:

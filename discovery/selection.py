@@ -64,7 +64,7 @@ class Selection:
     Attributes:
         first: ordinary imperfections without effects. calibration: in addition to the selected effects.
         tolerances: as asked for.
-        complete: whether no further candidate is decisive.
+        complete: whether no further candidate is decisive. ended: by what budget the search ended, or "".
         fit: of the selected effects, with the ordinary imperfections as background. null: without either.
         alternatives: what else might explain each term, by predictions, the best first; itself among them.
         runners_up: of each term, the best of all candidates by linear predictions, the best first.
@@ -88,6 +88,7 @@ class Selection:
     tests: float
     undetectable: tuple[Candidate, ...]
     weak: tuple[WeaklyDetectable, ...]
+    ended: str = ""
 
     @property
     def lacks_fit(self) -> bool:
@@ -149,43 +150,70 @@ def select(
     )
     progress(1)
     if selection.lacks_fit:
-        calibration, terms, complete = _forward(search, null, calibration, tests, progress)
-        calibration, terms = with_unusual_members(search, calibration, terms)
-        fit = joint_fit(calibrated_data(observed, calibration), terms)
-        others = [_alternatives(search, fit, k) for k in range(len(terms))]
-        selection = replace(
-            selection,
-            calibration=calibration,
-            complete=complete,
-            fit=fit,
-            alternatives=tuple(alternatives for alternatives, _ in others),
-            runners_up=tuple(ranked for _, ranked in others),
-        )
+        selection = _selected(search, selection, calibration, (), progress)
     progress(1)
     return selection
+
+
+def select_without(search: CandidateSearch, selection: Selection, dropped: Sequence[str]) -> Selection:
+    """Select again, beginning with the effects that were selected but for some.
+
+    Args:
+        search: without the dropped ones among its candidates.
+        dropped: labels of effects that do not hold.
+    """
+    terms = tuple(term for term in selection.fit.terms if term.label not in dropped)
+    left = search.tried(terms, selection.first) if terms else None
+    if left is None:
+        return _selected(search, selection, selection.first, ())
+    calibration = search.calibrated(left)
+    return _selected(search, selection, calibration, at_estimate(left.terms, calibration))
+
+
+def _selected(
+    search: CandidateSearch,
+    selection: Selection,
+    calibration: SelfCalibration,
+    terms: tuple[Fitted, ...],
+    progress: Callable[[int], None] = lambda count: None,
+) -> Selection:
+    """Add effects to some terms, whose calibration is given, until none is decisive."""
+    calibration, terms, complete = _forward(
+        search, selection.null, calibration, terms, selection.tests, progress
+    )
+    calibration, terms = with_unusual_members(search, calibration, terms)
+    fit, _ = search.fits(calibration, terms)
+    others = [_alternatives(search, fit, k) for k in range(len(terms))]
+    return replace(
+        selection,
+        calibration=calibration,
+        complete=complete,
+        fit=fit,
+        alternatives=tuple(alternatives for alternatives, _ in others),
+        runners_up=tuple(ranked for _, ranked in others),
+        ended=str(search.budget) if search.budget.spent else "",
+    )
 
 
 def _forward(
     search: CandidateSearch,
     null: JointFit,
     calibration: SelfCalibration,
+    terms: tuple[Fitted, ...],
     tests: float,
     progress: Callable[[int], None],
 ) -> tuple[SelfCalibration, tuple[Fitted, ...], bool]:
     """Add the best candidate while it is decisive; also return whether no further one is."""
-    terms: tuple[Fitted, ...] = ()
     before = []
     while len(terms) < MOST_TERMS:
         plain = search.tried(terms, calibration)
         before_all = search.evidence(calibration, terms) if plain is None else plain.evidence
-        tried = [(one, False) for one in search.best(calibration, terms)]
-        if not terms:  # a large effect distorts the members so far that it hides among them
-            tried += [(one, True) for one in search.shortest(null)]
-        every = [search.tried((*terms, one), calibration, afresh) for one, afresh in tried]
+        near = search.best(calibration, terms)
+        # A large effect distorts the members so far that it hides among them.
+        afresh = [] if terms else search.shortest(null)
+        every = search.judged_of(terms, near, afresh, calibration)
         progress(1)
-        decisive = [
-            one for one in every if one is not None and one.possible and is_decisive(one, before_all, tests)
-        ]
+        decisive = [one for one in every if is_decisive(one, before_all, tests)]
         if not decisive:
             return calibration, terms, True
         best = max(decisive, key=lambda one: (one.steady, one.evidence))
@@ -246,13 +274,18 @@ def _chance(found: SelfCalibration, gain: float, tests: float) -> float:
     return sidak(float(chi2_sf(2 * max(likelihood, 0.0), max(len(prior), 1))), tests)
 
 
-def calibrated_with_best(search: CandidateSearch, terms: Sequence[Fitted]) -> SelfCalibration:
+def calibrated_with_best(
+    search: CandidateSearch, terms: Sequence[Fitted], start: SelfCalibration
+) -> SelfCalibration:
     """Calibrate with some effects, of which every one is chosen again, the others being kept.
 
     Another effect takes its place if the evidence for it is decisively better.
     """
     out = tuple(terms)
-    found = first_calibration(search.observed, search.tolerances, [term.instance for term in out])
+    instances = [term.instance for term in out]
+    found = first_calibration(search.observed, search.tolerances, instances, start)
+    if not out:
+        return found
     data = calibrated_data(search.observed, found)
     for k in range(len(out)):
         adopted = joint_fit(data, out[:k] + out[k + 1 :])
@@ -263,7 +296,7 @@ def calibrated_with_best(search: CandidateSearch, terms: Sequence[Fitted]) -> Se
     if [term.label for term in out] == [term.label for term in terms]:
         return found
     try:
-        return self_calibrate(search.observed, search.tolerances, [term.instance for term in out])
+        return self_calibrate(search.observed, search.tolerances, [term.instance for term in out], found)
     except np.linalg.LinAlgError:  # another choice by linear columns that no calibration bears out
         return found
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tulip_testbed.base.column import Column
-from tulip_testbed.base.errors import MOST_LISTED, InputError, listed, shortened, warn
+from tulip_testbed.base.errors import MOST_LISTED, FaultyError, InputError, listed, shortened, warn
 from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Cell, Table, Verbatim
 from tulip_testbed.calibration.families import check_tolerances
@@ -162,6 +162,7 @@ def warn_of_faults(
     corrections: Sequence[EffectInstance] = (),
     source: str | None = None,
     tolerances: Mapping[str, float] | None = None,
+    refuse: str = "",
 ) -> None:
     """Refuse measurements in wrong units, and warn of others that fail the preflight.
 
@@ -171,9 +172,12 @@ def warn_of_faults(
         corrections: see `check_folder`. source: folder of the measurements.
         tolerances: of families, in place of those of the measurements and those that fit the sensors [SI].
 
+        refuse: how to go on with gross faults, which are refused then; "": they are not.
+
     Raises:
         InputError: measurements that do not fit the robot or are in wrong units, tolerances of unknown
             families or impossible ones.
+        FaultyError: gross faults, if those are refused.
     """
     nominal, source = nominal_robot(robot), source or "measurements"
     check_tolerances(measurements.tolerances, f"{source}: key 'tolerances'")
@@ -186,6 +190,12 @@ def warn_of_faults(
         measurements, _ = without(measurements, nominal, corrections)
     usual = partial(usual_changes, measurements, nominal, tolerances)
     findings = preflight(measurements, nominal, usual_changes=usual)
+    if refuse and (gross := [finding for finding in findings if finding.gross]):
+        found = "; ".join(f"'{one.name}': {one.seen}" for one in gross)
+        raise FaultyError(
+            f"{source}: found gross faults, which no effect explains ({found}); "
+            f"expected none: correct them as `check` advises, or {refuse}"
+        )
     if faults := [finding for finding in findings if finding.result == "fail"]:
         names = listed(repr(finding.name) for finding in faults)
         warn(f"{source}: found faults in {names}; `check` says more")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from tulip_testbed.base.budget import Budget
 from tulip_testbed.base.errors import InputError, at_least
 from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.threads import processes
@@ -63,7 +64,7 @@ def discover_effects(
     check_tolerances(tolerances or {})
     # Says what does not fit, before the work.
     before = identify(measurements, robot, source, tolerances=tolerances, calibrate=first_calibration)
-    with progress("looking for what is missing", 4, 0) as advance:
+    with progress(f"looking for what is missing, in at most {Budget(len(measurements))}", 4, 0) as advance:
         discovery = discover(
             measurements,
             robot,

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+import tulip_testbed.discovery.discover as discover_module
 from studies.hidden_effects.outside_faults import FAULTS
 from tests.effect_changes import DISCOVERY_SEED as SEED
 from tests.effect_changes import measured
+from tulip_testbed.base.budget import Budget
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.families import EXACT, TOLERANCES
 from tulip_testbed.calibration.linear_model import linear_model
@@ -315,8 +317,36 @@ def test_of_many_placements_those_are_sought_that_stand_out(robot, plan, nominal
 
 
 def test_evidence_that_is_lost_on_the_way_is_a_reason():
-    selection: Any = SimpleNamespace(lacks_fit=True, complete=True, calibration=SimpleNamespace(families=()))
+    selection: Any = SimpleNamespace(
+        lacks_fit=True, complete=True, ended="", calibration=SimpleNamespace(families=())
+    )
     clearest: Any = SimpleNamespace(p=1.0)
     assert _reasons(selection, clearest, None) == ()
     (reason,) = _reasons(selection, clearest, None, ["tether:head"])
     assert "the evidence for tether:head is gone" in reason
+
+
+@pytest.mark.slow
+def test_an_effect_that_the_laboratory_refutes_is_dropped(robot, plan, monkeypatch):
+    label, refit = "encoder-offset:right_knee", discover_module.refit_with_alternatives
+
+    def refuting(fit, alternatives):
+        best, shared, near = refit(fit, alternatives)
+        refuted = tuple(dataclasses.replace(one, log_bayes_factor=0.0) for one in near[0])
+        return best, shared, (refuted, *near[1:]) if fit.labels[0] == label else near
+
+    monkeypatch.setattr(discover_module, "refit_with_alternatives", refuting)
+    lab = Laboratory(robot, "force-plate").with_effects(f"{label}=0.02")
+    found = discover(lab.run(plan, SEED, "statics").measurements, robot, hold_out=False)
+    assert label not in found.fit.labels
+    assert not any("is gone" in reason for reason in found.reasons)
+
+
+@pytest.mark.slow
+def test_a_search_ends_at_its_budget_as_unknown(robot, plan, monkeypatch):
+    assert (Budget(10).gigabytes, Budget(10_000).gigabytes) == (2.0, 4.0)
+    monkeypatch.setattr(Budget, "spent", True)
+    lab = Laboratory(robot, "force-plate").with_effects("encoder-offset:right_knee=0.02")
+    found = discover(lab.run(plan, SEED, "statics").measurements, robot, hold_out=False)
+    assert found.verdict == "unknown"
+    assert "The search ended at its budget of 10 min of processor time and 2.0 GB" in found.reasons[-1]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tulip_testbed.base.result import InMemory
 from tulip_testbed.measurements import Measurements
 
 # A healthy folder should fail in at most 1 % of cases and warn in at most 5 %, however many of the
@@ -28,6 +29,7 @@ class Finding:
         where: posture, placement, joint or cell with the largest deviation.
         advice: action to take.
         p_value: p-value of a statistical check under the hypothesis of a healthy folder.
+        gross: whether the fault is larger than any that a search for effects can explain.
     """
 
     name: str
@@ -37,6 +39,7 @@ class Finding:
     where: str = ""
     advice: str = ""
     p_value: float | None = None
+    gross: InMemory[bool] = False
 
 
 def skipped(name: str, reason: str) -> Finding:

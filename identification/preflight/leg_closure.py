@@ -16,6 +16,7 @@ PLANAR = [0, 1, 5]
 # A robot that is put down again stands within a millimetre of its marks (simulated laboratory), which does
 # not affect the centre of pressure; a foot that moves by more has slipped.
 STAY = np.array([0.005, 0.005, 0.02])  # m, m, rad
+GROSS = np.array([50.0, 150.0, 150.0])  # mm, mrad: by a wrong sign or joint, no effect of the catalogue
 EXPLAINED = 0.8  # share of the chi-square from which a joint is named
 NO_ENCODER_SD = "the manifest states no sensors.encoder_sd"
 
@@ -66,6 +67,7 @@ def _legs_close(
         f"worst: {row_name(m, row)}",
         advice,
         tested.p_value,
+        gross=tested.result == "fail" and bool((rms > GROSS).any()),
     )
 
 

@@ -24,6 +24,8 @@ from tulip_testbed.measurements.cells import PLATES
 
 SAME_POSE = 1e-9  # m, rad: largest difference of the recorded poses of a placement
 BOARD_EDGE = 0.05  # m, largest overhang of a board beyond its cells
+GROSSLY_BEYOND = 0.2  # m, of a sole: by a wrong sign or another plate, no effect of the catalogue
+GROSS_SHARE = 0.3  # of the loads outside their soles: two swapped cells make 0.14
 LEAST_LOAD = 0.05  # of the weight; with less load a plate's own centre of pressure is not used
 # The feet push against each other. This cancels in the sum, but shifts each plate's own centre of pressure by
 # the height of the top times horizontal over vertical force; which was at most 0.09 in 395 holds.
@@ -98,6 +100,7 @@ def feet_on_plates(measurements: Measurements, nominal: Nominal) -> Finding:
         expected,
         row_name(m, int(row)),
         advice,
+        gross=bool((middle > 0).any()) and worst > GROSSLY_BEYOND,
     )
 
 
@@ -133,6 +136,7 @@ def load_in_soles(measurements: Measurements, nominal: Nominal) -> Finding:
         f"{1e3 * outside[row, foot]:+.0f} ± {1e3 * sd[row, foot]:.0f} mm from the edge",
         "Look for swapped cells of that plate, its pose's sign or origin, a wrong cell position.",
         p_value,
+        gross=count > GROSS_SHARE * enough.sum(),
     )
 
 

@@ -44,7 +44,7 @@ def main(arguments: list[str] | None = None, loaded: Callable[[], object] = lamb
         from tulip_testbed.cli.terminal import refuse
 
         refuse(str(error))
-        return 2
+        return error.exit_code
     except OSError as error:
         if error.filename is None or not (error.strerror or ""):  # of stdout, see `run`
             raise

@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from threading import Event, Thread
 from typing import Any
 
 from rich.console import Console
@@ -31,6 +32,7 @@ from tulip_testbed.base.table_files import finite
 
 ERR = Console(stderr=True)
 PIPE_WIDTH = 150
+QUIET = 60.0  # s between two lines about work that goes on
 VERDICT = "Verdict: "  # what the line begins with whose rest has the colour of the verdict
 
 
@@ -123,7 +125,7 @@ class RateColumn(ProgressColumn):
 
 @contextmanager
 def progress(label: str, total: int, done: int = 0) -> Iterator[Advance]:
-    """Show a bar with rate, time left and the best value so far on stderr.
+    """Show a bar with rate, time left and the best value so far on stderr; no terminal gets a line a minute.
 
     Args:
         done: steps that were done before.
@@ -131,6 +133,19 @@ def progress(label: str, total: int, done: int = 0) -> Iterator[Advance]:
     Yields:
         A function to be called with the number of steps that are done now.
     """
+    if not ERR.is_terminal:
+        ended, count = Event(), [done]
+
+        def tell() -> None:
+            while not ended.wait(QUIET):
+                say(f"{label}: {min(sum(count), total)} of {total}")
+
+        Thread(target=tell, daemon=True).start()
+        try:
+            yield lambda more, /, value=None: count.append(more)
+        finally:
+            ended.set()
+        return
     value_column = TextColumn("{task.fields[value]}")
     with _bar(label, RateColumn(), TimeElapsedColumn(), TimeRemainingColumn(), value_column) as bar:
         task = bar.add_task(label, total=total, completed=done, value="")
@@ -143,7 +158,7 @@ def progress(label: str, total: int, done: int = 0) -> Iterator[Advance]:
 
 def _bar(label: str, *columns: ProgressColumn) -> Progress:
     first = (TextColumn(label), BarColumn(), MofNCompleteColumn())
-    return Progress(*first, *columns, console=ERR, transient=True, disable=not ERR.is_terminal)
+    return Progress(*first, *columns, console=ERR, transient=True)
 
 
 def _console(least: int = 0) -> Console:

@@ -1,0 +1,37 @@
+"""How much processor time and memory a long search may use."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+ROWS = 2000  # up to which a budget is the same
+STATUS = Path("/proc/self/statm")  # in pages of 4 kB, where there is one
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Processor time and memory of a search in so many rows, which begins now."""
+
+    rows: int
+    began: float = field(default_factory=time.process_time)
+
+    @property
+    def seconds(self) -> float:
+        """Return the processor time [s]."""
+        return 600.0 * max(self.rows / ROWS, 1.0)
+
+    @property
+    def gigabytes(self) -> float:
+        """Return the memory of the process [GB]."""
+        return 2.0 + 2.0 * max(self.rows - ROWS, 0) / 8000
+
+    def __str__(self) -> str:
+        return f"{self.seconds / 60:.0f} min of processor time and {self.gigabytes:.1f} GB of memory"
+
+    @property
+    def spent(self) -> bool:
+        """Return whether no more may be begun."""
+        used = 4096e-9 * int(STATUS.read_text().split()[1]) if STATUS.exists() else 0.0
+        return time.process_time() - self.began > self.seconds or used > self.gigabytes
