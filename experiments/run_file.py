@@ -83,6 +83,8 @@ def configuration_of(
         "statics": engine == "statics",
         "plan": {"robot": plan.robot, "made": plan.made, "postures": len(plan)},
     } | ({"imperfections": float(imperfections)} if imperfections else {})
+    if laboratory.random_robot is not None:
+        content["random_robot"] = dict(zip(("spread", "seed"), laboratory.random_robot, strict=True))
     return Configuration.model_validate(finite(content))  # with lists for tuples, as it will be read again
 
 
