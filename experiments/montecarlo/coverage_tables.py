@@ -104,9 +104,8 @@ def coverage_check_table(checks: list[dict[str, Any]]) -> Table:
             Cell(check[key], f"checks.{k}.{key}")
             for key in ("name", "number", "value", "interval", "bounds", "beyond", "source")
         )
-        open_ended = check["result"] == "pass" and not check["shown"]
-        result = Cell("inconclusive" if open_ended else check["result"], mark=check["result"])
-        rows.append([name, result, *others])
+        result = check["result"] if check["shown"] or check["result"] != "pass" else "inconclusive"
+        rows.append([name, Cell(result, mark=result), *others])
     note = (
         f"Bounds: bias within {BIAS[1]:g} s.e., found over stated s.e. {RATIO[0]:g} to {RATIO[1]:g}, "
         f"coverage {100 * COVERAGE[0]:g} to {100 * COVERAGE[1]:g} %. Judged are the errors that "

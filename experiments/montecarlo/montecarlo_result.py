@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import Field
@@ -34,7 +34,13 @@ from tulip_testbed.experiments.montecarlo.coverage_tables import (
     coverage_table,
     spread_table,
 )
-from tulip_testbed.experiments.montecarlo.coverage_verdict import CoverageCheck, checks, shown, verdict
+from tulip_testbed.experiments.montecarlo.coverage_verdict import (
+    CoverageCheck,
+    Verdict,
+    checks,
+    shown,
+    verdict,
+)
 from tulip_testbed.experiments.montecarlo.run_chunks import RunChunks
 from tulip_testbed.experiments.montecarlo.run_columns import (
     Layout,
@@ -84,7 +90,7 @@ class MonteCarlo(Result, ModelCoverage):
         correlations: of pairs of parameters, by "A,B". total_mass: its errors [kg].
         rows, dropped: measured rows and postures without one, over the runs.
         identified: how many runs could be. failures: how many could not, by reason.
-        verdict: "pass", or "fail" if any check fails; a pass of too few runs is not `conclusive`.
+        verdict: "pass", "fail" if any check fails, or "inconclusive" if the runs are too few for a pass.
         shown: whether there are enough runs to show that all checks hold.
         document: run.json. every_run: the columns of the run folder, all runs. plan, robot: of the runs.
         folder: of the runs; None: in memory alone.
@@ -102,18 +108,13 @@ class MonteCarlo(Result, ModelCoverage):
     identified: int
     failures: dict[str, int]
     checks: list[CoverageCheck]
-    verdict: Literal["pass", "fail"]
+    verdict: Verdict
     shown: bool
     document: Annotated[MonteCarloFile, Outside()]
     every_run: Annotated[Columns, Outside()]
     plan: Annotated[PosturePlan, Outside()]
     robot: Annotated[Robot, Outside()]
     folder: Annotated[Path | None, Outside()] = None
-
-    @property
-    def conclusive(self) -> bool:
-        """Return whether the runs settle the verdict: a check failed, or all are shown to hold."""
-        return self.shown or self.verdict == "fail"
 
     @property
     def models(self) -> dict[str, ModelCoverage]:
@@ -131,8 +132,8 @@ class MonteCarlo(Result, ModelCoverage):
 
     @property
     def exit_code(self) -> int:
-        """Return 0 for a pass, 1 for a failed check."""
-        return 0 if self.verdict == "pass" else 1
+        """Return 0 for a pass, 1 for a failed check, 3 if inconclusive."""
+        return {"pass": 0, "fail": 1, "inconclusive": 3}[self.verdict]
 
     def table(self) -> Table:
         """Return bias, ratio of standard errors and coverage of the full model's parameters."""
@@ -146,7 +147,6 @@ class MonteCarlo(Result, ModelCoverage):
         """Return the parameters, how residuals vary, the checks and the verdict."""
         report = self.to_json()
         models = {"full": report["parameters"], "simplified": report["simplified"]["parameters"]}
-        enough = (", shown" if self.shown else ", inconclusive") if self.verdict == "pass" else ""
         return [
             *(coverage_table(model, rows) for model, rows in models.items() if rows),
             LEGEND,
@@ -155,8 +155,8 @@ class MonteCarlo(Result, ModelCoverage):
             *coverage_lines(report),
             "",
             coverage_check_table(report["checks"]),
-            f"Verdict: {self.verdict}{enough}; estimator {self.estimator}, {self.runs} runs",
-            *([] if self.conclusive else [TOO_FEW]),
+            f"Verdict: {self.verdict}; estimator {self.estimator}, {self.runs} runs",
+            *([TOO_FEW] if self.verdict == "inconclusive" else []),
         ]
 
     def write_into(self, folder: Path) -> None:
