@@ -140,6 +140,10 @@ class Result(Documented):
         """Return the tables and sentences that terminal, notebook and page show, in this order."""
         raise NotImplementedError
 
+    def answer(self) -> list[Table | str]:
+        """Return what the command line shows without --full."""
+        return self.tables()
+
     @property
     def exit_code(self) -> int:
         """Return the exit code of the command that has this result."""

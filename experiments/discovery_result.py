@@ -19,7 +19,17 @@ from tulip_testbed.base.table import Table
 from tulip_testbed.base.table_files import Columns, TableFile
 from tulip_testbed.calibration.calibration_result import CalibratedFamily
 from tulip_testbed.discovery.detectability import Undetectable, WeaklyDetectable
-from tulip_testbed.discovery.discover import Discovery, Verdict, clear_of_zero
+from tulip_testbed.discovery.discover import (
+    AMBIGUOUS,
+    CALIBRATED,
+    DESCRIBED,
+    NAMED,
+    NONE,
+    UNKNOWN,
+    Discovery,
+    Verdict,
+    clear_of_zero,
+)
 from tulip_testbed.discovery.dynamics_check import DynamicsCheck
 from tulip_testbed.discovery.experiment_information import Explanation
 from tulip_testbed.discovery.held_out import HeldOut
@@ -40,6 +50,7 @@ from tulip_testbed.experiments.identification_result import EXPERIMENTS, Identif
 from tulip_testbed.experiments.proposed_experiment import Proposals, ProposedExperiment, propose_experiments
 from tulip_testbed.experiments.rig_folder import RIG
 from tulip_testbed.experiments.run_file import RUN_FILE, RunFile, SavedRun, write_run_file
+from tulip_testbed.experiments.usable_parameters import usable_line
 from tulip_testbed.identification.residual_noise import Noise
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.robot import Robot
@@ -50,6 +61,22 @@ PARTS = (
     *("cop_x_m", "cop_y_m", "force_N", "twist_right_N", "twist_left_N"),
     *("height_m", "roll_rad", "pitch_rad", "x_m", "y_m", "yaw_rad"),
 )
+
+
+_AS_SHOWN = ("yes, as far as these postures show", "`export` writes the identified robot as a model file")
+_CORRECTED = (
+    "with the correction; without it parameters are biased",
+    "remove the cause, or give the adopted rig to other commands as `corrections`; `export` writes the model",
+)
+# Whether the estimator is right and what to do next, by verdict.
+ANSWERS = {
+    NONE: _AS_SHOWN,
+    CALIBRATED: _AS_SHOWN,
+    NAMED: _CORRECTED,
+    DESCRIBED: _CORRECTED,
+    AMBIGUOUS: ("no, and several causes fit", "`plan next` proposes the experiment that separates them"),
+    UNKNOWN: ("no, and no known cause is sufficient", "look for a fault where the residuals are largest"),
+}
 
 
 class DiscoveryConfiguration(Document):
@@ -212,9 +239,20 @@ class Discovered(SavedRun):
         given = (self.measurements, self.robot, self.verdict, self.explanations)
         return propose_experiments(*given, plan, seed)
 
+    @property
+    def answers(self) -> tuple[str, str, str]:
+        """Say whether the estimator is right, what of the estimate can be used, and what to do next."""
+        right, following = ANSWERS[self.verdict]
+        if self.verdict in (AMBIGUOUS, UNKNOWN):
+            usable = "Usable: no parameter is safe before that is settled."
+        else:
+            found, measured = self.after or self.before, self.measurements
+            usable = usable_line(found.full, found.parameters, measured.joint_angles, measured.support)
+        return f"Right: {right}.", usable, f"Next: {following}."
+
     def tables(self) -> list[Table | str]:
         """Return the verdict, the story and the tables that belong to them."""
-        parts: list[Table | str] = [f"Verdict: {self.verdict}", *self.story, ""]
+        parts: list[Table | str] = [f"Verdict: {self.verdict}", *self.story, "", *self.answers, ""]
         if self.verdict == "none" and (weak := weak_table(self.weakly_detectable)).rows:
             parts.append(weak)
         parts.append(gap_table(self.heldout))

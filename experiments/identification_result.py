@@ -20,10 +20,11 @@ from tulip_testbed.effects.removal import without
 from tulip_testbed.experiments.correlation_table import NO_CORRELATION, correlation_table
 from tulip_testbed.experiments.correlations import Correlations, parameter_index
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR
-from tulip_testbed.experiments.family_tables import calibration_report
+from tulip_testbed.experiments.family_tables import calibration_report, first_to_improve
 from tulip_testbed.experiments.parameter_tables import (
-    LEGEND,
+    NOT_AT_REST,
     cad_line,
+    legend,
     mass_line,
     models,
     parameter_table,
@@ -31,6 +32,7 @@ from tulip_testbed.experiments.parameter_tables import (
     weak_directions,
 )
 from tulip_testbed.experiments.run_file import MEASUREMENT_FOLDER, check_parameters
+from tulip_testbed.experiments.usable_parameters import known_sums, usable_line
 from tulip_testbed.identification.base_parameters import (
     BaseParameters,
     base_parameters,
@@ -42,7 +44,7 @@ from tulip_testbed.identification.estimators import ESTIMATORS as OF_REGRESSION
 from tulip_testbed.identification.estimators import Estimate
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.rank import describe_combinations, labels
-from tulip_testbed.identification.statistics import correlations
+from tulip_testbed.identification.statistics import WELL_IDENTIFIED, correlations
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.joined import read_written, write_experiments
 from tulip_testbed.sim.robot import Robot
@@ -217,6 +219,41 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
         """Return a pandas DataFrame with one row per parameter of a model and its name as the index."""
         return self.table(model).frame().set_index("parameter")
 
+    @property
+    def answers(self) -> tuple[str, str, str]:
+        """Say whether the estimator is right, what of the estimate can be used, and what to do next."""
+        if not self.at_rest:
+            return (f"Right: no. {NOT_AT_REST}", "Usable: nothing.", "Next: `check`, then `discover`.")
+        measured, first = self.measurements, ""
+        if self.calibration is not None:
+            first = f"; {first_to_improve(self.calibration)}"
+        return (
+            "Right: measurements alone cannot tell. `validate` tests the estimator on a known robot.",
+            usable_line(self.full, self.parameters, measured.joint_angles, measured.support),
+            f"Next: `discover` asks whether the model lacks an effect{first}.",
+        )
+
+    def answer(self) -> list[Table | str]:
+        """Return what is known well, the total mass and what to do next."""
+        table = self.table()
+        well = [k for k, share in enumerate(self.full.relative_standard_error) if share < WELL_IDENTIFIED]
+        rows = [table.rows[k] for k in well if self.at_rest]
+        columns = [k for k, column in enumerate(table.columns) if column.name != "well identified"]
+        known = replace(
+            table,
+            title=f"Full model: parameters that are known better than {WELL_IDENTIFIED:.0f} %",
+            columns=tuple(table.columns[k] for k in columns),
+            rows=[[row[k] for k in columns] for row in rows],
+        )
+        sums = [
+            f"{name} = {1e3 * value:.2f} mm, standard error {1e3 * error:.2f} mm."
+            for name, value, error in known_sums(self.full)
+            if self.at_rest
+        ]
+        corrected = [f"Corrected: {effect.finding}" for effect in self.corrections]
+        more = "`--full` shows all parameters, correlations, ordinary imperfections and the budget of errors."
+        return [*corrected, known, *sums, mass_line(*self.mass), "", *self.answers, more]
+
     def tables(self) -> list[Table | str]:
         """Return the parameters of the models, their high correlations and the total mass.
 
@@ -243,4 +280,4 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
         if self.calibration is not None:
             parts += calibration_report(self.calibration, self.full.names, self.measurements.contacts)
         summary = ESTIMATORS[self.estimator]
-        return [*parts, f"Estimator: {self.estimator}. {summary}", LEGEND, mass_line(*self.mass)]
+        return [*parts, f"Estimator: {self.estimator}. {summary}", legend(self.full), mass_line(*self.mass)]

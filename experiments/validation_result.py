@@ -19,7 +19,7 @@ from tulip_testbed.experiments.dropped_postures import DroppedPosture, usable_po
 from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.imperfections import imperfections_line
 from tulip_testbed.experiments.parameter_tables import (
-    LEGEND,
+    legend,
     mass_line,
     models,
     parameter_table,
@@ -36,6 +36,7 @@ from tulip_testbed.experiments.run_file import (
     write_run_file,
 )
 from tulip_testbed.experiments.truth_record import SimulatedTruth
+from tulip_testbed.experiments.usable_parameters import usable_line
 from tulip_testbed.measurements import Measurements, PosturePlan, read_measurements, write_measurements
 from tulip_testbed.sim.outcome import Truth
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
@@ -158,6 +159,26 @@ class Validation(SavedRun):
         """Return 0 for a pass, 1 for a failed check."""
         return 0 if self.verdict == "pass" else 1
 
+    @property
+    def answers(self) -> tuple[str, str, str]:
+        """Say whether the estimator is right, what of the estimate can be used, and what to do next."""
+        failed = [check.name for check in self.checks if check.result == "fail"]
+        evaluated = sum(check.result != "not evaluated" for check in self.checks)
+        if failed:
+            return (
+                f"Right: no, {len(failed)} of {evaluated} checks failed: {', '.join(failed)}.",
+                "Usable: nothing, until the cause is found.",
+                "Next: repeat with another `seed`; some 4 % of correct laboratories fail by chance.",
+            )
+        own, measured = self.identification, self.measurements
+        return (
+            f"Right: yes, within the standard errors: all {evaluated} evaluated checks passed. Effects that "
+            "the simulator does not model are not ruled out.",
+            usable_line(own.full, own.parameters, measured.joint_angles, measured.support),
+            "Next: `montecarlo` tests whether the standard errors are too large; `plan optimal` finds "
+            "postures that determine more.",
+        )
+
     def tables(self) -> list[Table | str]:
         """Return the parameters of the models, how the experiment went, the checks and the verdict."""
         parts: list[Table | str] = []
@@ -166,14 +187,14 @@ class Validation(SavedRun):
             parts += [self.parameter_table(model), high or NO_CORRELATION, ""]
         reasons, paper = [one.reason for one in self.dropped], self.robot.settings.get("paper")
         parts += [
-            LEGEND,
+            legend(self.identification.full),
             imperfections_line(self.imperfections),
             *usable_postures(len(self.plan), len(self.measurements), reasons, paper),
             mass_line(*self.identification.mass, self.true_mass),
         ]
         if self.books is not None:
             parts += [sag_line(self.simulation), balance_line(self.books)]
-        return [*parts, "", self.table(), f"Verdict: {self.verdict} after {self.wall_s:.0f} s"]
+        return [*parts, "", self.table(), f"Verdict: {self.verdict} after {self.wall_s:.0f} s", *self.answers]
 
     def parameter_table(self, model: str) -> Table:
         """Return the parameters of a model with their truth and, where there is one, the paper's Table II."""

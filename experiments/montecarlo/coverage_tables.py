@@ -16,10 +16,6 @@ LEGEND = (
     "Intervals are of 95 % for every single number; those of the checks are wider, since they hold for all "
     "at once."
 )
-TOO_FEW = (
-    "Inconclusive: no check failed, but there are too few runs to show that all hold: some intervals still "
-    "reach beyond the bounds. More runs make them narrower: ask for them in the same folder."
-)
 SPREADS = {
     "condition_number": ("condition number", ""),
     "sigma_mm": ("residual sigma per axis (eq. 14)", "mm"),

@@ -12,6 +12,7 @@ from pydantic import Field
 
 from tulip_testbed.base.errors import InputError, shortened
 from tulip_testbed.base.machine import machine
+from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Outside, Result
 from tulip_testbed.base.table import Table
 from tulip_testbed.base.table_files import Columns, software, write_json
@@ -28,7 +29,6 @@ from tulip_testbed.experiments.montecarlo.coverage import (
 )
 from tulip_testbed.experiments.montecarlo.coverage_tables import (
     LEGEND,
-    TOO_FEW,
     coverage_check_table,
     coverage_lines,
     coverage_table,
@@ -62,6 +62,7 @@ from tulip_testbed.experiments.run_file import (
     configuration_of,
 )
 from tulip_testbed.experiments.usable_plan import plan_hash, planned_parameters
+from tulip_testbed.identification.statistics import WELL_IDENTIFIED, relative_standard_errors
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.robot import Robot
@@ -143,6 +144,41 @@ class MonteCarlo(Result, ModelCoverage):
         """Return a pandas DataFrame with one row per parameter of the full model, indexed by name."""
         return self.table().frame().set_index("parameter")
 
+    @property
+    def answers(self) -> tuple[str, str, str]:
+        """Say whether the estimator is right, what this experiment gives, and what to do next."""
+        failed = [check.name for check in self.checks if check.result == "fail"]
+        right, following = {
+            "pass": (f"yes, {self.identified} runs show it", "measure the plan (`protocol`)"),
+            "fail": (
+                f"no, its standard errors are wrong: {', '.join(failed)}",
+                "do not rely on them; compare another `estimator`",
+            ),
+            "inconclusive": (
+                f"undecided, nothing in {self.identified} runs contradicts its standard errors, but these "
+                "are too few to show that all checks hold",
+                "ask for more runs in the same folder; coverage needs some 5000",
+            ),
+        }[self.verdict]
+        return f"Right: {right}.", self._usable, f"Next: {following}."
+
+    @property
+    def _usable(self) -> str:
+        if not self.identified:
+            return "Usable: nothing, no run could be identified."
+        numbers = [row.number for row in self.parameters]
+        truth = matrix(identified(self.every_run), [f"truth.{number}" for number in numbers])
+        error = np.array([row.standard_error for row in self.parameters])
+        well = int((relative_standard_errors(truth.mean(axis=0), error) < WELL_IDENTIFIED).sum())
+        regressor = planned_parameters(self.robot, self.plan).regressor(
+            self.plan.joint_angles, self.plan.support
+        )
+        missed = number(float(np.sqrt(((regressor @ self.errors_mm["full"].T) ** 2).mean())), ".2g")
+        return (
+            f"Usable: {well} of {len(numbers)} parameters are known better than {WELL_IDENTIFIED:.0f} %; the "
+            f"centre of mass of these postures is predicted with an error of {missed} mm per axis (r.m.s.)."
+        )
+
     def tables(self) -> list[Table | str]:
         """Return the parameters, how residuals vary, the checks and the verdict."""
         report = self.to_json()
@@ -156,7 +192,7 @@ class MonteCarlo(Result, ModelCoverage):
             "",
             coverage_check_table(report["checks"]),
             f"Verdict: {self.verdict}; estimator {self.estimator}, {self.runs} runs",
-            *([TOO_FEW] if self.verdict == "inconclusive" else []),
+            *self.answers,
         ]
 
     def write_into(self, folder: Path) -> None:

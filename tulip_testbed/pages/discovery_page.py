@@ -93,7 +93,7 @@ def discovery_page(discovery: Discovered) -> Page:
         ("search, s", f"{discovery.wall_s:.1f}"),
     )
     sentence, *story = discovery.story
-    sentence = f"{VERDICTS[discovery.verdict]} {sentence}"
+    sentence = "\n".join([f"{VERDICTS[discovery.verdict]} {sentence}", *discovery.answers])
     title, verdict = title_of(discovery), discovery.verdict
     return Page(title, verdict, sentence, facts, tuple(sections), story=tuple(story))
 

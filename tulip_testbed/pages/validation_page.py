@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tulip_testbed.experiments.correlation_table import NO_CORRELATION
-from tulip_testbed.experiments.parameter_tables import LEGEND, models
+from tulip_testbed.experiments.parameter_tables import legend, models
 from tulip_testbed.experiments.validate import correlations_at
 from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.identification.base_parameters import common_support, renumbered
@@ -56,7 +56,7 @@ def validation_page(run: Validation) -> Page:
         Section("Checks", tables=(run.table(),)),
         Section(
             "Parameters",
-            (f"Estimator: {own.estimator}. {LEGEND}",),
+            (f"Estimator: {own.estimator}. {legend(own.full)}",),
             tuple(map(run.parameter_table, estimates)),
             (drawn.errors_over_se(errors),),
         ),
@@ -81,22 +81,7 @@ def validation_page(run: Validation) -> Page:
         ("postures used", f"{run.postures_used} of {run.postures_planned}"),
         ("total mass, kg", f"{mass:.3f} ± {error:.3f} (truth {run.true_mass:.3f})"),
     )
-    return Page(title_of(run), run.verdict, _sentence(run), facts, sections, tuple(missing))
-
-
-def _sentence(run: Validation) -> str:
-    """Return the meaning of a validation's verdict in a sentence."""
-    failed = [check.name for check in run.checks if check.result == "fail"]
-    evaluated = sum(check.result != "not evaluated" for check in run.checks)
-    if failed:
-        return f"The estimates cannot be trusted here: {len(failed)} of {evaluated} checks failed, " + (
-            f"{', '.join(failed)}."
-        )
-    return (
-        f"In this laboratory, with these sensors and postures, the estimates are right within their "
-        f"standard errors: all {evaluated} evaluated checks passed. They cannot rule out effects that "
-        "the simulator does not model, nor standard errors that are too large."
-    )
+    return Page(title_of(run), run.verdict, "\n".join(run.answers), facts, sections, tuple(missing))
 
 
 def _dropped(run: Validation) -> str:
