@@ -33,9 +33,7 @@ def main(folder: Path) -> int:
     folder.mkdir(parents=True)
     data, truth, found = folder / "data", folder / "truth.json", folder / "found"
     _say("1. Every encoder, cell, link and plate is a little off, as everywhere. One encoder is off by")
-    _say(
-        "   1.15 deg, and nobody notices. The masses differ from CAD by some 10 %. 150 postures on two plates."
-    )
+    _say("   1.15 deg, and nobody notices. Masses differ from CAD by some 10 %. 150 postures on two plates.")
     _run("simulate", "--out", data, "--truth", truth, *SETTING, "--effects", EFFECT)
     _say("2. The robot is identified as if the laboratory were exact. Its standard errors are small ...")
     wrong = _errors(_run("identify", data, *NAIVE, "--json"), truth)
@@ -78,9 +76,7 @@ def main(folder: Path) -> int:
     scores = _run("predict", new, "--exported", model, "--json")["models"]
     for name in ("CAD", "exported"):
         missed = next(one["rms_mm"] for one in scores if one["name"] == name)
-        _say(
-            f"   {name} misses the centre of pressure by {missed['x']:.1f} mm in x, {missed['y']:.1f} mm in y."
-        )
+        _say(f"   {name} misses the centre of pressure by {missed['x']:.1f} and {missed['y']:.1f} mm (x, y).")
     _say("6. For a colleague:")
     _run("report", found, "--out", folder / "found.html")
     _run("view", found, "--save", folder / "found.rrd")

@@ -14,22 +14,12 @@ from pydantic import Field, computed_field
 from tulip_testbed.base.document import Document, Seed
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import is_folder, read_bytes, read_text, write_text
-from tulip_testbed.base.result import RESULT_FILE, Figure, Given, InMemory, Kept, Place
+from tulip_testbed.base.result import RESULT_FILE, Figure, InMemory, Kept, Place
 from tulip_testbed.base.table import Table
 from tulip_testbed.base.table_files import Columns, TableFile
 from tulip_testbed.calibration.calibration_result import CalibratedFamily
 from tulip_testbed.discovery.detectability import Undetectable, WeaklyDetectable
-from tulip_testbed.discovery.discover import (
-    AMBIGUOUS,
-    CALIBRATED,
-    DESCRIBED,
-    NAMED,
-    NONE,
-    UNKNOWN,
-    Discovery,
-    Verdict,
-    clear_of_zero,
-)
+from tulip_testbed.discovery.discover import Discovery, Verdict, clear_of_zero
 from tulip_testbed.discovery.dynamics_check import DynamicsCheck
 from tulip_testbed.discovery.experiment_information import Explanation
 from tulip_testbed.discovery.held_out import HeldOut
@@ -49,8 +39,7 @@ from tulip_testbed.experiments.discovery_tables import (
 from tulip_testbed.experiments.identification_result import EXPERIMENTS, Identification
 from tulip_testbed.experiments.proposed_experiment import Proposals, ProposedExperiment, propose_experiments
 from tulip_testbed.experiments.rig_folder import RIG
-from tulip_testbed.experiments.run_file import RUN_FILE, RunFile, SavedRun, write_run_file
-from tulip_testbed.experiments.usable_parameters import usable_line
+from tulip_testbed.experiments.run_file import ROBOT, RUN_FILE, RunFile, SavedRun, write_run_file
 from tulip_testbed.identification.residual_noise import Noise
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.robot import Robot
@@ -63,19 +52,16 @@ PARTS = (
 )
 
 
-_AS_SHOWN = ("yes, as far as these postures show", "`export` writes the identified robot as a model file")
-_CORRECTED = (
-    "with the correction; without it parameters are biased",
-    "remove the cause, or give the adopted rig to other commands as `corrections`; `export` writes the model",
-)
+AS_SHOWN = ("yes, these postures show no effect that the model lacks", "`export` writes the identified model")
+CORRECTED = "remove the cause, or give the adopted rig to other commands as `corrections`"
 # Whether the estimator is right and what to do next, by verdict.
 ANSWERS = {
-    NONE: _AS_SHOWN,
-    CALIBRATED: _AS_SHOWN,
-    NAMED: _CORRECTED,
-    DESCRIBED: _CORRECTED,
-    AMBIGUOUS: ("no, and several causes fit", "`plan next` proposes the experiment that separates them"),
-    UNKNOWN: ("no, and no known cause is sufficient", "look for a fault where the residuals are largest"),
+    "none": AS_SHOWN,
+    "calibrated": AS_SHOWN,
+    "named": ("yes, with the correction: one explanation fits", CORRECTED),
+    "described": ("yes, with the correction: a law describes the gap", CORRECTED),
+    "ambiguous": ("no, several explanations fit", "`plan next` proposes the experiment that separates them"),
+    "unknown": ("no, no explanation is sufficient", "look for a fault where the residuals are largest"),
 }
 
 
@@ -165,7 +151,7 @@ class Discovered(SavedRun):
     story: Annotated[tuple[str, ...], Field(min_length=1)]
     check: DynamicsCheck | None
     wall_s: float
-    robot: Given[Robot]
+    robot: Annotated[Robot, ROBOT, Field(exclude=True)]
     measurements: Annotated[Measurements, EXPERIMENTS]
     residuals: Annotated[Columns, Kept(RESIDUAL_FILE, _write_residuals, _read_residuals)]
     rig_files: Annotated[dict[str, str], Kept(RIG, _write_rig, _read_rig)]
@@ -243,11 +229,8 @@ class Discovered(SavedRun):
     def answers(self) -> tuple[str, str, str]:
         """Say whether the estimator is right, what of the estimate can be used, and what to do next."""
         right, following = ANSWERS[self.verdict]
-        if self.verdict in (AMBIGUOUS, UNKNOWN):
-            usable = "Usable: no parameter is safe before that is settled."
-        else:
-            found, measured = self.after or self.before, self.measurements
-            usable = usable_line(found.full, found.parameters, measured.joint_angles, measured.support)
+        safe = self.verdict not in ("ambiguous", "unknown")
+        usable = (self.after or self.before).usable if safe else "Usable: nothing before that is settled."
         return f"Right: {right}.", usable, f"Next: {following}."
 
     def tables(self) -> list[Table | str]:

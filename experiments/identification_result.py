@@ -22,9 +22,9 @@ from tulip_testbed.experiments.correlations import Correlations, parameter_index
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR
 from tulip_testbed.experiments.family_tables import calibration_report, first_to_improve
 from tulip_testbed.experiments.parameter_tables import (
+    LEGEND,
     NOT_AT_REST,
     cad_line,
-    legend,
     mass_line,
     models,
     parameter_table,
@@ -220,39 +220,30 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
         return self.table(model).frame().set_index("parameter")
 
     @property
-    def answers(self) -> tuple[str, str, str]:
-        """Say whether the estimator is right, what of the estimate can be used, and what to do next."""
-        if not self.at_rest:
-            return (f"Right: no. {NOT_AT_REST}", "Usable: nothing.", "Next: `check`, then `discover`.")
-        measured, first = self.measurements, ""
-        if self.calibration is not None:
-            first = f"; {first_to_improve(self.calibration)}"
-        return (
-            "Right: measurements alone cannot tell. `validate` tests the estimator on a known robot.",
-            usable_line(self.full, self.parameters, measured.joint_angles, measured.support),
-            f"Next: `discover` asks whether the model lacks an effect{first}.",
-        )
+    def usable(self) -> str:
+        """Say what of the estimate can be used."""
+        matrix = self.parameters.regressor(self.measurements.joint_angles, self.measurements.support)
+        variance = np.einsum("ij,jk,ik->i", matrix, self.full.covariance, matrix)
+        shares, sums = self.full.relative_standard_error, known_sums(self.full)
+        return usable_line(shares, np.sqrt(variance.mean()), len(sums)) if self.at_rest else NOT_AT_REST
 
     def answer(self) -> list[Table | str]:
-        """Return what is known well, the total mass and what to do next."""
-        table = self.table()
-        well = [k for k, share in enumerate(self.full.relative_standard_error) if share < WELL_IDENTIFIED]
-        rows = [table.rows[k] for k in well if self.at_rest]
-        columns = [k for k, column in enumerate(table.columns) if column.name != "well identified"]
-        known = replace(
-            table,
-            title=f"Full model: parameters that are known better than {WELL_IDENTIFIED:.0f} %",
-            columns=tuple(table.columns[k] for k in columns),
-            rows=[[row[k] for k in columns] for row in rows],
-        )
-        sums = [
-            f"{name} = {1e3 * value:.2f} mm, standard error {1e3 * error:.2f} mm."
-            for name, value, error in known_sums(self.full)
-            if self.at_rest
+        """Return what is known well, whether that is right, what can be used and what to do next."""
+        table, shares = self.table(), self.full.relative_standard_error
+        title = f"Full model: parameters that are known better than {WELL_IDENTIFIED:.0f} %"
+        rows = [row for row, share in zip(table.rows, shares, strict=True) if share < WELL_IDENTIFIED]
+        first = f"; {first_to_improve(self.calibration)}" if self.calibration is not None else ""
+        return [
+            *(f"Corrected: {effect.finding}" for effect in self.corrections),
+            replace(table, title=title, rows=rows),
+            *known_sums(self.full),
+            mass_line(*self.mass),
+            "",
+            "Right: measurements alone cannot tell. `validate` tests the estimator on a known robot.",
+            self.usable,
+            f"Next: `discover` asks whether the model lacks an effect{first}.",
+            "`--full` shows all parameters, correlations, ordinary imperfections and the budget of errors.",
         ]
-        corrected = [f"Corrected: {effect.finding}" for effect in self.corrections]
-        more = "`--full` shows all parameters, correlations, ordinary imperfections and the budget of errors."
-        return [*corrected, known, *sums, mass_line(*self.mass), "", *self.answers, more]
 
     def tables(self) -> list[Table | str]:
         """Return the parameters of the models, their high correlations and the total mass.
@@ -280,4 +271,4 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
         if self.calibration is not None:
             parts += calibration_report(self.calibration, self.full.names, self.measurements.contacts)
         summary = ESTIMATORS[self.estimator]
-        return [*parts, f"Estimator: {self.estimator}. {summary}", legend(self.full), mass_line(*self.mass)]
+        return [*parts, f"Estimator: {self.estimator}. {summary}", LEGEND, mass_line(*self.mass)]

@@ -64,7 +64,8 @@ class Laboratory:
         hidden: effects that no estimator knows, likewise.
         nominal: the laboratory without effects; None: the nominal robot's, with the preset's sensors.
         experiment: session and manipulations, see `manipulated`; None: an ordinary set-up in no session.
-        random_robot: spread and seed, see `with_random_robot`; None: the nominal robot stands there.
+        random_robot: spread (see `draw_robot`) and seed of the robot that stands there, which no estimator
+            knows; None: the nominal one.
     """
 
     robot: Robot = field(default_factory=load_robot)
@@ -78,6 +79,8 @@ class Laboratory:
     def __post_init__(self) -> None:
         for name, kind in (("robot", Robot), ("sensors", str), ("nominal", Rig | None)):
             expect(name, getattr(self, name), kind)
+        if self.random_robot is not None:
+            check_spread(self.random_robot[0])
         look_up("preset", self.sensors, PRESETS, "sensors")
         for name in ("known", "hidden"):
             given = several(getattr(self, name), name)
@@ -127,22 +130,6 @@ class Laboratory:
     def with_known(self, *effects: EffectInstance | str) -> Laboratory:
         """Add effects that the laboratory is known to have, written as in `with_effects`."""
         return replace(self, known=self.known + self._instances(effects))
-
-    @checked
-    def with_random_robot(self, spread: float, seed: int = DEFAULT_SEED) -> Laboratory:
-        """Let a random robot stand here in place of the nominal one, which the estimators still take for it.
-
-        Args:
-            spread: s.d. of the logarithm of each link's mass, and of its centre of mass in half edges of its
-                inertia box, 0 < spread <= 1.
-            seed: of its draw; one seed is one robot.
-
-        Raises:
-            InputError: an impossible spread.
-        """
-        at_least("seed", seed, 0)
-        check_spread(spread)
-        return replace(self, random_robot=(spread, seed))
 
     @checked
     def manipulated(self, *manipulations: str, session: str = "") -> Laboratory:

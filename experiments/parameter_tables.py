@@ -24,6 +24,10 @@ from tulip_testbed.identification.rank import describe_combinations, labels, wea
 from tulip_testbed.identification.statistics import WELL_IDENTIFIED, residual_norms
 from tulip_testbed.sim.robot import Robot
 
+LEGEND = (
+    "s.e.: standard error by the estimator (least squares: eq. 14); relative s.e.: s.e. over the estimate "
+    f"(eq. 13); well identified: relative s.e. below {WELL_IDENTIFIED:.0f} %."
+)
 NOT_AT_REST = "The estimate did not come to rest: these numbers and their standard errors mean nothing."
 HALF, LEADING = 0.5, 5  # share of data, directions that are listed
 MOST_TABLE = 2**20  # bytes
@@ -97,20 +101,6 @@ def _paper_table(robot: Robot, name: str) -> dict[int, dict[str, float | None]]:
     return table
 
 
-def legend(estimate: Estimate) -> str:
-    """Explain the columns of an estimate's table."""
-    clustered = "clustered s.e.: allows for errors common to a placement; " * is_clustered(estimate)
-    return (
-        f"s.e.: standard error by the estimator (least squares: eq. 14); {clustered}relative s.e.: s.e. over "
-        f"the estimate (eq. 13); well identified: relative s.e. below {WELL_IDENTIFIED:.0f} %."
-    )
-
-
-def is_clustered(estimate: Estimate) -> bool:
-    """Return whether the clustered standard errors differ: the default's own allow for placements."""
-    return bool((estimate.clustered_standard_error != estimate.standard_error).any())
-
-
 def models(robot: Robot) -> tuple[str, ...]:
     """Return the models that differ: without a simplified one the second would be the first."""
     return ("full", "simplified") if "simplified" in robot.settings else ("full",)
@@ -151,7 +141,9 @@ def parameter_table(
         (Column("relative s.e.", "%", ".1f"), values("relative_standard_error")),
         (Column("well identified"), [Cell(yes, mark="good" if yes else "") for yes in well]),
     ]
-    if is_clustered(estimate):
+    # The default's own standard errors allow for placements: then the clustered ones would repeat them.
+    clustered = (estimate.clustered_standard_error != estimate.standard_error).any()
+    if clustered:
         columns.insert(4, (_millimetres("clustered s.e."), values("clustered_standard_error")))
     if truth is not None:
         kept = truth[estimate.numbers - 1].tolist()
@@ -177,6 +169,7 @@ def parameter_table(
     columns.append((Column("links", extra=True), links))
     title = f"{model.capitalize()} model{', compared with Table II' if beside else ''}"
     note = f"{residual_line(shown, model, paper)} {placements_line(shown)}"
+    note += " Clustered s.e.: allows for these." * bool(clustered)
     if least_squares:
         note = f"By least squares: {note[0].lower()}{note[1:]}"
     if not at_rest:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -87,7 +88,7 @@ def simulate(
     laboratory = _disturbed(laboratory, made, effects, seed, engine == "statics")
     check_imperfections(laboratory, imperfections)
     if robot_spread is not None:
-        laboratory = laboratory.with_random_robot(robot_spread, seed)
+        laboratory = dataclasses.replace(laboratory, random_robot=(robot_spread, seed))
     laboratory = drawn(laboratory, imperfections, single_stream(seed))
     if wanted is not None or session is not None:
         texts = () if wanted is None else wanted.manipulations

@@ -1,52 +1,38 @@
-"""What of an estimate can be used: well known parameters, sums of others, the predicted centre of mass."""
+"""The usable part of an estimate: well known parameters, sums of others, the predicted centre of mass."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from tulip_testbed.base.numbers import number
-from tulip_testbed.identification.base_parameters import BaseParameters
 from tulip_testbed.identification.estimators import Estimate
 from tulip_testbed.identification.statistics import WELL_IDENTIFIED, relative_standard_errors
 
-INTERVAL = 1.96  # half of a 95 % interval, in standard errors
 
-
-def known_sums(estimate: Estimate) -> list[tuple[str, float, float]]:
-    """Return sums and differences that are well known though neither of their two parameters is.
-
-    Returns:
-        name, value and standard error [m] of each.
-    """
-    found, shares = [], estimate.relative_standard_error
-    place = {number: k for k, number in enumerate(estimate.numbers.tolist())}
+def known_sums(estimate: Estimate) -> list[str]:
+    """Return sums and differences that are well known though neither of their two parameters is."""
+    found, shares = [], dict(zip(estimate.numbers.tolist(), estimate.relative_standard_error, strict=True))
     for first, second, correlation in estimate.high_correlations:
-        a, b = place[first], place[second]
-        weights = np.zeros(len(shares))
-        weights[[a, b]] = 1.0, -np.sign(correlation)
+        sign = -1.0 if correlation > 0 else 1.0
+        weights = (estimate.numbers == first) + sign * (estimate.numbers == second)
         value, error = weights @ estimate.value, np.sqrt(weights @ estimate.covariance @ weights)
-        apart = min(shares[a], shares[b]) >= WELL_IDENTIFIED
-        if apart and relative_standard_errors(value, error) < WELL_IDENTIFIED:
-            sign = "-" if correlation > 0 else "+"
-            found.append((f"{estimate.names[a]} {sign} {estimate.names[b]}", float(value), float(error)))
+        if relative_standard_errors(value, error) < WELL_IDENTIFIED <= min(shares[first], shares[second]):
+            names = [estimate.names[list(shares).index(one)] for one in (first, second)]
+            size = f"{1e3 * value:.2f} mm, standard error {1e3 * error:.2f} mm"
+            found.append(f"{(' + ' if sign > 0 else ' - ').join(names)} = {size}.")
     return found
 
 
-def usable_line(
-    estimate: Estimate, parameters: BaseParameters, angles: np.ndarray, support: np.ndarray
-) -> str:
+def usable_line(shares: np.ndarray, missed: float, sums: int = 0) -> str:
     """Say how much of a full model can be used.
 
     Args:
-        angles: of the postures, (m, n_joints) [rad]. support: see `BaseParameters.regressor`, (m,).
+        shares: relative standard errors, (p,) [%]. missed: standard error of the predicted centre of mass per
+            axis [m]. sums: see `known_sums`.
     """
-    matrix = parameters.regressor(angles, support).reshape(2 * len(angles), -1)
-    variance = np.einsum("ij,jk,ik->i", matrix, estimate.covariance, matrix)
-    sums, count = len(known_sums(estimate)), int((estimate.relative_standard_error < WELL_IDENTIFIED).sum())
     others = f" and {sums} sum{'s' * (sums > 1)} of others" if sums else ""
-    reach = number(1e3 * INTERVAL * float(np.sqrt(variance.mean())), ".2g")
     return (
-        f"Usable: {count} of {len(estimate.value)} parameters{others} are known better than "
-        f"{WELL_IDENTIFIED:.0f} %; the centre of mass of these postures is predicted within ± {reach} mm per "
-        "axis (95 %)."
+        f"Usable: {(shares < WELL_IDENTIFIED).sum()} of {len(shares)} parameters{others} are known better "
+        f"than {WELL_IDENTIFIED:.0f} %; the centre of mass of these postures is predicted within "
+        f"± {number(1.96e3 * float(missed), '.2g')} mm per axis (95 %)."
     )

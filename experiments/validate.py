@@ -74,7 +74,7 @@ def validate(
     check_imperfections(laboratory, imperfections)
     at_least("seed", seed, 0)
     if robot_spread is not None:
-        laboratory = laboratory.with_random_robot(robot_spread, seed)
+        laboratory = dataclasses.replace(laboratory, random_robot=(robot_spread, seed))
     laboratory.check(plan, engine)
     identifiable_regressor("plan", laboratory.robot, plan)
     laboratory = drawn(laboratory, imperfections, single_stream(seed))

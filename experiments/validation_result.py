@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import AfterValidator, computed_field
+from pydantic import AfterValidator, Field, computed_field
 
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.numbers import number
-from tulip_testbed.base.result import RESULT_FILE, Array, Given, Kept, Place
+from tulip_testbed.base.result import RESULT_FILE, Array, Kept, Place
 from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.checks import Check, check_table, verdict, worst_balance
 from tulip_testbed.experiments.correlation_table import NO_CORRELATION, correlation_table
@@ -19,7 +19,7 @@ from tulip_testbed.experiments.dropped_postures import DroppedPosture, usable_po
 from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.imperfections import imperfections_line
 from tulip_testbed.experiments.parameter_tables import (
-    legend,
+    LEGEND,
     mass_line,
     models,
     parameter_table,
@@ -28,6 +28,7 @@ from tulip_testbed.experiments.parameter_tables import (
 from tulip_testbed.experiments.run_file import (
     MEASUREMENT_FOLDER,
     PLAN_FOLDER,
+    ROBOT,
     RUN_FILE,
     Configuration,
     RunFile,
@@ -36,7 +37,6 @@ from tulip_testbed.experiments.run_file import (
     write_run_file,
 )
 from tulip_testbed.experiments.truth_record import SimulatedTruth
-from tulip_testbed.experiments.usable_parameters import usable_line
 from tulip_testbed.measurements import Measurements, PosturePlan, read_measurements, write_measurements
 from tulip_testbed.sim.outcome import Truth
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
@@ -76,7 +76,7 @@ class Validation(SavedRun):
     checks: Annotated[tuple[Check, ...], AfterValidator(_each_once)]
     wall_s: float
     imperfections: float
-    robot: Given[Robot]
+    robot: Annotated[Robot, ROBOT, Field(exclude=True)]
     plan: Annotated[PosturePlan, Kept(PLAN_FOLDER, write_plan, read_plan)]
     measurements: Annotated[Measurements, MEASURED]
     simulation: Annotated[SimulatedTruth, TRUTH]
@@ -162,19 +162,17 @@ class Validation(SavedRun):
     @property
     def answers(self) -> tuple[str, str, str]:
         """Say whether the estimator is right, what of the estimate can be used, and what to do next."""
-        failed = [check.name for check in self.checks if check.result == "fail"]
-        evaluated = sum(check.result != "not evaluated" for check in self.checks)
-        if failed:
+        results = {check.name: check.result for check in self.checks if check.result != "not evaluated"}
+        if failed := [name for name, result in results.items() if result == "fail"]:
             return (
-                f"Right: no, {len(failed)} of {evaluated} checks failed: {', '.join(failed)}.",
+                f"Right: no, {len(failed)} of {len(results)} checks failed: {', '.join(failed)}.",
                 "Usable: nothing, until the cause is found.",
                 "Next: repeat with another `seed`; some 4 % of correct laboratories fail by chance.",
             )
-        own, measured = self.identification, self.measurements
         return (
-            f"Right: yes, within the standard errors: all {evaluated} evaluated checks passed. Effects that "
-            "the simulator does not model are not ruled out.",
-            usable_line(own.full, own.parameters, measured.joint_angles, measured.support),
+            f"Right: yes, within the standard errors: all {len(results)} evaluated checks passed. Effects "
+            "that the simulator does not model are not ruled out.",
+            self.identification.usable,
             "Next: `montecarlo` tests whether the standard errors are too large; `plan optimal` finds "
             "postures that determine more.",
         )
@@ -187,7 +185,7 @@ class Validation(SavedRun):
             parts += [self.parameter_table(model), high or NO_CORRELATION, ""]
         reasons, paper = [one.reason for one in self.dropped], self.robot.settings.get("paper")
         parts += [
-            legend(self.identification.full),
+            LEGEND,
             imperfections_line(self.imperfections),
             *usable_postures(len(self.plan), len(self.measurements), reasons, paper),
             mass_line(*self.identification.mass, self.true_mass),

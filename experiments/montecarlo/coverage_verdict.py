@@ -84,10 +84,7 @@ def checks(runs: int, models: Mapping[str, Errors], outside: Mapping[str, float]
     return done
 
 
-Verdict = Literal["pass", "inconclusive", "fail"]
-
-
-def verdict(done: list[CoverageCheck]) -> Verdict:
+def verdict(done: list[CoverageCheck]) -> Literal["pass", "inconclusive", "fail"]:
     """Return "fail" if any check fails, "pass" if the runs show all of them, or else "inconclusive"."""
     if any(check.result == "fail" for check in done):
         return "fail"

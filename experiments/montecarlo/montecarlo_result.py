@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field
 
 from tulip_testbed.base.errors import InputError, shortened
 from tulip_testbed.base.machine import machine
-from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Outside, Result
 from tulip_testbed.base.table import Table
 from tulip_testbed.base.table_files import Columns, software, write_json
@@ -34,13 +33,7 @@ from tulip_testbed.experiments.montecarlo.coverage_tables import (
     coverage_table,
     spread_table,
 )
-from tulip_testbed.experiments.montecarlo.coverage_verdict import (
-    CoverageCheck,
-    Verdict,
-    checks,
-    shown,
-    verdict,
-)
+from tulip_testbed.experiments.montecarlo.coverage_verdict import CoverageCheck, checks, shown, verdict
 from tulip_testbed.experiments.montecarlo.run_chunks import RunChunks
 from tulip_testbed.experiments.montecarlo.run_columns import (
     Layout,
@@ -53,6 +46,7 @@ from tulip_testbed.experiments.montecarlo.run_columns import (
 from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.run_file import (
     PLAN_FOLDER,
+    ROBOT,
     RUN_FILE,
     VERSION,
     Configuration,
@@ -61,8 +55,9 @@ from tulip_testbed.experiments.run_file import (
     check_robot,
     configuration_of,
 )
+from tulip_testbed.experiments.usable_parameters import usable_line
 from tulip_testbed.experiments.usable_plan import plan_hash, planned_parameters
-from tulip_testbed.identification.statistics import WELL_IDENTIFIED, relative_standard_errors
+from tulip_testbed.identification.statistics import relative_standard_errors
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.robot import Robot
@@ -109,7 +104,7 @@ class MonteCarlo(Result, ModelCoverage):
     identified: int
     failures: dict[str, int]
     checks: list[CoverageCheck]
-    verdict: Verdict
+    verdict: Literal["pass", "inconclusive", "fail"]
     shown: bool
     document: Annotated[MonteCarloFile, Outside()]
     every_run: Annotated[Columns, Outside()]
@@ -147,37 +142,24 @@ class MonteCarlo(Result, ModelCoverage):
     @property
     def answers(self) -> tuple[str, str, str]:
         """Say whether the estimator is right, what this experiment gives, and what to do next."""
-        failed = [check.name for check in self.checks if check.result == "fail"]
+        if not self.identified:
+            return "Right: no run could be identified.", "Usable: nothing.", "Next: other postures."
+        failed = ", ".join(check.name for check in self.checks if check.result == "fail")
         right, following = {
             "pass": (f"yes, {self.identified} runs show it", "measure the plan (`protocol`)"),
-            "fail": (
-                f"no, its standard errors are wrong: {', '.join(failed)}",
-                "do not rely on them; compare another `estimator`",
-            ),
+            "fail": (f"no, its standard errors are wrong: {failed}", "compare another `estimator`"),
             "inconclusive": (
-                f"undecided, nothing in {self.identified} runs contradicts its standard errors, but these "
-                "are too few to show that all checks hold",
+                f"undecided, no check failed, but {self.identified} runs are too few to show that all hold",
                 "ask for more runs in the same folder; coverage needs some 5000",
             ),
         }[self.verdict]
-        return f"Right: {right}.", self._usable, f"Next: {following}."
-
-    @property
-    def _usable(self) -> str:
-        if not self.identified:
-            return "Usable: nothing, no run could be identified."
-        numbers = [row.number for row in self.parameters]
-        truth = matrix(identified(self.every_run), [f"truth.{number}" for number in numbers])
+        truth = matrix(identified(self.every_run), [f"truth.{row.number}" for row in self.parameters])
         error = np.array([row.standard_error for row in self.parameters])
-        well = int((relative_standard_errors(truth.mean(axis=0), error) < WELL_IDENTIFIED).sum())
-        regressor = planned_parameters(self.robot, self.plan).regressor(
-            self.plan.joint_angles, self.plan.support
-        )
-        missed = number(float(np.sqrt(((regressor @ self.errors_mm["full"].T) ** 2).mean())), ".2g")
-        return (
-            f"Usable: {well} of {len(numbers)} parameters are known better than {WELL_IDENTIFIED:.0f} %; the "
-            f"centre of mass of these postures is predicted with an error of {missed} mm per axis (r.m.s.)."
-        )
+        parameters = planned_parameters(self.robot, self.plan)
+        columns = parameters.regressor(self.plan.joint_angles, self.plan.support)
+        missed = np.sqrt(((columns @ self.errors_mm["full"].T) ** 2).mean()) / 1e3
+        usable = usable_line(relative_standard_errors(truth.mean(axis=0), error), missed)
+        return f"Right: {right}.", usable, f"Next: {following}."
 
     def tables(self) -> list[Table | str]:
         """Return the parameters, how residuals vary, the checks and the verdict."""
@@ -199,6 +181,7 @@ class MonteCarlo(Result, ModelCoverage):
         """Write a run folder, which more runs can be added to."""
         (folder / CHUNK_FOLDER).mkdir()
         write_plan(folder / PLAN_FOLDER, self.plan)
+        ROBOT.write(folder / ROBOT.name, self.robot)
         self.document.write(folder / RUN_FILE)
         chunks = RunChunks(folder / CHUNK_FOLDER, self.runs, self.document.settings.chunk)
         for index in range(len(chunks)):

@@ -149,14 +149,14 @@ def _arguments(function: PublicFunction, given: dict[str, Any]) -> dict[str, Any
     """Return what the library's function is called with."""
     from tulip_testbed.cli.terminal import progress
 
-    robot = read_robot(given[ROBOT]) if ROBOT in given else None
+    robot = read_robot(given[ROBOT]) if given.get(ROBOT) else None
     arguments: dict[str, Any] = {}
     for argument in function.arguments:
         name, reader = argument.name, READERS.get(argument.annotation)
         if name == PROGRESS:
             arguments[name] = progress
         elif reader is None:
-            arguments[name] = given[name]
+            arguments[name] = robot if name == ROBOT else given[name]
         elif reader is read_robot:
             arguments[name] = robot
         else:

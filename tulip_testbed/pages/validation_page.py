@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tulip_testbed.experiments.correlation_table import NO_CORRELATION
-from tulip_testbed.experiments.parameter_tables import legend, models
+from tulip_testbed.experiments.parameter_tables import LEGEND, models
 from tulip_testbed.experiments.validate import correlations_at
 from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.identification.base_parameters import common_support, renumbered
@@ -56,7 +56,7 @@ def validation_page(run: Validation) -> Page:
         Section("Checks", tables=(run.table(),)),
         Section(
             "Parameters",
-            (f"Estimator: {own.estimator}. {legend(own.full)}",),
+            (f"Estimator: {own.estimator}. {LEGEND}",),
             tuple(map(run.parameter_table, estimates)),
             (drawn.errors_over_se(errors),),
         ),
