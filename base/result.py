@@ -8,7 +8,6 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from html import escape
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar, get_type_hints
 
@@ -25,10 +24,9 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, core_schema
 
-from tulip_testbed.base.column import printable
 from tulip_testbed.base.errors import InputError, shortened
 from tulip_testbed.base.files import new_folder
-from tulip_testbed.base.table import Table
+from tulip_testbed.base.table import Shown, Table
 from tulip_testbed.base.table_files import finite, read_json, write_json
 from tulip_testbed.base.validation_message import validation_message
 
@@ -130,7 +128,7 @@ class Documented:
         write_json(path, self.to_json())
 
 
-class Result(Documented):
+class Result(Documented, Shown):
     """What a workflow returns: a frozen dataclass whose fields are the JSON document.
 
     `--json` prints the document, and a run folder holds it. Fields marked as `Kept` are no part of it; the
@@ -140,6 +138,10 @@ class Result(Documented):
     def tables(self) -> list[Table | str]:
         """Return the tables and sentences that terminal, notebook and page show, in this order."""
         raise NotImplementedError
+
+    def answer(self) -> list[Table | str]:
+        """Return what the command line shows without --full."""
+        return self.tables()
 
     @property
     def exit_code(self) -> int:
@@ -194,14 +196,9 @@ class Result(Documented):
             ) from error
         return result
 
-    def __repr__(self) -> str:
-        texts = (p.text() + "\n" if isinstance(p, Table) else printable(p) for p in self.tables())
-        return "\n".join(texts).rstrip("\n")
-
-    def _repr_html_(self) -> str:
-        return "\n".join(
-            p.html() if isinstance(p, Table) else f"<p>{escape(printable(p))}</p>" for p in self.tables()
-        )
+    def parts(self) -> list[Table | str]:
+        """Return what a notebook shows."""
+        return self.tables()
 
 
 @cache

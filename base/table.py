@@ -19,6 +19,7 @@ STYLES = {
     "pass": "green",
     "good": "green",
     "warn": "yellow",
+    "inconclusive": "yellow",
     "fail": "bold red",
     "not evaluated": "dim",
     "moved": "bold",

@@ -21,7 +21,7 @@ from tulip_testbed.cli.main import main as tulip
 
 SIZE = 0.02  # rad
 EFFECT = f"encoder-offset:right_ankle_roll={SIZE}"
-SETTING = ("--sensors", "force-plate", "--seed", "3")
+SETTING = ("--sensors", "force-plate", "--seed", "3", "--robot-spread", "0.1", "--imperfections", "1")
 NAIVE = ("--estimator", "mixed-model")
 ODD = 3.0  # standard errors that one parameter in 370 exceeds by chance
 SOURCES = 4  # parts of the budget that are shown
@@ -33,8 +33,8 @@ def main(folder: Path) -> int:
     folder.mkdir(parents=True)
     data, truth, found = folder / "data", folder / "truth.json", folder / "found"
     _say("1. Every encoder, cell, link and plate is a little off, as everywhere. One encoder is off by")
-    _say("   1.15 deg, and nobody notices. 150 postures on two plates.")
-    _run("simulate", "--out", data, "--truth", truth, *SETTING, "--imperfections", "1", "--effects", EFFECT)
+    _say("   1.15 deg, and nobody notices. Masses differ from CAD by some 10 %. 150 postures on two plates.")
+    _run("simulate", "--out", data, "--truth", truth, *SETTING, "--effects", EFFECT)
     _say("2. The robot is identified as if the laboratory were exact. Its standard errors are small ...")
     wrong = _errors(_run("identify", data, *NAIVE, "--json"), truth)
     _say(f"   ... and its parameters are wrong: {_judged(wrong)}.")
@@ -57,7 +57,27 @@ def main(folder: Path) -> int:
     value = document["adopted"][0]["parameters"][0]
     _say(f"   Hidden {SIZE} rad on top of that encoder's own error, {_hidden(truth):.5f} rad in all; ")
     _say(f"   found {value['value']:.5f} [{value['low95']:.5f}, {value['high95']:.5f}].")
-    _say("5. For a colleague:")
+    _say("5. Was it worth it? The robot is exported, and stands in new postures, its encoder mended.")
+    model, new = folder / "identified.xml", folder / "new"
+    _run("export", found, "--out", model)
+    _run(
+        "plan",
+        "random",
+        "--placements",
+        "12",
+        "--per-placement",
+        "5",
+        "--seed",
+        "8",
+        "--out",
+        folder / "plan",
+    )
+    _run("simulate", folder / "plan", "--out", new, *SETTING, "--engine", "statics")
+    scores = _run("predict", new, "--exported", model, "--json")["models"]
+    for name in ("CAD", "exported"):
+        missed = next(one["rms_mm"] for one in scores if one["name"] == name)
+        _say(f"   {name} misses the centre of pressure by {missed['x']:.1f} and {missed['y']:.1f} mm (x, y).")
+    _say("6. For a colleague:")
     _run("report", found, "--out", folder / "found.html")
     _run("view", found, "--save", folder / "found.rrd")
     _say(f"   {folder}/found.html opens in any browser, `rerun {folder}/found.rrd` shows the postures.")

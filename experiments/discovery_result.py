@@ -14,7 +14,7 @@ from pydantic import Field, computed_field
 from tulip_testbed.base.document import Document, Seed
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import is_folder, read_bytes, read_text, write_text
-from tulip_testbed.base.result import RESULT_FILE, Figure, Given, InMemory, Kept, Place
+from tulip_testbed.base.result import RESULT_FILE, Figure, InMemory, Kept, Place
 from tulip_testbed.base.table import Table
 from tulip_testbed.base.table_files import Columns, TableFile
 from tulip_testbed.calibration.calibration_result import CalibratedFamily
@@ -39,7 +39,7 @@ from tulip_testbed.experiments.discovery_tables import (
 from tulip_testbed.experiments.identification_result import EXPERIMENTS, Identification
 from tulip_testbed.experiments.proposed_experiment import Proposals, ProposedExperiment, propose_experiments
 from tulip_testbed.experiments.rig_folder import RIG
-from tulip_testbed.experiments.run_file import RUN_FILE, RunFile, SavedRun, write_run_file
+from tulip_testbed.experiments.run_file import ROBOT, RUN_FILE, RunFile, SavedRun, write_run_file
 from tulip_testbed.identification.residual_noise import Noise
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.robot import Robot
@@ -50,6 +50,19 @@ PARTS = (
     *("cop_x_m", "cop_y_m", "force_N", "twist_right_N", "twist_left_N"),
     *("height_m", "roll_rad", "pitch_rad", "x_m", "y_m", "yaw_rad"),
 )
+
+
+AS_SHOWN = ("yes, these postures show no effect that the model lacks", "`export` writes the identified model")
+CORRECTED = "remove the cause, or give the adopted rig to other commands as `corrections`"
+# Whether the estimator is right and what to do next, by verdict.
+ANSWERS = {
+    "none": AS_SHOWN,
+    "calibrated": AS_SHOWN,
+    "named": ("yes, with the correction: one explanation fits", CORRECTED),
+    "described": ("yes, with the correction: a law describes the gap", CORRECTED),
+    "ambiguous": ("no, several explanations fit", "`plan next` proposes the experiment that separates them"),
+    "unknown": ("no, no explanation is sufficient", "look for a fault where the residuals are largest"),
+}
 
 
 class DiscoveryConfiguration(Document):
@@ -138,7 +151,7 @@ class Discovered(SavedRun):
     story: Annotated[tuple[str, ...], Field(min_length=1)]
     check: DynamicsCheck | None
     wall_s: float
-    robot: Given[Robot]
+    robot: Annotated[Robot, ROBOT, Field(exclude=True)]
     measurements: Annotated[Measurements, EXPERIMENTS]
     residuals: Annotated[Columns, Kept(RESIDUAL_FILE, _write_residuals, _read_residuals)]
     rig_files: Annotated[dict[str, str], Kept(RIG, _write_rig, _read_rig)]
@@ -212,9 +225,17 @@ class Discovered(SavedRun):
         given = (self.measurements, self.robot, self.verdict, self.explanations)
         return propose_experiments(*given, plan, seed)
 
+    @property
+    def answers(self) -> tuple[str, str, str]:
+        """Say whether the estimator is right, what of the estimate can be used, and what to do next."""
+        right, following = ANSWERS[self.verdict]
+        safe = self.verdict not in ("ambiguous", "unknown")
+        usable = (self.after or self.before).usable if safe else "Usable: nothing before that is settled."
+        return f"Right: {right}.", usable, f"Next: {following}."
+
     def tables(self) -> list[Table | str]:
         """Return the verdict, the story and the tables that belong to them."""
-        parts: list[Table | str] = [f"Verdict: {self.verdict}", *self.story, ""]
+        parts: list[Table | str] = [f"Verdict: {self.verdict}", *self.story, "", *self.answers, ""]
         if self.verdict == "none" and (weak := weak_table(self.weakly_detectable)).rows:
             parts.append(weak)
         parts.append(gap_table(self.heldout))

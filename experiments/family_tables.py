@@ -12,6 +12,7 @@ from tulip_testbed.measurements.contacts import Contacts
 
 SPREAD = "Spread: estimated s.d. of the members, with its 95 % interval; 1 is usual."
 LARGEST_PARTS = 4
+MOST_NAMED = 3  # members of a family
 LEAST_SHARE = 0.01
 
 
@@ -29,7 +30,7 @@ def calibration_report(
         *([members] if members.rows else []),
         *filter(None, (_near_zero(found), _small(found), _unseen(found), _exact(found, contacts))),
         budget_table(found, names, contacts),
-        _first_to_improve(found),
+        f"{first_to_improve(found).capitalize()}.",
         f"Tolerances: {found.assumed}.",
     ]
 
@@ -53,18 +54,20 @@ def _unseen(found: SelfCalibration) -> str:
         if not one.determined.any():
             names += [one.family.name] if one.spread95[1] >= 1 else []
         else:
-            names += [
+            unknown = [
                 label for label, known in zip(one.family.labels, one.determined, strict=True) if not known
             ]
+            count = f"{len(unknown)} of {len(one.determined)} members of {one.family.name}"
+            names += unknown if len(unknown) <= MOST_NAMED else [count]
     return f"Known by their tolerance only: {', '.join(names)}." if names else ""
 
 
-def _first_to_improve(found: SelfCalibration) -> str:
+def first_to_improve(found: SelfCalibration) -> str:
     """Say which source gives most of the variance, on average over the base parameters."""
     share = found.shares.mean(axis=1)
     first = int(np.argmax(share))
     part = f"{100 * share[first]:.0f} % of the variance"
-    return f"To improve first: {found.sources[first]}, {part} on average over the parameters."
+    return f"to improve first: {found.sources[first]}, {part} on average over the parameters"
 
 
 def _clear(one: CalibratedFamily) -> np.ndarray:

@@ -20,9 +20,10 @@ from tulip_testbed.effects.removal import without
 from tulip_testbed.experiments.correlation_table import NO_CORRELATION, correlation_table
 from tulip_testbed.experiments.correlations import Correlations, parameter_index
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR
-from tulip_testbed.experiments.family_tables import calibration_report
+from tulip_testbed.experiments.family_tables import calibration_report, first_to_improve
 from tulip_testbed.experiments.parameter_tables import (
     LEGEND,
+    NOT_AT_REST,
     cad_line,
     mass_line,
     models,
@@ -31,6 +32,7 @@ from tulip_testbed.experiments.parameter_tables import (
     weak_directions,
 )
 from tulip_testbed.experiments.run_file import MEASUREMENT_FOLDER, check_parameters
+from tulip_testbed.experiments.usable_parameters import known_sums, usable_line
 from tulip_testbed.identification.base_parameters import (
     BaseParameters,
     base_parameters,
@@ -42,7 +44,7 @@ from tulip_testbed.identification.estimators import ESTIMATORS as OF_REGRESSION
 from tulip_testbed.identification.estimators import Estimate
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.rank import describe_combinations, labels
-from tulip_testbed.identification.statistics import correlations
+from tulip_testbed.identification.statistics import WELL_IDENTIFIED, correlations
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.joined import read_written, write_experiments
 from tulip_testbed.sim.robot import Robot
@@ -216,6 +218,32 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
     def to_frame(self, model: str = "full") -> Any:
         """Return a pandas DataFrame with one row per parameter of a model and its name as the index."""
         return self.table(model).frame().set_index("parameter")
+
+    @property
+    def usable(self) -> str:
+        """Say what of the estimate can be used."""
+        matrix = self.parameters.regressor(self.measurements.joint_angles, self.measurements.support)
+        variance = np.einsum("ij,jk,ik->i", matrix, self.full.covariance, matrix)
+        shares, sums = self.full.relative_standard_error, known_sums(self.full)
+        return usable_line(shares, np.sqrt(variance.mean()), len(sums)) if self.at_rest else NOT_AT_REST
+
+    def answer(self) -> list[Table | str]:
+        """Return what is known well, whether that is right, what can be used and what to do next."""
+        table, shares = self.table(), self.full.relative_standard_error
+        title = f"Full model: parameters that are known better than {WELL_IDENTIFIED:.0f} %"
+        rows = [row for row, share in zip(table.rows, shares, strict=True) if share < WELL_IDENTIFIED]
+        first = f"; {first_to_improve(self.calibration)}" if self.calibration is not None else ""
+        return [
+            *(f"Corrected: {effect.finding}" for effect in self.corrections),
+            replace(table, title=title, rows=rows),
+            *known_sums(self.full),
+            mass_line(*self.mass),
+            "",
+            "Right: measurements alone cannot tell. `validate` tests the estimator on a known robot.",
+            self.usable,
+            f"Next: `discover` asks whether the model lacks an effect{first}.",
+            "`--full` shows all parameters, correlations, ordinary imperfections and the budget of errors.",
+        ]
 
     def tables(self) -> list[Table | str]:
         """Return the parameters of the models, their high correlations and the total mass.

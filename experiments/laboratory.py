@@ -13,7 +13,7 @@ from tulip_testbed.base.arguments import checked, expect
 from tulip_testbed.base.errors import InputError, at_least, look_up
 from tulip_testbed.base.threads import one_blas_thread, processes
 from tulip_testbed.effects.catalogue import check_instrument
-from tulip_testbed.effects.injection import check_built, check_experiment, manipulated
+from tulip_testbed.effects.injection import check_built, check_experiment, edited, manipulated
 from tulip_testbed.effects.instance import (
     EffectInstance,
     Effects,
@@ -38,6 +38,7 @@ from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.outcome import Outcome, Truth
 from tulip_testbed.sim.plan_folder import check_fits
 from tulip_testbed.sim.procedure import header_of
+from tulip_testbed.sim.random_robots import check_spread, draw_robot, edit_of
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.robot_check import warn_of_robot
@@ -47,6 +48,7 @@ from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
 
 ENGINES = ("dynamics", "statics")
+ROBOT_STREAM = 2**32 - 2  # spawn key of a single experiment's robot: no placement has this number
 
 
 @dataclass(frozen=True)
@@ -60,8 +62,10 @@ class Laboratory:
             the soles "sole-ft" or "sole-3axis".
         known: effects that the laboratory is known to have; estimates are corrected for them. Texts are read.
         hidden: effects that no estimator knows, likewise.
-        nominal: the laboratory without effects; None: the robot's, with the preset's sensors.
+        nominal: the laboratory without effects; None: the nominal robot's, with the preset's sensors.
         experiment: session and manipulations, see `manipulated`; None: an ordinary set-up in no session.
+        random_robot: spread (see `draw_robot`) and seed of the robot that stands there, which no estimator
+            knows; None: the nominal one.
     """
 
     robot: Robot = field(default_factory=load_robot)
@@ -70,10 +74,13 @@ class Laboratory:
     hidden: tuple[EffectInstance, ...] = ()
     nominal: Rig | None = field(default=None, repr=False)
     experiment: Experiment | None = None
+    random_robot: tuple[float, int] | None = None
 
     def __post_init__(self) -> None:
         for name, kind in (("robot", Robot), ("sensors", str), ("nominal", Rig | None)):
             expect(name, getattr(self, name), kind)
+        if self.random_robot is not None:
+            check_spread(self.random_robot[0])
         look_up("preset", self.sensors, PRESETS, "sensors")
         for name in ("known", "hidden"):
             given = several(getattr(self, name), name)
@@ -90,7 +97,13 @@ class Laboratory:
     @property
     def _plain(self) -> Rig:
         """The physical laboratory without effects."""
-        return preset_rig(self.sensors, self.robot) if self.nominal is None else self.nominal
+        rig = preset_rig(self.sensors, self.robot) if self.nominal is None else self.nominal
+        if self.random_robot is None:
+            return rig
+        spread, seed = self.random_robot
+        stream = np.random.SeedSequence(seed, spawn_key=(ROBOT_STREAM,))
+        standard = draw_robot(self.robot.model, spread, np.random.default_rng(stream))
+        return edited(rig, edit_of(self.robot.model, standard))
 
     @cached_property
     def rig(self) -> Rig:

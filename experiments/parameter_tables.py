@@ -25,9 +25,8 @@ from tulip_testbed.identification.statistics import WELL_IDENTIFIED, residual_no
 from tulip_testbed.sim.robot import Robot
 
 LEGEND = (
-    "s.e.: standard error by the estimator (least squares: eq. 14); clustered s.e.: allows for errors common "
-    "to a placement; relative s.e.: s.e. over the estimate (eq. 13); well identified: relative s.e. below "
-    f"{WELL_IDENTIFIED:.0f} %."
+    "s.e.: standard error by the estimator (least squares: eq. 14); relative s.e.: s.e. over the estimate "
+    f"(eq. 13); well identified: relative s.e. below {WELL_IDENTIFIED:.0f} %."
 )
 NOT_AT_REST = "The estimate did not come to rest: these numbers and their standard errors mean nothing."
 HALF, LEADING = 0.5, 5  # share of data, directions that are listed
@@ -143,7 +142,8 @@ def parameter_table(
         (Column("well identified"), [Cell(yes, mark="good" if yes else "") for yes in well]),
     ]
     # The default's own standard errors allow for placements: then the clustered ones would repeat them.
-    if (estimate.clustered_standard_error != estimate.standard_error).any():
+    clustered = (estimate.clustered_standard_error != estimate.standard_error).any()
+    if clustered:
         columns.insert(4, (_millimetres("clustered s.e."), values("clustered_standard_error")))
     if truth is not None:
         kept = truth[estimate.numbers - 1].tolist()
@@ -169,6 +169,7 @@ def parameter_table(
     columns.append((Column("links", extra=True), links))
     title = f"{model.capitalize()} model{', compared with Table II' if beside else ''}"
     note = f"{residual_line(shown, model, paper)} {placements_line(shown)}"
+    note += " Clustered s.e.: allows for these." * bool(clustered)
     if least_squares:
         note = f"By least squares: {note[0].lower()}{note[1:]}"
     if not at_rest:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from scipy.optimize import minimize
 
 from tulip_testbed.base.column import Column
-from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Table
@@ -31,11 +32,12 @@ from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.identification.regressor import check_robot, regression, with_cad_where_needed
 from tulip_testbed.identification.residual_channels import carried
 from tulip_testbed.measurements import Measurements
-from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.robot import Robot, load_spec
+from tulip_testbed.sim.specs import compile_spec
 
 CAD, CAD_WITH_OFFSET, CONSTANT = "CAD", "CAD with offset", "constant"
-IDENTIFIED, WITH_CORRECTIONS = "identified", "identified with corrections"
-MODELS = (CAD, CAD_WITH_OFFSET, CONSTANT, IDENTIFIED, WITH_CORRECTIONS)
+EXPORTED, IDENTIFIED, WITH_CORRECTIONS = "exported", "identified", "identified with corrections"
+MODELS = (CAD, CAD_WITH_OFFSET, CONSTANT, EXPORTED, IDENTIFIED, WITH_CORRECTIONS)
 LEAST_BLOCKS = 3  # that an interval needs
 RESAMPLES, SEED = 2000, 0
 STARTS = (0.1, 1.0)  # of the prior's scale
@@ -143,6 +145,7 @@ def predict(
     test: Sequence[str] = (),
     source: str = "measurements",
     adopted: Sequence[EffectInstance] = (),
+    exported: Path | None = None,
 ) -> Prediction:
     """Score CAD, base lines and identified models on postures that took no part in their training.
 
@@ -150,6 +153,7 @@ def predict(
         train, test: see `posture_splits.stated`; without both the postures are split by blocks and by halves.
         adopted: effects of the model with corrections, whose sizes are fitted in training, in addition to the
             ordinary imperfections.
+        exported: model file of the same robot, whose masses are scored as they are.
 
     Raises:
         InputError: measurements that do not fit the robot, or parts that are not there.
@@ -157,6 +161,7 @@ def predict(
     nominal = nominal_robot(robot, common_support(measurements.support))
     check_robot(nominal.parameters, measurements, robot, source)
     problem = problem_of(measurements, robot, nominal)
+    change = None if exported is None else _exported_change(exported, problem)
     if train or test:
         splits = [stated(measurements, train, test)]
     else:
@@ -164,7 +169,7 @@ def predict(
     scores: list[Score] = []
     notes: list[str] = []
     for split in splits:
-        _score(problem, split, adopted, scores, notes)
+        _score(problem, split, adopted, change, scores, notes)
     first = {one.name: one for one in scores if one.split == splits[0].name}
     return Prediction(
         models=tuple(scores),
@@ -174,6 +179,16 @@ def predict(
         ),
         notes=tuple(dict.fromkeys(notes)),
     )
+
+
+def _exported_change(path: Path, problem: PredictionProblem) -> np.ndarray:
+    """Return how the masses of a model file change CAD's centre of mass, (m, 2) [m]."""
+    cad, other = problem.robot.model, compile_spec(load_spec(path), str(path))
+    links, there = ([model.body(k).name for k in range(1, model.nbody)] for model in (cad, other))
+    if there != links:
+        raise InputError(f"{path}: found the links {listed(there)}, expected {listed(links)}")
+    values = [problem.parameters.values(standard_parameters(model)) for model in (cad, other)]
+    return problem.matrix @ (values[1] - values[0])
 
 
 def _without_zeros(problem: PredictionProblem, train: np.ndarray) -> np.ndarray:
@@ -192,13 +207,15 @@ def _score(
     problem: PredictionProblem,
     split: Split,
     adopted: Sequence[EffectInstance],
+    change: np.ndarray | None,
     scores: list[Score],
     notes: list[str],
 ) -> None:
     """Add the scores of every model that the split allows."""
     m = problem.measurements
     rows = np.concatenate([test for _, test in split.folds])
-    found: dict[str, list[np.ndarray]] = {name: [] for name in MODELS}
+    models = [name for name in MODELS if name != EXPORTED or change is not None]
+    found: dict[str, list[np.ndarray]] = {name: [] for name in models}
     scales = []
     for train, test in split.folds:
         if not len(train):
@@ -207,6 +224,8 @@ def _score(
         found[CAD].append(of_cad[test])
         found[CAD_WITH_OFFSET].append(of_cad[test] - of_cad[train].mean(axis=0))
         found[CONSTANT].append(problem.center[test] - problem.center[train].mean(axis=0))
+        if change is not None:
+            found[EXPORTED].append((of_cad - change)[test])
         residual, scale = _with_prior(problem, train, test)
         scales.append(scale)
         found[IDENTIFIED].append(residual)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Literal, Self, TypeVar
@@ -13,17 +14,34 @@ from tulip_testbed.base.document import Document, Seed
 from tulip_testbed.base.errors import InputError, listed, shortened
 from tulip_testbed.base.files import is_folder, present, sha256
 from tulip_testbed.base.machine import machine
-from tulip_testbed.base.result import RESULT_FILE, Result
+from tulip_testbed.base.result import RESULT_FILE, Kept, Result
 from tulip_testbed.base.table_files import finite, software
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.measurements.folder_kind import KINDS
 from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.shipped import TULIP
 
 RUN_FILE, PLAN_FOLDER, MEASUREMENT_FOLDER = "run.json", "plan", "measurements"
 FORMATS = ("tulip-run", "tulip-montecarlo")
 VERSION = 2
 RunKind = Literal["validation", "discovery", "Monte Carlo"]
+
+
+def _write_robot(folder: Path, robot: Robot) -> None:
+    """Copy the files of a robot of one's own into a run folder; TULip's are everywhere."""
+    for name in robot.hashes if robot.path != TULIP else ():
+        if present(robot.folder / name):
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(robot.folder / name, folder / name)
+
+
+ROBOT = Kept("robot", _write_robot, lambda folder, robot: robot)
+
+
+def robot_of(folder: Path) -> Path:
+    """Return the description of the robot that a run was made with: its own, or else TULip's."""
+    return next(iter(sorted((folder / ROBOT.name).glob("*.toml"))), TULIP)
 
 
 class Head(Document):
@@ -83,6 +101,8 @@ def configuration_of(
         "statics": engine == "statics",
         "plan": {"robot": plan.robot, "made": plan.made, "postures": len(plan)},
     } | ({"imperfections": float(imperfections)} if imperfections else {})
+    if laboratory.random_robot is not None:
+        content["random_robot"] = dict(zip(("spread", "seed"), laboratory.random_robot, strict=True))
     return Configuration.model_validate(finite(content))  # with lists for tuples, as it will be read again
 
 

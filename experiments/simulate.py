@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -53,6 +54,7 @@ def simulate(
     truth: Path | None = None,
     effects: Sequence[str] = (),
     imperfections: float = 0.0,
+    robot_spread: float | None = None,
     experiment: Path | None = None,
     session: str | None = None,
     engine: str = "dynamics",
@@ -85,6 +87,8 @@ def simulate(
     made = plan if isinstance(plan, PosturePlan) else plan_for(laboratory.robot, plan or experiment)
     laboratory = _disturbed(laboratory, made, effects, seed, engine == "statics")
     check_imperfections(laboratory, imperfections)
+    if robot_spread is not None:
+        laboratory = dataclasses.replace(laboratory, random_robot=(robot_spread, seed))
     laboratory = drawn(laboratory, imperfections, single_stream(seed))
     if wanted is not None or session is not None:
         texts = () if wanted is None else wanted.manipulations

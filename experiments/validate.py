@@ -54,6 +54,7 @@ def validate(
     workers: int | None = None,
     progress: Progress = silent,
     imperfections: float = ORDINARY,
+    robot_spread: float | None = None,
 ) -> Validation:
     """Run an experiment and hold the estimates against its truth.
 
@@ -62,6 +63,7 @@ def validate(
         estimator: a name of `experiments.identify.ESTIMATORS`.
         engine, workers: see `Laboratory.run`.
         imperfections: scale of ordinary ones that are drawn and hidden in the laboratory; 0: it is exact.
+        robot_spread: of a random true robot; None: the nominal one.
 
     Raises:
         InputError: a plan whose postures would not identify the robot; nothing could be measured, or too
@@ -71,6 +73,8 @@ def validate(
     look_up("estimator", estimator, ESTIMATORS, "estimator")
     check_imperfections(laboratory, imperfections)
     at_least("seed", seed, 0)
+    if robot_spread is not None:
+        laboratory = dataclasses.replace(laboratory, random_robot=(robot_spread, seed))
     laboratory.check(plan, engine)
     identifiable_regressor("plan", laboratory.robot, plan)
     laboratory = drawn(laboratory, imperfections, single_stream(seed))

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import AfterValidator, computed_field
+from pydantic import AfterValidator, Field, computed_field
 
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.numbers import number
-from tulip_testbed.base.result import RESULT_FILE, Array, Given, Kept, Place
+from tulip_testbed.base.result import RESULT_FILE, Array, Kept, Place
 from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.checks import Check, check_table, verdict, worst_balance
 from tulip_testbed.experiments.correlation_table import NO_CORRELATION, correlation_table
@@ -28,6 +28,7 @@ from tulip_testbed.experiments.parameter_tables import (
 from tulip_testbed.experiments.run_file import (
     MEASUREMENT_FOLDER,
     PLAN_FOLDER,
+    ROBOT,
     RUN_FILE,
     Configuration,
     RunFile,
@@ -75,7 +76,7 @@ class Validation(SavedRun):
     checks: Annotated[tuple[Check, ...], AfterValidator(_each_once)]
     wall_s: float
     imperfections: float
-    robot: Given[Robot]
+    robot: Annotated[Robot, ROBOT, Field(exclude=True)]
     plan: Annotated[PosturePlan, Kept(PLAN_FOLDER, write_plan, read_plan)]
     measurements: Annotated[Measurements, MEASURED]
     simulation: Annotated[SimulatedTruth, TRUTH]
@@ -158,6 +159,24 @@ class Validation(SavedRun):
         """Return 0 for a pass, 1 for a failed check."""
         return 0 if self.verdict == "pass" else 1
 
+    @property
+    def answers(self) -> tuple[str, str, str]:
+        """Say whether the estimator is right, what of the estimate can be used, and what to do next."""
+        results = {check.name: check.result for check in self.checks if check.result != "not evaluated"}
+        if failed := [name for name, result in results.items() if result == "fail"]:
+            return (
+                f"Right: no, {len(failed)} of {len(results)} checks failed: {', '.join(failed)}.",
+                "Usable: nothing, until the cause is found.",
+                "Next: repeat with another `seed`; some 4 % of correct laboratories fail by chance.",
+            )
+        return (
+            f"Right: yes, within the standard errors: all {len(results)} evaluated checks passed. Effects "
+            "that the simulator does not model are not ruled out.",
+            self.identification.usable,
+            "Next: `montecarlo` tests whether the standard errors are too large; `plan optimal` finds "
+            "postures that determine more.",
+        )
+
     def tables(self) -> list[Table | str]:
         """Return the parameters of the models, how the experiment went, the checks and the verdict."""
         parts: list[Table | str] = []
@@ -173,7 +192,7 @@ class Validation(SavedRun):
         ]
         if self.books is not None:
             parts += [sag_line(self.simulation), balance_line(self.books)]
-        return [*parts, "", self.table(), f"Verdict: {self.verdict} after {self.wall_s:.0f} s"]
+        return [*parts, "", self.table(), f"Verdict: {self.verdict} after {self.wall_s:.0f} s", *self.answers]
 
     def parameter_table(self, model: str) -> Table:
         """Return the parameters of a model with their truth and, where there is one, the paper's Table II."""

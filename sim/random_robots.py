@@ -32,8 +32,7 @@ def draw_robot(model: mujoco.MjModel, spread: float, rng: np.random.Generator) -
     Raises:
         InputError: `spread` is out of range.
     """
-    if not 0 < spread <= 1:
-        raise InputError(f"spread of random robots: found {spread}, expected more than 0 and at most 1")
+    check_spread(spread)
     heavy = model.body_mass[1:] > 0
     factor, deviate = np.ones(len(heavy)), np.zeros((len(heavy), 3))
     factor[heavy] = np.exp(spread * rng.standard_normal(heavy.sum()) - spread**2 / 2)
@@ -42,6 +41,15 @@ def draw_robot(model: mujoco.MjModel, spread: float, rng: np.random.Generator) -
     mass = factor * model.body_mass[1:]
     place = model.body_ipos[1:] + _turned(model, deviate * half_edges(model))
     return np.column_stack([mass, mass[:, None] * place])
+
+
+def check_spread(spread: float) -> None:
+    """Refuse an impossible spread of random robots."""
+    if not 0 < spread <= 1:
+        raise InputError(
+            f"robot_spread: found {spread}, expected more than 0 and at most 1 (s.d. of the logarithm of a "
+            "link's mass, and of its centre of mass in half edges of its box)"
+        )
 
 
 def half_edges(model: mujoco.MjModel) -> np.ndarray:

@@ -148,8 +148,7 @@ def coverage(settings: Settings) -> Iterator[str]:
     for k, arm in enumerate(ARMS):
         result, _, _ = carry_out(arm, settings.seed + k, settings)
         tables[arm.name] = result.parameters
-        verdict = result.verdict + (", shown" if result.shown else "")
-        yield row(arm.name, result.runs, "full", *extremes(result.parameters), verdict)
+        yield row(arm.name, result.runs, "full", *extremes(result.parameters), result.verdict)
         yield row(arm.name, result.runs, "simplified", *extremes(result.simplified.parameters), "")
     for preset in ("wii", "force-plate"):
         yield f"\n{preset}, full model\n"

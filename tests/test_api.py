@@ -27,7 +27,7 @@ FIRST_HALF = """
 import tulip_testbed as tt
 
 robot = tt.load_robot()                               # TULip; or the path of a description
-data = tt.read_measurements("data/first")
+data = tt.read_measurements("data/readme")
 fit = tt.identify(data, robot)                        # prints as Table II
 fit["torso.x"].value, fit["torso.x"].standard_error   # m
 fit.correlations.above(0.85); fit.to_frame()
@@ -49,6 +49,7 @@ def notebook(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run = tt.Laboratory(sensors="force-plate").run(tt.plans.random, seed=2, engine="statics")
     tt.write_measurements("data/first", run.measurements)
+    tt.write_measurements("data/readme", run.measurements)
     return tmp_path
 
 

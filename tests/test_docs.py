@@ -80,8 +80,10 @@ def test_the_site_loads_nothing_from_elsewhere():
     assert {str(p): found for p in built if (found := loaded_from_elsewhere(p.read_text()))} == {}
 
 
-TUTORIALS = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "docs" / "tutorials").glob("*.md"))
-PAGES = [*TUTORIALS, "docs/how-to/next-experiment.md", "docs/how-to/your-data.md"]
+TUTORIALS = [
+    f"docs/tutorials/{name}.md" for name in ("first-identification", "hidden-effect", "first-day")
+]  # in the order in which a user reads them
+PAGES = ["README.md", *TUTORIALS, "docs/how-to/next-experiment.md", "docs/how-to/your-data.md"]
 EVERY = ["README.md", *sorted(str(path.relative_to(ROOT)) for path in (ROOT / "docs").rglob("*.md"))]
 
 
@@ -99,15 +101,11 @@ def play(page: str, slow: bool, folder, monkeypatch) -> None:
             assert matches(step.shown, printed), f"{page}: {step.code}\n--- printed ---\n{printed}"
 
 
-@pytest.mark.parametrize("page", PAGES)
-def test_the_quick_blocks_of_a_page_print_what_it_shows(page, tmp_path, monkeypatch):
-    play(page, False, tmp_path, monkeypatch)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("page", PAGES)
-def test_a_whole_page_prints_what_it_shows(page, tmp_path, monkeypatch):
-    play(page, True, tmp_path, monkeypatch)
+@pytest.mark.parametrize("slow", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_the_pages_in_order_in_one_folder_print_what_they_show(slow, tmp_path, monkeypatch):
+    assert sorted(TUTORIALS) == sorted(str(path.relative_to(ROOT)) for path in DOCS.glob("tutorials/*.md"))
+    for page in PAGES:
+        play(page, slow, tmp_path, monkeypatch)
 
 
 def test_every_command_of_every_page_can_be_parsed():

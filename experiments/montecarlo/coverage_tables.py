@@ -16,10 +16,6 @@ LEGEND = (
     "Intervals are of 95 % for every single number; those of the checks are wider, since they hold for all "
     "at once."
 )
-TOO_FEW = (
-    "Inconclusive: no check failed, but there are too few runs to show that all hold: some intervals still "
-    "reach beyond the bounds. More runs make them narrower: ask for them in the same folder."
-)
 SPREADS = {
     "condition_number": ("condition number", ""),
     "sigma_mm": ("residual sigma per axis (eq. 14)", "mm"),
@@ -104,9 +100,8 @@ def coverage_check_table(checks: list[dict[str, Any]]) -> Table:
             Cell(check[key], f"checks.{k}.{key}")
             for key in ("name", "number", "value", "interval", "bounds", "beyond", "source")
         )
-        open_ended = check["result"] == "pass" and not check["shown"]
-        result = Cell("inconclusive" if open_ended else check["result"], mark=check["result"])
-        rows.append([name, result, *others])
+        result = check["result"] if check["shown"] or check["result"] != "pass" else "inconclusive"
+        rows.append([name, Cell(result, mark=result), *others])
     note = (
         f"Bounds: bias within {BIAS[1]:g} s.e., found over stated s.e. {RATIO[0]:g} to {RATIO[1]:g}, "
         f"coverage {100 * COVERAGE[0]:g} to {100 * COVERAGE[1]:g} %. Judged are the errors that "

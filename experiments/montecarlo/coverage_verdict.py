@@ -84,9 +84,11 @@ def checks(runs: int, models: Mapping[str, Errors], outside: Mapping[str, float]
     return done
 
 
-def verdict(done: list[CoverageCheck]) -> Literal["pass", "fail"]:
-    """Return "fail" if any check fails, else "pass"."""
-    return "fail" if any(check.result == "fail" for check in done) else "pass"
+def verdict(done: list[CoverageCheck]) -> Literal["pass", "inconclusive", "fail"]:
+    """Return "fail" if any check fails, "pass" if the runs show all of them, or else "inconclusive"."""
+    if any(check.result == "fail" for check in done):
+        return "fail"
+    return "pass" if shown(done) else "inconclusive"
 
 
 def shown(done: list[CoverageCheck]) -> bool:

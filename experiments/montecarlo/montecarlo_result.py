@@ -28,7 +28,6 @@ from tulip_testbed.experiments.montecarlo.coverage import (
 )
 from tulip_testbed.experiments.montecarlo.coverage_tables import (
     LEGEND,
-    TOO_FEW,
     coverage_check_table,
     coverage_lines,
     coverage_table,
@@ -47,6 +46,7 @@ from tulip_testbed.experiments.montecarlo.run_columns import (
 from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.run_file import (
     PLAN_FOLDER,
+    ROBOT,
     RUN_FILE,
     VERSION,
     Configuration,
@@ -55,7 +55,9 @@ from tulip_testbed.experiments.run_file import (
     check_robot,
     configuration_of,
 )
+from tulip_testbed.experiments.usable_parameters import usable_line
 from tulip_testbed.experiments.usable_plan import plan_hash, planned_parameters
+from tulip_testbed.identification.statistics import relative_standard_errors
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.robot import Robot
@@ -84,7 +86,7 @@ class MonteCarlo(Result, ModelCoverage):
         correlations: of pairs of parameters, by "A,B". total_mass: its errors [kg].
         rows, dropped: measured rows and postures without one, over the runs.
         identified: how many runs could be. failures: how many could not, by reason.
-        verdict: "pass", or "fail" if any check fails; a pass of too few runs is not `conclusive`.
+        verdict: "pass", "fail" if any check fails, or "inconclusive" if the runs are too few for a pass.
         shown: whether there are enough runs to show that all checks hold.
         document: run.json. every_run: the columns of the run folder, all runs. plan, robot: of the runs.
         folder: of the runs; None: in memory alone.
@@ -102,18 +104,13 @@ class MonteCarlo(Result, ModelCoverage):
     identified: int
     failures: dict[str, int]
     checks: list[CoverageCheck]
-    verdict: Literal["pass", "fail"]
+    verdict: Literal["pass", "inconclusive", "fail"]
     shown: bool
     document: Annotated[MonteCarloFile, Outside()]
     every_run: Annotated[Columns, Outside()]
     plan: Annotated[PosturePlan, Outside()]
     robot: Annotated[Robot, Outside()]
     folder: Annotated[Path | None, Outside()] = None
-
-    @property
-    def conclusive(self) -> bool:
-        """Return whether the runs settle the verdict: a check failed, or all are shown to hold."""
-        return self.shown or self.verdict == "fail"
 
     @property
     def models(self) -> dict[str, ModelCoverage]:
@@ -131,8 +128,8 @@ class MonteCarlo(Result, ModelCoverage):
 
     @property
     def exit_code(self) -> int:
-        """Return 0 for a pass, 1 for a failed check."""
-        return 0 if self.verdict == "pass" else 1
+        """Return 0 for a pass, 1 for a failed check, 3 if inconclusive."""
+        return {"pass": 0, "fail": 1, "inconclusive": 3}[self.verdict]
 
     def table(self) -> Table:
         """Return bias, ratio of standard errors and coverage of the full model's parameters."""
@@ -142,11 +139,32 @@ class MonteCarlo(Result, ModelCoverage):
         """Return a pandas DataFrame with one row per parameter of the full model, indexed by name."""
         return self.table().frame().set_index("parameter")
 
+    @property
+    def answers(self) -> tuple[str, str, str]:
+        """Say whether the estimator is right, what this experiment gives, and what to do next."""
+        if not self.identified:
+            return "Right: no run could be identified.", "Usable: nothing.", "Next: other postures."
+        failed = ", ".join(check.name for check in self.checks if check.result == "fail")
+        right, following = {
+            "pass": (f"yes, {self.identified} runs show it", "measure the plan (`protocol`)"),
+            "fail": (f"no, its standard errors are wrong: {failed}", "compare another `estimator`"),
+            "inconclusive": (
+                f"undecided, no check failed, but {self.identified} runs are too few to show that all hold",
+                "ask for more runs in the same folder; coverage needs some 5000",
+            ),
+        }[self.verdict]
+        truth = matrix(identified(self.every_run), [f"truth.{row.number}" for row in self.parameters])
+        error = np.array([row.standard_error for row in self.parameters])
+        parameters = planned_parameters(self.robot, self.plan)
+        columns = parameters.regressor(self.plan.joint_angles, self.plan.support)
+        missed = np.sqrt(((columns @ self.errors_mm["full"].T) ** 2).mean()) / 1e3
+        usable = usable_line(relative_standard_errors(truth.mean(axis=0), error), missed)
+        return f"Right: {right}.", usable, f"Next: {following}."
+
     def tables(self) -> list[Table | str]:
         """Return the parameters, how residuals vary, the checks and the verdict."""
         report = self.to_json()
         models = {"full": report["parameters"], "simplified": report["simplified"]["parameters"]}
-        enough = (", shown" if self.shown else ", inconclusive") if self.verdict == "pass" else ""
         return [
             *(coverage_table(model, rows) for model, rows in models.items() if rows),
             LEGEND,
@@ -155,14 +173,15 @@ class MonteCarlo(Result, ModelCoverage):
             *coverage_lines(report),
             "",
             coverage_check_table(report["checks"]),
-            f"Verdict: {self.verdict}{enough}; estimator {self.estimator}, {self.runs} runs",
-            *([] if self.conclusive else [TOO_FEW]),
+            f"Verdict: {self.verdict}; estimator {self.estimator}, {self.runs} runs",
+            *self.answers,
         ]
 
     def write_into(self, folder: Path) -> None:
         """Write a run folder, which more runs can be added to."""
         (folder / CHUNK_FOLDER).mkdir()
         write_plan(folder / PLAN_FOLDER, self.plan)
+        ROBOT.write(folder / ROBOT.name, self.robot)
         self.document.write(folder / RUN_FILE)
         chunks = RunChunks(folder / CHUNK_FOLDER, self.runs, self.document.settings.chunk)
         for index in range(len(chunks)):

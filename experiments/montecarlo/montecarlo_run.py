@@ -28,10 +28,11 @@ from tulip_testbed.experiments.montecarlo.parallel_runs import Work, collect, co
 from tulip_testbed.experiments.montecarlo.run_chunks import RunChunks
 from tulip_testbed.experiments.montecarlo.run_columns import RunJob, layout_of, read_runs
 from tulip_testbed.experiments.montecarlo.settings import Settings
-from tulip_testbed.experiments.run_file import PLAN_FOLDER, RUN_FILE
+from tulip_testbed.experiments.run_file import PLAN_FOLDER, ROBOT, RUN_FILE
 from tulip_testbed.experiments.usable_plan import identifiable_regressor
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.plan_folder import write_plan
+from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.robot_check import warn_of_robot
 
 
@@ -95,7 +96,7 @@ def montecarlo(
                 settings.seed,
                 laboratory.known,
             )
-            with kept.opened(partial(_begin, plan=plan)):
+            with kept.opened(partial(_begin, plan=plan, robot=robot)):
                 _collect_missing(chunks, job, place, progress)
     folder = place.folder if place.stays else None
     result = MonteCarlo.of(read_runs(chunks, layout), layout, document, plan=plan, robot=robot, folder=folder)
@@ -108,9 +109,10 @@ def run_folder(folder: Path, document: MonteCarloFile) -> ResumableFolder:
     return ResumableFolder(folder, RUN_FILE, document.plain(), "Monte Carlo", "runs")
 
 
-def _begin(folder: Path, plan: PosturePlan) -> None:
+def _begin(folder: Path, plan: PosturePlan, robot: Robot) -> None:
     (folder / CHUNK_FOLDER).mkdir()
     write_plan(folder / PLAN_FOLDER, plan)
+    ROBOT.write(folder / ROBOT.name, robot)
 
 
 def raise_runs(folder: Path, document: MonteCarloFile) -> None:

@@ -8,10 +8,11 @@ from typing import Annotated
 from pydantic import Field
 
 from tulip_testbed.base.document import Seed
-from tulip_testbed.base.errors import InputError, at_least, at_most, look_up
+from tulip_testbed.base.errors import at_least, at_most, look_up
 from tulip_testbed.experiments.defaults import ORDINARY
 from tulip_testbed.experiments.identification_result import ESTIMATORS
 from tulip_testbed.experiments.laboratory import ENGINES
+from tulip_testbed.sim.random_robots import check_spread
 
 CHUNK = 25  # runs a file: some seconds of work
 MOST_RUNS = 1_000_000
@@ -50,8 +51,5 @@ class Settings:
         at_least("seed", self.seed, 0)
         look_up("estimator", self.estimator, ESTIMATORS, "estimator")
         look_up("engine", self.engine, ENGINES, "engine")
-        if self.robot_spread is not None and not 0 < self.robot_spread <= 1:
-            raise InputError(
-                f"robot_spread: found {self.robot_spread}, expected more than 0 and at most 1 (s.d. of the "
-                "logarithm of a link's mass, and of its centre of mass in half edges of its box)"
-            )
+        if self.robot_spread is not None:
+            check_spread(self.robot_spread)

@@ -214,6 +214,7 @@ def predict(
     train: Sequence[str] = (),
     test: Sequence[str] = (),
     corrections: Effects = (),
+    exported: str | Path | None = None,
 ) -> Prediction:
     """Ask whether the identified model predicts better than CAD.
 
@@ -227,6 +228,7 @@ def predict(
             both the postures are split by blocks of placements and by halves.
         corrections: effects of the model with corrections, e.g. `discover(...).adopted`, or texts as for
             `Laboratory.with_effects`; their sizes are fitted in training, next to ordinary imperfections.
+        exported: MJCF that was exported from other measurements of this robot, to be scored as well.
 
     Returns:
         r.m.s. of the centre of pressure on postures that took no part, for each model; `beats_cad` and
@@ -238,7 +240,9 @@ def predict(
     source = source_of(measurements) or "measurements"
     robot = robot or load_robot()
     adopted = corrections_of(corrections, robot)
-    return _predict(measurements_of(measurements, robot, adopted), robot, train, test, source, adopted)
+    file = None if exported is None else Path(exported)
+    measured = measurements_of(measurements, robot, adopted)
+    return _predict(measured, robot, train, test, source, adopted, file)
 
 
 @checked

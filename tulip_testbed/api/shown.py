@@ -13,6 +13,7 @@ from tulip_testbed.experiments.comparison import Comparison, compare
 from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.laboratory import Run
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
+from tulip_testbed.experiments.run_file import robot_of
 from tulip_testbed.experiments.saved_runs import RunResult, read_run
 from tulip_testbed.experiments.validate import judge
 from tulip_testbed.experiments.validation_result import Validation
@@ -25,12 +26,13 @@ Reported = Run | Validation | Discovered | MonteCarlo | str | Path
 
 
 Viewed = Reported | Measurements | PosturePlan
+RunRobot = Robot | None
 
 
 @checked
 def view(
     shown: Viewed,
-    robot: Robot | None = None,
+    robot: RunRobot = None,
     *,
     save: str | Path | None = None,
     serve: bool = False,
@@ -41,7 +43,7 @@ def view(
 
     Args:
         shown: a run, a validation, a discovery, a Monte Carlo, measurements, a plan, or the folder of any.
-        robot: of measurements, a plan or a folder; TULip if None.
+        robot: of measurements or a plan, TULip if None; a run knows its own.
         save: write the view as this file (.rrd) instead of showing it, for where there is no screen.
         serve: serve it to a browser of this machine (127.0.0.1) alone.
 
@@ -57,7 +59,7 @@ def view(
         raise InputError("save, serve: found both, expected one of them")
     if save is not None:
         check_new(Path(save), RECORDING)
-    robot = robot or load_robot()
+    robot = robot or _robot_of(shown)
     if isinstance(shown, str | Path):
         made = folder_view(Path(shown), robot)
     elif isinstance(shown, PosturePlan):
@@ -92,7 +94,7 @@ def report(
     shown: Reported,
     out: str | Path | None = None,
     other: Reported | None = None,
-    robot: Robot | None = None,
+    robot: RunRobot = None,
 ) -> WrittenReport | Comparison:
     """Write a run as one HTML page that needs no network.
 
@@ -104,7 +106,7 @@ def report(
             Carlo, or the folder of any.
         out: the page, a new file (.html).
         other: a second run, to compare.
-        robot: that the folder's run was made with; TULip if None.
+        robot: that the folder's run was made with; None: the copy there, or else TULip.
 
     Raises:
         InputError: the file exists, cannot be written or has another ending; a run that cannot be identified;
@@ -116,7 +118,7 @@ def report(
     if out is not None:
         check_new(Path(out), ENDING)
     runs = [
-        read_run(Path(one), robot or load_robot()) if isinstance(one, str | Path) else _judged(one)
+        read_run(Path(one), robot or _robot_of(one)) if isinstance(one, str | Path) else _judged(one)
         for one in (shown, other)
         if one is not None
     ]
@@ -126,6 +128,12 @@ def report(
 
     page = write_page(Path(out), runs[0])
     return WrittenReport(str(out), Path(out).stat().st_size, tuple(page.missing))
+
+
+def _robot_of(shown: Viewed) -> Robot:
+    if isinstance(shown, str | Path):
+        return load_robot(robot_of(Path(shown)))
+    return getattr(shown, "robot", None) or load_robot()
 
 
 @one_blas_thread

@@ -37,6 +37,7 @@ def simulate(
     truth: str | Path | None = None,
     effects: Sequence[str] = (),
     imperfections: float = 0.0,
+    robot_spread: float | None = None,
     experiment: str | Path | None = None,
     session: str | None = None,
     engine: str = "dynamics",
@@ -57,6 +58,8 @@ def simulate(
             is not told.
         imperfections: scale of ordinary imperfections of all families, which are drawn and hidden in the
             laboratory; 1: spreads of 0.1 to 1 tolerance; 0: an exact laboratory.
+        robot_spread: s.d. of the logarithm of each link's mass, and of its centre of mass in half edges of
+            its inertia box: a random true robot, the seed's; None: the nominal one.
         experiment: plan folder of a proposed experiment: its postures after its manipulations.
         session: name of the session; its experiments share tares, floor and survey.
         engine: "dynamics", half a minute, or "statics", a second.
@@ -68,7 +71,7 @@ def simulate(
     """
     made = Path(plan) if isinstance(plan, str) else plan
     file, proposed = (None if one is None else Path(one) for one in (truth, experiment))
-    how = (imperfections, proposed, session, engine, workers, progress)
+    how = (imperfections, robot_spread, proposed, session, engine, workers, progress)
     return _simulate(laboratory, made, Path(out), seed, file, effects, *how)
 
 
@@ -83,6 +86,7 @@ def validate(
     engine: str = "dynamics",
     workers: int | None = None,
     imperfections: float = ORDINARY,
+    robot_spread: float | None = None,
     progress: Progress = silent,
 ) -> Validation:
     """Simulate a plan, identify the robot and compare with the truth.
@@ -100,12 +104,15 @@ def validate(
         workers: processes; None: one per core. Results do not depend on it.
         imperfections: scale of ordinary imperfections of all families, which are drawn and hidden in the
             laboratory; 1: spreads of 0.1 to 1 tolerance; 0: an exact laboratory.
+        robot_spread: of a random true robot, as in `simulate`; None: the nominal one.
         progress: shows how far the work is.
 
     Raises:
         InputError: a plan that does not fit the robot or would not identify it.
     """
-    return _validate(laboratory, plan, seed, estimator, engine, workers, progress, imperfections)
+    return _validate(
+        laboratory, plan, seed, estimator, engine, workers, progress, imperfections, robot_spread
+    )
 
 
 @checked

@@ -18,11 +18,13 @@ class Command:
     Attributes:
         function: its name there. examples: command lines for the help.
         saved: whether it has an option --out for its result, and whether that is required.
+        brief: whether it shows the answer alone, and everything with an option --full.
     """
 
     function: str
     examples: tuple[str, ...]
     saved: Saved = False
+    brief: bool = False
 
     @property
     def summary(self) -> str:
@@ -33,7 +35,7 @@ class Command:
         """Return the function that tyro calls with the options."""
         from tulip_testbed.cli.generated import command_of
 
-        return command_of(public_function(self.function), self.examples, self.saved)
+        return command_of(public_function(self.function), self.examples, self.saved, self.brief)
 
 
 # A name may have two words.
@@ -67,6 +69,7 @@ COMMANDS: dict[str, Command] = {
             "tulip identify data/monday data/tuesday",
             "tulip identify data/first --tolerances encoder-offset=0.001",
         ),
+        brief=True,
     ),
     "predict": Command("predict", ("tulip predict data/first", "tulip predict data/first --train 1-40")),
     "discover": Command(

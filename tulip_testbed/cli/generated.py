@@ -17,14 +17,18 @@ import tyro
 from tulip_testbed.cli.readers import KINDS, READERS, read_robot
 from tulip_testbed.cli.signatures import REQUIRED, Argument, PublicFunction
 
-OUT, JSON, ROBOT, VALUE, PROGRESS = "out", "json", "robot", "value", "progress"
+OUT, JSON, FULL, ROBOT, VALUE, PROGRESS = "out", "json", "full", "robot", "value", "progress"
 AS_JSON = Annotated[bool, tyro.conf.arg(help="print one JSON document on stdout instead of tables")]
+EVERYTHING = Annotated[bool, tyro.conf.arg(help="show all tables, not the answer alone")]
 RUN_FOLDER = Annotated[Path, tyro.conf.arg(help="new run folder")]
 SAVED = Annotated[Path | None, tyro.conf.arg(help="new folder for the result; none if left out")]
 
 
 def command_of(
-    function: PublicFunction, examples: Sequence[str] = (), saved: bool | Literal["required"] = False
+    function: PublicFunction,
+    examples: Sequence[str] = (),
+    saved: bool | Literal["required"] = False,
+    brief: bool = False,
 ) -> Callable[..., int]:
     """Return the function that tyro calls with a command's options.
 
@@ -32,6 +36,7 @@ def command_of(
         function: of the library.
         examples: command lines for the help.
         saved: whether the command has an option --out for its result, and whether that is required.
+        brief: whether it has an option --full.
     """
     options: dict[str, Parameter] = {}
     for argument in function.arguments:
@@ -42,6 +47,8 @@ def command_of(
         default = Parameter.empty if saved == "required" else None
         kind = RUN_FOLDER if saved == "required" else SAVED
         options[OUT] = Parameter(OUT, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
+    if brief:
+        options[FULL] = Parameter(FULL, Parameter.KEYWORD_ONLY, default=False, annotation=EVERYTHING)
     options[JSON] = Parameter(JSON, Parameter.KEYWORD_ONLY, default=False, annotation=AS_JSON)
 
     def command(**given: Any) -> int:
@@ -59,7 +66,7 @@ def _carry_out(function: PublicFunction, given: dict[str, Any], out: Path | None
     from tulip_testbed.base.files import check_new
     from tulip_testbed.cli.terminal import print_json, say, show, working_on
 
-    as_json = given.pop(JSON)
+    as_json, full = given.pop(JSON), given.pop(FULL, False)
     if out is not None:
         check_new(out)
     own_progress = any(argument.name == PROGRESS for argument in function.arguments)
@@ -72,7 +79,7 @@ def _carry_out(function: PublicFunction, given: dict[str, Any], out: Path | None
     elif as_json:
         print_json(result.to_json())
     else:
-        show(*result.tables())
+        show(*(result.tables() if full else result.answer()))
     if out is not None:
         say(f"Folder: {out}")
     result.wait()
@@ -142,14 +149,14 @@ def _arguments(function: PublicFunction, given: dict[str, Any]) -> dict[str, Any
     """Return what the library's function is called with."""
     from tulip_testbed.cli.terminal import progress
 
-    robot = read_robot(given[ROBOT]) if ROBOT in given else None
+    robot = read_robot(given[ROBOT]) if given.get(ROBOT) else None
     arguments: dict[str, Any] = {}
     for argument in function.arguments:
         name, reader = argument.name, READERS.get(argument.annotation)
         if name == PROGRESS:
             arguments[name] = progress
         elif reader is None:
-            arguments[name] = given[name]
+            arguments[name] = robot if name == ROBOT else given[name]
         elif reader is read_robot:
             arguments[name] = robot
         else:

@@ -53,6 +53,7 @@ KINDS: dict[str, Any] = {
     "Reported | None": Annotated[
         Path | None, tyro.conf.arg(metavar="[RUN]", help="a second run, to compare")
     ],
+    "RunRobot": Annotated[Path | None, tyro.conf.arg(metavar="FILE", help="robot; the run's if left out")],
     "Planned": PlanFolder,
     "PlanSource": Annotated[
         Path,

@@ -25,7 +25,6 @@ from tulip_testbed.experiments.rig_folder import DIFF
 from tulip_testbed.pages import discovery_figures as drawn
 from tulip_testbed.pages.figures import Figure
 from tulip_testbed.pages.page import Page, Section, how_it_was_made, title_of
-from tulip_testbed.pages.words import VERDICTS
 
 EVIDENCE_WORDS = (
     "Explanations of one gap whose ln of the Bayes factor is within 3 of the best cannot be distinguished "
@@ -93,7 +92,7 @@ def discovery_page(discovery: Discovered) -> Page:
         ("search, s", f"{discovery.wall_s:.1f}"),
     )
     sentence, *story = discovery.story
-    sentence = f"{VERDICTS[discovery.verdict]} {sentence}"
+    sentence = "\n".join([sentence, *discovery.answers])
     title, verdict = title_of(discovery), discovery.verdict
     return Page(title, verdict, sentence, facts, tuple(sections), story=tuple(story))
 

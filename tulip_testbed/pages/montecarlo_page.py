@@ -48,20 +48,7 @@ def montecarlo_page(run: MonteCarlo) -> Page:
         ("runs identified", f"{run.identified} of {run.runs}"),
         ("postures planned", str(len(run.plan))),
     )
-    return Page(title_of(run), run.verdict, _sentence(run), facts, sections, tuple(missing))
-
-
-def _sentence(run: MonteCarlo) -> str:
-    """Return the meaning of a Monte Carlo's verdict in a sentence."""
-    failed = [check.name for check in run.checks if check.result == "fail"]
-    if failed:
-        return f"The estimator is wrong about its own errors: {', '.join(failed)}."
-    if run.shown:
-        return f"The estimator is right about its own errors: {run.identified} runs show it."
-    return (
-        f"Inconclusive: nothing in {run.identified} runs contradicts the estimator's own errors, but "
-        "they are too few to show that these are right: some intervals reach beyond the bounds."
-    )
+    return Page(title_of(run), run.verdict, "\n".join(run.answers), facts, sections, tuple(missing))
 
 
 def _coverage_figures(rows: dict[str, list[ParameterCoverage]]) -> tuple[Figure, ...]:

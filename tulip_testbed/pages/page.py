@@ -41,7 +41,8 @@ class Page:
     """The whole page.
 
     Attributes:
-        verdict: "pass" or "fail", or a discovery's; "": there is none. sentence: its meaning.
+        verdict: "pass" or "fail", or a discovery's; "": there is none. sentence: its meaning,
+            in one line or several.
         story: further sentences about the verdict.
         missing: one sentence for each picture that could not be drawn.
         searched: whether there is a box that searches the rows of the tables.

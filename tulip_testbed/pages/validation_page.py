@@ -81,22 +81,7 @@ def validation_page(run: Validation) -> Page:
         ("postures used", f"{run.postures_used} of {run.postures_planned}"),
         ("total mass, kg", f"{mass:.3f} ± {error:.3f} (truth {run.true_mass:.3f})"),
     )
-    return Page(title_of(run), run.verdict, _sentence(run), facts, sections, tuple(missing))
-
-
-def _sentence(run: Validation) -> str:
-    """Return the meaning of a validation's verdict in a sentence."""
-    failed = [check.name for check in run.checks if check.result == "fail"]
-    evaluated = sum(check.result != "not evaluated" for check in run.checks)
-    if failed:
-        return f"The estimates cannot be trusted here: {len(failed)} of {evaluated} checks failed, " + (
-            f"{', '.join(failed)}."
-        )
-    return (
-        f"In this laboratory, with these sensors and postures, the estimates are right within their "
-        f"standard errors: all {evaluated} evaluated checks passed. They cannot rule out effects that "
-        "the simulator does not model, nor standard errors that are too large."
-    )
+    return Page(title_of(run), run.verdict, "\n".join(run.answers), facts, sections, tuple(missing))
 
 
 def _dropped(run: Validation) -> str:

@@ -21,7 +21,6 @@ from tulip_testbed.experiments.discovery_curves import (
 )
 from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.discovery_tables import CHANNEL_NAMES, behind, explanation_table, gap_table
-from tulip_testbed.pages.words import VERDICTS
 from tulip_testbed.viewer.balance_series import ABOVE_GROUND, factor_for, from_above
 from tulip_testbed.viewer.canvas import (
     CIRCLE,
@@ -146,7 +145,7 @@ def discovery_text(discovery: Discovered, factor: int) -> list[str]:
     explained = [explanation_table(discovery.explanations).markdown()] if discovery.explanations else []
     return [
         f"## Verdict: {discovery.verdict}",
-        VERDICTS[discovery.verdict],
+        discovery.answers[0],
         "",
         *(f"{line}\n" for line in discovery.story),
         gap_table(discovery.heldout).markdown(),

@@ -125,7 +125,7 @@ def _log_errors(recording: rr.RecordingStream, run: MonteCarlo) -> None:
 
 def _text(run: MonteCarlo, note: str) -> list[str]:
     return [
-        f"## Verdict: {run.verdict}{'' if run.conclusive else ', inconclusive'}",
+        f"## Verdict: {run.verdict}",
         f"{run.identified} of {run.runs} runs identified, estimator {run.estimator}.",
         "",
         coverage_check_table(run.to_json()["checks"]).markdown(),
