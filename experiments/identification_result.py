@@ -10,8 +10,8 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import Field, computed_field
 
-from tulip_testbed.base.errors import InputError, look_up
-from tulip_testbed.base.result import Array, Given, InMemory, Kept, Result
+from tulip_testbed.base.errors import InputError, look_up, shortened
+from tulip_testbed.base.result import RESULT_FILE, Array, Given, InMemory, Kept, Result
 from tulip_testbed.base.table import Table
 from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING, SUMMARY
 from tulip_testbed.calibration.calibration_result import SelfCalibration
@@ -116,7 +116,17 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
             InputError: a file that is missing or not what was written, or another robot's.
         """
         found = super().load(folder, *context)
-        return found.placed(found.robot, found.measurements, str(folder))
+        found = found.placed(found.robot, found.measurements, str(folder))
+        try:
+            found.tables()
+        except InputError:
+            raise
+        except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
+            raise InputError(
+                f"{Path(folder) / RESULT_FILE}: found values that do not fit together ({shortened(error)}), "
+                "expected the file as it was written"
+            ) from error
+        return found
 
     def placed(self, robot: Robot, measurements: Measurements, where: str, key: str = "") -> Self:
         """Return an identification that was read together with its robot and its measurements.

@@ -11,6 +11,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -103,7 +104,7 @@ def test_a_state_is_read_as_it_was_written(robot, plan, day, tmp_path):
     np.testing.assert_array_equal(one[0].changes.ratio, two[0].changes.ratio)
     with pytest.raises(InputError, match="state of another plan"):
         read_state(tmp_path / "state", key_of(plan, b"other"), model)
-    wrong = {
+    wrong: dict[str, Any] = {
         "fault": Fault(10**6, 0, 1, 1.0),
         "done": state.done + 7,
         "spreads": np.zeros((30, 2)),
