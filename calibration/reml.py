@@ -91,25 +91,20 @@ class _Noise:
     value: float
 
 
-def fit(
-    problem: LinearProblem, start: tuple[np.ndarray, np.ndarray] | None = None, within: float = CONVERGED
-) -> LikelihoodFit:
+def fit(problem: LinearProblem, start: tuple[np.ndarray, np.ndarray] | None = None) -> LikelihoodFit:
     """Estimate scales, spreads, base parameters and members.
 
     Args:
         start: sigma and tau from which the search begins; ones if None.
-        within: of the log-likelihood at its mode.
 
     Raises:
         numpy.linalg.LinAlgError: readings that are not finite, or columns N that are not independent.
     """
     small, shown = problem.in_use()
-    return _with_hidden(problem, shown, _fit(small, start, within))
+    return _with_hidden(problem, shown, _fit(small, start))
 
 
-def _fit(
-    problem: LinearProblem, start: tuple[np.ndarray, np.ndarray] | None, within: float
-) -> LikelihoodFit:
+def _fit(problem: LinearProblem, start: tuple[np.ndarray, np.ndarray] | None) -> LikelihoodFit:
     k, f = len(problem.noise), len(problem.sizes)
     first = (np.zeros(k), np.zeros(f)) if start is None else (np.log(start[0]), np.log(start[1]))
     noise = _noise(problem, first[0])
@@ -117,7 +112,7 @@ def _fit(
     for _ in range(MOST_STEPS):
         gradient, hessian, _ = joint = _joint(problem, noise, spread)
         step = newton_step(gradient, hessian)
-        if abs(gradient @ step) < within:
+        if abs(gradient @ step) < CONVERGED:
             return _result(problem, noise, spread, joint)
         del joint
         at, value = noise.log_scale, noise.value + spread.value
@@ -128,7 +123,7 @@ def _fit(
             break
         noise, spread = better
         del better
-        if value - noise.value - spread.value < within:
+        if value - noise.value - spread.value < CONVERGED:
             break
     return _result(problem, noise, spread, _joint(problem, noise, spread))
 
@@ -246,7 +241,8 @@ def _without_negative(information: np.ndarray) -> np.ndarray:
         pass
     if not np.isfinite(information).all():
         raise np.linalg.LinAlgError("found members whose columns are not finite")
-    values, axes = eigh(information, subset_by_value=(-np.inf, 0.0), check_finite=False)
+    found = eigh(information, subset_by_value=(-np.inf, 0.0), check_finite=False)
+    values, axes = map(np.asarray, found)
     return information - (axes * values) @ axes.T
 
 

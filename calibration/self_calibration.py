@@ -32,7 +32,7 @@ from tulip_testbed.calibration.linearisation import (
     sources_of,
 )
 from tulip_testbed.calibration.member_removal import members_removed
-from tulip_testbed.calibration.reml import CONVERGED, LikelihoodFit, fit, given
+from tulip_testbed.calibration.reml import LikelihoodFit, fit, given
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import moved_by, packed
@@ -41,7 +41,6 @@ from tulip_testbed.identification.residual_noise import noise_of, with_cell_nois
 ROUNDS = 12
 NEARLY_TIPPED = 0.8  # of the compliance with which a robot would tip over
 WORSE = 10.0  # ln of the evidence, by which the last linearisation may lie below the best
-FAR, NEARLY = 2.0, 0.02  # s.e. moved by, after which the next fit may be so far from its mode [log-likelihood]
 STANDS = 0.25  # s.e. by which nothing moves any more: the next step would move it by about a fifth of that
 
 
@@ -93,15 +92,13 @@ def self_calibrate(
         smooth = smooth.changed(tree=clean.tree, cells=clean.cells)
     latest: tuple[LinearProblem, Linearised] | None = None
     best: tuple[LinearisationPoint, LikelihoodFit, Observation, float] | None = None
-    moved = np.inf
     for count in range(rounds):
         state = LinearisationPoint(clean, smooth, nu, deviates, variance, scales, residual_covariance)
         latest = None  # a linear model is large: one at a time
         problem, linear = latest = linearised(state, families, noise)
         noisy = count == 0 and start is None
         # At first the columns hold the readings' noise: they could explain it with no noise at all.
-        within = NEARLY if moved > FAR else CONVERGED
-        solved = given(problem, scales, spreads) if noisy else fit(problem, (scales, spreads), within)
+        solved = given(problem, scales, spreads) if noisy else fit(problem, (scales, spreads))
         smooth = linear.smooth
         del problem, linear
         estimate, covariance = both @ solved.estimate, both @ solved.covariance @ both.T
