@@ -233,7 +233,7 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
     def usable(self) -> str:
         """Say what of the estimate can be used."""
         matrix = self.parameters.regressor(self.measurements.joint_angles, self.measurements.support)
-        variance = np.einsum("ij,jk,ik->i", matrix, self.full.covariance, matrix)
+        variance = np.einsum("mij,jk,mik->mi", matrix, self.full.covariance, matrix)
         shares, sums = self.full.relative_standard_error, known_sums(self.full)
         return usable_line(shares, np.sqrt(variance.mean()), len(sums)) if self.at_rest else NOT_AT_REST
 

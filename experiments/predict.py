@@ -37,7 +37,7 @@ from tulip_testbed.sim.specs import compile_spec
 
 CAD, CAD_WITH_OFFSET, CONSTANT = "CAD", "CAD with offset", "constant"
 EXPORTED, IDENTIFIED, WITH_CORRECTIONS = "exported", "identified", "identified with corrections"
-MODELS = (CAD, CAD_WITH_OFFSET, CONSTANT, EXPORTED, IDENTIFIED, WITH_CORRECTIONS)
+MODELS = (CAD, CAD_WITH_OFFSET, CONSTANT, IDENTIFIED, WITH_CORRECTIONS)
 LEAST_BLOCKS = 3  # that an interval needs
 RESAMPLES, SEED = 2000, 0
 STARTS = (0.1, 1.0)  # of the prior's scale
@@ -214,7 +214,7 @@ def _score(
     """Add the scores of every model that the split allows."""
     m = problem.measurements
     rows = np.concatenate([test for _, test in split.folds])
-    models = [name for name in MODELS if name != EXPORTED or change is not None]
+    models = (*MODELS, *([] if change is None else [EXPORTED]))
     found: dict[str, list[np.ndarray]] = {name: [] for name in models}
     scales = []
     for train, test in split.folds:

@@ -30,10 +30,12 @@ RunKind = Literal["validation", "discovery", "Monte Carlo"]
 
 def _write_robot(folder: Path, robot: Robot) -> None:
     """Copy the files of a robot of one's own into a run folder; TULip's are everywhere."""
-    for name in robot.hashes if robot.path != TULIP else ():
-        if present(robot.folder / name):
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(robot.folder / name, folder / name)
+    names = (*robot.hashes, *filter(None, [robot.settings.get("paper", {}).get("table")]))
+    for name in names if robot.path != TULIP else ():
+        source, place = (robot.folder / name).resolve(), (folder / name).resolve()
+        if source.is_file() and place.is_relative_to(folder.resolve()):
+            place.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(source, place)
 
 
 ROBOT = Kept("robot", _write_robot, lambda folder, robot: robot)

@@ -236,12 +236,27 @@ def test_impossible_ranges(assets, tmp_path, capsys):
     assert not (tmp_path / "plan").exists()
 
 
+def test_a_run_remembers_its_robot(assets, tmp_path):
+    edit(assets / "tulip.toml", 'name = "TULip"', 'name = "Rose"')
+    run, page = tmp_path / "run", tmp_path / "run.html"
+    mine = ("--robot", str(assets / "tulip.toml"), "--engine", "statics")
+    assert main(["validate", *mine, "--out", str(run)]) in (0, 1)
+    (assets / "tulip.toml").unlink()
+    assert main(["report", str(run), "--out", str(page)]) == 0
+    assert "<title>Rose: validation run</title>" in page.read_text()
+
+
 def test_identify_prints_json_and_tables(wii, tmp_path, capsys):
     write_measurements(tmp_path / "data", wii.measurements)
     assert main(["identify", str(tmp_path / "data"), "--json", "--estimator", "mixed-model"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["full"]["value"][9] == pytest.approx(wii.identification.full.value[9])
     assert main(["identify", str(tmp_path / "data")]) == 0
+    answer = capsys.readouterr().out
+    assert len(answer.splitlines()) < 30
+    assert "\nUsable: " in answer
+    assert "right_ankle_roll" not in answer
+    assert main(["identify", str(tmp_path / "data"), "--full"]) == 0
     assert "right_ankle_roll" in capsys.readouterr().out
 
 
@@ -258,7 +273,7 @@ def test_identify_by_name(wii, tmp_path, capsys):
     assert links["links"][:2] == ["torso", "right_hip_yaw"]
     assert sum(links["mass"]) == pytest.approx(23.0, abs=0.1)
     assert all(0 <= share <= 1 for share in links["mass_share"])
-    assert main(["identify", str(tmp_path / "data"), "--estimator", "prior"]) == 0
+    assert main(["identify", str(tmp_path / "data"), "--estimator", "prior", "--full"]) == 0
     assert "no single link mass" in " ".join(capsys.readouterr().out.split())
 
 

@@ -143,7 +143,7 @@ def test_a_failed_verdict_names_the_checks_and_a_hostile_name_stays_text(run, ro
     first, *others = saved.checks
     checks = (dataclasses.replace(first, result="fail", name=name), *others)
     found = validation_page(dataclasses.replace(saved, checks=checks))
-    assert found.sentence.startswith("The estimates cannot be trusted here: 1 of ")
+    assert found.sentence.startswith("Right: no, 1 of ")
     assert name in found.sentence
     assert "<script>alert(1)" not in html(found)
 

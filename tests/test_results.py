@@ -132,9 +132,11 @@ def test_a_validation_prints_its_checks_and_its_verdict(wii):
     for check in wii.checks:
         assert check.name in text
         assert f">{check.name}<" in page
-    assert text.splitlines()[-1].startswith(f"Verdict: {wii.verdict} after ")
+    verdict, *answers = text.splitlines()[-4:]
+    assert verdict.startswith(f"Verdict: {wii.verdict} after ")
+    assert [line.partition(":")[0] for line in answers] == ["Right", "Usable", "Next"]
     assert f"<p>Verdict: {wii.verdict} after " in page
-    table = text.partition("\nChecks\n")[2]
+    table = text.partition("\nChecks\n")[2].partition("\nVerdict: ")[0]
     assert len(table.splitlines()) > len(wii.checks)
     assert max(map(len, table.splitlines())) <= 100
 
