@@ -185,12 +185,14 @@ def measurements_of(
     corrections: Sequence[EffectInstance] = (),
     tolerances: Mapping[str, float] | None = None,
     likely: bool = True,
+    refuse: str = "",
 ) -> Measurements:
     """Return measurements, or those of runs and folders, checked against the contract once and joined.
 
     Args:
         robot: whose faulty measurements cause a warning or are refused, see `warn_of_faults`, unless they
             were simulated: their faults are on purpose; None: those of any robot, to be looked at.
+        refuse: how to go on with gross faults, which are refused then; "": they are not.
     """
     each, found = each_of(measured), []
     for one in each:
@@ -200,6 +202,6 @@ def measurements_of(
             found.append(one.measurements if isinstance(one, Run) else one)
             check_contract(found[-1], likely=likely)
         if robot is not None and not isinstance(one, Run):
-            warn_of_faults(found[-1], robot, corrections, source_of(one), tolerances)
+            warn_of_faults(found[-1], robot, corrections, source_of(one), tolerances, refuse)
     names = [str(one) if isinstance(one, str | Path) else f"experiment {k + 1}" for k, one in enumerate(each)]
     return joined(found, names)

@@ -157,10 +157,9 @@ def discover(
     if out is not None:
         check_new(Path(out))
     robot = robot or load_robot()
-    given = measurements_of(measurements, robot, tolerances=tolerances)
+    refuse = "" if anyway else "search `anyway`"
+    given = measurements_of(measurements, robot, tolerances=tolerances, refuse=refuse)
     source = source_of(measurements) or "measurements"
-    for one, where in to_check(measurements):
-        warn_of_faults(one, robot, (), where, tolerances, "" if anyway else "search `anyway`")
     result = discover_effects(
         given, robot, seed, check, processes(workers), source, tolerances=tolerances, progress=progress
     )
