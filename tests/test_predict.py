@@ -228,10 +228,10 @@ def test_a_stated_effect_is_part_of_the_model_with_corrections_alone(laboratory,
     """Two cells whose cables are exchanged: no family can make up for it."""
     swapped = "swapped-cells:right=front_left,rear_right"
     hidden = laboratory.with_effects(swapped)
-    measurements = hidden.run(tt.plans.random, seed=SEED, engine="statics").measurements
-    first = np.unique(measurements.placement)[-6]
-    test = [f"placement:{first}-{measurements.placement.max()}"]
-    plain = tt.predict(measurements, robot, test=test)
-    named = tt.predict(measurements, robot, test=test, corrections=[swapped])
+    run = hidden.run(tt.plans.random, seed=SEED, engine="statics")
+    placement = run.measurements.placement
+    test = [f"placement:{np.unique(placement)[-6]}-{placement.max()}"]
+    plain = tt.predict(run, robot, test=test)
+    named = tt.predict(run, robot, test=test, corrections=[swapped])
     assert total(named, WITH_CORRECTIONS, "stated") < 0.3 * total(plain, WITH_CORRECTIONS, "stated")
     assert total(named, CAD, "stated") == total(plain, CAD, "stated")

@@ -88,6 +88,7 @@ class MonteCarlo(Result, ModelCoverage):
         identified: how many runs could be. failures: how many could not, by reason.
         verdict: "pass", "fail" if any check fails, or "inconclusive" if the runs are too few for a pass.
         shown: whether there are enough runs to show that all checks hold.
+        usable: what such an experiment gives, in a sentence.
         document: run.json. every_run: the columns of the run folder, all runs. plan, robot: of the runs.
         folder: of the runs; None: in memory alone.
     """
@@ -106,6 +107,7 @@ class MonteCarlo(Result, ModelCoverage):
     checks: list[CoverageCheck]
     verdict: Literal["pass", "inconclusive", "fail"]
     shown: bool
+    usable: str
     document: Annotated[MonteCarloFile, Outside()]
     every_run: Annotated[Columns, Outside()]
     plan: Annotated[PosturePlan, Outside()]
@@ -143,7 +145,7 @@ class MonteCarlo(Result, ModelCoverage):
     def answers(self) -> tuple[str, str, str]:
         """Say whether the estimator is right, what this experiment gives, and what to do next."""
         if not self.identified:
-            return "Right: no run could be identified.", "Usable: nothing.", "Next: other postures."
+            return "Right: no run could be identified.", self.usable, "Next: other postures."
         failed = ", ".join(check.name for check in self.checks if check.result == "fail")
         right, following = {
             "pass": (f"yes, {self.identified} runs show it", "measure the plan (`protocol`)"),
@@ -153,13 +155,7 @@ class MonteCarlo(Result, ModelCoverage):
                 "ask for more runs in the same folder; coverage needs some 5000",
             ),
         }[self.verdict]
-        truth = matrix(identified(self.every_run), [f"truth.{row.number}" for row in self.parameters])
-        error = np.array([row.standard_error for row in self.parameters])
-        parameters = planned_parameters(self.robot, self.plan)
-        columns = parameters.regressor(self.plan.joint_angles, self.plan.support)
-        missed = np.sqrt(((columns @ self.errors_mm["full"].T) ** 2).mean()) / 1e3
-        usable = usable_line(relative_standard_errors(truth.mean(axis=0), error), missed)
-        return f"Right: {right}.", usable, f"Next: {following}."
+        return f"Right: {right}.", self.usable, f"Next: {following}."
 
     def tables(self) -> list[Table | str]:
         """Return the parameters, how residuals vary, the checks and the verdict."""
@@ -259,10 +255,24 @@ class MonteCarlo(Result, ModelCoverage):
             checks=done,
             verdict=verdict(done),
             shown=shown(done),
+            usable=_usable(runs, layout, beside["robot"], beside["plan"]),
             document=document,
             every_run=every_run,
             **beside,
         )
+
+
+def _usable(runs: Columns, layout: Layout, robot: Robot, plan: PosturePlan) -> str:
+    """Say how many parameters are well identified, and how well the centre of mass is known in the plan."""
+    numbers = layout.models["full"]
+    truth = matrix(runs, [f"truth.{number}" for number in numbers])
+    if not len(truth):
+        return "Usable: nothing."
+    errors, columns = errors_of(runs, "full", numbers), planned_parameters(robot, plan)
+    moved = columns.regressor(plan.joint_angles, plan.support) @ errors.T
+    error = np.sqrt((matrix(runs, [f"full.se.{number}" for number in numbers]) ** 2).mean(axis=0))
+    shares = relative_standard_errors(truth.mean(axis=0), error)
+    return usable_line(shares, float(np.sqrt((moved**2).mean())))
 
 
 def montecarlo_file(laboratory: Laboratory, plan: PosturePlan, settings: Settings) -> MonteCarloFile:

@@ -139,7 +139,7 @@ def _kind(argument: Argument) -> Any:
 
 
 def _option(name: str, kind: Any, default: Any, by_place: bool) -> Parameter:
-    if by_place and name != OUT:
+    if by_place and name not in (OUT, ROBOT):
         kind = Annotated[kind, tyro.conf.Positional]
     default = Parameter.empty if default is REQUIRED else default
     return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
