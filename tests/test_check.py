@@ -121,8 +121,8 @@ def test_words_say_what_where_and_what_to_do(precise, nominal):
             lambda m: {"plate_poses": m.plate_poses * [1e3, 1e3, 1]},
             "plate.right.x reads up to .* millim",
         ),
-        (lambda m: {"weighed_mass": (23e3, 20.0)}, "weighed_mass is 23000 where .* grams?"),
-        (lambda m: {"weighed_mass": (225.6, 0.2)}, "weighed_mass is 225.6 where .* newtons?"),
+        (lambda m: {"weighed_mass": (23e3, 20.0)}, "'weighed_mass' is 23000 where .* grams?"),
+        (lambda m: {"weighed_mass": (225.6, 0.2)}, "'weighed_mass' is 225.6 where .* newtons?"),
         (lambda m: {"cell_forces": m.cell_forces / 9.81 * 1e3}, "the cells sum to .* grams?"),
         (lambda m: {"cells": 0 * m.cells}, "plates.right.cells lie on one line"),
         (

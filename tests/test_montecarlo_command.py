@@ -72,7 +72,7 @@ def test_interrupted_and_killed_it_ends_as_if_undisturbed(small, tmp_path):
     straight = subprocess.run(
         tulip(small, whole, "--workers", "2"), capture_output=True, text=True, check=False
     )
-    assert resumed.returncode in (0, 1), resumed.stderr
+    assert resumed.returncode in (0, 1, 3), resumed.stderr
     assert content(broken) == content(whole)
 
     found, expected = json.loads(resumed.stdout), json.loads(straight.stdout)

@@ -88,7 +88,7 @@ def test_a_frame_without_mass_changes_no_result(pair_of_robots, plan):
     assert np.array_equal(plain.measurements.cell_forces, framed.measurements.cell_forces)
     for one, other in zip(tables, others, strict=True):
         numbers = [table.select_dtypes("number").to_numpy() for table in (one, other)]
-        assert np.allclose(*numbers, rtol=1e-9, atol=1e-9, equal_nan=True)
+        assert np.allclose(*numbers, rtol=1e-8, atol=1e-9, equal_nan=True)
     assert found.verdict == again.verdict
     assert found.story == again.story
 

@@ -140,7 +140,7 @@ def _masses(measurements: Measurements, nominal: Nominal) -> list[tuple[str, str
         weighed = measurements.weighed_mass[0]
         if not 0.5 < weighed / mass < 2:
             guess = _guess(weighed / mass, {gravity: "newtons", 1000.0: "grams"})
-            text = f"weighed_mass is {weighed:g} where the model weighs {number(mass, '.4g')} kg{guess}"
+            text = f"'weighed_mass' is {weighed:g} where the model weighs {number(mass, '.4g')} kg{guess}"
             complaints.append(("weighed_mass", text))
         else:
             mass = weighed

@@ -79,7 +79,7 @@ def validation_page(run: Validation) -> Page:
         ("estimator", own.estimator),
         *imperfections_fact(run.imperfections),
         ("postures used", f"{run.postures_used} of {run.postures_planned}"),
-        ("total mass, kg", f"{mass:.3f} ± {error:.3f} (truth {run.true_mass:.3f})"),
+        ("total mass, kg", f"{mass:.3f}, s.e. {error:.3f} (truth {run.true_mass:.3f})"),
     )
     return Page(title_of(run), run.verdict, "\n".join(run.answers), facts, sections, tuple(missing))
 
