@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
 ROWS = 2000  # up to which a budget is the same
-STATUS = Path("/proc/self/statm")  # in pages of 4 kB, where there is one
+STATUS = Path("/proc/self/statm")  # in pages, where there is one
 
 
 @dataclass(frozen=True)
@@ -33,5 +34,6 @@ class Budget:
     @property
     def spent(self) -> bool:
         """Return whether no more may be begun."""
-        used = 4096e-9 * int(STATUS.read_text().split()[1]) if STATUS.exists() else 0.0
+        pages = int(STATUS.read_text().split()[1]) if STATUS.exists() else 0
+        used = 1e-9 * os.sysconf("SC_PAGE_SIZE") * pages
         return time.process_time() - self.began > self.seconds or used > self.gigabytes

@@ -171,7 +171,6 @@ def warn_of_faults(
     Args:
         corrections: see `check_folder`. source: folder of the measurements.
         tolerances: of families, in place of those of the measurements and those that fit the sensors [SI].
-
         refuse: how to go on with gross faults, which are refused then; "": they are not.
 
     Raises:

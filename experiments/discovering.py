@@ -22,7 +22,6 @@ from tulip_testbed.experiments.proposed_experiment import propose_experiments, p
 from tulip_testbed.experiments.rig_folder import rig_files
 from tulip_testbed.experiments.run_file import RunFile, made_by
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.identification.preflight.units import units
 from tulip_testbed.identification.regressor import check_robot
 from tulip_testbed.identification.residual_channels import residuals
 from tulip_testbed.measurements import Measurements, as_joined
@@ -50,17 +49,13 @@ def discover_effects(
             that fit the sensors [SI]; zero: exact.
 
     Raises:
-        InputError: measurements that do not fit the robot, in wrong units, or too few placements.
+        InputError: measurements that do not fit the robot, or too few placements.
     """
     at_least("seed", seed, 0)
     processes(workers)
     measurements = as_joined(measurements)
     nominal = nominal_robot(robot)
     check_robot(nominal.parameters, measurements, robot, source)
-    unit_check = units(measurements, nominal)
-    if unit_check.result == "fail":
-        expected = f"expected {unit_check.expected} (the preflight says more)"
-        raise InputError(f"{source}: found {unit_check.seen}; {expected}")
     check_tolerances(tolerances or {})
     # Says what does not fit, before the work.
     before = identify(measurements, robot, source, tolerances=tolerances, calibrate=first_calibration)

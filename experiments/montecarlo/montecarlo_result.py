@@ -19,6 +19,7 @@ from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.coverage import (
     Coverage,
     Distribution,
+    Errors,
     ModelCoverage,
     coverage_of,
     distribution,
@@ -255,23 +256,21 @@ class MonteCarlo(Result, ModelCoverage):
             checks=done,
             verdict=verdict(done),
             shown=shown(done),
-            usable=_usable(runs, layout, beside["robot"], beside["plan"]),
+            usable=_usable(runs, models["full"], beside["robot"], beside["plan"]),
             document=document,
             every_run=every_run,
             **beside,
         )
 
 
-def _usable(runs: Columns, layout: Layout, robot: Robot, plan: PosturePlan) -> str:
+def _usable(runs: Columns, full: Errors, robot: Robot, plan: PosturePlan) -> str:
     """Say how many parameters are well identified, and how well the centre of mass is known in the plan."""
-    numbers = layout.models["full"]
-    truth = matrix(runs, [f"truth.{number}" for number in numbers])
-    if not len(truth):
+    if not full.count:
         return "Usable: nothing."
-    errors, columns = errors_of(runs, "full", numbers), planned_parameters(robot, plan)
-    moved = columns.regressor(plan.joint_angles, plan.support) @ errors.T
-    error = np.sqrt((matrix(runs, [f"full.se.{number}" for number in numbers]) ** 2).mean(axis=0))
-    shares = relative_standard_errors(truth.mean(axis=0), error)
+    numbers = full.numbers.tolist()
+    truth, parameters = matrix(runs, [f"truth.{n}" for n in numbers]), planned_parameters(robot, plan)
+    moved = parameters.regressor(plan.joint_angles, plan.support) @ errors_of(runs, "full", numbers).T
+    shares = relative_standard_errors(truth.mean(axis=0), full.standard_error)
     return usable_line(shares, float(np.sqrt((moved**2).mean())))
 
 
