@@ -78,15 +78,15 @@ def _again(
         raise InputError(
             f"--case: found {settings.case}, expected less than {len(every)}, the number of cases"
         )
-    case, there = every[settings.case], folder / f"measurements-{settings.case:05}"
-    built, truth, measured, _ = drawn(case, settings.case, settings.seed, robot, plan)
+    there = folder / f"measurements-{settings.case:05}"
+    case, built, truth, measured, _ = drawn(every[settings.case], settings.case, settings.seed, robot, plan)
     if not there.exists():
         write_measurements(there, measured)
     yield f"{case}\n\nmeasurements: {there}\n\n{truth}\n"
     yield header("effect", "value", "hidden")
     for label, values in built.effects.items():
         yield row(label, ", ".join(f"{v:.4g}" for v in values), "yes" if label in truth.hidden else "")
-    yield f"\n{carry_out(case, settings.case, settings.seed, robot, plan)}"
+    yield f"\n{carry_out(every[settings.case], settings.case, settings.seed, robot, plan)}"
 
 
 def kept(folder: Path, case: Case, run: int, seed: int, robot: Robot, plan: PosturePlan) -> None:

@@ -32,7 +32,7 @@ class Case:
     """One data set to be made.
 
     Attributes:
-        arm: what kind of thing is hidden. preset: of the sensors.
+        arm: see the study. preset: of the sensors.
         kinds: of the effects, or the name of the fault outside the catalogue.
         dynamics: whether it is measured in the full dynamics.
     """
@@ -45,7 +45,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Truth:
-    """What is wrong with a laboratory.
+    """The faults of a laboratory.
 
     Attributes:
         hidden: values of the effects of the catalogue that were hidden, by their labels.
@@ -76,7 +76,7 @@ def draw_trial(
         stream: seed of the experiment, from which the size of what is clear follows too.
 
     Raises:
-        InputError: the robot falls, or nothing of the kind shows clearly.
+        InputError: the robot falls, or no effect of the kind shows clearly.
     """
     built = draw_laboratory(robot, case.preset, rng, case.dynamics)
     tolerances = {label: tolerance_of(split_label(label)[0], case.preset) for label in built.effects}

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from studies.hidden_effects.clearness import LEAST_STANDING
-from studies.hidden_effects.hiding import Case, Truth, draw_trial
+from studies.hidden_effects.hiding import ONE, TWO, Case, Truth, draw_trial, hidden_kinds
 from studies.hidden_effects.laboratories import Built
 from studies.hidden_effects.readings import Values
 from tulip_testbed.base.errors import InputError
@@ -125,14 +125,16 @@ class Outcome:
 
 def drawn(
     case: Case, run: int, seed: int, robot: Robot, plan: PosturePlan
-) -> tuple[Built, Truth, Measurements, int]:
+) -> tuple[Case, Built, Truth, Measurements, int]:
     """Draw what a case leaves open and measure; return also a seed for the discovery.
+
+    Where no effect of its kinds shows, others take their places.
 
     Args:
         run: number of the case: its random streams depend on it and `seed` alone.
 
     Raises:
-        InputError: every robot falls, or nothing of the kind shows.
+        InputError: every robot falls, or no effect of the kind shows.
     """
     drawing, laboratory, discovering = np.random.SeedSequence(seed, spawn_key=(3, run)).spawn(3)
     rng, failed = np.random.default_rng(drawing), ""
@@ -142,9 +144,12 @@ def drawn(
             measured = built.measured(plan, stream, case.dynamics)
         except InputError as error:
             failed = str(error)
+            if case.arm in (ONE, TWO):
+                other = dict(zip(case.kinds, rng.permutation(hidden_kinds()).tolist(), strict=False))
+                case = replace(case, kinds=tuple(other[kind] for kind in case.kinds))
             continue
         if len(np.unique(measured.posture)) >= LEAST_STANDING * len(plan):
-            return built, truth, measured, int(discovering.generate_state(1)[0])
+            return case, built, truth, measured, int(discovering.generate_state(1)[0])
         failed = f"only {len(measured)} of {len(plan)} postures stand"
     raise InputError(failed)
 
@@ -153,7 +158,7 @@ def drawn(
 def carry_out(case: Case, run: int, seed: int, robot: Robot, plan: PosturePlan) -> Outcome:
     """Draw, measure, discover, correct as the tool says, identify, compare with the truth."""
     try:
-        built, truth, measured, discovering = drawn(case, run, seed, robot, plan)
+        case, built, truth, measured, discovering = drawn(case, run, seed, robot, plan)
     except InputError as error:
         return Outcome(case, run, failed=str(error))
     began, known = time.process_time(), Outcome(case, run, truth)

@@ -1,4 +1,4 @@
-"""What faulty instruments make of an experiment by statics, by formulas of the study's own."""
+"""Readings of faulty instruments in an experiment by statics, by formulas of the study's own."""
 
 from __future__ import annotations
 
