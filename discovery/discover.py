@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from scipy.special import ndtri
 
 from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.calibration.calibration_result import CalibratedFamily, SelfCalibration
@@ -18,6 +19,7 @@ from tulip_testbed.discovery.candidate_search import DECISIVE, CandidateSearch, 
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.detectability import Undetectable, undetectable
 from tulip_testbed.discovery.effect_intervals import as_calibrated, with_intervals
+from tulip_testbed.discovery.excessive_noise import excessive_noise
 from tulip_testbed.discovery.experiment_information import Explanation
 from tulip_testbed.discovery.held_out import HeldOut, check_placements, held_out
 from tulip_testbed.discovery.joint_fit import JointFit
@@ -47,6 +49,7 @@ AMBIGUOUS: Verdict = "ambiguous"
 UNKNOWN: Verdict = "unknown"
 ADOPTED = (NAMED, DESCRIBED)  # verdicts whose effects are added to the model
 REPORTED_PATTERNS, RUNNERS_UP = 5, 5
+CERTAIN = float(ndtri(0.999))  # s.e. by which an effect has to lie beyond its family's spread
 # Standard errors, r.m.s., by which laws that do as well may differ in the base parameters. On five
 # development faults they differed by 0.4 at most or by 10.
 AGREEING = 1.0
@@ -331,8 +334,10 @@ def stands_out(selection: Selection, term: Fitted, error: np.ndarray) -> bool:
         return True
     spreads = [one.spread for one in selection.calibration.families if one.family.name == name]
     usual = Family(effect, tolerance, (term.candidate.target,)).sizes
-    least = np.abs(term.sizes) - SURE * error
-    return bool((least > STANDS_OUT * max([1.0, *spreads]) * usual).any())
+    usual, size = max([1.0, *spreads]) * usual, np.abs(term.sizes)
+    # Evidence alone does not tell it from its family: the size has to be known too.
+    far = (size - SURE * error > STANDS_OUT * usual) & (size - CERTAIN * error > usual)
+    return bool(far.any())
 
 
 def _reasons(
@@ -362,10 +367,11 @@ def _unexplained(selection: Selection) -> list[str]:
         return []
     out = [f"The search ended at its budget of {selection.ended}."] if selection.ended else []
     out += [] if selection.complete else ["Another effect would still be decisive."]
-    return out + [
+    out += [
         f"The family {one.family.name} is {one.spread:.0f} times as wide as its tolerance: that is not usual."
         for one in too_wide(selection.calibration)
     ]
+    return out + excessive_noise(selection.calibration)
 
 
 def _verdict(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import ndtri
@@ -33,16 +33,18 @@ class HeldOut:
 
     Attributes:
         before, after: root mean squares of the whitened residuals of the nominal model and with everything
-            that was found, by channel and of all channels ("AFTC"); 1 is the noise.
+            that was found, by channel and of all channels ("AFTC"); 1 is the noise, the same for both, as it
+            was estimated with everything that was found.
         floor: largest value of `after` that chance explains, by channel.
         millimetres: root mean square of the centre of pressure's residuals before, after, and by the noise
-            alone, (3,) [mm].
+            alone, (3,) [mm]. newtons: the same of the sum of the vertical forces [N].
     """
 
     before: dict[str, float]
     after: dict[str, float]
     floor: dict[str, float]
     millimetres: tuple[float, float, float]
+    newtons: tuple[float, float, float]
 
     @property
     def holds(self) -> bool:
@@ -85,26 +87,30 @@ def held_out(search: CandidateSearch, found: SelfCalibration, terms: Sequence[Fi
     general = tuple(t for t in terms if t.candidate.effect.targets is not PLACEMENTS)
     fold = np.searchsorted(placements, observed.measurements.placement) % FOLDS
     sums = {key: np.zeros(3) for key in (*CHANNELS, "AFTC")}
-    squares = np.zeros(3)
+    squares = {"A": np.zeros(3), "F": np.zeros(3)}
     for k in range(FOLDS):
         inside, outside = np.flatnonzero(fold == k), np.flatnonzero(fold != k)
         exact = self_calibrate(observed.take(outside), EXACT, rounds=1)
-        plain = predicted(exact, observed.take(inside))
         mine = search.of_part(corrected, outside)
         calibration = calibrated_with_best(mine, general, part_of(found, outside))
         fitted = predicted(calibration, corrected.take(inside))
+        # Both in units of one noise: by a larger one alone "after" would look better than "before".
+        plain = predicted(replace(exact, noise=calibration.noise), observed.take(inside))
         for key in sums:
             before, after = plain.of(key), fitted.of(key)
             dof = len(after.residual)
             if dof:
                 sums[key] += before.chi_square, after.chi_square, dof
-        first, last = plain.of("A"), fitted.of("A")
-        squares += (first.residual**2).sum(), (last.residual**2).sum(), last.variance.sum()
+        for key, sizes in squares.items():
+            first, last = plain.of(key), fitted.of(key)
+            sizes += (first.residual**2).sum(), (last.residual**2).sum(), last.variance.sum()
     sums = {key: total for key, total in sums.items() if total[2] > 0}
-    first_mm, last_mm, noise_mm = 1e3 * np.sqrt(squares / (2 * len(observed)))
+    millimetres = 1e3 * np.sqrt(squares["A"] / (2 * len(observed)))
+    newtons = np.sqrt(squares["F"] / len(observed))
     return HeldOut(
         before={key: float(np.sqrt(t[0] / t[2])) for key, t in sums.items()},
         after={key: float(np.sqrt(t[1] / t[2])) for key, t in sums.items()},
         floor={key: float(np.sqrt(1 + CHANCE * np.sqrt(2 / t[2]))) for key, t in sums.items()},
-        millimetres=(float(first_mm), float(last_mm), float(noise_mm)),
+        millimetres=tuple(millimetres.tolist()),
+        newtons=tuple(newtons.tolist()),
     )

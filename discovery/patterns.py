@@ -6,12 +6,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from tulip_testbed.calibration.linear_model import LinearModel
 from tulip_testbed.identification.distributions import chi2_sf
 from tulip_testbed.identification.noise_structure import groups
 from tulip_testbed.identification.residual_channels import SIZE, fields, has_twist
-from tulip_testbed.measurements.cells import CELLS
+from tulip_testbed.measurements.cells import CELLS, PLATES
 
 # Channel, rows of the residuals, and their name.
 PARTS = (
@@ -24,6 +25,9 @@ PARTS = (
     ("C", slice(8, 11), "the swing foot's place"),
 )
 DISTINCT = 0.05
+SMOOTH = 12  # directions of a smooth function of many quantities
+MOST_LANDMARKS = 400  # postures from whose neighbourhood such a function is made
+NEAR = 0.5  # length over which it varies, of the median distance of two postures; assumed
 MOST_PARTS = 60  # of an experiment, between which residuals may differ; successive placements together
 
 
@@ -82,11 +86,12 @@ def _of_residuals(linear: LinearModel) -> Iterator[tuple[str, str, np.ndarray]]:
     observed = linear.observed
     there = np.zeros(len(observed) * SIZE, bool)
     there[linear.whitening.rows] = True
+    quantities = _functions(linear)
     for channel, part, what in PARTS:
         if not there.reshape(-1, SIZE)[:, part].any():
             continue
         width = part.stop - part.start
-        for how, functions in _functions(linear):
+        for how, functions in quantities:
             raw = np.zeros((len(observed), SIZE, functions.shape[1] * width))
             for k in range(width):
                 raw[:, part.start + k, k::width] = functions
@@ -121,6 +126,10 @@ def _of_readings(linear: LinearModel) -> Iterator[tuple[str, str, np.ndarray]]:
         "the square of their load": load**2,
         "their load and time": load * (observed.time_fraction - 0.5)[:, None],
     }
+    plates = at["plates"].start
+    for k, plate in enumerate(PLATES if not observed.in_feet else ()):
+        columns = slope[:, :, plates + 3 * k : plates + 3 * k + 3, None] * time[:, None, None]
+        yield "AC", f"the place of the {plate} plate drifts in time", columns.reshape(*slope.shape[:2], -1)
     contacts = "cells" if has_twist(observed) else "wrench sensors"
     for how, errors in together.items():
         yield "AFT", f"all {contacts} err with {how}", slope[:, :, at["cells"]] @ errors[..., None]
@@ -153,4 +162,29 @@ def _functions(linear: LinearModel) -> list[tuple[str, np.ndarray]]:
     down = observed.foot_loads[0]
     share = down[:, 0] / down.sum(axis=1)
     out.append(("depends on the load share", _powers(share)))
-    return out
+    sideways = observed.loads.internal_wrench
+    if sideways.any():
+        out.append(("depends on the side forces", np.column_stack([_powers(force) for force in sideways.T])))
+    smooth = {
+        "varies smoothly in time": observed.time_fraction[:, None],
+        "varies smoothly with the posture": observed.joint_angles,
+        "varies smoothly with the readings of the contacts": observed.cell_forces,
+    }
+    return out + [(how, _smooth(values)) for how, values in smooth.items()]
+
+
+def _smooth(values: np.ndarray) -> np.ndarray:
+    """Return the main directions of smooth functions of some quantities, (m, n) -> (m, k).
+
+    They are those of a Gaussian process with a squared exponential covariance: postures that are alike, or
+    follow one another, have alike values.
+    """
+    spread = values.std(axis=0)
+    scaled = (values - values.mean(axis=0)) / np.where(spread > 0, spread, 1.0)
+    some = scaled[np.linspace(0, len(scaled) - 1, min(len(scaled), MOST_LANDMARKS)).astype(int)]
+    square = cdist(scaled, some, "sqeuclidean")
+    length = NEAR**2 * np.median(square[square > 0]) if square.any() else 1.0
+    kernel = np.exp(-square / (2 * length))
+    kernel -= kernel.mean(axis=0)
+    left, sizes, _ = np.linalg.svd(kernel, full_matrices=False)
+    return (left * sizes)[:, : min(SMOOTH, len(values) // 4)]

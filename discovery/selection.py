@@ -32,6 +32,7 @@ from tulip_testbed.discovery.candidates import MOST_PLACEMENTS, Candidate, Fitte
 from tulip_testbed.discovery.columns import candidate_blocks
 from tulip_testbed.discovery.detectability import WeaklyDetectable, single_level, weakly_detectable
 from tulip_testbed.discovery.evidence import fitted_and_counted, sidak
+from tulip_testbed.discovery.excessive_noise import excessive_noise
 from tulip_testbed.discovery.joint_fit import Data, JointFit, joint_fit
 from tulip_testbed.discovery.pure_error import pure_error, widened
 from tulip_testbed.discovery.unusual_members import with_unusual_members
@@ -92,9 +93,10 @@ class Selection:
 
     @property
     def lacks_fit(self) -> bool:
-        """Whether noise alone does not explain the experiment, at 1 % in all."""
+        """Whether noise as it is stated does not explain the experiment, at 1 % in all."""
         least = min(test.p for test in self.lack_of_fit)
-        return self.p < LEVEL or least < LEVEL / len(self.lack_of_fit)
+        alone = self.p < LEVEL or least < LEVEL / len(self.lack_of_fit)
+        return alone or bool(excessive_noise(self.first))
 
 
 def lack_of_fit(data: Data) -> tuple[LackOfFit, ...]:

@@ -12,7 +12,8 @@ from tulip_testbed.effects.instance import effect_label
 
 STANDS_OUT = 3.0  # largest of its family's spread and tolerance, beyond which a member is an effect
 SURE = float(ndtri(0.95))  # s.e. by which it has to lie beyond: its probability of doing so is 95 %
-NORMAL_SD = 1.4826  # s.d. of a normal distribution over the median of its absolute value
+OUTLYING, SLAB = 0.1, 10.0  # prior probability of a member unlike the others, and s.d. of such members
+SPREADS = np.exp(np.linspace(-3.0, 3.0, 121))  # of the others, that are tried
 
 
 def with_unusual_members(
@@ -83,10 +84,9 @@ def _unusual_members(search: CandidateSearch, calibration: SelfCalibration) -> l
         sizes = one.value.reshape(usual_sizes.shape) / usual_sizes
         errors = one.standard_error.reshape(sizes.shape) / usual_sizes
         known = one.determined.reshape(sizes.shape)
+        plain, doubt = _without_prior(sizes, errors, one.spread)
         for k, target in enumerate(targets):
-            others = np.delete(sizes, k, axis=0)
-            # The median, since several that stand out would hide one another in a mean square.
-            usual = max(1.0, NORMAL_SD * float(np.median(np.abs(others)))) if others.size else 1.0
+            usual = max(1.0, _usual_spread(np.delete(plain, k, axis=0), np.delete(doubt, k, axis=0)))
             least = np.where(known[k], np.abs(sizes[k]) - SURE * errors[k], 0.0)
             ratio = float(least.max()) / (STANDS_OUT * usual)
             label = effect_label(one.family.name, target)
@@ -94,3 +94,24 @@ def _unusual_members(search: CandidateSearch, calibration: SelfCalibration) -> l
             if ratio > 1 and candidate is not None:
                 out.append((ratio, Fitted(candidate, 0, sizes[k] * usual_sizes[k])))
     return [fitted for _, fitted in sorted(out, key=lambda each: -each[0])]
+
+
+def _without_prior(value: np.ndarray, error: np.ndarray, spread: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return members and their s.e. as the data alone say, from those with a normal prior."""
+    information = np.maximum(1 / error**2 - 1 / spread**2, 1e-6 / error**2)
+    return value / (error**2 * information), 1 / np.sqrt(information)
+
+
+def _usual_spread(value: np.ndarray, error: np.ndarray) -> float:
+    """Estimate the spread of members of which some may be unlike the others (spike and slab).
+
+    A member has the spread tau of most, or with a small probability that of the slab; tau has the prior of a
+    half-Cauchy about the tolerance. In a mean square, members that stand out would hide one another.
+
+    Args:
+        value, error: in tolerances.
+    """
+    z, s = value.ravel()[:, None], error.ravel()[:, None]
+    densities = [np.exp(-0.5 * z**2 / (sd**2 + s**2)) / np.hypot(sd, s) for sd in (SPREADS, SLAB)]
+    log = np.log((1 - OUTLYING) * densities[0] + OUTLYING * densities[1] + 1e-300).sum(axis=0)
+    return float(SPREADS[(log + np.log(SPREADS / (1 + SPREADS**2))).argmax()])

@@ -65,6 +65,12 @@ ANSWERS = {
 }
 
 
+INCOMPLETE = (
+    "Usable: nothing before that is settled; all intervals assume that the model is complete, and this "
+    "verdict says that it is not."
+)
+
+
 class DiscoveryConfiguration(Document):
     """The inputs of a discovery; measurements: their folder."""
 
@@ -230,7 +236,7 @@ class Discovered(SavedRun):
         """Say whether the estimator is right, what of the estimate can be used, and what to do next."""
         right, following = ANSWERS[self.verdict]
         safe = self.verdict not in ("ambiguous", "unknown")
-        usable = (self.after or self.before).usable if safe else "Usable: nothing before that is settled."
+        usable = (self.after or self.before).usable if safe else INCOMPLETE
         return f"Right: {right}.", usable, f"Next: {following}."
 
     def tables(self) -> list[Table | str]:

@@ -49,9 +49,12 @@ def gap_table(heldout: HeldOut) -> Table:
     ]
     millimetres = (Cell(value, f"heldout.millimetres.{k}") for k, value in enumerate(heldout.millimetres))
     rows.append(["centre of pressure, mm r.m.s. per axis", *millimetres])
+    newtons = (Cell(value, f"heldout.newtons.{k}") for k, value in enumerate(heldout.newtons))
+    rows.append(["sum of the vertical forces, N r.m.s.", *newtons])
     note = (
         "Before: the nominal model, everything exact. After: ordinary imperfections and the explanations, "
-        "estimated from the other placements. In millimetres the last number is the noise."
+        "estimated from the other placements. Both are relative to the noise as it is estimated then. In "
+        "millimetres and newtons the last number is that noise."
     )
     return Table("Residuals on held-out placements, as multiples of the noise", columns, rows, note)
 

@@ -18,12 +18,15 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.families import EXACT, TOLERANCES
 from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.calibration.ordinary_laboratory import ordinary_members
+from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.discovery.candidates import Fitted, candidates, standing_out
 from tulip_testbed.discovery.discover import _reasons, discover, stands_out
 from tulip_testbed.discovery.effect_intervals import TIME_GAIN
+from tulip_testbed.discovery.excessive_noise import excessive_noise
 from tulip_testbed.discovery.next_experiment import doubts_of, rank_experiments
 from tulip_testbed.discovery.patterns import patterns
 from tulip_testbed.discovery.story import WORTHWHILE, story
+from tulip_testbed.discovery.unusual_members import _usual_spread
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.instance import EffectInstance, check_instances
 from tulip_testbed.experiments.laboratory import Laboratory
@@ -50,6 +53,28 @@ def test_a_pattern_tells_the_reading_that_errs(robot, plan, nominal):
     linear = linear_model(observed, noise_of(observed))
     clearest = patterns(linear, linear.residual, np.zeros((len(linear.residual), 0)))[0]
     assert clearest.words.startswith("the reading of right_knee errs with")
+
+
+@pytest.mark.parametrize(("times", "sources"), [(2.0, []), (10.0, ["right plate", "left plate"])])
+def test_plates_that_scatter_several_times_as_stated_are_a_finding(robot, plan, nominal, times, sources):
+    rig = preset_rig("force-plate", robot)
+    stated = rig.sensors
+    (px, py, pa), (mx, my, ma) = times * np.array([stated.placement_sd, stated.mark_sd])
+    wider = dataclasses.replace(stated, placement_sd=(px, py, pa), mark_sd=(mx, my, ma))
+    measured = Laboratory(robot, nominal=dataclasses.replace(rig, sensors=wider)).run(plan, SEED, "statics")
+    sheet = dataclasses.replace(measured.measurements.sensors, placement_sd=stated.placement_sd)
+    observed = observe(dataclasses.replace(measured.measurements, sensors=sheet), nominal)
+    found = excessive_noise(self_calibrate(observed))
+    assert [source for source in sources if any(source in sentence for sentence in found)] == sources
+    assert len(found) == len(sources)
+
+
+def test_members_that_stand_out_do_not_hide_one_another():
+    rng = np.random.default_rng(SEED)
+    members = np.append(rng.normal(0.0, 0.8, (200, 10)), np.tile([5.8, -6.2], (200, 1)), axis=1)
+    spreads = [_usual_spread(each, np.full(12, 0.3)) for each in members]
+    assert 0.7 < np.median(spreads) < 0.9
+    assert np.quantile(spreads, 0.95) < 1.5
 
 
 @pytest.mark.parametrize("preset", ["wii", pytest.param("force-plate", marks=pytest.mark.slow)])
@@ -317,9 +342,8 @@ def test_of_many_placements_those_are_sought_that_stand_out(robot, plan, nominal
 
 
 def test_evidence_that_is_lost_on_the_way_is_a_reason():
-    selection: Any = SimpleNamespace(
-        lacks_fit=True, complete=True, ended="", calibration=SimpleNamespace(families=())
-    )
+    calibration = SimpleNamespace(families=(), observed=SimpleNamespace(moves=True), solved=None)
+    selection: Any = SimpleNamespace(lacks_fit=True, complete=True, ended="", calibration=calibration)
     clearest: Any = SimpleNamespace(p=1.0)
     assert _reasons(selection, clearest, None) == ()
     (reason,) = _reasons(selection, clearest, None, ["tether:head"])
