@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tulip_testbed.effects.injection import edited
+from tulip_testbed.effects.injection import always, edited
 from tulip_testbed.effects.targets import plate_of
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.measurements.cells import CELLS, PLATES
@@ -59,13 +59,13 @@ class Readings:
     def side(self) -> np.ndarray:
         """Return the true horizontal force of both plates on the feet, in their axes, (m, 2, 2) [N]."""
         sensors = replace(self.rig.sensors, wrench=WrenchSensors(place=PLATE))
-        found, rows = self._again(replace(self.rig, sensors=sensors))
+        found, rows = self._again(always(self.rig, lambda rig: replace(rig, sensors=sensors)))
         assert found.truth.wrenches is not None
         return found.truth.wrenches[rows, :, :2]
 
     def tilt(self, about: np.ndarray) -> None:
         """Tilt the floor with robot and plates, about x and y by (m, 2) [rad]."""
-        exact = replace(self.rig, sensors=PRESETS["ideal"])
+        exact = always(self.rig, lambda rig: replace(rig, sensors=PRESETS["ideal"]))
         level = self._exact(exact)
         for axis, angle in zip("xy", about.T, strict=True):
             back = Rotation.from_euler(axis, -TILT)
