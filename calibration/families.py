@@ -54,6 +54,7 @@ TOLERANCES: dict[str, tuple[float, float]] = {
     # leaves 3.7 and 2.2 mm s.d. after an affine fit, the errors of the motion capture among them. That is at
     # most 5.5 mm: a coefficient's map leaves 0.54 of it over the plate. Suggested: 3 mm, of good plates 0.3.
     "plate-map": (0.0, 0.0),
+    "cell-side-force": (0.0, 0.0),  # likewise
 }
 EXACT = dict.fromkeys(TOLERANCES, 0.0)  # tolerances of a laboratory without ordinary imperfections
 OF_PLATES = (

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import mujoco
 import numpy as np
 
 from tulip_testbed.effects.effect import Effect, Parameter, Physics, Values
-from tulip_testbed.effects.injection import edited, indicator, successive
+from tulip_testbed.effects.injection import always, edited, indicator, successive
 from tulip_testbed.effects.lasting import Lasting
 from tulip_testbed.effects.misreading import InstrumentFault, added, mapped, scaled
 from tulip_testbed.effects.targets import CELL_NAMES, PLATE_NAMES
-from tulip_testbed.identification.observation import Observation
+from tulip_testbed.identification.observation import Observation, turned
 from tulip_testbed.measurements.cells import CELLS, CORNERS, PLATES
 from tulip_testbed.sim.plates import cell_names
 from tulip_testbed.sim.rig import Rig
@@ -100,6 +101,25 @@ def _spread(rig: Rig, target: str, values: Values) -> Rig:
                 part.pos = part.pos * factor
 
     return edited(rig, edit)
+
+
+def _on_their_sides(rig: Rig, target: str, values: Values) -> Rig:
+    def change(one: Rig) -> Rig:
+        parts = np.array(one.side_forces)
+        parts[PLATES.index(target)] += values
+        right, left = parts.tolist()
+        return replace(one, side_forces=(tuple(right), tuple(left)))
+
+    return always(rig, change)
+
+
+def _without_side_forces(observed: Observation, target: str, values: Values) -> Observation:
+    """Take off what the plate reads of the force that the closed legs exert on each other."""
+    side, sign = PLATES.index(target), -1.0 if target == PLATES[0] else 1.0
+    push = turned(-observed.contact_poses[:, side, 2], sign * observed.loads.internal_wrench[:, :2])
+    forces = observed.cell_forces.copy()
+    forces.reshape(-1, 2, 4)[:, side] -= (push @ values)[:, None] / len(CORNERS)
+    return observed.changed(cell_forces=forces)
 
 
 def _with_true_places(observed: Observation, target: str, values: Values) -> Observation:
@@ -220,6 +240,25 @@ EFFECTS = (
         cells, assumed. The creep is zero at the first posture. Between two readings the cell bears the mean
         of their loads. That holds for the breaks too in which the robot is set down again: they are short
         against the time constant, so the recovery of an empty cell is left out.
+        """,
+    ),
+    _on_plate(
+        name="cell-side-force",
+        sentence="A plate's cells also read parts of its side force on the foot, along the plate's x and y.",
+        parameters=(Parameter("x", "", prior=0.05), Parameter("y", "", prior=0.05)),
+        mechanism=Physics(_on_their_sides, _without_side_forces),
+        words="The cells of the {target} plate also read {0} of its side force along x and {1} along y.",
+        lasting=Lasting(moves="plate"),
+        explanation="""The cells of a plate also read parts of the horizontal force between plate and foot.
+
+        The side force is that of the plate on the foot, in the plate's axes. The four cells read these parts
+        of it together, a quarter each. In double support the closed legs push each other sideways: the sum of
+        the cells errs with the posture, and the centre of pressure is drawn towards the plate's centre, or
+        away from it. In single support on a level floor there is no side force.
+
+        A calibrated sensor reads 1 % of another channel's range, one that is not corrected by a matrix up to
+        5 % (me-systeme.de, *Accuracy of multi-component sensors*). How plain cells share it is assumed. The
+        removal computes the side force from the nominal robot, its servos and the cells.
         """,
     ),
     _on_plate(

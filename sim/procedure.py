@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from tulip_testbed.measurements import MeasurementHeader, Measurements, PosturePlan, SensorSheet
+from tulip_testbed.measurements.cells import CORNERS
 from tulip_testbed.measurements.contacts import COP, VERTICAL, Contacts, covariance_of_cops, wrenches_of_cops
 from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.sim.rig import Rig
@@ -185,6 +186,9 @@ def read_sensors(
     motor, _ = sample(motors, *rig.sensors.motor, samples, rng)
     reading = {"q": angles, "q_std": angles_sd, "motor": motor}
     if sensors is None or wrenches is None or zeros is None:
+        if wrenches is not None and np.any(rig.side_forces):
+            side = (wrenches[..., :2] * rig.side_forces).sum(axis=-1)
+            forces = forces + np.repeat(side / len(CORNERS), len(CORNERS), axis=-1)
         mean, sd = sample(cell_gains(rig.sensors) * forces, *rig.sensors.cell, samples, rng)
         return reading | {"cell": mean, "cell_std": sd}
     mean, sd = read_wrenches(sensors, wrenches, zeros, samples, rng, sample)

@@ -14,7 +14,7 @@ from tulip_testbed.sim.compliance import Compliance
 from tulip_testbed.sim.control import Controller
 from tulip_testbed.sim.drives import Drives
 from tulip_testbed.sim.robot import Robot, load_robot
-from tulip_testbed.sim.sensors import PRESETS, Sensors
+from tulip_testbed.sim.sensors import PLATE, PRESETS, Sensors
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,8 @@ class Rig:
         edit: change of the scene, by name, before it is compiled, so that the true robot or the physics
             differ from the nominal model.
         misread: map from correct to faulty measurements, for instrument faults beyond noise.
+        side_forces: parts that a plate's cells, all together, read of its horizontal force on the foot, along
+            x and y of the plate, (2, 2).
         later: start, as a fraction of the time between first and last posture, and the rig that replaces
             this one from then on; instruments and protocol stay this one's.
     """
@@ -79,7 +81,15 @@ class Rig:
     protocol: Protocol = field(default_factory=Protocol)
     edit: Callable[[mujoco.MjSpec], None] | None = None
     misread: Callable[[Measurements], Measurements] | None = None
+    side_forces: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
     later: tuple[float, Rig] | None = None
+
+    @property
+    def wrenches_at(self) -> str:
+        """Return where readings need the ground's wrenches: a place of wrench sensors, or "" nowhere."""
+        if self.sensors.wrench is not None:
+            return self.sensors.wrench.place
+        return PLATE if np.any(self.side_forces) else ""
 
 
 def stages(rig: Rig) -> list[tuple[float, Rig]]:

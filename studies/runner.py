@@ -46,7 +46,7 @@ class Settings:
     out: Path | None = None
     """Markdown file for the tables"""
 
-    def count(self, published: int) -> int:
+    def count(self, published: float) -> int:
         """Return how many runs to make where the published table has `published`."""
         return max(1, round(self.size * published))
 

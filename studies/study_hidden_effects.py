@@ -1,56 +1,42 @@
-"""Count how often discovery finds what is hidden (docs/studies/discovery-benchmark.md; hours, resumable).
+"""Count how often discovery is right in laboratories that it does not expect (docs/studies/hidden-effects.md).
 
-Every case is a laboratory of its own in which something is hidden: nothing, an effect as large as its `prior`
-says, a `single` effect or `two` that can be seen, one that is `left out` of the catalogue, a fault `outside` of
-it, or plates that `scatter` unlike their data sheet. `--imperfections` scales the robots' spread and the
-ordinary imperfections; 0 is the perfect laboratory with the nominal robot. After Ctrl-C the study reports on
-the cases so far, a fair sample because their order is random; the same command carries out the others.
+Every case is a laboratory of its own, in which everything is a little wrong and something may be hidden:
+`nothing`, `one` clear effect, `two` of them, or a fault `outside` of the catalogue that moves the base
+parameters. It takes hours. After Ctrl-C the study reports on the cases so far; the same command carries out
+the others. `--case NUMBER` carries out one case again and keeps its measurements.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from pydantic import TypeAdapter
+from scipy.stats import beta
 
-from studies.hidden_effects.hiding import (
-    CLEAR,
-    LEFT_OUT,
-    NOTHING,
-    OUTSIDE,
-    PRIOR,
-    SCATTER,
-    SINGLE,
-    TWO,
-    Case,
-    World,
-)
-from studies.hidden_effects.judging import Outcome, carry_out
-from studies.hidden_effects.outside_faults import FAULTS
-from studies.runner import Settings, header, row, share, shipped_plan
+from studies.hidden_effects.hiding import NOTHING, ONE, OUTSIDE, TWO, Case, hidden_kinds
+from studies.hidden_effects.judging import SURE, Outcome, carry_out, drawn
+from studies.hidden_effects.laboratories import ON_PLATES
+from studies.hidden_effects.outside_faults import AT_WII, FAULTS
+from studies.runner import Settings, header, row, shipped_plan
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import write_text
-from tulip_testbed.effects.catalogue import effects_on
-from tulip_testbed.sim.robot import load_robot
+from tulip_testbed.measurements import PosturePlan, write_measurements
+from tulip_testbed.sim.robot import Robot, load_robot
 
 ARMS = {
     NOTHING: "nothing",
-    SCATTER: "nothing, plates scatter unlike their data sheet",
-    PRIOR: "one effect, its size from the prior",
-    SINGLE: "one effect, by its detectable size",
-    TWO: "two effects",
-    LEFT_OUT: "an effect that the catalogue lacks",
+    ONE: "one clear effect",
+    TWO: "two clear effects",
     OUTSIDE: "a fault outside the catalogue",
 }
-FULL = {NOTHING: 200, SCATTER: 40, PRIOR: 120, SINGLE: 200, TWO: 60, LEFT_OUT: 60, OUTSIDE: 60}
-DYNAMIC = {NOTHING: 20, PRIOR: 80}  # cases in the full dynamics
-MULTIPLES = (0.5, 1.0, 2.0, 3.0, 4.0)  # of the minimum detectable size (MDE)
-VERDICTS = ("none", "calibrated", "named", "described", "ambiguous", "unknown")
-SURE = VERDICTS[:4]  # the model is complete
+FULL = {NOTHING: 60, ONE: 60, TWO: 60, OUTSIDE: 60}
+DYNAMIC = {NOTHING: 10, ONE: 20}  # cases in the full dynamics
+VERDICTS = (*SURE, "ambiguous", "unknown", "refused")
+DYNAMICS = "dynamics"
 DOCUMENT = TypeAdapter(Outcome)
 
 
@@ -58,61 +44,79 @@ DOCUMENT = TypeAdapter(Outcome)
 class HiddenEffects(Settings):
     """How the study is run."""
 
-    preset: str = "force-plate"
-    """sensors"""
-    imperfections: float = 1.0
-    """scale of the ordinary imperfections and of the robots' spread; 0: perfect"""
+    case: int = -1
+    """number of a single case"""
 
 
-SETTINGS = HiddenEffects(seed=0, only=tuple(ARMS))
+SETTINGS = HiddenEffects(seed=0, only=(*ARMS, DYNAMICS))
 
 
 def study(settings: HiddenEffects) -> Iterator[str]:
     """Yield the tables of all cases that were carried out."""
-    if not 0 <= settings.imperfections < np.inf:
-        raise InputError(f"--imperfections: found {settings.imperfections:g}, expected a number from 0 on")
-    folder = settings.folder("hidden-effects") / f"{settings.preset}-{settings.imperfections:g}"
-    folder.mkdir(exist_ok=True)
     robot = load_robot()
-    world = World(robot, shipped_plan(robot), settings.preset, settings.imperfections)
-    every = cases(settings)
-    chosen = [k for k, case in enumerate(every) if case.arm in settings.only]
+    plan, folder, every = shipped_plan(robot), settings.folder("hidden-effects"), cases(settings)
+    if settings.case >= 0:
+        yield from _again(settings, every, robot, plan, folder)
+        return
+    chosen = [k for k, case in enumerate(every) if part_of(case) in settings.only]
     try:
-        settings.parallel("cases", kept, ((folder, every[k], k, settings.seed, world) for k in chosen))
+        settings.parallel("cases", kept, ((folder, every[k], k, settings.seed, robot, plan) for k in chosen))
     except KeyboardInterrupt:
         yield "Stopped.\n"
     done = [DOCUMENT.validate_json(path.read_bytes()) for path in sorted(folder.glob("*.json"))]
-    outcomes = [one for one in done if one.case.arm in settings.only]
-    yield f"{len(outcomes)} cases, {settings.preset}, imperfections {settings.imperfections:g}"
-    for where, dynamics in (("static laboratory", False), ("full dynamics", True)):
+    outcomes = [one for one in done if part_of(one.case) in settings.only]
+    yield f"{len(outcomes)} of {len(chosen)} cases."
+    for where, dynamics in (("static laboratories", False), ("full dynamics", True)):
         yield from tables(where, [one for one in outcomes if one.case.dynamics == dynamics])
-    yield from miss_lines(outcomes)
+    yield from misses(outcomes)
 
 
-def kept(folder: Path, case: Case, run: int, seed: int, world: World) -> None:
+def _again(
+    settings: HiddenEffects, every: Sequence[Case], robot: Robot, plan: PosturePlan, folder: Path
+) -> Iterator[str]:
+    if settings.case >= len(every):
+        raise InputError(
+            f"--case: found {settings.case}, expected less than {len(every)}, the number of cases"
+        )
+    there = folder / f"measurements-{settings.case:05}"
+    case, built, truth, measured, _ = drawn(every[settings.case], settings.case, settings.seed, robot, plan)
+    if not there.exists():
+        write_measurements(there, measured)
+    yield f"{case}\n\nmeasurements: {there}\n\n{truth}\n"
+    yield header("effect", "value", "hidden")
+    for label, values in built.effects.items():
+        yield row(label, ", ".join(f"{v:.4g}" for v in values), "yes" if label in truth.hidden else "")
+    yield f"\n{carry_out(every[settings.case], settings.case, settings.seed, robot, plan)}"
+
+
+def kept(folder: Path, case: Case, run: int, seed: int, robot: Robot, plan: PosturePlan) -> None:
     """Carry out a case whose file is not there yet."""
     path = folder / f"{run:05}.json"
     if not path.exists():
-        write_text(path, DOCUMENT.dump_json(carry_out(case, run, seed, world)).decode())
+        write_text(path, DOCUMENT.dump_json(carry_out(case, run, seed, robot, plan)).decode())
+
+
+def part_of(case: Case) -> str:
+    """Return the part of the study to which a case belongs."""
+    return DYNAMICS if case.dynamics else case.arm
 
 
 def cases(settings: HiddenEffects) -> list[Case]:
     """Return all cases, in an order in which every arm is spread evenly."""
     rng = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(2,)))
-    kinds = [effect.name for effect in effects_on(None, statics=True) if effect.searched]
-    out = [Case(arm) for arm in (NOTHING, SCATTER) for _ in range(settings.count(FULL[arm]))]
-    out += [Case(PRIOR, (kind,)) for kind in _in_turn(kinds, settings.count(FULL[PRIOR]), rng)]
-    for arm, multiples in ((SINGLE, MULTIPLES), (LEFT_OUT, CLEAR)):
-        names = _in_turn(kinds, settings.count(FULL[arm]), rng)
-        out += [Case(arm, (kind,), float(rng.choice(multiples))) for kind in names]
-    for k, kind in enumerate(_in_turn(kinds, settings.count(FULL[TWO]), rng)):
-        other = kind if k % 2 else str(rng.choice(kinds))
-        out.append(Case(TWO, (kind, other), float(rng.choice(CLEAR))))
-    names = _in_turn([fault.name for fault in FAULTS], settings.count(FULL[OUTSIDE]), rng)
-    out += [Case(OUTSIDE, (name,)) for name in names]
-    out += [Case(NOTHING, dynamics=True)] * settings.count(DYNAMIC[NOTHING])
-    names = _in_turn(kinds, settings.count(DYNAMIC[PRIOR]), rng)
-    out += [Case(PRIOR, (kind,), dynamics=True) for kind in names]
+    out = []
+    for dynamics, counts in ((False, FULL), (True, DYNAMIC)):
+        for arm, count in counts.items():
+            if arm == OUTSIDE:  # with coarse sensors few faults move the base parameters
+                names = _in_turn([fault.name for fault in FAULTS], settings.count(0.75 * count), rng)
+                out += [Case(arm, ON_PLATES[1], (name,), dynamics) for name in names]
+                names = _in_turn(list(AT_WII), settings.count(0.25 * count), rng)
+                out += [Case(arm, ON_PLATES[0], (name,), dynamics) for name in names]
+                continue
+            for k, name in enumerate(_in_turn(hidden_kinds(), settings.count(count), rng)):
+                second = (name if k // 2 % 2 else str(rng.choice(hidden_kinds())),) if arm == TWO else ()
+                kinds = () if arm == NOTHING else (name, *second)
+                out.append(Case(arm, ON_PLATES[k % 2], kinds, dynamics))
     return [out[k] for k in rng.permutation(len(out))]
 
 
@@ -123,65 +127,120 @@ def _in_turn(names: list[str], count: int, rng: np.random.Generator) -> list[str
 
 
 class Figure(NamedTuple):
-    """A share of the cases, or of the intervals, with what it must be."""
+    """A share of cases or of intervals, or the size of errors, with what it must be.
+
+    Attributes:
+        by_laboratory: 0 or 1 for each case or interval, or squares of errors, laboratory by laboratory.
+        mean_square: whether the figure is the root of their mean.
+    """
 
     name: str
-    hits: list[bool]
+    by_laboratory: Sequence[Sequence[float]]
     least: float = 0.0
-    most: float = 1.0
+    most: float = np.inf
+    mean_square: bool = False
 
     @property
     def line(self) -> str:
-        """Return its line of the table."""
+        """Return its line of the table, with the interval that laboratories give."""
+        sums = np.array([[sum(one), len(one)] for one in self.by_laboratory if len(one)], float)
+        total, count = sums.sum(axis=0)
+        mean, groups = total / count, len(sums)
+        spread = sums[:, 0] - mean * sums[:, 1]
+        variance = float(spread @ spread) / count**2
+        if self.mean_square:
+            ends = np.sqrt(np.maximum(mean + 1.96 * np.sqrt(variance) * np.array([-1.0, 1.0]), 0.0))
+            mean = np.sqrt(mean)
+        else:
+            ends = _korn_graubard(mean, variance, count, groups)
         low = f"at least {self.least:g}" if self.least > 0 else ""
-        demand = ", ".join(filter(None, (low, f"at most {self.most:g}" if self.most < 1 else "")))
-        met = "met" if self.least <= float(np.mean(self.hits)) <= self.most else "**missed**"
-        return row(self.name, share(sum(self.hits), len(self.hits)), demand, met if demand else "")
+        demand = ", ".join(filter(None, (low, f"at most {self.most:g}" if self.most < np.inf else "")))
+        met = "met" if self.least <= mean <= self.most else "**missed**"
+        value = f"{mean:.3f} ({ends[0]:.3f} to {ends[1]:.3f})"
+        return row(self.name, value, f"{count:.0f}", groups, demand, met if demand else "")
+
+
+def _korn_graubard(share: float, variance: float, count: float, groups: int) -> tuple[float, float]:
+    """Return the exact interval for as many independent cases as the clusters say (Korn and Graubard 1998)."""
+    size = share * (1 - share) / variance if variance > 0 else groups
+    size = min(size, count)
+    hits = share * size
+    low = beta.ppf(0.025, hits, size - hits + 1) if hits > 0 else 0.0
+    return float(low), float(beta.ppf(0.975, hits + 1, size - hits) if hits < size else 1.0)
 
 
 def figures(outcomes: Sequence[Outcome]) -> list[Figure]:
     """Return all figures that have a case."""
     done = [one for one in outcomes if not one.failed]
+    sure = [one for one in done if one.verdict in SURE]
 
-    def of(arm: str) -> list[Outcome]:
-        return [one for one in done if one.case.arm == arm]
+    def share(
+        name: str,
+        some: Sequence[Outcome],
+        hit: Callable[[Outcome], bool],
+        least: float = 0.0,
+        most: float = np.inf,
+    ) -> Figure:
+        return Figure(name, [[float(hit(one))] for one in some], least, most)
 
-    clear = [one for one in of(SINGLE) if one.case.multiple in CLEAR]
-    shown = [one for one in of(PRIOR) if one.shows]
-    of_base = [c for o in done if o.verdict in SURE for c in o.base]
+    def of(arm: str, preset: str = "") -> list[Outcome]:
+        return [one for one in done if one.case.arm == arm and preset in ("", one.case.preset)]
+
+    alike = [one for one in of(TWO) if len(set(one.case.kinds)) == 1]
+    unlike = [one for one in of(TWO) if len(set(one.case.kinds)) > 1]
     made = [
-        Figure("nothing hidden: wrongly named", [o.wrong for o in of(NOTHING)], most=0.03),
-        Figure("scattering plates: a gap is seen", [o.flagged for o in of(SCATTER)], most=0.02),
-        Figure(
-            "at 1 MDE: a gap is seen", [o.flagged for o in of(SINGLE) if o.case.multiple == 1], 0.85, 0.95
-        ),
-        Figure("from 2 MDE on, isolable: right first", [o.right_first for o in clear if o.isolable], 0.95),
-        Figure("from 2 MDE on: right first", [o.right_first for o in clear]),
-        Figure("from 2 MDE on: in the set", [o.in_set for o in clear], 0.95),
-        Figure("size from the prior: right first, of those that show", [o.right_first for o in shown], 0.9),
-        Figure("two effects: both found, nothing else", [o.exact for o in of(TWO)]),
-        Figure("left out: `unknown`, a law or a twin", [o.open for o in of(LEFT_OUT)], 0.9),
-        Figure("outside: `unknown` or a law", [o.open for o in of(OUTSIDE)], 0.9),
-        Figure("outside: the right law first", [o.law_right for o in of(OUTSIDE)]),
-        Figure("wrong and confident, all cases", [o.wrong for o in done], most=0.03),
-        Figure("95 % intervals of the effects' sizes hold", [c for o in done for c in o.sizes], 0.9, 0.98),
-        Figure("95 % intervals of imperfections hold", [c for o in done for c in o.members], 0.92, 0.98),
-        Figure("95 % intervals of base parameters hold", of_base, 0.93, 0.98),
-        Figure("cases without data", [bool(o.failed) for o in outcomes]),
+        share("nothing hidden: wrong name or law", of(NOTHING), lambda o: o.wrong, 0, 0.02),
+        share("nothing hidden: named or described", of(NOTHING), lambda o: o.verdict in SURE[2:], 0, 0.02),
+        share("nothing hidden: `unknown`", of(NOTHING), lambda o: o.verdict == "unknown", 0, 0.05),
     ]
-    return [figure for figure in made if figure.hits]
+    for preset, least in (("force-plate", 0.9), ("wii", 0.8)):
+        one = of(ONE, preset)
+        made.append(share(f"one clear effect, `{preset}`: first", one, lambda o: o.first, least))
+        made.append(share(f"one clear effect, `{preset}`: in the set", one, lambda o: o.in_set))
+    made += [
+        share("two of different kinds: both named", unlike, lambda o: o.both, 0.75),
+        share("two of one kind: both named", alike, lambda o: o.both, 0.6),
+        share(
+            "outside: neither `none` nor `calibrated`",
+            of(OUTSIDE),
+            lambda o: o.verdict not in ("none", "calibrated"),
+            0.95,
+        ),
+        share("outside: what errs is said first", of(OUTSIDE), lambda o: o.verdict != "unknown" and o.lawful),
+        share("wrong and confident, all arms", done, lambda o: o.wrong, 0, 0.02),
+        Figure("base parameters: intervals hold", [o.held for o in sure], 0.92, 0.98),
+        Figure("base parameters: r.m.s. error [s.e.]", _squares(sure), 0.9, 1.15, True),
+        Figure(
+            "the same, other verdicts", _squares([o for o in done if o.verdict not in SURE]), 0, np.inf, True
+        ),
+        Figure(
+            "sizes of named effects: intervals hold", [sum(o.sizes.values(), ()) for o in sure], 0.92, 0.98
+        ),
+        Figure("all members: intervals hold", [sum(o.members.values(), ()) for o in sure], 0.92, 0.98),
+    ]
+    for family in sorted({name for one in sure for name in one.members}):
+        held = [one.members.get(family, ()) for one in sure]
+        made.append(Figure(f"`{family}`: intervals hold", held, 0.92, 0.98))
+    made.append(share("cases without data", outcomes, lambda o: bool(o.failed)))
+    return [figure for figure in made if any(map(len, figure.by_laboratory))]
+
+
+def _squares(outcomes: Sequence[Outcome]) -> list[Sequence[float]]:
+    return [[error**2 for error in one.base] for one in outcomes]
 
 
 def tables(where: str, outcomes: Sequence[Outcome]) -> Iterator[str]:
     """Yield all figures of one engine, and what was said by arm."""
     if not outcomes:
         return
-    yield f"\n**Figures, {where}**\n\n" + header("figure", "share (95 % interval)", "must be", "result")
+    yield f"\n**Figures, {where}**\n\n" + header(
+        "figure", "value (95 % interval)", "of", "laboratories", "must be", "result"
+    )
     for one in figures(outcomes):
         yield one.line
     seconds = [one.seconds for one in outcomes if one.seconds] or [0.0]
     yield f"\nSeconds of CPU a discovery: median {np.median(seconds):.1f}, most {max(seconds):.1f}."
-    yield f"\n**Verdicts, {where}**\n\n" + header("hidden", "cases", *VERDICTS, "wrong name")
+    yield f"\n**Verdicts, {where}**\n\n" + header("hidden", "cases", *VERDICTS, "wrong and confident")
     for arm, sentence in ARMS.items():
         some = [one for one in outcomes if one.case.arm == arm and not one.failed]
         counts = (sum(one.verdict == name for one in some) for name in VERDICTS)
@@ -189,12 +248,34 @@ def tables(where: str, outcomes: Sequence[Outcome]) -> Iterator[str]:
             yield row(sentence, len(some), *counts, sum(one.wrong for one in some))
 
 
-def miss_lines(outcomes: Sequence[Outcome]) -> Iterator[str]:
-    """Yield every case with a wrong name."""
-    wrong = [one for one in outcomes if one.wrong]
-    if wrong:
-        yield "\n**Wrong names**\n"
-        yield header("hidden", "values", "verdict", "said")
-    for one in wrong:
-        values = ", ".join(f"{v:.3g}" for several in one.values for v in several)
-        yield row(" + ".join(one.hidden) or "nothing", values, one.verdict, " + ".join(one.names))
+def missed(one: Outcome) -> bool:
+    """Return whether a case came out otherwise than it should."""
+    right = {
+        NOTHING: one.verdict in ("none", "calibrated"),
+        ONE: one.first,
+        TWO: one.both,
+        OUTSIDE: one.verdict not in ("none", "calibrated"),
+    }
+    return bool(one.failed) or one.wrong or not right[one.case.arm]
+
+
+def misses(outcomes: Sequence[Outcome]) -> Iterator[str]:
+    """Yield every case that came out otherwise than it should; `--case` carries it out again."""
+    if any(map(missed, outcomes)):
+        yield "\n**Misses**\n"
+        yield header("case", "sensors", "hidden", "shows, biases [s.e.]", "verdict", "said", "wrong")
+    for one in filter(missed, outcomes):
+        truth = one.truth
+        yield row(
+            one.run,
+            one.case.preset,
+            _written(truth.hidden) or truth.outside or " + ".join(one.case.kinds) or "nothing",
+            f"{', '.join(f'{s:.0f}' for s in truth.shows)}; {truth.bias:.1f}",
+            one.failed or one.verdict,
+            _written({found.label: found.values for found in one.found}),
+            "yes" if one.wrong else "",
+        )
+
+
+def _written(effects: Mapping[str, Sequence[float]]) -> str:
+    return " + ".join(f"{name}={', '.join(f'{v:.3g}' for v in values)}" for name, values in effects.items())

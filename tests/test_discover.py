@@ -169,7 +169,7 @@ def test_hidden_effects_are_named_with_their_sizes(robot, plan, preset, texts, s
 
 @pytest.mark.slow
 @pytest.mark.xfail(
-    strict=True, reason="named: compliance and lag of that joint, see docs/studies/ordinary-laboratories.md"
+    strict=True, reason="named: compliance and lag of that joint, see docs/studies/hidden-effects.md"
 )
 def test_without_motors_a_logged_command_is_not_named_something_else(robot, plan):
     """Dry friction bears a part of the load, which neither servo nor compliance explains."""

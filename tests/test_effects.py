@@ -32,6 +32,8 @@ PHYSICS = {  # values and the least cosine
     "foot-compliance:right": ((0.0005, 0.001), 0.95),
     "foot-compliance:left": ((0.001, 0.0), 0.95),
     "cell-position-scale": ((0.02,), 0.95),
+    "cell-side-force:right": ((0.1, -0.05), 0.95),
+    "cell-side-force:left": ((-0.05, 0.1), 0.95),
     "payload-step:left_lower_leg": ((0.5, 0.34), 0.95),
     "payload-step:torso": ((-0.5, 0.7), 0.95),
     "link-length:right_lower_leg": ((0.001,), 0.95),

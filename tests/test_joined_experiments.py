@@ -142,6 +142,7 @@ def test_a_fault_moves_with_the_turned_plate_in_the_readings(lab, few):
         ("encoder-offset:right_knee=0.01", "encoder re-zeroed: right_knee"),
         ("encoder-slip:left_knee=0.01,0.5", "plates moved"),
         ("creep:left.rear_left=0.02,0.3", LEFT),
+        ("cell-side-force:left=0.05,0.03", LEFT),
         ("rocking:left.rear_left=0.0003", LEFT),
         ("tether=5,2", MASS),
         ("payload-step:torso=0.5,0.5", MASS),

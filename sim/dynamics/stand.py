@@ -214,9 +214,9 @@ def hoist_damping(rig: Rig) -> np.ndarray:
 def _sensed(rig: Rig) -> list[tuple[str, np.ndarray, np.ndarray]]:
     """Return body, rotation and place in it of the sensors in soles or plates; empty with any others."""
     sensors = rig.sensors.wrench
-    if sensors is None or sensors.place == ANKLE:
+    if rig.wrenches_at in ("", ANKLE):
         return []
-    if sensors.place == PLATE:
+    if sensors is None or sensors.place == PLATE:
         heights = [plate.top_height for plate in nominal_plates(rig.robot)]
         tops = zip(PLATES, heights, strict=True)
         return [(f"{plate}_plate", np.eye(3), np.array([0.0, 0.0, height])) for plate, height in tops]

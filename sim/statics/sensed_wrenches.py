@@ -20,14 +20,14 @@ from tulip_testbed.sim.wrench_sensors import in_frame, in_sensor_frame, mounting
 
 
 def sensed_wrenches(solved_plan: SolvedPlan, state: StaticState, load: Load) -> np.ndarray:
-    """Return the true wrenches at the wrench sensors, (..., 2, 6) [N, Nm]; (..., 0, 6) without any."""
-    m, sensors = solved_plan.mechanism, solved_plan.rig.sensors.wrench
-    if sensors is None:
+    """Return the true wrenches where they are read, (..., 2, 6) [N, Nm]; (..., 0, 6) if nowhere."""
+    m, where, sensors = solved_plan.mechanism, solved_plan.rig.wrenches_at, solved_plan.rig.sensors.wrench
+    if not where:
         return np.zeros((*state.angles.shape[:-1], 0, 6))
     frames = body_frames(m, state)
-    if sensors.place == PLATE:
+    if sensors is None or where == PLATE:
         return _on_plates(load, _ground_wrenches(m, state, frames))
-    in_feet = _of_feet(m, state, load, frames) if sensors.place == ANKLE else _on_soles(m, state, frames)
+    in_feet = _of_feet(m, state, load, frames) if where == ANKLE else _on_soles(m, state, frames)
     poses = mountings(sensors, solved_plan.rig.robot)
     sides = [in_sensor_frame(pose, in_feet[..., side, :]) for side, pose in enumerate(poses)]
     return np.stack(sides, axis=-2)
