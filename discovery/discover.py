@@ -49,6 +49,8 @@ AMBIGUOUS: Verdict = "ambiguous"
 UNKNOWN: Verdict = "unknown"
 ADOPTED = (NAMED, DESCRIBED)  # verdicts whose effects are added to the model
 REPORTED_PATTERNS, RUNNERS_UP = 5, 5
+# Of a plausible size, below which an effect without a family is ordinary: nothing stands quite still. Assumed.
+NEGLIGIBLE = 0.05
 CERTAIN = float(ndtri(0.999))  # s.e. by which an effect has to lie beyond its family's spread
 # Standard errors, r.m.s., by which laws that do as well may differ in the base parameters. On five
 # development faults they differed by 0.4 at most or by 10.
@@ -108,6 +110,14 @@ class Discovery:
             Explanation(self._instance(k, fitted), fitted.log_bayes_factor, k + 1)
             for k in self.effects
             for fitted in self.equivalents[k]
+        )
+
+    @property
+    def negligible(self) -> tuple[Fitted, ...]:
+        """Return the effects without a family that are fitted, but too small to be named."""
+        terms = enumerate(self.fit.terms)
+        return tuple(
+            t for k, t in terms if k not in self.effects and t.candidate.effect.name not in TOLERANCES
         )
 
     def _instance(self, k: int, explanation: Fitted) -> EffectInstance:
@@ -229,9 +239,9 @@ def _described(laws: LawSelection, through_laboratory: bool, hold_out: bool) -> 
     fitted = _fitted(selection, through_laboratory)
     validation = held_out(search, selection.calibration, fitted.fit.terms) if hold_out else None
     found = _concluded(search, selection, fitted, validation)
-    if found.verdict != DESCRIBED:
+    if found.verdict == UNKNOWN:
         return None
-    if laws.disagreement > AGREEING:
+    if found.verdict == DESCRIBED and laws.disagreement > AGREEING:
         reason = (
             "Laws that explain the readings equally well differ by "
             f"{laws.disagreement:.0f} standard errors in the base parameters, so none is adopted: "
@@ -322,22 +332,23 @@ def _concluded(
 
 
 def stands_out(selection: Selection, term: Fitted, error: np.ndarray) -> bool:
-    """Whether an effect is no member of a family, or surely too large for one.
+    """Whether an effect is surely too large for a member of its family, or not negligible if it has none.
 
     Args:
         error: standard errors of its sizes, (s,).
     """
+    if not len(term.sizes):
+        return True
     effect, name = term.candidate.effect, term.candidate.effect.name
+    size = np.abs(term.sizes)
     tolerances = usual_tolerances(selection.null.data.observed, selection.tolerances)
     tolerance = tolerances.value.get(name, 0.0)
-    if not tolerance or not len(term.sizes):
-        return True
+    if not tolerance:
+        return bool((size - SURE * error > NEGLIGIBLE * term.candidate.prior).any())
     spreads = [one.spread for one in selection.calibration.families if one.family.name == name]
-    usual = Family(effect, tolerance, (term.candidate.target,)).sizes
-    usual, size = max([1.0, *spreads]) * usual, np.abs(term.sizes)
+    usual = max([1.0, *spreads]) * Family(effect, tolerance, (term.candidate.target,)).sizes
     # Evidence alone does not tell it from its family: the size has to be known too.
-    far = (size - SURE * error > STANDS_OUT * usual) & (size - CERTAIN * error > usual)
-    return bool(far.any())
+    return bool(((size - SURE * error > STANDS_OUT * usual) & (size - CERTAIN * error > usual)).any())
 
 
 def _reasons(

@@ -55,6 +55,8 @@ def story(found: Discovery, ranking: Sequence[NextExperiment]) -> list[str]:
             "as a tilted joint axis, can look like several effects: look for a common cause."
         )
     lines += _implausible(found)
+    if found.negligible:
+        lines.append(f"Seen too, but far smaller than is plausible for a fault: {_listed(found.negligible)}.")
     if found.verdict == AMBIGUOUS:
         lines.append(_next_experiment(ranking))
     if found.noise.assumed:
