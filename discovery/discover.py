@@ -49,7 +49,7 @@ AMBIGUOUS: Verdict = "ambiguous"
 UNKNOWN: Verdict = "unknown"
 ADOPTED = (NAMED, DESCRIBED)  # verdicts whose effects are added to the model
 REPORTED_PATTERNS, RUNNERS_UP = 5, 5
-# Of a plausible size, below which an effect without a family is ordinary: nothing stands quite still. Assumed.
+# Of a plausible size; below it an effect without a family is ordinary: nothing stands quite still. Assumed.
 NEGLIGIBLE = 0.05
 CERTAIN = float(ndtri(0.999))  # s.e. by which an effect has to lie beyond its family's spread
 # Standard errors, r.m.s., by which laws that do as well may differ in the base parameters. On five
