@@ -8,23 +8,20 @@ from pathlib import Path
 
 import numpy as np
 
-from tulip_testbed.base.errors import InputError, at_least, at_most, look_up
+from tulip_testbed.base.errors import InputError, at_least, at_most
 from tulip_testbed.base.machine import machine
 from tulip_testbed.base.resumable import ResumableFolder
 from tulip_testbed.base.table_files import MOST_ROWS, software
 from tulip_testbed.experiments.usable_plan import as_plan, enough, plan_hash
 from tulip_testbed.identification.base_parameters import common_support
-from tulip_testbed.identification.planning.interior_point import casadi_module
 from tulip_testbed.identification.planning.objectives import Objective
 from tulip_testbed.identification.planning.optimal_plan import (
     SearchTask,
-    measured_information,
     objective_by_name,
     with_repeats,
 )
 from tulip_testbed.identification.planning.problem import PlanningProblem, planning_problem
-from tulip_testbed.identification.planning.search_defaults import HOPS, SOLVERS
-from tulip_testbed.identification.planning.single_support import single_support_plan
+from tulip_testbed.identification.planning.search_defaults import HOPS
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
@@ -44,9 +41,7 @@ class PlanSettings:
         objective: "condition", "d-optimal", "a-optimal", ..., see `identification.planning.objectives`.
         placements, postures_per_placement: its size.
         hops: exchanges of a placement's postures.
-        single_support: postures on the right foot alone, after the others.
         repeats: postures that come twice: half in the same placement, half in another one.
-        solver: of the last round, one of `SOLVERS`.
         right, left: postures on the right and on the left foot alone, optimised together with the others.
     """
 
@@ -55,9 +50,7 @@ class PlanSettings:
     placements: int = 10
     postures_per_placement: int = 5
     hops: int = HOPS
-    single_support: int = 0
     repeats: int = 0
-    solver: str = SOLVERS[0]
     right: int = 0
     left: int = 0
 
@@ -102,7 +95,6 @@ class PlanSearch:
             wanted.postures_per_placement,
             wanted.seed if seed is None else seed,
             wanted.hops,
-            wanted.solver,
             wanted.on_one_foot,
             self.measured,
         )
@@ -119,15 +111,8 @@ class PlanSearch:
         return ResumableFolder(state_folder(out), "search.json", made_with, "search", "states")
 
     def extended(self, plan: PosturePlan) -> PosturePlan:
-        """Add the postures on one foot and the repeats that the settings ask for."""
-        wanted, plate = self.settings, nominal_plates(self.robot)[0]
-        if wanted.single_support:
-            problem = planning_problem(self.robot, plate, support="right")
-            goal = objective_by_name(problem, wanted.objective, 1e-3 * SIGMA_MM)
-            known = np.zeros((len(problem.nominal),) * 2)
-            if self.measured is not None:
-                known = measured_information(problem, self.measured)
-            plan = single_support_plan(problem, goal, plan, known, wanted.single_support, wanted.seed)
+        """Add the repeats that the settings ask for."""
+        wanted = self.settings
         return with_repeats(plan, wanted.repeats, wanted.seed) if wanted.repeats else plan
 
 
@@ -141,27 +126,19 @@ def set_up_search(
         trials: plans that will be joined.
 
     Raises:
-        InputError: a setting out of range, a solver that is not installed, too few postures.
+        InputError: a setting out of range, or too few postures.
     """
     for name, least in (
         *(("seed", 0), ("placements", 1), ("postures_per_placement", 1), ("hops", 0)),
-        *(("single_support", 0), ("repeats", 0), ("right", 0), ("left", 0)),
+        *(("repeats", 0), ("right", 0), ("left", 0)),
     ):
         at_least(name, getattr(settings, name), least)
     placements, per = settings.placements, settings.postures_per_placement
     at_most("placements, postures_per_placement", placements * per, MOST_ROWS)
     if settings.repeats > (most := trials * placements * per):
         raise InputError(f"repeats: found {settings.repeats}, expected at most the plan's {most} postures")
-    look_up("solver", settings.solver, SOLVERS, "solver")
-    if settings.solver == "ipopt":
-        if measured is not None:
-            raise InputError("solver: found ipopt for a plan after measurements, expected slsqp")
-        casadi_module()
-    if counts := settings.on_one_foot:
-        if measured is not None:
-            raise InputError("right, left: found postures on one foot after measurements, expected none")
-        if settings.single_support:
-            raise InputError("right, left: found with single_support, expected one of them")
+    if (counts := settings.on_one_foot) and measured is not None:
+        raise InputError("right, left: found postures on one foot after measurements, expected none")
     check_scene(preset_rig("ideal", robot))
     warn_of_robot(robot)
     rows = np.array(["double", *counts]) if measured is None else measured.support

@@ -58,8 +58,6 @@ def test_interrupted_and_gone_on_with_by_the_same_command(tmp_path, robot, monke
     assert first.made["rounds"] == 3
     other = "holds states of another configuration: settings"
     assert f"{other}.seed is 311 there" in refused(capsys, "plan", "optimal", "--out", out, *SMALL[:-1], 5)
-    solver = refused(capsys, "plan", "optimal", "--out", out, *SMALL, "--solver", "ipopt")
-    assert f"{other}.solver is 'slsqp' there and 'ipopt' here" in solver
     with search_of(robot).folder(out).opened():
         assert "another process is at work" in refused(capsys, "plan", "optimal", "--out", out, *SMALL)
     assert main(["plan", "optimal", "--out", str(out), *SMALL]) == 0

@@ -1,5 +1,9 @@
 """Postures on one foot that are optimised together with those on both: candidates, choice and improvement.
 
+In single support the robot is an open chain: statics determines the drive torques, the centre of pressure is
+below the centre of mass, and the freely moving swing foot makes one more base parameter identifiable. The
+plan contains these torques as feed-forward, so that the servos do not sag.
+
 Every posture on one foot is put down by itself, on a placement of its own. Optimal ones use what torque the
 drives have, and on the way from one to the next, in the laboratory's 2 s, the standing ankle's drive comes to
 its limit even between near ones.
@@ -7,18 +11,29 @@ its limit even between near ones.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, most_frequent
 from tulip_testbed.identification.planning.blocks import FEASIBLE
+from tulip_testbed.identification.planning.closed_chain import chain_at, com_jacobian, open_chain_torques
 from tulip_testbed.identification.planning.linear_steps import elastic_step
 from tulip_testbed.identification.planning.objectives import Smooth, shifted
-from tulip_testbed.identification.planning.one_foot import OneFoot, evaluate_one_foot, from_other_foot
+from tulip_testbed.identification.planning.one_foot import (
+    OneFoot,
+    evaluate_one_foot,
+    from_other_foot,
+    single_support_margins,
+)
 from tulip_testbed.identification.planning.problem import PlanningProblem
-from tulip_testbed.identification.planning.single_support import feasible_pool
+from tulip_testbed.measurements import PosturePlan
 
+DRAWS = 5000  # a round of random postures
+MOST_ROUNDS, HOPELESS = 60, 6  # largest number of rounds; the same without any feasible posture
+NEWTON_STEPS = 6
 POOL = 3  # random postures for each wanted one on one foot
 PASSES = 3  # exchanges over all postures on one foot
 STEPS = 40  # linear steps of the postures on one foot in a round
@@ -70,6 +85,53 @@ def random_pools(
         swing, rng = board_pose(own), np.random.default_rng([seed, number, 3])
         pools.append(OnOneFoot(support, own, swing, feasible_pool(own, swing, count, rng, times)))
     return pools
+
+
+def feasible_pool(
+    problem: PlanningProblem, swing: np.ndarray, count: int, rng: np.random.Generator, times: int
+) -> np.ndarray:
+    """Draw random feasible postures on the stance foot, (k, n) [rad].
+
+    Args:
+        problem: the robot and its constraints.
+        swing: pose of the swing foot's board, (3,) [m, m, rad].
+        count: number of postures to choose from them, the smallest number to draw.
+        rng: random generator.
+        times: number of postures to draw for each of these, as far as draws suffice.
+
+    Raises:
+        InputError: fewer are feasible; the message names the violated constraints.
+    """
+    low, high = np.where(np.isfinite(problem.limits), problem.limits, [-np.pi, np.pi]).T
+    sole = problem.soles[0]
+    inner = problem.ranges.stability_margin
+    kept: list[np.ndarray] = []
+    blocked: Counter[str] = Counter()
+    for tried in range(1, MOST_ROUNDS + 1):
+        angles = rng.uniform(low, high, (DRAWS, len(low)))
+        target = rng.uniform(sole.min(axis=0) + inner, sole.max(axis=0) - inner, (DRAWS, 2))
+        for _ in range(NEWTON_STEPS):  # least-norm: all joints move a little to bring the CoM to its target
+            chain = chain_at(problem, angles)
+            slope = com_jacobian(problem, chain)[:, :2]
+            lack = target - chain.com[:, :2]
+            inverse = np.linalg.inv(slope @ slope.mT + 1e-9 * np.eye(2))
+            step = (slope.mT @ inverse @ lack[..., None])[..., 0]
+            angles = angles + np.clip(step, -0.3, 0.3)
+        within = ((angles >= low) & (angles <= high)).all(axis=1)  # a cheap test that rejects most
+        blocked["joint limits"] += int((~within).sum())
+        angles = angles[within]
+        margins = single_support_margins(problem, angles, np.tile(swing, (len(angles), 1)))
+        values = np.array([m.values for m in margins.values()])
+        blocked.update({name: int((row < 0).sum()) for name, row in zip(margins, values, strict=True)})
+        kept += list(angles[values.min(axis=0) >= 0])
+        if len(kept) >= times * count or (not kept and tried == HOPELESS):
+            break
+    if len(kept) < count:
+        raise InputError(
+            f"{problem.robot.path}: planning ranges: found {len(kept)} postures on the stance foot in "
+            f"{tried * DRAWS} draws, expected {count}; blocked by {most_frequent(blocked)}"
+        )
+    return np.array(kept)
 
 
 def board_pose(problem: PlanningProblem) -> np.ndarray:
@@ -190,3 +252,30 @@ def _moved(
         missed = moved.inequalities - now - (slopes @ step[..., None])[..., 0]
         room = now + np.minimum(missed, 0.0)
     return moved, gain
+
+
+def appended_on_one_foot(
+    problem: PlanningProblem,
+    plan: PosturePlan,
+    support: str,
+    angles: np.ndarray,
+    swing: np.ndarray,
+) -> PosturePlan:
+    """Append postures on one foot, each on a placement of its own, with the torques that hold them.
+
+    Args:
+        problem: of standing on this foot.
+        angles: joint angles, (k, n) [rad].
+        swing: pose of the other foot's board, (3,) [m, m, rad].
+    """
+    count = len(angles)
+    torques = open_chain_torques(problem, chain_at(problem, angles))
+    return replace(
+        plan,
+        joint_angles=np.concatenate([plan.joint_angles, angles]),
+        posture=np.append(plan.posture, plan.posture.max() + 1 + np.arange(count)),
+        placement=np.append(plan.placement, plan.placement.max() + 1 + np.arange(count)),
+        support=np.append(plan.support, np.full(count, support)),
+        swing_pose=np.concatenate([plan.swing_pose, np.tile(swing, (count, 1))]),
+        torques=np.concatenate([plan.feed_forward, torques]),
+    )

@@ -24,6 +24,7 @@ from tulip_testbed.identification.planning.objectives import OBJECTIVES, Objecti
 from tulip_testbed.identification.planning.one_foot_search import (
     POOL,
     OnOneFoot,
+    appended_on_one_foot,
     from_pools,
     improved,
     random_pools,
@@ -39,8 +40,7 @@ from tulip_testbed.identification.planning.search import (
     round_count,
     search,
 )
-from tulip_testbed.identification.planning.search_defaults import HOPS, SOLVERS
-from tulip_testbed.identification.planning.single_support import appended_on_one_foot
+from tulip_testbed.identification.planning.search_defaults import HOPS
 from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.measurements import Measurements, PosturePlan
@@ -97,7 +97,6 @@ class SearchTask:
         placements, per: number of placements on both feet, and of postures in each.
         seed: seed of the start and of the search.
         hops: number of rounds that exchange postures of one placement.
-        solver: solver of the last round, one of `SOLVERS`.
         counts: number of postures on the "right" and on the "left" foot, as far as any are wanted.
         measured: postures that were measured before; None: nothing was.
     """
@@ -108,7 +107,6 @@ class SearchTask:
     per: int
     seed: int
     hops: int = HOPS
-    solver: str = SOLVERS[0]
     counts: Mapping[str, int] = field(default_factory=dict)
     measured: Measurements | None = None
 
@@ -179,7 +177,7 @@ class SearchTask:
         start, problem = self.start, self.problem
         whole = given(self.goal, total(start.single)) if start.single else self.goal
         state = first = resumed(problem, whole, state, start.state, self.per, self.rounds)
-        for state in search(problem, whole, first, self.per, self.seed, self.hops, self.solver):
+        for state in search(problem, whole, first, self.per, self.seed, self.hops):
             progress(state)
         return self.plan_of(*(self._in_turn(state) if start.single else (state, ())))
 
@@ -211,7 +209,7 @@ class SearchTask:
             "seed": self.seed,
             "placements": self.placements,
             "per_placement": self.per,
-            "solver": f"sequential linear programming, exchange, {self.solver}",
+            "solver": "sequential linear programming, exchange, slsqp",
             "rounds": state.rounds,
             "rounds_planned": self.rounds,
             "initial_condition_number": state.initial_condition,
@@ -262,9 +260,7 @@ def _with_one_foot(problem: PlanningProblem, plan: PosturePlan, single: Sequence
     made = {**counts, "pool": POOL, "lifted": problem.margins.lifted}
     plan = replace(plan, made=plan.made | {"on_one_foot": made})
     for own in single:
-        plan = appended_on_one_foot(
-            own.problem, plan, own.support, own.angles, own.swing, np.arange(len(own.angles))
-        )
+        plan = appended_on_one_foot(own.problem, plan, own.support, own.angles, own.swing)
     return plan
 
 
