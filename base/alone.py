@@ -19,9 +19,6 @@ def alone_on(path: Path) -> Iterator[None]:
     """Keep other processes from a file or a folder, until the end or until this process is killed.
 
     The hidden file .NAME.lock beside it is locked; a killed process leaves that file, but not the lock.
-
-    Raises:
-        InputError: another process is at work on it, or nothing can be written there.
     """
     from filelock import FileLock, Timeout  # a twentieth of a second, needed by long runs alone
 

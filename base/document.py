@@ -24,22 +24,14 @@ class Document(BaseModel):
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Read a file.
-
-        Raises:
-            InputError: names the file, the key, what was found and what was expected.
-        """
+        """Read a file."""
         try:
             return cls.model_validate_json(json.dumps(read_json(path)))
         except ValidationError as error:
             raise InputError(f"{path}: {validation_message(error)}") from None
 
     def write(self, path: Path) -> None:
-        """Write a file, which appears whole.
-
-        Raises:
-            InputError: it cannot be written.
-        """
+        """Write a file, which appears whole."""
         write_json(path, self.plain())
 
     def plain(self) -> dict[str, Any]:

@@ -34,11 +34,7 @@ class ResumableFolder:
     pieces: str
 
     def begun(self) -> bool:
-        """Return whether the same call has begun the folder; False: it is still to be made.
-
-        Raises:
-            InputError: it holds something else; names the first setting that differs.
-        """
+        """Return whether the same call has begun the folder; False: it is still to be made."""
         if not present(self.folder):
             check_new(self.folder)
             return False
@@ -64,9 +60,6 @@ class ResumableFolder:
 
         Args:
             fill: called with a new folder, for what lies beside the pieces.
-
-        Raises:
-            InputError: it holds something else, cannot be written, or another process is at work in it.
         """
         if not self.begun():
             with new_folder(self.folder) as working:

@@ -52,11 +52,7 @@ def finite(value: Any) -> Any:
 
 
 def read_json(path: Path, most: int = MOST_JSON) -> dict[str, Any]:
-    """Read a JSON object of at most `most` bytes whose keys are unique and whose numbers are finite.
-
-    Raises:
-        InputError: the file is missing, is no JSON, or holds no object.
-    """
+    """Read a JSON object of at most `most` bytes whose keys are unique and whose numbers are finite."""
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         content = dict(pairs)
@@ -217,9 +213,6 @@ class TableFile:
 
         Args:
             others: columns, or their words before the dot, that are not meant for one that is missing.
-
-        Raises:
-            IncompleteError: names all of them, and the columns that may be meant.
         """
         if missing := [name for name in names if not self.has(name)]:
             free = [name for name in self.types if name not in names and name.partition(".")[0] not in others]
@@ -243,11 +236,7 @@ class TableFile:
         return self.types[name]
 
     def refuse(self, name: str, rows: np.ndarray, values: np.ndarray, expected: str) -> None:
-        """Refuse the first of the rows where `rows`, (m,), is true.
-
-        Raises:
-            InputError: there is such a row.
-        """
+        """Refuse the first of the rows where `rows`, (m,), is true."""
         if rows.any():
             row = int(rows.argmax())
             raise InputError(

@@ -66,9 +66,6 @@ def parameter_index(name: str | int, numbers: np.ndarray, names: tuple[str, ...]
 
     Args:
         numbers, names: of the estimate's parameters, (p,).
-
-    Raises:
-        UnknownNameError: there is none; lists the names that are close and those that are valid.
     """
     if name in names:
         return names.index(str(name))

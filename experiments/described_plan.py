@@ -196,12 +196,7 @@ def describe_plan(
     """Describe a plan.
 
     Args:
-        source: of the plan, for messages.
         preset: of the sensors, "wii" or "force-plate".
-        measured: before.
-
-    Raises:
-        InputError: postures that do not identify the robot, or a scene that cannot be.
     """
     whole = plan if measured is None else joined([as_plan(robot, measured), plan])
     identifiable_regressor(source or "plan", robot, whole)

@@ -44,12 +44,8 @@ def discover_effects(
         seed: of the bootstrap that calibrates the level.
         check: simulate adopted physics in the full dynamics; saves up to two minutes if not.
         workers: processes of that simulation. Results do not depend on it.
-        source: of the measurements, for messages.
         tolerances: of families of ordinary imperfections, in place of those of the measurements and those
             that fit the sensors [SI]; zero: exact.
-
-    Raises:
-        InputError: measurements that do not fit the robot, or too few placements.
     """
     at_least("seed", seed, 0)
     processes(workers)

@@ -131,9 +131,6 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
     def placed(self, robot: Robot, measurements: Measurements, where: str, key: str = "") -> Self:
         """Return an identification that was read together with its robot and its measurements.
 
-        Args:
-            where, key: file of the document and what its keys begin with, for messages.
-
         Raises:
             InputError: estimates of other parameters than the robot has, or corrections that it cannot have.
         """

@@ -65,11 +65,7 @@ class Reported:
 
 
 def read_reported(robot: Robot) -> Reported | None:
-    """Read what the paper reports of a robot; None where its description names no paper.
-
-    Raises:
-        InputError: the file lies outside of the robot's folder or is no such table.
-    """
+    """Read what the paper reports of a robot; None where its description names no paper."""
     paper = robot.settings.get("paper")
     if paper is None:
         return None

@@ -124,9 +124,6 @@ def set_up_search(
     Args:
         measured: what was measured before: the plan is to tell most next.
         trials: plans that will be joined.
-
-    Raises:
-        InputError: a setting out of range, or too few postures.
     """
     for name, least in (
         *(("seed", 0), ("placements", 1), ("postures_per_placement", 1), ("hops", 0)),

@@ -158,11 +158,7 @@ class _State(Document):
 
 
 def read_state(path: Path) -> SearchState | None:
-    """Read what an interrupted search left; None where there is nothing.
-
-    Raises:
-        InputError: it is broken.
-    """
+    """Read what an interrupted search left; None where there is nothing."""
     if not present(path):
         return None
     try:
@@ -179,11 +175,7 @@ def write_state(path: Path, state: SearchState) -> None:
 
 
 def check_out(out: Path) -> None:
-    """Refuse a name that is taken, unless by the plan of an interrupted search whose states are there.
-
-    Raises:
-        InputError: it is taken, or cannot be written.
-    """
+    """Refuse a name that is taken, unless by the plan of an interrupted search whose states are there."""
     if not (present(state_folder(out)) and _interrupted(out)):
         check_new(out)
 

@@ -154,9 +154,6 @@ def predict(
         adopted: effects of the model with corrections, whose sizes are fitted in training, in addition to the
             ordinary imperfections.
         exported: model file of the same robot, whose masses are scored as they are.
-
-    Raises:
-        InputError: measurements that do not fit the robot, or parts that are not there.
     """
     nominal = nominal_robot(robot, common_support(measurements.support))
     check_robot(nominal.parameters, measurements, robot, source)

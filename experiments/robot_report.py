@@ -113,9 +113,6 @@ def report_robot(
         feet, sole: see `import_robot`; of a published model alone.
         out: new folder for the description of a published model.
         picture: draws it, see `ImportedRobot.write`.
-
-    Raises:
-        InputError: a file that cannot be read, or no robot on two legs; statements about a description.
     """
     if file.suffix.lower() not in PUBLISHED:
         if feet or sole or out is not None:

@@ -66,9 +66,6 @@ def simulate(
     Args:
         plan: None: that of `experiment` or, without one, the shipped one; this and the others: see
             `tulip_testbed.simulate`.
-
-    Raises:
-        InputError: what cannot be simulated or written.
     """
     check_places(out, truth)
     secret = RANDOM in effects

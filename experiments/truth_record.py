@@ -65,9 +65,6 @@ class SimulatedTruth(Truth, Documented):
 
         Args:
             links: of the robot. where: place of the document, for messages.
-
-        Raises:
-            InputError: names the key, what was found and what was expected.
         """
         if self.links != links or self.standard.shape != (len(links), 4):
             raise InputError(
@@ -81,11 +78,7 @@ class SimulatedTruth(Truth, Documented):
 
 
 def check_places(out: Path, truth: Path | None) -> None:
-    """Refuse, before the work, places at which measurements and truth could not be written.
-
-    Raises:
-        InputError: one of them exists, cannot be written, or lies in a measurement folder.
-    """
+    """Refuse, before the work, places at which measurements and truth could not be written."""
     check_new(out)
     if truth is None:
         return
@@ -98,11 +91,7 @@ def check_places(out: Path, truth: Path | None) -> None:
 
 
 def write_experiment(out: Path, truth: Path | None, run: Run) -> None:
-    """Write the truth and the measurement folder; if the folder exists afterwards, so does its truth.
-
-    Raises:
-        InputError: one of them exists or cannot be written.
-    """
+    """Write the truth and the measurement folder; if the folder exists afterwards, so does its truth."""
     check_places(out, truth)
     if truth is not None:  # a new file: else another process's would be lost
         write_text(truth, json_text(SimulatedTruth.of(run).to_json()), new=True)

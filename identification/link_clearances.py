@@ -89,7 +89,6 @@ def link_pairs(robot: Robot, margin: float) -> LinkPairs:
     """Select the pairs of links that must keep a distance: all that do not overlap in the reference posture.
 
     Args:
-        robot: the robot.
         margin: distance to keep [m]; links that are nearer in the reference posture keep half of that.
     """
     pairs, at_reference = unjoined_pairs(robot), _at_reference(robot)
@@ -164,7 +163,6 @@ def clearances(pairs: LinkPairs, rotations: np.ndarray, positions: np.ndarray, w
     Balls around links and capsules around shapes rule out the others.
 
     Args:
-        pairs: the pairs of links.
         rotations, positions: poses of all frames in the base frame, (m, f, 3, 3) and (m, f, 3) [m].
         within: largest distance to compute [m].
     """

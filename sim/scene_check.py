@@ -22,11 +22,7 @@ COUNTS = {"body": "nbody", "geom": "ngeom", "site": "nsite", "sensor": "nsensor"
 
 
 def check_scene(rig: Rig) -> None:
-    """Refuse a scene in which the robot cannot be held.
-
-    Raises:
-        InputError: the MJCF is broken, a name is missing, or a joint has no drive of its own.
-    """
+    """Refuse a scene in which the robot cannot be held."""
     where = str(rig.robot.scene_file or rig.robot.model_file)
     nominal = rig.robot.model
     try:

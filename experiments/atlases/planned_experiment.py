@@ -60,10 +60,6 @@ def planned(plan: PosturePlan, sensors: str, robot: Robot, seed: int) -> Planned
 
     Args:
         seed: of the noisy runs.
-
-    Raises:
-        InputError: a support other than double, a scene that statics does not know, or a plan that
-            does not identify the robot; a seed below 0.
     """
     at_least("seed", seed, 0)
     rig, nominal = preset_rig(sensors, robot), nominal_robot(robot, common_support(plan.support))

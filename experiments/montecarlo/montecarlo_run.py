@@ -120,9 +120,6 @@ def raise_runs(folder: Path, document: MonteCarloFile) -> None:
 
     A run depends on its number and the seed alone, so those that are there stay. A last file that was not
     full is made again.
-
-    Raises:
-        InputError: another process is at work in the folder, or it cannot be written.
     """
     if not present(folder / RUN_FILE):
         return

@@ -26,9 +26,6 @@ def computed_by(workers: int, address: str | None) -> Iterator[None]:
     Args:
         workers: processes of this machine, if there is no address.
         address: of a Dask scheduler.
-
-    Raises:
-        InputError: Dask is not installed, or nobody answers at the address.
     """
     with ExitStack() as stack:
         if address is None:
@@ -46,9 +43,6 @@ def collect(chunks: RunChunks, work: Work, advance: Callable[[int], None]) -> No
     Args:
         work: from run numbers to their columns.
         advance: called with the number of runs of each chunk that was written.
-
-    Raises:
-        InputError: a chunk could not be computed or written; those before it stay.
     """
     results = _compute(work, (chunks.runs_of(index) for index in chunks.missing()))
     try:

@@ -48,11 +48,7 @@ class RunChunks:
         return self.runs - sum(len(self.runs_of(index)) for index in self.missing())
 
     def write(self, columns: Columns) -> int:
-        """Write the chunk that begins with the first of these runs; returns how many runs it holds.
-
-        Raises:
-            InputError: it cannot be written.
-        """
+        """Write the chunk that begins with the first of these runs; returns how many runs it holds."""
         index, runs = int(columns["run"][0]) // self.size, columns["run"].tolist()
         assert runs == list(self.runs_of(index)), f"chunk {index} holds runs {runs}"
         sink = pa.BufferOutputStream()
@@ -61,11 +57,7 @@ class RunChunks:
         return len(runs)
 
     def read(self, index: int, names: Sequence[str]) -> Columns:
-        """Return the numbers of a chunk's runs and some more columns.
-
-        Raises:
-            InputError: the file is missing or damaged, or a column does not hold what it should.
-        """
+        """Return the numbers of a chunk's runs and some more columns."""
         path, runs = self.path(index), self.runs_of(index)
         wanted = [*dict.fromkeys(["run", *names])]
         table = _table(path, wanted, len(runs))

@@ -60,11 +60,7 @@ class Layout:
 
 
 def read_runs(chunks: RunChunks, layout: Layout) -> Columns:
-    """Read all runs, those that could not be identified included.
-
-    Raises:
-        InputError: a chunk is missing, damaged or holds what no run gives.
-    """
+    """Read all runs, those that could not be identified included."""
     names = ["rows", "dropped", *layout.columns(), "failure"]
     parts = [chunks.read(index, names) for index in range(len(chunks))]
     for index, part in enumerate(parts):

@@ -41,11 +41,7 @@ class Settings:
         return 1 if self.engine == "dynamics" else CHUNK
 
     def check(self) -> None:
-        """Refuse what cannot be run.
-
-        Raises:
-            InputError: names what was found and what is valid.
-        """
+        """Refuse what cannot be run."""
         at_least("runs", self.runs, 1)
         at_most("runs", self.runs, MOST_RUNS)
         at_least("seed", self.seed, 0)

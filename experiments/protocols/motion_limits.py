@@ -47,11 +47,7 @@ class MotionLimits:
 
 
 def motion_limits(robot: Robot) -> MotionLimits:
-    """Return the limits of a robot: of margins that its plans keep at rest beyond stability, half.
-
-    Raises:
-        InputError: the robot's planning table is broken.
-    """
+    """Return the limits of a robot: of margins that its plans keep at rest beyond stability, half."""
     margins = planning_margins(robot)
     ranges = planning_ranges(robot) if "planning" in robot.settings else None
     feet = (robot, with_feet_exchanged(robot))

@@ -156,9 +156,6 @@ def protocol_of(
         sensors: preset whose data sheet starts the measurement folder; None: unknown.
         speed: largest speed of a joint on a motion [rad/s].
         repeats: postures that are measured twice if the plan repeats none; at most every fifth.
-
-    Raises:
-        InputError: a plan that does not fit the robot, a scene without a laboratory, a setting out of range.
     """
     at_least("repeats", repeats, 0)
     if not 0 < speed <= FASTEST:

@@ -64,11 +64,7 @@ class Belief:
         return Belief(mean, covariance)
 
     def predict(self, model: DayModel, row: RowColumns) -> Innovation:
-        """Predict a posture and return by how much it is missed.
-
-        Args:
-            row: one row, see `RowColumns.row`.
-        """
+        """Predict a posture and return by how much it is missed."""
         here = row.about(self.mean[: model.parameters])
         across = here.state @ self.covariance
         covariance = across @ here.state.T + here.noise(model.noise.encoder)

@@ -257,11 +257,7 @@ class Watch(Result):
 
 
 def read_targets(texts: Sequence[str]) -> dict[str, float]:
-    """Read targets that are written NAME=MILLIMETRES, by base parameter or "all" [m].
-
-    Raises:
-        InputError: with what was found and what is valid.
-    """
+    """Read targets that are written NAME=MILLIMETRES, by base parameter or "all" [m]."""
     targets: dict[str, float] = {}
     for text in texts:
         name, _, value = text.partition("=")
@@ -277,11 +273,7 @@ def read_targets(texts: Sequence[str]) -> dict[str, float]:
 
 
 def _is_known(state: WatchState, row: Measurements, path: Path) -> bool:
-    """Return whether a row was judged before the watch was killed.
-
-    Raises:
-        InputError: neither rows nor state have a time, so that nobody can tell.
-    """
+    """Return whether a row was judged before the watch was killed."""
     if not np.isfinite([row.time[0], state.time]).all():
         raise InputError(
             f"{path}: found no 'time' in the rows of a stream that goes on, expected one: without it, rows "

@@ -150,11 +150,7 @@ class WatchState:
         return replace(self, done=done)
 
     def remembered(self, planned: int) -> WatchState:
-        """Return the state that also remembers what is known before the row that comes now.
-
-        Args:
-            planned: the plan's row.
-        """
+        """Return the state that also remembers what is known before the row that comes now."""
         now = Before(self.count, self.placement, self.stance, self.belief, self.information)
         kept = tuple(before for before in self.history if is_onset(before.count, self.count))
         return replace(self, history=(*kept, now), taken=(*self.taken, planned)[-REACH:])
@@ -190,11 +186,7 @@ def key_of(plan: PosturePlan, manifest: bytes) -> str:
 
 
 def check_state_file(path: Path) -> None:
-    """Refuse, before the first row, a place inside a measurement folder or one that cannot be written.
-
-    Raises:
-        InputError: it lies there.
-    """
+    """Refuse, before the first row, a place inside a measurement folder or one that cannot be written."""
     if present(path):
         check_outside(path.resolve())
     else:
@@ -202,11 +194,7 @@ def check_state_file(path: Path) -> None:
 
 
 def write_state(path: Path, key: str, state: WatchState) -> None:
-    """Write the state; a file of the same name is replaced as a whole.
-
-    Raises:
-        InputError: it cannot be written.
-    """
+    """Write the state; a file of the same name is replaced as a whole."""
     arrays: dict[str, np.ndarray] = {}
 
     def plain(value: Any) -> Any:
@@ -228,14 +216,7 @@ def write_state(path: Path, key: str, state: WatchState) -> None:
 
 
 def read_state(path: Path, key: str, model: DayModel) -> WatchState | None:
-    """Read the state; None: there is no such file.
-
-    Args:
-        key: see `key_of`.
-
-    Raises:
-        InputError: the file is no state, or that of another plan or manifest.
-    """
+    """Read the state; None: there is no such file."""
     if not present(path):
         return None
     try:

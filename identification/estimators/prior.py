@@ -25,9 +25,6 @@ def with_prior(data: Regression) -> Estimate:
     The prior has an s.d. of 20 % for every link's mass and of 20 mm for its centre of mass about the robot's
     file, all independent. The data are the base parameters of the default estimator with their covariance,
     and the total mass.
-
-    Raises:
-        InputError: the postures do not determine all parameters, or the regression has no robot.
     """
     found = mixed_model(data)
     if data.robot is None or data.parameters is None or data.mass is None:

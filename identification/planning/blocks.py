@@ -87,11 +87,7 @@ def improve(
     """Minimise a function of M over one block.
 
     Args:
-        problem: the robot and its constraints.
-        block: feasible block to start from.
         rest: information of the other placements, (p, p).
-        smooth: function of M and its gradient.
-        iterations: most iterations of SLSQP.
 
     Returns:
         A feasible block with a smaller value, or the same block.

@@ -76,7 +76,6 @@ def evaluate(problem: PlanningProblem, design: np.ndarray, guess: np.ndarray) ->
     """Evaluate all postures at their design variables u.
 
     Args:
-        problem: the robot and its constraints.
         design: CoM x, y, z, torso roll, pitch, yaw, swing foot x, y, yaw, (m, 9) [m, rad, m, m, rad].
         guess: joint angles near the solution, (m, n) [rad].
     """

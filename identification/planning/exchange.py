@@ -22,10 +22,8 @@ def candidates(problem: PlanningProblem, swing: np.ndarray, start: Block, rng: n
     """Draw feasible random postures on a placement, between none and some tens.
 
     Args:
-        problem: the robot and its constraints.
         swing: pose of the swing foot, (3,) [m, m, rad].
         start: postures that give initial joint angles and the range of heights.
-        rng: random generator.
     """
     r = problem.ranges
     design = np.empty((DRAWS, 9))
@@ -57,12 +55,8 @@ def exchange(
     """Choose the `wanted` postures of start and pool that minimise a function of M, one exchange at a time.
 
     Args:
-        problem: the robot.
         start: initial postures; if fewer than `wanted`, the best of the pool are added first.
-        pool: candidates.
         rest: information of the other placements, (p, p).
-        smooth: function of M and its gradient.
-        wanted: number of postures.
     """
     design = np.concatenate([start.design, pool.design])
     angles = np.concatenate([start.angles, pool.angles])

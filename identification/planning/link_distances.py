@@ -22,8 +22,6 @@ def link_room(problem: PlanningProblem, chain: Chain, wanted: np.ndarray) -> tup
     """Compute the distances of the nearest pairs of links beyond what they must keep.
 
     Args:
-        problem: the robot and its constraints.
-        chain: the postures.
         wanted: postures to look at, (m,) bool; in the others all links count as far from each other.
 
     Returns:

@@ -132,8 +132,6 @@ def one_foot_constraints(problem: PlanningProblem, chain: Chain, swing: np.ndarr
     """Compute the constraints on postures on the stance foot.
 
     Args:
-        problem: the robot and its constraints.
-        chain: the postures.
         swing: last pose of the standing swing foot, under which its board lies, (m, 3) [m, m, rad].
     """
     angles, ranges, margins = chain.angles, problem.ranges, problem.margins
@@ -204,7 +202,6 @@ def single_support_margins(
     """Compute the margins by constraint for postures on the stance foot.
 
     Args:
-        problem: the robot and its constraints.
         angles: joint angles, (m, n) [rad].
         swing: last pose of the standing swing foot, under which its board lies, (m, 3) [m, m, rad].
     """

@@ -93,14 +93,9 @@ def feasible_pool(
     """Draw random feasible postures on the stance foot, (k, n) [rad].
 
     Args:
-        problem: the robot and its constraints.
         swing: pose of the swing foot's board, (3,) [m, m, rad].
         count: number of postures to choose from them, the smallest number to draw.
-        rng: random generator.
         times: number of postures to draw for each of these, as far as draws suffice.
-
-    Raises:
-        InputError: fewer are feasible; the message names the violated constraints.
     """
     low, high = np.where(np.isfinite(problem.limits), problem.limits, [-np.pi, np.pi]).T
     sole = problem.soles[0]
@@ -146,10 +141,7 @@ def from_pools(
     """Choose from pools the postures that minimise a function of M, by exchange (Fedorov 1972).
 
     Args:
-        pools: candidates on each foot.
-        counts: number of postures to choose on each.
         rest: information of the postures on both feet, (p, p).
-        smooth: function of M and its gradient.
     """
     every = [pool.each for pool in pools]
     chosen = [list(range(counts[pool.support])) for pool in pools]
@@ -176,7 +168,6 @@ def improved(single: Sequence[OnOneFoot], both: np.ndarray, *stages: Smooth) -> 
     Args:
         single: feasible postures on each foot.
         both: information of the postures on both feet, (p, p).
-        stages: functions of M and their gradients.
     """
     single = list(single)
     for smooth in stages:
@@ -204,11 +195,8 @@ def descend_on_one_foot(
     """Minimise a function of the postures' information from feasible postures.
 
     Args:
-        problem: the robot and its constraints.
         angles: joint angles of feasible postures, (m, n) [rad].
         swing: pose of the standing swing foot, under which its board lies, (3,) [m, m, rad].
-        smooth: function of M and its gradient.
-        iterations: largest number of steps.
 
     Returns:
         Joint angles of feasible postures with a smaller value, or the same, (m, n) [rad].

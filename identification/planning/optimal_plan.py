@@ -60,11 +60,7 @@ MILLIMETRES = ("mm", 1e3 * LENGTH)
 
 
 def objective_by_name(problem: PlanningProblem, name: str, sigma: float) -> Objective:
-    """Return the objective of `OBJECTIVES` with this name.
-
-    Raises:
-        InputError: the name is unknown; the message lists the valid ones.
-    """
+    """Return the objective of `OBJECTIVES` with this name."""
     look_up("objective", name, OBJECTIVES, "objective")
     return objectives(problem.nominal, sigma)[name]
 
@@ -122,12 +118,7 @@ class SearchTask:
 
     @cached_property
     def start(self) -> Start:
-        """Draw random postures on both feet, and improve random ones on one foot that add most to them.
-
-        Raises:
-            InputError: too few random postures are feasible or can be repaired to keep the margins, or these
-                do not determine the parameters.
-        """
+        """Draw random postures on both feet, and improve random ones on one foot that add most to them."""
         problem, goal, seed = self.problem, self.goal, self.seed
         drawn, state = self._repaired()
         single: list[OnOneFoot] = []
@@ -170,9 +161,6 @@ class SearchTask:
             progress: called with the state of the postures on both feet after every round of `search`; may
                 raise KeyboardInterrupt.
             state: state of an interrupted search with the same settings, to continue from.
-
-        Raises:
-            InputError: as `start` and `resumed`.
         """
         start, problem = self.start, self.problem
         whole = given(self.goal, total(start.single)) if start.single else self.goal
@@ -297,9 +285,7 @@ def with_repeats(plan: PosturePlan, count: int, seed: int) -> PosturePlan:
     where the plates are laid and recorded again; its pure error includes that of the placement.
 
     Args:
-        plan: the plan.
         count: number of repeats, at most the number of postures.
-        seed: seed of the choice.
     """
     order = np.random.default_rng([seed, count, 2]).permutation(len(plan))
     # A repeat of a placement's last posture would follow at once, without a new approach.

@@ -97,14 +97,9 @@ def planning_problem(
     """Read the planning problem from the robot's files.
 
     Args:
-        robot: the robot.
-        plate: geometry of the boards.
         ranges: planning ranges; None means those of the robot's description.
         margins: margins; None means those of the robot's description.
         support: support whose base parameters are optimised, see `base_parameters`.
-
-    Raises:
-        InputError: the files are broken, or a leg has other than six joints.
     """
     model, margins = robot.model, margins or planning_margins(robot)
     parameters = base_parameters(robot, model, support)

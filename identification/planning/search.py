@@ -68,16 +68,9 @@ def repair_start(
     """Repair the first placements of a random plan that can be made feasible, and begin the search there.
 
     Args:
-        problem: the robot and its constraints.
-        objective: the objective.
         angles: joint angles of a random plan, (m, n) [rad].
         swing: its swing foot poses, (m, 3) [m, m, rad].
         per: number of postures in a placement.
-        placements: number of placements.
-        source: source of the plan, for error messages.
-
-    Raises:
-        InputError: too few placements can be repaired; the message names the violated constraints.
     """
     design = design_of(problem, angles, swing)
     names, tally, blocks = inequality_names(problem), Counter[str](), list[Block]()

@@ -21,9 +21,6 @@ def read_dumper(folder: Path, files: Sequence[Path]) -> TableFile:
     """Read the devices of a folder, joined by time.
 
     Columns are DEVICE.1, DEVICE.2, ..., the device being named after its folder.
-
-    Raises:
-        InputError: a line that holds something else, or clocks that do not overlap.
     """
     return joined_devices(folder, [_device(folder, file) for file in files])
 

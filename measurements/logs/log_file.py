@@ -20,9 +20,6 @@ def read_log(path: Path) -> TableFile:
     Args:
         path: CSV, Parquet, `.mat` of MATLAB, `.mcap` of ROS 2 or the folder of its bag, or a folder of a
             dumper's devices.
-
-    Raises:
-        InputError: a log that cannot be read, or whose clocks do not overlap.
     """
     if path.is_dir():
         if bags := sorted(path.glob("*.mcap")):

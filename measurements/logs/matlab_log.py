@@ -23,9 +23,6 @@ def read_matlab(path: Path, content: bytes) -> TableFile:
 
     Fields of structures are named `a.b.c`, the columns of a matrix `name.1`, `name.2`, ...; samples may run
     along either axis.
-
-    Raises:
-        InputError: no such file, or one without a series.
     """
     try:
         found = scipy.io.loadmat(io.BytesIO(content), squeeze_me=True)

@@ -22,10 +22,6 @@ def read_ros(path: Path, files: Sequence[Path]) -> TableFile:
     """Read all joint states and wrenches of a bag, joined by the times in their headers.
 
     Columns are `JOINT position [rad]` and `TOPIC fx [N]` to `TOPIC mz [Nm]`.
-
-    Raises:
-        InputError: the library is not installed, a file that is no MCAP, a bag without such messages, or
-            clocks that do not overlap.
     """
     streams: dict[tuple[str, ...], list[list[float]]] = defaultdict(list)  # by topic and columns
     for file in files:

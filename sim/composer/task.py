@@ -45,9 +45,6 @@ class LaboratoryTask(composer.Task):
         """Assemble the entities of a scene.
 
         The arguments are those of `laboratory_environment`; `spec` is the scene, `nominal` the robot alone.
-
-        Raises:
-            InputError: the control time step is no multiple of the physics time step, or the scene is broken.
         """
         model = compile_spec(spec, str(rig.robot.path))
         torso = model.body(model.body_rootid[model.body(rig.robot.stance_foot).id]).name
@@ -99,11 +96,7 @@ class LaboratoryTask(composer.Task):
     def before_step(
         self, physics: mjcf.Physics, action: np.ndarray, random_state: np.random.RandomState
     ) -> None:
-        """Write the action to the actuators.
-
-        Raises:
-            InputError: wrong shape, a number that is not finite, or an angle of more than one turn.
-        """
+        """Write the action to the actuators."""
         command = _command(action, len(self.robot.joints), self._actuation)
         # Written directly: after a write by binding, the next reading would compute the whole state again.
         physics.data.ctrl[physics.bind(self.robot.actuators).element_id] = command

@@ -75,9 +75,6 @@ def rocking_board(cells: np.ndarray, short: np.ndarray) -> RockingBoard | None:
     Args:
         cells: positions of the cells on the plate, (4, 2) [m].
         short: by how much the foot at each is shorter than the longest, (4,) [m].
-
-    Raises:
-        InputError: more than one foot is short.
     """
     if (short <= LEVEL).all():
         return None

@@ -90,9 +90,6 @@ def run_statics(
         standard: true standard parameters by run, (runs, n_links, 4) [kg, kg m]; None means those of the
             rig's scene.
         all_solved: return every posture that has an equilibrium, also those that would slip or lift.
-
-    Raises:
-        InputError: in some run no posture could be measured.
     """
     generators = [np.random.default_rng(stream) for stream in streams]
     tries = [_draw(solved_plan, k, rng) for k, rng in enumerate(generators)]

@@ -33,8 +33,6 @@ def command_of(
     """Return the function that tyro calls with a command's options.
 
     Args:
-        function: of the library.
-        examples: command lines for the help.
         saved: whether the command has an option --out for its result, and whether that is required.
         brief: whether it has an option --full.
     """
