@@ -14,7 +14,7 @@ from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import RESULT_FILE, Array, Kept, Place
 from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.checks import Check, check_table, verdict, worst_balance
-from tulip_testbed.experiments.correlation_table import NO_CORRELATION, correlation_table
+from tulip_testbed.experiments.correlations import NO_CORRELATION, correlation_table
 from tulip_testbed.experiments.dropped_postures import DroppedPosture, usable_postures
 from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.imperfections import imperfections_line

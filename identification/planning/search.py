@@ -14,10 +14,18 @@ import numpy as np
 
 from tulip_testbed.base.errors import InputError, most_frequent
 from tulip_testbed.identification.kinematics import roll_pitch_yaw
-from tulip_testbed.identification.planning.blocks import FEASIBLE, SHARED, Block, improve, information, repair
+from tulip_testbed.identification.planning.blocks import (
+    FEASIBLE,
+    SHARED,
+    Block,
+    candidates,
+    exchange,
+    improve,
+    information,
+    repair,
+)
 from tulip_testbed.identification.planning.closed_chain import chain_at
 from tulip_testbed.identification.planning.constraints import evaluate, inequality_names
-from tulip_testbed.identification.planning.exchange import candidates, exchange
 from tulip_testbed.identification.planning.linear_steps import EvaluatedPlan, descend, evaluate_plan, merit
 from tulip_testbed.identification.planning.objectives import Objective, Smooth
 from tulip_testbed.identification.planning.problem import PlanningProblem
