@@ -6,14 +6,12 @@ import json
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.table_files import finite, read_json, write_json
 from tulip_testbed.base.validation_message import validation_message
 
-Figure = Annotated[float | None, BeforeValidator(finite)]  # a number that an experiment may leave undefined
-Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
 Seed = Annotated[int, Field(ge=0)]
 
 

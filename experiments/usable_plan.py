@@ -20,9 +20,8 @@ from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.plan_folder import check_fits, read_plan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
-from tulip_testbed.sim.robot_check import warn_of_robot
+from tulip_testbed.sim.robot_check import check_scene, warn_of_robot
 from tulip_testbed.sim.scene import nominal_plates
-from tulip_testbed.sim.scene_check import check_scene
 from tulip_testbed.sim.shipped import PLAN_NAMES, PLANS, plan_folder
 
 DEFAULT_PLAN = PLANS / "random"

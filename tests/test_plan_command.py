@@ -20,7 +20,7 @@ from tulip_testbed.cli.main import main
 from tulip_testbed.drawings import contact_sheet, support_polygons
 from tulip_testbed.experiments import planning_run as planning
 from tulip_testbed.experiments.described_plan import DescribedPlan
-from tulip_testbed.experiments.plan_search import PlanSettings, set_up_search, state_folder
+from tulip_testbed.experiments.planning_run import PlanSettings, set_up_search, state_folder
 from tulip_testbed.measurements import write_measurements
 from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.rig import preset_rig

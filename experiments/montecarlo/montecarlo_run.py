@@ -14,11 +14,10 @@ from typing import Any
 
 import joblib
 
-from tulip_testbed.base.alone import alone_on
 from tulip_testbed.base.errors import InputError, shortened
 from tulip_testbed.base.files import present
 from tulip_testbed.base.progress import Progress, silent
-from tulip_testbed.base.resumable import ResumableFolder
+from tulip_testbed.base.resumable import ResumableFolder, alone_on
 from tulip_testbed.base.table_files import write_json
 from tulip_testbed.base.threads import processes
 from tulip_testbed.base.workers import deaf_to_interruptions, watched

@@ -31,9 +31,8 @@ from tulip_testbed.sim.plan_folder import check_fits
 from tulip_testbed.sim.rig import Protocol as Procedure
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
-from tulip_testbed.sim.robot_check import warn_of_robot
+from tulip_testbed.sim.robot_check import check_scene, warn_of_robot
 from tulip_testbed.sim.scene import boards_under
-from tulip_testbed.sim.scene_check import check_scene
 from tulip_testbed.sim.sensors import PRESETS
 
 FASTEST = 10.0  # rad/s

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.base.alone import alone_on
 from tulip_testbed.base.column import Column
 from tulip_testbed.base.errors import InputError, look_up, shortened
 from tulip_testbed.base.files import read_bytes
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Result
+from tulip_testbed.base.resumable import alone_on
 from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.experiments.watching.arriving_rows import (

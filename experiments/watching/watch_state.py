@@ -22,9 +22,16 @@ from pydantic import ConfigDict, TypeAdapter
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import check_new, check_outside, present, read_bytes, write_bytes
 from tulip_testbed.experiments.watching.arriving_rows import BEGINNING, Place
-from tulip_testbed.experiments.watching.change_detection import APART, EARLIER, RECENT, Changes, is_onset
 from tulip_testbed.experiments.watching.day_model import DayModel
-from tulip_testbed.experiments.watching.recursive_estimate import Belief, DesignInformation
+from tulip_testbed.experiments.watching.recursive_estimate import (
+    APART,
+    EARLIER,
+    RECENT,
+    Belief,
+    Changes,
+    DesignInformation,
+    is_onset,
+)
 from tulip_testbed.identification.residual_channels import SIZE
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.measurements.cells import CELLS

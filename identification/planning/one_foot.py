@@ -30,8 +30,15 @@ from tulip_testbed.identification.planning.closed_chain import (
     point_jacobian,
     torso_turn,
 )
-from tulip_testbed.identification.planning.constraints import ANGLE, FORCE, LENGTH, TORQUE
-from tulip_testbed.identification.planning.link_distances import leg_stretch, limb_distances, link_room
+from tulip_testbed.identification.planning.constraints import (
+    ANGLE,
+    FORCE,
+    LENGTH,
+    TORQUE,
+    leg_stretch,
+    limb_distances,
+    link_room,
+)
 from tulip_testbed.identification.planning.problem import PlanningProblem, planning_problem
 from tulip_testbed.measurements import lay_boards
 from tulip_testbed.sim.robot import Robot

@@ -18,8 +18,7 @@ from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import Robot, joint_names, rotation_matrices, sole_corners, sole_point
 from tulip_testbed.sim.scene import laboratory_scene
 from tulip_testbed.sim.specs import compile_spec
-from tulip_testbed.sim.statics.mechanism import HINGE, SLIDE, Body, Joint, Mechanism, Rope
-from tulip_testbed.sim.statics.rocking_board import rocking_board
+from tulip_testbed.sim.statics.mechanism import HINGE, SLIDE, Body, Joint, Mechanism, Rope, rocking_board
 from tulip_testbed.sim.statics.soft_constraints import board_compliance, contact_compliance, stops_of
 
 LEVEL = 1e-6  # m, largest difference in height of a sole's corners

@@ -25,8 +25,7 @@ from tulip_testbed.experiments.described_plan import DescribedPlan
 from tulip_testbed.experiments.described_plan import describe_plan as _describe_plan
 from tulip_testbed.experiments.effect_list import EffectList
 from tulip_testbed.experiments.effect_list import list_effects as _list_effects
-from tulip_testbed.experiments.plan_search import PlanSettings, set_up_search
-from tulip_testbed.experiments.planning_run import CHOSEN, check_out, search_plan
+from tulip_testbed.experiments.planning_run import CHOSEN, PlanSettings, check_out, search_plan, set_up_search
 from tulip_testbed.experiments.protocols.protocol_run import LaboratoryProtocol, protocol_of
 from tulip_testbed.experiments.usable_plan import check_plan, random_plan
 from tulip_testbed.experiments.watching.watch_day import Watch
