@@ -58,9 +58,9 @@ def listed(names) -> str:
     return ", ".join(first[:MOST_LISTED]) + more
 
 
-def most_frequent(reasons: Counter[str], most: int = 4) -> str:
+def most_frequent(reasons: Counter[str]) -> str:
     """Join the most frequent reasons with their counts for an error message."""
-    return listed(f"{reason} ({count})" for reason, count in reasons.most_common(most))
+    return listed(f"{reason} ({count})" for reason, count in reasons.most_common(4))
 
 
 def shortened(value: object, most: int = 60) -> str:

@@ -51,8 +51,8 @@ def finite(value: Any) -> Any:
     return value
 
 
-def read_json(path: Path, most: int = MOST_JSON) -> dict[str, Any]:
-    """Read a JSON object of at most `most` bytes whose keys are unique and whose numbers are finite."""
+def read_json(path: Path) -> dict[str, Any]:
+    """Read a JSON object of at most `MOST_JSON` bytes whose keys are unique and whose numbers are finite."""
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         content = dict(pairs)
@@ -72,7 +72,7 @@ def read_json(path: Path, most: int = MOST_JSON) -> dict[str, Any]:
             raise InputError(f"{path}: found a number of {len(text)} digits, expected at most {MOST_DIGITS}")
         return int(text)
 
-    text = read_text(path, most)
+    text = read_text(path, MOST_JSON)
     try:
         content = json.loads(
             text, object_pairs_hook=unique, parse_float=number, parse_int=whole, parse_constant=number

@@ -96,11 +96,9 @@ def identify(
     """Full and simplified model.
 
     Args:
-        estimator: a name of `ESTIMATORS`.
         parameters: the robot's base parameters, if they are at hand: for many identifications of one robot.
         adopted: effects that are removed from the measurements before the regression.
-        tolerances: of families of ordinary imperfections, for the self-calibrating estimator, in place of
-            those of the measurements and those that fit the sensors [SI]; zero: exact.
+        tolerances: see `tulip_testbed.identify`.
         calibrate: how the self-calibrating estimator calibrates.
     """
     look_up("estimator", estimator, ESTIMATORS, "estimator")

@@ -57,16 +57,7 @@ Number = Annotated[float, Field(ge=-100, le=100)]  # m or rad: beyond any postur
 
 @dataclass(frozen=True)
 class PlanSettings:
-    """The settings of a plan.
-
-    Attributes:
-        seed: of everything random.
-        objective: "condition", "d-optimal", "a-optimal", ..., see `identification.planning.objectives`.
-        placements, postures_per_placement: its size.
-        hops: exchanges of a placement's postures.
-        repeats: postures that come twice: half in the same placement, half in another one.
-        right, left: postures on the right and on the left foot alone, optimised together with the others.
-    """
+    """The settings of a plan, those of `tulip_testbed.optimize_plan`."""
 
     seed: int = 1
     objective: str = "condition"

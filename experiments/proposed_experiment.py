@@ -219,10 +219,8 @@ def propose_experiments(
     """Rank the experiments that would settle a discovery.
 
     Args:
-        measurements: everything so far.
-        verdict, explanations: of the discovery.
-        plan: postures to choose from; None: those that were measured.
-        seed: of the draws of the expectation.
+        measurements: everything so far. verdict, explanations: of the discovery.
+        plan, seed: see `tulip_testbed.next_experiment`.
     """
     doubts = doubts_of(verdict, explanations)
     ranking = rank_experiments(measurements, robot, doubts, plan, seed) if doubts else []

@@ -56,15 +56,7 @@ def validate(
     imperfections: float = ORDINARY,
     robot_spread: float | None = None,
 ) -> Validation:
-    """Run an experiment and hold the estimates against its truth.
-
-    Args:
-        plan: postures to measure. seed: of everything random.
-        estimator: a name of `experiments.identify.ESTIMATORS`.
-        engine, workers: see `Laboratory.run`.
-        imperfections: scale of ordinary ones that are drawn and hidden in the laboratory; 0: it is exact.
-        robot_spread: of a random true robot; None: the nominal one.
-    """
+    """Run an experiment and hold the estimates against its truth; see `tulip_testbed.validate`."""
     began = time.perf_counter()
     look_up("estimator", estimator, ESTIMATORS, "estimator")
     check_imperfections(laboratory, imperfections)

@@ -23,9 +23,9 @@ MOST_OFF = 5.0  # s.d., between weights of the same robot
 SAME = ("gravity", "gains", "tolerances", "sensors")  # of all experiments, by the keys of their manifests
 
 
-def read_experiments(folders: Sequence[Path], likely: bool = True) -> Measurements:
+def read_experiments(folders: Sequence[Path]) -> Measurements:
     """Read the measurement folders of one robot and join them."""
-    return joined([read_measurements(folder, likely) for folder in folders], [str(one) for one in folders])
+    return joined([read_measurements(folder) for folder in folders], [str(one) for one in folders])
 
 
 def joined(measured: Sequence[Measurements], sources: Sequence[str] = ()) -> Measurements:

@@ -149,13 +149,7 @@ def protocol_of(
     repeats: int = REPEATS,
     progress: Progress = silent,
 ) -> LaboratoryProtocol:
-    """Order a plan and plan the motions between its postures.
-
-    Args:
-        sensors: preset whose data sheet starts the measurement folder; None: unknown.
-        speed: largest speed of a joint on a motion [rad/s].
-        repeats: postures that are measured twice if the plan repeats none; at most every fifth.
-    """
+    """Order a plan and plan the motions between its postures; see `tulip_testbed.protocol`."""
     at_least("repeats", repeats, 0)
     if not 0 < speed <= FASTEST:
         raise InputError(f"speed: found {speed:g}, expected above 0 and at most {FASTEST:g} rad/s")

@@ -117,14 +117,14 @@ def improve(
     return after if kept and objective(now)[0] < objective(before)[0] else block
 
 
-def repair(problem: PlanningProblem, block: Block, iterations: int = 60) -> Block:
+def repair(problem: PlanningProblem, block: Block) -> Block:
     """Return the nearest feasible block, or the last iterate of SLSQP if it finds none."""
     x0 = pack(block.design)
 
     def distance(x: np.ndarray, _: Evaluation) -> tuple[float, np.ndarray]:
         return float(((x - x0) ** 2).sum()) / 2, x - x0
 
-    return _slsqp(problem, block, distance, iterations, freedom=4 * FREEDOM)
+    return _slsqp(problem, block, distance, 60, freedom=4 * FREEDOM)
 
 
 def _slsqp(

@@ -194,9 +194,5 @@ def _robot_of(shown: Viewed) -> Robot:
 
 @one_blas_thread
 def _judged(result: Run | RunResult) -> RunResult:
-    """Return a result; a run is judged as a validation.
-
-    Raises:
-        InputError: measurements of a run that do not suffice to identify the robot.
-    """
+    """Return a result; a run is judged as a validation."""
     return judge(result) if isinstance(result, Run) else result
