@@ -116,7 +116,11 @@ def is_folder(path: Path) -> bool:
 
 
 def check_outside(path: Path) -> None:
-    """Refuse a place inside of a measurement folder, which holds what was measured and nothing else."""
+    """Refuse a place inside of a measurement folder, which holds what was measured and nothing else.
+
+    Raises:
+        InputError: names the measurement folder.
+    """
     for folder in path.parents:
         manifest = folder / "manifest.json"
         try:
@@ -153,7 +157,11 @@ def check_new(path: Path, ending: str = "") -> None:
 
 @contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
-    """Yield a folder to fill; it gets its name if the block succeeds and is removed otherwise."""
+    """Yield a folder to fill; it gets its name if the block succeeds and is removed otherwise.
+
+    Raises:
+        InputError: the name exists already, lies in a measurement folder, or the folder cannot be written.
+    """
     check_path(path)
     path = Path(path)
     if present(path):

@@ -16,7 +16,8 @@ import scipy.io
 import tulip_testbed as tt
 from tests.test_refusals import check_words, rows
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
-from tulip_testbed.measurements.logs.log_file import TIME, read_log
+from tulip_testbed.measurements.logs.joined_clocks import TIME
+from tulip_testbed.measurements.logs.log_file import read_log
 from tulip_testbed.measurements.logs.series_reduction import reduced
 
 BOWING = Path(__file__).parent / "data" / "bowing"

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from tulip_testbed.api.inputs import load_robot, measurements_of
 from tulip_testbed.base.arguments import checked
 from tulip_testbed.base.errors import InputError, listed, warn
 from tulip_testbed.base.files import check_new
-from tulip_testbed.base.result import Result
-from tulip_testbed.base.table import Table
 from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.experiments.comparison import Comparison, compare
 from tulip_testbed.experiments.discovery_result import Discovered
@@ -25,64 +20,13 @@ from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.pages import ENDING
 from tulip_testbed.sim.robot import Robot
+from tulip_testbed.written import OpenView, WrittenReport
 
-MEGABYTE = 1e6
 Reported = Run | Validation | Discovered | MonteCarlo | str | Path
+
+
 Viewed = Reported | Measurements | PosturePlan
 RunRobot = Robot | None
-
-
-@dataclass(frozen=True, repr=False)
-class WrittenReport(Result):
-    """A page that was written.
-
-    Attributes:
-        report: its file. bytes: its size. left_out: pictures that could not be drawn, and why.
-    """
-
-    report: str
-    bytes: int
-    left_out: tuple[str, ...]
-
-    def tables(self) -> list[Table | str]:
-        """Return what was left out, and the file."""
-        missing = [f"Left out: {note}" for note in self.left_out]
-        return [*missing, f"Report: {self.report} ({self.bytes / MEGABYTE:.1f} MB)"]
-
-
-@dataclass(frozen=True, repr=False)
-class OpenView(Result):
-    """A view that was written, or that is open.
-
-    Attributes:
-        view: its file. bytes: its size. address: that serves it. closed: waits until the viewer is closed.
-    """
-
-    view: str | None = None
-    bytes: int | None = None
-    address: str | None = None
-    closed: Callable[[], None] = lambda: None
-
-    def tables(self) -> list[Table | str]:
-        """Return the file or the address; a window says enough itself."""
-        if self.address is not None:
-            return [f"Open {self.address} in a browser; Ctrl-C ends it."]
-        if self.view is None or self.bytes is None:
-            return []
-        return [f"View: {self.view} ({self.bytes / MEGABYTE:.1f} MB); open it by `rerun {self.view}`"]
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the file with its size, or the address."""
-        document = {"view": self.view, "bytes": self.bytes, "address": self.address}
-        return {key: value for key, value in document.items() if value is not None}
-
-    def wait(self) -> None:
-        """Wait until the viewer is closed.
-
-        Raises:
-            InputError: it could not draw, or ended by itself.
-        """
-        self.closed()
 
 
 @checked
@@ -194,5 +138,9 @@ def _robot_of(shown: Viewed) -> Robot:
 
 @one_blas_thread
 def _judged(result: Run | RunResult) -> RunResult:
-    """Return a result; a run is judged as a validation."""
+    """Return a result; a run is judged as a validation.
+
+    Raises:
+        InputError: measurements of a run that do not suffice to identify the robot.
+    """
     return judge(result) if isinstance(result, Run) else result
