@@ -135,7 +135,11 @@ def check_robot(
 
 
 def with_cad_where_needed(observed: Observation, data: Regression) -> Observation:
-    """Return the observation with CAD as prior if its postures do not determine all base parameters."""
+    """Return the observation with CAD as prior if its postures do not determine all base parameters.
+
+    Raises:
+        InputError: they determine no more than a single posture does.
+    """
     few, free = len(data.matrix) <= data.matrix.shape[1], undetermined_directions(data.matrix, data.blur)
     if not few and not len(free):
         return observed
