@@ -1,4 +1,4 @@
-"""What will go wrong with a robot in the laboratory, and what its scene lacks, before a simulation begins."""
+"""Findings on a robot and its scene before a simulation: what will go wrong, and what is assumed instead."""
 
 from __future__ import annotations
 
