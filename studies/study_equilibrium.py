@@ -29,9 +29,10 @@ from tulip_testbed.sim.statics.forces import (
     rotation_matrix,
     sole_poses,
 )
+from tulip_testbed.sim.statics.sensed_wrenches import sensed_wrenches
 from tulip_testbed.sim.statics.solve import cell_forces, solve_by_newton
 from tulip_testbed.sim.statics.solved_plan import SolvedPlan, feet_in_base, solve_plan
-from tulip_testbed.sim.statics.static_run import Tries, run_statics, sensed_wrenches, solve_tries
+from tulip_testbed.sim.statics.static_run import Tries, run_statics, solve_tries
 
 # A foot whose centre of pressure is nearer to its sole's edge may have begun to tip (up to 20 um of gap).
 EDGE = 2e-3  # m
