@@ -44,14 +44,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def expect(name: str, value: Any, hint: Any) -> Any:
-    """Return a value that is what an annotation says, with NumPy's numbers as Python's.
-
-    Args:
-        name: of the value, for the message.
-
-    Raises:
-        InputError: with the type that was found and those that are valid.
-    """
+    """Return a value that is what an annotation says, with NumPy's numbers as Python's."""
     try:
         return _adapter(hint).validate_python(value)
     except ValidationError as error:

@@ -6,14 +6,12 @@ import json
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.table_files import finite, read_json, write_json
 from tulip_testbed.base.validation_message import validation_message
 
-Figure = Annotated[float | None, BeforeValidator(finite)]  # a number that an experiment may leave undefined
-Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
 Seed = Annotated[int, Field(ge=0)]
 
 
@@ -24,22 +22,14 @@ class Document(BaseModel):
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Read a file.
-
-        Raises:
-            InputError: names the file, the key, what was found and what was expected.
-        """
+        """Read a file."""
         try:
             return cls.model_validate_json(json.dumps(read_json(path)))
         except ValidationError as error:
             raise InputError(f"{path}: {validation_message(error)}") from None
 
     def write(self, path: Path) -> None:
-        """Write a file, which appears whole.
-
-        Raises:
-            InputError: it cannot be written.
-        """
+        """Write a file, which appears whole."""
         write_json(path, self.plain())
 
     def plain(self) -> dict[str, Any]:

@@ -58,9 +58,9 @@ def listed(names) -> str:
     return ", ".join(first[:MOST_LISTED]) + more
 
 
-def most_frequent(reasons: Counter[str], most: int = 4) -> str:
+def most_frequent(reasons: Counter[str]) -> str:
     """Join the most frequent reasons with their counts for an error message."""
-    return listed(f"{reason} ({count})" for reason, count in reasons.most_common(most))
+    return listed(f"{reason} ({count})" for reason, count in reasons.most_common(4))
 
 
 def shortened(value: object, most: int = 60) -> str:
@@ -106,20 +106,12 @@ def look_up(kind: str, name: str, valid, where: str) -> str:
 
 
 def at_most(name: str, value: int, most: int) -> None:
-    """Refuse a number above `most`.
-
-    Raises:
-        InputError: the number is too large.
-    """
+    """Refuse a number above `most`."""
     if value > most:
         raise InputError(f"{name}: found {shortened(value)}, expected {most} or less")
 
 
 def at_least(name: str, value: int, least: int) -> None:
-    """Refuse a number below `least`.
-
-    Raises:
-        InputError: the number is too small.
-    """
+    """Refuse a number below `least`."""
     if value < least:
         raise InputError(f"{name}: found {value}, expected {least} or more")

@@ -35,11 +35,7 @@ KINDS = {
 
 
 def check_path(path: str | Path) -> None:
-    """Refuse a path that cannot be given to every library, written down and read again.
-
-    Raises:
-        InputError: it holds a NUL, is not UTF-8, or has a part that is too long for a file's name.
-    """
+    """Refuse a path that cannot be given to every library, written down and read again."""
     text = os.fspath(path)
     shown = shortened(text.encode("utf-8", "backslashreplace").decode().replace("\0", "\\0"))
     if "\0" in text:
@@ -53,11 +49,7 @@ def check_path(path: str | Path) -> None:
 
 
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
-    """Return the bytes of a regular file, without ever blocking.
-
-    Raises:
-        InputError: the file cannot be read, is no regular file, or is larger than `most`.
-    """
+    """Return the bytes of a regular file, without ever blocking."""
     with opened(path) as file:
         content = file.read(most + 1)
     if len(content) > most:
@@ -67,11 +59,7 @@ def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
 
 @contextmanager
 def opened(path: Path) -> Iterator[BinaryIO]:
-    """Open a regular file to read it; nothing waits for the writer of a pipe.
-
-    Raises:
-        InputError: the file is missing, no regular file, or cannot be read.
-    """
+    """Open a regular file to read it; nothing waits for the writer of a pipe."""
     try:
         # Without O_NONBLOCK, opening a named pipe waits for a writer.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -99,11 +87,7 @@ def sha256(path: Path) -> str:
 
 
 def read_text(path: Path, most: int = MOST_BYTES) -> str:
-    """Return a regular file as UTF-8 text, with or without byte order mark.
-
-    Raises:
-        InputError: as `read_bytes`, or the file is not UTF-8.
-    """
+    """Return a regular file as UTF-8 text, with or without byte order mark."""
     try:
         return read_bytes(path, most).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -111,11 +95,7 @@ def read_text(path: Path, most: int = MOST_BYTES) -> str:
 
 
 def present(path: Path) -> bool:
-    """Return whether the name exists, as a file or anything else.
-
-    Raises:
-        InputError: the folder cannot be searched.
-    """
+    """Return whether the name exists, as a file or anything else."""
     try:
         os.lstat(path)
     except (FileNotFoundError, NotADirectoryError, ValueError):
@@ -126,11 +106,7 @@ def present(path: Path) -> bool:
 
 
 def is_folder(path: Path) -> bool:
-    """Return whether the path leads to a folder.
-
-    Raises:
-        InputError: the way there cannot be searched.
-    """
+    """Return whether the path leads to a folder."""
     try:
         return stat.S_ISDIR(os.stat(path).st_mode)
     except (FileNotFoundError, NotADirectoryError, ValueError):
@@ -160,9 +136,6 @@ def check_new(path: Path, ending: str = "") -> None:
 
     Args:
         ending: of the name of a file, such as ".html".
-
-    Raises:
-        InputError: the path exists, lies in a folder that cannot be written, or has another ending.
     """
     check_path(path)
     path = Path(path)
@@ -212,9 +185,6 @@ def write_bytes(path: Path, content: bytes, new: bool = False) -> None:
 
     Args:
         new: leave one of the same name alone, also one that another process writes at the same time.
-
-    Raises:
-        InputError: it cannot be written, or exists although it shall be new.
     """
     check_path(path)
     path = Path(path)
@@ -245,9 +215,6 @@ def scratch_folder(name: str) -> Iterator[Path]:
     """Yield a folder among the system's temporary files that nobody else may read, removed at the end.
 
     A killed process's partial output is removed by the next one that asks for the same name.
-
-    Raises:
-        InputError: it cannot be made.
     """
     with _partial(Path(tempfile.gettempdir()) / name, functools.partial(_new_folder, mode=0o700)) as working:
         yield working

@@ -8,11 +8,7 @@ LARGE = 1e7  # from here on a number has an exponent
 
 
 def number(value: float, spec: str = ".6g") -> str:
-    """Return a number as a person reads it: 820 rather than 8.2e+02, 0.00 rather than -0.00.
-
-    Args:
-        spec: as of `format`.
-    """
+    """Return a number as a person reads it: 820 rather than 8.2e+02, 0.00 rather than -0.00."""
     if not math.isfinite(value):
         return "" if math.isnan(value) else "-"
     text = format(value, spec)

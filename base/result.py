@@ -104,11 +104,7 @@ class Documented:
 
     @classmethod
     def from_json(cls, document: Mapping[str, Any], where: str = "document") -> Self:
-        """Read a JSON document; what is kept beside it is None.
-
-        Raises:
-            InputError: names the key, what was found and what was expected.
-        """
+        """Read a JSON document; what is kept beside it is None."""
         try:
             return _adapter(cls).validate_json(json.dumps(document))
         except ValidationError as error:
@@ -116,11 +112,7 @@ class Documented:
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Read a file.
-
-        Raises:
-            InputError: names the file, the key, what was found and what was expected.
-        """
+        """Read a file."""
         return cls.from_json(read_json(path), str(path))
 
     def write(self, path: Path) -> None:

@@ -1,20 +1,49 @@
-"""A folder of work that may be interrupted: the same call goes on in it, every other one is refused."""
+"""A folder of work that may be interrupted: the same call goes on in it, alone; others are refused."""
 
 from __future__ import annotations
 
+import errno
+import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tulip_testbed.base.alone import alone_on
 from tulip_testbed.base.document import first_difference
 from tulip_testbed.base.errors import InputError, shortened
-from tulip_testbed.base.files import check_new, new_folder, present
+from tulip_testbed.base.files import check_new, error_text, hidden_stem, new_folder, present
 from tulip_testbed.base.table_files import read_json, write_json
 
+NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)  # of some network file systems
 FREE = "machine"  # its last digits differ, its random numbers do not: another one may go on
+
+
+@contextmanager
+def alone_on(path: Path) -> Iterator[None]:
+    """Keep other processes from a file or a folder, until the end or until this process is killed.
+
+    The hidden file .NAME.lock beside it is locked; a killed process leaves that file, but not the lock.
+    """
+    from filelock import FileLock, Timeout  # a twentieth of a second, needed by long runs alone
+
+    beside = Path(os.path.abspath(path))
+    file = beside.with_name(f".{hidden_stem(beside)}.lock")
+    lock = FileLock(file, blocking=False, thread_local=False, fallback_to_soft=False)
+    try:
+        beside.parent.mkdir(parents=True, exist_ok=True)
+        lock.acquire()
+    except Timeout:
+        raise InputError(f"{path}: another process is at work in it") from None
+    except OSError as error:
+        if error.errno not in NO_LOCKS:
+            raise InputError(f"{path}: cannot write ({error_text(error)})") from None
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            file.unlink()
+        lock.release()
 
 
 @dataclass(frozen=True)
@@ -34,11 +63,7 @@ class ResumableFolder:
     pieces: str
 
     def begun(self) -> bool:
-        """Return whether the same call has begun the folder; False: it is still to be made.
-
-        Raises:
-            InputError: it holds something else; names the first setting that differs.
-        """
+        """Return whether the same call has begun the folder; False: it is still to be made."""
         if not present(self.folder):
             check_new(self.folder)
             return False
@@ -64,9 +89,6 @@ class ResumableFolder:
 
         Args:
             fill: called with a new folder, for what lies beside the pieces.
-
-        Raises:
-            InputError: it holds something else, cannot be written, or another process is at work in it.
         """
         if not self.begun():
             with new_folder(self.folder) as working:

@@ -22,13 +22,6 @@ def plain_csv(path: Path, content: bytes) -> bytes:
     Also accepted are a byte order mark, any line ends, spaces around names and values, empty lines and
     columns, lines that begin with #, Excel's first line `sep=;`, semicolons between values and, with
     semicolons, decimal commas.
-
-    Args:
-        path: path of the file, for messages only.
-
-    Raises:
-        InputError: the content is not UTF-8, a line has more or fewer values than the header has names, or
-            decimal commas and points are mixed.
     """
     lines = [
         (number, line)

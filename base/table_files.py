@@ -51,12 +51,8 @@ def finite(value: Any) -> Any:
     return value
 
 
-def read_json(path: Path, most: int = MOST_JSON) -> dict[str, Any]:
-    """Read a JSON object of at most `most` bytes whose keys are unique and whose numbers are finite.
-
-    Raises:
-        InputError: the file is missing, is no JSON, or holds no object.
-    """
+def read_json(path: Path) -> dict[str, Any]:
+    """Read a JSON object of at most `MOST_JSON` bytes whose keys are unique and whose numbers are finite."""
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         content = dict(pairs)
@@ -76,7 +72,7 @@ def read_json(path: Path, most: int = MOST_JSON) -> dict[str, Any]:
             raise InputError(f"{path}: found a number of {len(text)} digits, expected at most {MOST_DIGITS}")
         return int(text)
 
-    text = read_text(path, most)
+    text = read_text(path, MOST_JSON)
     try:
         content = json.loads(
             text, object_pairs_hook=unique, parse_float=number, parse_int=whole, parse_constant=number
@@ -217,9 +213,6 @@ class TableFile:
 
         Args:
             others: columns, or their words before the dot, that are not meant for one that is missing.
-
-        Raises:
-            IncompleteError: names all of them, and the columns that may be meant.
         """
         if missing := [name for name in names if not self.has(name)]:
             free = [name for name in self.types if name not in names and name.partition(".")[0] not in others]
@@ -243,11 +236,7 @@ class TableFile:
         return self.types[name]
 
     def refuse(self, name: str, rows: np.ndarray, values: np.ndarray, expected: str) -> None:
-        """Refuse the first of the rows where `rows`, (m,), is true.
-
-        Raises:
-            InputError: there is such a row.
-        """
+        """Refuse the first of the rows where `rows`, (m,), is true."""
         if rows.any():
             row = int(rows.argmax())
             raise InputError(

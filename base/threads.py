@@ -57,11 +57,7 @@ def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def processes(workers: int | None) -> int:
-    """Return how many processes to use, one per core if nothing else is asked for.
-
-    Raises:
-        InputError: fewer than one.
-    """
+    """Return how many processes to use, one per core if nothing else is asked for."""
     if workers is None:
         return os.cpu_count() or 1
     at_least("workers", workers, 1)

@@ -88,10 +88,6 @@ def check_folder(folder: Path, robot: Robot, corrections: Sequence[EffectInstanc
 
     Args:
         corrections: effects that the measurements are corrected for before.
-
-    Raises:
-        InputError: no such folder, a broken robot, or a folder that cannot be read for a reason
-            other than missing columns and keys.
     """
     folder = Path(folder)
     check_kind(folder, "measurement")
@@ -122,10 +118,6 @@ def check_measurements(
 
     Args:
         corrections: see `check_folder`. series: raw readings within the windows, if there are any.
-        source: of the measurements, for messages.
-
-    Raises:
-        InputError: corrections for measurements that do not fit the robot; tolerances of unknown families.
     """
     check_tolerances(measurements.tolerances, f"{source}: key 'tolerances'")
     nominal = nominal_robot(robot)
@@ -201,11 +193,7 @@ def warn_of_faults(
 
 
 def _refuse_other_robot(folder: Path, nominal: Nominal) -> None:
-    """Another robot's folder would lack column after column; name the robot instead.
-
-    Raises:
-        InputError: another model, by its hash or else by its name, and other joints.
-    """
+    """Another robot's folder would lack column after column; name the robot instead."""
     try:
         manifest = read_manifest(folder)
     except InputError:

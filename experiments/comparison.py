@@ -63,11 +63,7 @@ class Comparison(Result):
 
 
 def compare(first: RunResult, second: RunResult) -> Comparison:
-    """Compare the settings and the results of two runs.
-
-    Raises:
-        InputError: runs that cannot be compared; says why.
-    """
+    """Compare the settings and the results of two runs."""
     both = [_models(first), _models(second)]
     _check_alike(first, second, both)
     return Comparison(

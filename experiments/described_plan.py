@@ -16,7 +16,7 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Array, Figure, Outside, Result
 from tulip_testbed.base.table import Table
-from tulip_testbed.experiments.correlation_table import NO_CORRELATION, correlation_table, united_links
+from tulip_testbed.experiments.correlations import NO_CORRELATION, correlation_table, united_links
 from tulip_testbed.experiments.plan_clearances import clearance_table, clearances_of
 from tulip_testbed.experiments.usable_plan import as_plan, identifiable_regressor, joined, planned_parameters
 from tulip_testbed.identification.base_parameters import BaseParameters, common_support, standard_parameters
@@ -196,12 +196,7 @@ def describe_plan(
     """Describe a plan.
 
     Args:
-        source: of the plan, for messages.
         preset: of the sensors, "wii" or "force-plate".
-        measured: before.
-
-    Raises:
-        InputError: postures that do not identify the robot, or a scene that cannot be.
     """
     whole = plan if measured is None else joined([as_plan(robot, measured), plan])
     identifiable_regressor(source or "plan", robot, whole)

@@ -49,11 +49,7 @@ class Tables(BaseModel):
 
 
 def described_robot(path: Path) -> Robot:
-    """Load a robot and check its description and its model against each other.
-
-    Raises:
-        InputError: names the file, the key, what was found and what was expected.
-    """
+    """Load a robot and check its description and its model against each other."""
     robot = load_robot(path)
     try:
         tables = Tables.model_validate(robot.settings)

@@ -40,16 +40,7 @@ def discover_effects(
 ) -> Discovered:
     """Find what the nominal model lacks, adopt it if it has a name, identify the robot before and after.
 
-    Args:
-        seed: of the bootstrap that calibrates the level.
-        check: simulate adopted physics in the full dynamics; saves up to two minutes if not.
-        workers: processes of that simulation. Results do not depend on it.
-        source: of the measurements, for messages.
-        tolerances: of families of ordinary imperfections, in place of those of the measurements and those
-            that fit the sensors [SI]; zero: exact.
-
-    Raises:
-        InputError: measurements that do not fit the robot, or too few placements.
+    The arguments are those of `tulip_testbed.discover`.
     """
     at_least("seed", seed, 0)
     processes(workers)

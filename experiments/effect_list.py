@@ -57,11 +57,7 @@ class EffectList(Result):
 
 
 def list_effects(name: str | None, robot: Robot) -> EffectList:
-    """List the effects, or choose one to explain.
-
-    Raises:
-        InputError: there is no such effect.
-    """
+    """List the effects, or choose one to explain."""
     if name is not None:
         look_up("effect", name, [*catalogue(), LAW], "effects")
     return EffectList(name, robot)

@@ -17,8 +17,12 @@ from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING, SUMM
 from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.effects.instance import EffectInstance, check_instances
 from tulip_testbed.effects.removal import without
-from tulip_testbed.experiments.correlation_table import NO_CORRELATION, correlation_table
-from tulip_testbed.experiments.correlations import Correlations, parameter_index
+from tulip_testbed.experiments.correlations import (
+    NO_CORRELATION,
+    Correlations,
+    correlation_table,
+    parameter_index,
+)
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR
 from tulip_testbed.experiments.family_tables import calibration_report, first_to_improve
 from tulip_testbed.experiments.parameter_tables import (
@@ -130,9 +134,6 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
 
     def placed(self, robot: Robot, measurements: Measurements, where: str, key: str = "") -> Self:
         """Return an identification that was read together with its robot and its measurements.
-
-        Args:
-            where, key: file of the document and what its keys begin with, for messages.
 
         Raises:
             InputError: estimates of other parameters than the robot has, or corrections that it cannot have.

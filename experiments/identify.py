@@ -96,17 +96,10 @@ def identify(
     """Full and simplified model.
 
     Args:
-        estimator: a name of `ESTIMATORS`.
         parameters: the robot's base parameters, if they are at hand: for many identifications of one robot.
         adopted: effects that are removed from the measurements before the regression.
-        tolerances: of families of ordinary imperfections, for the self-calibrating estimator, in place of
-            those of the measurements and those that fit the sensors [SI]; zero: exact.
+        tolerances: see `tulip_testbed.identify`.
         calibrate: how the self-calibrating estimator calibrates.
-
-    Raises:
-        InputError: the measurements do not fit the robot or do not suffice, a weighed mass that cannot be
-            this robot's, an estimate that no robot of this size and weight has, an unknown estimator, an
-            unknown family or an impossible tolerance.
     """
     look_up("estimator", estimator, ESTIMATORS, "estimator")
     given = measurements = as_joined(measurements)

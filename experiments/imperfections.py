@@ -24,9 +24,6 @@ def check_imperfections(laboratory: Laboratory, scale: float) -> None:
 
     Args:
         scale: of the imperfections; 0: the laboratory is exact.
-
-    Raises:
-        InputError: an impossible scale, or sensors whose data sheet leads to no tolerances.
     """
     check_scale(scale)
     if scale and laboratory.sensors in NO_NOISE:

@@ -41,8 +41,7 @@ from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.random_robots import check_spread, draw_robot, edit_of
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
-from tulip_testbed.sim.robot_check import warn_of_robot
-from tulip_testbed.sim.scene_check import check_scene
+from tulip_testbed.sim.robot_check import check_scene, warn_of_robot
 from tulip_testbed.sim.sensors import PRESETS
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics

@@ -17,7 +17,7 @@ from tulip_testbed.base.column import Column
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import read_text
 from tulip_testbed.base.table import Cell, Table
-from tulip_testbed.experiments.correlation_table import united_links
+from tulip_testbed.experiments.correlations import united_links
 from tulip_testbed.identification.base_parameters import BaseParameters
 from tulip_testbed.identification.estimators import Estimate, StandardEstimate
 from tulip_testbed.identification.rank import describe_combinations, labels, weakly_known
@@ -65,11 +65,7 @@ class Reported:
 
 
 def read_reported(robot: Robot) -> Reported | None:
-    """Read what the paper reports of a robot; None where its description names no paper.
-
-    Raises:
-        InputError: the file lies outside of the robot's folder or is no such table.
-    """
+    """Read what the paper reports of a robot; None where its description names no paper."""
     paper = robot.settings.get("paper")
     if paper is None:
         return None

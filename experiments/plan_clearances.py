@@ -32,7 +32,6 @@ def clearances_of(robot: Robot, plan: PosturePlan) -> dict[str, list[dict[str, A
     """Find the pairs of links that come nearest to each other, the ground included, as JSON.
 
     Args:
-        robot: the robot.
         plan: its postures; the paths are the laboratory's between the postures of a placement.
 
     Returns:

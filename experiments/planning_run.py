@@ -1,14 +1,15 @@
-"""Carry out a search for a plan; its states lie in a folder, from which the same call goes on."""
+"""Check and carry out a search for a plan; its states lie in a folder, from which the same call goes on."""
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -16,18 +17,32 @@ import numpy as np
 from pydantic import AfterValidator, Field
 
 from tulip_testbed.base.document import Document
-from tulip_testbed.base.errors import InputError, warn
+from tulip_testbed.base.errors import InputError, at_least, at_most, warn
 from tulip_testbed.base.files import check_new, present, write_text
+from tulip_testbed.base.machine import machine
 from tulip_testbed.base.progress import Progress, silent
-from tulip_testbed.base.table_files import read_json
+from tulip_testbed.base.resumable import ResumableFolder
+from tulip_testbed.base.table_files import MOST_ROWS, read_json, software
 from tulip_testbed.experiments.described_plan import SEARCHED, DescribedPlan, Trial, describe_plan
-from tulip_testbed.experiments.plan_search import PlanSearch, state_folder
-from tulip_testbed.experiments.usable_plan import joined_trials
-from tulip_testbed.identification.planning.optimal_plan import SearchTask
+from tulip_testbed.experiments.usable_plan import as_plan, enough, joined_trials, plan_hash
+from tulip_testbed.identification.base_parameters import common_support
+from tulip_testbed.identification.planning.objectives import Objective
+from tulip_testbed.identification.planning.optimal_plan import (
+    SearchTask,
+    objective_by_name,
+    with_repeats,
+)
+from tulip_testbed.identification.planning.problem import PlanningProblem, planning_problem
 from tulip_testbed.identification.planning.search import ARRAYS, SearchState, StateError
-from tulip_testbed.measurements import PosturePlan
+from tulip_testbed.identification.planning.search_defaults import HOPS
+from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.plan_folder import write_plan
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.robot_check import check_scene, warn_of_robot
+from tulip_testbed.sim.scene import nominal_plates
 
+SIGMA_MM = 4.16  # the paper's residual per axis (eq. 14)
 TABLE1 = {  # the paper's trials by our seeds; margins were chosen on seeds below 100
     101: (647.4, 337.5),
     102: (732.1, 405.1),
@@ -37,6 +52,113 @@ TABLE1 = {  # the paper's trials by our seeds; margins were chosen on seeds belo
     106: (689.1, 394.4),
 }
 CHOSEN = 3  # of the trials, as in the paper
+Number = Annotated[float, Field(ge=-100, le=100)]  # m or rad: beyond any posture
+
+
+@dataclass(frozen=True)
+class PlanSettings:
+    """The settings of a plan, those of `tulip_testbed.optimize_plan`."""
+
+    seed: int = 1
+    objective: str = "condition"
+    placements: int = 10
+    postures_per_placement: int = 5
+    hops: int = HOPS
+    repeats: int = 0
+    right: int = 0
+    left: int = 0
+
+    @property
+    def on_one_foot(self) -> dict[str, int]:
+        """Numbers of postures on one foot that are optimised together with those on both, none if 0."""
+        counts = {"right": self.right, "left": self.left}
+        return {foot: count for foot, count in counts.items() if count}
+
+
+def state_folder(out: Path) -> Path:
+    """Return where an interrupted search leaves its states, next to its plan."""
+    return out.with_name(f".{out.name}.search")
+
+
+@dataclass(frozen=True)
+class PlanSearch:
+    """A search for a plan of a robot, checked and ready.
+
+    Attributes:
+        measured: what was measured before, None: nothing.
+        problem: the constraints. goal: what is made small.
+    """
+
+    robot: Robot
+    settings: PlanSettings
+    measured: Measurements | None
+    problem: PlanningProblem
+    goal: Objective
+
+    def task(self, seed: int | None = None) -> SearchTask:
+        """Return the search from a random start.
+
+        Args:
+            seed: of the start; the settings' if None.
+        """
+        wanted = self.settings
+        return SearchTask(
+            self.problem,
+            self.goal,
+            wanted.placements,
+            wanted.postures_per_placement,
+            wanted.seed if seed is None else seed,
+            wanted.hops,
+            wanted.on_one_foot,
+            self.measured,
+        )
+
+    def folder(self, out: Path) -> ResumableFolder:
+        """Return the folder of the search's states, next to the plan that it makes."""
+        made_with = {
+            "settings": dataclasses.asdict(self.settings),
+            "measured": None if self.measured is None else plan_hash(as_plan(self.robot, self.measured)),
+            "robot": self.robot.hashes,
+            "software": software(),
+            "machine": machine(),
+        }
+        return ResumableFolder(state_folder(out), "search.json", made_with, "search", "states")
+
+    def extended(self, plan: PosturePlan) -> PosturePlan:
+        """Add the repeats that the settings ask for."""
+        wanted = self.settings
+        return with_repeats(plan, wanted.repeats, wanted.seed) if wanted.repeats else plan
+
+
+def set_up_search(
+    robot: Robot, settings: PlanSettings, measured: Measurements | None = None, trials: int = 1
+) -> PlanSearch:
+    """Check what a plan is to be, before the work.
+
+    Args:
+        measured: what was measured before: the plan is to tell most next.
+        trials: plans that will be joined.
+    """
+    for name, least in (
+        *(("seed", 0), ("placements", 1), ("postures_per_placement", 1), ("hops", 0)),
+        *(("repeats", 0), ("right", 0), ("left", 0)),
+    ):
+        at_least(name, getattr(settings, name), least)
+    placements, per = settings.placements, settings.postures_per_placement
+    at_most("placements, postures_per_placement", placements * per, MOST_ROWS)
+    if settings.repeats > (most := trials * placements * per):
+        raise InputError(f"repeats: found {settings.repeats}, expected at most the plan's {most} postures")
+    if (counts := settings.on_one_foot) and measured is not None:
+        raise InputError("right, left: found postures on one foot after measurements, expected none")
+    check_scene(preset_rig("ideal", robot))
+    warn_of_robot(robot)
+    rows = np.array(["double", *counts]) if measured is None else measured.support
+    support = common_support(rows)
+    problem = planning_problem(robot, nominal_plates(robot)[0], support=support)
+    goal = objective_by_name(problem, settings.objective, 1e-3 * SIGMA_MM)
+    taken = sum(counts.values()) if measured is None else len(measured)
+    enough("placements, postures_per_placement", taken + placements * per, problem.parameters)
+    return PlanSearch(robot, settings, measured, problem, goal)
 
 
 def search_plan(
@@ -140,7 +262,6 @@ def _array(rows: list[list[float]]) -> np.ndarray:
     return np.array(rows)
 
 
-Number = Annotated[float, Field(ge=-100, le=100)]  # m or rad: beyond any posture
 Rows = Annotated[list[list[Number]], AfterValidator(_array)]
 
 
@@ -158,11 +279,7 @@ class _State(Document):
 
 
 def read_state(path: Path) -> SearchState | None:
-    """Read what an interrupted search left; None where there is nothing.
-
-    Raises:
-        InputError: it is broken.
-    """
+    """Read what an interrupted search left; None where there is nothing."""
     if not present(path):
         return None
     try:
@@ -179,11 +296,7 @@ def write_state(path: Path, state: SearchState) -> None:
 
 
 def check_out(out: Path) -> None:
-    """Refuse a name that is taken, unless by the plan of an interrupted search whose states are there.
-
-    Raises:
-        InputError: it is taken, or cannot be written.
-    """
+    """Refuse a name that is taken, unless by the plan of an interrupted search whose states are there."""
     if not (present(state_folder(out)) and _interrupted(out)):
         check_new(out)
 

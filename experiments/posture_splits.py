@@ -83,9 +83,6 @@ def stated(m: Measurements, train: Sequence[str], test: Sequence[str]) -> Split:
 
     Args:
         train, test: "A-B" or "A" are numbers of postures, "placement:A-B" of placements.
-
-    Raises:
-        InputError: a text that is no range, a part without rows, or a posture in both parts.
     """
     both = [_rows(m, name, texts) for name, texts in (("train", train), ("test", test))]
     first = both[0] if train else ~both[1]

@@ -147,17 +147,7 @@ def predict(
     adopted: Sequence[EffectInstance] = (),
     exported: Path | None = None,
 ) -> Prediction:
-    """Score CAD, base lines and identified models on postures that took no part in their training.
-
-    Args:
-        train, test: see `posture_splits.stated`; without both the postures are split by blocks and by halves.
-        adopted: effects of the model with corrections, whose sizes are fitted in training, in addition to the
-            ordinary imperfections.
-        exported: model file of the same robot, whose masses are scored as they are.
-
-    Raises:
-        InputError: measurements that do not fit the robot, or parts that are not there.
-    """
+    """Score models on postures that took no part in their training; see `tulip_testbed.predict`."""
     nominal = nominal_robot(robot, common_support(measurements.support))
     check_robot(nominal.parameters, measurements, robot, source)
     problem = problem_of(measurements, robot, nominal)

@@ -219,13 +219,8 @@ def propose_experiments(
     """Rank the experiments that would settle a discovery.
 
     Args:
-        measurements: everything so far.
-        verdict, explanations: of the discovery.
-        plan: postures to choose from; None: those that were measured.
-        seed: of the draws of the expectation.
-
-    Raises:
-        InputError: no experiment can be weighed.
+        measurements: everything so far. verdict, explanations: of the discovery.
+        plan, seed: see `tulip_testbed.next_experiment`.
     """
     doubts = doubts_of(verdict, explanations)
     ranking = rank_experiments(measurements, robot, doubts, plan, seed) if doubts else []
@@ -234,11 +229,7 @@ def propose_experiments(
 
 
 def write_experiment_plan(folder: Path, proposals: Proposals) -> None:
-    """Write the best experiment as a plan folder with its manipulations and steps; it appears whole.
-
-    Raises:
-        InputError: nothing is to be settled; the folder exists or cannot be written.
-    """
+    """Write the best experiment as a plan folder with its manipulations and steps; it appears whole."""
     best = proposals.best
     document = ExperimentFile(**vars(proposed(best)), number=proposals.number)
     beside = {EXPERIMENT_FILE: json_text(document.to_json()), STEPS_FILE: steps(document, best)}
@@ -291,11 +282,7 @@ def _kind(text: str) -> str:
 
 
 def read_experiment(folder: Path) -> tuple[Experiment, int]:
-    """Read the manipulations of a plan folder and the number of the experiment.
-
-    Raises:
-        InputError: there are none, or they break the grammar.
-    """
+    """Read the manipulations of a plan folder and the number of the experiment."""
     where = Path(folder) / EXPERIMENT_FILE
     if not present(where):
         raise InputError(f"{where}: missing; expected a plan folder that `tulip plan next` wrote")

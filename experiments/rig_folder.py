@@ -96,11 +96,7 @@ def rig_files(robot: Robot, instances: Sequence[EffectInstance], preset: str | N
 def write_rig(
     folder: Path, robot: Robot, instances: Sequence[EffectInstance], preset: str | None = None
 ) -> None:
-    """Write a rig folder, see `rig_files`; it appears whole or not at all.
-
-    Raises:
-        InputError: no effects, or a folder that exists or cannot be written.
-    """
+    """Write a rig folder, see `rig_files`; it appears whole or not at all."""
     if not instances:
         raise InputError(f"{folder}: found no effects, expected at least one")
     check_different(instances, str(folder))
@@ -114,10 +110,6 @@ def read_rig(folder: Path, robot: Robot) -> tuple[EffectInstance, ...]:
     """Read and check a rig folder for a robot: its effects, in the order in which they act.
 
     Whether a placement is there, the experiment must tell.
-
-    Raises:
-        InputError: broken, of another robot, an effect or a target that does not exist, a file that was
-            changed or does not belong to the effects.
     """
     folder = Path(folder)
     if not is_folder(folder):

@@ -105,18 +105,7 @@ def report_robot(
     out: Path | None = None,
     picture: Callable[[Robot], bytes | None] | None = None,
 ) -> RobotReport:
-    """Report on a description, or prepare a published model for every other command.
-
-    Args:
-        file: description (TOML), MJCF or URDF.
-        support: "double", "right" or "left": of the base parameters.
-        feet, sole: see `import_robot`; of a published model alone.
-        out: new folder for the description of a published model.
-        picture: draws it, see `ImportedRobot.write`.
-
-    Raises:
-        InputError: a file that cannot be read, or no robot on two legs; statements about a description.
-    """
+    """Report on a description, or prepare a published model; see `tulip_testbed.describe_robot`."""
     if file.suffix.lower() not in PUBLISHED:
         if feet or sole or out is not None:
             raise InputError(

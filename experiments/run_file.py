@@ -145,10 +145,6 @@ class SavedRun(Result):
 
         Args:
             context: the robot that the run was made with.
-
-        Raises:
-            InputError: another kind or version of run, another robot's, or a file that is not what was
-                written.
         """
         folder = Path(folder)
         if (kind := run_kind(folder)) != cls.kind:
@@ -172,9 +168,6 @@ def check_files(folder: Path, outputs: dict[str, str], by: str) -> None:
 
     Args:
         outputs: sha256 of the files. by: name of the file that states them.
-
-    Raises:
-        InputError: names the file.
     """
     for name, expected in outputs.items():
         path = folder / name
@@ -188,11 +181,7 @@ def check_files(folder: Path, outputs: dict[str, str], by: str) -> None:
 
 
 def check_robot(folder: Path, inputs: dict[str, str], robot: Robot) -> None:
-    """Refuse to draw or judge one robot's run by another robot's files.
-
-    Raises:
-        InputError: the run was made with another robot.
-    """
+    """Refuse to draw or judge one robot's run by another robot's files."""
     name = robot.model_file.name
     _, *files = robot.hashes.items()
     if name not in inputs or any(inputs.get(file, found) != found for file, found in files):
@@ -209,9 +198,6 @@ def check_parameters(
 
     Args:
         found, expected: number and name of each row.
-
-    Raises:
-        InputError: names the first row that differs.
     """
     if len(found) != len(expected):
         raise InputError(f"{where}: key '{key}': found {len(found)} rows, expected {len(expected)}")
@@ -224,11 +210,7 @@ def check_parameters(
 
 
 def kind_of(folder: Path) -> RunKind | Literal["plan", "measurement"]:
-    """Return what a folder holds, by the file that describes it.
-
-    Raises:
-        InputError: no folder, or none of ours, or one of another version.
-    """
+    """Return what a folder holds, by the file that describes it."""
     folder = Path(folder)
     if not is_folder(folder):
         raise InputError(f"{folder}: no such folder")
@@ -242,11 +224,7 @@ def kind_of(folder: Path) -> RunKind | Literal["plan", "measurement"]:
 
 
 def run_kind(folder: Path) -> RunKind:
-    """Return which kind of run a folder holds.
-
-    Raises:
-        InputError: no run folder, or one of another version.
-    """
+    """Return which kind of run a folder holds."""
     kind = kind_of(folder)
     if kind != "plan" and kind != "measurement":
         return kind

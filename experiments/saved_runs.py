@@ -14,10 +14,6 @@ RunResult = Validation | Discovered | MonteCarlo
 
 
 def read_run(folder: Path, robot: Robot) -> RunResult:
-    """Read a run folder of any kind and check that nothing in it was changed.
-
-    Raises:
-        InputError: no run folder, one of another version or robot, or a file that is not what was written.
-    """
+    """Read a run folder of any kind and check that nothing in it was changed."""
     kinds = {one.kind: one for one in (Validation, Discovered, MonteCarlo)}
     return kinds[run_kind(folder)].load(folder, robot)

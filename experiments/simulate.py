@@ -16,11 +16,15 @@ from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Table
 from tulip_testbed.effects.random_effects import RANDOM, read_effects
 from tulip_testbed.experiments.defaults import DEFAULT_SEED
-from tulip_testbed.experiments.dropped_postures import DroppedPosture, usable_postures
 from tulip_testbed.experiments.imperfections import check_imperfections, drawn, single_stream
 from tulip_testbed.experiments.laboratory import Laboratory, tries
 from tulip_testbed.experiments.proposed_experiment import EXPERIMENT_FILE, read_experiment
-from tulip_testbed.experiments.truth_record import check_places, write_experiment
+from tulip_testbed.experiments.truth_record import (
+    DroppedPosture,
+    check_places,
+    usable_postures,
+    write_experiment,
+)
 from tulip_testbed.experiments.usable_plan import plan_for
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.procedure import header_of
@@ -66,9 +70,6 @@ def simulate(
     Args:
         plan: None: that of `experiment` or, without one, the shipped one; this and the others: see
             `tulip_testbed.simulate`.
-
-    Raises:
-        InputError: what cannot be simulated or written.
     """
     check_places(out, truth)
     secret = RANDOM in effects

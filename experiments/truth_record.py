@@ -1,11 +1,12 @@
-"""truth.json: what only a simulation knows, kept apart from the measurements."""
+"""truth.json: what only a simulation knows, kept apart from the measurements; postures that were dropped."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 
@@ -65,9 +66,6 @@ class SimulatedTruth(Truth, Documented):
 
         Args:
             links: of the robot. where: place of the document, for messages.
-
-        Raises:
-            InputError: names the key, what was found and what was expected.
         """
         if self.links != links or self.standard.shape != (len(links), 4):
             raise InputError(
@@ -81,11 +79,7 @@ class SimulatedTruth(Truth, Documented):
 
 
 def check_places(out: Path, truth: Path | None) -> None:
-    """Refuse, before the work, places at which measurements and truth could not be written.
-
-    Raises:
-        InputError: one of them exists, cannot be written, or lies in a measurement folder.
-    """
+    """Refuse, before the work, places at which measurements and truth could not be written."""
     check_new(out)
     if truth is None:
         return
@@ -98,11 +92,7 @@ def check_places(out: Path, truth: Path | None) -> None:
 
 
 def write_experiment(out: Path, truth: Path | None, run: Run) -> None:
-    """Write the truth and the measurement folder; if the folder exists afterwards, so does its truth.
-
-    Raises:
-        InputError: one of them exists or cannot be written.
-    """
+    """Write the truth and the measurement folder; if the folder exists afterwards, so does its truth."""
     check_places(out, truth)
     if truth is not None:  # a new file: else another process's would be lost
         write_text(truth, json_text(SimulatedTruth.of(run).to_json()), new=True)
@@ -113,3 +103,36 @@ def write_experiment(out: Path, truth: Path | None, run: Run) -> None:
         if truth is not None and (isinstance(error, InputError) or not present(out)):
             truth.unlink()
         raise
+
+
+@dataclass(frozen=True)
+class DroppedPosture:
+    """A posture that could not be measured; the reason is None where it could hint at a random effect."""
+
+    posture: int
+    reason: str | None
+
+
+def usable_postures(
+    planned: int, rows: int, dropped: Sequence[str | None], paper: Mapping[str, Any] | None = None
+) -> list[str]:
+    """Describe how many postures could be used.
+
+    Args:
+        planned: how many there were. rows: of the measurements.
+        dropped: why each of the others could not be used; None is not told.
+        paper: the part `paper` of the robot's description.
+    """
+    beside = f" (paper {paper['postures_used']} of {paper['postures_planned']})" if paper else ""
+    tally: dict[str, int] = {}
+    for reason in filter(None, dropped):
+        key = reason.rsplit(" ", 1)[0] if reason.startswith(("lost", "lifted")) else reason
+        key = "slipped" if reason.startswith("slipped") else key
+        tally[key] = tally.get(key, 0) + 1
+    return [
+        f"Usable postures: {planned - len(dropped)} of {planned}{beside}; {rows} rows with repeats.",
+        *(
+            f"  dropped {count}: {reason}"
+            for reason, count in sorted(tally.items(), key=lambda item: -item[1])
+        ),
+    ]

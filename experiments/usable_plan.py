@@ -20,9 +20,8 @@ from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.plan_folder import check_fits, read_plan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
-from tulip_testbed.sim.robot_check import warn_of_robot
+from tulip_testbed.sim.robot_check import check_scene, warn_of_robot
 from tulip_testbed.sim.scene import nominal_plates
-from tulip_testbed.sim.scene_check import check_scene
 from tulip_testbed.sim.shipped import PLAN_NAMES, PLANS, plan_folder
 
 DEFAULT_PLAN = PLANS / "random"
@@ -33,9 +32,6 @@ def plan_for(robot: Robot, plan: Path | None) -> PosturePlan:
 
     Args:
         plan: folder, or name of a shipped plan.
-
-    Raises:
-        InputError: no such plan, or one for another model.
     """
     if plan is None and robot.model_hash != load_robot().model_hash:
         raise InputError(
@@ -50,11 +46,7 @@ def plan_for(robot: Robot, plan: Path | None) -> PosturePlan:
 
 
 def check_plan(robot: Robot, plan: PosturePlan, source: str = "plan") -> None:
-    """Refuse a plan that would not identify the robot, or that no laboratory can measure.
-
-    Raises:
-        InputError: see `identifiable_regressor`; a scene or a support that no laboratory stands on.
-    """
+    """Refuse a plan that would not identify the robot, or that no laboratory can measure."""
     check_fits(source, plan, robot)
     check_scene(preset_rig("ideal", robot))
     warn_of_robot(robot)
@@ -73,14 +65,7 @@ def planned_parameters(robot: Robot, plan: PosturePlan) -> BaseParameters:
 
 
 def identifiable_regressor(source: str, robot: Robot, plan: PosturePlan) -> np.ndarray:
-    """Return the regressor (2m, p) of a plan whose postures, if all could be held, would identify the robot.
-
-    Args:
-        source: of the plan, for messages.
-
-    Raises:
-        InputError: too few postures, or postures that cannot separate all parameters.
-    """
+    """Return the regressor (2m, p) of a plan that would identify the robot if all postures could be held."""
     parameters = planned_parameters(robot, plan)
     enough(source, len(plan), parameters)
     matrix = stacked_regressor(parameters, plan.joint_angles, plan.support)
@@ -101,9 +86,6 @@ def random_plan(
 
     Args:
         placements: foot placements. per_placement: postures on each. seed: of the draws.
-
-    Raises:
-        InputError: too few postures, or ranges that admit nothing.
     """
     at_least("placements", placements, 1)
     at_least("per_placement", per_placement, 1)

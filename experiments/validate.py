@@ -56,19 +56,7 @@ def validate(
     imperfections: float = ORDINARY,
     robot_spread: float | None = None,
 ) -> Validation:
-    """Run an experiment and hold the estimates against its truth.
-
-    Args:
-        plan: postures to measure. seed: of everything random.
-        estimator: a name of `experiments.identify.ESTIMATORS`.
-        engine, workers: see `Laboratory.run`.
-        imperfections: scale of ordinary ones that are drawn and hidden in the laboratory; 0: it is exact.
-        robot_spread: of a random true robot; None: the nominal one.
-
-    Raises:
-        InputError: a plan whose postures would not identify the robot; nothing could be measured, or too
-            little to identify; imperfections that cannot be drawn or simulated.
-    """
+    """Run an experiment and hold the estimates against its truth; see `tulip_testbed.validate`."""
     began = time.perf_counter()
     look_up("estimator", estimator, ESTIMATORS, "estimator")
     check_imperfections(laboratory, imperfections)
@@ -84,11 +72,7 @@ def validate(
 
 
 def judge(run: Run, estimator: str = DEFAULT_ESTIMATOR) -> Validation:
-    """Identify the robot from a run and hold the estimates against its truth.
-
-    Raises:
-        InputError: measurements that do not suffice.
-    """
+    """Identify the robot from a run and hold the estimates against its truth."""
     return _judged(run, estimator, 0.0, time.perf_counter())
 
 

@@ -14,8 +14,7 @@ from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import RESULT_FILE, Array, Kept, Place
 from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.checks import Check, check_table, verdict, worst_balance
-from tulip_testbed.experiments.correlation_table import NO_CORRELATION, correlation_table
-from tulip_testbed.experiments.dropped_postures import DroppedPosture, usable_postures
+from tulip_testbed.experiments.correlations import NO_CORRELATION, correlation_table
 from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.imperfections import imperfections_line
 from tulip_testbed.experiments.parameter_tables import (
@@ -36,7 +35,7 @@ from tulip_testbed.experiments.run_file import (
     read_made,
     write_run_file,
 )
-from tulip_testbed.experiments.truth_record import SimulatedTruth
+from tulip_testbed.experiments.truth_record import DroppedPosture, SimulatedTruth, usable_postures
 from tulip_testbed.measurements import Measurements, PosturePlan, read_measurements, write_measurements
 from tulip_testbed.sim.outcome import Truth
 from tulip_testbed.sim.plan_folder import read_plan, write_plan

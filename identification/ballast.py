@@ -54,9 +54,6 @@ def ballast_of(measurements: Measurements, geometry: PostureGeometry, weight: fl
 
     Args:
         weight: of the robot alone [N].
-
-    Raises:
-        InputError: a link that the robot does not have.
     """
     weights = known_weight(measurements)
     if not weights.any():

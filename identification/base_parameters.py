@@ -239,9 +239,6 @@ def base_parameters(
     Args:
         model: the robot alone, which gives the lengths; None means the nominal model.
         support: which feet carry the robot, one of `SUPPORTS`.
-
-    Raises:
-        InputError: a foot or the support is unknown, or a joint is no hinge.
     """
     if support not in SUPPORTS:
         raise InputError(f"support: found '{support}', expected one of {', '.join(SUPPORTS)}")

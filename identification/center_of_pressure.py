@@ -34,11 +34,7 @@ def loads(measurements: Measurements) -> np.ndarray:
 
 
 def center_of_pressure(measurements: Measurements) -> np.ndarray:
-    """Compute the centre of pressure in the base frame (eq. 11), (m, 2) [m].
-
-    Raises:
-        InputError: the cells of a posture carry no weight.
-    """
+    """Compute the centre of pressure in the base frame (eq. 11), (m, 2) [m]."""
     total = loads(measurements).sum(axis=1)
     if (total <= 0).any():
         row = int(np.flatnonzero(total <= 0)[0])
@@ -85,9 +81,6 @@ def contact_pressure(measurements: Measurements, nominal: Nominal) -> ContactPre
 
     The moments of wrench sensors are divided by the weighed weight, if there is one: it has less noise. The
     inertial part by CAD is taken off.
-
-    Raises:
-        InputError: the contacts of a posture carry no weight.
     """
     if measurements.contacts is None:
         shares = load_shares(measurements)

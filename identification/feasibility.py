@@ -96,7 +96,6 @@ def predicted_cell_loads(
     Args:
         share, cop: results of `predicted_foot_loads`.
         boards: poses of the boards with zero yaw, (2, 3) [m, m, rad].
-        plate: geometry of a plate.
         weight: weight of the robot [N].
     """
     arm = (cop - boards[:, :2]) / (plate.cells**2).mean(axis=0)

@@ -70,7 +70,6 @@ def joint_loads(
     would bear the whole robot, whose place depends on the very angle by which a joint yields.
 
     Args:
-        geometry: geometry of the postures.
         weight: weight of the robot [N].
         down: vertical force on stance and swing foot, (m, 2) [N]. place: its point by the cells,
             (m, 2, 3) [m].

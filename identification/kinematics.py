@@ -86,21 +86,13 @@ class Tree:
         return other
 
     def frame(self, link: str) -> int:
-        """Return the frame number of a link.
-
-        Raises:
-            InputError: the link is unknown; the message lists the valid ones.
-        """
+        """Return the frame number of a link."""
         look_up("link", link, self.links, "kinematic tree")
         return self.frame_of_link[self.links.index(link)]
 
 
 def tree_of(model: mujoco.MjModel) -> Tree:
-    """Read the kinematic tree of a model that holds one robot and nothing else.
-
-    Raises:
-        InputError: a joint is neither a hinge nor the root's free joint, or there are several roots.
-    """
+    """Read the kinematic tree of a model that holds one robot and nothing else."""
     links, frame_of_link, frames, edges, joints, ranges = [], [], [], [], [], []
     frame_of_body: dict[int, int] = {}
     for body in range(1, model.nbody):
@@ -230,9 +222,6 @@ def joint_axes(tree: Tree, base: int, rotations: np.ndarray) -> np.ndarray:
     """Return the axes about which joints turn everything beyond them, in the base frame, (m, n_joints, 3).
 
     An axis is reversed where the walk from the base goes against the direction of the tree.
-
-    Args:
-        rotations: result of `link_rotations`.
     """
     axes = np.zeros((len(rotations), len(tree.joints), 3))
     for step in walk(tree, base):
@@ -243,11 +232,7 @@ def joint_axes(tree: Tree, base: int, rotations: np.ndarray) -> np.ndarray:
 
 
 def joint_pivots(tree: Tree, base: int, rotations: np.ndarray, positions: np.ndarray) -> np.ndarray:
-    """Return a point on the axis of each joint in the base frame, (m, n_joints, 3) [m].
-
-    Args:
-        rotations, positions: results of `link_rotations` and `frame_positions`.
-    """
+    """Return a point on the axis of each joint in the base frame, (m, n_joints, 3) [m]."""
     pivots = np.zeros((len(rotations), len(tree.joints), 3))
     for step in walk(tree, base):
         if step.edge.joint >= 0:
@@ -270,7 +255,6 @@ def frame_positions(tree: Tree, base: int, rotations: np.ndarray, origin: np.nda
     """Compute the origins of all frames in the base frame, (m, n_frames, 3) [m].
 
     Args:
-        rotations: result of `link_rotations`.
         origin: origin of the base link in the base frame, (3,) [m].
     """
     steps = walk(tree, base)

@@ -26,7 +26,6 @@ def path_clearances(
     between them.
 
     Args:
-        pairs: the pairs of links.
         path_between: `ClosedChain.path` on both feet, `straight_path` on one.
         start, end: joint angles of both postures, (n,) [rad].
         within: largest distance to compute [m].

@@ -96,14 +96,7 @@ class Nominal:
 
 @lru_cache(maxsize=32)
 def nominal_robot(robot: Robot, support: str = "double") -> Nominal:
-    """Read the nominal robot from its files.
-
-    Args:
-        support: see `base_parameters`.
-
-    Raises:
-        InputError: the model is broken, or its feet or joints are not as required.
-    """
+    """Read the nominal robot from its files."""
     model = robot.model
     parameters = base_parameters(robot, support=support)
     standard = standard_parameters(model)

@@ -76,11 +76,7 @@ class PlanningRanges:
 
 
 def planning_ranges(robot: Robot) -> PlanningRanges:
-    """Read the [planning] table of the robot's description.
-
-    Raises:
-        InputError: a key is missing or unknown, or its value is no number or range low <= high.
-    """
+    """Read the [planning] table of the robot's description."""
     where, table = f"{robot.path}: [planning]", robot.settings.get("planning", {})
     fields = {f.name: f for f in dataclasses.fields(PlanningRanges) if f.name != "joints"}
     values: dict[str, Any] = {}
@@ -118,11 +114,7 @@ def _joint_table(where: str, table: Any) -> dict[str, Range]:
 
 
 def numbers_of(where: str, value: Any, is_range: bool) -> Any:
-    """Return the value as a float, or as a list of two in ascending order.
-
-    Raises:
-        InputError: it is neither; the message begins with `where`.
-    """
+    """Return the value as a float, or as a list of two in ascending order."""
     numbers = value if is_range and isinstance(value, list) else [value]
     plain = all(type(v) in (int, float) and abs(v) < MOST_NUMBER for v in numbers)  # neither bool nor NaN
     if not plain or len(numbers) != 1 + is_range or numbers[0] > numbers[-1]:
@@ -132,12 +124,7 @@ def numbers_of(where: str, value: Any, is_range: bool) -> Any:
 
 
 def free_joint_ranges(robot: Robot, model: mujoco.MjModel, ranges: PlanningRanges) -> dict[str, Range]:
-    """Return the ranges of the joints that are not between the feet [rad].
-
-    Raises:
-        InputError: a range is given for another joint or outside of the model's range, or a joint has no
-            range at all.
-    """
+    """Return the ranges of the joints that are not between the feet [rad]."""
     where = f"{robot.path}: [planning]: key 'joints_deg"
     free = ~between_feet(model, robot)
     limits = {name: tuple(r) for name, r in zip(joint_names(model), joint_ranges(model), strict=True)}
@@ -198,11 +185,7 @@ class Margins:
 
 
 def planning_margins(robot: Robot) -> Margins:
-    """Return the margins of the [planning] table of the robot's description, or else those of its size.
-
-    Raises:
-        InputError: a margin is no number of at least 0.
-    """
+    """Return the margins of the [planning] table of the robot's description, or else those of its size."""
     model, leg = robot.model, leg_length(robot)
     weight = float(model.body_subtreemass[0] * -model.opt.gravity[2])
     foot = float(np.ptp(sole_corners(model, robot.stance_foot)[:, 0]))

@@ -53,13 +53,9 @@ def random_postures(
     """Draw feasible postures, `per_placement` on each of `placements` foot placements.
 
     Args:
-        plate: geometry of the boards.
         ranges: planning ranges; None means those of the robot's description.
         progress: called with the number of postures each time a placement is complete.
         margins: margins; None means those of the robot's description.
-
-    Raises:
-        InputError: no posture is feasible; the message names the violated constraints and their counts.
     """
     model = robot.model
     ranges, margins = ranges or planning_ranges(robot), margins or planning_margins(robot)

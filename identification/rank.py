@@ -28,13 +28,7 @@ def require_identifiable(
 
     Args:
         matrix: H, (r, p).
-        names: names of the p parameters.
-        source: source of the postures, for the message.
         blur: B, (k, p); None: rounding errors alone.
-
-    Raises:
-        InputError: not more data points than parameters, or a parameter is not determined; the message names
-            such parameters and combinations.
     """
     rows, columns = matrix.shape
     if rows <= columns:

@@ -79,7 +79,6 @@ def cell_noise(measurements: Measurements, center: np.ndarray | None = None) -> 
     """Return the covariance of each posture's centre of pressure for cells with an s.d. of 1 N.
 
     Args:
-        measurements: the measurements.
         center: centre of pressure, (m, 2) [m]; None means the measured one. Its errors correlate with those
             of the total force: weights from both would pull an estimate towards the middle of the plates. For
             weights, give a fitted centre; the force is then the mean of all postures.

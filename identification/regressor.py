@@ -76,11 +76,7 @@ class Regression:
     mass: tuple[float, float] | None = None
 
     def keep(self, numbers: list[int]) -> Regression:
-        """Return the simplified model, which keeps these parameters and sets the others to zero.
-
-        Raises:
-            InputError: the full model lacks one of the numbers.
-        """
+        """Return the simplified model, which keeps these parameters and sets the others to zero."""
         if unknown := set(numbers) - set(self.numbers.tolist()):
             raise InputError(
                 f"simplified model: unknown parameter numbers {listed(sorted(unknown))}; "
@@ -127,11 +123,7 @@ def _blur(slope: np.ndarray, sd: float) -> np.ndarray:
 def check_robot(
     parameters: BaseParameters, measurements: Measurements, robot: Robot, source: str = "measurements"
 ) -> None:
-    """Refuse measurements of another robot.
-
-    Raises:
-        InputError: the measurements have another model, other joints or other feet.
-    """
+    """Refuse measurements of another robot."""
     where = f"{source}: manifest.json"
     check_model(where, measurements.robot["model"], measurements.robot["sha256"], robot)
     for key, expected in (("stance_foot", robot.stance_foot), ("swing_foot", robot.swing_foot)):
@@ -174,14 +166,7 @@ def _check_joints(where: str, found: tuple[str, ...], expected: tuple[str, ...])
 def regression(
     parameters: BaseParameters, measurements: Measurements, robot: Robot, source: str = "measurements"
 ) -> Regression:
-    """Stack measured joint angles and centres of pressure into a regression.
-
-    Args:
-        source: source of the measurements, for error messages.
-
-    Raises:
-        InputError: the measurements have another model, other joints, feet or support.
-    """
+    """Stack measured joint angles and centres of pressure into a regression."""
     check_robot(parameters, measurements, robot, source)
     served = ROWS_OF[parameters.support]
     if (other := ~np.isin(measurements.support, served)).any():

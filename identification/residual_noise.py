@@ -200,10 +200,7 @@ def whitening(
     """Return the whitening coordinates of some channels of an experiment.
 
     Args:
-        observed: the experiment.
         theta: base parameters, (p,) [m].
-        noise: standard deviations of the readings.
-        channels: channels in use.
         propagation: derivative of all fields with respect to the readings, (m, k, n_joints + 14), if
             effects were removed from the experiment; None: the fields are the readings.
         internal: change of the residuals by one s.d. of independent errors of every posture that no reading

@@ -29,10 +29,6 @@ def checked_table(
 
     Args:
         advice: what to do about a table that was edited, for the message.
-
-    Raises:
-        InputError: there is no table, a table differs from the manifest, there are two without hashes, or two
-            with other numbers.
     """
     paths = [folder / f"{name}.{suffix}" for suffix in ("parquet", "csv")]
     found = [path for path in paths if present(path)]

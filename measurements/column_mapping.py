@@ -69,9 +69,6 @@ def check_mapping(
 
     Args:
         known: names of the contract's columns. where, key: file and key of the mapping, for messages.
-
-    Raises:
-        InputError: names the key, what was found and what was expected.
     """
     readings: dict[str, str] = {}
     for name, entry in mapping.items():
@@ -171,10 +168,6 @@ def mapped_table(
     gravity: float,
     manifest: Path,
 ) -> MappedTable:
-    """Return a table as it is read through a manifest's mapping.
-
-    Raises:
-        InputError: the mapping does not fit the contract or the table.
-    """
+    """Return a table as it is read through a manifest's mapping."""
     check_mapping(mapping, known, str(manifest))
     return MappedTable(table, mapping, gravity)

@@ -54,9 +54,6 @@ def read_contacts(
         entries: right and left, of one kind.
         support: (m,).
         cell_sd: s.d. of a cell's averaged reading [N]; None: unknown.
-
-    Raises:
-        InputError: a reading is missing that a foot on the ground must have.
     """
     on_ground = entries[0].mount == "ground"
     place = {"top_height": np.array([entry.top_height if on_ground else 0.0 for entry in entries], float)}

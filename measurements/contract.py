@@ -93,11 +93,7 @@ def check_contract(
     """Refuse measurements that break the contract, wherever they come from.
 
     Args:
-        table, manifest: where rows and figures come from, for messages.
         likely: refuse implausible figures as well, which suggest degrees or millimetres.
-
-    Raises:
-        InputError: names place, what was found and what was expected.
     """
     m = measurements
     _check_shapes(m, str(table))

@@ -21,9 +21,6 @@ def check_kind(folder: Path, wanted: str) -> None:
 
     Args:
         wanted: "measurement" or "plan".
-
-    Raises:
-        InputError: the folder is of another kind, which the message names.
     """
     if not is_folder(folder):
         there = present(folder)

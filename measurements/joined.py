@@ -23,16 +23,9 @@ MOST_OFF = 5.0  # s.d., between weights of the same robot
 SAME = ("gravity", "gains", "tolerances", "sensors")  # of all experiments, by the keys of their manifests
 
 
-def read_experiments(folders: Sequence[Path], likely: bool = True) -> Measurements:
-    """Read the measurement folders of one robot and join them.
-
-    Args:
-        likely: see `read_measurements`.
-
-    Raises:
-        InputError: a folder breaks the contract, or the folders do not belong together.
-    """
-    return joined([read_measurements(folder, likely) for folder in folders], [str(one) for one in folders])
+def read_experiments(folders: Sequence[Path]) -> Measurements:
+    """Read the measurement folders of one robot and join them."""
+    return joined([read_measurements(folder) for folder in folders], [str(one) for one in folders])
 
 
 def joined(measured: Sequence[Measurements], sources: Sequence[str] = ()) -> Measurements:
@@ -43,11 +36,6 @@ def joined(measured: Sequence[Measurements], sources: Sequence[str] = ()) -> Mea
 
     Args:
         measured: in the order of time. One without session and manipulations alone is returned as it is.
-        sources: where they come from, for messages; empty: nobody measured them all.
-
-    Raises:
-        InputError: other robots, nominal models or sensors, the same experiment twice, or manipulations that
-            contradict each other, each by name.
     """
     names = list(sources) or [f"experiment {k + 1}" for k in range(len(measured))]
     parts = [(one, name) for m, name in zip(measured, names, strict=True) for one in separate(m)]
@@ -102,11 +90,7 @@ def separate(measurements: Measurements) -> list[Measurements]:
 
 
 def write_experiments(folder: Path, measurements: Measurements) -> None:
-    """Write measurements as a folder, or as one folder for each experiment, 1, 2, ... within it.
-
-    Raises:
-        InputError: see `write_measurements`.
-    """
+    """Write measurements as a folder, or as one folder for each experiment, 1, 2, ... within it."""
     if measurements.experiment is None:
         write_measurements(folder, measurements)
         return
@@ -116,11 +100,7 @@ def write_experiments(folder: Path, measurements: Measurements) -> None:
 
 
 def read_written(folder: Path) -> Measurements:
-    """Read what `write_experiments` wrote.
-
-    Raises:
-        InputError: see `read_experiments`.
-    """
+    """Read what `write_experiments` wrote."""
     several = sorted((path for path in folder.glob("*") if path.name.isdigit()), key=lambda p: int(p.name))
     return read_experiments(several or [folder])
 

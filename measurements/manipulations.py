@@ -82,23 +82,12 @@ class Experiment:
 
     @property
     def arrangement(self) -> Arrangement:
-        """Return the state of the laboratory.
-
-        Raises:
-            InputError: a text outside the grammar, or manipulations that contradict each other.
-        """
+        """Return the state of the laboratory."""
         return arrangement_of(self.manipulations)
 
 
 def arrangement_of(manipulations: Sequence[str], where: str = "manipulations") -> Arrangement:
-    """Read manipulations.
-
-    Args:
-        where: place of the texts, for messages.
-
-    Raises:
-        InputError: a text outside the grammar, or manipulations that contradict each other, by name.
-    """
+    """Read manipulations."""
     return _read(tuple(manipulations), where)
 
 

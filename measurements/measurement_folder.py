@@ -75,14 +75,7 @@ def known_columns(manifest: Manifest) -> tuple[str, ...]:
 
 
 def write_measurements(folder: Path, measurements: Measurements, likely: bool = True) -> None:
-    """Write a measurement folder, which appears whole or not at all.
-
-    Args:
-        likely: see `read_measurements`.
-
-    Raises:
-        InputError: the measurements break the contract, or the folder exists or cannot be written.
-    """
+    """Write a measurement folder, which appears whole or not at all."""
     check_contract(measurements, likely=likely)
     if measurements.experiment is not None:
         raise InputError(
@@ -103,9 +96,6 @@ def write_start(folder: Path, empty: Measurements) -> None:
 
     Args:
         empty: everything that is known beforehand, without rows.
-
-    Raises:
-        InputError: the folder exists or cannot be written.
     """
     exclude = unset_keys(empty) | {"created", "software", "tables"}
     with new_folder(folder) as working:
@@ -130,10 +120,6 @@ def read_measurements(folder: Path, likely: bool = True) -> Measurements:
 
     Args:
         likely: refuse implausible angles and lengths, which suggest degrees or millimetres.
-
-    Raises:
-        InputError: the folder breaks the contract; the message names file, place, what was
-            found and what was expected.
     """
     folder = Path(folder)
     try:
@@ -149,9 +135,6 @@ def measurements_in(manifest: Manifest, table: TableFile, where: Path, likely: b
 
     Args:
         where: path of the manifest, for messages. likely: see `read_measurements`.
-
-    Raises:
-        InputError: the table breaks the contract; it lacks columns (`IncompleteError`).
     """
     mapped = mapped_table(table, manifest.mapping or {}, known_columns(manifest), manifest.gravity, where)
     constant = manifest.constant_joints or {}
@@ -162,11 +145,7 @@ def measurements_in(manifest: Manifest, table: TableFile, where: Path, likely: b
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """Read and check a measurement folder's manifest.json; warn of a key that looks misspelt.
-
-    Raises:
-        InputError: the folder is missing, or the manifest breaks the contract.
-    """
+    """Read and check a measurement folder's manifest.json; warn of a key that looks misspelt."""
     folder = Path(folder)
     check_kind(folder, "measurement")
     where = folder / "manifest.json"
@@ -224,12 +203,8 @@ def header_in(
     """Return the header of measurements that a manifest states.
 
     Args:
-        where: path of the manifest, for messages.
         of_sensors: `cells`, `top_height` and `contacts` of the sensors of version 2, which follow from their
             readings too.
-
-    Raises:
-        InputError: manipulations that cannot be read.
     """
     mass, sheet, constant = manifest.weighed_mass, manifest.sensors, manifest.constant_joints or {}
     return MeasurementHeader(

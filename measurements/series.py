@@ -47,9 +47,6 @@ def read_series(folder: Path) -> Series | None:
     """Read series.parquet (or series.csv) of a measurement folder; return None without one.
 
     Those of version 2 are not read.
-
-    Raises:
-        InputError: the table differs from the manifest, lacks a column, or holds a value that is no number.
     """
     folder = Path(folder)
     if not any(present(folder / f"series.{suffix}") for suffix in ("parquet", "csv")):

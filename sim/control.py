@@ -28,11 +28,7 @@ class Controller:
 
 
 def add_servos(spec: mujoco.MjSpec, controller: Controller) -> None:
-    """Make every actuator of `spec` a PD servo on its joint's angle that saturates at its torque limit.
-
-    Raises:
-        InputError: an actuator has no torque limit.
-    """
+    """Make every actuator of `spec` a PD servo on its joint's angle that saturates at its torque limit."""
     for actuator in spec.actuators:
         limit = torque_limit(spec, actuator)
         kp = limit / controller.error_at_full_torque
@@ -44,11 +40,7 @@ def add_servos(spec: mujoco.MjSpec, controller: Controller) -> None:
 
 
 def torque_limit(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> float:
-    """Return the largest torque of an actuator on its joint [Nm], the least of the given limits.
-
-    Raises:
-        InputError: no limit is given, or one that allows a single direction only.
-    """
+    """Return the largest torque of an actuator on its joint [Nm], the least of the given limits."""
     if torques := _torques(spec, actuator):
         return min(torques)
     raise InputError(
@@ -84,21 +76,13 @@ def _torques(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> list[float]:
 
 
 def torque_limits(robot: Robot) -> np.ndarray:
-    """Return the largest torque of the motors on every joint, (n_joints,) [Nm]; infinite where none is given.
-
-    Raises:
-        InputError: a limit that allows a single direction only.
-    """
+    """Return the largest torque of the motors on every joint, (n_joints,) [Nm]; infinite: none is given."""
     torques = joint_torques(robot.spec)
     return np.array([torques.get(name, np.inf) for name in joint_names(robot.model)])
 
 
 def joint_torques(spec: mujoco.MjSpec) -> dict[str, float]:
-    """Return the largest torque on every hinge whose motors have a limit, by joint [Nm].
-
-    Raises:
-        InputError: a limit that allows a single direction only.
-    """
+    """Return the largest torque on every hinge whose motors have a limit, by joint [Nm]."""
     limits: dict[str, float] = {}
     for actuator in spec.actuators:
         joint = spec.joint(actuator.target) if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT else None

@@ -47,9 +47,6 @@ def add_drives(spec: mujoco.MjSpec, drives: Drives) -> None:
 
     The rotor takes over the actuator and the drive's inertia and friction; it turns the joint by
     a fixed tendon whose length is joint minus motor angle. Rigid drives stay unchanged.
-
-    Raises:
-        InputError: the drives have backlash but no flexibility, or an actuator has no torque limit.
     """
     if drives.wind_up <= 0 and drives.backlash > 0:
         raise InputError(f"drives: found a backlash of {drives.backlash} rad and no wind_up, expected both")
@@ -92,11 +89,7 @@ def motor_joint(model: mujoco.MjModel, joint: str) -> str:
 
 
 def short_of_armature(spec: mujoco.MjSpec) -> dict[str, tuple[float, float]]:
-    """Return the armature of the joints that have too little, and what they need, by joint [kg m2].
-
-    Raises:
-        InputError: a drive that pushes one way only.
-    """
+    """Return the armature of the joints that have too little, and what they need, by joint [kg m2]."""
     out = {}
     for name, torque in joint_torques(spec).items():
         found, needed = float(spec.joint(name).armature), LEAST_ARMATURE * torque
@@ -115,11 +108,7 @@ def soft_friction(spec: mujoco.MjSpec) -> list[str]:
 
 
 def supply_drives(spec: mujoco.MjSpec) -> None:
-    """Give the drives of a scene the armature and the stiff friction that they lack.
-
-    Raises:
-        InputError: a drive that pushes one way only.
-    """
+    """Give the drives of a scene the armature and the stiff friction that they lack."""
     for name, (_, needed) in short_of_armature(spec).items():
         spec.joint(name).armature = needed
     for name in soft_friction(spec):

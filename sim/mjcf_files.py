@@ -42,10 +42,6 @@ def mjcf_files(path: Path, folder: Path) -> dict[Path, str]:
 
     Args:
         folder: folder of the robot; files outside of it, also by a symbolic link, are refused.
-
-    Raises:
-        InputError: a file is no MJCF, includes itself, declares a document type, holds a number
-            that is not finite, or names something that is outside of the folder or no file.
     """
     path = Path(path)
     search = _Search(path.parent, Path(os.path.realpath(folder)))

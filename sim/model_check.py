@@ -26,13 +26,7 @@ HARMLESS_ON = ("energy", "fwdinv", "invdiscrete")
 
 
 def check_model(model: mujoco.MjModel, where: str) -> None:
-    """Refuse a model of the robot alone that cannot be simulated or identified.
-
-    Raises:
-        InputError: too many bodies, an unnamed body or joint, other than one root body on a free joint,
-            no hinge, a length, mass, gravity or time step out of range, an actuator that acts on no joint, or
-            a feature that acts in the full dynamics alone.
-    """
+    """Refuse a model of the robot alone that cannot be simulated or identified."""
     if model.nbody - 1 > MOST_BODIES:
         raise InputError(f"{where}: found {model.nbody - 1} bodies, expected at most {MOST_BODIES}")
     for kind, count in (("body", model.nbody), ("joint", model.njnt)):
@@ -89,9 +83,6 @@ def check_before_compiling(spec: mujoco.MjSpec, where: str) -> None:
     """Refuse what the compiled model no longer shows: limits out of order, a prescribed total mass.
 
     MuJoCo would leave a joint whose limits are not in order without any.
-
-    Raises:
-        InputError: names the joint and its range, in the units of the file, or the mass.
     """
     if spec.compiler.settotalmass > 0:  # in a scene, it would be that of the robot and of the plates
         raise InputError(
@@ -128,9 +119,6 @@ def check_features(model: mujoco.MjModel, where: str) -> None:
 
     Args:
         model: a robot alone, or a scene without the laboratory's own clamps.
-
-    Raises:
-        InputError: names the feature and the element that has it.
     """
     for found, expected in _unknown_features(model):
         raise InputError(f"{where}: found {found}, expected {expected}")

@@ -47,9 +47,6 @@ def write_plan(folder: Path, plan: PosturePlan, beside: Mapping[str, str] | None
 
     Args:
         beside: texts of further files, by name.
-
-    Raises:
-        InputError: the folder exists or cannot be written.
     """
     columns = {"posture": plan.posture, "placement": plan.placement, "support": plan.support}
     columns |= {f"q.{joint}": plan.joint_angles[:, k] for k, joint in enumerate(plan.joints)}
@@ -74,12 +71,7 @@ def write_plan(folder: Path, plan: PosturePlan, beside: Mapping[str, str] | None
 
 
 def read_plan(folder: Path, robot: Robot) -> PosturePlan:
-    """Read and check a plan folder for a robot.
-
-    Raises:
-        InputError: the folder breaks the contract, was made for another model, or has a posture outside of
-            a joint's range.
-    """
+    """Read and check a plan folder for a robot."""
     folder = Path(folder)
     check_kind(folder, "plan")
     where = folder / "plan.json"
@@ -114,11 +106,7 @@ def check_model(where: Path | str, made_with: str | None, expected: str | None, 
     """Refuse data of another nominal model.
 
     Args:
-        where: source of the data, for the message.
         made_with, expected: file name and sha256 of the data's model; None: not given.
-
-    Raises:
-        InputError: the hashes differ.
     """
     if expected is not None and (found := robot.model_hash) != expected:
         raise InputError(
@@ -129,15 +117,7 @@ def check_model(where: Path | str, made_with: str | None, expected: str | None, 
 
 
 def check_fits(where: str, plan: PosturePlan, robot: Robot) -> None:
-    """Refuse a plan in memory that a robot's plan folder could not hold.
-
-    Args:
-        where: source of the plan, for the message.
-
-    Raises:
-        InputError: made for another robot, other joints, no postures, an angle that is not finite or outside
-            of a joint's range, or rows that share a number but not the posture.
-    """
+    """Refuse a plan in memory that a robot's plan folder could not hold."""
     check_model(where, plan.robot.get("model"), plan.robot.get("sha256"), robot)
     if plan.joints != (expected := joint_names(robot.model)):
         raise InputError(f"{where}: found joints {listed(plan.joints)}, expected {listed(expected)}")
@@ -162,11 +142,7 @@ def check_postures(path: Path | str, plan: PosturePlan, robot: Robot) -> None:
 
 
 def check_support(path: Path | str, plan: PosturePlan) -> None:
-    """Refuse a placement in which some postures stand on the left foot alone and others do not.
-
-    Raises:
-        InputError: the base frame is the left foot's in some rows of a placement, the right one's in others.
-    """
+    """Refuse a placement in which some postures stand on the left foot alone and others do not."""
     _, first, place = np.unique(plan.placement, return_index=True, return_inverse=True)
     foot, same = base_foot(plan.support), first[place]
     if (other := foot != foot[same]).any():
@@ -179,11 +155,7 @@ def check_support(path: Path | str, plan: PosturePlan) -> None:
 
 
 def check_swing(path: Path | str, plan: PosturePlan, robot: Robot) -> None:
-    """Refuse a swing foot that is not where the joint angles put it, in double support.
-
-    Raises:
-        InputError: the message names row, both poses and the most that they may differ.
-    """
+    """Refuse a swing foot that is not where the joint angles put it, in double support."""
     chain = ClosedChain(robot.model, robot)
     for row in np.flatnonzero(plan.support == SUPPORTS[0]):
         there = chain.swing_pose(plan.joint_angles[row])
@@ -198,11 +170,7 @@ def check_swing(path: Path | str, plan: PosturePlan, robot: Robot) -> None:
 
 
 def check_repeats(path: Path | str, plan: PosturePlan) -> None:
-    """Refuse rows that share a number but not the posture.
-
-    Raises:
-        InputError: two such rows exist, which the message names.
-    """
+    """Refuse rows that share a number but not the posture."""
     _, first, number = np.unique(plan.posture, return_index=True, return_inverse=True)
     same = first[number]
     other = (
@@ -220,11 +188,7 @@ def check_repeats(path: Path | str, plan: PosturePlan) -> None:
 
 
 def check_limits(path: Path | str, plan: PosturePlan, model: mujoco.MjModel) -> None:
-    """Refuse a plan that leaves a joint's range by more than a rounding error.
-
-    Raises:
-        InputError: an angle is outside; the message names row, joint, angle and range.
-    """
+    """Refuse a plan that leaves a joint's range by more than a rounding error."""
     for k, joint in enumerate(plan.joints):
         low, high = model.joint(joint).range
         angles = plan.joint_angles[:, k]

@@ -10,11 +10,7 @@ from tulip_testbed.measurements.cells import CORNERS, PLATES, PlateGeometry
 
 
 def plate_geometry(spec: mujoco.MjSpec, plate: str) -> PlateGeometry:
-    """Read a plate's geometry from the scene.
-
-    Raises:
-        InputError: the scene lacks the plate or one of its parts.
-    """
+    """Read a plate's geometry from the scene."""
     body = spec.body(f"{plate}_plate")
     if body is None:
         raise InputError(f"scene '{spec.modelname}': found no body '{plate}_plate', expected one per plate")
@@ -34,11 +30,7 @@ def plate_geometry(spec: mujoco.MjSpec, plate: str) -> PlateGeometry:
 
 
 def place_plates(spec: mujoco.MjSpec, poses: np.ndarray) -> None:
-    """Move both plates to their poses in the base frame, (2, 3) [m, m, rad].
-
-    Raises:
-        InputError: the scene has no frame for a plate.
-    """
+    """Move both plates to their poses in the base frame, (2, 3) [m, m, rad]."""
     for plate, (x, y, yaw) in zip(PLATES, poses, strict=True):
         frame = spec.frame(f"{plate}_plate_place")
         if frame is None:

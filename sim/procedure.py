@@ -205,7 +205,6 @@ def make_measurements(
     """Assemble the measurements of m held postures and apply the rig's `misread`.
 
     Args:
-        header: see `header_of`.
         reading: see `read_sensors`, of m rows.
         rows: the other values of the rows.
     """

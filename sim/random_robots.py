@@ -28,9 +28,6 @@ def draw_robot(model: mujoco.MjModel, spread: float, rng: np.random.Generator) -
 
     Returns:
         (n_links, 4) [kg, kg m, kg m, kg m], links in the model's order.
-
-    Raises:
-        InputError: `spread` is out of range.
     """
     check_spread(spread)
     heavy = model.body_mass[1:] > 0

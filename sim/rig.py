@@ -93,11 +93,7 @@ class Rig:
 
 
 def stages(rig: Rig) -> list[tuple[float, Rig]]:
-    """List the rigs that follow each other, each with its start as a fraction of the experiment's time.
-
-    Raises:
-        InputError: the starts do not increase or exceed 1.
-    """
+    """List the rigs that follow each other, each with its start as a fraction of the experiment's time."""
     found, start = [(0.0, replace(rig, later=None))], 0.0
     while rig.later is not None:
         before, (start, rig) = start, rig.later
@@ -111,11 +107,7 @@ def stages(rig: Rig) -> list[tuple[float, Rig]]:
 
 
 def preset_rig(name: str, robot: Robot | None = None) -> Rig:
-    """Return the default rig with a sensor preset; drives and compliance come from the robot's description.
-
-    Raises:
-        InputError: the preset is unknown, or a [drives] or [compliance] table is invalid.
-    """
+    """Return the default rig with a sensor preset; drives and compliance are those of the description."""
     look_up("preset", name, PRESETS, "sensors")
     robot = robot or load_robot()
     drives = Drives(**_table(robot, "drives", Drives))

@@ -122,10 +122,6 @@ def load_robot(path: Path = TULIP, meshes: bool = False) -> Robot:
     Args:
         path: the description (TOML).
         meshes: keep meshes without contacts, for drawing.
-
-    Raises:
-        InputError: the description is missing, is not TOML, or lacks a key; the MJCF is broken; a foot is
-            unknown or lacks its four sole corners.
     """
     return _load(Path(path), try_to_compile, meshes)
 
@@ -219,9 +215,6 @@ def load_spec(path: Path, folder: Path | None = None) -> mujoco.MjSpec:
 
     Args:
         folder: folder of the robot, from which files may be read; None means the MJCF's own folder.
-
-    Raises:
-        InputError: the file is missing, is no MJCF, or reads files outside of the folder.
     """
     path = Path(path)
     try_to_compile(path, {path: _files(path, folder or path.parent)})
@@ -229,11 +222,7 @@ def load_spec(path: Path, folder: Path | None = None) -> mujoco.MjSpec:
 
 
 def check_unchanged(robot: Robot, path: Path) -> None:
-    """Refuse an MJCF of a robot of which a file was changed since the robot was loaded.
-
-    Raises:
-        InputError: names the file.
-    """
+    """Refuse an MJCF of a robot of which a file was changed since the robot was loaded."""
     for name, now in _named(_files(path, robot.folder), robot.folder):
         if robot.hashes.get(name, now) != now:
             raise InputError(f"{robot.path}: {name} was changed while the robot was in use; load it again")
@@ -282,11 +271,7 @@ def joint_ranges(model: mujoco.MjModel) -> np.ndarray:
 
 
 def sole_corners(model: mujoco.MjModel, foot: str) -> np.ndarray:
-    """Return the corners of a foot's sole in the foot's frame, in the order of `CORNERS`, (4, 3) [m].
-
-    Raises:
-        InputError: a geom FOOT_CORNER is missing, or the foot's x axis does not point forward.
-    """
+    """Return the corners of a foot's sole in the foot's frame, in the order of `CORNERS`, (4, 3) [m]."""
     wanted = [f"{foot}_{corner}" for corner in CORNERS]
     if missing := [n for n in wanted if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, n) < 0]:
         raise InputError(
@@ -305,11 +290,7 @@ def sole_corners(model: mujoco.MjModel, foot: str) -> np.ndarray:
 
 
 def sole_point(model: mujoco.MjModel, foot: str) -> np.ndarray:
-    """Return the point of the sole below the foot's origin (its ankle), in the foot's frame, (3,) [m].
-
-    Raises:
-        InputError: the sole is not perpendicular to the z axis of the foot's frame.
-    """
+    """Return the point of the sole below the foot's origin (its ankle), in the foot's frame, (3,) [m]."""
     heights = sole_corners(model, foot)[:, 2]
     if np.ptp(heights) > 1e-6:
         found = listed(np.round(heights, 6))

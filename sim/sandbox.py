@@ -62,9 +62,6 @@ def try_to_compile(path: Path, files: Mapping[Path, Hashes]) -> None:
         path: the MJCF that is needed now. The others are compiled along with it, since starting a process
             takes a while; one that fails is tried again when it is needed.
         files: hashes of all files that each MJCF consists of, `path` first.
-
-    Raises:
-        InputError: MuJoCo refuses `path`, crashes, or needs too much time or memory.
     """
     new = [
         key for file, hashes in files.items() if (key := (file, frozenset(hashes.items()))) not in compiled

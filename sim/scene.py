@@ -60,11 +60,7 @@ DEFAULTS = {
 
 
 def load_scene(robot: Robot) -> mujoco.MjSpec:
-    """Return the nominal robot on two plates with plain motors; z = 0 is the boards' top.
-
-    Raises:
-        InputError: a file is missing, is no MJCF, or lacks a required element.
-    """
+    """Return the nominal robot on two plates with plain motors; z = 0 is the boards' top."""
     return _nominal_scene(robot).copy()
 
 
@@ -79,22 +75,14 @@ def _nominal_scene(robot: Robot) -> mujoco.MjSpec:
 
 @lru_cache(maxsize=8)
 def nominal_plates(robot: Robot) -> tuple[PlateGeometry, PlateGeometry]:
-    """Read the geometry of the right and the left plate of the nominal scene.
-
-    Raises:
-        InputError: see `load_scene` and `plate_geometry`.
-    """
+    """Read the geometry of the right and the left plate of the nominal scene."""
     scene = _nominal_scene(robot)
     return plate_geometry(scene, PLATES[0]), plate_geometry(scene, PLATES[1])
 
 
 @lru_cache(maxsize=8)
 def plate_masses(robot: Robot) -> tuple[float, float]:
-    """Return the masses of the right and the left board with its cells [kg].
-
-    Raises:
-        InputError: see `load_scene`, or the scene does not compile.
-    """
+    """Return the masses of the right and the left board with its cells [kg]."""
     scene = compile_spec(load_scene(robot), str(robot.path))
     right, left = (float(scene.body(f"{plate}_plate").mass[0]) for plate in PLATES)
     return right, left
@@ -104,9 +92,6 @@ def build_scene(robot: Robot) -> mujoco.MjSpec:
     """Build a scene of the robot and two plates, for a robot whose description names none.
 
     Only the sole corners of the robot make contact. All options but gravity are the laboratory's.
-
-    Raises:
-        InputError: a file is missing, is no MJCF, or lacks a required element.
     """
     spec = robot.spec.copy()
     if spec.worldbody.geoms:
@@ -154,9 +139,6 @@ def laboratory_scene(rig: Rig, plate_poses: np.ndarray) -> mujoco.MjSpec:
 
     Args:
         plate_poses: poses of the right and left plate in the base frame, (2, 3) [m, m, rad].
-
-    Raises:
-        InputError: the scene is missing or is no MJCF, or a motor has no torque limit.
     """
     spec = load_scene(rig.robot)
     supply_drives(spec)

@@ -18,11 +18,7 @@ BROKEN = (ValueError, RuntimeError, mujoco.FatalError, mujoco.UnexpectedError)
 
 
 def read_spec(path: Path) -> mujoco.MjSpec:
-    """Parse an MJCF; a free joint without a name takes that of its body.
-
-    Raises:
-        InputError: MuJoCo cannot read the file.
-    """
+    """Parse an MJCF; a free joint without a name takes that of its body."""
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         names = {joint.name for joint in spec.joints}
@@ -39,9 +35,6 @@ def without_meshes(spec: mujoco.MjSpec, where: str) -> mujoco.MjSpec:
     """Remove meshes without contacts, and make the inertias inferred from them explicit.
 
     A published humanoid takes a hundred times as long to compile with its meshes as without.
-
-    Raises:
-        InputError: the spec does not compile.
     """
     touching = {name for pair in spec.pairs for name in (pair.geomname1, pair.geomname2)}
     unused = [

@@ -24,7 +24,6 @@ def add_foot_sensors(spec: mujoco.MjSpec, feet: Sequence[str], mounting: Sequenc
     """Add a site with a force and a torque sensor to each foot, in its ankle.
 
     Args:
-        feet: names of the feet's bodies.
         mounting: pose in the foot's frame, x, y, z, roll, pitch, yaw [m, rad].
     """
     rotation, place = frame_of(mounting)

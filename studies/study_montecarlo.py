@@ -23,10 +23,9 @@ from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.coverage import ParameterCoverage
 from tulip_testbed.experiments.montecarlo.laboratory_runs import Source, source_of
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, montecarlo_file
-from tulip_testbed.experiments.montecarlo.parallel_runs import collect, computed_by
-from tulip_testbed.experiments.montecarlo.run_chunks import RunChunks
-from tulip_testbed.experiments.montecarlo.run_columns import Layout, RunJob, layout_of, read_runs
-from tulip_testbed.experiments.montecarlo.settings import Settings as RunSettings
+from tulip_testbed.experiments.montecarlo.montecarlo_result import Settings as RunSettings
+from tulip_testbed.experiments.montecarlo.montecarlo_run import collect, computed_by
+from tulip_testbed.experiments.montecarlo.run_columns import Layout, RunChunks, RunJob, layout_of, read_runs
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.sim.outcome import Outcome

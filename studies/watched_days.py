@@ -13,11 +13,10 @@ from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.watching.alarm import levels
-from tulip_testbed.experiments.watching.change_detection import RAMP
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
-from tulip_testbed.experiments.watching.plan_progress import begin_row
+from tulip_testbed.experiments.watching.recursive_estimate import RAMP
 from tulip_testbed.experiments.watching.row_columns import row_columns
-from tulip_testbed.experiments.watching.watch_row import CHANGED, OK, Verdict, watch_row
+from tulip_testbed.experiments.watching.watch_row import CHANGED, OK, Verdict, begin_row, watch_row
 from tulip_testbed.experiments.watching.watch_state import first_state
 from tulip_testbed.identification.distributions import chi2_isf
 from tulip_testbed.measurements import Measurements, PosturePlan

@@ -12,11 +12,9 @@ import numpy as np
 
 from tulip_testbed.base.table_files import Columns
 from tulip_testbed.experiments.montecarlo.laboratory_runs import stream_of
-from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, MonteCarloFile
-from tulip_testbed.experiments.montecarlo.parallel_runs import collect, computed_by
-from tulip_testbed.experiments.montecarlo.run_chunks import RunChunks
-from tulip_testbed.experiments.montecarlo.run_columns import Layout, numbers_of, read_runs
-from tulip_testbed.experiments.montecarlo.settings import Settings
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, MonteCarloFile, Settings
+from tulip_testbed.experiments.montecarlo.montecarlo_run import collect, computed_by
+from tulip_testbed.experiments.montecarlo.run_columns import Layout, RunChunks, numbers_of, read_runs
 from tulip_testbed.identification.estimators import Estimate
 
 LAYOUT = Layout(("a.x", "b.x", "c.x"), {"full": (1, 2, 3), "simplified": (1, 3)}, ((1, 3),))

@@ -14,10 +14,16 @@ from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.evidence import marginal_fits
 from tulip_testbed.discovery.refit import without_noise
 from tulip_testbed.effects.catalogue import catalogue
-from tulip_testbed.experiments.atlases.bias import bias, weights
 from tulip_testbed.experiments.atlases.effect_atlas import atlas
 from tulip_testbed.experiments.atlases.isolability import ISOLABLE, angles, groups, order
-from tulip_testbed.experiments.atlases.planned_experiment import estimates, noisy, planned, streams
+from tulip_testbed.experiments.atlases.planned_experiment import (
+    bias,
+    estimates,
+    noisy,
+    planned,
+    streams,
+    weights,
+)
 from tulip_testbed.experiments.atlases.tolerance import CHECKED, Tolerance, erring, sources
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import CHANNELS, residuals

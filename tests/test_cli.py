@@ -16,9 +16,8 @@ import tulip_testbed as tt
 from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING
 from tulip_testbed.cli import main as command_line
 from tulip_testbed.cli.commands import COMMANDS
-from tulip_testbed.cli.generated import PROGRESS, VALUE
+from tulip_testbed.cli.generated import PROGRESS, READERS, VALUE
 from tulip_testbed.cli.main import command_of, main, usage
-from tulip_testbed.cli.readers import READERS
 from tulip_testbed.cli.signatures import REQUIRED, public_function
 from tulip_testbed.cli.terminal import PIPE_WIDTH
 from tulip_testbed.experiments import defaults, laboratory

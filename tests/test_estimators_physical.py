@@ -13,8 +13,7 @@ from tulip_testbed.identification.base_parameters import base_parameters, standa
 from tulip_testbed.identification.estimators import MIXED_MODEL, estimate_by
 from tulip_testbed.identification.estimators.consistent import corner_parameters
 from tulip_testbed.identification.estimators.errors_in_variables import bounded_excess
-from tulip_testbed.identification.estimators.prior import CENTER_SD, MASS_SD
-from tulip_testbed.identification.identifiable_masses import identifiable_masses
+from tulip_testbed.identification.estimators.prior import CENTER_SD, MASS_SD, identifiable_masses
 from tulip_testbed.identification.loop_closure import encoder_sd_by_closure
 from tulip_testbed.identification.nominal import link_boxes
 from tulip_testbed.identification.statistics import standard_errors

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from tulip_testbed.base.alone import alone_on
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import new_folder, present, read_bytes, read_text, scratch_folder, write_text
+from tulip_testbed.base.resumable import alone_on
 
 # Forks once per file operation; the child kills itself right before its n-th one.
 KILLED_AT_EVERY_STEP = """
@@ -198,7 +198,7 @@ def test_a_file_system_that_takes_no_files_is_refused():
 
 WORKING = """
 import pathlib, time
-from tulip_testbed.base.alone import alone_on
+from tulip_testbed.base.resumable import alone_on
 
 with alone_on(pathlib.Path("run")):
     print("at work", flush=True)

@@ -8,7 +8,7 @@ import pytest
 
 from tests.scaled_robot import write_scaled_robot
 from tulip_testbed.identification.planning.closed_chain import chain_at
-from tulip_testbed.identification.planning.link_distances import limb_distances
+from tulip_testbed.identification.planning.constraints import limb_distances
 from tulip_testbed.identification.planning.objectives import objectives
 from tulip_testbed.identification.planning.optimal_plan import SearchTask, smallest_margins
 from tulip_testbed.identification.planning.problem import planning_problem

@@ -26,6 +26,7 @@ from tulip_testbed.identification.planning.one_foot import (
 )
 from tulip_testbed.identification.planning.one_foot_search import (
     board_pose,
+    feasible_pool,
     from_pools,
     random_pools,
 )
@@ -34,7 +35,6 @@ from tulip_testbed.identification.planning.optimal_plan import (
     measured_information,
 )
 from tulip_testbed.identification.planning.problem import planning_problem
-from tulip_testbed.identification.planning.single_support import feasible_pool
 from tulip_testbed.identification.planning_ranges import planning_ranges
 from tulip_testbed.sim.control import torque_limits
 from tulip_testbed.sim.plan_folder import read_plan, write_plan

@@ -13,8 +13,8 @@ from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.robot_check import check_scene
 from tulip_testbed.sim.scene import load_scene
-from tulip_testbed.sim.scene_check import check_scene
 from tulip_testbed.sim.shipped import PLANS
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 

@@ -18,9 +18,8 @@ import tulip_testbed as tt
 from tests import dying_work
 from tests.montecarlo_work import LAYOUT, Regressions, bytes_of, run_regressions
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.experiments.montecarlo.parallel_runs import collect, computed_by
-from tulip_testbed.experiments.montecarlo.run_chunks import RunChunks
-from tulip_testbed.experiments.montecarlo.run_columns import read_runs
+from tulip_testbed.experiments.montecarlo.montecarlo_run import collect, computed_by
+from tulip_testbed.experiments.montecarlo.run_columns import RunChunks, read_runs
 
 ROOT = Path(__file__).parent.parent
 RUNS, SIZE = 23, 5

@@ -111,7 +111,7 @@ def check_table(folder):
 @pytest.mark.filterwarnings("default")  # distributed's own
 def test_an_unreachable_cluster_leaves_nothing(small, tmp_path, capsys, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("tulip_testbed.experiments.montecarlo.parallel_runs.PATIENCE", 1)
+    monkeypatch.setattr("tulip_testbed.experiments.montecarlo.montecarlo_run.PATIENCE", 1)
     options = ("--out", tmp_path / "run", "--runs", 5, "--scheduler", "tcp://127.0.0.1:9")
     began = time.perf_counter()
     assert "no Dask scheduler within 1 s" in refused(capsys, "montecarlo", small, *options)

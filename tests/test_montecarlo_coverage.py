@@ -26,8 +26,7 @@ from tulip_testbed.experiments.montecarlo.coverage_verdict import (
     whole_bounds,
 )
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
-from tulip_testbed.experiments.montecarlo.run_chunks import RunChunks
-from tulip_testbed.experiments.montecarlo.run_columns import Layout, numbers_of
+from tulip_testbed.experiments.montecarlo.run_columns import Layout, RunChunks, numbers_of
 from tulip_testbed.identification.estimators import Estimate, Unseen
 
 RUNS, FEW, FAILING = 5000, 200, (3, 77)

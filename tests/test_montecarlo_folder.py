@@ -10,9 +10,8 @@ from tulip_testbed.base.document import first_difference
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.machine import machine
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, montecarlo_file
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, Settings, montecarlo_file
 from tulip_testbed.experiments.montecarlo.montecarlo_run import raise_runs, run_folder
-from tulip_testbed.experiments.montecarlo.settings import Settings
 
 SETTINGS = Settings(runs=100, seed=5, estimator="mixed-model", robot_spread=None, imperfections=0)
 

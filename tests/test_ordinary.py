@@ -18,9 +18,8 @@ from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.imperfections import drawn, single_stream
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.laboratory_runs import OrdinaryOutcome, source_of, stream_of
-from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, montecarlo_file
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, Settings, montecarlo_file
 from tulip_testbed.experiments.montecarlo.montecarlo_run import RunPlace, montecarlo, run_folder
-from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.validate import evaluate, judge, validate
 from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.identification.observation import observe

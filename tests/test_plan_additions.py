@@ -17,6 +17,7 @@ from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.planning.closed_chain import chain_at, open_chain_torques
 from tulip_testbed.identification.planning.objectives import objectives
 from tulip_testbed.identification.planning.one_foot import single_support_margins
+from tulip_testbed.identification.planning.one_foot_search import appended_on_one_foot, feasible_pool
 from tulip_testbed.identification.planning.optimal_plan import (
     SearchTask,
     after,
@@ -26,7 +27,6 @@ from tulip_testbed.identification.planning.optimal_plan import (
 )
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning.search import search
-from tulip_testbed.identification.planning.single_support import single_support_plan
 from tulip_testbed.identification.planning_ranges import planning_ranges
 from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.identification.preflight import preflight
@@ -64,8 +64,9 @@ def optimal(robot, model, plan):
 @pytest.fixture(scope="module")
 def with_one_foot(one_foot, optimal):
     """Six postures on the stance foot after forty on both."""
-    goal = objectives(one_foot.nominal, SIGMA)["condition"]
-    return single_support_plan(one_foot, goal, optimal, np.zeros((26, 26)), 6, SEED)
+    swing = optimal.swing_pose[-1]
+    angles = feasible_pool(one_foot, swing, 6, np.random.default_rng(SEED), times=1)[:6]
+    return appended_on_one_foot(one_foot, optimal, "right", angles, swing)
 
 
 def test_the_next_placements_tell_more_than_random_ones(problem, robot, plate, plan):
@@ -174,9 +175,8 @@ def test_a_lifted_foot_does_not_drift(robot, nominal, with_one_foot):
 def test_what_blocks_postures_on_one_foot_is_named(robot, plate, optimal):
     ranges = dataclasses.replace(planning_ranges(robot), stability_margin=0.045)
     problem = planning_problem(robot, plate, ranges, support="right")
-    goal = objectives(problem.nominal, SIGMA)["condition"]
     with pytest.raises(InputError, match=r"found 0 postures on the stance foot .* stability margin"):
-        single_support_plan(problem, goal, optimal, np.zeros((26, 26)), 2, SEED)
+        feasible_pool(problem, optimal.swing_pose[-1], 2, np.random.default_rng(SEED), times=1)
 
 
 @pytest.mark.parametrize("preset", ["wii", "force-plate"])

@@ -17,8 +17,6 @@ from tulip_testbed.identification.planning.blocks import information, informatio
 from tulip_testbed.identification.planning.closed_chain import holding_torques
 from tulip_testbed.identification.planning.constraints import evaluate, inequality_names
 from tulip_testbed.identification.planning.footing import footing
-from tulip_testbed.identification.planning.interior_point import interior_point
-from tulip_testbed.identification.planning.linear_steps import evaluate_plan
 from tulip_testbed.identification.planning.objectives import OBJECTIVES, objectives
 from tulip_testbed.identification.planning.optimal_plan import SearchTask, smallest_margins
 from tulip_testbed.identification.planning.problem import planning_problem
@@ -178,18 +176,6 @@ def test_chance_margin_covers_robots_that_differ(problem, plan):
     drawn = np.array([rows @ problem.parameters.values(draw_robot(model, 0.1, rng)) for _ in range(400)])
     predicted = np.sqrt(np.einsum("mip,pq,miq->mi", rows, problem.parameter_covariance, rows))
     assert drawn.std(axis=0) == pytest.approx(predicted, rel=0.15)
-
-
-@pytest.mark.slow
-def test_ipopt_goes_on_from_a_plan(problem, goal, plan):
-    rows = np.flatnonzero(plan.placement <= 5)
-    start = repair_start(problem, goal, plan.joint_angles[rows], plan.swing_pose[rows], 5, 3, "start")
-    before = evaluate_plan(problem, start.design, start.angles, 5)
-    after = interior_point(problem, before, goal.smooth[0], 15)
-    first, last = (goal.smooth[0](information(w.evaluation))[0] for w in (before, after))
-    assert last < first
-    assert after.evaluation.reached.all()
-    assert after.evaluation.inequalities.min() > -0.1
 
 
 @pytest.mark.slow

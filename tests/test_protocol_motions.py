@@ -15,9 +15,8 @@ from tulip_testbed.experiments.protocols.measuring_order import (
     shortest_path,
     shortest_tour,
 )
-from tulip_testbed.experiments.protocols.motion import FREE, HOIST, LIFT, MotionPlanner
+from tulip_testbed.experiments.protocols.motion import FREE, HOIST, LIFT, MotionPlanner, dynamic_room
 from tulip_testbed.experiments.protocols.motion_files import motion_csv, motion_yaml
-from tulip_testbed.experiments.protocols.motion_limits import dynamic_room
 from tulip_testbed.experiments.protocols.motion_loads import LoadsInMotion
 from tulip_testbed.experiments.protocols.protocol_run import protocol_of
 from tulip_testbed.identification.feasibility import stability_margin, support_polygon

@@ -16,9 +16,8 @@ from tulip_testbed.base.files import sha256
 from tulip_testbed.discovery.dynamics_check import DynamicsCheck
 from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, Settings
 from tulip_testbed.experiments.montecarlo.montecarlo_run import RunPlace, montecarlo
-from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.run_file import kind_of
 from tulip_testbed.experiments.saved_runs import RunResult, read_run
 from tulip_testbed.experiments.validate import judge

@@ -36,7 +36,7 @@ from tulip_testbed.sim import sandbox
 from tulip_testbed.sim.composer import laboratory_environment
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import load_robot
-from tulip_testbed.sim.scene_check import check_scene
+from tulip_testbed.sim.robot_check import check_scene
 from tulip_testbed.sim.shipped import TULIP
 
 ENDLESS = re.compile(r'count="\d{3}')

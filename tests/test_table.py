@@ -15,8 +15,7 @@ from rich.console import Console
 
 from tulip_testbed.base.column import Column
 from tulip_testbed.base.numbers import number
-from tulip_testbed.base.table import STYLES, Cell, Shown, Table
-from tulip_testbed.base.table_layout import shown_columns
+from tulip_testbed.base.table import STYLES, Cell, Shown, Table, shown_columns
 
 HOSTILE = (
     "knee[left]",

@@ -11,12 +11,25 @@ import pytest
 
 from tests.watched import measured_day, model_of, one_row, play
 from tulip_testbed.experiments.watching.alarm import fault_of_changes, levels
-from tulip_testbed.experiments.watching.change_detection import EARLIER, RECENT, Changes
-from tulip_testbed.experiments.watching.plan_progress import planned_row
-from tulip_testbed.experiments.watching.recursive_estimate import OF_PLACEMENT, Belief, Innovation
+from tulip_testbed.experiments.watching.recursive_estimate import (
+    EARLIER,
+    OF_PLACEMENT,
+    RECENT,
+    Belief,
+    Changes,
+    Innovation,
+)
 from tulip_testbed.experiments.watching.row_checks import USUAL
 from tulip_testbed.experiments.watching.row_columns import row_columns
-from tulip_testbed.experiments.watching.watch_row import CHANGED, NOT_SETTLED, OK, REPEAT, UNPLANNED, UNUSABLE
+from tulip_testbed.experiments.watching.watch_row import (
+    CHANGED,
+    NOT_SETTLED,
+    OK,
+    REPEAT,
+    UNPLANNED,
+    UNUSABLE,
+    planned_row,
+)
 from tulip_testbed.experiments.watching.watch_state import AGAIN, GAPS, OPEN, REACH, first_state
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.reading_noise import ReadingNoise, placement_levers, reading_noise

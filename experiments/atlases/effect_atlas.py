@@ -12,9 +12,8 @@ from tulip_testbed.discovery.evidence import DETECTABLE, effective_tests
 from tulip_testbed.discovery.selection import LEVEL
 from tulip_testbed.effects.instance import MOST_PRIORS
 from tulip_testbed.experiments.atlases.atlas_result import Atlas, AtlasRow
-from tulip_testbed.experiments.atlases.bias import bias, weights
 from tulip_testbed.experiments.atlases.isolability import angles, groups
-from tulip_testbed.experiments.atlases.planned_experiment import Planned
+from tulip_testbed.experiments.atlases.planned_experiment import Planned, bias, weights
 from tulip_testbed.identification.distributions import chi2_isf, normal_isf
 from tulip_testbed.identification.residual_channels import CHANNELS
 

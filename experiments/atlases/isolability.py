@@ -33,11 +33,11 @@ def angles(blocks: list[list[np.ndarray]]) -> np.ndarray:
     return np.minimum(out, out.T)
 
 
-def groups(angle: np.ndarray, threshold: float = ISOLABLE) -> list[list[int]]:
-    """Candidates any two of which are closer than the threshold, by complete linkage; the largest first."""
+def groups(angle: np.ndarray) -> list[list[int]]:
+    """Candidates any two of which are closer than `ISOLABLE`, by complete linkage; the largest first."""
     if len(angle) < 2:
         return []
-    label = scipy.cluster.hierarchy.fcluster(_tree(angle), threshold, "distance")
+    label = scipy.cluster.hierarchy.fcluster(_tree(angle), ISOLABLE, "distance")
     alike = [np.flatnonzero(label == number).tolist() for number in np.unique(label)]
     return sorted((group for group in alike if len(group) > 1), key=lambda group: (-len(group), group))
 

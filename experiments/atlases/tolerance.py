@@ -15,8 +15,7 @@ from tulip_testbed.base.table_files import finite
 from tulip_testbed.discovery.candidates import Candidate, candidates
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Effect
-from tulip_testbed.experiments.atlases.bias import weights
-from tulip_testbed.experiments.atlases.planned_experiment import Planned, estimates, noisy, streams
+from tulip_testbed.experiments.atlases.planned_experiment import Planned, estimates, noisy, streams, weights
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 

@@ -187,7 +187,6 @@ def model_errors(runs: Columns, model: str, numbers: tuple[int, ...], given: boo
     """Summarise the errors of a model's parameters.
 
     Args:
-        runs: the identified ones.
         given: that are left if the imperfections which the data do not show were known.
     """
     value, error = ("given", "given_se") if given else ("value", "se")

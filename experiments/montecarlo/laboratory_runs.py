@@ -59,9 +59,6 @@ def source_of(
         spread: of random true robots, see `sim.random_robots`; None: the nominal robot.
         engine: see `Laboratory.run`.
         imperfections: scale of the ordinary imperfections of every run's laboratory; 0: it is exact.
-
-    Raises:
-        InputError: a plan or a scene that this laboratory cannot stand on.
     """
     rig = laboratory.rig
     model = true_model(rig) if laboratory.known else rig.robot.model

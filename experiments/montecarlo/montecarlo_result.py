@@ -10,12 +10,15 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field
 
-from tulip_testbed.base.errors import InputError, shortened
+from tulip_testbed.base.document import Seed
+from tulip_testbed.base.errors import InputError, at_least, at_most, look_up, shortened
 from tulip_testbed.base.machine import machine
 from tulip_testbed.base.result import Outside, Result
 from tulip_testbed.base.table import Table
 from tulip_testbed.base.table_files import Columns, software, write_json
-from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.experiments.defaults import ORDINARY
+from tulip_testbed.experiments.identification_result import ESTIMATORS
+from tulip_testbed.experiments.laboratory import ENGINES, Laboratory
 from tulip_testbed.experiments.montecarlo.coverage import (
     Coverage,
     Distribution,
@@ -35,16 +38,15 @@ from tulip_testbed.experiments.montecarlo.coverage_tables import (
     spread_table,
 )
 from tulip_testbed.experiments.montecarlo.coverage_verdict import CoverageCheck, checks, shown, verdict
-from tulip_testbed.experiments.montecarlo.run_chunks import RunChunks
 from tulip_testbed.experiments.montecarlo.run_columns import (
     Layout,
+    RunChunks,
     errors_of,
     identified,
     layout_of,
     matrix,
     read_runs,
 )
-from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.run_file import (
     PLAN_FOLDER,
     ROBOT,
@@ -61,9 +63,45 @@ from tulip_testbed.experiments.usable_plan import plan_hash, planned_parameters
 from tulip_testbed.identification.statistics import relative_standard_errors
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
+from tulip_testbed.sim.random_robots import check_spread
 from tulip_testbed.sim.robot import Robot
 
+CHUNK = 25  # runs a file: some seconds of work
+MOST_RUNS = 1_000_000
 CHUNK_FOLDER, REPORT_FILE = "runs", "report.json"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Everything except laboratory and plan that the results depend on, as run.json has it.
+
+    Attributes:
+        robot_spread: of random true robots (`sim.random_robots`); None: the nominal robot.
+        engine: "statics", or "dynamics": every run is held in the full dynamics.
+        imperfections: scale of the ordinary imperfections of every run's laboratory; 0: it is exact.
+    """
+
+    runs: Annotated[int, Field(ge=1, le=MOST_RUNS)]
+    seed: Seed
+    estimator: str
+    robot_spread: Annotated[float, Field(gt=0, le=1)] | None
+    engine: Annotated[str, Field(pattern="^(statics|dynamics)$")] = "statics"
+    imperfections: Annotated[float, Field(ge=0)] = ORDINARY
+
+    @property
+    def chunk(self) -> int:
+        """Return the runs in a file; one run of the dynamics takes a minute, and a kill costs no more."""
+        return 1 if self.engine == "dynamics" else CHUNK
+
+    def check(self) -> None:
+        """Refuse what cannot be run."""
+        at_least("runs", self.runs, 1)
+        at_most("runs", self.runs, MOST_RUNS)
+        at_least("seed", self.seed, 0)
+        look_up("estimator", self.estimator, ESTIMATORS, "estimator")
+        look_up("engine", self.engine, ENGINES, "engine")
+        if self.robot_spread is not None:
+            check_spread(self.robot_spread)
 
 
 class MonteCarloFile(Head):

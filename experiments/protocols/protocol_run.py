@@ -31,9 +31,8 @@ from tulip_testbed.sim.plan_folder import check_fits
 from tulip_testbed.sim.rig import Protocol as Procedure
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
-from tulip_testbed.sim.robot_check import warn_of_robot
+from tulip_testbed.sim.robot_check import check_scene, warn_of_robot
 from tulip_testbed.sim.scene import boards_under
-from tulip_testbed.sim.scene_check import check_scene
 from tulip_testbed.sim.sensors import PRESETS
 
 FASTEST = 10.0  # rad/s
@@ -150,16 +149,7 @@ def protocol_of(
     repeats: int = REPEATS,
     progress: Progress = silent,
 ) -> LaboratoryProtocol:
-    """Order a plan and plan the motions between its postures.
-
-    Args:
-        sensors: preset whose data sheet starts the measurement folder; None: unknown.
-        speed: largest speed of a joint on a motion [rad/s].
-        repeats: postures that are measured twice if the plan repeats none; at most every fifth.
-
-    Raises:
-        InputError: a plan that does not fit the robot, a scene without a laboratory, a setting out of range.
-    """
+    """Order a plan and plan the motions between its postures; see `tulip_testbed.protocol`."""
     at_least("repeats", repeats, 0)
     if not 0 < speed <= FASTEST:
         raise InputError(f"speed: found {speed:g}, expected above 0 and at most {FASTEST:g} rad/s")

@@ -74,9 +74,6 @@ def read_map(stated: Sequence[str] | Path) -> ImportMap:
     Args:
         stated: a TOML file, or texts, of which one may be the path of a TOML file (*.toml) and the others are
             NAME=COLUMN, NAME=COLUMN:UNIT or NAME=COLUMN:UNIT:SIGN.
-
-    Raises:
-        InputError: names the file or the entry, what was found and what was expected.
     """
     texts = [str(stated)] if isinstance(stated, Path) else list(stated)
     files = [text for text in texts if text.endswith(ENDING) and "=" not in text]

@@ -74,9 +74,6 @@ def series_rows(
 
     Args:
         table: with all columns that `necessary` names, and those of `added_columns`.
-
-    Raises:
-        InputError: a sample that cannot be read, a clock that runs backwards, or no row that can be used.
     """
     if stated.placement not in (None, ONE):
         raise InputError(

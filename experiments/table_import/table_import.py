@@ -120,9 +120,6 @@ def import_table(table: Path, robot: Robot, folder: Path, stated: ImportMap) -> 
         table: CSV or Parquet, one row a held posture; or the log of a moving robot, see `read_log`.
         folder: a new one; it is written only if nothing necessary is missing.
         stated: what the table does not say itself.
-
-    Raises:
-        InputError: a table that cannot be read, a statement that does not fit it, or a folder that exists.
     """
     stated = stated.model_copy(update={"columns": with_units(stated.columns)})
     return _Import(read_log(table), robot, stated).carried_out(Path(folder))

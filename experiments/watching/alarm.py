@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tulip_testbed.base.numbers import number
-from tulip_testbed.experiments.watching.change_detection import Changes
 from tulip_testbed.experiments.watching.day_model import DayModel
-from tulip_testbed.experiments.watching.recursive_estimate import OF_PLACEMENT, Innovation
+from tulip_testbed.experiments.watching.recursive_estimate import OF_PLACEMENT, Changes, Innovation
 from tulip_testbed.experiments.watching.row_columns import RowColumns
 from tulip_testbed.experiments.watching.watch_state import AGAIN, Fault, WatchState
 from tulip_testbed.identification.distributions import chi2_isf, chi2_sf

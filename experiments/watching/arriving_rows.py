@@ -81,10 +81,6 @@ def new_lines(path: Path, place: Place, once: bool = False) -> list[Line]:
 
     Args:
         once: also return a last line that has all values but no end.
-
-    Raises:
-        InputError: the file became shorter, its header or a line that was read is another one, or its lines
-            end with CR alone.
     """
     if not present(path):
         if place.size:
@@ -122,11 +118,7 @@ def new_lines(path: Path, place: Place, once: bool = False) -> list[Line]:
 
 
 def lines_of(stream: Iterable[bytes], place: Place, path: Path) -> Iterator[Line]:
-    """Yield the lines of a stream; its end also ends a line.
-
-    Raises:
-        InputError: names `path` and the line that holds a carriage return alone.
-    """
+    """Yield the lines of a stream; its end also ends a line."""
     number, end = place.lines, place.size
     for whole in stream:
         number, end = number + 1, end + len(whole)
@@ -140,11 +132,7 @@ def lines_of(stream: Iterable[bytes], place: Place, path: Path) -> Iterator[Line
 
 
 def is_header(path: Path, line: Line, place: Place) -> bool:
-    """Return whether a line is the header: the first one, or the same once more.
-
-    Raises:
-        InputError: it is another header, or the first line is none.
-    """
+    """Return whether a line is the header: the first one, or the same once more."""
     if not place.header and 2 * sum(map(_is_number, names := _names(line.text))) > len(names):
         raise InputError(f"{path}: line {line.number}: found numbers, expected the columns' names")
     if place.header in (b"", line.text):
@@ -174,14 +162,7 @@ def _names(header: bytes) -> list[str]:
 
 
 def row_of(line: Line, header: bytes, manifest: Manifest, path: Path, where: Path) -> Measurements:
-    """Read one row and hold it against the contract.
-
-    Args:
-        path: of the table, where: of the manifest, for messages.
-
-    Raises:
-        InputError: names the line, what was found and what was expected.
-    """
+    """Read one row and hold it against the contract."""
     if len(line.text) > MOST_LINE:
         raise InputError(f"{path}: line {line.number}: found {len(line.text)} bytes, expected one posture")
     names, values = _names(header), _names(line.text)

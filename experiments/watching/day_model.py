@@ -141,9 +141,6 @@ def day_model(plan: PosturePlan, robot: Robot, header: MeasurementHeader) -> Day
 
     Args:
         header: of the day's measurements, by plates on four cells.
-
-    Raises:
-        InputError: a plan of another robot.
     """
     check_fits("plan", plan, robot)
     nominal = nominal_robot(robot, common_support(plan.support))

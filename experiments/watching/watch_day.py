@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.base.alone import alone_on
 from tulip_testbed.base.column import Column
 from tulip_testbed.base.errors import InputError, look_up, shortened
 from tulip_testbed.base.files import read_bytes
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Result
+from tulip_testbed.base.resumable import alone_on
 from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.experiments.watching.arriving_rows import (
@@ -257,11 +257,7 @@ class Watch(Result):
 
 
 def read_targets(texts: Sequence[str]) -> dict[str, float]:
-    """Read targets that are written NAME=MILLIMETRES, by base parameter or "all" [m].
-
-    Raises:
-        InputError: with what was found and what is valid.
-    """
+    """Read targets that are written NAME=MILLIMETRES, by base parameter or "all" [m]."""
     targets: dict[str, float] = {}
     for text in texts:
         name, _, value = text.partition("=")
@@ -277,11 +273,7 @@ def read_targets(texts: Sequence[str]) -> dict[str, float]:
 
 
 def _is_known(state: WatchState, row: Measurements, path: Path) -> bool:
-    """Return whether a row was judged before the watch was killed.
-
-    Raises:
-        InputError: neither rows nor state have a time, so that nobody can tell.
-    """
+    """Return whether a row was judged before the watch was killed."""
     if not np.isfinite([row.time[0], state.time]).all():
         raise InputError(
             f"{path}: found no 'time' in the rows of a stream that goes on, expected one: without it, rows "

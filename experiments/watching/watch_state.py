@@ -22,9 +22,16 @@ from pydantic import ConfigDict, TypeAdapter
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import check_new, check_outside, present, read_bytes, write_bytes
 from tulip_testbed.experiments.watching.arriving_rows import BEGINNING, Place
-from tulip_testbed.experiments.watching.change_detection import APART, EARLIER, RECENT, Changes, is_onset
 from tulip_testbed.experiments.watching.day_model import DayModel
-from tulip_testbed.experiments.watching.recursive_estimate import Belief, DesignInformation
+from tulip_testbed.experiments.watching.recursive_estimate import (
+    APART,
+    EARLIER,
+    RECENT,
+    Belief,
+    Changes,
+    DesignInformation,
+    is_onset,
+)
 from tulip_testbed.identification.residual_channels import SIZE
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.measurements.cells import CELLS
@@ -150,11 +157,7 @@ class WatchState:
         return replace(self, done=done)
 
     def remembered(self, planned: int) -> WatchState:
-        """Return the state that also remembers what is known before the row that comes now.
-
-        Args:
-            planned: the plan's row.
-        """
+        """Return the state that also remembers what is known before the row that comes now."""
         now = Before(self.count, self.placement, self.stance, self.belief, self.information)
         kept = tuple(before for before in self.history if is_onset(before.count, self.count))
         return replace(self, history=(*kept, now), taken=(*self.taken, planned)[-REACH:])
@@ -190,11 +193,7 @@ def key_of(plan: PosturePlan, manifest: bytes) -> str:
 
 
 def check_state_file(path: Path) -> None:
-    """Refuse, before the first row, a place inside a measurement folder or one that cannot be written.
-
-    Raises:
-        InputError: it lies there.
-    """
+    """Refuse, before the first row, a place inside a measurement folder or one that cannot be written."""
     if present(path):
         check_outside(path.resolve())
     else:
@@ -202,11 +201,7 @@ def check_state_file(path: Path) -> None:
 
 
 def write_state(path: Path, key: str, state: WatchState) -> None:
-    """Write the state; a file of the same name is replaced as a whole.
-
-    Raises:
-        InputError: it cannot be written.
-    """
+    """Write the state; a file of the same name is replaced as a whole."""
     arrays: dict[str, np.ndarray] = {}
 
     def plain(value: Any) -> Any:
@@ -228,14 +223,7 @@ def write_state(path: Path, key: str, state: WatchState) -> None:
 
 
 def read_state(path: Path, key: str, model: DayModel) -> WatchState | None:
-    """Read the state; None: there is no such file.
-
-    Args:
-        key: see `key_of`.
-
-    Raises:
-        InputError: the file is no state, or that of another plan or manifest.
-    """
+    """Read the state; None: there is no such file."""
     if not present(path):
         return None
     try:

@@ -46,11 +46,7 @@ MIXED_MODEL = "mixed-model"
 
 
 def estimate_by(data: Regression, name: str = MIXED_MODEL) -> Estimate:
-    """Run an estimator by its name.
-
-    Raises:
-        InputError: the name is unknown (the message lists the valid ones), or the postures do not suffice.
-    """
+    """Run an estimator by its name."""
     return ESTIMATORS[look_up("estimator", name, ESTIMATORS, "estimator")].run(data)
 
 

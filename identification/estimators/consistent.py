@@ -24,9 +24,6 @@ def physically_consistent(data: Regression) -> Estimate:
     corners. So the reachable base parameters are theta = B G w, w >= 0, sum w = 1, and the nearest of them in
     the metric of the estimate's covariance follow from non-negative least squares (Lawson and Hanson 1974).
     The standard errors are those before the projection, which are too large where it changed the estimate.
-
-    Raises:
-        InputError: the postures do not determine all parameters, or the regression has no robot.
     """
     found = mixed_model(data)
     reachable = corner_parameters(data)
@@ -47,9 +44,6 @@ def corner_parameters(data: Regression) -> np.ndarray:
     """Return the base parameters of robots with all mass on one corner of a link's box, (p, 8 n) [m].
 
     The n links are those that have a mass.
-
-    Raises:
-        InputError: the regression has no robot.
     """
     if data.robot is None or data.parameters is None:
         raise InputError(f"{data.source}: found no robot, expected one, whose link boxes are the bounds")

@@ -30,9 +30,6 @@ def corrected_least_squares(data: Regression) -> Estimate:
     Where y depends on the angles too, s^2 sum_j (dH/dq_j)' (-dy/dq_j) is added to H'y.
 
     Its covariance is sigma^2 A H'H A with A = (H'H - D)^-1 for independent errors of the postures.
-
-    Raises:
-        InputError: the postures do not determine all parameters; the message names them.
     """
     if data.slope is None or not data.encoder_sd:
         return least_squares(data)

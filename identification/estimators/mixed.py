@@ -14,11 +14,7 @@ from tulip_testbed.identification.variance_components import Components, fit_com
 
 
 def placement_effects(data: Regression) -> Estimate:
-    """Estimate by generalised least squares with random placement effects and exact encoders.
-
-    Raises:
-        InputError: the postures do not determine all parameters; the message names them.
-    """
+    """Estimate by generalised least squares with random placement effects and exact encoders."""
     value, _ = solve(data)
     return _estimate(data, value, fit_components(data, None), None)
 
@@ -30,9 +26,6 @@ def mixed_model(data: Regression) -> Estimate:
     D = s^2 sum_ij H_ij' (V^-1)_ii H_ij to H' V^-1 H, which biases the estimate towards zero. The corrected
     score H' V^-1 (y - H theta) + D theta has mean zero (Fuller 1987, ch. 3.1; Nakamura 1990) and variance
     H' V^-1 H. Hence the covariance is A^-1 H' V^-1 H A^-1 with A = H' V^-1 H - D.
-
-    Raises:
-        InputError: the postures do not determine all parameters; the message names them.
     """
     value, _ = solve(data)
     if data.slope is None or not data.encoder_sd:

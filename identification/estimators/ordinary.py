@@ -15,11 +15,7 @@ from tulip_testbed.measurements import SensorSheet
 
 
 def solve_least_squares(matrix: np.ndarray, output: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return theta minimising |H theta - y| (eq. 8) and C = (H'H)^-1, by QR without forming H'H.
-
-    Raises:
-        InputError: H lacks full column rank; the message names the columns, numbered from 1.
-    """
+    """Return theta minimising |H theta - y| (eq. 8) and C = (H'H)^-1, by QR without forming H'H."""
     require_identifiable(matrix, tuple(str(k + 1) for k in range(matrix.shape[1])), "regressor")
     return by_qr(matrix, output)
 
@@ -33,11 +29,7 @@ def by_qr(matrix: np.ndarray, output: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def solve(data: Regression) -> tuple[np.ndarray, np.ndarray]:
-    """Return theta (eq. 8) and C = (H'H)^-1 after checking that the postures determine all parameters.
-
-    Raises:
-        InputError: the postures do not determine all parameters; the message names them.
-    """
+    """Return theta (eq. 8) and C = (H'H)^-1 after checking that the postures determine all parameters."""
     require_identifiable(data.matrix, labels(data.numbers, data.names), data.source, data.blur)
     return by_qr(data.matrix, data.output)
 
@@ -50,11 +42,7 @@ def residual_sigma(data: Regression, value: np.ndarray) -> tuple[np.ndarray, flo
 
 
 def least_squares(data: Regression) -> Estimate:
-    """Estimate by ordinary least squares, with eq. 14's and placement-clustered standard errors.
-
-    Raises:
-        InputError: some parameters are not determined by the postures; the message names them.
-    """
+    """Estimate by ordinary least squares, with eq. 14's and placement-clustered standard errors."""
     return estimate_at(data, *solve(data))
 
 
@@ -91,7 +79,6 @@ def clustered_covariance(data: Regression, c: np.ndarray) -> tuple[np.ndarray, t
     any data sheet, and least squares has the covariance C H' V H C.
 
     Args:
-        data: the regression.
         c: (H'H)^-1, (p, p).
 
     Returns:

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.identification.base_parameters import standard_parameters
+from tulip_testbed.identification.base_parameters import BaseParameters, standard_parameters
 from tulip_testbed.identification.cad_prior import CENTER_SD, MASS_SD
 from tulip_testbed.identification.estimators.estimate import Estimate, StandardEstimate
 from tulip_testbed.identification.estimators.mixed import mixed_model
 from tulip_testbed.identification.estimators.ordinary import residual_sigma
-from tulip_testbed.identification.identifiable_masses import identifiable_masses
+from tulip_testbed.identification.rank import reduced_basis
 from tulip_testbed.identification.regressor import Regression
 
 STEPS = 20
 CONVERGED = 1e-10
+RELATIVE = 1e-9
 
 
 def with_prior(data: Regression) -> Estimate:
@@ -25,9 +26,6 @@ def with_prior(data: Regression) -> Estimate:
     The prior has an s.d. of 20 % for every link's mass and of 20 mm for its centre of mass about the robot's
     file, all independent. The data are the base parameters of the default estimator with their covariance,
     and the total mass.
-
-    Raises:
-        InputError: the postures do not determine all parameters, or the regression has no robot.
     """
     found = mixed_model(data)
     if data.robot is None or data.parameters is None or data.mass is None:
@@ -100,3 +98,57 @@ def _predict(state: np.ndarray, from_standard: np.ndarray) -> tuple[np.ndarray, 
     sums[:, 0] = 1.0
     slope = (from_standard @ turn.reshape(4 * count, 4 * count) - np.outer(value, sums.ravel())) / total
     return np.append(value, total), np.vstack([slope, sums.ravel()])
+
+
+@dataclass(frozen=True)
+class IdentifiableMasses:
+    """Combinations of link masses that base parameters and total mass determine.
+
+    Attributes:
+        links: names of the links, (n,).
+        combinations: weights of the masses in each combination, (k, n); the total mass is one of them.
+    """
+
+    links: tuple[str, ...]
+    combinations: np.ndarray
+
+    @property
+    def alone(self) -> tuple[str, ...]:
+        """Return the links whose own mass is determined."""
+        single = self.combinations[(np.abs(self.combinations) > RELATIVE).sum(axis=1) == 1]
+        return tuple(self.links[k] for k in np.flatnonzero((np.abs(single) > RELATIVE).any(axis=0)))
+
+    @property
+    def sentence(self) -> str:
+        """Return the result as a sentence."""
+        count = len(self.combinations)
+        if count == 1:
+            return (
+                "The measurements determine the total mass but no single link mass; "
+                "link masses are those of the prior, adjusted."
+            )
+        known = f" ({', '.join(self.alone)} alone)" if self.alone else ""
+        return (
+            f"The measurements determine {count} combinations of the {len(self.links)} link masses{known}; "
+            "everything else about the masses comes from the prior."
+        )
+
+
+def identifiable_masses(parameters: BaseParameters) -> IdentifiableMasses:
+    """Find the combinations of masses that do not depend on any centre of mass, structurally.
+
+    A combination w'm is determined if it is constant under every change of the standard parameters that
+    leaves base parameters and total mass unchanged.
+    """
+    links = parameters.tree.links
+    total = np.zeros((len(links), 4))
+    total[:, 0] = 1.0
+    determined = np.vstack([parameters.from_standard, total.ravel()])
+    _, size, turned = np.linalg.svd(determined)
+    rank = int((size > RELATIVE * size[0]).sum())
+    free = turned[rank:].reshape(-1, len(links), 4)[:, :, 0]  # masses in the undetermined directions
+    if not len(free):
+        return IdentifiableMasses(links, np.eye(len(links)))
+    _, size, turned = np.linalg.svd(free)
+    rank = int((size > RELATIVE).sum())
+    return IdentifiableMasses(links, reduced_basis(turned[rank:]))

@@ -19,9 +19,6 @@ def huber(data: Regression) -> Estimate:
     Its covariance is Huber's (1973): C times sigma^2 of the clipped residuals over their mean slope. This
     equals least squares on the pseudo-observations H theta + clipped residuals over the mean slope, whose
     solution is the M-estimate itself; so the clustered covariance follows as for least squares.
-
-    Raises:
-        InputError: the postures do not determine all parameters; the message names them.
     """
     start, _ = solve(data)
     if residual_sigma(data, start)[1] <= EXACT * np.abs(data.output).max(initial=0.0):

@@ -97,8 +97,6 @@ def holding_torques(
     does not determine w; the commanded torques do. Dry friction is neglected.
 
     Args:
-        problem: the robot.
-        chain: the postures.
         wrench: w, (m, 6) [N, N m].
 
     Returns:
@@ -159,7 +157,6 @@ def solve_chain(
     """Solve for the joint angles of all postures by Newton's method from a guess on the intended branch.
 
     Args:
-        problem: the robot.
         com: centre of mass, (m, 3) [m].
         rpy: roll, pitch, yaw of the torso, (m, 3) [rad].
         swing: planar pose of the swing foot, (m, 3) [m, m, rad].

@@ -64,12 +64,7 @@ def descend(
     region, so that one straight knee does not slow down all placements.
 
     Args:
-        problem: the robot and its constraints.
-        plan: the plan to start from.
-        smooth: function of M and its gradient.
-        iterations: largest number of steps.
         regions: trust region of each placement relative to the variables' scales, (k,) [-].
-        penalty: see `Objective`.
 
     Returns:
         The plan, and the trust regions at the end.
@@ -120,13 +115,9 @@ def linear_step(
     """Return the step of the linear program, (m, 9), and the reduction of the merit that it predicts.
 
     Args:
-        problem: the robot and its constraints.
-        plan: the plan to start from.
-        smooth: function of M and its gradient.
         region: trust region of each posture relative to the variables' scales, (m,).
         missed: error of the linearised inequalities after a first step, (m, s); None: 0 (second-order
             correction, Fletcher 1982).
-        penalty: see `Objective`.
     """
     evaluation = plan.evaluation
     _, by_matrix = smooth(information(evaluation))

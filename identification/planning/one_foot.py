@@ -30,8 +30,15 @@ from tulip_testbed.identification.planning.closed_chain import (
     point_jacobian,
     torso_turn,
 )
-from tulip_testbed.identification.planning.constraints import ANGLE, FORCE, LENGTH, TORQUE
-from tulip_testbed.identification.planning.link_distances import leg_stretch, limb_distances, link_room
+from tulip_testbed.identification.planning.constraints import (
+    ANGLE,
+    FORCE,
+    LENGTH,
+    TORQUE,
+    leg_stretch,
+    limb_distances,
+    link_room,
+)
 from tulip_testbed.identification.planning.problem import PlanningProblem, planning_problem
 from tulip_testbed.measurements import lay_boards
 from tulip_testbed.sim.robot import Robot
@@ -132,8 +139,6 @@ def one_foot_constraints(problem: PlanningProblem, chain: Chain, swing: np.ndarr
     """Compute the constraints on postures on the stance foot.
 
     Args:
-        problem: the robot and its constraints.
-        chain: the postures.
         swing: last pose of the standing swing foot, under which its board lies, (m, 3) [m, m, rad].
     """
     angles, ranges, margins = chain.angles, problem.ranges, problem.margins
@@ -204,7 +209,6 @@ def single_support_margins(
     """Compute the margins by constraint for postures on the stance foot.
 
     Args:
-        problem: the robot and its constraints.
         angles: joint angles, (m, n) [rad].
         swing: last pose of the standing swing foot, under which its board lies, (m, 3) [m, m, rad].
     """

@@ -1,5 +1,9 @@
 """Postures on one foot that are optimised together with those on both: candidates, choice and improvement.
 
+In single support the robot is an open chain: statics determines the drive torques, the centre of pressure is
+below the centre of mass, and the freely moving swing foot makes one more base parameter identifiable. The
+plan contains these torques as feed-forward, so that the servos do not sag.
+
 Every posture on one foot is put down by itself, on a placement of its own. Optimal ones use what torque the
 drives have, and on the way from one to the next, in the laboratory's 2 s, the standing ankle's drive comes to
 its limit even between near ones.
@@ -7,18 +11,29 @@ its limit even between near ones.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, most_frequent
 from tulip_testbed.identification.planning.blocks import FEASIBLE
+from tulip_testbed.identification.planning.closed_chain import chain_at, com_jacobian, open_chain_torques
 from tulip_testbed.identification.planning.linear_steps import elastic_step
 from tulip_testbed.identification.planning.objectives import Smooth, shifted
-from tulip_testbed.identification.planning.one_foot import OneFoot, evaluate_one_foot, from_other_foot
+from tulip_testbed.identification.planning.one_foot import (
+    OneFoot,
+    evaluate_one_foot,
+    from_other_foot,
+    single_support_margins,
+)
 from tulip_testbed.identification.planning.problem import PlanningProblem
-from tulip_testbed.identification.planning.single_support import feasible_pool
+from tulip_testbed.measurements import PosturePlan
 
+DRAWS = 5000  # a round of random postures
+MOST_ROUNDS, HOPELESS = 60, 6  # largest number of rounds; the same without any feasible posture
+NEWTON_STEPS = 6
 POOL = 3  # random postures for each wanted one on one foot
 PASSES = 3  # exchanges over all postures on one foot
 STEPS = 40  # linear steps of the postures on one foot in a round
@@ -72,6 +87,48 @@ def random_pools(
     return pools
 
 
+def feasible_pool(
+    problem: PlanningProblem, swing: np.ndarray, count: int, rng: np.random.Generator, times: int
+) -> np.ndarray:
+    """Draw random feasible postures on the stance foot, (k, n) [rad].
+
+    Args:
+        swing: pose of the swing foot's board, (3,) [m, m, rad].
+        count: number of postures to choose from them, the smallest number to draw.
+        times: number of postures to draw for each of these, as far as draws suffice.
+    """
+    low, high = np.where(np.isfinite(problem.limits), problem.limits, [-np.pi, np.pi]).T
+    sole = problem.soles[0]
+    inner = problem.ranges.stability_margin
+    kept: list[np.ndarray] = []
+    blocked: Counter[str] = Counter()
+    for tried in range(1, MOST_ROUNDS + 1):
+        angles = rng.uniform(low, high, (DRAWS, len(low)))
+        target = rng.uniform(sole.min(axis=0) + inner, sole.max(axis=0) - inner, (DRAWS, 2))
+        for _ in range(NEWTON_STEPS):  # least-norm: all joints move a little to bring the CoM to its target
+            chain = chain_at(problem, angles)
+            slope = com_jacobian(problem, chain)[:, :2]
+            lack = target - chain.com[:, :2]
+            inverse = np.linalg.inv(slope @ slope.mT + 1e-9 * np.eye(2))
+            step = (slope.mT @ inverse @ lack[..., None])[..., 0]
+            angles = angles + np.clip(step, -0.3, 0.3)
+        within = ((angles >= low) & (angles <= high)).all(axis=1)  # a cheap test that rejects most
+        blocked["joint limits"] += int((~within).sum())
+        angles = angles[within]
+        margins = single_support_margins(problem, angles, np.tile(swing, (len(angles), 1)))
+        values = np.array([m.values for m in margins.values()])
+        blocked.update({name: int((row < 0).sum()) for name, row in zip(margins, values, strict=True)})
+        kept += list(angles[values.min(axis=0) >= 0])
+        if len(kept) >= times * count or (not kept and tried == HOPELESS):
+            break
+    if len(kept) < count:
+        raise InputError(
+            f"{problem.robot.path}: planning ranges: found {len(kept)} postures on the stance foot in "
+            f"{tried * DRAWS} draws, expected {count}; blocked by {most_frequent(blocked)}"
+        )
+    return np.array(kept)
+
+
 def board_pose(problem: PlanningProblem) -> np.ndarray:
     """Return the pose of the lifted foot's board: its middle ahead, its farthest to the side, (3,)."""
     x, y, yaw = problem.ranges.swing_x, problem.ranges.swing_y, problem.ranges.swing_yaw
@@ -84,10 +141,7 @@ def from_pools(
     """Choose from pools the postures that minimise a function of M, by exchange (Fedorov 1972).
 
     Args:
-        pools: candidates on each foot.
-        counts: number of postures to choose on each.
         rest: information of the postures on both feet, (p, p).
-        smooth: function of M and its gradient.
     """
     every = [pool.each for pool in pools]
     chosen = [list(range(counts[pool.support])) for pool in pools]
@@ -114,7 +168,6 @@ def improved(single: Sequence[OnOneFoot], both: np.ndarray, *stages: Smooth) -> 
     Args:
         single: feasible postures on each foot.
         both: information of the postures on both feet, (p, p).
-        stages: functions of M and their gradients.
     """
     single = list(single)
     for smooth in stages:
@@ -142,11 +195,8 @@ def descend_on_one_foot(
     """Minimise a function of the postures' information from feasible postures.
 
     Args:
-        problem: the robot and its constraints.
         angles: joint angles of feasible postures, (m, n) [rad].
         swing: pose of the standing swing foot, under which its board lies, (3,) [m, m, rad].
-        smooth: function of M and its gradient.
-        iterations: largest number of steps.
 
     Returns:
         Joint angles of feasible postures with a smaller value, or the same, (m, n) [rad].
@@ -190,3 +240,30 @@ def _moved(
         missed = moved.inequalities - now - (slopes @ step[..., None])[..., 0]
         room = now + np.minimum(missed, 0.0)
     return moved, gain
+
+
+def appended_on_one_foot(
+    problem: PlanningProblem,
+    plan: PosturePlan,
+    support: str,
+    angles: np.ndarray,
+    swing: np.ndarray,
+) -> PosturePlan:
+    """Append postures on one foot, each on a placement of its own, with the torques that hold them.
+
+    Args:
+        problem: of standing on this foot.
+        angles: joint angles, (k, n) [rad].
+        swing: pose of the other foot's board, (3,) [m, m, rad].
+    """
+    count = len(angles)
+    torques = open_chain_torques(problem, chain_at(problem, angles))
+    return replace(
+        plan,
+        joint_angles=np.concatenate([plan.joint_angles, angles]),
+        posture=np.append(plan.posture, plan.posture.max() + 1 + np.arange(count)),
+        placement=np.append(plan.placement, plan.placement.max() + 1 + np.arange(count)),
+        support=np.append(plan.support, np.full(count, support)),
+        swing_pose=np.concatenate([plan.swing_pose, np.tile(swing, (count, 1))]),
+        torques=np.concatenate([plan.feed_forward, torques]),
+    )

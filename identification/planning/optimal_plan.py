@@ -24,6 +24,7 @@ from tulip_testbed.identification.planning.objectives import OBJECTIVES, Objecti
 from tulip_testbed.identification.planning.one_foot_search import (
     POOL,
     OnOneFoot,
+    appended_on_one_foot,
     from_pools,
     improved,
     random_pools,
@@ -39,8 +40,7 @@ from tulip_testbed.identification.planning.search import (
     round_count,
     search,
 )
-from tulip_testbed.identification.planning.search_defaults import HOPS, SOLVERS
-from tulip_testbed.identification.planning.single_support import appended_on_one_foot
+from tulip_testbed.identification.planning.search_defaults import HOPS
 from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.measurements import Measurements, PosturePlan
@@ -60,11 +60,7 @@ MILLIMETRES = ("mm", 1e3 * LENGTH)
 
 
 def objective_by_name(problem: PlanningProblem, name: str, sigma: float) -> Objective:
-    """Return the objective of `OBJECTIVES` with this name.
-
-    Raises:
-        InputError: the name is unknown; the message lists the valid ones.
-    """
+    """Return the objective of `OBJECTIVES` with this name."""
     look_up("objective", name, OBJECTIVES, "objective")
     return objectives(problem.nominal, sigma)[name]
 
@@ -97,7 +93,6 @@ class SearchTask:
         placements, per: number of placements on both feet, and of postures in each.
         seed: seed of the start and of the search.
         hops: number of rounds that exchange postures of one placement.
-        solver: solver of the last round, one of `SOLVERS`.
         counts: number of postures on the "right" and on the "left" foot, as far as any are wanted.
         measured: postures that were measured before; None: nothing was.
     """
@@ -108,7 +103,6 @@ class SearchTask:
     per: int
     seed: int
     hops: int = HOPS
-    solver: str = SOLVERS[0]
     counts: Mapping[str, int] = field(default_factory=dict)
     measured: Measurements | None = None
 
@@ -124,12 +118,7 @@ class SearchTask:
 
     @cached_property
     def start(self) -> Start:
-        """Draw random postures on both feet, and improve random ones on one foot that add most to them.
-
-        Raises:
-            InputError: too few random postures are feasible or can be repaired to keep the margins, or these
-                do not determine the parameters.
-        """
+        """Draw random postures on both feet, and improve random ones on one foot that add most to them."""
         problem, goal, seed = self.problem, self.goal, self.seed
         drawn, state = self._repaired()
         single: list[OnOneFoot] = []
@@ -172,14 +161,11 @@ class SearchTask:
             progress: called with the state of the postures on both feet after every round of `search`; may
                 raise KeyboardInterrupt.
             state: state of an interrupted search with the same settings, to continue from.
-
-        Raises:
-            InputError: as `start` and `resumed`.
         """
         start, problem = self.start, self.problem
         whole = given(self.goal, total(start.single)) if start.single else self.goal
         state = first = resumed(problem, whole, state, start.state, self.per, self.rounds)
-        for state in search(problem, whole, first, self.per, self.seed, self.hops, self.solver):
+        for state in search(problem, whole, first, self.per, self.seed, self.hops):
             progress(state)
         return self.plan_of(*(self._in_turn(state) if start.single else (state, ())))
 
@@ -211,7 +197,7 @@ class SearchTask:
             "seed": self.seed,
             "placements": self.placements,
             "per_placement": self.per,
-            "solver": f"sequential linear programming, exchange, {self.solver}",
+            "solver": "sequential linear programming, exchange, slsqp",
             "rounds": state.rounds,
             "rounds_planned": self.rounds,
             "initial_condition_number": state.initial_condition,
@@ -262,9 +248,7 @@ def _with_one_foot(problem: PlanningProblem, plan: PosturePlan, single: Sequence
     made = {**counts, "pool": POOL, "lifted": problem.margins.lifted}
     plan = replace(plan, made=plan.made | {"on_one_foot": made})
     for own in single:
-        plan = appended_on_one_foot(
-            own.problem, plan, own.support, own.angles, own.swing, np.arange(len(own.angles))
-        )
+        plan = appended_on_one_foot(own.problem, plan, own.support, own.angles, own.swing)
     return plan
 
 
@@ -301,9 +285,7 @@ def with_repeats(plan: PosturePlan, count: int, seed: int) -> PosturePlan:
     where the plates are laid and recorded again; its pure error includes that of the placement.
 
     Args:
-        plan: the plan.
         count: number of repeats, at most the number of postures.
-        seed: seed of the choice.
     """
     order = np.random.default_rng([seed, count, 2]).permutation(len(plan))
     # A repeat of a placement's last posture would follow at once, without a new approach.

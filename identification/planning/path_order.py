@@ -12,12 +12,11 @@ from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.path import ClosedChain
 
 
-def sequences(room: np.ndarray, most: int, first: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def _sequences(room: np.ndarray, first: int) -> tuple[np.ndarray, np.ndarray]:
     """Order postures along paths with room, and number the groups without a path between them.
 
     Args:
         room: room on the path between each two postures, feasible where at least 0, (m, m).
-        most: largest number of postures in a group.
         first: posture to begin with.
 
     Returns:
@@ -27,7 +26,7 @@ def sequences(room: np.ndarray, most: int, first: int = 0) -> tuple[np.ndarray, 
     order, group = [], []
     while left:
         ahead = room[order[-1], left] if order else np.array([-np.inf])
-        if ahead.max() >= 0 and group.count(group[-1]) < most:
+        if ahead.max() >= 0:
             order.append(left.pop(int(ahead.argmax())))
             group.append(group[-1])
         else:
@@ -69,6 +68,6 @@ def _groups(problem: PlanningProblem, chain: ClosedChain, angles: np.ndarray) ->
     for a in range(count):
         for b in range(a + 1, count):
             room[a, b] = room[b, a] = 0.0 if free(a, b) else -1.0
-    found = [sequences(room, count, first) for first in range(count)]
+    found = [_sequences(room, first) for first in range(count)]
     order, group = min(found, key=lambda one: one[1].max())
     return [order[group == k] for k in range(group.max() + 1)]

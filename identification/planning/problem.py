@@ -11,7 +11,12 @@ import numpy as np
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, standard_parameters
 from tulip_testbed.identification.kinematics import frame_positions, link_rotations, moved_frames, walk
-from tulip_testbed.identification.link_clearances import LinkPairs, link_pairs, reference_posture
+from tulip_testbed.identification.link_clearances import (
+    LinkPairs,
+    link_pairs,
+    reference_posture,
+    segment_distances,
+)
 from tulip_testbed.identification.nominal import outline
 from tulip_testbed.identification.planning_ranges import (
     Margins,
@@ -20,7 +25,6 @@ from tulip_testbed.identification.planning_ranges import (
     planning_margins,
     planning_ranges,
 )
-from tulip_testbed.identification.segments import segment_distances
 from tulip_testbed.measurements import PlateGeometry
 from tulip_testbed.sim.control import torque_limits
 from tulip_testbed.sim.random_robots import half_edges
@@ -97,14 +101,9 @@ def planning_problem(
     """Read the planning problem from the robot's files.
 
     Args:
-        robot: the robot.
-        plate: geometry of the boards.
         ranges: planning ranges; None means those of the robot's description.
         margins: margins; None means those of the robot's description.
         support: support whose base parameters are optimised, see `base_parameters`.
-
-    Raises:
-        InputError: the files are broken, or a leg has other than six joints.
     """
     model, margins = robot.model, margins or planning_margins(robot)
     parameters = base_parameters(robot, model, support)

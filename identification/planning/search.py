@@ -14,21 +14,27 @@ import numpy as np
 
 from tulip_testbed.base.errors import InputError, most_frequent
 from tulip_testbed.identification.kinematics import roll_pitch_yaw
-from tulip_testbed.identification.planning.blocks import FEASIBLE, SHARED, Block, improve, information, repair
+from tulip_testbed.identification.planning.blocks import (
+    FEASIBLE,
+    SHARED,
+    Block,
+    candidates,
+    exchange,
+    improve,
+    information,
+    repair,
+)
 from tulip_testbed.identification.planning.closed_chain import chain_at
 from tulip_testbed.identification.planning.constraints import evaluate, inequality_names
-from tulip_testbed.identification.planning.exchange import candidates, exchange
-from tulip_testbed.identification.planning.interior_point import interior_point
 from tulip_testbed.identification.planning.linear_steps import EvaluatedPlan, descend, evaluate_plan, merit
 from tulip_testbed.identification.planning.objectives import Objective, Smooth
 from tulip_testbed.identification.planning.problem import PlanningProblem
-from tulip_testbed.identification.planning.search_defaults import HOPS, SOLVERS
+from tulip_testbed.identification.planning.search_defaults import HOPS
 
 WARM = 15  # linear steps for each of the smooth objectives at the start
 STEPS = 12  # linear steps in a hop
 REGION = 0.3  # trust region
 POLISH = 20  # iterations of SLSQP on each placement at the end
-INTERIOR = 30  # iterations of IPOPT on the whole plan
 LEAST_POOL = 3  # smallest number of candidates for an exchange
 GAIN = 1e-6
 ARRAYS = ("design", "angles", "best_design", "best_angles")
@@ -70,16 +76,9 @@ def repair_start(
     """Repair the first placements of a random plan that can be made feasible, and begin the search there.
 
     Args:
-        problem: the robot and its constraints.
-        objective: the objective.
         angles: joint angles of a random plan, (m, n) [rad].
         swing: its swing foot poses, (m, 3) [m, m, rad].
         per: number of postures in a placement.
-        placements: number of placements.
-        source: source of the plan, for error messages.
-
-    Raises:
-        InputError: too few placements can be repaired; the message names the violated constraints.
     """
     design = design_of(problem, angles, swing)
     names, tally, blocks = inequality_names(problem), Counter[str](), list[Block]()
@@ -118,11 +117,10 @@ def search(
     per: int,
     seed: int,
     hops: int = HOPS,
-    solver: str = SOLVERS[0],
 ) -> Iterator[SearchState]:
     """Continue from a state and yield the state after every round.
 
-    The rounds are a descent by each smooth objective in turn, then the hops, then a polish by SLSQP or IPOPT.
+    The rounds are a descent by each smooth objective in turn, then the hops, then a polish by SLSQP.
     """
     stages = objective.smooth
     while state.rounds < round_count(objective, hops):
@@ -137,11 +135,7 @@ def search(
             plan = _hop(problem, plan, smooth, objective.penalty, np.random.default_rng([seed, k]))
         else:
             plan = evaluate_plan(problem, state.best_design, state.best_angles, per)
-            plan = (
-                _polish(problem, plan, stages[-1])
-                if solver == "slsqp"
-                else interior_point(problem, plan, stages[-1], INTERIOR)
-            )
+            plan = _polish(problem, plan, stages[-1])
         state = _kept(problem, objective, state, plan)
         yield state
 

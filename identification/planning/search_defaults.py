@@ -1,4 +1,3 @@
-"""Defaults of a search for postures; this module loads nothing, so that the command line's help is quick."""
+"""The default of a search for postures; this module loads nothing, so that help is quick."""
 
 HOPS = 60  # rounds that exchange postures of one placement
-SOLVERS = ("slsqp", "ipopt")  # of the last round

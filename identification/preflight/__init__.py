@@ -12,7 +12,6 @@ from tulip_testbed.identification.preflight.agreement import (
     single_placements,
     single_postures,
 )
-from tulip_testbed.identification.preflight.convention_check import conventions
 from tulip_testbed.identification.preflight.excitation import identifiable
 from tulip_testbed.identification.preflight.finding import (
     FAIL_LEVEL,
@@ -30,7 +29,11 @@ from tulip_testbed.identification.preflight.settling import series_agrees, settl
 from tulip_testbed.identification.preflight.units import joint_limits, same_robot, units
 from tulip_testbed.identification.preflight.usual import Usual, UsualChanges, exact
 from tulip_testbed.identification.preflight.weight import constant_weight, drift, weight_balance
-from tulip_testbed.identification.preflight.wrench_checks import carried_weight, horizontal_forces
+from tulip_testbed.identification.preflight.wrench_checks import (
+    carried_weight,
+    conventions,
+    horizontal_forces,
+)
 from tulip_testbed.identification.reading_noise import ReadingNoise, reading_noise
 from tulip_testbed.identification.regressor import regression
 from tulip_testbed.measurements import Measurements, Series

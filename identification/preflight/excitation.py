@@ -23,9 +23,6 @@ def predicted_standard_errors(matrix: np.ndarray, noise: ReadingNoise) -> np.nda
 
     Args:
         matrix: H, (2m, p).
-
-    Raises:
-        InputError: the regressor is rank-deficient.
     """
     _, c = solve_least_squares(matrix, np.zeros(len(matrix)))
     half = matrix @ c

@@ -69,6 +69,6 @@ def row_name(measurements: Measurements, row: int) -> str:
     return f"posture {measurements.posture[row]} (row {row + 1}, placement {measurements.placement[row]})"
 
 
-def few(texts: list[str], most: int = 3) -> list[str]:
-    """Return the first texts, and the number of the others."""
-    return texts if len(texts) <= most else [*texts[:most], f"and {len(texts) - most} more"]
+def few(texts: list[str]) -> list[str]:
+    """Return the first three texts, and the number of the others."""
+    return texts if len(texts) <= 3 else [*texts[:3], f"and {len(texts) - 3} more"]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from tulip_testbed.identification.contact_readings import noise_of_wrenches
+from tulip_testbed.identification.conventions.audit_conventions import audit_conventions, can_be_audited
+from tulip_testbed.identification.conventions.wrench_convention import WrenchConvention
 from tulip_testbed.identification.kinematics import link_rotations, turned_about
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.preflight.finding import Finding, row_name, skipped
@@ -23,6 +25,7 @@ ADVICE = (
     "Level feet at rest push each other with equal and opposite forces. Check the sensors' zeros (lift the "
     "robot), their pose in the feet (tilt, yaw), signs, and that nothing else touches the robot."
 )
+CONVENTIONS = "conventions"
 
 
 def carried_weight(measurements: Measurements, nominal: Nominal) -> Finding:
@@ -122,3 +125,23 @@ def _height(contacts: Contacts, nominal: Nominal) -> float:
     if contacts.mount == "ground":
         return 0.0
     return float(np.abs(contacts.pose[:, 2] - nominal.points[:, 2]).max())
+
+
+def conventions(measurements: Measurements, nominal: Nominal) -> Finding:
+    """Compare the wrenches with those that the robot needs, in every convention that logs are written in."""
+    if not can_be_audited(measurements):
+        return skipped(CONVENTIONS, "needs six-axis sensors in the feet and some rows of them")
+    found = audit_conventions(measurements, nominal)
+    force, moment = 100 * found.residual[:3].max(), 1e3 * found.residual[3:].max()
+    taken = [f"{row.what}: {row.hypothesis}" for row in found.rows if row.applied]
+    taken += [found.doubt] if found.doubt else []
+    changed = found.convention != WrenchConvention()
+    return Finding(
+        CONVENTIONS,
+        "fail" if changed else "warn" if found.problems else "pass",
+        f"likeliest are {', '.join(taken)}; not explained are {force:.1f} % of the weight and {moment:.1f} mm"
+        if changed or not found.problems
+        else "; ".join(found.problems),
+        "wrenches of the ground on the robot in the sensor's axes, and joints as in the robot's file",
+        advice="Import the log with `import`, which reads it in the likeliest convention, or correct `map`.",
+    )

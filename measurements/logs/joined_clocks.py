@@ -34,9 +34,6 @@ def joined_devices(path: Path, devices: Sequence[Device]) -> TableFile:
     """Interpolate all devices on the clock of the slowest, where all of them were logged.
 
     Samples of that clock in a gap of another device are left out.
-
-    Raises:
-        InputError: a clock that runs backwards, or clocks that do not overlap.
     """
     devices = [_ordered(path, device) for device in devices]
     first, last = (max(devices, key=lambda d: d.time[0]), min(devices, key=lambda d: d.time[-1]))
@@ -62,11 +59,7 @@ def joined_devices(path: Path, devices: Sequence[Device]) -> TableFile:
 
 
 def in_order(where: str, time: np.ndarray) -> np.ndarray:
-    """Return which of the times are new, (n,) bool: the first of samples with the same time counts.
-
-    Raises:
-        InputError: a clock that runs backwards.
-    """
+    """Return which of the times are new, (n,) bool: the first of samples with the same time counts."""
     steps = np.diff(time)
     if len(time) < 2 or not np.isfinite(time).all():
         raise InputError(f"{where}: found times that are fewer than two or no numbers")

@@ -46,9 +46,6 @@ def run_dynamics(
 
     Args:
         progress: called with the number of attempts each time a placement is done.
-
-    Raises:
-        InputError: a placement has two base frames, or no posture could be measured.
     """
     check_support("plan", plan)
     placements = list(dict.fromkeys(plan.placement.tolist()))

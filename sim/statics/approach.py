@@ -39,7 +39,6 @@ def approach_displacements(
     rates of the joints between them; all other joints move on a line in joint space.
 
     Args:
-        reference: solved postures.
         planned: planned joint angles of these postures, (k, n_joints) [rad].
         columns: coordinates that the joints' servos turn, (n_joints,).
         start, end: indices of the postures between which the robot moves, (b,).
@@ -79,7 +78,6 @@ def sway_displacements(
     """Return the displacement of every coordinate under a push at the torso, (b, n) [rad].
 
     Args:
-        reference: solved postures.
         weight: weight of the robot [N].
         which: indices of the postures, (b,).
         push: standard normal, (b, 2).

@@ -18,19 +18,14 @@ from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import Robot, joint_names, rotation_matrices, sole_corners, sole_point
 from tulip_testbed.sim.scene import laboratory_scene
 from tulip_testbed.sim.specs import compile_spec
-from tulip_testbed.sim.statics.mechanism import HINGE, SLIDE, Body, Joint, Mechanism, Rope
-from tulip_testbed.sim.statics.rocking_board import rocking_board
+from tulip_testbed.sim.statics.mechanism import HINGE, SLIDE, Body, Joint, Mechanism, Rope, rocking_board
 from tulip_testbed.sim.statics.soft_constraints import board_compliance, contact_compliance, stops_of
 
 LEVEL = 1e-6  # m, largest difference in height of a sole's corners
 
 
 def read_mechanism(rig: Rig) -> Mechanism:
-    """Return the mechanism of a rig's scene.
-
-    Raises:
-        InputError: the scene or the protocol has something that statics does not support.
-    """
+    """Return the mechanism of a rig's scene."""
     if not np.isfinite(rig.protocol.speed_gate):
         raise InputError(
             "static equilibrium: found a robot read before it is at rest (speed_gate inf), expected a finite "

@@ -229,7 +229,6 @@ def faults(
 
     Args:
         cells: tared cell forces, (..., 8) [N].
-        feet: names of the feet.
     """
     m, reason = mechanism, np.full(cells.shape[:-1], "", dtype=object)
     for side, foot in enumerate(feet):

@@ -50,9 +50,6 @@ def solve_plan(rig: Rig, plan: PosturePlan, near: SolvedPlan | None = None) -> S
     Args:
         near: the same plan in a similar rig, from whose equilibria the search begins; the result is the same
             but for rounding.
-
-    Raises:
-        InputError: a placement has two base frames, or the scene is not supported by statics.
     """
     first, *others = stages(rig)
     later = tuple((start, _solve_plan(one, plan, near)) for start, one in others)

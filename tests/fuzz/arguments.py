@@ -90,7 +90,6 @@ placements: random search
 per-placement: random
 repeats: search
 postures-per-placement: search
-single-support: search
 right: search
 left: search
 """
@@ -100,7 +99,6 @@ estimator: identify montecarlo validate
 engine: montecarlo
 scheduler: montecarlo
 objective: search
-solver: search
 effects: simulate
 tolerances: identify discover
 """

@@ -18,8 +18,7 @@ from tests.fuzz.robots import ROBOT_KINDS
 from tulip_testbed.base.progress import Advance
 from tulip_testbed.effects.instance import instances_of
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.experiments.plan_search import PlanSettings, set_up_search
-from tulip_testbed.experiments.planning_run import search_plan
+from tulip_testbed.experiments.planning_run import PlanSettings, search_plan, set_up_search
 from tulip_testbed.experiments.rig_folder import write_rig
 from tulip_testbed.experiments.validate import judge
 from tulip_testbed.sim.plan_folder import read_plan

@@ -25,12 +25,11 @@ from tulip_testbed.experiments.described_plan import DescribedPlan
 from tulip_testbed.experiments.described_plan import describe_plan as _describe_plan
 from tulip_testbed.experiments.effect_list import EffectList
 from tulip_testbed.experiments.effect_list import list_effects as _list_effects
-from tulip_testbed.experiments.plan_search import PlanSettings, set_up_search
-from tulip_testbed.experiments.planning_run import CHOSEN, check_out, search_plan
+from tulip_testbed.experiments.planning_run import CHOSEN, PlanSettings, check_out, search_plan, set_up_search
 from tulip_testbed.experiments.protocols.protocol_run import LaboratoryProtocol, protocol_of
 from tulip_testbed.experiments.usable_plan import check_plan, random_plan
 from tulip_testbed.experiments.watching.watch_day import Watch
-from tulip_testbed.identification.planning.search_defaults import HOPS, SOLVERS
+from tulip_testbed.identification.planning.search_defaults import HOPS
 from tulip_testbed.sim.plan_folder import write_plan
 from tulip_testbed.sim.robot import Robot
 
@@ -128,11 +127,9 @@ def optimize_plan(
     hops: int = HOPS,
     table1: bool = False,
     after: Measured | None = None,
-    single_support: int = 0,
     right: int = 0,
     left: int = 0,
     repeats: int = 0,
-    solver: str = SOLVERS[0],
     sensors: str = "wii",
     out: str | Path | None = None,
     progress: Progress = silent,
@@ -151,11 +148,9 @@ def optimize_plan(
         hops: exchanges of a placement's postures; a minute for the default.
         table1: the paper's six trials (seeds 101 to 106); joins the best three.
         after: measurements: find postures that add most to them.
-        single_support: postures on the right foot alone, after the others.
         right: postures on the right foot, optimised together with the others.
         left: postures on the left foot, optimised together with the others.
         repeats: postures that come twice: half in the same placement, half in another one.
-        solver: of the last round: "slsqp", or "ipopt" (slow).
         sensors: whose noise the standard errors are predicted for: "wii" or "force-plate".
         out: the new plan folder.
 
@@ -177,7 +172,7 @@ def optimize_plan(
         )
     robot = robot or load_robot()
     size = (placements, postures_per_placement, hops)
-    settings = PlanSettings(seed, objective, *size, single_support, repeats, solver, right, left)
+    settings = PlanSettings(seed, objective, *size, repeats, right, left)
     earlier = None if after is None else measurements_of(after, robot)
     search = set_up_search(robot, settings, earlier, CHOSEN if table1 else 1)
     return search_plan(search, place, sensors, table1, progress)

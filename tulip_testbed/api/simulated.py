@@ -11,9 +11,8 @@ from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.threads import one_blas_thread, processes
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, DEFAULT_SEED, ORDINARY
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, Settings
 from tulip_testbed.experiments.montecarlo.montecarlo_run import RunPlace, montecarlo
-from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.simulate import Simulation
 from tulip_testbed.experiments.simulate import simulate as _simulate
 from tulip_testbed.experiments.validate import validate as _validate

@@ -101,11 +101,7 @@ def usage(group: str | None = None) -> str:
 
 
 def command_of(name: str | None) -> Command:
-    """Load the function of a command.
-
-    Raises:
-        InputError: there is no such command.
-    """
+    """Load the function of a command."""
     names = list(COMMANDS)
     if name is None:
         raise InputError(f"found no command; valid: {listed(names)}; `tulip --help` explains them")

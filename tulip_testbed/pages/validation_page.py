@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tulip_testbed.experiments.correlation_table import NO_CORRELATION
+from tulip_testbed.experiments.correlations import NO_CORRELATION
 from tulip_testbed.experiments.parameter_tables import LEGEND, models
 from tulip_testbed.experiments.validate import correlations_at
 from tulip_testbed.experiments.validation_result import Validation

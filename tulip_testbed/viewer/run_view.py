@@ -52,20 +52,12 @@ def plan_view(plan: PosturePlan, robot: Robot, title: str = "plan") -> View:
 def measurements_view(
     measurements: Measurements, robot: Robot, series: Series | None = None, title: str = "measurements"
 ) -> View:
-    """Make the view of measurements, with an estimate where it can be made.
-
-    Raises:
-        InputError: another robot's measurements.
-    """
+    """Make the view of measurements, with an estimate where it can be made."""
     return View(title, partial(log_postures, subject=measured(measurements, robot, series, title)))
 
 
 def folder_view(folder: Path, robot: Robot) -> View:
-    """Make the view of a folder of a run, a plan (or the name of a shipped one) or measurements.
-
-    Raises:
-        InputError: another folder, another robot's, or a file that was changed.
-    """
+    """Make the view of a folder of a run, a plan (or the name of a shipped one) or measurements."""
     folder = plan_folder(folder)
     kind = kind_of(folder)
     title = f"{folder.resolve().name} ({kind})"

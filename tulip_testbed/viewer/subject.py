@@ -120,9 +120,6 @@ def measured(
 
     Args:
         series: raw readings of the same postures, if there are any. source: for messages.
-
-    Raises:
-        InputError: another robot's measurements.
     """
     model = measurements.robot
     check_model(f"{source}: manifest.json", model["model"], model["sha256"], robot)
@@ -161,11 +158,7 @@ def validated(run: Validation) -> Subject:
 
 
 def of_measurements(measurements: Measurements, robot: Robot, source: str = "measurements") -> Subject:
-    """Return the subject of measurements without an estimate.
-
-    Raises:
-        InputError: measurements of other joints.
-    """
+    """Return the subject of measurements without an estimate."""
     nominal = nominal_robot(robot, "mixed")
     if measurements.joints != nominal.parameters.tree.joints:
         raise InputError(f"{source}: found other joints than those of {robot.model_file.name}")

@@ -49,11 +49,7 @@ FAULTS = {
 
 
 def save(path: Path, title: str, log: Log) -> int:
-    """Write a recording to a file, which appears whole, and return its size [bytes].
-
-    Raises:
-        InputError: the path exists, cannot be written or has another ending.
-    """
+    """Write a recording to a file, which appears whole, and return its size [bytes]."""
     check_new(path, ENDING)
     with scratch_folder(SCRATCH) as scratch:
         content = _record(scratch, title, log).read_bytes()
@@ -62,11 +58,7 @@ def save(path: Path, title: str, log: Log) -> int:
 
 
 def check_display() -> None:
-    """Refuse a missing screen before anything is computed.
-
-    Raises:
-        InputError: there is none.
-    """
+    """Refuse a missing screen before anything is computed."""
     found = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     if sys.platform.startswith("linux") and not found:
         raise InputError(
@@ -79,10 +71,6 @@ def open_window(title: str, log: Log) -> Callable[[], None]:
 
     Returns:
         a function that waits until the window is closed.
-
-    Raises:
-        InputError: there is no screen. The function raises it if the viewer cannot draw there, with the
-            package to install.
     """
     check_display()
     viewer, said = _opened(title, log, "--port", "auto")
@@ -136,9 +124,6 @@ def serve_live(title: str, announce: Callable[[str], None]) -> Iterator[rr.Recor
 
     Yields:
         The recording.
-
-    Raises:
-        InputError: the server did not start.
     """
     data, address, options = _served()
     with scratch_folder(SCRATCH) as scratch, _viewer(scratch, None, *options) as (viewer, said):
@@ -154,11 +139,7 @@ def serve_live(title: str, announce: Callable[[str], None]) -> Iterator[rr.Recor
 
 
 def _wait_for(port: int, viewer: subprocess.Popen[bytes], said: Path) -> None:
-    """Wait until a port of this machine is open.
-
-    Raises:
-        InputError: the viewer ended, or the port stays closed.
-    """
+    """Wait until a port of this machine is open."""
     until = time.monotonic() + START
     while viewer.poll() is None and time.monotonic() < until:
         with suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1.0):
