@@ -8,7 +8,7 @@ import os
 import pickle
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.pop("COLUMNS", None)
 
 
+import numpy as np
 import pytest
 
 import tulip_testbed as tt
@@ -32,6 +33,7 @@ from tests.synthetic import Bench, synthetic_bench
 from tulip_testbed.experiments.discovering import Discovered, discover_effects
 from tulip_testbed.experiments.laboratory import Laboratory, Run
 from tulip_testbed.experiments.protocols.protocol_run import LaboratoryProtocol, protocol_of
+from tulip_testbed.experiments.robot_import import published
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.experiments.validate import validate
 from tulip_testbed.experiments.validation_result import Validation
@@ -59,6 +61,23 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     if config.getoption("draw") == "never":
         os.environ.update(unreachable(Path(tempfile.mkdtemp(prefix="no-drivers-"))))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def in_this_process() -> Iterator[None]:
+    """Read robots here and leave pictures of postures grey; each has a process of its own otherwise.
+
+    Tests of these processes take them back.
+    """
+
+    def grey(robot: Robot, angles: np.ndarray, support: Any, plates: Any, *size: int) -> np.ndarray:
+        return np.full((len(angles), *size[::-1], 3), 200, np.uint8)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("tulip_testbed.sim.robot.try_to_compile", lambda path, files: None)
+        patch.setattr(published, "call_safely", lambda function, path: function(path))
+        patch.setattr("tulip_testbed.pages.pictures.rendered", grey)
+        yield
 
 
 @pytest.fixture(scope="session")
