@@ -210,11 +210,25 @@ def discovered(once, static_run, robot) -> Discovered:
 
 
 @pytest.fixture(scope="session")
+def discovered_folder(discovered, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("discovery") / "found"
+    discovered.save(folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
 def moved_wii(once, robot, plan) -> Validation:
     """Twelve placements at preset wii, exact but for noise, in the full dynamics, by the mixed model."""
     few = plan.take(plan.placement <= 12)
     exact = partial(validate, estimator=MIXED_MODEL, workers=2, imperfections=0)
     return once("moved-wii", lambda: exact(Laboratory(robot, "wii"), few, 102))
+
+
+@pytest.fixture(scope="session")
+def run_folder(moved_wii, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("view") / "run"
+    moved_wii.save(folder)
+    return folder
 
 
 @pytest.fixture(scope="session")

@@ -177,7 +177,8 @@ def test_a_small_fault_is_an_ordinary_imperfection(robot, plan, preset, text):
     assert abs(hidden.values[0] - (low + high) / 2) < 1.5 * (high - low) / 2
 
 
-@pytest.mark.parametrize("preset", ["force-plate", pytest.param("wii", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("preset", ["force-plate", "wii"])
 def test_an_ordinary_laboratory_has_no_single_cause(robot, plan, preset):
     """Every encoder, cell, link and joint is a little off, and the masses are unknown."""
     rng = np.random.default_rng(9100)

@@ -155,6 +155,7 @@ def test_the_books_are_closed_in_every_run(ideal, moved_wii):
         assert max(b.kinetic for b in books) < 1e-12
 
 
+@pytest.mark.slow
 def test_the_books_are_closed_where_everything_gives_way(robot, plan):
     rig = dataclasses.replace(
         preset_rig("ideal", robot),

@@ -153,6 +153,7 @@ def test_a_gap_in_the_clock_costs_its_windows_alone(imported, bowing):
     assert set(out.measurements.placement) == {1, 2, 3}
 
 
+@pytest.mark.slow
 def test_identification_predicts_a_person_better_than_cad_does(imported, bowing):
     """Held-out halves, along the plane in which the person bows. CAD with an offset is not beaten."""
     found = tt.predict(imported, bowing)

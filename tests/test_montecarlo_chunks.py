@@ -36,6 +36,7 @@ def test_two_workers_write_the_same_bytes(undisturbed, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir())[-1] == "chunk-000004.parquet"
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("default")  # distributed's own, while its processes come and go
 def test_a_dask_cluster_writes_the_same_bytes(undisturbed, tmp_path):
     distributed = pytest.importorskip("distributed")
@@ -65,6 +66,7 @@ def test_runs_differ_and_depend_on_the_seed(undisturbed):
     assert Regressions()(range(9, 10))["full.value.1"][0] == values[9]
 
 
+@pytest.mark.slow
 def test_killed_at_any_moment_it_goes_on_to_the_same_bytes(undisturbed, tmp_path):
     command = [sys.executable, "-m", "tests.montecarlo_work", str(tmp_path), str(RUNS), str(SIZE), "0.05"]
     chance, observed = random.Random(1107), []
@@ -104,19 +106,18 @@ def test_a_full_disk_leaves_what_was_written(undisturbed, tmp_path, monkeypatch)
     assert bytes_of(run_regressions(tmp_path, RUNS, SIZE, Regressions())) == bytes_of(undisturbed)
 
 
-def test_a_worker_that_dies_is_told(tmp_path):
-    killed = "a worker process ended by SIGKILL.*, as the system does when memory runs out"
-    with computed_by(2, None), pytest.raises(InputError, match=killed):
-        collect(RunChunks(tmp_path, 4, 1), dying_work.die, lambda count: None)
-    with computed_by(2, None), pytest.raises(InputError, match="process ended by SIGSEGV") as error:
-        collect(RunChunks(tmp_path, 4, 1), dying_work.crash, lambda count: None)
-    assert "memory" not in str(error.value)
-    with (
-        computed_by(2, None),
-        pytest.raises(InputError, match=r"worker process failed .*serialize") as error,
-    ):
-        collect(RunChunks(tmp_path, 4, 1), dying_work.unreadable, lambda count: None)
-    assert "memory" not in str(error.value)
+@pytest.mark.parametrize(
+    ("work", "message"),
+    [
+        (dying_work.die, "a worker process ended by SIGKILL.*, as the system does when memory runs out"),
+        pytest.param(dying_work.crash, "process ended by SIGSEGV", marks=pytest.mark.slow),
+        pytest.param(dying_work.unreadable, "worker process failed .*serialize", marks=pytest.mark.slow),
+    ],
+)
+def test_a_worker_that_dies_is_told(tmp_path, work, message):
+    with computed_by(2, None), pytest.raises(InputError, match=message) as error:
+        collect(RunChunks(tmp_path, 4, 1), work, lambda count: None)
+    assert ("memory" in str(error.value)) == (work is dying_work.die)
 
 
 def test_without_a_folder_nothing_is_said_to_stay(monkeypatch, robot, plan):

@@ -132,6 +132,7 @@ def test_an_edited_state_is_refused_by_name(interrupted, tmp_path, name, edit, m
         planning.search_plan(search, tmp_path / "plan", "wii")
 
 
+@pytest.mark.slow
 def test_killed_when_its_first_plan_was_put_aside_it_leaves_nothing_hidden(interrupted, tmp_path, robot):
     search, states = interrupted
     shutil.copytree(states, state_folder(tmp_path / "plan"))

@@ -197,7 +197,7 @@ def test_few_postures_are_scored_with_cad_as_prior(heavier, robot, tmp_path, cap
         assert one["low95"]["x"] <= one["rms_mm"]["x"] <= one["high95"]["x"]
 
 
-@pytest.mark.parametrize("spread", [None, 0.2])
+@pytest.mark.parametrize("spread", [None, pytest.param(0.2, marks=pytest.mark.slow)])
 def test_unknown_zeros_of_sensors_in_the_feet_are_no_merit_of_identification(robot, spread):
     """In double support zeros imitate parameters: CAD gets them too."""
     found = tt.predict(measured(tt.Laboratory(robot, sensors="foot-ft"), spread), robot)

@@ -65,6 +65,23 @@ def check_words(words: str, message: str) -> None:
         assert (at := message.find(part, at)) >= 0, message
 
 
+def change_keys(document, change: str) -> None:
+    """Change a key, `KEY.KEY = JSON`, or remove it, `KEY.KEY -`; `*` is every item of a list."""
+    trail, _, value = change.partition(" = ")
+    *above, key = [int(part) if part.isdigit() else part for part in trail.removesuffix(" -").split(".")]
+    places = [document]
+    for part in above:
+        places = [inner for place in places for inner in (place if part == "*" else [place[part]])]
+    for place in places:
+        for each in range(len(place)) if key == "*" else [key]:
+            if not value:
+                del place[each]
+            elif key == "*":
+                place[each] = json.loads(value) | {"name": place[each]["name"]}
+            else:
+                place[each] = json.loads(value)
+
+
 def change_folder(folder, changes) -> None:
     """Change keys of the manifest and columns of the table."""
     manifest = json.loads((folder / "manifest.json").read_text())
@@ -84,18 +101,7 @@ def change_folder(folder, changes) -> None:
                 elif k and row in ("", f"{k}]"):
                     cells[column] = value
             continue
-        *above, key = [int(part) if part.isdigit() else part for part in trail.removesuffix(" -").split(".")]
-        places = [manifest]
-        for part in above:
-            places = [inner for place in places for inner in (place if part == "*" else [place[part]])]
-        for place in places:
-            for each in range(len(place)) if key == "*" else [key]:
-                if not value:
-                    del place[each]
-                elif key == "*":
-                    place[each] = json.loads(value) | {"name": place[each]["name"]}
-                else:
-                    place[each] = json.loads(value)
+        change_keys(manifest, change)
     (folder / "manifest.json").write_text(json.dumps(manifest))
     (folder / "postures.csv").write_text("\n".join(",".join(cells) for cells in [names, *table]) + "\n")
 

@@ -234,6 +234,7 @@ def test_what_lifts_the_robot_is_taken_off_the_feet_but_not_off_zeros(run, robot
     np.testing.assert_allclose(change, -20.0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_wrong_signs_end_in_a_marked_table(robot):
     """Of unknown zeros the contract asks no weight: the estimate itself has to be looked at."""
     few = tt.plans.mixed.take(np.isin(tt.plans.mixed.placement, np.unique(tt.plans.mixed.placement)[::2]))
