@@ -36,7 +36,7 @@ includes itself; more than 100000 elements; nested too deep; not a table of numb
 TULIP = ASSETS / "tulip_mjcf"
 
 quick = settings(
-    max_examples=50,
+    max_examples=25,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture],

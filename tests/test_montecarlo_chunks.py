@@ -129,20 +129,6 @@ def test_without_a_folder_nothing_is_said_to_stay(monkeypatch, robot, plan):
         tt.monte_carlo(tt.Laboratory(robot), plan, runs=2, workers=1)
 
 
-@pytest.mark.parametrize("damage", ["cut", "other runs", "other columns"])
-def test_a_damaged_chunk_is_named(tmp_path, damage):
-    chunks = run_regressions(tmp_path, RUNS, SIZE, Regressions())
-    path = chunks.path(1)
-    if damage == "cut":
-        path.write_bytes(path.read_bytes()[:1000])
-    elif damage == "other runs":
-        path.write_bytes(chunks.path(2).read_bytes())
-    else:
-        pa.parquet.write_table(pa.table({"run": np.arange(5, 10)}), path)
-    with pytest.raises(InputError, match=r"chunk-000001\.parquet"):
-        read_runs(chunks, LAYOUT)
-
-
 @pytest.mark.parametrize(
     ("name", "values", "message"),
     [

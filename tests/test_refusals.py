@@ -210,7 +210,8 @@ def names(robot, run):
         "tt": tt,
         "base_parameters": base_parameters,
     }
-    return own | {"run": run, "lab": run.laboratory, "plan": tt.plans.random}
+    fit = tt.identify(run, estimator="mixed-model")
+    return own | {"run": run, "lab": run.laboratory, "plan": tt.plans.random, "fit": fit}
 
 
 @rows("calls")
