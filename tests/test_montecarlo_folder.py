@@ -36,7 +36,7 @@ def begin(folder, scenario, settings=SETTINGS):
 
 def test_other_settings_are_refused(scenario, tmp_path):
     begin(tmp_path / "run", scenario)
-    with pytest.raises(InputError, match="settings.robot_spread is None there and 0.1 here"):
+    with pytest.raises(InputError, match=r"settings\.robot_spread is None there and 0\.1 here"):
         begin(tmp_path / "run", scenario, dataclasses.replace(SETTINGS, robot_spread=0.1, engine="dynamics"))
 
 
