@@ -137,14 +137,15 @@ def test_every_name_is_documented_and_found_by_completion():
         assert len(inspect.getdoc(getattr(tt, name)) or "") > 20, name
 
 
-def test_importing_the_library_loads_no_simulator_and_leaves_the_environment_alone():
+def test_importing_loads_no_more_than_is_needed_and_leaves_the_environment_alone():
     code = (
         "import os, sys; before = dict(os.environ); import tulip_testbed as tt;"
         "print(sorted({'numpy', 'mujoco', 'rich'} & set(sys.modules)));"
-        "tt.load_robot; tt.plans; tt.effects; print(before == dict(os.environ))"
+        "tt.load_robot; tt.plans; tt.effects; import tulip_testbed.api;"
+        "print(sorted({'scipy.stats', 'pandas'} & set(sys.modules)), before == dict(os.environ))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "[]\nTrue\n"
+    assert done.stdout == "[]\n[] True\n"
 
 
 @pytest.mark.parametrize(

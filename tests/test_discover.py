@@ -52,7 +52,8 @@ def test_a_pattern_tells_the_reading_that_errs(robot, plan, nominal):
     assert clearest.words.startswith("the reading of right_knee errs with")
 
 
-@pytest.mark.parametrize("preset", ["wii", pytest.param("force-plate", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("preset", ["wii", "force-plate"])
 def test_no_gap_no_name(robot, plan, preset):
     found = discover(measured(robot, plan, preset), robot)
     assert (found.verdict, found.adopted) == ("none", ())

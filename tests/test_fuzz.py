@@ -58,6 +58,7 @@ def messages_of(judge, subtests, step):
     return messages
 
 
+@pytest.mark.slow
 def test_inputs_end_in_a_right_result_or_in_one_message(judge, subtests):
     messages = messages_of(judge, subtests, 8)
     assert len(messages) > 20
