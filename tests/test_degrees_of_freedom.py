@@ -1,6 +1,5 @@
 """Distributions against those of scipy.stats; degrees of freedom in special cases that are known."""
 
-
 import numpy as np
 import pytest
 from scipy import stats

@@ -201,19 +201,12 @@ def test_an_ordinary_laboratory_has_no_single_cause(robot, plan, preset):
 
 def test_without_times_a_lost_posture_may_mean_a_foot_put_down_anew(robot, plan, nominal):
     m = measured(robot, plan.take(plan.placement <= 2), "ideal")
-    kept = m.take((m.posture != 3) & ~np.isin(np.arange(len(m)), _repeats(m)))
-    timed, timeless = (observe(one, nominal).stance for one in (kept, _timeless(kept)))
+    once = np.isin(np.arange(len(m)), np.unique(m.posture, return_index=True)[1])
+    kept = m.take((m.posture != 3) & once)
+    without = dataclasses.replace(kept, time=np.full(len(kept), np.nan))
+    timed, timeless = (observe(one, nominal).stance for one in (kept, without))
     assert timed.tolist() == timeless.tolist()
     assert len(np.unique(timeless)) == 3
-
-
-def _repeats(m):
-    first = np.unique(m.posture, return_index=True)[1]
-    return np.setdiff1d(np.arange(len(m)), first)
-
-
-def _timeless(m):
-    return dataclasses.replace(m, time=np.full(len(m), np.nan))
 
 
 @pytest.mark.slow
@@ -244,12 +237,9 @@ def test_what_neither_the_catalogue_nor_a_law_says_is_unknown(robot, plan):
     assert found.adopted == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("sheet", "word"),
-    [
-        pytest.param({"cell_sd": 0.6}, "cells", marks=pytest.mark.slow),
-        pytest.param({"encoder_sd": 1.5e-4}, "encoders", marks=pytest.mark.slow),
-    ],
+    ("sheet", "word"), [({"cell_sd": 0.6}, "cells"), ({"encoder_sd": 1.5e-4}, "encoders")]
 )
 def test_repeats_overrule_a_data_sheet(robot, plan, sheet, word):
     honest = measured(robot, plan, "wii")
