@@ -144,10 +144,9 @@ def test_nothing_half_written(found, robot, tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["taken"]
 
 
-@pytest.mark.parametrize("line", ["simulate", "validate", "montecarlo --runs 2"])
-def test_commands_refuse_a_broken_rig_before_the_work(rig, tmp_path, capsys, line):
+def test_commands_refuse_a_broken_rig_before_the_work(rig, tmp_path, capsys):
     edit(rig / RIG_FILE, '"right_knee"', '"right_kne"')
-    message = refused(capsys, *line.split(), "--out", tmp_path / "out", "--corrections", rig)
+    message = refused(capsys, "validate", "--out", tmp_path / "out", "--corrections", rig)
     assert "unknown target 'right_kne'" in message
     assert not (tmp_path / "out").exists()
 
