@@ -14,6 +14,7 @@ from tests.contact_folders import EXAMPLE, GROUND, POSE, assert_same, contacts_o
 from tests.fuzz.documents import STRANGE, json_values, places
 from tests.test_refusals import refuse, rows
 from tulip_testbed.base.errors import InputError
+from tulip_testbed.experiments.check_folder import check_folder
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.measurements import read_measurements, write_measurements
 from tulip_testbed.measurements.contacts import VERTICAL, WRENCH
@@ -91,6 +92,14 @@ def test_what_is_read_is_written_and_read_again(write, tmp_path, changes):
     assert manifest["constant_joints"] == {"right_knee": {"value": 0.25, "sd": 0.01}}
     assert "plates" not in manifest
     assert "mapping" not in manifest
+
+
+def test_version_one_is_written_as_before(plates, tmp_path):
+    write_measurements(tmp_path / "one", plates)
+    manifest = json.loads((tmp_path / "one" / "manifest.json").read_text())
+    keys = ["format", "version", "robot", "joints", "plates", "weighed_mass", "gravity", "sensors"]
+    assert list(manifest) == [*keys, "created", "software", "tables"]
+    assert manifest["version"] == 1
 
 
 def test_four_corner_cells_are_the_case_of_version_one(write, plates):
@@ -265,6 +274,14 @@ def test_contacts_in_memory_are_held_against_the_contract(write, changes, words)
     m = read_measurements(write(contacts_of(), poses=False))
     check_contract(m)
     refuse(words, check_contract, eval(changes[0], {"m": m, "replace": replace, "np": np}))
+
+
+def test_check_lists_what_a_folder_of_version_two_lacks(write, robot):
+    folder = write(contacts_of(), drop=("wrench.left.fz", "q.right_knee"))
+    told = check_folder(folder, robot).to_json()
+    assert told["verdict"] == "could not read"
+    assert "columns missing: q.right_knee, wrench.left.fz" in " ".join(told["complaints"]["table"])
+    assert not told["complaints"]["manifest"]
 
 
 @settings(max_examples=30, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))

@@ -12,7 +12,7 @@ import pytest
 
 import tulip_testbed as tt
 from tulip_testbed.cli.main import main
-from tulip_testbed.experiments.table_import.column_names import propose
+from tulip_testbed.experiments.table_import.column_names import propose, read_name
 from tulip_testbed.experiments.table_import.import_map import ImportMap, read_map, with_unknowns
 from tulip_testbed.experiments.table_import.table_import import MappedColumn
 from tulip_testbed.measurements import read_measurements
@@ -90,6 +90,16 @@ def stated(tmp_path):
         return str(path)
 
     return written
+
+
+def test_names_say_what_a_column_is():
+    assert read_name("RKnee [deg]")[:3] == ("value", {"right", "knee"}, "deg")
+    assert read_name("left_hip_pitch (rad)")[:3] == ("value", {"left", "hip", "pitch"}, "rad")
+    assert read_name("l_sole.fx sd")[:3] == ("spread", {"left", "sole", "fx"}, "")
+    assert read_name("cmd_r_knee_deg")[:3] == ("command", {"right", "knee"}, "deg")
+    assert read_name("speed_rad_s").unit == "rad/s"
+    assert read_name("M [N m]").unit == "Nm"
+    assert read_name("angle [grad]").unit == "grad"
 
 
 def test_a_table_of_its_own_names_is_imported(table, stated, measured, tmp_path):

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.base_parameters import base_parameters, common_support, standard_parameters
 from tulip_testbed.identification.center_of_pressure import (
     cell_positions,
@@ -56,6 +57,12 @@ def center_by_mujoco(robot, angles, foot):
     mujoco.mj_comPos(model, data)
     body = data.body(foot)
     return body.xmat.reshape(3, 3).T @ (data.subtree_com[1] - body.xpos) - sole_point(model, foot)
+
+
+def test_no_weight_is_refused(measured):
+    empty = dataclasses.replace(measured, cell_forces=np.zeros((len(measured), 8)))
+    with pytest.raises(InputError, match=r"row 1: cells sum to 0\.00 N"):
+        center_of_pressure(empty)
 
 
 @pytest.mark.parametrize(("support", "count"), [("mixed", 27), ("double-left", 26)])
