@@ -8,7 +8,7 @@ import os
 import pickle
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.pop("COLUMNS", None)
 
 
+import numpy as np
 import pytest
 
 import tulip_testbed as tt
@@ -28,10 +29,12 @@ from tests.drawing import WHEN, decide, obstacle_to, unreachable
 from tests.edited_files import BUILT, change_texts
 from tests.effect_changes import SEED, first
 from tests.foreign_robots import ROBOTS, write_robot
+from tests.meshed_robot import write_meshed_robot
 from tests.synthetic import Bench, synthetic_bench
 from tulip_testbed.experiments.discovering import Discovered, discover_effects
 from tulip_testbed.experiments.laboratory import Laboratory, Run
 from tulip_testbed.experiments.protocols.protocol_run import LaboratoryProtocol, protocol_of
+from tulip_testbed.experiments.robot_import import published
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.experiments.validate import validate
 from tulip_testbed.experiments.validation_result import Validation
@@ -59,6 +62,23 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     if config.getoption("draw") == "never":
         os.environ.update(unreachable(Path(tempfile.mkdtemp(prefix="no-drivers-"))))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def in_this_process() -> Iterator[None]:
+    """Read robots here and leave pictures of postures grey; each has a process of its own otherwise.
+
+    Tests of these processes take them back.
+    """
+
+    def grey(robot: Robot, angles: np.ndarray, support: Any, plates: Any, *size: int) -> np.ndarray:
+        return np.full((len(angles), *size[::-1], 3), 200, np.uint8)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("tulip_testbed.sim.robot.try_to_compile", lambda path, files: None)
+        patch.setattr(published, "call_safely", lambda function, path: function(path))
+        patch.setattr("tulip_testbed.pages.pictures.rendered", grey)
+        yield
 
 
 @pytest.fixture(scope="session")
@@ -156,6 +176,12 @@ def foreign(tmp_path_factory) -> dict[str, Robot]:
 
 
 @pytest.fixture(scope="session")
+def meshed(tmp_path_factory) -> Robot:
+    """TULip with a head and arms that are meshes."""
+    return write_meshed_robot(tmp_path_factory.mktemp("meshed") / "robot")
+
+
+@pytest.fixture(scope="session")
 def ideal(once, robot, plan) -> Validation:
     """The whole default plan without sensor noise, in the full dynamics."""
     return once(
@@ -175,7 +201,7 @@ def wii(once, robot, plan) -> Validation:
 def static_run(robot, plan) -> Run:
     """An experiment of the statics engine with an encoder's offset, in memory."""
     laboratory = Laboratory(robot, "force-plate").with_effects("encoder-offset:right_knee=0.01")
-    return laboratory.run(plan, DISCOVERED_SEED, "statics")
+    return laboratory.run(plan.take(plan.placement <= 15), DISCOVERED_SEED, "statics")
 
 
 @pytest.fixture(scope="session")
@@ -191,11 +217,25 @@ def discovered(once, static_run, robot) -> Discovered:
 
 
 @pytest.fixture(scope="session")
+def discovered_folder(discovered, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("discovery") / "found"
+    discovered.save(folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
 def moved_wii(once, robot, plan) -> Validation:
     """Twelve placements at preset wii, exact but for noise, in the full dynamics, by the mixed model."""
     few = plan.take(plan.placement <= 12)
     exact = partial(validate, estimator=MIXED_MODEL, workers=2, imperfections=0)
     return once("moved-wii", lambda: exact(Laboratory(robot, "wii"), few, 102))
+
+
+@pytest.fixture(scope="session")
+def run_folder(moved_wii, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("view") / "run"
+    moved_wii.save(folder)
+    return folder
 
 
 @pytest.fixture(scope="session")

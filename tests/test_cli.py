@@ -97,12 +97,11 @@ def loaded_by(code: str) -> list[str]:
 
 
 def test_help_and_version_load_no_simulator():
-    assert loaded_by("from tulip_testbed.cli.main import main; main(['--help'])") == []
     version = "import sys; sys.argv = ['tulip', '--version']\nfrom tulip_testbed.cli.entry import run"
     assert loaded_by(f"{version}\ntry: run()\nexcept SystemExit as stop: assert not stop.code") == []
     each = f"for name in {NAMES}:\n try: main([*name.split(), '--help'])\n except SystemExit: pass"
-    assert loaded_by(f"from tulip_testbed.cli.main import main\n{each}") == []
-    assert "mujoco" in loaded_by("import tulip_testbed.api")
+    assert loaded_by(f"from tulip_testbed.cli.main import main\nmain(['--help'])\n{each}") == []
+    assert loaded_by("import mujoco") == ["mujoco", "numpy"]
 
 
 def test_the_defaults_are_the_librarys():
@@ -197,12 +196,6 @@ def test_a_terminal_of_80_columns_gets_no_line_that_is_cut(wii, tmp_path, capsys
         assert "…" not in out
 
 
-def test_identify_leaves_the_papers_figures_to_validate(wii, tmp_path, capsys):
-    write_measurements(tmp_path / "data", wii.measurements)
-    assert main(["identify", str(tmp_path / "data")]) == 0
-    assert "paper" not in capsys.readouterr().out
-
-
 def test_a_shipped_plan_has_a_name(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     out = tmp_path / "data"
@@ -212,27 +205,6 @@ def test_a_shipped_plan_has_a_name(tmp_path, capsys, monkeypatch):
     capsys.readouterr()
     (tmp_path / "mixed").mkdir()  # a path of that name comes first
     assert "mixed" in refused(capsys, "simulate", "mixed", "--out", tmp_path / "other")
-
-
-def test_unknown_key_in_the_robot_description(assets, capsys):
-    edit(assets / "tulip.toml", "simplified =", "simplifed =")
-    assert "unknown key 'simplifed'; did you mean 'simplified'? valid: name, model" in refused(
-        capsys, "robot", assets / "tulip.toml"
-    )
-
-
-def test_truth_may_not_lie_in_the_measurement_folder(tmp_path, capsys):
-    message = refused(
-        capsys, "simulate", "--out", tmp_path / "data", "--truth", tmp_path / "data" / "truth.json"
-    )
-    assert "must not hold the truth" in message
-
-
-def test_impossible_ranges(assets, tmp_path, capsys):
-    edit(assets / "tulip.toml", "stability_margin = 0.02", "stability_margin = 0.2")
-    arguments = ("plan", "random", "--out", tmp_path / "plan", "--robot", assets / "tulip.toml")
-    assert "blocked by stability margin" in refused(capsys, *arguments)
-    assert not (tmp_path / "plan").exists()
 
 
 def test_a_run_remembers_its_robot(assets, tmp_path):
@@ -255,6 +227,7 @@ def test_identify_prints_json_and_tables(wii, tmp_path, capsys):
     assert len(answer.splitlines()) < 30
     assert "\nUsable: " in answer
     assert "right_ankle_roll" not in answer
+    assert "paper" not in answer
     assert main(["identify", str(tmp_path / "data"), "--full"]) == 0
     assert "right_ankle_roll" in capsys.readouterr().out
 
@@ -311,36 +284,18 @@ def test_help_has_an_example(command, capsys):
 
 
 def test_the_installed_script_runs_whole(tmp_path):
-    """simulate -> identify through real processes, on a small plan."""
+    """simulate -> identify through real processes."""
     tulip = Path(sys.executable).parent / "tulip"
-    plan, data, truth = tmp_path / "plan", tmp_path / "data", tmp_path / "truth.json"
-    steps = (
-        ["plan", "random", "--placements", "4", "--per-placement", "5", "--seed", "2", "--out", plan],
-        [
-            "simulate",
-            plan,
-            "--out",
-            data,
-            "--engine",
-            "statics",
-            "--sensors",
-            "force-plate",
-            "--seed",
-            "5",
-            "--truth",
-            truth,
-            "--json",
-        ],
-        ["identify", data, "--json"],
-    )
+    data, truth = tmp_path / "data", tmp_path / "truth.json"
+    quick = ["--engine", "statics", "--sensors", "force-plate", "--seed", "5", "--json"]
     done = None
-    for step in steps:
+    for step in (["simulate", "--out", data, *quick, "--truth", truth], ["identify", data, "--json"]):
         done = subprocess.run([str(a) for a in (tulip, *step)], capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
     assert "standard" in json.loads(truth.read_text())
     assert {p.name for p in data.iterdir()} == {"manifest.json", "postures.csv", "postures.parquet"}
     assert done is not None
-    assert json.loads(done.stdout)["postures"] >= 13
+    assert json.loads(done.stdout)["postures"] > 100
 
 
 def test_the_parser_repeats_no_control_or_direction_character(capsys):

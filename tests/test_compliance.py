@@ -7,7 +7,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.measurements import lay_boards, read_measurements
 from tulip_testbed.measurements.cells import CORNERS
@@ -123,11 +122,6 @@ def test_a_torque_limit_on_the_joint_goes_with_the_motor():
     add_servos(spec, Controller())
     assert spec.actuators[0].forcerange[1] == 10
     assert spec.tendons[0].stiffness[0] == pytest.approx(10 / 0.02)
-
-
-def test_backlash_without_flexibility_is_refused():
-    with pytest.raises(InputError, match=r"found a backlash of 0\.01 rad and no wind_up"):
-        add_drives(mujoco.MjSpec.from_string(PENDULUM), Drives(backlash=0.01))
 
 
 def test_motor_encoders_differ_by_the_load_on_flexible_drives(robot, model, plan):

@@ -108,8 +108,8 @@ def readings(m: Measurements) -> np.ndarray:
     "convention",
     [
         WrenchConvention(),
-        WrenchConvention(PREPARED, ON_GROUND),
-        WrenchConvention(PUBLISHED),
+        pytest.param(WrenchConvention(PREPARED, ON_GROUND), marks=pytest.mark.slow),
+        pytest.param(WrenchConvention(PUBLISHED), marks=pytest.mark.slow),
         WrenchConvention(PREPARED, ON_ROBOT, PREPARED, MOMENTS),
         WrenchConvention(WORLD, ON_GROUND, yaw=YAW),
     ],
@@ -130,7 +130,9 @@ def test_the_convention_of_a_record_is_found_and_undone(convention, record):
         assert second.log_likelihood < -DECISIVE
 
 
-@pytest.mark.parametrize("joint", ["abdomen_y", "right_hip_y", "left_knee"])
+@pytest.mark.parametrize(
+    "joint", ["left_knee", *(pytest.param(j, marks=pytest.mark.slow) for j in ("abdomen_y", "right_hip_y"))]
+)
 def test_joints_that_are_read_wrongly_are_told(joint, record):
     log = logged(record, WrenchConvention())
     turned = np.where(np.array(log.joints) == joint, -1.0, 1.0)

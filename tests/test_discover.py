@@ -77,7 +77,8 @@ def test_members_that_stand_out_do_not_hide_one_another():
     assert np.quantile(spreads, 0.95) < 1.5
 
 
-@pytest.mark.parametrize("preset", ["wii", pytest.param("force-plate", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("preset", ["wii", "force-plate"])
 def test_no_gap_no_name(robot, plan, preset):
     found = discover(measured(robot, plan, preset), robot)
     assert (found.verdict, found.adopted) == ("none", ())
@@ -202,7 +203,8 @@ def test_a_small_fault_is_an_ordinary_imperfection(robot, plan, preset, text):
     assert abs(hidden.values[0] - (low + high) / 2) < 1.5 * (high - low) / 2
 
 
-@pytest.mark.parametrize("preset", ["force-plate", pytest.param("wii", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("preset", ["force-plate", "wii"])
 def test_an_ordinary_laboratory_has_no_single_cause(robot, plan, preset):
     """Every encoder, cell, link and joint is a little off, and the masses are unknown."""
     rng = np.random.default_rng(9100)
@@ -224,19 +226,12 @@ def test_an_ordinary_laboratory_has_no_single_cause(robot, plan, preset):
 
 def test_without_times_a_lost_posture_may_mean_a_foot_put_down_anew(robot, plan, nominal):
     m = measured(robot, plan.take(plan.placement <= 2), "ideal")
-    kept = m.take((m.posture != 3) & ~np.isin(np.arange(len(m)), _repeats(m)))
-    timed, timeless = (observe(one, nominal).stance for one in (kept, _timeless(kept)))
+    once = np.isin(np.arange(len(m)), np.unique(m.posture, return_index=True)[1])
+    kept = m.take((m.posture != 3) & once)
+    without = dataclasses.replace(kept, time=np.full(len(kept), np.nan))
+    timed, timeless = (observe(one, nominal).stance for one in (kept, without))
     assert timed.tolist() == timeless.tolist()
     assert len(np.unique(timeless)) == 3
-
-
-def _repeats(m):
-    first = np.unique(m.posture, return_index=True)[1]
-    return np.setdiff1d(np.arange(len(m)), first)
-
-
-def _timeless(m):
-    return dataclasses.replace(m, time=np.full(len(m), np.nan))
 
 
 @pytest.mark.slow
@@ -259,6 +254,7 @@ def test_twins_are_not_named_and_an_experiment_is_proposed(robot, plan):
 def test_what_neither_the_catalogue_nor_a_law_says_is_unknown(robot, plan):
     """A cable that pulls on one side only: no law has a force that follows the posture."""
     (slack,) = [one for one in FAULTS if one.name == "cable-slack"]
+    assert slack.inject is not None
     rig = slack.inject(preset_rig("force-plate", robot), 7, 20.0)
     data = run_statics(solve_plan(rig, plan), [np.random.SeedSequence(SEED)])[0].measurements
     found = discover(data, robot)
@@ -267,12 +263,9 @@ def test_what_neither_the_catalogue_nor_a_law_says_is_unknown(robot, plan):
     assert found.adopted == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("sheet", "word"),
-    [
-        pytest.param({"cell_sd": 0.6}, "cells", marks=pytest.mark.slow),
-        pytest.param({"encoder_sd": 1.5e-4}, "encoders", marks=pytest.mark.slow),
-    ],
+    ("sheet", "word"), [({"cell_sd": 0.6}, "cells"), ({"encoder_sd": 1.5e-4}, "encoders")]
 )
 def test_repeats_overrule_a_data_sheet(robot, plan, sheet, word):
     honest = measured(robot, plan, "wii")

@@ -60,14 +60,6 @@ def as_csv(source, folder):
     return folder
 
 
-def test_kilograms_are_no_missing_effect(robot, plan, tmp_path, capsys):
-    m = measured(robot, plan.take(plan.placement <= 6), "wii")
-    write_measurements(tmp_path / "kg", dataclasses.replace(m, cell_forces=m.cell_forces / 9.81))
-    assert main(["discover", str(tmp_path / "kg"), "--out", str(tmp_path / "run")]) == 2
-    assert "kilograms?; expected rad, m, N, kg, s" in " ".join(capsys.readouterr().err.split())
-    assert not (tmp_path / "run").exists()
-
-
 def test_too_few_placements_are_refused(robot, plan, tmp_path, capsys):
     few = measured(robot, plan.take(plan.placement <= 3), "wii")
     write_measurements(tmp_path / "few", few)

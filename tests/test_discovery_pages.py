@@ -11,11 +11,10 @@ import pytest
 
 from tests.drawing import draws_with
 from tests.looking import browse
-from tests.test_cli import refused
+from tests.test_records import put_right
 from tests.test_report import told_by
 from tests.test_view import cpu_seconds, look, not_blank
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.base.files import sha256
 from tulip_testbed.cli.main import main
 from tulip_testbed.discovery.experiment_information import Explanation
 from tulip_testbed.discovery.patterns import Pattern
@@ -24,8 +23,6 @@ from tulip_testbed.experiments.comparison import compare
 from tulip_testbed.experiments.discovery_curves import residual_curves
 from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.proposed_experiment import ExpectedResult, ProposedExperiment
-from tulip_testbed.experiments.rig_folder import DIFF
-from tulip_testbed.experiments.run_file import kind_of
 from tulip_testbed.pages.discovery_page import discovery_page
 from tulip_testbed.pages.page import html
 from tulip_testbed.viewer import window
@@ -36,23 +33,8 @@ MOST_SECONDS, MOST_VIEW, MOST_PAGE = 20, 60e6, 12e6
 
 
 @pytest.fixture(scope="module")
-def found(discovered, tmp_path_factory):
-    """The folder of an encoder's offset, hidden and found again."""
-    folder = tmp_path_factory.mktemp("discovery") / "found"
-    discovered.save(folder)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def saved(found, robot):
-    return Discovered.load(found, robot)
-
-
-def test_read_as_it_was_written(found, saved):
-    assert kind_of(found) == "discovery"
-    assert saved.verdict == "named"
-    assert saved.residual("before").shape == saved.residual("after").shape == (len(saved.measurements), 11)
-    assert "right knee encoder" in saved.rig_files[DIFF]
+def saved(discovered_folder, robot):
+    return Discovered.load(discovered_folder, robot)
 
 
 def test_what_is_left_is_noise_and_what_was_there_is_not(saved):
@@ -69,9 +51,9 @@ def test_what_is_left_is_noise_and_what_was_there_is_not(saved):
 
 
 @draws_with("vulkan")
-def test_rerun_draws_every_view(found, saved, tmp_path):
+def test_rerun_draws_every_view(discovered_folder, saved, tmp_path):
     began = cpu_seconds()
-    assert main(["view", str(found), "--save", str(tmp_path / "d.rrd")]) == 0
+    assert main(["view", str(discovered_folder), "--save", str(tmp_path / "d.rrd")]) == 0
     assert cpu_seconds() - began < MOST_SECONDS
     assert (tmp_path / "d.rrd").stat().st_size < MOST_VIEW
     observed = look(tmp_path / "d.rrd", {"posture": 40}, tmp_path / "d.png")
@@ -83,17 +65,17 @@ def test_rerun_draws_every_view(found, saved, tmp_path):
 
 
 @draws_with("chromium")
-def test_a_browser_has_nothing_to_complain_of(found, tmp_path):
+def test_a_browser_has_nothing_to_complain_of(discovered_folder, tmp_path):
     began = cpu_seconds()
     page = tmp_path / "d.html"
-    assert main(["report", str(found), "--out", str(page)]) == 0
+    assert main(["report", str(discovered_folder), "--out", str(page)]) == 0
     assert cpu_seconds() - began < MOST_SECONDS
     assert page.stat().st_size < MOST_PAGE
     observed = browse(page, tmp_path / "d.png", (412, 900), dark=True)
     assert observed.complaints == []
     assert observed.requests == []
     assert observed.width == 412
-    assert told_by(found, observed.cells) == observed.cells
+    assert told_by(discovered_folder, observed.cells) == observed.cells
     shown = {"heldout.before.C", "heldout.after.C", "explanations.0.log_bayes_factor"}
     assert shown <= set(observed.cells)
     assert sum(key.startswith("after.full.value.") for key in observed.cells) == 25
@@ -162,14 +144,14 @@ def test_a_hostile_target_stays_text(saved):
     assert "<script>alert" not in html(discovery_page(run))
 
 
-def test_two_discoveries_side_by_side(found, saved, tmp_path, capsys):
-    assert main(["report", str(found), str(found), "--json"]) == 0
+def test_two_discoveries_side_by_side(discovered_folder, saved, tmp_path, capsys):
+    assert main(["report", str(discovered_folder), str(discovered_folder), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["verdict"] == ["named", "named"]
     values = {check["name"]: check["value"] for check in document["checks"]}
     assert values["gap C, before"] == [saved.heldout.before["C"]] * 2
     assert len(document["models"]["full"]) == 25
-    assert main(["report", str(found), str(found)]) == 0
+    assert main(["report", str(discovered_folder), str(discovered_folder)]) == 0
     assert "Gap and evidence" in capsys.readouterr().out
 
 
@@ -183,64 +165,20 @@ def test_one_label_in_two_gaps_is_compared_twice(saved):
     assert values[f"ln BF {label} (gap 2)"] == [5.0] * 2
 
 
-def test_bad_input(found, foreign, tmp_path, capsys):
-    work = tmp_path / "work"
-    shutil.copytree(found, work)
-    document = json.loads((work / "run.json").read_text())
-
-    def written(**change):
-        (work / "run.json").write_text(json.dumps(document | change))
-
-    page, view = ("--out", tmp_path / "x.html"), ("--save", tmp_path / "x.rrd")
-    written(version=1)
-    assert "key 'version': found 1, expected 2" in refused(capsys, "report", work, *page)
-    written(outputs={k: v for k, v in document["outputs"].items() if k != "result.json"})
-    assert "found no result.json" in refused(capsys, "report", work, *page)
-    written(outputs=document["outputs"] | {"../x": "0"})
-    assert "'../x'" in refused(capsys, "view", work, *view)
-    written(configuration={})
-    assert "configuration" in refused(capsys, "view", work, *view)
-    written(command=3)
-    assert "command" in refused(capsys, "view", work, *view)
-    robot = next(iter(foreign.values()))
-    message = refused(capsys, "view", found, "--robot", robot.path, *view)
-    assert "give the robot that the run was made with" in message
-    assert not list(tmp_path.glob("x.*"))
-
-
-def test_a_document_that_lacks_something_is_refused_by_name(found, robot, tmp_path):
-    """Made up with matching hashes, as another program's might be."""
-    work = tmp_path / "work"
-    shutil.copytree(found, work)
-    document = json.loads((found / "result.json").read_text())
-    run = json.loads((found / "run.json").read_text())
-
-    def check(name, content, message):
-        path = work / name
-        kept = path.read_bytes()
-        path.write_text(content)
-        outputs = run["outputs"] | {name: sha256(path)}
-        (work / "run.json").write_text(json.dumps(run | {"outputs": outputs}))
-        with pytest.raises(InputError, match=message):
-            Discovered.load(work, robot)
-        path.write_bytes(kept)
-
-    for key in (
-        "verdict",
-        "story",
-        "explanations",
-        "heldout",
-        "before",
-        "noise",
-        "repeats",
-        "patterns",
-        "check",
-    ):
-        check("result.json", json.dumps({k: v for k, v in document.items() if k != key}), key)
-        check("result.json", json.dumps(document | {key: 3}), key)
-    check("result.json", "[]", "result")
-    text = (found / "residuals.csv").read_text()
-    check("residuals.csv", text.replace("before.cop_x_m", "other"), "before.cop_x_m")
-    check("residuals.csv", text.rsplit("\n", 2)[0] + "\n", "rows, expected")
-    check("residuals.csv", text + "1,2\n", "found 2 values, expected 25")
-    check("residuals.csv", "", "residuals")
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda text: text.replace("before.cop_x_m", "other"), "before.cop_x_m"),
+        (lambda text: text.rsplit("\n", 2)[0] + "\n", "rows, expected"),
+        (lambda text: text + "1,2\n", "found 2 values, expected 25"),
+        (lambda text: "", "residuals"),
+    ],
+)
+def test_residuals_that_do_not_fit_are_refused(discovered_folder, robot, tmp_path, change, message):
+    """With matching hashes, as another program might write them."""
+    work = shutil.copytree(discovered_folder, tmp_path / "work")
+    path = work / "residuals.csv"
+    path.write_text(change(path.read_text()))
+    put_right(work, path.name)
+    with pytest.raises(InputError, match=message):
+        Discovered.load(work, robot)

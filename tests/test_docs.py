@@ -104,7 +104,7 @@ def play(page: str, slow: bool, folder, monkeypatch) -> None:
 @pytest.mark.parametrize("slow", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_the_pages_in_order_in_one_folder_print_what_they_show(slow, tmp_path, monkeypatch):
     assert sorted(TUTORIALS) == sorted(str(path.relative_to(ROOT)) for path in DOCS.glob("tutorials/*.md"))
-    for page in PAGES:
+    for page in PAGES if slow else TUTORIALS[:1]:
         play(page, slow, tmp_path, monkeypatch)
 
 
@@ -119,12 +119,6 @@ def test_every_command_of_every_page_can_be_parsed():
             read_arguments(str(name), command_of(name), arguments)
         except SystemExit:
             pytest.fail(f"{page}: {line}")
-
-
-@pytest.mark.parametrize("page", TUTORIALS)
-def test_a_tutorial_shows_the_output_of_its_commands(page):
-    told = [step for step in steps(page) if step.shown is not None]
-    assert len(told) > 3
 
 
 @pytest.mark.parametrize(

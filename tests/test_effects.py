@@ -185,6 +185,7 @@ def test_no_effect_changes_nothing_in_the_laboratory(name, noiseless, robot, two
         assert getattr(same, field) == pytest.approx(getattr(before, field), abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_creeping_robot_stands_in_equilibrium(noiseless, two, nominal):
     """Readings taken as soon as friction holds show no residual, apart from a placement's constants."""
     short = dataclasses.replace(noiseless, protocol=dataclasses.replace(noiseless.protocol, window=2.0))

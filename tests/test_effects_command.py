@@ -78,20 +78,6 @@ def test_what_is_far_beyond_plausible_is_doubted(tmp_path, capsys):
     assert "encoder-offset:right_knee: offset 0.5 rad (28.6 deg) is 29 times what is plausible" in warned
 
 
-def test_several_effects(tmp_path):
-    more = (
-        "--effects",
-        OFFSET,
-        "--effects",
-        "cell-gain:left.front_left=0.05",
-        "--truth",
-        tmp_path / "t.json",
-    )
-    simulated(tmp_path / "data", *more)
-    effects = json.loads((tmp_path / "t.json").read_text())["effects"]
-    assert [effect["name"] for effect in effects] == ["encoder-offset", "cell-gain"]
-
-
 def everything_in(folder: Path) -> bytes:
     return b"".join(path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file())
 

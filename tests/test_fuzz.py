@@ -36,7 +36,7 @@ includes itself; more than 100000 elements; nested too deep; not a table of numb
 TULIP = ASSETS / "tulip_mjcf"
 
 quick = settings(
-    max_examples=50,
+    max_examples=25,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
@@ -58,6 +58,7 @@ def messages_of(judge, subtests, step):
     return messages
 
 
+@pytest.mark.slow
 def test_inputs_end_in_a_right_result_or_in_one_message(judge, subtests):
     messages = messages_of(judge, subtests, 8)
     assert len(messages) > 20

@@ -223,16 +223,6 @@ def test_a_column_is_one_of_the_contract(table, tmp_path):
         tt.import_table(table(), out=tmp_path / "data", map=stated)
 
 
-def test_a_folder_that_would_break_the_contract_is_not_left(table, stated, tmp_path):
-    def radians(columns):
-        columns["RKnee [rad]"] = columns.pop("RKnee [deg]")
-
-    found = tt.import_table(table(change=radians), out=tmp_path / "data", map=[stated(WRENCHES)])
-    assert found.folder is None
-    assert not list(tmp_path.glob("*data*"))
-    assert "column 'q.right_knee', row 1: found" in found.problems[0]
-
-
 @pytest.mark.parametrize(
     ("text", "entries", "message"),
     [
@@ -287,15 +277,6 @@ def test_the_command_prints_one_document(table, stated, tmp_path, capsys):
     assert "No folder was written" in out.err + out.out
 
 
-def test_a_file_and_a_single_column_are_both_heard(table, stated, tmp_path, capsys):
-    single = "q.right_knee=RKnee [deg]:deg:-1"
-    arguments = ["import", str(table()), "--out", str(tmp_path / "data"), "--json"]
-    main([*arguments, "--map", stated(WRENCHES), "--map", single])
-    document = json.loads(capsys.readouterr().out)
-    assert document["mapped"]["q.right_knee"]["sign"] == -1
-    assert not any("contacts" in problem for problem in document["problems"])
-
-
 def test_what_is_assumed_of_the_contact_sensors_is_said(table, stated, tmp_path):
     found = tt.import_table(table(), out=tmp_path / "data", map=[stated(WRENCHES)])
     assert any(
@@ -322,6 +303,8 @@ def test_messages_speak_of_the_table_and_the_map(table, stated, tmp_path):
 
     path = table(change=radians)
     found = tt.import_table(path, out=tmp_path / "data", map=[stated(WRENCHES)])
+    assert found.folder is None
+    assert not list(tmp_path.glob("*data*"))
     (problem,) = [text for text in found.problems if "row 1: found" in text]
     assert problem.startswith(f"{path}: column 'q.right_knee'")
     assert problem.endswith("q.right_knee is column 'RKnee [rad]'")

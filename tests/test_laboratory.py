@@ -101,6 +101,7 @@ def test_gated_hold_reads_what_the_full_minute_reads(robot, plan, monkeypatch):
         assert np.abs(gated.cell_forces - full.cell_forces).max() < 1e-3 * force_sd
 
 
+@pytest.mark.slow
 def test_feet_and_joints_stay_for_a_minute(robot, plan):
     """From release to the end of a whole minute: the last 30 s against the first moment at rest."""
     rig = preset_rig("ideal", robot)
@@ -155,6 +156,7 @@ def test_the_books_are_closed_in_every_run(ideal, moved_wii):
         assert max(b.kinetic for b in books) < 1e-12
 
 
+@pytest.mark.slow
 def test_the_books_are_closed_where_everything_gives_way(robot, plan):
     rig = dataclasses.replace(
         preset_rig("ideal", robot),

@@ -9,7 +9,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from tests.meshed_robot import write_meshed_robot
 from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.plan_clearances import clearance_table, clearances_of
 from tulip_testbed.identification.link_clearances import (
@@ -44,7 +43,7 @@ def humanoid(foreign):
 
 @pytest.fixture(scope="module")
 def random_plan(humanoid):
-    return random_postures(humanoid, nominal_plates(humanoid)[0], 10, 5, 411)
+    return random_postures(humanoid, nominal_plates(humanoid)[0], 4, 5, 411)
 
 
 @pytest.fixture(scope="module")
@@ -208,9 +207,9 @@ def test_geoms_that_can_collide_stand_for_their_link(foreign):
     assert len(every.geoms) - len(some.geoms) == shapes - 1
 
 
-def test_a_mesh_counts_as_its_hull(tmp_path):
+def test_a_mesh_counts_as_its_hull(meshed):
     """Its bumps end 10 % beyond the ball of its link; the robot was loaded without meshes."""
-    robot = write_meshed_robot(tmp_path / "robot")
+    robot = meshed
     shapes = link_shapes(robot)
     assert not robot.model.nmesh
     link = robot.model.body("left_elbow_link").id

@@ -8,12 +8,10 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet
 import pytest
-import scipy.io
 
 import tulip_testbed as tt
+from tests.recorded_logs import BAD, KINDS, motion, write_dumper, write_table
 from tests.test_refusals import check_words, rows
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.measurements.logs.joined_clocks import TIME
@@ -22,7 +20,6 @@ from tulip_testbed.measurements.logs.series_reduction import reduced
 
 BOWING = Path(__file__).parent / "data" / "bowing"
 WEIGHT = 61.69 * 9.81
-CHANNELS = ("fx", "fy", "fz", "mx", "my", "mz")
 
 
 @pytest.fixture(scope="module")
@@ -56,14 +53,6 @@ def needed(robot, angles, rates, accelerations):
         mujoco.mj_inverse(model, data)
         out.append(data.qfrc_inverse[:6].copy())
     return np.array(out)
-
-
-def motion(time):
-    """Return angles, rates and accelerations of a person who bows with up to 1 Hz, (n, 2) each."""
-    turn, size = 2 * np.pi * np.array([[0.13, 0.4], [0.31, 1.0]]), np.array([[0.03, 0.3], [0.01, 0.03]])
-    phase = turn * time[:, None, None]
-    value = size * np.sin(phase), size * turn * np.cos(phase), -size * turn**2 * np.sin(phase)
-    return tuple(one.sum(axis=1) for one in value)
 
 
 def samples(imported, robot, time):
@@ -153,6 +142,7 @@ def test_a_gap_in_the_clock_costs_its_windows_alone(imported, bowing):
     assert set(out.measurements.placement) == {1, 2, 3}
 
 
+@pytest.mark.slow
 def test_identification_predicts_a_person_better_than_cad_does(imported, bowing):
     """Held-out halves, along the plane in which the person bows. CAD with an offset is not beaten."""
     found = tt.predict(imported, bowing)
@@ -164,107 +154,6 @@ def test_identification_predicts_a_person_better_than_cad_does(imported, bowing)
     assert found.beats_cad_with_offset is not True
 
 
-# Readers
-
-JOINT_STATE = """std_msgs/Header header
-string[] name
-float64[] position
-float64[] velocity
-float64[] effort
-"""
-WRENCH_STAMPED = """std_msgs/Header header
-geometry_msgs/Wrench wrench
-================================================================================
-MSG: geometry_msgs/Wrench
-geometry_msgs/Vector3 force
-geometry_msgs/Vector3 torque
-================================================================================
-MSG: geometry_msgs/Vector3
-float64 x
-float64 y
-float64 z
-"""
-HEADER = """================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
-CLOCK = np.arange(300) / 100
-ANGLES, _, _ = motion(CLOCK)
-WRENCHES = np.column_stack([np.sin(CLOCK + k) * 10 + 600 * (k == 2) for k in range(6)])
-NAMES = ("ankle", "hip")
-
-
-def unit(channel):
-    return "N" if channel[0] == "f" else "Nm"
-
-
-def write_table(path):
-    columns = {"t_s": CLOCK}
-    columns |= {f"{name}_rad": ANGLES[:, k] for k, name in enumerate(NAMES)}
-    columns |= {f"right_foot_{name}_{unit(name)}": WRENCHES[:, k] for k, name in enumerate(CHANNELS)}
-    if path.suffix == ".parquet":
-        pyarrow.parquet.write_table(pa.table({name: pa.array(v) for name, v in columns.items()}), path)
-    else:
-        rows, names = np.column_stack(list(columns.values())), ",".join(columns)
-        np.savetxt(path, rows, "%.17g", ",", header=names, comments="")
-
-
-def write_matlab(path):
-    log = {"t": CLOCK, "joints": {"q": ANGLES.T}, "foot": {"wrench": {"right": WRENCHES}}, "gain": np.eye(4)}
-    scipy.io.savemat(path, {"log": log})
-
-
-def write_dumper(path, change=lambda device, rows: rows):
-    for device, values in (("legs", ANGLES), ("feet/right", WRENCHES)):
-        (path / device).mkdir(parents=True)
-        rows = np.column_stack([np.arange(len(CLOCK)), CLOCK + 1e9, values])
-        np.savetxt(path / device / "data.log", change(device, rows), "%.17g")
-
-
-def write_ros(path):
-    writer_of = pytest.importorskip("mcap_ros2.writer").Writer
-    with path.open("wb") as file:
-        writer = writer_of(file)
-        joints = writer.register_msgdef("sensor_msgs/msg/JointState", JOINT_STATE + HEADER)
-        wrenches = writer.register_msgdef("geometry_msgs/msg/WrenchStamped", WRENCH_STAMPED + HEADER)
-        for time, angles, wrench in zip(CLOCK, ANGLES, WRENCHES, strict=True):
-            header = {"stamp": {"sec": 5 + int(time), "nanosec": round(1e9 * (time % 1))}, "frame_id": ""}
-            state = {"header": header, "name": list(NAMES), "position": angles.tolist()}
-            writer.write_message("/joint_states", joints, state | {"velocity": [], "effort": []})
-            vectors = [dict(zip("xyz", part, strict=True)) for part in (wrench[:3], wrench[3:])]
-            content = dict(zip(("force", "torque"), vectors, strict=True))
-            writer.write_message("/right_foot/wrench", wrenches, {"header": header, "wrench": content})
-        writer.finish()
-
-
-def stated_wrench(name):
-    return [f"wrench.right.{c}={name}.{k + 1}:{unit(c)}:1" for k, c in enumerate(CHANNELS)]
-
-
-KINDS = {
-    "log.csv": (write_table, []),
-    "log.parquet": (write_table, []),
-    "log.mat": (
-        write_matlab,
-        [
-            *("time=log.t:s:1", "q.ankle=log.joints.q.1:rad:1", "q.hip=log.joints.q.2:rad:1"),
-            *stated_wrench("log.foot.wrench.right"),
-        ],
-    ),
-    "log": (
-        write_dumper,
-        [
-            *("q.ankle=legs.1:rad:1", "q.hip=legs.2:rad:1"),
-            *stated_wrench("feet.right"),
-        ],
-    ),
-    "log.mcap": (write_ros, []),
-}
 CONTACTS = "".join(
     f'[[contacts]]\nname = "{side}"\nkind = "wrench"\nmount = "foot"\n' for side in ("right", "left")
 )
@@ -312,68 +201,6 @@ def test_a_long_table_with_a_fast_clock_is_a_series(bowing, tmp_path):
     result = import_log(bowing, tmp_path / "log.csv", [], CONTACTS)
     assert result.folder is None  # the left foot's wrench is not logged, nobody said that it is in the air
     assert "wrench.left.fx" in " ".join(result.problems)
-
-
-# Bad input
-
-
-def no_overlap(path):
-    write_dumper(path, lambda device, rows: rows + 100 * (device == "legs"))
-
-
-def backwards(path):
-    write_dumper(path, lambda device, rows: rows[::-1])
-
-
-def words_inside(path):
-    write_dumper(path)
-    (path / "legs" / "data.log").write_text("0 1.0 [ok] 2 3\n")
-
-
-def not_a_number(path):
-    write_dumper(path)
-    lines = (path / "legs" / "data.log").read_text().splitlines()
-    lines[7] = "7 1000000000.07 nan 0"
-    (path / "legs" / "data.log").write_text("\n".join(lines))
-
-
-def nothing(path):
-    path.mkdir()
-
-
-def new_matlab(path):
-    path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM" + b"\x89HDF" * 100)
-
-
-def short_matlab(path):
-    scipy.io.savemat(path, {"gain": 3.0})
-
-
-def broken(path):
-    path.write_bytes(b"nothing")
-
-
-def lifted(path):
-    write_dumper(path, lambda device, rows: rows * (1 - (device != "legs") * (np.arange(rows.shape[1]) > 1)))
-
-
-def still(path):
-    write_dumper(path, lambda device, rows: np.where((device == "legs") & (rows < 2), 0.1, rows))
-
-
-BAD = {
-    "clocks that do not overlap": ("log", no_overlap),
-    "a clock that runs backwards": ("log", backwards),
-    "words among numbers": ("log", words_inside),
-    "NaN in a log": ("log", not_a_number),
-    "an empty folder": ("log", nothing),
-    "MATLAB 7.3": ("log.mat", new_matlab),
-    "MATLAB without a series": ("log.mat", short_matlab),
-    "no MATLAB file": ("log.mat", broken),
-    "no bag": ("log.mcap", broken),
-    "a foot in the air all the time": ("log", lifted),
-    "nothing moves": ("log", still),
-}
 
 
 @rows("logs")

@@ -34,13 +34,21 @@ def test_tulips_margins_are_exactly_those_of_its_published_plans(robot):
     assert planning_margins(robot) == expected
 
 
-def test_a_light_robot_can_be_planned(tmp_path):
-    robot = write_scaled_robot(tmp_path / "light", LIGHT)
-    margins, plate = planning_margins(robot), nominal_plates(robot)[0]
-    assert leg_length(robot) == pytest.approx(LIGHT * 0.6449)
+@pytest.fixture
+def light(tmp_path):
+    return write_scaled_robot(tmp_path / "light", LIGHT)
+
+
+def test_margins_of_a_light_robot_are_in_proportion(light):
+    margins = planning_margins(light)
+    assert leg_length(light) == pytest.approx(LIGHT * 0.6449)
     assert margins.foot_load == pytest.approx(25.0 * LIGHT**3, rel=0.01)
     assert margins.foot_moment == pytest.approx(0.55 * LIGHT**4, rel=0.01)
-    problem = planning_problem(robot, plate)
+
+
+@pytest.mark.slow
+def test_a_light_robot_can_be_planned(light):
+    problem = planning_problem(light, nominal_plates(light)[0])
     assert problem.weight == pytest.approx(31.0, abs=0.01)
     goal = objectives(problem.nominal, 4.16e-3)["condition"]
     plan = SearchTask(problem, goal, 5, 3, 421, hops=0).run()

@@ -159,6 +159,7 @@ def test_rows_on_either_foot_stand_by_mujoco(robot, mixed):
             assert (np.abs(expected) < 0.851 * limits).all()
 
 
+@pytest.mark.slow
 def test_margins_hold_in_every_row(problem, other, mixed, robot):
     for support, own in (("right", problem), ("left", other)):
         one = mixed.take(mixed.support == support)
@@ -169,6 +170,7 @@ def test_margins_hold_in_every_row(problem, other, mixed, robot):
     assert {"left foot: stability margin", "right foot: torques", "sole margin"} <= set(said)
 
 
+@pytest.mark.slow
 def test_every_posture_on_one_foot_is_put_down_by_itself(mixed, robot, tmp_path):
     for number in np.unique(mixed.placement):
         part = mixed.take(mixed.placement == number)
@@ -179,6 +181,7 @@ def test_every_posture_on_one_foot_is_put_down_by_itself(mixed, robot, tmp_path)
     np.testing.assert_array_equal(again.joint_angles, mixed.joint_angles)
 
 
+@pytest.mark.slow
 def test_the_search_beats_the_best_of_a_random_pool(problem, goal, mixed):
     """With the same numbers and the same postures on both feet, and a pool twice as large as the start's."""
     pools = random_pools(problem, COUNTS, SEED + 1, 6)
@@ -194,12 +197,14 @@ def test_the_search_beats_the_best_of_a_random_pool(problem, goal, mixed):
     assert found < mixed.made["initial_objective"] - 0.5
 
 
+@pytest.mark.slow
 def test_a_search_is_taken_up_in_the_same_bits(task, states, mixed):
     again = task.run(state=states[0])
     assert again.joint_angles.tobytes() == mixed.joint_angles.tobytes()
 
 
-def test_the_description_is_by_other_code(robot, mixed):
+def test_the_description_is_by_other_code(robot):
+    mixed = plans.mixed
     parameters = base_parameters(robot, support=common_support(mixed.support))
     assert len(parameters.names) == 27
     found = regressor_by_mujoco(robot, mixed.joint_angles, parameters, mixed.support)

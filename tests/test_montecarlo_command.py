@@ -119,7 +119,7 @@ def test_an_unreachable_cluster_leaves_nothing(small, tmp_path, capsys, monkeypa
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.parametrize("engine", ["statics", "dynamics"])
+@pytest.mark.parametrize("engine", ["statics", pytest.param("dynamics", marks=pytest.mark.slow)])
 def test_random_robots(robot, model, plan, engine):
     """Each run has its own robot; the nominal one without a spread; the same stream, the same run."""
     scenario = Laboratory(robot, "wii"), plan.take(plan.placement <= 1)

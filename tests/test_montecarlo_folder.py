@@ -6,7 +6,6 @@ import json
 import pytest
 
 import tulip_testbed as tt
-from tulip_testbed.base.document import first_difference
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.machine import machine
 from tulip_testbed.experiments.laboratory import Laboratory
@@ -34,33 +33,10 @@ def begin(folder, scenario, settings=SETTINGS):
         pass
 
 
-def test_begun_and_resumed(scenario, tmp_path):
-    folder = tmp_path / "run"
-    assert not kept(folder, scenario).begun()
-    assert not folder.exists()
-    begin(folder, scenario)
-    before = (folder / "run.json").read_bytes()
-    assert kept(folder, scenario).begun()
-    begin(folder, scenario)
-    assert (folder / "run.json").read_bytes() == before
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"runs": 101}, "settings.runs is 100 there and 101 here"),
-        ({"seed": 6}, "settings.seed is 5 there and 6 here"),
-        (
-            {"estimator": "least-squares"},
-            "settings.estimator is 'mixed-model' there and 'least-squares' here",
-        ),
-        ({"robot_spread": 0.1, "engine": "dynamics"}, "settings.robot_spread is None there and 0.1 here"),
-    ],
-)
-def test_other_settings_are_refused(scenario, tmp_path, change, message):
+def test_other_settings_are_refused(scenario, tmp_path):
     begin(tmp_path / "run", scenario)
-    with pytest.raises(InputError, match=message):
-        begin(tmp_path / "run", scenario, dataclasses.replace(SETTINGS, **change))
+    with pytest.raises(InputError, match=r"settings\.robot_spread is None there and 0\.1 here"):
+        begin(tmp_path / "run", scenario, dataclasses.replace(SETTINGS, robot_spread=0.1, engine="dynamics"))
 
 
 def test_another_plan_or_preset_or_version_is_refused(scenario, robot, plan, tmp_path):
@@ -113,23 +89,6 @@ def test_what_is_no_monte_carlo_is_refused(scenario, tmp_path):
     (tmp_path / "run" / "run.json").write_text('{"format": "tulip-run"}')
     with pytest.raises(InputError, match="format is 'tulip-run' there"):
         begin(tmp_path / "run", scenario)
-
-
-def test_two_at_once_are_refused(scenario, tmp_path):
-    folder = kept(tmp_path / "run", scenario)
-    with (
-        folder.opened(),
-        pytest.raises(InputError, match="another process is at work"),
-        folder.opened(),
-    ):
-        pass
-    begin(tmp_path / "run", scenario)
-
-
-def test_first_difference_names_the_place():
-    assert first_difference({"a": {"b": [1, 2]}}, {"a": {"b": [1, 2]}}) is None
-    assert first_difference({"a": {"b": [1, 2]}}, {"a": {"b": [1, 3]}}) == ("a.b", [1, 2], [1, 3])
-    assert first_difference({"a": 1, "c": 2}, {"a": 1}) == ("c", 2, None)
 
 
 def test_more_runs_in_the_same_folder(robot, plan, tmp_path):

@@ -172,12 +172,6 @@ def test_simulate_carries_an_experiment_out(ranked, tmp_path, capsys):
     assert "expected the plan of its own folder" in capsys.readouterr().err
 
 
-def test_a_folder_without_an_experiment_is_refused(few, tmp_path):
-    tt.plans.write(tmp_path / "plain", few)
-    with pytest.raises(InputError, match=r"experiment\.json: missing"):
-        read_experiment(tmp_path / "plain")
-
-
 @pytest.mark.slow
 def test_two_cells_tares_are_settled_by_turning_the_plate(lab, tmp_path):
     made = lab.with_effects("cell-tare:right.front_left=0.8")

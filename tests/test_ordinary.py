@@ -211,14 +211,6 @@ def test_a_monte_carlo_does_not_depend_on_workers_and_records_its_setting(robot,
             run_folder(tmp_path / "1", document).begun()
 
 
-def test_impossible_scales_are_refused(robot, plan):
-    for scale in (-1.0, np.inf):
-        with pytest.raises(InputError, match=r"imperfections: found .*, expected 0"):
-            tt.monte_carlo(tt.Laboratory(robot), plan, runs=1, imperfections=scale)
-        with pytest.raises(InputError, match=r"imperfections: found .*, expected 0"):
-            tt.validate(tt.Laboratory(robot), plan, imperfections=scale)
-
-
 def test_the_manifest_says_nothing_about_what_is_imperfect(validated, robot, plan, tmp_path):
     """Exact or not, laboratories state one data sheet, and no tolerances."""
     write_measurements(tmp_path / "ordinary", validated.measurements)

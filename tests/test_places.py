@@ -32,6 +32,7 @@ def data(run, tmp_path):
     return tmp_path / "data"
 
 
+@pytest.mark.slow
 def test_of_two_processes_with_the_same_names_the_winner_keeps_its_truth(tmp_path):
     """Both find the names free; the gate lets them write at once."""
     code = """
@@ -226,14 +227,14 @@ def test_a_full_disk_gives_no_stump_of_a_view(run, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_reader_that_has_seen_enough_is_no_fault(data):
+def test_a_reader_that_has_seen_enough_is_no_fault():
     """The pipe's other end is closed before anything is written."""
-    for command in (("identify", str(data)), ("robot", "--json")):
-        reading, writing = os.pipe()
-        os.close(reading)
-        done = subprocess.run([*TULIP_COMMAND, *command], stdout=writing, stderr=subprocess.PIPE, check=False)
-        os.close(writing)
-        assert (done.returncode, done.stderr) == (0, b""), command
+    reading, writing = os.pipe()
+    os.close(reading)
+    command = [*TULIP_COMMAND, "robot", "--json"]
+    done = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, check=False)
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (0, b"")
 
 
 def test_pipes_in_the_place_of_files_are_refused_at_once(data, tmp_path, robot):

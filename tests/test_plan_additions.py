@@ -69,6 +69,7 @@ def with_one_foot(one_foot, optimal):
     return appended_on_one_foot(one_foot, optimal, "right", angles, swing)
 
 
+@pytest.mark.slow
 def test_the_next_placements_tell_more_than_random_ones(problem, robot, plate, plan):
     taken = measured(robot, plan.take(plan.placement <= 10))
     goal = objectives(problem.nominal, SIGMA)["condition"]
@@ -172,6 +173,7 @@ def test_a_lifted_foot_does_not_drift(robot, nominal, with_one_foot):
     assert findings["drift"].result == "pass"
 
 
+@pytest.mark.slow
 def test_what_blocks_postures_on_one_foot_is_named(robot, plate, optimal):
     ranges = dataclasses.replace(planning_ranges(robot), stability_margin=0.045)
     problem = planning_problem(robot, plate, ranges, support="right")
@@ -179,7 +181,7 @@ def test_what_blocks_postures_on_one_foot_is_named(robot, plate, optimal):
         feasible_pool(problem, optimal.swing_pose[-1], 2, np.random.default_rng(SEED), times=1)
 
 
-@pytest.mark.parametrize("preset", ["wii", "force-plate"])
+@pytest.mark.parametrize("preset", ["wii", pytest.param("force-plate", marks=pytest.mark.slow)])
 def test_predicted_standard_errors_are_what_the_estimator_reports(robot, plan, preset):
     taken = measured(robot, plan, preset)
     said = describe_plan(robot, as_plan(robot, taken), "plan", preset)

@@ -54,7 +54,7 @@ def differences(function, design):
     return np.stack([(function(design + s) - function(design - s)) / (2 * STEP) for s in steps], axis=-1)
 
 
-@settings(max_examples=15, deadline=None, derandomize=True)
+@settings(max_examples=8, deadline=None, derandomize=True)
 @given(row=st.integers(0, 149), noise=st.integers(0, 2**31))
 def test_derivatives_through_the_inverse_kinematics(problem, plan, row, noise):
     angles = plan.joint_angles[row : row + 1]
@@ -159,6 +159,7 @@ def test_feed_forward_shares_the_load_as_planned(problem, small, robot):
     assert np.abs(sagging.state.wrench[:, :, 2] - foot.feet).max() > 5
 
 
+@pytest.mark.slow
 def test_optimal_postures_stand_in_the_full_dynamics(robot, model):
     plan = read_plan(OPTIMAL, robot)
     rig = preset_rig("wii", robot)

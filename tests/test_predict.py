@@ -197,7 +197,7 @@ def test_few_postures_are_scored_with_cad_as_prior(heavier, robot, tmp_path, cap
         assert one["low95"]["x"] <= one["rms_mm"]["x"] <= one["high95"]["x"]
 
 
-@pytest.mark.parametrize("spread", [None, 0.2])
+@pytest.mark.parametrize("spread", [None, pytest.param(0.2, marks=pytest.mark.slow)])
 def test_unknown_zeros_of_sensors_in_the_feet_are_no_merit_of_identification(robot, spread):
     """In double support zeros imitate parameters: CAD gets them too."""
     found = tt.predict(measured(tt.Laboratory(robot, sensors="foot-ft"), spread), robot)
@@ -205,23 +205,6 @@ def test_unknown_zeros_of_sensors_in_the_feet_are_no_merit_of_identification(rob
     assert any(note.startswith("The sensors' zeros are unknown") for note in found.notes)
     if spread is None:
         assert total(found, IDENTIFIED) == pytest.approx(total(found, CAD), rel=0.03)
-
-
-def test_the_command_prints_a_table(heavier, tmp_path, capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "200")
-    write_measurements(tmp_path / "data", heavier)
-    assert main(["predict", str(tmp_path / "data"), "--train", "1-100"]) == 0
-    out = capsys.readouterr().out
-    assert IDENTIFIED in out
-    assert "Identified beats CAD: " in out
-
-
-def test_rows_are_taken_with_all_that_belongs_to_them(heavier):
-    part = heavier.take(np.array([4, 2]))
-    assert part.posture.tolist() == heavier.posture[[4, 2]].tolist()
-    assert np.array_equal(part.cell_forces, heavier.cell_forces[[4, 2]])
-    assert part.cells is heavier.cells
-    assert np.array_equal(part.top_height, heavier.top_height)
 
 
 def test_a_stated_effect_is_part_of_the_model_with_corrections_alone(laboratory, robot):

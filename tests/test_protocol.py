@@ -221,13 +221,6 @@ def test_pages_ask_the_network_for_nothing(folder):
     assert seen.complaints == []
 
 
-def test_another_robot_s_plan_is_refused(tmp_path, small_plan):
-    other = replace(small_plan, robot={"model": "other.xml", "sha256": "0" * 64})
-    with pytest.raises(tt.InputError, match="made for another robot than TULip"):
-        tt.protocol(other, out=tmp_path / "day")
-    assert not list(tmp_path.iterdir())
-
-
 def test_command_prints_one_document(tmp_path, small_protocol, capsys, monkeypatch):
     monkeypatch.setattr("tulip_testbed.pages.pictures.rendered", _no_pictures)
     monkeypatch.setattr("tulip_testbed.api.planned.protocol_of", lambda *arguments: small_protocol)

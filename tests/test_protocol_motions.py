@@ -199,10 +199,11 @@ def test_where_links_would_touch_the_robot_is_lifted(robot, small_plan, monkeypa
     """And what follows has a placement of its own, since its boards are recorded anew."""
     legs = MotionPlanner._legs
     monkeypatch.setattr(MotionPlanner, "_legs", lambda self, a, b: (legs(self, a, b)[0], LIFT))
-    lifted = protocol_of(robot, small_plan, repeats=0)
-    assert lifted.motions == (None,) * len(small_plan)
-    assert len(lifted.placements) == len(small_plan)
-    assert sorted(lifted.plan.posture.tolist()) == sorted(small_plan.posture.tolist())
+    few = small_plan.take(np.arange(6))
+    lifted = protocol_of(robot, few, repeats=0)
+    assert lifted.motions == (None,) * len(few)
+    assert len(lifted.placements) == len(few)
+    assert sorted(lifted.plan.posture.tolist()) == sorted(few.posture.tolist())
 
 
 def test_order_is_as_short_as_the_shortest():

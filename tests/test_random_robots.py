@@ -7,7 +7,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.validate import NEGLIGIBLE
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.sim.random_robots import draw_robot, edit_of, half_edges
@@ -95,9 +94,3 @@ def test_edits_travel_and_streams_repeat(model):
     np.testing.assert_array_equal(first, again)
     edit = pickle.loads(pickle.dumps(edit_of(model, first)))
     np.testing.assert_array_equal(edit.args[1], first[:, 0])
-
-
-@pytest.mark.parametrize("spread", [0.0, -0.1, 1.5, np.nan])
-def test_impossible_spreads(model, spread):
-    with pytest.raises(InputError, match="expected more than 0 and at most 1"):
-        draw_robot(model, spread, np.random.default_rng(0))

@@ -3,14 +3,13 @@
 import copy
 import dataclasses
 import json
-import re
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.test_view import run  # noqa: F401
+from tests.test_refusals import change_keys, refuse, rows
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import sha256
 from tulip_testbed.discovery.dynamics_check import DynamicsCheck
@@ -62,16 +61,14 @@ def empty(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["run", "montecarlo"])
-def test_no_run_file_breaks_the_reader(name, run, coverage, robot, empty):  # noqa: F811
-    folder = {"run": run, "montecarlo": coverage}[name]
-    document = json.loads((folder / "run.json").read_text())
-    tried = 0
-    for changed in mutations(document):
+def test_no_run_file_breaks_the_reader(name, run_folder, coverage, robot, empty):
+    folder = {"run": run_folder, "montecarlo": coverage}[name]
+    tried = [*mutations(json.loads((folder / "run.json").read_text()))]
+    for changed in tried:
         (empty / "run.json").write_text(json.dumps(changed))
         with pytest.raises(InputError):
             read_run(empty, robot)
-        tried += 1
-    assert tried > 100
+    assert len(tried) > 100
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{", '{"format": 1}', '{"version": 1}', "\x00", '{"a": NaN}'])
@@ -81,16 +78,15 @@ def test_what_is_no_run_file(content, empty):
         kind_of(empty)
 
 
-def test_every_file_of_a_run_is_guarded(run, robot, tmp_path):  # noqa: F811
+def test_every_file_of_a_run_is_guarded(run_folder, robot, tmp_path):
     """Changed, emptied or removed: each is noticed."""
-    names = [path.relative_to(run) for path in sorted(run.rglob("*")) if path.is_file()]
-    assert len(names) > 8
+    names = [path.relative_to(run_folder) for path in run_folder.rglob("*") if path.is_file()]
+    names.remove(Path("run.json"))
+    assert len(names) > 7
     for name in names:
-        if name == Path("run.json"):
-            continue
         for damage in ("changed", "emptied", "removed"):
             other = tmp_path / damage / str(name).replace("/", "-")
-            shutil.copytree(run, other)
+            shutil.copytree(run_folder, other)
             content = (other / name).read_bytes()
             if damage == "removed":
                 (other / name).unlink()
@@ -100,8 +96,8 @@ def test_every_file_of_a_run_is_guarded(run, robot, tmp_path):  # noqa: F811
                 Validation.load(other, robot)
 
 
-def test_outputs_lie_in_the_folder(run, robot, tmp_path):  # noqa: F811
-    shutil.copytree(run, tmp_path / "run")
+def test_outputs_lie_in_the_folder(run_folder, robot, tmp_path):
+    shutil.copytree(run_folder, tmp_path / "run")
     document = json.loads((tmp_path / "run" / "run.json").read_text())
     document["outputs"]["../elsewhere"] = "0"
     (tmp_path / "run" / "run.json").write_text(json.dumps(document))
@@ -158,20 +154,19 @@ def key_paths(value, path=""):
     return {path}
 
 
-def test_the_keys_on_disk_are_those_of_version_2(moved_wii, discovered, robot, plan, tmp_path):
+def test_the_keys_on_disk_are_those_of_version_2(run_folder, discovered, coverage, tmp_path):
     """Whoever renames a field in memory does not rename a key in everybody's files."""
-    moved_wii.save(tmp_path / "validation")
     checked = dataclasses.replace(discovered, check=DynamicsCheck(2, 3, 0.1, (1.0, 0.5), ""))
     checked.save(tmp_path / "discovery")
-    settings = Settings(30, SEED, "mixed-model", None, imperfections=0)
-    montecarlo(Laboratory(robot, "wii"), plan, settings, RunPlace(tmp_path / "montecarlo", 1, None))
-    expected: dict[str, set[str]] = {}
+    folders = {"validation": run_folder, "discovery": tmp_path / "discovery", "montecarlo": coverage}
+    expected: dict[tuple[str, str], set[str]] = {}
     for line in (DATA / "record_keys.txt").read_text().splitlines():
         name, path = line.split(" ")
-        expected.setdefault(name, set()).add(f".{path}")
+        kind, _, file = name.partition("/")
+        expected.setdefault((kind, file), set()).add(f".{path}")
     assert len(expected) == 8
-    for name, paths in expected.items():
-        assert key_paths(json.loads((tmp_path / name).read_text())) == paths, name
+    for (kind, file), paths in expected.items():
+        assert key_paths(json.loads((folders[kind] / file).read_text())) == paths, f"{kind}/{file}"
 
 
 def test_the_same_run_gives_the_same_bytes(static, static_run, robot, tmp_path):
@@ -198,30 +193,34 @@ def test_a_discovery_in_memory_is_the_one_in_its_folder(discovered, robot, tmp_p
         discovered.save(tmp_path / "found")
 
 
-def test_a_monte_carlo_in_memory_is_the_one_in_its_folder(robot, plan, tmp_path):
-    laboratory, settings = Laboratory(robot, "wii"), Settings(30, SEED, "mixed-model", None, imperfections=0)
-    memory = montecarlo(laboratory, plan, settings, RunPlace(tmp_path / "runs", 1, None))
-    read = read_run(tmp_path / "runs", robot)
+@pytest.fixture(scope="module")
+def repeated(robot, plan, tmp_path_factory) -> tuple[MonteCarlo, Path]:
+    """A Monte Carlo in memory, and its folder."""
+    folder = tmp_path_factory.mktemp("repeated") / "runs"
+    settings = Settings(30, SEED, "mixed-model", None, imperfections=0)
+    return montecarlo(Laboratory(robot, "wii"), plan, settings, RunPlace(folder, 1, None)), folder
+
+
+def test_a_monte_carlo_in_memory_is_the_one_in_its_folder(repeated, robot):
+    memory, folder = repeated
+    read = read_run(folder, robot)
     assert same(memory, read)
     assert same_page(page_of(memory), page_of(read))
     assert isinstance(read, MonteCarlo)
-    assert json.loads((tmp_path / "runs" / "report.json").read_text()) == read.to_json()
+    assert json.loads((folder / "report.json").read_text()) == read.to_json()
 
 
-def test_any_result_in_memory_has_a_page_and_a_view(static_run, discovered, robot, plan, tmp_path):
-    settings = Settings(10, SEED, "mixed-model", None, imperfections=0)
-    scratch = RunPlace(tmp_path / "runs", 1, None, stays=False)
-    repeated = montecarlo(Laboratory(robot, "wii"), plan, settings, scratch)
-    results = {"validation": judge(static_run), "discovery": discovered, "Monte Carlo": repeated}
-    for kind, result in results.items():
-        page = write_page(tmp_path / f"{kind}.html", dataclasses.replace(result, folder=None))
+def test_any_result_in_memory_has_a_page_and_a_view(static, discovered, repeated, tmp_path):
+    for kind, result in {"validation": static, "discovery": discovered, "Monte Carlo": repeated[0]}.items():
+        alone = dataclasses.replace(result, folder=None)
+        page = write_page(tmp_path / f"{kind}.html", alone)
         assert page.title == f"TULip: {kind}"
         assert page.verdict == result.verdict
-        view = run_view(dataclasses.replace(result, folder=None))
+        view = run_view(alone)
         assert view.title == f"TULip ({kind})"
         assert window.save(tmp_path / f"{kind}.rrd", view.title, view.log) > 1e5
-        with pytest.raises(InputError, match="exists already"):
-            write_page(tmp_path / f"{kind}.html", result)
+    with pytest.raises(InputError, match="exists already"):
+        write_page(tmp_path / "discovery.html", discovered)
 
 
 def test_a_run_of_the_statics_says_that_it_has_no_true_centre_of_mass(static):
@@ -235,122 +234,40 @@ def test_a_run_of_the_statics_says_that_it_has_no_true_centre_of_mass(static):
     assert NO_TRUE_COM in subject.notes
 
 
-def changed(document, path, value):
-    """A copy with another value at a path; GONE removes it."""
-    document = copy.deepcopy(document)
-    *way, last = path
-    place = document
-    for key in way:
-        place = place[key]
-    if value is GONE:
-        del place[last]
-    else:
-        place[last] = value
-    return document
-
-
-IDENTIFIED = ("identification", "full")
-EDITED = [
-    ("result.json", ("checks", 0, "result"), None, "key 'checks.0.result': found None"),
-    ("result.json", ("checks", 4, "threshold"), [-1.0], "key 'checks.4.threshold"),
-    ("result.json", ("checks", 1, "name"), "total mass", "key 'checks': found"),
-    ("result.json", ("identification", "mass"), "23", "key 'identification.mass': found '23'"),
-    ("result.json", ("identification", "mass"), GONE, "key 'identification.mass': found nothing"),
-    ("result.json", (*IDENTIFIED, "value", 3), "x", "key 'identification.full.value': found"),
-    (
-        "result.json",
-        (*IDENTIFIED, "numbers", 24),
-        GONE,
-        "key 'identification.full.numbers': found numbers of shape (24,)",
-    ),
-    ("result.json", (*IDENTIFIED, "names", 9), "x", "key 'identification.full.9': found parameter 10"),
-    ("result.json", (*IDENTIFIED, "placement_sd"), [1.0], "key 'identification.full.placement_sd"),
-    (
-        "result.json",
-        ("identification", "simplified", "numbers", 0),
-        7,
-        "key 'identification.simplified.0': found",
-    ),
-    ("result.json", ("truth",), [0.1], "key 'truth': found 1 numbers, expected 25"),
-    ("truth.json", ("version",), 1, "key 'version': found 1; expected 2"),
-    ("truth.json", ("attempts", 0, "held", "com"), [0.1], "key 'attempts'"),
-    ("truth.json", ("attempts", 0, "held", "com"), GONE, "key 'attempts.0.held.com': found nothing"),
-    ("truth.json", ("attempts", 0, "posture"), 77, "found other postures than in the measurements"),
-    ("truth.json", ("standard", 2), [1.0, 0.0, 0.0], "key 'standard'"),
-    ("truth.json", ("links",), ["torso"], "key 'links'"),
-]
-
-
-@pytest.mark.parametrize(("name", "path", "value", "message"), EDITED)
-def test_an_edited_validation_is_refused(run, robot, tmp_path, name, path, value, message):  # noqa: F811
-    """Edited by hand, with the hash put right."""
-    folder = tmp_path / "run"
-    shutil.copytree(run, folder)
+def refuse_edited(folder, load, changes, words):
+    """Change a document of a run folder and put its hash right: the message names the file and the key."""
+    name, _, change = changes[0].partition(": ")
     document = json.loads((folder / name).read_text())
-    (folder / name).write_text(json.dumps(changed(document, path, value)))
-    _put_right(folder, name)
-    with pytest.raises(InputError, match=f"{re.escape(name)}: {re.escape(message)}"):
-        Validation.load(folder, robot)
+    change_keys(document, change)
+    (folder / name).write_text(json.dumps(document))
+    put_right(folder, name)
+    refuse(f"{name}: ... {words}", load, folder)
 
 
-EXPLAINED = ("explanations", 0)
-EDITED_DISCOVERY = [
-    (("verdict",), "found", "key 'verdict': found 'found'"),
-    ((*EXPLAINED, "log_bayes_factor"), None, "key 'explanations.0.log_bayes_factor': found None"),
-    (
-        (*EXPLAINED, "instance", "parameters", 0, "value"),
-        "0",
-        "key 'explanations.0.instance.parameters.0.value",
-    ),
-    (
-        (*EXPLAINED, "instance", "parameters", 0, "unit"),
-        GONE,
-        "key 'explanations.0.instance.parameters.0.unit",
-    ),
-    (
-        (*EXPLAINED, "instance", "name"),
-        "nothing",
-        "key 'explanations.0.instance': effects: unknown effect 'nothing'",
-    ),
-    ((*EXPLAINED, "instance", "target"), "left_nose", "unknown target 'left_nose'"),
-    (
-        ("adopted", 0, "parameters", 0, "value"),
-        9.0,
-        "key 'adopted.0': encoder-offset, offset: found 9 outside",
-    ),
-    (("heldout", "floor"), GONE, "key 'heldout.floor': found nothing"),
-    (("noise", "encoder"), "1", "key 'noise.encoder': found '1'"),
-    (("repeats", "p"), [], "key 'repeats.p': found []"),
-    (("families", 0, "family", "effect"), "nothing", "key 'families.0.family.effect': effects: unknown"),
-    (("before", "full", "names", 0), "head.x", "key 'before.full.0': found parameter 1, head.x"),
-    (("story",), [], "key 'story'"),
-]
+@rows("validation")
+def test_an_edited_validation_is_refused(run_folder, robot, tmp_path, changes, words):
+    folder = shutil.copytree(run_folder, tmp_path / "run")
+    refuse_edited(folder, lambda place: Validation.load(place, robot), changes, words)
 
 
-@pytest.mark.parametrize(("path", "value", "message"), EDITED_DISCOVERY)
-def test_an_edited_discovery_is_refused_by_key(discovered, robot, tmp_path, path, value, message):
-    folder = tmp_path / "found"
-    discovered.save(folder)
-    document = json.loads((folder / "result.json").read_text())
-    (folder / "result.json").write_text(json.dumps(changed(document, path, value)))
-    _put_right(folder, "result.json")
-    with pytest.raises(InputError, match=f"result.json: {re.escape(message)}"):
-        Discovered.load(folder, robot)
+@rows("discovery")
+def test_an_edited_discovery_is_refused(discovered_folder, robot, tmp_path, changes, words):
+    folder = shutil.copytree(discovered_folder, tmp_path / "found")
+    refuse_edited(folder, lambda place: Discovered.load(place, robot), changes, words)
 
 
-def _put_right(folder, name):
+def put_right(folder, name):
     document = json.loads((folder / "run.json").read_text())
     document["outputs"][name] = sha256(folder / name)
     (folder / "run.json").write_text(json.dumps(document))
 
 
-def test_keys_that_nobody_knows_are_passed_over(run, robot, tmp_path):  # noqa: F811
+def test_keys_that_nobody_knows_are_passed_over(run_folder, robot, tmp_path):
     """As another version might write them."""
-    folder = tmp_path / "run"
-    shutil.copytree(run, folder)
+    folder = shutil.copytree(run_folder, tmp_path / "run")
     document = json.loads((folder / "result.json").read_text())
     (folder / "result.json").write_text(json.dumps(document | {"weather": {"sky": "blue"}}))
-    _put_right(folder, "result.json")
+    put_right(folder, "result.json")
     assert Validation.load(folder, robot).to_json() == document
 
 
@@ -366,21 +283,17 @@ def test_what_is_infinite_or_undefined_is_null_on_disk(static, robot, tmp_path):
     assert np.isinf(full.relative_standard_error[0])
 
 
-def test_a_monte_carlo_with_another_plan_or_more_runs_than_anybody_makes_is_refused(robot, plan, tmp_path):
+def test_a_monte_carlo_with_another_plan_or_more_runs_than_anybody_makes_is_refused(
+    coverage, robot, plan, tmp_path
+):
     """run.json lists no hashes of the runs' files: the plan has its own, and a number of runs is bounded."""
-    folder = tmp_path / "runs"
-    montecarlo(
-        Laboratory(robot, "wii"),
-        plan,
-        Settings(2, SEED, "least-squares", None, imperfections=0),
-        RunPlace(folder, 1, None),
-    )
-    shutil.copytree(folder, tmp_path / "more")
-    document = json.loads((folder / "run.json").read_text())
-    document["settings"]["runs"] = 10**13
-    (tmp_path / "more" / "run.json").write_text(json.dumps(document))
+    folder = shutil.copytree(coverage, tmp_path / "runs")
+    intact = json.loads((folder / "run.json").read_text())
+    settings = intact["settings"] | {"runs": 10**13}
+    (folder / "run.json").write_text(json.dumps(intact | {"settings": settings}))
     with pytest.raises(InputError, match=r"run\.json: key 'settings\.runs': found 10000000000000"):
-        read_run(tmp_path / "more", robot)
+        read_run(folder, robot)
+    (folder / "run.json").write_text(json.dumps(intact))
     shutil.rmtree(folder / "plan")
     write_plan(folder / "plan", plan.take(plan.placement <= 20))
     with pytest.raises(InputError, match=r"plan: hash mismatch: found a plan with sha256"):

@@ -65,6 +65,23 @@ def check_words(words: str, message: str) -> None:
         assert (at := message.find(part, at)) >= 0, message
 
 
+def change_keys(document, change: str) -> None:
+    """Change a key, `KEY.KEY = JSON`, or remove it, `KEY.KEY -`; `*` is every item of a list."""
+    trail, _, value = change.partition(" = ")
+    *above, key = [int(part) if part.isdigit() else part for part in trail.removesuffix(" -").split(".")]
+    places = [document]
+    for part in above:
+        places = [inner for place in places for inner in (place if part == "*" else [place[part]])]
+    for place in places:
+        for each in range(len(place)) if key == "*" else [key]:
+            if not value:
+                del place[each]
+            elif key == "*":
+                place[each] = json.loads(value) | {"name": place[each]["name"]}
+            else:
+                place[each] = json.loads(value)
+
+
 def change_folder(folder, changes) -> None:
     """Change keys of the manifest and columns of the table."""
     manifest = json.loads((folder / "manifest.json").read_text())
@@ -84,18 +101,7 @@ def change_folder(folder, changes) -> None:
                 elif k and row in ("", f"{k}]"):
                     cells[column] = value
             continue
-        *above, key = [int(part) if part.isdigit() else part for part in trail.removesuffix(" -").split(".")]
-        places = [manifest]
-        for part in above:
-            places = [inner for place in places for inner in (place if part == "*" else [place[part]])]
-        for place in places:
-            for each in range(len(place)) if key == "*" else [key]:
-                if not value:
-                    del place[each]
-                elif key == "*":
-                    place[each] = json.loads(value) | {"name": place[each]["name"]}
-                else:
-                    place[each] = json.loads(value)
+        change_keys(manifest, change)
     (folder / "manifest.json").write_text(json.dumps(manifest))
     (folder / "postures.csv").write_text("\n".join(",".join(cells) for cells in [names, *table]) + "\n")
 
@@ -133,14 +139,13 @@ def test_a_robot_is_refused(tmp_path, changes, words):
 @rows("published")
 @pytest.mark.filterwarnings("error")  # none next to a refusal
 def test_a_published_robot_is_refused(tmp_path, monkeypatch, capfd, changes, words):
-    """What would be read without end is, in another process; the others would only take longer there."""
+    """What would be read without end is, in a process of its own."""
     write_published(tmp_path).rename(tmp_path / "robot.urdf")
     (tmp_path / "robot.xml").write_text(mjcf())
     change_texts(tmp_path, changes)
     if ENDLESS.search(changes[0]):
         monkeypatch.setattr(sandbox, "MOST_SECONDS", 1)
-    else:
-        monkeypatch.setattr(published, "call_safely", lambda function, path: function(path))
+        monkeypatch.setattr(published, "call_safely", sandbox.call_safely)
     file = tmp_path / changes[0].partition(":")[0]
     refuse(f"{file}: {words}", import_robot, file)
     assert capfd.readouterr() == ("", "")
@@ -205,7 +210,8 @@ def names(robot, run):
         "tt": tt,
         "base_parameters": base_parameters,
     }
-    return own | {"run": run, "lab": run.laboratory, "plan": tt.plans.random}
+    fit = tt.identify(run, estimator="mixed-model")
+    return own | {"run": run, "lab": run.laboratory, "plan": tt.plans.random, "fit": fit}
 
 
 @rows("calls")

@@ -4,6 +4,8 @@ import dataclasses
 import json
 import re
 import shutil
+from base64 import b64decode
+from io import BytesIO
 
 import numpy as np
 import pytest
@@ -12,23 +14,24 @@ from PIL import Image
 from tests.drawing import draws_with
 from tests.looking import browse, browser
 from tests.test_cli import refused
-from tests.test_view import cpu_seconds, not_blank, run  # noqa: F401
+from tests.test_view import cpu_seconds, not_blank
 from tulip_testbed import rendering
 from tulip_testbed.base.document import flattened
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.validation_result import Validation
+from tulip_testbed.pages import pictures
 from tulip_testbed.pages.page import html
-from tulip_testbed.pages.pictures import PICTURES
+from tulip_testbed.pages.run_page import page_of
 from tulip_testbed.pages.validation_page import validation_page
 
 MOST_SECONDS, MOST_BYTES = 20, 12e6
 
 
 @pytest.fixture(scope="module")
-def page(run, tmp_path_factory):  # noqa: F811
+def page(run_folder, tmp_path_factory):
     path = tmp_path_factory.mktemp("report") / "run.html"
     began = cpu_seconds()
-    assert main(["report", str(run), "--out", str(path)]) == 0
+    assert main(["report", str(run_folder), "--out", str(path)]) == 0
     assert cpu_seconds() - began < MOST_SECONDS
     assert path.stat().st_size < MOST_BYTES
     return path
@@ -59,7 +62,7 @@ def told_by(folder, keys, name="result.json"):
 
 
 @draws_with("chromium")
-def test_a_browser_has_nothing_to_complain_of(page, run, tmp_path):  # noqa: F811
+def test_a_browser_has_nothing_to_complain_of(page, run_folder, tmp_path):
     """Wide and light, narrow and dark."""
     with browser() as visit:
         for width, dark in ((1100, False), (412, True)):
@@ -71,7 +74,7 @@ def test_a_browser_has_nothing_to_complain_of(page, run, tmp_path):  # noqa: F81
             brightness = np.asarray(Image.open(tmp_path / "page.png").convert("L"))[:200].mean()
             assert (brightness < 100) == dark
             assert len(observed.cells) > 300
-            assert told_by(run, observed.cells) == observed.cells
+            assert told_by(run_folder, observed.cells) == observed.cells
             assert {f"identification.full.standard_error.{row}" for row in range(25)} <= set(observed.cells)
 
 
@@ -99,11 +102,11 @@ def test_the_browser_test_notices_requests_and_errors(tmp_path):
     assert len(observed.complaints) >= 2
 
 
-def test_shown_figures_are_the_documents_rounded(page, run):  # noqa: F811
+def test_shown_figures_are_the_documents_rounded(page, run_folder):
     text = page.read_text(encoding="utf-8")
     shown = dict(re.findall(r'data-key="(identification\.full\.value\.\d+)"[^>]*>([^<]*)<', text))
     assert len(shown) == 25
-    for key, value in told_by(run, shown).items():
+    for key, value in told_by(run_folder, shown).items():
         assert float(shown[key]) == pytest.approx(1e3 * value, abs=0.0051)
 
 
@@ -125,20 +128,27 @@ def test_every_picture_has_words(page):
 
 
 @draws_with("opengl")
-def test_postures_are_drawn(page):
-    assert page.read_text(encoding="utf-8").count('<img src="data:image/png;base64,') == PICTURES
+def test_postures_are_drawn(moved_wii, monkeypatch):
+    monkeypatch.setattr(pictures, "rendered", rendering.rendered)
+    drawn = re.findall(r'<img src="data:image/png;base64,([^"]*)"', html(page_of(moved_wii)))
+    assert len(drawn) == pictures.PICTURES
+    for picture in drawn:
+        image = Image.open(BytesIO(b64decode(picture))).convert("RGB")
+        red, _, blue = np.asarray(image, int).transpose(2, 0, 1)
+        assert ((red > 150) & (blue < 80)).sum() > 100  # the robot is orange
 
 
-def test_without_opengl_the_report_says_what_to_install(run, tmp_path, capsys, monkeypatch):  # noqa: F811
+def test_without_opengl_the_report_says_what_to_install(run_folder, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(pictures, "rendered", rendering.rendered)
     monkeypatch.setattr(rendering, "PLATFORMS", ("nothing",))
-    assert main(["report", str(run), "--out", str(tmp_path / "x.html")]) == 0
+    assert main(["report", str(run_folder), "--out", str(tmp_path / "x.html")]) == 0
     packages = "apt-get install libegl1 libgl1-mesa-dri libosmesa6"
     assert packages in " ".join(capsys.readouterr().out.split())
     assert packages in (tmp_path / "x.html").read_text(encoding="utf-8")
 
 
-def test_a_failed_verdict_names_the_checks_and_a_hostile_name_stays_text(run, robot):  # noqa: F811
-    saved = Validation.load(run, robot)
+def test_a_failed_verdict_names_the_checks_and_a_hostile_name_stays_text(run_folder, robot):
+    saved = Validation.load(run_folder, robot)
     name = "</script><script>alert(1)</script>"
     first, *others = saved.checks
     checks = (dataclasses.replace(first, result="fail", name=name), *others)
@@ -155,19 +165,19 @@ def test_an_unfinished_montecarlo_is_not_reported(coverage, tmp_path, capsys):
     assert "holds 25 of 40 runs" in message
 
 
-def test_two_runs_side_by_side(run, coverage, ideal, tmp_path, capsys):  # noqa: F811
+def test_two_runs_side_by_side(run_folder, coverage, ideal, tmp_path, capsys):
     ideal.save(tmp_path / "ideal")
-    assert main(["report", str(run), str(tmp_path / "ideal"), "--json"]) == 0
+    assert main(["report", str(run_folder), str(tmp_path / "ideal"), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["settings"]["configuration.preset"] == ["wii", "ideal"]
     assert document["settings"]["configuration.seed"] == [102, 101]
     assert not any(name.startswith("outputs") for name in document["settings"])
     row = document["models"]["full"][9]
-    reports = [json.loads((f / "result.json").read_text()) for f in (run, tmp_path / "ideal")]
+    reports = [json.loads((f / "result.json").read_text()) for f in (run_folder, tmp_path / "ideal")]
     assert row["estimate"] == [report["identification"]["full"]["value"][9] for report in reports]
-    assert main(["report", str(run), str(run)]) == 0
+    assert main(["report", str(run_folder), str(run_folder)]) == 0
     assert "none" in capsys.readouterr().out
     assert main(["report", str(coverage), str(coverage)]) == 0
     capsys.readouterr()
-    message = refused(capsys, "report", run, coverage)
+    message = refused(capsys, "report", run_folder, coverage)
     assert "found a validation and a Monte Carlo, expected two of a kind" in message

@@ -9,6 +9,7 @@ import pytest
 from scipy.stats import t as t_distribution
 
 import tulip_testbed as tt
+from tests.test_refusals import change_keys
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.parameter_tables import parameter_table, read_reported
@@ -39,41 +40,17 @@ def test_names_are_those_of_the_base_parameters(fit):
     assert [p.number for p in fit.values()] == list(range(1, 26))
 
 
-@pytest.mark.parametrize("name", ["torso.w", "Torso.x", "", "knee[left]", 0, 26, -1, 1.5, None, ("a", "b")])
-def test_an_unknown_parameter_is_refused_by_name(fit, name):
-    with pytest.raises(InputError, match=r"^unknown parameter .*valid: torso\.x, .* 24, 25$") as refusal:
+@pytest.mark.parametrize("name", ["torso.w", "", 0, 1.5, None, ("a", "b")])
+def test_an_unknown_parameter_is_a_key_that_is_not_there(fit, name):
+    with pytest.raises(KeyError):
         fit[name]
-    assert isinstance(refusal.value, KeyError)
     assert name not in fit
     assert fit.get(name) is None
-    with pytest.raises(InputError, match="unknown parameter"):
-        fit.correlations["torso.x", name]
 
 
-def test_a_close_name_is_offered(fit):
-    with pytest.raises(InputError, match=r"^unknown parameter 'torso\.w'; did you mean 'torso\.\w'"):
-        fit["torso.w"]
-
-
-@pytest.mark.parametrize("pair", ["right_hip.y", 12, ("torso.x",), ("torso.x", "torso.y", "torso.z")])
-def test_a_correlation_is_of_two_parameters(fit, pair):
-    with pytest.raises(InputError, match=r"expected two parameters: correlations\[\"torso.x\", "):
-        fit.correlations[pair]
-
-
-@pytest.mark.parametrize("level", [2, -1, "0.85"])
-def test_a_level_is_within_0_and_1(fit, level):
-    with pytest.raises(InputError, match=r"^level: found"):
-        fit.correlations.above(level)
-
-
-def test_both_models_have_a_frame_and_others_are_refused(fit):
+def test_both_models_have_a_frame(fit):
     assert len(fit.to_frame()) == 25
     assert len(fit.to_frame(model="simplified")) == 13
-    with pytest.raises(
-        InputError, match=r"unknown model 'simple'; did you mean 'simplified'. valid: full, s"
-    ):
-        fit.to_frame("simple")
     assert repr(fit.full).startswith("Estimate: 25 parameters, residual sigma ")
 
 
@@ -185,29 +162,15 @@ def test_clustered_errors_have_a_column_where_they_differ(wii):
     assert float(table.texts[0][6]) == pytest.approx(2e3 * full.standard_error[0], abs=0.006)
 
 
-def test_a_hostile_name_steers_nothing(fit):
-    names = ("[red]torso[/].x", "\x1b[2J", "<script>alert(1)</script>", *fit.full.names[3:])
-    changed = dataclasses.replace(fit, full=dataclasses.replace(fit.full, names=names))
-    assert "[red]torso[/].x" in repr(changed)
-    assert "\\x1b[2J" in repr(changed)
-    assert "<script>" not in changed._repr_html_()
-    assert "&lt;script&gt;" in changed._repr_html_()
-    assert "\x1b" not in repr(changed) + changed._repr_html_()
-
-
-@pytest.mark.parametrize(
-    ("key", "value"), [("estimator", "x"), ("confounded", None), ("calibration.covariance", None)]
-)
-def test_an_edited_result_is_refused_when_it_is_read(key, value, run, robot, tmp_path):
-    found = tt.identify(run, robot)
-    found.save(tmp_path / "fit")
+def test_an_edited_result_is_refused_when_it_is_read(run, robot, tmp_path):
+    tt.identify(run, robot).save(tmp_path / "fit")
     file = tmp_path / "fit" / "result.json"
-    document = json.loads(file.read_text())
-    *above, last = key.split(".")
-    place = document[above[0]] if above else document
-    place[last] = value
-    file.write_text(json.dumps(document))
-    with pytest.raises(InputError, match=r"found values that do not fit together|key"):
-        tt.Identification.load(tmp_path / "fit", robot)
+    intact = file.read_text()
+    for change in ('estimator = "x"', "confounded = null", "calibration.covariance = null"):
+        document = json.loads(intact)
+        change_keys(document, change)
+        file.write_text(json.dumps(document))
+        with pytest.raises(InputError, match=r"found values that do not fit together|key"):
+            tt.Identification.load(tmp_path / "fit", robot)
     with pytest.raises(InputError, match="robot: found none, expected it behind the folder"):
         tt.Identification.load(tmp_path / "fit")

@@ -11,6 +11,7 @@ import tulip_testbed as tt
 from tests.published_robot import MASS, SOLE, center_of_mass, mjcf, write_published
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
+from tulip_testbed.experiments.robot_import import published
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.experiments.robot_report import report_robot
 from tulip_testbed.experiments.usable_plan import random_plan
@@ -20,6 +21,7 @@ from tulip_testbed.identification.link_clearances import (
     overlaps_at_reference,
     unjoined_pairs,
 )
+from tulip_testbed.sim import sandbox
 from tulip_testbed.sim.robot import load_robot, sole_corners
 
 
@@ -154,7 +156,7 @@ def test_what_is_left_out_or_changed_is_told(tmp_path):
         assert words in told
 
 
-@pytest.mark.parametrize("turn", [np.pi, np.pi / 2])
+@pytest.mark.parametrize("turn", [np.pi, pytest.param(np.pi / 2, marks=pytest.mark.slow)])
 def test_a_robot_that_faces_another_way_is_the_same_robot(turn, prepared, tmp_path):
     """iCub's x points to the back; the names of the sides tell."""
     _, robot = prepared
@@ -255,14 +257,6 @@ def test_an_mjcf_with_a_floor_no_motors_and_soles_that_are_stated(tmp_path):
             import_robot(path, ("right5", "left5"), sole)
 
 
-def test_a_broken_number_of_a_urdf_is_one_message(urdf, tmp_path):
-    text = urdf.read_text()
-    assert 'mass value="9.0"' in text
-    (tmp_path / "broken.urdf").write_text(text.replace('mass value="9.0"', 'mass value="heavy"'))
-    with pytest.raises(InputError, match=r"link 'pelvis', <mass>, attribute 'value': found 'heavy', exp"):
-        import_robot(tmp_path / "broken.urdf")
-
-
 def test_names_that_are_missing_or_hold_quotes(tmp_path):
     """A description is TOML: a quote in a name must not end it."""
     text = mjcf().replace('<joint name="right3" ', "<joint ").replace('"left', '"l&quot;eft')
@@ -283,8 +277,10 @@ def test_forces_that_are_left_out_are_told(tmp_path):
     assert "left out: gravity 0.0, 0.0, -1.6" in told
 
 
-def test_the_command(urdf, tmp_path, capsys):
+def test_the_command(urdf, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(published, "call_safely", sandbox.call_safely)  # in a process of its own, as users do
     assert main(["robot", str(urdf), "--json", "--out", str(tmp_path / "out")]) == 0
+    monkeypatch.undo()
     document = json.loads(capsys.readouterr().out)
     assert document["found"]["joints"] == 17
     assert {"robot.toml", "robot.xml"} <= {path.name for path in (tmp_path / "out").iterdir()}

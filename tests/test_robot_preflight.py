@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
-from tests.meshed_robot import write_meshed_robot
 from tulip_testbed.base.errors import InputError, InputWarning
 from tulip_testbed.cli.main import main
 from tulip_testbed.effects.targets import LEG_LINKS, LINKS
@@ -107,8 +106,11 @@ def test_a_frame_without_mass_is_no_target_and_draws_no_numbers(pair_of_robots):
 
 @pytest.mark.parametrize(
     "texts",
-    [[ODD_OPTION], [PAIR], [ODD_GEOM, ODD_DEFAULT]],
-    ids=["options", "contacts", "defaults"],
+    [
+        pytest.param([ODD_OPTION], id="options"),
+        pytest.param([PAIR], id="contacts", marks=pytest.mark.slow),
+        pytest.param([ODD_GEOM, ODD_DEFAULT], id="defaults", marks=pytest.mark.slow),
+    ],
 )
 def test_what_is_set_in_the_robots_file_does_not_act_in_its_scene(edited_tulip, plan, texts):
     forces = []
@@ -162,6 +164,7 @@ def test_effects_are_judged_by_what_statics_leaves_over_alone(robot, two):
     assert balance_checks(laboratory.run(two, 1, "statics", 1)) == []
 
 
+@pytest.mark.slow
 def test_a_collision_of_limbs_in_a_scene_written_by_hand_fails_the_verdict(edited_tulip, plan):
     """The shanks touch by a soft geom of each that may collide: their force is in no static balance."""
     bump = (
@@ -240,11 +243,10 @@ def test_the_command_shows_them(edited_tulip, capsys):
     assert json.loads(capsys.readouterr().out)["findings"] == []
 
 
-def test_a_meshed_humanoids_arms_get_what_they_lack(tmp_path):
-    robot = write_meshed_robot(tmp_path / "meshed")
-    names = [finding.name for finding in robot_findings(robot)]
+def test_a_meshed_humanoids_arms_get_what_they_lack(meshed):
+    names = [finding.name for finding in robot_findings(meshed)]
     assert names == ["armature", "stand"]
-    stand = Stand(preset_rig("ideal", robot), POSES)
+    stand = Stand(preset_rig("ideal", meshed), POSES)
     dof = int(stand.model.joint("left_elbow").dofadr[0])
     assert stand.model.dof_armature[dof] == pytest.approx(10 * LEAST_ARMATURE)
 

@@ -98,7 +98,7 @@ def sound(robot) -> Laboratory:
     return Laboratory(robot, "ideal", nominal=still(preset_rig("ideal", robot)))
 
 
-@pytest.fixture(scope="module", params=["right", "left"])
+@pytest.fixture(scope="module", params=[pytest.param("right", marks=pytest.mark.slow), "left"])
 def held(request, quiet, on) -> Any:
     """The side that carries, and the experiment in the full dynamics."""
     return request.param, run_dynamics(quiet, on[request.param], 5)
@@ -132,6 +132,7 @@ def test_statics_is_where_the_dynamics_come_to_rest(quiet, on, held):
     assert np.abs(found.cells).max() < 0.01
 
 
+@pytest.mark.slow
 def test_tulip_is_symmetric_and_so_are_its_experiments(quiet, on):
     """Boards and joints go where they are sent."""
     exact = dataclasses.replace(

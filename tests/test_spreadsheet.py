@@ -14,8 +14,6 @@ NAMES = ["posture", "q.left_knee", "support"]
 ROWS = [["1", "0.25", "double"], ["2", "-1.5e-3", "double"], ["3", "7", ""]]
 PLAIN = "".join(",".join(row) + "\n" for row in (NAMES, *ROWS)).encode()
 
-BETWEEN = ["", "   ", "# note; 1,5", '"# quoted, note",,']
-
 
 def test_plain_stays_plain():
     assert plain_csv(PATH, PLAIN) == PLAIN

@@ -40,12 +40,6 @@ def test_equal_cells_give_the_mean_of_the_cells(measured):
     assert center_of_pressure(even) == pytest.approx(cell_positions(even).mean(axis=1))
 
 
-def test_no_weight_is_refused(measured):
-    empty = dataclasses.replace(measured, cell_forces=np.zeros((len(measured), 8)))
-    with pytest.raises(InputError, match=r"row 1: cells sum to 0\.00 N"):
-        center_of_pressure(empty)
-
-
 SUPPORT = np.array(["double", "right", "left"] * 4)
 
 
@@ -63,6 +57,12 @@ def center_by_mujoco(robot, angles, foot):
     mujoco.mj_comPos(model, data)
     body = data.body(foot)
     return body.xmat.reshape(3, 3).T @ (data.subtree_com[1] - body.xpos) - sole_point(model, foot)
+
+
+def test_no_weight_is_refused(measured):
+    empty = dataclasses.replace(measured, cell_forces=np.zeros((len(measured), 8)))
+    with pytest.raises(InputError, match=r"row 1: cells sum to 0\.00 N"):
+        center_of_pressure(empty)
 
 
 @pytest.mark.parametrize(("support", "count"), [("mixed", 27), ("double-left", 26)])

@@ -89,15 +89,6 @@ def test_values_of_a_column_of_numbers(value, text):
     assert Column("share", "%", ".1f", 100).text(value) == text
 
 
-def test_values_of_a_column_of_text():
-    column = Column("value")
-    assert [column.text(v) for v in (["a", 0.1, 3], 1e-5, 7)] == [
-        "a, 0.1, 3",
-        "1e-5",
-        "7",
-    ]
-
-
 def test_text_shows_every_value_under_its_heading_and_unit():
     lines = made(ROWS).text(80).splitlines()
     assert lines[0] == "Parameters"

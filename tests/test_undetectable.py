@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
-from tests.meshed_robot import meshed_plan, write_meshed_robot
+from tests.meshed_robot import meshed_plan
 from tulip_testbed.base.errors import InputWarning
 from tulip_testbed.discovery.candidates import candidates
 from tulip_testbed.discovery.detectability import by_kind, least_multiple
@@ -21,11 +21,10 @@ ARMS = {f"{side}_{joint}" for side in ("left", "right") for joint in ("elbow", "
 
 
 @pytest.fixture(scope="module")
-def armed(tmp_path_factory, plan) -> tuple[Robot, PosturePlan]:
+def armed(meshed, plan) -> tuple[Robot, PosturePlan]:
     """TULip with arms and a head, and a plan that moves them."""
-    robot = write_meshed_robot(tmp_path_factory.mktemp("armed") / "robot")
     few = plan.take(np.flatnonzero(plan.placement <= 12))
-    return robot, meshed_plan(robot, few, np.random.default_rng(1))
+    return meshed, meshed_plan(meshed, few, np.random.default_rng(1))
 
 
 @pytest.fixture(scope="module")

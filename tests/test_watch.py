@@ -238,12 +238,6 @@ def test_the_limits_follow_from_the_plan(watched, robot, plan, day):
     assert longer.ratio > levels(watched).ratio
 
 
-def test_the_first_state_knows_nothing(watched):
-    state = first_state(watched)
-    assert np.isinf(state.information.standard_errors()).all()
-    assert state.changes.ratio.max() == 0
-
-
 def test_what_was_measured_since_a_change_began_is_forgotten(watched, before):
     first = before.count - 3
     slot = int(np.flatnonzero(before.changes.onset == first)[0])

@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -234,21 +233,6 @@ def test_the_lines_that_a_person_sees(folder, capsys):
     assert "posture 3: ok; next 4" in out
     assert "Next: posture 4; 147 left." in out
     assert "torso.x" in out
-
-
-def test_two_seconds_at_five_hundred_rows(robot, plan, day):
-    """The last row of a plan of 500: its cost does not depend on how many came before."""
-    rows = np.concatenate([np.arange(150)] * 3 + [np.arange(50)])
-    turn = np.repeat([0, 1, 2, 3], [150, 150, 150, 50])
-    long = plan.take(rows)
-    object.__setattr__(long, "posture", long.posture + 150 * turn)
-    object.__setattr__(long, "placement", long.placement + 30 * turn)
-    model = model_of(robot, long, day)
-    state, _ = play(model, day.take(np.arange(3)))
-    began = time.perf_counter()
-    _, verdict = watch_row(model, state, one_row(day, 3))
-    assert time.perf_counter() - began < 2.0
-    assert verdict.left == 496
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 import dataclasses
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -26,6 +27,7 @@ from tulip_testbed.measurements.contacts import WRENCH, Contacts
 from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.wrench_sensors import add_foot_sensors, foot_addresses, in_sensor_frame
 
 
 @pytest.fixture(scope="module")
@@ -108,6 +110,27 @@ def test_a_wrench_by_hand():
     values = found.values.reshape(2, 6)
     assert (values * found.bears).sum(axis=1) == pytest.approx([100, 100])
     np.testing.assert_allclose((values[..., None] * found.levers).sum(axis=1), [[2.0, 1.0]] * 2, atol=1e-12)
+
+
+def test_a_sensor_carries_all_that_hangs_on_its_foot():
+    """A foot of two links in the air, against moments by hand; the sensor stands on its head."""
+    spec = mujoco.MjSpec()
+    spec.option.gravity = [0, 0, -10]
+    leg = spec.worldbody.add_body(name="leg")
+    leg.add_geom(size=[0.1], mass=5)
+    foot = leg.add_body(name="foot", pos=[0, 0, -1])
+    foot.add_geom(size=[0.1], mass=2, pos=[0.1, 0, 0])
+    toe = foot.add_body(name="toe", pos=[0.3, 0, 0])
+    toe.add_geom(size=[0.1], mass=1, pos=[0.1, 0, 0])
+    add_foot_sensors(spec, ["foot"], (0.0, 0.0, 0.2, np.pi, 0.0, 0.0))
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    reading = -data.sensordata[foot_addresses(model, ["foot"])][0]
+    # 30 N down are up for the sensor; 0.1 m x 20 N + 0.4 m x 10 N pitch the foot, against its own y.
+    np.testing.assert_allclose(reading, [0, 0, 30, 0, -6, 0], atol=1e-9)
+    whole = np.array([0.0, 0, -30, 0, 6, 0])
+    np.testing.assert_allclose(in_sensor_frame((0.0, 0.0, 0.2, np.pi, 0.0, 0.0), whole), reading, atol=1e-9)
 
 
 FORCE, MOMENT = [10.0, 20.0, 100.0], [3.0, 4.0, 5.0]  # N, Nm
@@ -234,6 +257,7 @@ def test_what_lifts_the_robot_is_taken_off_the_feet_but_not_off_zeros(run, robot
     np.testing.assert_allclose(change, -20.0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_wrong_signs_end_in_a_marked_table(robot):
     """Of unknown zeros the contract asks no weight: the estimate itself has to be looked at."""
     few = tt.plans.mixed.take(np.isin(tt.plans.mixed.placement, np.unique(tt.plans.mixed.placement)[::2]))

@@ -23,15 +23,13 @@ def one_effect(robot, plan, label, size, preset="force-plate", seed=1002):
     return effect, observe(run.measurements, nominal_robot(robot))
 
 
+QUICK = [(f"joint-compliance:{SWING_LEG}", 0.0015), (f"backlash:{STANCE_LEG}", 0.006)]
+SLOW = [(f"joint-compliance:{STANCE_LEG}", 0.0015), (f"backlash:{SWING_LEG}", 0.003)]
+SLOW += [("rocking:left.rear_left", 0.0003)]
+
+
 @pytest.mark.parametrize(
-    ("label", "size"),
-    [
-        (f"joint-compliance:{STANCE_LEG}", 0.0015),
-        (f"joint-compliance:{SWING_LEG}", 0.0015),
-        (f"backlash:{STANCE_LEG}", 0.006),
-        (f"backlash:{SWING_LEG}", 0.003),
-        ("rocking:left.rear_left", 0.0003),
-    ],
+    ("label", "size"), [*QUICK, *(pytest.param(*case, marks=pytest.mark.slow) for case in SLOW)]
 )
 @pytest.mark.parametrize("preset", ["force-plate", pytest.param("wii", marks=pytest.mark.slow)])
 def test_what_yields_is_sized(robot, plan, label, size, preset):

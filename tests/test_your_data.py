@@ -1,6 +1,5 @@
 """docs/how-to/your-data.md does what it says; hand-written folders need no more than it asks for."""
 
-import json
 import re
 import shutil
 from pathlib import Path
@@ -8,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.test_measurements import edit_manifest
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import sha256
 from tulip_testbed.cli.main import main
@@ -26,12 +26,6 @@ def blocks(language: str) -> list[str]:
 def folder(tmp_path):
     shutil.copytree(EXAMPLE, tmp_path / "mine")
     return tmp_path / "mine"
-
-
-def edit_manifest(folder, change):
-    content = json.loads((folder / "manifest.json").read_text())
-    change(content)
-    (folder / "manifest.json").write_text(json.dumps(content))
 
 
 def test_the_guide_shows_the_example_folder():
@@ -80,14 +74,6 @@ def test_two_tables_without_hashes_are_refused(folder, tmp_path):
     edit_manifest(tmp_path / "whole", lambda m: m.pop("tables"))
     with pytest.raises(InputError, match=r"found together with postures\.csv and without a sha256"):
         read_measurements(tmp_path / "whole")
-
-
-def test_a_hand_written_folder_survives_being_written_anew(folder, tmp_path):
-    measured = read_measurements(folder)
-    write_measurements(tmp_path / "again", measured)
-    again = read_measurements(tmp_path / "again")
-    assert np.array_equal(again.cell_forces, measured.cell_forces)
-    assert np.isnan(again.samples).all()
 
 
 def test_a_german_spreadsheet_says_the_same(folder):
