@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.distance import cdist
+import scipy
 
 from tulip_testbed.calibration.linear_model import LinearModel
 from tulip_testbed.identification.distributions import chi2_sf
@@ -182,7 +182,7 @@ def _smooth(values: np.ndarray) -> np.ndarray:
     spread = values.std(axis=0)
     scaled = (values - values.mean(axis=0)) / np.where(spread > 0, spread, 1.0)
     some = scaled[np.linspace(0, len(scaled) - 1, min(len(scaled), MOST_LANDMARKS)).astype(int)]
-    square = cdist(scaled, some, "sqeuclidean")
+    square = scipy.spatial.distance.cdist(scaled, some, "sqeuclidean")
     length = NEAR**2 * np.median(square[square > 0]) if square.any() else 1.0
     kernel = np.exp(-square / (2 * length))
     kernel -= kernel.mean(axis=0)

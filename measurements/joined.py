@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial import KDTree
+import scipy
 
 from tulip_testbed.base.errors import InputError, look_up, shortened
 from tulip_testbed.measurements.data import OF_ROWS, Measurements
@@ -197,7 +197,9 @@ def _check_different(first: Measurements, second: Measurements, both: str) -> No
         parts = (one.joint_angles, one.plate_poses, forces / 100)
         readings.append(np.column_stack([part.reshape(len(one), -1) for part in parts]))
     more, fewer = readings
-    alike = int((KDTree(more).query(fewer, p=np.inf, distance_upper_bound=ALIKE)[0] < np.inf).sum())
+    alike = int(
+        (scipy.spatial.KDTree(more).query(fewer, p=np.inf, distance_upper_bound=ALIKE)[0] < np.inf).sum()
+    )
     if 2 * alike >= len(fewer) > 0:
         raise InputError(
             f"{both}: found the same measurements twice ({alike} of {len(fewer)} rows agree within "
