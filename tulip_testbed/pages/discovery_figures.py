@@ -149,7 +149,8 @@ def evidence_figure(explanations: Sequence[Explanation], runners_up: Sequence[Ex
     factors = np.array([one.log_bayes_factor for one, _ in rows])
     gaps = np.array([one.gap for one, _ in rows])
     share = np.concatenate([100 * probabilities(factors[gaps == gap]) for gap in np.unique(gaps)])
-    names = [f"{e.instance.label} " + f"(gap {e.gap}) " * (gaps[-1] > gaps[0]) for e, _ in rows]
+    which = " (gap {})" if gaps[-1] > gaps[0] else ""
+    names = [f"{one.instance.label}{which.format(one.gap)} " for one, _ in rows]
     words = [f"{factor:.1f}, {percent:.0f} %" for factor, percent in zip(factors, share, strict=True)]
     drawn.add_bar(
         x=factors,
@@ -160,11 +161,11 @@ def evidence_figure(explanations: Sequence[Explanation], runners_up: Sequence[Ex
         textposition="auto",
         cliponaxis=False,
     )
-    drawn.update_xaxes(title="ln of the Bayes factor against no effect", rangemode="tozero")
+    drawn.update_xaxes(title="ln of the Bayes factor", rangemode="tozero")
     drawn.update_yaxes(autorange="reversed", automargin=True)
     text = "; ".join(f"{name.strip()}: {said}" for name, said in zip(names, words, strict=True))
     caption = (
-        "Evidence, and the probability of each explanation if all were as likely before. "
+        "Evidence against no effect, and the probability of each explanation if all were as likely before. "
         "Blue: the best of each gap (dark) and what is within 3 of it."
     )
     if runners_up:
