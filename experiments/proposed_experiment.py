@@ -185,7 +185,7 @@ def experiment_table(experiments: Sequence[ProposedExperiment], key: str = "expe
         Column("least ln BF", format=".1f"),
     )
     note = (
-        "settled: expected decrease of the entropy of the explanations, whose rate per minute orders the rows; "
+        "settled: expected decrease of the explanations' entropy, whose rate per minute orders the rows; "
         "least ln BF: expected between the two closest explanations."
     )
     return Table("Experiments, the best first", columns, rows, note)

@@ -109,7 +109,9 @@ def law_figure(k: int, law: LawCurve) -> Figure:
     drawn.update_yaxes(title=law.unit)
     low, high = float(law.curve.min()), float(law.curve.max())
     text = f"{law.title}: from {number(low, '.3g')} to {number(high, '.3g')} {law.unit}."
-    caption = "The law, and the error of the reading as the residuals of every posture show it with 95 % intervals."
+    caption = (
+        "The law, and the error of the reading as the residuals of every posture show it with 95 % intervals."
+    )
     return figure(f"law-{k}", caption, text, drawn, 320)
 
 
