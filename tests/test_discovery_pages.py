@@ -144,6 +144,7 @@ def test_every_verdict_has_its_page_and_its_view(saved, verdict, robot, tmp_path
     assert ("plane-after" in names) == (verdict != "none")
     assert ("law-0" in names) == (verdict == "described")
     text = html(page)
+    assert ("9.0, 27 %" in text) == (verdict == "described")  # exp(9) / (exp(9) + exp(10))
     assert f'class="verdict {verdict}"' in text
     told = unescape(re.sub("</?code>", "`", text))
     assert all(line in told for line in run.story)
@@ -151,6 +152,13 @@ def test_every_verdict_has_its_page_and_its_view(saved, verdict, robot, tmp_path
         assert "link-length:right_lower_leg" in "\n".join(discovery_text(run, 1))
         assert "1.5" in text
     window.save(tmp_path / "v.rrd", "v", lambda recording: log_discovery(recording, run))
+
+
+def test_a_correction_that_moves_nothing_says_so_in_a_line(saved):
+    page = discovery_page(dataclasses.replace(saved, after=saved.before))
+    section = next(section for section in page.sections if section.title == "Base parameters")
+    assert section.paragraphs[0].startswith("None of 25 parameters moved by more than 3.1 standard errors")
+    assert (section.tables, len(section.folded[0][1].rows)) == ((), 25)
 
 
 def test_a_hostile_target_stays_text(saved):

@@ -21,6 +21,8 @@ from tulip_testbed.experiments.export.inertial_text import inertial_spans, with_
 from tulip_testbed.experiments.export.published_links import published_links
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
+from tulip_testbed.identification.center_of_pressure import contact_pressure
+from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.pseudo_inertia import pseudo_inertia, pseudo_inertias
 from tulip_testbed.measurements import write_measurements
 from tulip_testbed.sim.random_robots import draw_robot
@@ -119,7 +121,7 @@ def test_the_exported_robot_moves_its_center_of_mass_as_estimated(exported, foun
         assert com[:2] == pytest.approx(rows @ found.full.value, abs=5e-2)
 
 
-def test_the_document(exported, robot):
+def test_the_document(exported, found, robot):
     told = exported.to_json()
     json.dumps(told)
     assert {row["link"] for row in told["links"]} == {
@@ -127,6 +129,11 @@ def test_the_document(exported, robot):
     }
     assert all(0 <= row["mass_data_share"] <= 1 for row in told["links"])
     assert told["misfit_in_standard_errors"] == 0
+    m, full = found.measurements, found.full
+    com = found.parameters.regressor(m.joint_angles, m.support) @ full.value
+    off = contact_pressure(m, nominal_robot(robot)).center - com
+    assert told["constant"]["mean"] == pytest.approx(off.mean(axis=0), abs=1e-6)
+    assert told["constant"]["share"] == pytest.approx(off.mean(axis=0) ** 2 / (off**2).mean(axis=0), rel=1e-3)
     assert [Path(name).name for name in told["files"]] == ["identified.xml", "identified-samples.npz"]
     text = repr(exported)
     assert "those of the estimate" in text
