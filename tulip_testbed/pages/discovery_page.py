@@ -51,6 +51,7 @@ def discovery_page(discovery: Discovered) -> Page:
     changed = bool(discovery.explanations or discovery.calibrated)
     tables = [spread_table(discovery.families), calibrated_table(discovery.calibrated)]
     ordinary = tuple(table for table in tables if table.rows)
+    words = (ORDINARY_WORDS, *([tables[1].note] if discovery.calibrated and not tables[1].rows else []))
     sections = [
         Section(
             "The gap",
@@ -60,7 +61,7 @@ def discovery_page(discovery: Discovered) -> Page:
         ),
         *_laws(discovery),
         *_evidence(discovery),
-        *([Section("Ordinary imperfections", (ORDINARY_WORDS,), ordinary)] if ordinary else []),
+        *([Section("Ordinary imperfections", words, ordinary)] if ordinary else []),
         Section(
             "Residuals over the experiment",
             (
