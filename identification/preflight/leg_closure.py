@@ -68,7 +68,7 @@ def _legs_close(
     expected = 1e3 * np.sqrt(variance.mean(axis=0))
     advice = "Check the encoders' zeros and signs, link lengths, and that both soles lay flat."
     joint, offset, share = _one_offset(whitener @ slope, white)
-    open_by, turned = misclosures(m, nominal)
+    open_by, turned = misclosures(m, nominal) if tested.result == "fail" else (0.0, np.zeros(1))
     if open_by > LEVEL and turned.min() < open_by / CLEARLY:
         advice = (
             f"The sign of {m.joints[turned.argmin()]}: with it turned the soles would be level within "
