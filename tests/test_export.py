@@ -7,6 +7,8 @@ import json
 import re
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -50,6 +52,8 @@ def exported(found, robot, tmp_path_factory):
 def imagined(found, robot, standard, error=1e-4):
     """An identification that found these standard parameters."""
     parameters = base_parameters(robot)
+    angles = np.zeros((len(found.measurements), len(parameters.tree.joints)))
+    rows: Any = SimpleNamespace(joint_angles=angles, support=found.measurements.support)
     full = dataclasses.replace(
         found.full,
         numbers=np.arange(1, len(parameters.names) + 1),
@@ -57,9 +61,8 @@ def imagined(found, robot, standard, error=1e-4):
         value=parameters.values(standard),
         covariance=error**2 * np.eye(len(parameters.names)),
     )
-    return dataclasses.replace(
-        found, parameters=parameters, full=full, mass=(float(standard[:, 0].sum()), 0.01)
-    )
+    mass = float(standard[:, 0].sum()), 0.01
+    return dataclasses.replace(found, measurements=rows, parameters=parameters, full=full, mass=mass)
 
 
 def center_of_mass(model, angles):
