@@ -174,7 +174,7 @@ def correlation_checks(
                 actual[index[a], index[b]],
                 max(low, -1.0),
                 min(high, CORRELATION_LIMIT) if predicted < CORRELATION_LIMIT else high,
-                f"plan predicts {predicted:.4f} ± {CORRELATION_TOLERANCE}; {limit}",
+                f"plan predicts {predicted:.4f}, within {CORRELATION_TOLERANCE}; {limit}",
             )
         )
     return checks

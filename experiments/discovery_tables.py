@@ -101,10 +101,16 @@ def spread_table(families: Sequence[CalibratedFamily]) -> Table:
 
 
 def calibrated_table(members: Iterable[EffectInstance]) -> Table:
-    """Return the ordinary imperfections that were added to the model."""
-    rows = [[member.label, _sizes(member)] for member in members]
+    """Return the ordinary imperfections that were added to the model and differ from zero."""
+    every = list(members)
+    rows = [
+        [member.label, _sizes(member)]
+        for member in every
+        if any(low > 0 or high < 0 for low, high in filter(None, member.intervals))
+    ]
     columns = (Column("imperfection"), Column("size"))
-    return Table("Calibrated", columns, rows, "±: half of the 95 % interval.")
+    which = "±: half of the 95 % interval. The others" if rows else "All of them"
+    return Table("Calibrated", columns, rows, f"{which} are zero within their 95 % intervals.")
 
 
 def behind(explanations: Sequence[Explanation]) -> list[float]:

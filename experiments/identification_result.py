@@ -36,7 +36,12 @@ from tulip_testbed.experiments.parameter_tables import (
     weak_directions,
 )
 from tulip_testbed.experiments.run_file import MEASUREMENT_FOLDER, check_parameters
-from tulip_testbed.experiments.usable_parameters import known_sums, usable_line
+from tulip_testbed.experiments.usable_parameters import (
+    ConstantError,
+    constant_error,
+    known_sums,
+    usable_line,
+)
 from tulip_testbed.identification.base_parameters import (
     BaseParameters,
     base_parameters,
@@ -231,9 +236,17 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
         return self.table(model).frame().set_index("parameter")
 
     @property
+    def constant(self) -> ConstantError:
+        """Return the mean residual of the centre of pressure, which the estimate leaves to the laboratory."""
+        return constant_error(self.full, self._regressor())
+
+    def _regressor(self) -> np.ndarray:
+        return self.parameters.regressor(self.measurements.joint_angles, self.measurements.support)
+
+    @property
     def usable(self) -> str:
         """Say what of the estimate can be used."""
-        matrix = self.parameters.regressor(self.measurements.joint_angles, self.measurements.support)
+        matrix = self._regressor()
         variance = np.einsum("mij,jk,mik->mi", matrix, self.full.covariance, matrix)
         shares, sums = self.full.relative_standard_error, known_sums(self.full)
         return usable_line(shares, np.sqrt(variance.mean()), len(sums)) if self.at_rest else NOT_AT_REST

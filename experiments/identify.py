@@ -76,7 +76,7 @@ def warn_of_contradiction(found: Identification, source: str, tolerances: Mappin
             value, error = shown.values[k] / share, error / np.sqrt(share)
             off = abs(given.values[k] - value) / error
             if off > CLEARLY:
-                told = f"{number(value, '.3g')} ± {number(2 * error, '.2g')} {parameters[k].unit}".strip()
+                told = f"{number(value, '.3g')} ± {number(1.96 * error, '.2g')} {parameters[k].unit}".strip()
                 warn(
                     f"{source}: found the correction {given}, but the measurements show {parameters[k].name} "
                     f"{told}, {number(off, '.1f')} standard errors away"

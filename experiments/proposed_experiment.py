@@ -174,7 +174,6 @@ def experiment_table(experiments: Sequence[ProposedExperiment], key: str = "expe
                 Cell(one.postures, f"{path}.postures"),
                 Cell(one.minutes, f"{path}.minutes"),
                 max(now - one.entropy_expected, 0.0) / max(now, 1e-12),
-                Cell(one.settled_per_minute, f"{path}.settled_per_minute"),
                 Cell(one.separation, f"{path}.separation"),
             ]
         )
@@ -183,10 +182,13 @@ def experiment_table(experiments: Sequence[ProposedExperiment], key: str = "expe
         Column("postures", format="d"),
         Column("time", "min", ".0f"),
         Column("settled", "%", ".0f", 100.0),
-        Column("settled a minute", "mnat", ".2f", 1e3),
         Column("least ln BF", format=".1f"),
     )
-    return Table("Experiments, the best first", columns, rows)
+    note = (
+        "settled: expected decrease of the explanations' entropy, whose rate per minute orders the rows; "
+        "least ln BF: expected between the two closest explanations."
+    )
+    return Table("Experiments, the best first", columns, rows, note)
 
 
 def proposed(one: NextExperiment) -> ProposedExperiment:

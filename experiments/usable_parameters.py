@@ -2,11 +2,50 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from tulip_testbed.base.numbers import number
+from tulip_testbed.base.result import Array
 from tulip_testbed.identification.estimators import Estimate
 from tulip_testbed.identification.statistics import WELL_IDENTIFIED, relative_standard_errors
+
+
+@dataclass(frozen=True, eq=False)
+class ConstantError:
+    """The mean residual of the centre of pressure, which the estimate takes as the laboratory's.
+
+    Attributes:
+        mean: residual over all rows, in x and y, (2,) [m]. half_width: of its 95 % interval, (2,) [m].
+        share: of the residuals' mean square, (2,).
+    """
+
+    mean: Array
+    half_width: Array
+    share: Array
+
+    def __str__(self) -> str:
+        x, y = (
+            f"{number(1e3 * mean, '+.2f')} ± {number(1e3 * half, '.2f')} mm ({number(100 * share, '.0f')} %)"
+            for mean, half, share in zip(self.mean, self.half_width, self.share, strict=True)
+        )
+        return (
+            f"Constant error of the centre of pressure (share of the residuals' mean square): x {x}, y {y}. "
+            "It is taken as the laboratory's, such as plates and tilt, and is in no parameter."
+        )
+
+
+def constant_error(estimate: Estimate, regressor: np.ndarray) -> ConstantError:
+    """Return the mean of the residuals that an estimate leaves.
+
+    Args:
+        regressor: of the postures, (m, 2, p).
+    """
+    residual, mean = estimate.residual.reshape(-1, 2), regressor.mean(axis=0)
+    error = np.sqrt(np.diag(mean @ estimate.covariance @ mean.T))
+    constant = residual.mean(axis=0)
+    return ConstantError(constant, 1.96 * error, constant**2 / (residual**2).mean(axis=0))
 
 
 def known_sums(estimate: Estimate) -> list[str]:

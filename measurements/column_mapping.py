@@ -16,7 +16,7 @@ from tulip_testbed.base.table_files import TableFile
 UNITS: dict[str, dict[str, float | None]] = {
     "angle": {"rad": 1.0, "mrad": 1e-3, "deg": np.pi / 180},
     "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
-    "force": {"N": 1.0, "kN": 1e3, "kg": None},
+    "force": {"N": 1.0, "kN": 1e3, "kgf": 9.80665, "kg": None},
     "moment": {"Nm": 1.0, "Nmm": 1e-3, "kNm": 1e3},
     "time": {"s": 1.0, "ms": 1e-3, "min": 60.0},
     "speed": {"rad/s": 1.0, "deg/s": np.pi / 180},

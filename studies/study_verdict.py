@@ -63,7 +63,7 @@ def study(settings: Settings) -> Iterator[str]:
     """Yield a table of false failures and one of false cells."""
     robot = load_robot()
     plan, laboratories = shipped_plan(robot), [Laboratory(robot, preset) for preset in PRESETS]
-    yield header("preset", "imperfections", *KINDS, "any check", "sigma (mm)", "by least squares")
+    yield header("preset", "imperfections", *KINDS, "any check", "sigma (s.d.), mm", "by least squares")
     count = settings.count(LABORATORIES)
     for block, imperfections in enumerate((1.0, 0.0)):
         seeds = range(settings.seed + block * count, settings.seed + (block + 1) * count)
@@ -73,7 +73,7 @@ def study(settings: Settings) -> Iterator[str]:
             rates = [share([name in one.failed for one in found]) for name in KINDS.values()]
             rates.append(share([bool(one.failed) for one in found]))
             sigmas = ([one.sigma for one in found], [one.least_squares for one in found])
-            rates += [f"{np.mean(values):.3f} ± {np.std(values):.3f}" for values in sigmas]
+            rates += [f"{np.mean(values):.3f} ({np.std(values):.3f})" for values in sigmas]
             yield row(laboratory.sensors, f"{imperfections:g}", *rates)
     yield "\n" + header(
         "cell 10 % high", *(f"{p}: {k}" for p in PRESETS for k in ("all errors", "any check"))

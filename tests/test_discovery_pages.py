@@ -23,6 +23,7 @@ from tulip_testbed.experiments.comparison import compare
 from tulip_testbed.experiments.discovery_curves import residual_curves
 from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.proposed_experiment import ExpectedResult, ProposedExperiment
+from tulip_testbed.pages.discovery_figures import evidence_figure
 from tulip_testbed.pages.discovery_page import discovery_page
 from tulip_testbed.pages.page import html
 from tulip_testbed.viewer import window
@@ -129,10 +130,19 @@ def test_every_verdict_has_its_page_and_its_view(saved, verdict, robot, tmp_path
     assert f'class="verdict {verdict}"' in text
     told = unescape(re.sub("</?code>", "`", text))
     assert all(line in told for line in run.story)
+    if verdict == "described":
+        assert "9.0, 27 %" in evidence_figure(run.explanations, ()).text  # exp(9) / (exp(9) + exp(10))
     if verdict == "ambiguous":
         assert "link-length:right_lower_leg" in "\n".join(discovery_text(run, 1))
         assert "1.5" in text
     window.save(tmp_path / "v.rrd", "v", lambda recording: log_discovery(recording, run))
+
+
+def test_a_correction_that_moves_nothing_says_so_in_a_line(saved):
+    page = discovery_page(dataclasses.replace(saved, after=saved.before))
+    section = next(section for section in page.sections if section.title == "Base parameters")
+    assert section.paragraphs[0].startswith("None of 25 parameters moved by more than 3.1 standard errors")
+    assert (section.tables, section.folded[0][0]) == ((), "All 25")
 
 
 def test_a_hostile_target_stays_text(saved):

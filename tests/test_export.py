@@ -7,6 +7,8 @@ import json
 import re
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -21,6 +23,8 @@ from tulip_testbed.experiments.export.inertial_text import inertial_spans, with_
 from tulip_testbed.experiments.export.published_links import published_links
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
+from tulip_testbed.identification.center_of_pressure import contact_pressure
+from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.pseudo_inertia import pseudo_inertia, pseudo_inertias
 from tulip_testbed.measurements import write_measurements
 from tulip_testbed.sim.random_robots import draw_robot
@@ -48,6 +52,8 @@ def exported(found, robot, tmp_path_factory):
 def imagined(found, robot, standard, error=1e-4):
     """An identification that found these standard parameters."""
     parameters = base_parameters(robot)
+    angles = np.zeros((len(found.measurements), len(parameters.tree.joints)))
+    rows: Any = SimpleNamespace(joint_angles=angles, support=found.measurements.support)
     full = dataclasses.replace(
         found.full,
         numbers=np.arange(1, len(parameters.names) + 1),
@@ -55,9 +61,8 @@ def imagined(found, robot, standard, error=1e-4):
         value=parameters.values(standard),
         covariance=error**2 * np.eye(len(parameters.names)),
     )
-    return dataclasses.replace(
-        found, parameters=parameters, full=full, mass=(float(standard[:, 0].sum()), 0.01)
-    )
+    mass = float(standard[:, 0].sum()), 0.01
+    return dataclasses.replace(found, measurements=rows, parameters=parameters, full=full, mass=mass)
 
 
 def center_of_mass(model, angles):
@@ -119,7 +124,7 @@ def test_the_exported_robot_moves_its_center_of_mass_as_estimated(exported, foun
         assert com[:2] == pytest.approx(rows @ found.full.value, abs=5e-2)
 
 
-def test_the_document(exported, robot):
+def test_the_document(exported, found, robot):
     told = exported.to_json()
     json.dumps(told)
     assert {row["link"] for row in told["links"]} == {
@@ -127,6 +132,11 @@ def test_the_document(exported, robot):
     }
     assert all(0 <= row["mass_data_share"] <= 1 for row in told["links"])
     assert told["misfit_in_standard_errors"] == 0
+    m, full = found.measurements, found.full
+    com = found.parameters.regressor(m.joint_angles, m.support) @ full.value
+    off = contact_pressure(m, nominal_robot(robot)).center - com
+    assert told["constant"]["mean"] == pytest.approx(off.mean(axis=0), abs=1e-6)
+    assert told["constant"]["share"] == pytest.approx(off.mean(axis=0) ** 2 / (off**2).mean(axis=0), rel=1e-3)
     assert [Path(name).name for name in told["files"]] == ["identified.xml", "identified-samples.npz"]
     text = repr(exported)
     assert "those of the estimate" in text

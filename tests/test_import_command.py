@@ -99,6 +99,7 @@ def test_names_say_what_a_column_is():
     assert read_name("cmd_r_knee_deg")[:3] == ("command", {"right", "knee"}, "deg")
     assert read_name("speed_rad_s").unit == "rad/s"
     assert read_name("M [N m]").unit == "Nm"
+    assert read_name("vorne links (kgf)").unit == read_name("front_left_kgf").unit == "kgf"
     assert read_name("angle [grad]").unit == "grad"
 
 
@@ -129,14 +130,18 @@ def test_a_table_of_its_own_names_is_imported(table, stated, measured, tmp_path)
 
 def test_a_turned_sign_is_noticed_and_can_be_stated(table, stated, measured, tmp_path):
     path = table(turned=("left_knee",))
-    found = tt.import_table(path, out=tmp_path / "wrong", map=[stated(WRENCHES)])
+    told = "[sensors]\nencoder_sd = 0.0008\n" + WRENCHES
+    found = tt.import_table(path, out=tmp_path / "wrong", map=[stated(told)])
     named = [text for text in found.problems if text.startswith("q.left_knee: ")]
     assert len(named) >= 1
     assert "q.left_knee: the soles would be level within" in " ".join(named)
     assert not any(text.startswith("q.right_knee") for text in found.problems)
+    assert found.exit_code == 1
+    closed = next(one for one in tt.check(tmp_path / "wrong").checks if one.name == "legs close")
+    assert closed.advice.startswith("The sign of left_knee: with it turned the soles would be level within")
     entry = "q.left_knee=LKnee [deg]:deg:-1"
     found = tt.import_table(path, out=tmp_path / "data", map=[stated(WRENCHES), entry])
-    assert found.problems == ()
+    assert (found.problems, found.exit_code) == ((), 0)
     assert found.mapped["q.left_knee"].sign == -1
     assert found.mapped["q.left_knee"].by == "statement"
     assert read_measurements(tmp_path / "data").joint_angles == pytest.approx(measured.joint_angles)

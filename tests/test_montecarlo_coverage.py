@@ -140,7 +140,9 @@ def test_a_true_estimator_is_shown_to_be_right(tmp_path):
 def test_few_runs_print_and_are_inconclusive(tmp_path, runs):
     result = judged(tmp_path, runs)
     assert (result.verdict, result.shown, result.exit_code) == ("inconclusive", False, 3)
-    assert ("± - g, found over stated s.e. -," in "".join(coverage_lines(result.to_json()))) == (runs == 1)
+    assert ("its s.e. - g; found over stated s.e. -," in "".join(coverage_lines(result.to_json()))) == (
+        runs == 1
+    )
 
 
 def test_halved_standard_errors_fail(tmp_path):

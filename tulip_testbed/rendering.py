@@ -158,10 +158,12 @@ def least_distance(points: np.ndarray, target: np.ndarray, fovy: float, ratio: f
 
 
 def lit(spec: Any) -> None:
-    """Light and a pale sky for a scene that brings none."""
+    """Light, a pale sky and a pale floor for a scene that brings none."""
     import mujoco
 
     if not spec.lights:
+        for floor in (geom for geom in spec.worldbody.geoms if geom.type == mujoco.mjtGeom.mjGEOM_PLANE):
+            floor.rgba = [0.86, 0.88, 0.9, 1.0]
         spec.worldbody.add_light(
             pos=[0.6, -0.6, 3.0],
             dir=[-0.2, 0.2, -1.0],

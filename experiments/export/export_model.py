@@ -121,6 +121,7 @@ def export_model(
     result = ExportedModel(
         links=exported_links(links, cad, consistent.pseudo, shares),
         base_parameters=consistent.value,
+        constant=identification.constant,
         misfit_in_standard_errors=float(consistent.misfit),
         total_mass=TotalMass(float(mass), "weighed" if weighed else "by the measured forces"),
         files=tuple(map(str, paths)),

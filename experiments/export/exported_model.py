@@ -11,6 +11,7 @@ from tulip_testbed.base.column import Column
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Array, Result
 from tulip_testbed.base.table import Cell, Table
+from tulip_testbed.experiments.usable_parameters import ConstantError
 from tulip_testbed.identification.pseudo_inertia import central, standard_of
 
 
@@ -49,6 +50,7 @@ class ExportedModel(Result):
 
     Attributes:
         links: before and after. base_parameters: of the file, (p,) [m].
+        constant: error of the centre of pressure on the data, which the file does not have.
         misfit_in_standard_errors: between the base parameters of the file and the estimate.
         files: that were written, the model first.
         notes: sentences on what the user has to know.
@@ -56,6 +58,7 @@ class ExportedModel(Result):
 
     links: tuple[ExportedLink, ...]
     base_parameters: Array
+    constant: ConstantError
     misfit_in_standard_errors: float
     total_mass: TotalMass
     files: tuple[str, ...]
@@ -89,6 +92,7 @@ class ExportedModel(Result):
         return [
             Table("Masses and centres of mass of the links", tuple(columns), rows, note),
             f"Total mass: {number(self.total_mass.value, '.3f')} kg, {self.total_mass.source}.",
+            str(self.constant),
             self.misfit_line,
             *self.notes,
             *(f"Written: {path}" for path in self.files),

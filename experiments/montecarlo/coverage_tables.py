@@ -11,7 +11,7 @@ from tulip_testbed.experiments.imperfections import imperfections_line
 from tulip_testbed.experiments.montecarlo.coverage_verdict import BIAS, COVERAGE, LEVEL, RATIO
 
 LEGEND = (
-    "bias: mean error, ± its Monte Carlo standard error; stated s.e.: by the estimator; found s.e.: s.d. of "
+    "bias: mean error; its s.e.: by the number of runs; stated s.e.: by the estimator; found s.e.: s.d. of "
     "the errors over the runs; coverage: share of the runs whose 50, 90 and 95 % intervals hold the truth. "
     "Intervals are of 95 % for every single number; those of the checks are wider, since they hold for all "
     "at once."
@@ -35,7 +35,7 @@ def coverage_table(model: str, rows: list[dict[str, Any]]) -> Table:
         Column("no.", format="d"),
         Column("parameter"),
         Column("bias", "mm", "+.3f", 1e3),
-        Column("± of bias", "mm", ".3f", 1e3),
+        Column("s.e. of bias", "mm", ".3f", 1e3),
         Column("stated s.e.", "mm", ".3f", 1e3),
         Column("found s.e.", "mm", ".3f", 1e3, extra=True),
         Column("found over stated", "", ".3f"),
@@ -125,8 +125,8 @@ def coverage_lines(report: dict[str, Any]) -> list[str]:
     mass = report["total_mass"]
     if mass["bias"] is not None:
         lines.append(
-            f"Total mass: bias {_figure(mass['bias'], '+.2f', 1e3)} ± "
-            f"{_figure(mass['bias_mc_error'], '.2f', 1e3)} g, found over stated s.e. "
+            f"Total mass: bias {_figure(mass['bias'], '+.2f', 1e3)} g, its s.e. "
+            f"{_figure(mass['bias_mc_error'], '.2f', 1e3)} g; found over stated s.e. "
             f"{_figure(mass['standard_error_ratio'], '.3f')}, coverage of 95 % intervals "
             f"{_figure(mass['coverage95'], '.1f', 100)} %."
         )

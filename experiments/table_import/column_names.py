@@ -34,7 +34,8 @@ SYNONYMS = {
     **dict.fromkeys(("deg/s", "deg s"), "deg/s"),
 }
 KNOWN = {unit.lower(): unit for units in UNITS.values() for unit in units} | SYNONYMS
-ENDS = ("rad_s", "deg_s", "rad", "deg", "mm", "ms", "kg", "kN", "Nm", "N", "s", "m")  # behind an underscore
+# Written after an underscore.
+ENDS = ("rad_s", "deg_s", "rad", "deg", "mm", "ms", "kg", "kgf", "kN", "Nm", "N", "s", "m")
 
 
 class Named(NamedTuple):

@@ -13,12 +13,10 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.numbers import number
 from tulip_testbed.identification.center_of_pressure import contact_pressure
 from tulip_testbed.identification.nominal import Nominal
+from tulip_testbed.identification.preflight.leg_closure import CLEARLY, LEVEL, misclosures
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.cells import PLATES
 
-LEVEL = 0.05  # rad: soles that are level but for encoders, zeros and yielding
-LEG = 0.5  # m: length by which a sole's height counts as an angle
-CLEARLY = 2.0  # times worse or better, from which a turned sign is told
 BEYOND_RANGE = 0.1  # rad
 NEAR_WEIGHT = 0.2  # of the nominal weight
 NEAR_CENTER = 0.03  # m, between centre of pressure and nominal centre of mass
@@ -61,12 +59,11 @@ def check_signs(measurements: Measurements, nominal: Nominal) -> SignCheck:
 
 def _by_closed_legs(m: Measurements, nominal: Nominal) -> Iterator[_Evidence]:
     """Soles lie level on level ground only if all joints between them have the right sign."""
-    angles = m.joint_angles[m.support == BOTH]
-    if not len(angles):
+    m = m.take(np.flatnonzero(m.support == BOTH))
+    if not len(m):
         return
-    base = _open(angles, m, nominal)
-    for k, joint in enumerate(m.joints):
-        turned = _open(angles * np.where(np.arange(len(m.joints)) == k, -1, 1), m, nominal)
+    base, others = misclosures(m, nominal)
+    for joint, turned in zip(m.joints, others, strict=True):
         name = f"q.{joint}"
         if base > LEVEL and turned < base / CLEARLY:
             text = (
@@ -78,13 +75,6 @@ def _by_closed_legs(m: Measurements, nominal: Nominal) -> Iterator[_Evidence]:
     if base > LEVEL:
         text = f"by the angles the soles are level within {number(base, '.2g')} rad only, expected {LEVEL:g}"
         yield _Evidence("", "", f"closed legs: {text}: a sign, unit or zero")
-
-
-def _open(angles: np.ndarray, m: Measurements, nominal: Nominal) -> float:
-    """Return by how much the soles miss being level and at one height, r.m.s. [rad]."""
-    error = nominal.swing_sole(angles)[:, 2:5] - [m.top_height[1] - m.top_height[0], 0.0, 0.0]
-    error[:, 0] /= LEG
-    return float(np.sqrt((error**2).sum(axis=1).mean()))
 
 
 def _by_range(m: Measurements, nominal: Nominal) -> Iterator[_Evidence]:

@@ -90,8 +90,8 @@ class ImportedTable(Result):
 
     @property
     def exit_code(self) -> int:
-        """Return 0 if the folder was written, though perhaps with problems to look at, or else 1."""
-        return int(self.folder is None)
+        """Return 1 if there are problems, whether or not the folder was written, and else 0."""
+        return int(bool(self.problems))
 
     def tables(self) -> list[Table | str]:
         """Return the mapping, and what was assumed and is to be decided."""

@@ -304,5 +304,5 @@ def _drift_p_value(
 
 
 def _millimetres(shift: np.ndarray, error: np.ndarray) -> str:
-    x, y = (f"{1e3 * s:+.1f} ± {1e3 * e:.1f}" for s, e in zip(shift, error, strict=True))
-    return f"({x}, {y}) mm"
+    (x, y), (x_error, y_error) = 1e3 * shift, 1e3 * error
+    return f"({x:+.1f}, {y:+.1f}) mm, s.e. ({x_error:.1f}, {y_error:.1f})"

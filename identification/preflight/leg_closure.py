@@ -17,6 +17,9 @@ PLANAR = [0, 1, 5]
 # not affect the centre of pressure; a foot that moves by more has slipped.
 STAY = np.array([0.005, 0.005, 0.02])  # m, m, rad
 GROSS = np.array([50.0, 150.0, 150.0])  # mm, mrad: by a wrong sign or joint, no effect of the catalogue
+LEVEL = 0.05  # rad: soles that are level but for encoders, zeros and yielding
+LEG = 0.5  # m: length by which a sole's height counts as an angle
+CLEARLY = 2.0  # times worse or better, from which a turned sign is told
 EXPLAINED = 0.8  # share of the chi-square from which a joint is named
 NO_ENCODER_SD = "the manifest states no sensors.encoder_sd"
 
@@ -25,13 +28,25 @@ def legs(measurements: Measurements, nominal: Nominal, usual: Usual) -> list[Fin
     """Run both checks of the legs."""
     pose = nominal.swing_sole(measurements.joint_angles)
     slope = jacobian(nominal.swing_sole, measurements.joint_angles)
-    joints = nominal.parameters.tree.joints
-    closed = _legs_close(measurements, joints, pose, slope, usual)
+    closed = _legs_close(measurements, nominal, pose, slope, usual)
     return [closed, _feet_stay(measurements, pose, slope)]
 
 
+def misclosures(m: Measurements, nominal: Nominal) -> tuple[float, np.ndarray]:
+    """Return by how much the soles miss being level at one height, r.m.s. over the postures [rad].
+
+    Returns:
+        as measured, and with the sign of one joint turned, (n_joints,).
+    """
+    signs = np.vstack([np.ones(len(m.joints)), 1.0 - 2 * np.eye(len(m.joints))])
+    error = [nominal.swing_sole(m.joint_angles * turned)[:, 2:5] for turned in signs]
+    error -= np.array([m.top_height[1] - m.top_height[0], 0.0, 0.0])
+    open_by = np.sqrt(((error / [LEG, 1, 1]) ** 2).sum(axis=2).mean(axis=1))
+    return float(open_by[0]), open_by[1:]
+
+
 def _legs_close(
-    measurements: Measurements, joints: tuple[str, ...], pose: np.ndarray, slope: np.ndarray, usual: Usual
+    measurements: Measurements, nominal: Nominal, pose: np.ndarray, slope: np.ndarray, usual: Usual
 ) -> Finding:
     """Compare the swing sole's height, roll and pitch by forward kinematics with what is usual."""
     name, m = "legs close", measurements
@@ -53,10 +68,16 @@ def _legs_close(
     expected = 1e3 * np.sqrt(variance.mean(axis=0))
     advice = "Check the encoders' zeros and signs, link lengths, and that both soles lay flat."
     joint, offset, share = _one_offset(whitener @ slope, white)
-    if share > EXPLAINED:
+    open_by, turned = misclosures(m, nominal) if tested.result == "fail" else (0.0, np.zeros(1))
+    if open_by > LEVEL and turned.min() < open_by / CLEARLY:
         advice = (
-            f"An offset of {1e3 * offset:+.1f} mrad at {joints[joint]} explains {100 * share:.0f} % of it. "
-            + advice
+            f"The sign of {m.joints[turned.argmin()]}: with it turned the soles would be level within "
+            f"{turned.min():.2g} rad, they are within {open_by:.2g} rad. {advice}"
+        )
+    elif share > EXPLAINED:
+        advice = (
+            f"An offset of {1e3 * offset:+.1f} mrad at {m.joints[joint]} explains {100 * share:.0f} % of it. "
+            f"{advice}"
         )
     return Finding(
         name,

@@ -133,7 +133,7 @@ def load_in_soles(measurements: Measurements, nominal: Nominal) -> Finding:
         f"each plate's CoP inside its sole, but for {1e3 * MOST_PUSH * np.abs(m.top_height).max():.0f} mm "
         "(feet that push apart)",
         f"worst: {nominal.robot.feet[foot]}, {row_name(m, int(row))}, "
-        f"{1e3 * outside[row, foot]:+.0f} ± {1e3 * sd[row, foot]:.0f} mm from the edge",
+        f"{1e3 * outside[row, foot]:+.0f} mm from the edge, s.d. {1e3 * sd[row, foot]:.0f} mm",
         "Look for swapped cells of that plate, its pose's sign or origin, a wrong cell position.",
         p_value,
         gross=count > GROSS_SHARE * enough.sum(),

@@ -36,7 +36,7 @@ def weight_balance(measurements: Measurements, usual: Usual) -> Finding:
         spread = float(np.hypot(total.std(ddof=1) / np.sqrt(len(m)), ordinary))
         excess = max(abs(float(error.mean())) - NEGLIGIBLE * mass * m.gravity, 0.0)
         p_value = float(2 * t_sf(excess / max(spread, 1e-12), len(m) - 1)) if excess else 1.0
-        seen = f"mean {error.mean():+.2f} ± {spread:.2f} N off {mass * m.gravity:.2f} N"
+        seen = f"mean {error.mean():+.2f} N off {mass * m.gravity:.2f} N, s.e. {spread:.2f} N"
         expected = "within the cells' own scatter (no sensors.cell_sd stated)"
         return Finding(name, result_of(p_value), seen, expected, "", CELL_ADVICE, p_value)
     spread = float(np.hypot(sd / np.sqrt(len(m)), ordinary))
@@ -47,7 +47,7 @@ def weight_balance(measurements: Measurements, usual: Usual) -> Finding:
         tested.result,
         f"mean {error.mean():+.2f} N off {mass * m.gravity:.2f} N; scatter {_scatter(total):.2f} N"
         + tested.words,
-        f"mean 0 ± {spread:.2f} N, scatter {_usual_scatter(sd, usual):.2f} N by cell_sd and tolerances",
+        f"mean 0, s.e. {spread:.2f} N; scatter {_usual_scatter(sd, usual):.2f} N by cell_sd and tolerances",
         f"worst: {row_name(m, row)}, {error[row]:+.1f} N",
         CELL_ADVICE,
         tested.p_value,
@@ -101,7 +101,7 @@ def drift(measurements: Measurements, nominal: Nominal) -> Finding:
     for label, (times, values, harmless, unit) in channels.items():
         change, error, p_value = _change(times, values, harmless)
         p_values.append(p_value)
-        texts.append(f"{label} {change:+.2f} ± {error:.2f} {unit}")
+        texts.append(f"{label} {change:+.2f} {unit}, s.e. {error:.2f}")
     p_value = bonferroni(np.array(p_values))
     hours = f"{np.ptp(clock) / 3600:.1f} h" if timed else "the experiment (row order; no times given)"
     return Finding(

@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 
 from tulip_testbed.base.numbers import number
 from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL
-from tulip_testbed.discovery.experiment_information import Explanation
+from tulip_testbed.discovery.experiment_information import Explanation, probabilities
 from tulip_testbed.experiments.discovery_curves import Curve, LawCurve
 from tulip_testbed.experiments.discovery_tables import behind
 from tulip_testbed.pages.figures import Figure, figure
@@ -85,7 +85,7 @@ def law_figure(k: int, law: LawCurve) -> Figure:
     drawn = go.Figure()
     bars = {
         "type": "data",
-        "array": np.round(law.sd, 5),
+        "array": np.round(WIDE * law.sd, 5),
         "thickness": 0.6,
         "width": 0,
         "color": _clear(AFTER),
@@ -109,7 +109,9 @@ def law_figure(k: int, law: LawCurve) -> Figure:
     drawn.update_yaxes(title=law.unit)
     low, high = float(law.curve.min()), float(law.curve.max())
     text = f"{law.title}: from {number(low, '.3g')} to {number(high, '.3g')} {law.unit}."
-    caption = "The law, and the error of the reading as the residuals of every posture show it (± 1 s.d.)."
+    caption = (
+        "The law, and the error of the reading as the residuals of every posture show it with 95 % intervals."
+    )
     return figure(f"law-{k}", caption, text, drawn, 320)
 
 
@@ -141,22 +143,17 @@ def plane_figure(side: str, x: np.ndarray, y: np.ndarray, sd: float, reach: floa
 def evidence_figure(explanations: Sequence[Explanation], runners_up: Sequence[Explanation]) -> Figure:
     """Draw ln of the Bayes factor of every remaining explanation and of the runners-up, as bars."""
     drawn = go.Figure()
-    best: dict[int, float] = {}
-    for one in explanations:
-        best[one.gap] = max(best.get(one.gap, -np.inf), one.log_bayes_factor)
     rows = sorted(
         [(e, AFTER if b == 0 else MARGIN) for e, b in zip(explanations, behind(explanations), strict=True)]
         + [(one, RUNNER_UP) for one in runners_up],
         key=lambda row: (row[0].gap, -row[0].log_bayes_factor),
     )
-    several = len(best) > 1
-    names, factors, words = [], [], []
-    for one, _ in rows:
-        label, factor = one.instance.label, one.log_bayes_factor
-        gone = best[one.gap] - factor
-        names.append(f"{label} (gap {one.gap}) " if several else f"{label} ")
-        factors.append(factor)
-        words.append(f"{factor:.1f}" + (f", {gone:.1f} behind" if gone > 0 else ""))
+    factors = np.array([one.log_bayes_factor for one, _ in rows])
+    gaps = np.array([one.gap for one, _ in rows])
+    share = np.concatenate([100 * probabilities(factors[gaps == gap]) for gap in np.unique(gaps)])
+    which = " (gap {})" if gaps[-1] > gaps[0] else ""
+    names = [f"{one.instance.label}{which.format(one.gap)} " for one, _ in rows]
+    words = [f"{factor:.1f}, {percent:.0f} %" for factor, percent in zip(factors, share, strict=True)]
     drawn.add_bar(
         x=factors,
         y=names,
@@ -166,10 +163,13 @@ def evidence_figure(explanations: Sequence[Explanation], runners_up: Sequence[Ex
         textposition="auto",
         cliponaxis=False,
     )
-    drawn.update_xaxes(title="ln of the Bayes factor against no effect", rangemode="tozero")
+    drawn.update_xaxes(title="ln of the Bayes factor", rangemode="tozero")
     drawn.update_yaxes(autorange="reversed", automargin=True)
     text = "; ".join(f"{name.strip()}: {said}" for name, said in zip(names, words, strict=True))
-    caption = "Evidence. Blue: the best of each gap (dark) and what is within 3 of it."
+    caption = (
+        "Evidence against no effect, and the probability of each explanation if all were as likely before. "
+        "Blue: the best of each gap (dark) and what is within 3 of it."
+    )
     if runners_up:
         caption += " Grey: the next best, by their predictions alone."
     return figure("evidence", caption, f"Evidence. {text}.", drawn, 150 + 34 * len(rows))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from tulip_testbed.experiments.discovery_curves import Curve, law_curves, residual_curves, time_order
@@ -49,6 +51,7 @@ def discovery_page(discovery: Discovered) -> Page:
     changed = bool(discovery.explanations or discovery.calibrated)
     tables = [spread_table(discovery.families), calibrated_table(discovery.calibrated)]
     ordinary = tuple(table for table in tables if table.rows)
+    words = (ORDINARY_WORDS, *([tables[1].note] if discovery.calibrated and not tables[1].rows else []))
     sections = [
         Section(
             "The gap",
@@ -58,7 +61,7 @@ def discovery_page(discovery: Discovered) -> Page:
         ),
         *_laws(discovery),
         *_evidence(discovery),
-        *([Section("Ordinary imperfections", (ORDINARY_WORDS,), ordinary)] if ordinary else []),
+        *([Section("Ordinary imperfections", words, ordinary)] if ordinary else []),
         Section(
             "Residuals over the experiment",
             (
@@ -67,9 +70,7 @@ def discovery_page(discovery: Discovered) -> Page:
             ),
             figures=_curves(discovery, curves, changed),
         ),
-        Section(
-            "Base parameters", tables=(moved_table(discovery.before, discovery.after, discovery.adopted),)
-        ),
+        _base_parameters(discovery),
     ]
     if discovery.next_experiments:
         ranking = experiment_table(discovery.next_experiments, "next_experiments")
@@ -95,6 +96,15 @@ def discovery_page(discovery: Discovered) -> Page:
     sentence = "\n".join([sentence, *discovery.answers])
     title, verdict = title_of(discovery), discovery.verdict
     return Page(title, verdict, sentence, facts, tuple(sections), story=tuple(story))
+
+
+def _base_parameters(discovery: Discovered) -> Section:
+    """Return the section of the base parameters, whose table is folded if a correction moved none of them."""
+    both = discovery.before, discovery.after, discovery.adopted
+    table, title = moved_table(*both), "Base parameters"
+    if not discovery.adopted or moved_table(*both, all_of_them=False).rows:
+        return Section(title, tables=(table,))
+    return Section(title, (table.note,), folded=((f"All {len(table.rows)}", replace(table, note="")),))
 
 
 def _gap_figure(discovery: Discovered) -> Figure:

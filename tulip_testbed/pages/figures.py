@@ -5,12 +5,13 @@ The browser gives texts and lines the page's colours.
 
 from __future__ import annotations
 
+import gzip
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from importlib.resources import files
 
 import numpy as np
 import plotly.graph_objects as go
-from plotly.offline import get_plotlyjs
 
 from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL, POLYGON, RESIDUAL, TRUTH
 from tulip_testbed.identification.feasibility import place_polygon
@@ -37,8 +38,13 @@ class Figure:
 
 
 def plotly_script() -> str:
-    """Return plotly's JavaScript library, to be included in the page."""
-    return get_plotlyjs()
+    """Return plotly's JavaScript library without maps and 3D, to be included in the page.
+
+    The file is that of the npm package plotly.js-cartesian-dist-min, with its licence, in the version that
+    plotly for Python has.
+    """
+    packed = files("tulip_testbed.pages").joinpath("plotly-cartesian.min.js.gz").read_bytes()
+    return gzip.decompress(packed).decode()
 
 
 def figure(name: str, caption: str, text: str, drawn: go.Figure, height: int = 380) -> Figure:

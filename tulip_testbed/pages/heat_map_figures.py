@@ -8,6 +8,8 @@ from html import escape
 import numpy as np
 import plotly.graph_objects as go
 
+from tulip_testbed.pages.figures import plotly_script
+
 CELL, MARGIN, LEAST = 9, 260, 500  # px
 
 
@@ -61,10 +63,10 @@ def heat_map(
         yaxis={"autorange": "reversed", "tickfont": font, "dtick": 1, "showgrid": False},
         plot_bgcolor="white",
     )
-    drawn = figure.to_html(include_plotlyjs=True, full_html=False)
+    drawn = figure.to_html(include_plotlyjs=False, full_html=False)
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
-        f"<title>{escape(title)}</title></head>\n"
+        f"<title>{escape(title)}</title><script>{plotly_script()}</script></head>\n"
         f"<body><main><h1 style='font: bold 18px sans-serif'>{escape(title)}</h1>{drawn}</main></body></html>"
     )
 

@@ -18,7 +18,6 @@ from tulip_testbed.sim.scene import boards_under
 
 PICTURES = 4  # how many postures are drawn
 SIZE = (360, 480)  # pixels, of a picture
-COLOURS = 128  # of a picture, which then takes a third of the space
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,7 @@ def addresses(
     size: tuple[int, int],
     missing: list[str],
 ) -> list[str]:
-    """Draw some rows as data addresses of PNGs of few colours; if that fails, none: `missing` says why."""
+    """Draw some rows as data addresses; if that fails, none: `missing` says why."""
     try:
         images = rendered(robot, postures.joint_angles[rows], postures.support[rows], plates[rows], *size)
     except InputError as error:
@@ -66,6 +65,6 @@ def addresses(
         return []
     drawn = []
     for image in images:
-        Image.fromarray(image).quantize(COLOURS).save(file := io.BytesIO(), "PNG", optimize=True)
-        drawn.append("data:image/png;base64," + base64.b64encode(file.getvalue()).decode())
+        Image.fromarray(image).save(file := io.BytesIO(), "WEBP", quality=85)
+        drawn.append("data:image/webp;base64," + base64.b64encode(file.getvalue()).decode())
     return drawn

@@ -60,7 +60,11 @@ def validation_page(run: Validation) -> Page:
             tuple(map(run.parameter_table, estimates)),
             (drawn.errors_over_se(errors),),
         ),
-        Section("Residuals", figures=(drawn.residual_norms(measured.posture, measured.placement, norms),)),
+        Section(
+            "Residuals",
+            (str(own.constant),),
+            figures=(drawn.residual_norms(measured.posture, measured.placement, norms),),
+        ),
         Section(
             "Correlations", () if high else (NO_CORRELATION,), high, (drawn.correlation_map(matrix, pairs),)
         ),

@@ -147,7 +147,7 @@ def montecarlo_views(run: MonteCarlo, subject: Subject, clouds: bool) -> Views:
     errors = [
         plane_view(
             f"errors/{model}",
-            f"Errors over s.e., {model} model (up: too large)",
+            f"Error over s.e. (up: too large) by parameter, {model} model",
             (0, count + 1),
             (-MOST_Z, MOST_Z),
         )
@@ -155,7 +155,7 @@ def montecarlo_views(run: MonteCarlo, subject: Subject, clouds: bool) -> Views:
     ]
     bars = [
         rrb.BarChartView(
-            origin=f"histogram/{model}", name=f"{model.capitalize()} model, mm (time line: parameter)"
+            origin=f"histogram/{model}", name=f"Runs by error in mm, {model} model (time line: parameter)"
         )
         for model in counts
     ]

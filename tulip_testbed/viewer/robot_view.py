@@ -119,13 +119,14 @@ def _shape(model: mujoco.MjModel, geom: int) -> rr.AsComponents | None:
 
 
 def _mesh(model: mujoco.MjModel, geom: int, rgba: np.ndarray) -> rr.Mesh3D:
-    mesh = int(model.geom_dataid[geom])
-    vertex, face = int(model.mesh_vertadr[mesh]), int(model.mesh_faceadr[mesh])
-    vertices = model.mesh_vert[vertex : vertex + int(model.mesh_vertnum[mesh])]
-    w, x, y, z = model.geom_quat[geom]
-    placed = Rotation.from_quat([x, y, z, w]).apply(vertices) + model.geom_pos[geom]
+    """Return a mesh as triangles with normals, without which rerun draws no shade."""
+    mesh = model.geom_dataid[geom]
+    faces = model.mesh_faceadr[mesh] + np.arange(model.mesh_facenum[mesh])
+    vertices = model.mesh_vert[model.mesh_vertadr[mesh] + model.mesh_face[faces].ravel()]
+    normals = model.mesh_normal[model.mesh_normaladr[mesh] + model.mesh_facenormal[faces].ravel()]
+    turned = Rotation.from_quat(model.geom_quat[geom], scalar_first=True)
     return rr.Mesh3D(
-        vertex_positions=placed,
-        triangle_indices=model.mesh_face[face : face + int(model.mesh_facenum[mesh])],
+        vertex_positions=turned.apply(vertices) + model.geom_pos[geom],
+        vertex_normals=turned.apply(normals),
         albedo_factor=rgba,
     )
