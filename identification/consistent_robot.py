@@ -18,10 +18,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tulip_testbed.identification.cad_prior import MASS_SD
 from tulip_testbed.identification.pseudo_inertia import standard_of
 
 RANK = 1e-10  # of the largest singular value
-CAD_SD = 0.25  # of a link's mass, by which CAD may be wrong
 STEPS = 200  # of Newton's method
 ROUNDS = 30  # of the active set
 CONVERGED = 1e-14  # of the right-hand side
@@ -132,7 +132,7 @@ def data_shares(
         gradient = _symmetric(roots[k], weights).reshape(4, 16)
         along = gradient @ spanned[:, k].T
         square, errors = (along**2).sum(axis=1), np.einsum("ij,jk,ik->i", along, noise, along)
-        known = square / np.maximum(square + errors / CAD_SD**2, 1e-300)
+        known = square / np.maximum(square + errors / MASS_SD**2, 1e-300)
         shares[link] = known * square / (gradient**2).sum(axis=1)
     return shares
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 from scipy.linalg import block_diag
+from scipy.stats import chi2
 
 from tulip_testbed.base.errors import InputError, at_least, at_most, listed, shortened, warn
 from tulip_testbed.base.files import check_new, present, read_bytes, write_bytes
@@ -27,6 +28,7 @@ from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.robot_import.skeleton import LEAST_MASS
 from tulip_testbed.experiments.robot_import.urdf import find_mesh
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters
+from tulip_testbed.identification.cad_prior import cad_prior
 from tulip_testbed.identification.consistent_robot import (
     ConsistentRobot,
     Target,
@@ -56,6 +58,8 @@ OVERRULING = {  # settings of an MJCF's <compiler> that change inertias, and wha
 }
 ALIKE = 1e-6  # of a pseudo-inertia, in its own metric
 MOST_SAMPLES = 100_000
+LEVEL = 0.999  # of chi-square: estimate and CAD that are farther apart contradict each other
+INCONSISTENT = "No physically consistent robot has the base parameters; the exported one is the nearest"
 
 
 @dataclass(frozen=True)
@@ -105,7 +109,10 @@ def export_model(
     reference = solid(cad)
     ellipsoids = bounding_ellipsoids(robot.visual_model, reference)
     mass, mass_error = weighed or identification.mass
-    target = Target(parameters.from_standard[full.numbers - 1], full.value, full.covariance, mass)
+    value, covariance = full.value, full.covariance
+    if full.standard is None:  # otherwise CAD is in it
+        value, covariance = cad_prior(parameters, standard_of(cad)).combined(value, covariance)
+    target = Target(parameters.from_standard[full.numbers - 1], value, covariance, mass)
     consistent = consistent_robot(reference, ellipsoids, target)
     slope = np.eye(len(full.value) + 1)  # of base parameters times the mass, and the mass
     slope[:-1] *= mass
@@ -118,10 +125,12 @@ def export_model(
     ]
     if left_out:
         notes = (*notes, f"Adopted, but not in the file: {listed(left_out)}")
+    if consistent.misfit:
+        notes = (f"{INCONSISTENT}, {consistent.misfit:.3g} standard errors away.", *notes)
     result = ExportedModel(
         links=exported_links(links, cad, consistent.pseudo, shares),
         base_parameters=consistent.value,
-        misfit_in_standard_errors=float(consistent.misfit),
+        misfit_in_standard_errors=_distance(consistent.value - full.value, full.covariance),
         total_mass=TotalMass(float(mass), "weighed" if weighed else "by the measured forces"),
         files=tuple(map(str, paths)),
         notes=notes,
@@ -136,8 +145,17 @@ def export_model(
     for path, whole in zip(paths, contents, strict=True):
         write_bytes(path, whole, new=True)
     if consistent.misfit:
-        warn(f"{export.path}: {result.misfit_line}")
+        warn(f"{export.path}: {notes[0]}")
+    if result.misfit_in_standard_errors**2 > chi2.ppf(LEVEL, len(full.value)):
+        warn(f"{export.path}: {result.misfit_line} CAD or the estimate is wrong; `check` and `discover` say more")
     return result
+
+
+def _distance(away: np.ndarray, covariance: np.ndarray) -> float:
+    """Return sqrt(d' C^-1 d)."""
+    deviation = np.sqrt(np.diag(covariance))
+    whole = np.linalg.solve(covariance / np.outer(deviation, deviation), away / deviation)
+    return float(np.sqrt(away / deviation @ whole))
 
 
 def _check(identification: Identification, robot: Robot, export: Export) -> None:
