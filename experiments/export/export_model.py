@@ -12,7 +12,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.stats import chi2
 
 from tulip_testbed.base.errors import InputError, at_least, at_most, listed, shortened, warn
 from tulip_testbed.base.files import check_new, present, read_bytes, write_bytes
@@ -35,6 +34,7 @@ from tulip_testbed.identification.consistent_robot import (
     consistent_robot,
     data_shares,
 )
+from tulip_testbed.identification.distributions import chi2_sf
 from tulip_testbed.identification.pseudo_inertia import (
     bounding_ellipsoids,
     moved,
@@ -58,8 +58,7 @@ OVERRULING = {  # settings of an MJCF's <compiler> that change inertias, and wha
 }
 ALIKE = 1e-6  # of a pseudo-inertia, in its own metric
 MOST_SAMPLES = 100_000
-LEVEL = 0.999  # of chi-square: estimate and CAD that are farther apart contradict each other
-INCONSISTENT = "No physically consistent robot has the base parameters; the exported one is the nearest"
+LEVEL = 1e-3  # of chi-square: estimate and CAD that are farther apart contradict each other
 
 
 @dataclass(frozen=True)
@@ -114,6 +113,7 @@ def export_model(
         value, covariance = cad_prior(parameters, standard_of(cad)).combined(value, covariance)
     target = Target(parameters.from_standard[full.numbers - 1], value, covariance, mass)
     consistent = consistent_robot(reference, ellipsoids, target)
+    away = consistent.value - full.value
     slope = np.eye(len(full.value) + 1)  # of base parameters times the mass, and the mass
     slope[:-1] *= mass
     slope[:-1, -1] = full.value
@@ -126,11 +126,15 @@ def export_model(
     if left_out:
         notes = (*notes, f"Adopted, but not in the file: {listed(left_out)}")
     if consistent.misfit:
-        notes = (f"{INCONSISTENT}, {consistent.misfit:.3g} standard errors away.", *notes)
+        notes = (
+            "No physically consistent robot has the base parameters; the exported one is the nearest, "
+            f"{consistent.misfit:.3g} standard errors away.",
+            *notes,
+        )
     result = ExportedModel(
         links=exported_links(links, cad, consistent.pseudo, shares),
         base_parameters=consistent.value,
-        misfit_in_standard_errors=_distance(consistent.value - full.value, full.covariance),
+        misfit_in_standard_errors=float(np.sqrt(away @ np.linalg.solve(full.covariance, away))),
         total_mass=TotalMass(float(mass), "weighed" if weighed else "by the measured forces"),
         files=tuple(map(str, paths)),
         notes=notes,
@@ -146,16 +150,9 @@ def export_model(
         write_bytes(path, whole, new=True)
     if consistent.misfit:
         warn(f"{export.path}: {notes[0]}")
-    if result.misfit_in_standard_errors**2 > chi2.ppf(LEVEL, len(full.value)):
-        warn(f"{export.path}: {result.misfit_line} CAD or the estimate is wrong; `check` and `discover` say more")
+    if chi2_sf(result.misfit_in_standard_errors**2, len(full.value)) < LEVEL:
+        warn(f"{export.path}: {result.misfit_line} One of both is wrong; `check` and `discover` say more")
     return result
-
-
-def _distance(away: np.ndarray, covariance: np.ndarray) -> float:
-    """Return sqrt(d' C^-1 d)."""
-    deviation = np.sqrt(np.diag(covariance))
-    whole = np.linalg.solve(covariance / np.outer(deviation, deviation), away / deviation)
-    return float(np.sqrt(away / deviation @ whole))
 
 
 def _check(identification: Identification, robot: Robot, export: Export) -> None:

@@ -259,7 +259,8 @@ def export_model(
     """Write the identified robot as a model file (MJCF or URDF).
 
     Base parameters and total mass are the identified ones, combined with CAD's by their standard errors; what
-    statics cannot see is as near to CAD as physical consistency allows. Only the <inertial> elements of the robot's own file change.
+    statics cannot see is as near to CAD as physical consistency allows. Only the <inertial> elements of the
+    robot's own file change.
 
     Args:
         run: an identification, a validation or a discovery, or the folder of a validation, a discovery or
