@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
+import tulip_testbed.experiments.export.export_model as writer
 from tests.published_robot import write_published
 from tulip_testbed.base.errors import InputError, InputWarning
 from tulip_testbed.cli.main import main
@@ -162,6 +163,18 @@ def test_samples(exported, found, robot):
     chi2 = np.einsum("sp,pq,sq->s", away, weights, away)
     assert (chi2 > 1).all()
     assert (chi2 < 80).all()
+
+
+def test_on_a_full_disk_neither_file_is_left(found, robot, tmp_path, monkeypatch):
+    def full(path, content, new=False):
+        if path.suffix == ".npz":
+            raise InputError(f"{path}: cannot write (No space left on device)")
+        path.write_bytes(content)
+
+    monkeypatch.setattr(writer, "write_bytes", full)
+    with pytest.raises(InputError, match="No space left"):
+        tt.export_model(found, robot, out=tmp_path / "a.xml", samples=1)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_samples_depend_on_the_seed_alone(found, robot, tmp_path):

@@ -6,6 +6,7 @@ import io
 import os
 import tempfile
 import xml.etree.ElementTree as ET
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -109,7 +110,7 @@ def export_model(
     ellipsoids = bounding_ellipsoids(robot.visual_model, reference)
     mass, mass_error = weighed or identification.mass
     value, covariance = full.value, full.covariance
-    if full.standard is None:  # otherwise CAD is in it
+    if full.standard is None:  # CAD is not in it yet
         value, covariance = cad_prior(parameters, standard_of(cad)).combined(value, covariance)
     target = Target(parameters.from_standard[full.numbers - 1], value, covariance, mass)
     consistent = consistent_robot(reference, ellipsoids, target)
@@ -146,8 +147,11 @@ def export_model(
         names = {"links": np.array(links), "parameters": np.array(full.names)}
         np.savez_compressed(archive, **names, **drawn)  # pyrefly: ignore[bad-argument-type]
         contents.append(archive.getvalue())
-    for path, whole in zip(paths, contents, strict=True):
-        write_bytes(path, whole, new=True)
+    with ExitStack() as undo:  # both files or none
+        for path, whole in zip(paths, contents, strict=True):
+            write_bytes(path, whole, new=True)
+            undo.callback(path.unlink, missing_ok=True)
+        undo.pop_all()
     if consistent.misfit:
         warn(f"{export.path}: {notes[0]}")
     if chi2_sf(result.misfit_in_standard_errors**2, len(full.value)) < LEVEL:
