@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 ROWS = 2000  # up to which a budget is the same
+ROOM = 1e-4  # GB a row, which the next calibration takes for a while
 STATUS = Path("/proc/self/statm")  # in pages, where there is one
 
 
@@ -36,4 +37,4 @@ class Budget:
         """Return whether no more may be begun."""
         pages = int(STATUS.read_text().split()[1]) if STATUS.exists() else 0
         used = 1e-9 * os.sysconf("SC_PAGE_SIZE") * pages
-        return time.process_time() - self.began > self.seconds or used > self.gigabytes
+        return time.process_time() - self.began > self.seconds or used + ROOM * self.rows > self.gigabytes

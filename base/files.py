@@ -7,6 +7,7 @@ import fcntl
 import functools
 import glob
 import hashlib
+import itertools
 import os
 import shutil
 import stat
@@ -24,7 +25,8 @@ NO_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EXD
 MOST_NAME = 255  # bytes of a part of a path, on every usual file system
 TRIES = 100  # at a hidden name, which other processes may take for stale
 LONGEST_STEM = 200  # bytes of it that are found again in hidden names
-MEASURED = b'"tulip-measurements"'  # what the manifest of a measurement folder says of itself
+FOLDERS = {"measurement": "manifest.json", "plan": "plan.json", "run": "run.json", "rig": "rig.json"}
+OURS = b'"tulip-'  # in each of these files
 KINDS = {
     stat.S_IFDIR: "a folder",
     stat.S_IFIFO: "a named pipe",
@@ -116,19 +118,18 @@ def is_folder(path: Path) -> bool:
 
 
 def check_outside(path: Path) -> None:
-    """Refuse a place inside of a measurement folder, which holds what was measured and nothing else.
+    """Refuse a place inside of a folder that commands read: it holds what was written at once, and no more.
 
     Raises:
-        InputError: names the measurement folder.
+        InputError: names that folder.
     """
-    for folder in path.parents:
-        manifest = folder / "manifest.json"
+    for folder, (kind, file) in itertools.product(path.parents, FOLDERS.items()):
         try:
-            measured = present(manifest) and MEASURED in read_bytes(manifest)
+            ours = present(folder / file) and OURS in read_bytes(folder / file)
         except InputError:  # another program's
             continue
-        if measured:
-            raise InputError(f"{path}: lies inside the measurement folder {folder}, expected a place outside")
+        if ours:
+            raise InputError(f"{path}: lies inside the {kind} folder {folder}, expected a place outside")
 
 
 def check_new(path: Path, ending: str = "") -> None:
@@ -160,7 +161,7 @@ def new_folder(path: Path) -> Iterator[Path]:
     """Yield a folder to fill; it gets its name if the block succeeds and is removed otherwise.
 
     Raises:
-        InputError: the name exists already, lies in a measurement folder, or the folder cannot be written.
+        InputError: the name exists already, lies in a folder of another result, or cannot be written.
     """
     check_path(path)
     path = Path(path)

@@ -32,7 +32,7 @@ def plain_csv(path: Path, content: bytes) -> bytes:
         del lines[0]
     if not lines:
         raise InputError(f"{path}: found no line with column names")
-    header = lines[0][1]
+    header = re.sub(r'"[^"]*"', "", lines[0][1])
     separator = ";" if header.count(";") > header.count(",") else ","
     after_quote = re.compile(rf'"\s+({separator}|$)')
     texts = [after_quote.sub(r'"\1', line) for _, line in lines]
@@ -57,7 +57,9 @@ def plain_csv(path: Path, content: bytes) -> bytes:
     if separator == ";":
         rows = _decimal_points(path, rows)
     out = io.StringIO()
-    csv.writer(out, lineterminator="\n").writerows(row[:width] for row in rows)
+    # A name with a semicolon would be taken for several.
+    quoting = csv.QUOTE_ALL if any(";" in name for name in rows[0]) else csv.QUOTE_MINIMAL
+    csv.writer(out, lineterminator="\n", quoting=quoting).writerows(row[:width] for row in rows)
     return out.getvalue().encode()
 
 

@@ -25,6 +25,7 @@ Columns = dict[str, np.ndarray]
 MOST_JSON = 4 * 2**20  # bytes
 MOST_DEPTH = 32  # of a JSON document
 MOST_DIGITS = 300  # of a whole number in JSON: a float still holds it
+LARGEST = 1e60  # number in a JSON file: products of several are finite
 MOST_ROWS = 10_000
 MOST_COLUMNS = 1_000
 MOST_UNPACKED = 256 * 2**20  # bytes of a Parquet file after unpacking, by its own metadata
@@ -63,8 +64,10 @@ def read_json(path: Path) -> dict[str, Any]:
         return content
 
     def number(text: str) -> float:
-        if not math.isfinite(value := float(text)):
-            raise InputError(f"{path}: found the number {shortened(text)}, expected a finite one")
+        if not abs(value := float(text)) <= LARGEST:
+            raise InputError(
+                f"{path}: found the number {shortened(text)}, expected a finite one within {LARGEST:g}"
+            )
         return value
 
     def whole(text: str) -> int:

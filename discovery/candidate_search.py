@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.base.budget import Budget
+from tulip_testbed.base.budget import ROWS, Budget
 from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.discovery.candidates import Candidate, Fitted, candidates, change_times, log_choices
@@ -139,6 +139,8 @@ class CandidateSearch:
             plain = self.glanced(terms, start)
             before = -np.inf if plain is None else plain.evidence
             for k, several in enumerate(every):  # what holds no promise is forgotten for the sake of memory
+                if self.budget.spent:
+                    return []
                 glances[k] = self.glanced(several, start)
                 best = max([best, *(one.evidence for one in glances if one)])
                 least = max(before, best - GLANCED_NEAR - GLANCED * max(best - before, 0.0))
@@ -171,7 +173,8 @@ class CandidateSearch:
         """Rank all other candidates in addition to the adopted terms."""
         others = [candidate for candidate in self.candidates if candidate.label not in adopted.labels]
         linear, key = adopted.partialled_out, tuple(sorted(adopted.labels))
-        if key not in self.changes and len(self.changes) == KEPT_CHANGES:
+        kept = KEPT_CHANGES if len(self.observed) <= ROWS else 1
+        if key not in self.changes and len(self.changes) == kept:
             del self.changes[next(iter(self.changes))]
         return ranked(candidate_blocks(linear, others, self.changes.setdefault(key, {})), linear.residual)
 

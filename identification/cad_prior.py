@@ -38,6 +38,12 @@ class CadPrior:
         """Return W with W'W the inverse of the covariance, (p, p) [1/m]."""
         return np.linalg.inv(np.linalg.cholesky(self.covariance))
 
+    def combined(self, value: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return an estimate combined with the prior, (p,) [m], and its covariance, (p, p) [m2]."""
+        gain = np.linalg.solve(self.covariance + covariance, self.covariance).T
+        spread = gain @ covariance
+        return self.center + gain @ (value - self.center), (spread + spread.T) / 2
+
     def data_share(self, covariance: np.ndarray) -> np.ndarray:
         """Return the share of each parameter's prior variance that the data removed, (p,), 0 to 1.
 

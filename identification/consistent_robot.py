@@ -18,16 +18,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.identification.cad_prior import MASS_SD
 from tulip_testbed.identification.pseudo_inertia import standard_of
 
 RANK = 1e-10  # of the largest singular value
-CAD_SD = 0.25  # of a link's mass, by which CAD may be wrong
 STEPS = 200  # of Newton's method
 ROUNDS = 30  # of the active set
 CONVERGED = 1e-14  # of the right-hand side
 SHORTEST = 1e-9  # step of the line search
 FARTHEST = 20.0  # mean divergence of a link from CAD; farther robots are sought by the conic program first
 NEGLIGIBLE = 1e-3  # standard errors
+FAR = "found base parameters that no physically consistent robot has"
 LEAST = 0.01  # of CAD's pseudo-inertia that every link of the nearest robot keeps
 
 
@@ -83,7 +85,7 @@ def consistent_robot(reference: np.ndarray, ellipsoids: np.ndarray, target: Targ
     for goal, away in ((target.value, 0.0), (value, misfit)) if misfit < NEGLIGIBLE else ((value, misfit),):
         if (found := robot_with(reference, ellipsoids, replace(target, value=goal), np.inf)) is not None:
             return replace(found, misfit=away)
-    raise ArithmeticError("the projection on the nearest consistent base parameters did not converge")
+    raise InputError(f"{FAR}, and the search for the nearest ones did not converge")
 
 
 def robot_with(
@@ -132,7 +134,7 @@ def data_shares(
         gradient = _symmetric(roots[k], weights).reshape(4, 16)
         along = gradient @ spanned[:, k].T
         square, errors = (along**2).sum(axis=1), np.einsum("ij,jk,ik->i", along, noise, along)
-        known = square / np.maximum(square + errors / CAD_SD**2, 1e-300)
+        known = square / np.maximum(square + errors / MASS_SD**2, 1e-300)
         shares[link] = known * square / (gradient**2).sum(axis=1)
     return shares
 
@@ -325,6 +327,6 @@ def _nearest_value(space: _Space, target: Target) -> tuple[np.ndarray, float]:
         warnings.simplefilter("ignore")  # of an inaccurate optimum: what is used of it is made exact below
         problem.solve(solver=cp.CLARABEL)
     if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
-        raise ArithmeticError(f"the search for consistent base parameters ended as {problem.status}")
+        raise InputError(f"{FAR}, and the search for the nearest ones ended as {problem.status}")
     value = np.asarray(sums.value[:-1]) / target.mass
     return value, float(np.linalg.norm(whiten @ (value - target.value)))

@@ -214,8 +214,8 @@ class Measurements(MeasurementHeader):
             array, kind = getattr(self, name), KINDS.get(name, "iuf")
             if array is None and name in MAY_BE_NONE:
                 continue
-            if not isinstance(array, np.ndarray) or array.dtype.kind not in kind or array.shape != shape:
-                there = isinstance(array, np.ndarray)
+            there = isinstance(array, np.ndarray) and not isinstance(array, np.ma.MaskedArray)
+            if not there or array.dtype.kind not in kind or array.shape != shape:
                 seen = f"{array.dtype} {array.shape}" if there else type(array).__name__
                 size = ", ".join(map(str, shape))
                 return f"{name}: found {seen}, expected an array of {OF_KIND[kind]} ({size})"

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.files import FOLDERS as KINDS
 from tulip_testbed.base.files import is_folder, present
 
-KINDS = {"measurement": "manifest.json", "plan": "plan.json", "run": "run.json", "rig": "rig.json"}
 INSIDE = {"measurement": "measurements", "plan": "plan"}  # of a run folder
 ADVICE = {
     ("plan", "measurement"): "measure the plan first, for example with `tulip simulate`",

@@ -19,7 +19,8 @@ import tulip_testbed as tt
 from studies.runner import Settings, header, row
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of
 from tulip_testbed.experiments.usable_plan import random_plan
-from tulip_testbed.identification.base_parameters import base_parameters
+from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
+from tulip_testbed.identification.cad_prior import cad_prior
 from tulip_testbed.sim.random_robots import edit_of
 from tulip_testbed.sim.robot import Robot, joint_names, load_robot
 from tulip_testbed.sim.specs import compile_spec
@@ -60,8 +61,11 @@ def one(seed: int) -> tuple[float, float, float, float, float]:
         float(np.sqrt(((pressure(model, robot, plan.joint_angles) - true) ** 2).sum(axis=1).mean()))
         for model in (robot.model, exported)
     ]
-    off = made.base_parameters - base_parameters(robot).values(outcome.truth.standard)
-    square = float(off @ np.linalg.solve(found.full.covariance, off))
+    parameters = base_parameters(robot)
+    off = made.base_parameters - parameters.values(outcome.truth.standard)
+    prior = cad_prior(parameters, standard_parameters(robot.model))
+    _, covariance = prior.combined(found.full.value, found.full.covariance)
+    square = float(off @ np.linalg.solve(covariance, off))
     return rms[0], rms[1], square, made.misfit_in_standard_errors, made.total_mass.value - outcome.truth.mass
 
 

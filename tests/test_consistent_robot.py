@@ -12,7 +12,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
-from tulip_testbed.identification.consistent_robot import CAD_SD, Target, consistent_robot, data_shares
+from tulip_testbed.identification.cad_prior import MASS_SD
+from tulip_testbed.identification.consistent_robot import Target, consistent_robot, data_shares
 from tulip_testbed.identification.pseudo_inertia import (
     bounding_ellipsoids,
     central,
@@ -220,9 +221,9 @@ def test_data_shares(cad):
     assert alone[:, 0] == pytest.approx(heavy / heavy.sum(), rel=1e-9)  # Var m_i is in proportion to m_i^2
     every = data_shares(cad.reference, np.eye(4 * len(shares)))
     assert every == pytest.approx(np.ones_like(every), abs=1e-9)
-    # The total mass, as uncertain as by CAD: of a variance CAD_SD^2 sum m_i^2 half is left.
+    # The total mass, as uncertain as by CAD: of a variance MASS_SD^2 sum m_i^2 half is left.
     doubtful = data_shares(
-        cad.reference, np.zeros((1, 4 * len(shares))), np.diag([0, CAD_SD**2 * heavy.sum()])
+        cad.reference, np.zeros((1, 4 * len(shares))), np.diag([0, MASS_SD**2 * heavy.sum()])
     )
     assert doubtful[:, 0] == pytest.approx(alone[:, 0] / 2, rel=1e-9)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,6 +14,7 @@ import tulip_testbed.discovery.discover as discover_module
 from studies.hidden_effects.outside_faults import FAULTS
 from tests.effect_changes import DISCOVERY_SEED as SEED
 from tests.effect_changes import measured
+from tulip_testbed.base import budget
 from tulip_testbed.base.budget import Budget
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.families import EXACT, TOLERANCES
@@ -360,8 +362,12 @@ def test_an_effect_that_the_laboratory_refutes_is_dropped(robot, plan, monkeypat
 
 
 @pytest.mark.slow
-def test_a_search_ends_at_its_budget_as_unknown(robot, plan, monkeypatch):
+def test_a_search_ends_at_its_budget_as_unknown(robot, plan, tmp_path, monkeypatch):
     assert (Budget(10).gigabytes, Budget(10_000).gigabytes) == (2.0, 4.0)
+    (tmp_path / "statm").write_text(f"0 {int(3.2e9 / os.sysconf('SC_PAGE_SIZE'))} 0")
+    monkeypatch.setattr(budget, "STATUS", tmp_path / "statm")  # 3.2 GB, and a calibration takes 1 GB more
+    assert Budget(10_000).spent
+    assert not Budget(18_000).spent
     monkeypatch.setattr(Budget, "spent", True)
     lab = Laboratory(robot, "force-plate").with_effects("encoder-offset:right_knee=0.02")
     found = discover(lab.run(plan, SEED, "statics").measurements, robot, hold_out=False)

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
+import tulip_testbed.experiments.export.export_model as writer
 from tests.published_robot import write_published
 from tulip_testbed.base.errors import InputError, InputWarning
 from tulip_testbed.cli.main import main
@@ -23,6 +24,7 @@ from tulip_testbed.experiments.export.inertial_text import inertial_spans, with_
 from tulip_testbed.experiments.export.published_links import published_links
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
+from tulip_testbed.identification.cad_prior import cad_prior
 from tulip_testbed.identification.center_of_pressure import contact_pressure
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.pseudo_inertia import pseudo_inertia, pseudo_inertias
@@ -91,7 +93,13 @@ def outside(content, path):
 def test_mujoco_reads_the_stated_base_parameters(exported, found, robot):
     model = mujoco.MjModel.from_xml_path(str(exported.files[0]))
     parameters = base_parameters(robot, model)
-    assert np.abs(parameters.values(standard_parameters(model)) - found.full.value).max() < 1e-9
+    value = parameters.values(standard_parameters(model))
+    assert np.abs(value - exported.base_parameters).max() < 1e-9
+    # Estimate and CAD by their weights, as one least-squares problem.
+    prior = cad_prior(parameters, standard_parameters(robot.model))
+    weights = [np.linalg.inv(covariance) for covariance in (found.full.covariance, prior.covariance)]
+    wanted = np.linalg.solve(sum(weights), weights[0] @ found.full.value + weights[1] @ prior.center)
+    assert np.abs(value - wanted).max() < 1e-6
     assert model.body_mass.sum() == pytest.approx(exported.total_mass.value, abs=1e-9)
     moments = np.sort(model.body_inertia[1:], axis=1)
     assert (moments > 0).all()
@@ -121,7 +129,7 @@ def test_the_exported_robot_moves_its_center_of_mass_as_estimated(exported, foun
         foot = data.body("right_foot")
         com = foot.xmat.reshape(3, 3).T @ (data.subtree_com[1] - foot.xpos)
         # x and y of the swing foot's z parameter are zero only while that foot is level.
-        assert com[:2] == pytest.approx(rows @ found.full.value, abs=5e-2)
+        assert com[:2] == pytest.approx(rows @ exported.base_parameters, abs=5e-2)
 
 
 def test_the_document(exported, found, robot):
@@ -131,7 +139,7 @@ def test_the_document(exported, found, robot):
         robot.model.body(k).name for k in range(1, robot.model.nbody)
     }
     assert all(0 <= row["mass_data_share"] <= 1 for row in told["links"])
-    assert told["misfit_in_standard_errors"] == 0
+    assert 0 < told["misfit_in_standard_errors"] < 5
     m, full = found.measurements, found.full
     com = found.parameters.regressor(m.joint_angles, m.support) @ full.value
     off = contact_pressure(m, nominal_robot(robot)).center - com
@@ -139,8 +147,14 @@ def test_the_document(exported, found, robot):
     assert told["constant"]["share"] == pytest.approx(off.mean(axis=0) ** 2 / (off**2).mean(axis=0), rel=1e-3)
     assert [Path(name).name for name in told["files"]] == ["identified.xml", "identified-samples.npz"]
     text = repr(exported)
-    assert "those of the estimate" in text
+    assert "standard errors from those of the estimate" in text
     assert "right_lower_leg" in text
+
+
+def test_few_rows_move_no_mass_far_from_cad(run, robot, tmp_path):
+    few = tt.identify(run.measurements.take(np.arange(28)), robot)
+    made = tt.export_model(few, robot, out=tmp_path / "a.xml", samples=0)
+    assert all(0.7 < link.mass / link.mass_cad < 1.4 for link in made.links if link.mass_cad)
 
 
 def test_samples(exported, found, robot):
@@ -153,10 +167,24 @@ def test_samples(exported, found, robot):
     for k in range(5):
         standard = np.column_stack([mass[k], mass[k, :, None] * center[k]])
         assert np.abs(found.parameters.values(standard) - value[k]).max() < 1e-9
-    away = value - found.full.value
-    chi2 = np.einsum("sp,pq,sq->s", away, np.linalg.inv(found.full.covariance), away)
+    away = value - exported.base_parameters
+    prior = cad_prior(found.parameters, standard_parameters(robot.model))
+    weights = np.linalg.inv(found.full.covariance) + np.linalg.inv(prior.covariance)
+    chi2 = np.einsum("sp,pq,sq->s", away, weights, away)
     assert (chi2 > 1).all()
     assert (chi2 < 80).all()
+
+
+def test_on_a_full_disk_neither_file_is_left(found, robot, tmp_path, monkeypatch):
+    def full(path, content, new=False):
+        if path.suffix == ".npz":
+            raise InputError(f"{path}: cannot write (No space left on device)")
+        path.write_bytes(content)
+
+    monkeypatch.setattr(writer, "write_bytes", full)
+    with pytest.raises(InputError, match="No space left"):
+        tt.export_model(found, robot, out=tmp_path / "a.xml", samples=1)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("name", ["tulip", "humanoid", pytest.param("humanoid_CMU", marks=pytest.mark.slow)])
@@ -166,7 +194,7 @@ def test_urdf_of_an_mjcf(name, robot, foreign, found, tmp_path):
     rng = np.random.default_rng(2)
     wanted = imagined(found, described, draw_robot(described.model, 0.1, rng))
     for ending in ("xml", "urdf"):
-        export_model(wanted, described, Export(tmp_path / f"a.{ending}", samples=0))
+        made = export_model(wanted, described, Export(tmp_path / f"a.{ending}", samples=0))
     spec = mujoco.MjSpec.from_file(str(tmp_path / "a.urdf"))
     spec.compiler.fusestatic = False
     models = mujoco.MjModel.from_xml_path(str(tmp_path / "a.xml")), spec.compile()
@@ -178,7 +206,7 @@ def test_urdf_of_an_mjcf(name, robot, foreign, found, tmp_path):
     read = published_links(tmp_path / "a.urdf", described)
     sums = read.by_link(described.model.nbody - 1)
     again = wanted.parameters.values(sums[:, 3, [3, 0, 1, 2]])
-    assert np.abs(again - wanted.full.value).max() < 1e-9
+    assert np.abs(again - made.base_parameters).max() < 1e-9
 
 
 @pytest.fixture(scope="module")
@@ -206,7 +234,7 @@ def test_a_published_urdf_gets_the_inertias(published, found, tmp_path):
     assert outside(before, urdf) == outside(after, urdf)
     links = published_links(tmp_path / "new.urdf", robot)
     sums = links.by_link(robot.model.nbody - 1)
-    assert np.abs(wanted.parameters.values(sums[:, 3, [3, 0, 1, 2]]) - wanted.full.value).max() < 1e-9
+    assert np.abs(wanted.parameters.values(sums[:, 3, [3, 0, 1, 2]]) - made.base_parameters).max() < 1e-9
     written = [pseudo_inertia(one.mass, one.center, one.inertia) for one in made.links]
     assert np.abs(sums - np.array(written)).max() < 1e-9
     assert np.linalg.eigvalsh(links.pseudo).min() > 0
@@ -223,16 +251,17 @@ def test_another_robots_urdf_is_refused(published, found, robot, tmp_path):
 
 
 def test_an_inconsistent_estimate_is_told(found, robot, tmp_path):
-    wanted = imagined(found, robot, standard_parameters(robot.model), error=1e-3)
+    wanted = imagined(found, robot, standard_parameters(robot.model), error=1e-4)
     wanted.full.value[7] += 0.05
-    with pytest.warns(InputWarning, match="No physically consistent robot") as warned:
+    with pytest.warns(InputWarning) as warned:
         made = export_model(wanted, robot, Export(tmp_path / "a.xml", samples=0))
     far = made.misfit_in_standard_errors
-    assert 5 < far < 50
-    assert f"{far:.3g} standard errors" in str(warned[0].message)
+    assert 50 < far < 500
+    assert "No physically consistent robot" in str(warned[0].message)
+    assert f"{far:.3g} standard errors from those of the estimate" in str(warned[1].message)
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "a.xml"))
     value = base_parameters(robot, model).values(standard_parameters(model))
-    assert np.linalg.norm(value - wanted.full.value) / 1e-3 == pytest.approx(far, rel=1e-5)
+    assert np.linalg.norm(value - wanted.full.value) / 1e-4 == pytest.approx(far, rel=1e-5)
 
 
 def test_text_of_every_kind(tmp_path):
@@ -299,7 +328,7 @@ def test_a_validation_is_exported_as_its_report_says(run, robot, tmp_path):
     judged.save(tmp_path / "run")
     by_folder = tt.export_model(tmp_path / "run", robot, out=tmp_path / "a.xml", samples=0)
     in_memory = tt.export_model(judged, robot, out=tmp_path / "b.xml", samples=0)
-    assert np.array_equal(by_folder.base_parameters, judged.identification.full.value)
+    assert np.array_equal(by_folder.base_parameters, in_memory.base_parameters)
     assert (tmp_path / "a.xml").read_bytes() == (tmp_path / "b.xml").read_bytes()
     assert in_memory.total_mass.source == by_folder.total_mass.source == "weighed"
 
@@ -322,7 +351,7 @@ def test_adopted_lengths_on_request(run, found, robot, tmp_path):
     longer[model.body("right_ankle").id, 2] = -0.004
     assert np.abs(moved - longer).max() < 1e-12
     value = base_parameters(robot, model).values(standard_parameters(model))
-    assert np.abs(value - found.full.value).max() < 1e-9
+    assert np.abs(value - made.base_parameters).max() < 1e-9
     before, after = robot.model_file.read_bytes(), (tmp_path / "a.xml").read_bytes()
     one, other = (outside(text, robot.model_file).splitlines() for text in (before, after))
     changed = [(a, b) for a, b in zip(one, other, strict=True) if a != b]

@@ -1,6 +1,7 @@
 """Published robots, as MJCF and URDF, become robots that the laboratory takes."""
 
 import json
+import re
 import tomllib
 
 import mujoco
@@ -271,10 +272,12 @@ def test_names_that_are_missing_or_hold_quotes(tmp_path):
 def test_forces_that_are_left_out_are_told(tmp_path):
     text = mjcf().replace('<joint name="left4" ', '<joint name="left4" stiffness="20" ')
     text = text.replace("<worldbody>", '<option gravity="0 0 -1.6"/><worldbody>')
-    (tmp_path / "sprung.xml").write_text(text)
+    apart = '<contact><exclude body1="right0" body2="left0"/></contact></mujoco>'
+    (tmp_path / "sprung.xml").write_text(text.replace("</mujoco>", apart))
     told = "\n".join(import_robot(tmp_path / "sprung.xml").assumed)
     assert "left out: springs of the joints left4" in told
     assert "left out: gravity 0.0, 0.0, -1.6" in told
+    assert re.search("left out: <exclude>, so that plans keep a distance between .*left0", told)
 
 
 def test_the_command(urdf, tmp_path, capsys, monkeypatch):

@@ -6,6 +6,7 @@ import io
 import os
 import tempfile
 import xml.etree.ElementTree as ET
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -27,12 +28,14 @@ from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.robot_import.skeleton import LEAST_MASS
 from tulip_testbed.experiments.robot_import.urdf import find_mesh
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters
+from tulip_testbed.identification.cad_prior import cad_prior
 from tulip_testbed.identification.consistent_robot import (
     ConsistentRobot,
     Target,
     consistent_robot,
     data_shares,
 )
+from tulip_testbed.identification.distributions import chi2_sf
 from tulip_testbed.identification.pseudo_inertia import (
     bounding_ellipsoids,
     moved,
@@ -56,6 +59,7 @@ OVERRULING = {  # settings of an MJCF's <compiler> that change inertias, and wha
 }
 ALIKE = 1e-6  # of a pseudo-inertia, in its own metric
 MOST_SAMPLES = 100_000
+LEVEL = 1e-3  # of chi-square: estimate and CAD that are farther apart contradict each other
 
 
 @dataclass(frozen=True)
@@ -105,8 +109,12 @@ def export_model(
     reference = solid(cad)
     ellipsoids = bounding_ellipsoids(robot.visual_model, reference)
     mass, mass_error = weighed or identification.mass
-    target = Target(parameters.from_standard[full.numbers - 1], full.value, full.covariance, mass)
+    value, covariance = full.value, full.covariance
+    if full.standard is None:  # CAD is not in it yet
+        value, covariance = cad_prior(parameters, standard_of(cad)).combined(value, covariance)
+    target = Target(parameters.from_standard[full.numbers - 1], value, covariance, mass)
     consistent = consistent_robot(reference, ellipsoids, target)
+    away = consistent.value - full.value
     slope = np.eye(len(full.value) + 1)  # of base parameters times the mass, and the mass
     slope[:-1] *= mass
     slope[:-1, -1] = full.value
@@ -118,11 +126,17 @@ def export_model(
     ]
     if left_out:
         notes = (*notes, f"Adopted, but not in the file: {listed(left_out)}")
+    if consistent.misfit:
+        notes = (
+            "No physically consistent robot has the base parameters; the exported one is the nearest, "
+            f"{consistent.misfit:.3g} standard errors away.",
+            *notes,
+        )
     result = ExportedModel(
         links=exported_links(links, cad, consistent.pseudo, shares),
         base_parameters=consistent.value,
         constant=identification.constant,
-        misfit_in_standard_errors=float(consistent.misfit),
+        misfit_in_standard_errors=float(np.sqrt(away @ np.linalg.solve(full.covariance, away))),
         total_mass=TotalMass(float(mass), "weighed" if weighed else "by the measured forces"),
         files=tuple(map(str, paths)),
         notes=notes,
@@ -134,10 +148,15 @@ def export_model(
         names = {"links": np.array(links), "parameters": np.array(full.names)}
         np.savez_compressed(archive, **names, **drawn)  # pyrefly: ignore[bad-argument-type]
         contents.append(archive.getvalue())
-    for path, whole in zip(paths, contents, strict=True):
-        write_bytes(path, whole, new=True)
+    with ExitStack() as undo:  # both files or none
+        for path, whole in zip(paths, contents, strict=True):
+            write_bytes(path, whole, new=True)
+            undo.callback(path.unlink, missing_ok=True)
+        undo.pop_all()
     if consistent.misfit:
-        warn(f"{export.path}: {result.misfit_line}")
+        warn(f"{export.path}: {notes[0]}")
+    if chi2_sf(result.misfit_in_standard_errors**2, len(full.value)) < LEVEL:
+        warn(f"{export.path}: {result.misfit_line} One of both is wrong; `check` and `discover` say more")
     return result
 
 

@@ -12,6 +12,7 @@ from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Array, Result
 from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.experiments.usable_parameters import ConstantError
+from tulip_testbed.identification.cad_prior import CENTER_SD, MASS_SD
 from tulip_testbed.identification.pseudo_inertia import central, standard_of
 
 
@@ -104,9 +105,9 @@ class ExportedModel(Result):
         if not self.misfit_in_standard_errors:
             return "The base parameters of the exported robot are those of the estimate."
         return (
-            "No physically consistent robot has the estimated base parameters; the exported one is the "
-            f"nearest, {number(self.misfit_in_standard_errors, '.3g')} standard errors away (in the metric "
-            "of their covariance)."
+            f"The base parameters of the exported robot are {number(self.misfit_in_standard_errors, '.3g')} "
+            "standard errors from those of the estimate (in the metric of their covariance): CAD is taken as "
+            f"right within {100 * MASS_SD:.0f} % of each mass and {1e3 * CENTER_SD:.0f} mm of each centre."
         )
 
 

@@ -31,7 +31,7 @@ def robot_samples(
 ) -> dict[str, np.ndarray]:
     """Draw consistent robots.
 
-    Base parameters and total mass are normal with the estimate's covariance. The other parameters are drawn
+    Base parameters and total mass are normal with the target's covariance. The other parameters are drawn
     about CAD with the spread of `draw_robot`, and the lengths of the inertia boxes with it too; the sample is
     the consistent robot with the drawn base parameters that is nearest to the drawn CAD. Draws that no
     consistent robot has are drawn again; after `TRIES` the nearest one is taken.

@@ -98,7 +98,7 @@ def _mjcf(path: Path) -> Parsed:
     for material in spec.materials:
         material.textures = [""] * len(material.textures)
     of_world = [*spec.worldbody.geoms, *spec.textures, *spec.skins, *spec.hfields]
-    for element in [*spec.equalities, *spec.pairs, *spec.excludes, *spec.sensors, *of_world]:
+    for element in [*spec.equalities, *spec.pairs, *spec.sensors, *of_world]:
         spec.delete(element)
     return Parsed(spec, frozenset(coupled))
 
@@ -203,6 +203,10 @@ def _left_out(model: mujoco.MjModel, root: int) -> list[str]:
     }
     others = [b for b in range(1, model.nbody) if model.body_parentid[b] == 0 and b != root]
     forces["flat meshes"] = _flat(model)
+    pairs = [
+        (model.body(s >> 16).name, model.body(s & 0xFFFF).name) for s in model.exclude_signature.tolist()
+    ]
+    forces["<exclude>, so that plans keep a distance between"] = [f"{a} and {b}" for a, b in pairs]
     forces["what no joint connects with the robot:"] = [
         f"{model.body(b).name} ({round(model.body_subtreemass[b], 3):g} kg)" for b in others
     ]

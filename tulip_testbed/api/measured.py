@@ -258,8 +258,9 @@ def export_model(
 ) -> ExportedModel:
     """Write the identified robot as a model file (MJCF or URDF).
 
-    Base parameters and total mass are the identified ones; what statics cannot see is as near to CAD as
-    physical consistency allows. Only the <inertial> elements of the robot's own file change.
+    Base parameters and total mass are the identified ones, combined with CAD's by their standard errors; what
+    statics cannot see is as near to CAD as physical consistency allows. Only the <inertial> elements of the
+    robot's own file change.
 
     Args:
         run: an identification, a validation or a discovery, or the folder of a validation, a discovery or

@@ -206,6 +206,8 @@ def run(loaded: Callable[[], object]) -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # what cannot be encoded shows as its code
             stream.reconfigure(errors="backslashreplace")
+    # Locks and what is begun are removed, as by Ctrl-C.
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
     code = 128 + signal.SIGPIPE
     try:
         code = main(loaded=loaded)
