@@ -295,8 +295,10 @@ def _corrected(
 ) -> np.ndarray:
     """Return the residuals of what `identify` estimates, with its corrections, (n, 2) [m]."""
     data = regression(problem.parameters, problem.measurements.take(train), problem.robot)
-    observed = as_log_shows(with_cad_where_needed(problem.observed, data), rows=train)
-    return center_errors(self_calibrate(observed.take(train), effects=adopted), observed.take(test))
+    observed, found = as_log_shows(with_cad_where_needed(problem.observed, data), rows=train)
+    if found is None or adopted:
+        found = self_calibrate(observed.take(train), effects=adopted)
+    return center_errors(found, observed.take(test))
 
 
 def _with_prior(problem: PredictionProblem, train: np.ndarray, test: np.ndarray) -> tuple[np.ndarray, float]:

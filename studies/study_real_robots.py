@@ -163,8 +163,8 @@ def study(settings: RealRobots) -> Iterator[str]:
         first = settings.seed + 1000 * list(ROBOTS).index(name)
         calls = [
             (robot, seed, still, settings.soft, step, cases / str(seed))
-            for step in settings.steps
             for seed in range(first, first + count)
+            for step in settings.steps
         ]
         try:
             settings.parallel(name, carry_out, calls)
