@@ -313,6 +313,11 @@ def import_log(bowing, path, columns, text=MAP):
     return tt.import_table(path, bowing, out=path.with_name("rows"), map=[str(stated), *columns])
 
 
+def entries_of(texts):
+    """Return column and unit of texts NAME=COLUMN:UNIT:SIGN, by name."""
+    return {name: tuple(rest.split(":")[:2]) for name, rest in (text.split("=") for text in texts)}
+
+
 @pytest.mark.parametrize("name", KINDS)
 def test_every_reader_gives_the_same_rows(bowing, tmp_path, name):
     write, columns = KINDS[name]
@@ -326,6 +331,20 @@ def test_every_reader_gives_the_same_rows(bowing, tmp_path, name):
     np.testing.assert_allclose(rates, motion(middle)[1], atol=0.06)
     expected = np.column_stack([np.sin(middle + k) * 10 + 600 * (k == 2) for k in range(6)])
     np.testing.assert_allclose(wrenches, expected, atol=0.1)
+
+
+def test_the_values_of_a_device_are_stated_at_once(bowing, tmp_path):
+    write_dumper(tmp_path / "log")
+    names, units = (
+        json.dumps(each) for each in ([f"wrench.right.{c}" for c in CHANNELS], [*map(unit, CHANNELS)])
+    )
+    values = '[values]\nlegs = {names = ["q.ankle", "q.hip"], unit = "rad"}\n'
+    values += f'"feet.right" = {{names = {names}, unit = UNITS}}\n'
+    with pytest.raises(tt.InputError, match="found 5, expected one, or 6"):
+        import_log(bowing, tmp_path / "log", [], MAP + values.replace("UNITS", units.replace('"N", ', "", 1)))
+    mapped = import_log(bowing, tmp_path / "log", [], MAP + values.replace("UNITS", units)).mapped
+    told = entries_of(KINDS["log"][1])
+    assert {name: (one.column, one.unit) for name, one in mapped.items() if name in told} == told
 
 
 def test_devices_are_joined_on_the_slowest_clock_where_all_were_logged(tmp_path):

@@ -108,7 +108,7 @@ def draw_truth(
     rocking = np.radians(some.uniform(*ROCKING, 2) if rng else np.full(2, 1e-3))
     compliance = rocking / (ROCKED_BY * robot.model.body_mass.sum() * GRAVITY)
     if soft:
-        compliance = np.exp(some.uniform(*np.log(SOFT), 2)) * _tipping(robot)
+        compliance = SOFT[0] * (SOFT[1] / SOFT[0]) ** some.uniform(size=2) * _tipping(robot)
     return Truth(
         frame=str(some.choice(FRAMES)) if rng else FRAMES[0],
         sign=int(some.choice([1, -1])) if rng else 1,

@@ -119,9 +119,10 @@ def report(
         check_new(Path(out), ENDING)
     runs = [_reported(one, robot) for one in (shown, other) if one is not None]
     if out is None:
-        if pages := [one for one in runs if isinstance(one, Prediction)]:
-            raise InputError(f"shown, other: found {len(pages)} prediction, expected two runs to compare")
-        return compare(*runs)
+        compared = [one for one in runs if not isinstance(one, Prediction)]
+        if len(compared) < len(runs):
+            raise InputError("shown, other: found a prediction, expected two runs to compare")
+        return compare(*compared)
     from tulip_testbed.pages.run_page import write_page  # loads slowly
 
     page = write_page(Path(out), runs[0])

@@ -17,7 +17,7 @@ def prediction_page(found: Prediction) -> Page:
     figures = []
     for split in dict.fromkeys(one.split for one in found.models):
         of_split = [one for one in found.models if one.split == split]
-        rows = {}
+        rows: dict[str, dict[str, tuple[float, tuple[float | None, float | None]]]] = {}
         for axis in "xy":
             ends = [(getattr(one.low95, axis, None), getattr(one.high95, axis, None)) for one in of_split]
             values = [getattr(one.rms_mm, axis) for one in of_split]
