@@ -171,22 +171,19 @@ def study(settings: RealRobots) -> Iterator[str]:
             settings.parallel(name, carry_out, calls)
         except KeyboardInterrupt:
             yield "Stopped.\n"
-        said = {(one.parent.name, one.stem): json.loads(one.read_bytes()) for one in cases.glob("*/*.json")}
-        said = {
-            key: one for key, one in sorted(said.items()) if key[1] in STEPS and int(key[0]) < first + count
-        }
-        hits = [[one[column] for one in said.values() if column in one] for column in JUDGED]
-        hits = [
-            np.concatenate([one or [[]]]).ravel() if one and isinstance(one[0], list) else one for one in hits
+        said = [
+            (path, json.loads(path.read_bytes()))
+            for path in sorted(cases.glob("*/*.json"))
+            if path.stem in STEPS and int(path.parent.name) < first + count
         ]
+        hits = [[hit for _, one in said for hit in np.ravel(one.get(column, []))] for column in JUDGED]
         judged.append(row(name, *(share(int(sum(one)), len(one)) for one in hits)))
         for step in STEPS:
-            seconds = [one["seconds"] for (_, of), one in said.items() if of == step]
-            if seconds:
-                spent.append(
-                    f"{name}, {step}: {len(seconds)} cases, median {np.median(seconds):.0f} s of CPU"
-                )
-        refusals += [f"{name}, {seed}: {one['failed']}" for (seed, _), one in said.items() if "failed" in one]
+            if seconds := [one["seconds"] for path, one in said if path.stem == step]:
+                middle = f"median {np.median(seconds):.0f} s of CPU"
+                spent.append(f"{name}, {step}: {len(seconds)} cases, {middle}")
+        failed = [(path.parent.name, one["failed"]) for path, one in said if "failed" in one]
+        refusals += [f"{name}, {seed}: {text}" for seed, text in failed]
     yield header("robot", *JUDGED)
     yield from judged
     yield "\n" + "\n".join(f"- {text}" for text in spent + refusals)
