@@ -52,7 +52,7 @@ class SeriesOfMap(BaseModel):
 
 
 class ValuesOfMap(BaseModel):
-    """What the values of a device or a matrix stand for, in their order: columns NAME.1, NAME.2, ...
+    """The values of a device or a matrix by their order, columns NAME.1, NAME.2, ..., and their meaning.
 
     Attributes:
         names: columns of the contract. unit: of all, or of each.
