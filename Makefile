@@ -83,6 +83,7 @@ teaching: setup  ## docs/pictures: the signatures of all effects (a minute)
 
 pictures: teaching  ## the README's pictures too (needs libosmesa6, mesa-vulkan-drivers, chromium)
 	MUJOCO_GL=disable $(BIN)/python -m studies.pictures
+	if [ "$$TULIP_ICUB_YOGA" ]; then MUJOCO_GL=disable $(BIN)/python -m studies.real_robots; fi
 
 constraints: setup  ## pin the dependencies anew
 	$(BIN)/python -m pip install --quiet uv

@@ -46,8 +46,9 @@ def calibrated_estimates(
     """
     observed = with_cad_where_needed(observed, data)
     try:
-        observed = as_log_shows(observed, tolerances)
-        return _estimates(observed, data, kept, tolerances, calibrate)
+        observed, found = as_log_shows(observed, tolerances)
+        known = calibrate if found is None else lambda *_: found
+        return _estimates(observed, data, kept, tolerances, known)
     except np.linalg.LinAlgError:
         excess = _in_excess(observed, data, kept, tolerances, calibrate)
         families = "" if not excess else f" with all families; leave out {listed(excess)} (tolerance 0), or"

@@ -10,7 +10,7 @@ from scipy.linalg import block_diag
 from scipy.special import ndtr, ndtri
 
 from tulip_testbed.base.result import Array, Flags, InMemory
-from tulip_testbed.calibration.families import Family
+from tulip_testbed.calibration.families import Family, tolerances_of
 from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.linear_model import Background
 from tulip_testbed.calibration.linear_problem import LinearProblem
@@ -174,9 +174,14 @@ class SelfCalibration:
     @property
     def mass(self) -> tuple[float, float]:
         """Return the robot's mass and its standard error, with everything that is uncertain [kg]."""
-        gravity, p = self.observed.measurements.gravity, len(self.theta)
+        measured, p = self.observed.measurements, len(self.theta)
         error = float(np.sqrt(self.solved.covariance[p, p]))
-        return (self.observed.weight + float(self.solved.estimate[p])) / gravity, error / gravity
+        weight = self.observed.weight + float(self.solved.estimate[p])
+        if measured.contacts is not None and self.observed.cad is not None and measured.weighed_mass is None:
+            # The sensors' gain is no family then: it and the weight are one.
+            gain = tolerances_of(measured.sensors, measured.tolerances).value.get("wrench-gain", 0.0)
+            error = float(np.hypot(error, gain * weight))
+        return weight / measured.gravity, error / measured.gravity
 
     @property
     def unseen(self) -> Unseen:

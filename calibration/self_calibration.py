@@ -127,25 +127,28 @@ def self_calibrate(
 
 def as_log_shows(
     observed: Observation, tolerances: Mapping[str, float] | None = None, rows: np.ndarray | None = None
-) -> Observation:
+) -> tuple[Observation, SelfCalibration | None]:
     """Return a moving record with what some of its rows show of inertial forces and of soft soles.
 
+    Also return the calibration of those rows that says so; None: the record does not move.
+
     Contact sensors may not show the inertial forces: their signals are filtered, or a soft foot rocks in
-    place of the body. Whichever has more evidence is taken. Soles so soft that the robot would tip over are
-    none: then nothing is to be learnt about them.
+    place of the body. Whichever has more evidence is taken; an estimate that does not come to rest has none
+    if the other one does. Soles so soft that the robot would tip over are none: then nothing is to be learnt
+    about them.
 
     Args:
         rows: those that may be looked at, (n,); None: all.
     """
     if not observed.moves:
-        return observed
+        return observed, None
     for one in (observed, _on_hard_soles(observed)):
         both = (one, without_inertia(one))
         tried = [self_calibrate(o if rows is None else o.take(rows), tolerances) for o in both]
-        best = int(np.argmax([calibration.solved.log_evidence for calibration in tried]))
+        best = max((0, 1), key=lambda k: (tried[k].steady, tried[k].solved.log_evidence))
         if not _tips_over(tried[best]):
             break
-    return both[best]
+    return both[best], tried[best]
 
 
 def _tips_over(calibration: SelfCalibration) -> bool:

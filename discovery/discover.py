@@ -176,8 +176,9 @@ def discover(
     if hold_out:
         check_placements(measurements)
     try:
-        search = CandidateSearch.of(as_log_shows(observed, tolerances), tolerances, effects)
-        first = calibration or first_calibration(search.observed, tolerances)
+        observed, found = as_log_shows(observed, tolerances)
+        search = CandidateSearch.of(observed, tolerances, effects)
+        first = calibration or found or first_calibration(search.observed, tolerances)
         return _discover(search, first, seed, through_laboratory, hold_out, progress)
     except np.linalg.LinAlgError:
         raise InputError(

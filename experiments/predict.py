@@ -181,7 +181,7 @@ def _exported_change(path: Path, problem: PredictionProblem) -> np.ndarray:
     return problem.matrix @ (values[1] - values[0])
 
 
-def _without_zeros(problem: PredictionProblem, train: np.ndarray) -> np.ndarray:
+def cad_errors(problem: PredictionProblem, train: np.ndarray) -> np.ndarray:
     """Return CAD's residuals less what zeros explain of the training postures', (m, 2) [m].
 
     Zeros have their prior, next to the scatter that no zeros explain.
@@ -210,7 +210,7 @@ def _score(
     for train, test in split.folds:
         if not len(train):
             raise InputError(f"{split.name}: found no posture to train with, expected two blocks or more")
-        of_cad = _without_zeros(problem, train)
+        of_cad = cad_errors(problem, train)
         found[CAD].append(of_cad[test])
         found[CAD_WITH_OFFSET].append(of_cad[test] - of_cad[train].mean(axis=0))
         found[CONSTANT].append(problem.center[test] - problem.center[train].mean(axis=0))
@@ -222,7 +222,7 @@ def _score(
         if WITH_CORRECTIONS not in found:
             continue
         try:
-            found[WITH_CORRECTIONS].append(_corrected(problem, adopted, train, test))
+            found[WITH_CORRECTIONS].append(corrected_errors(problem, adopted, train, test))
         except (InputError, np.linalg.LinAlgError) as reason:
             notes.append(f"No model with corrections by {split.name}: {reason}.")
             found.pop(WITH_CORRECTIONS)
@@ -280,13 +280,15 @@ def _beats(cad: np.ndarray, residual: np.ndarray, block: np.ndarray) -> bool | N
 
 
 @one_blas_thread
-def _corrected(
+def corrected_errors(
     problem: PredictionProblem, adopted: Sequence[EffectInstance], train: np.ndarray, test: np.ndarray
 ) -> np.ndarray:
     """Return the residuals of what `identify` estimates, with its corrections, (n, 2) [m]."""
     data = regression(problem.parameters, problem.measurements.take(train), problem.robot)
-    observed = as_log_shows(with_cad_where_needed(problem.observed, data), rows=train)
-    return center_errors(self_calibrate(observed.take(train), effects=adopted), observed.take(test))
+    observed, found = as_log_shows(with_cad_where_needed(problem.observed, data), rows=train)
+    if found is None or adopted:
+        found = self_calibrate(observed.take(train), effects=adopted)
+    return center_errors(found, observed.take(test))
 
 
 def _with_prior(problem: PredictionProblem, train: np.ndarray, test: np.ndarray) -> tuple[np.ndarray, float]:

@@ -137,11 +137,13 @@ def check_robot(
 def with_cad_where_needed(observed: Observation, data: Regression) -> Observation:
     """Return the observation with CAD as prior if its postures do not determine all base parameters.
 
+    Those of a moving record, which follow each other, may determine them by their noise alone.
+
     Raises:
         InputError: they determine no more than a single posture does.
     """
     few, free = len(data.matrix) <= data.matrix.shape[1], undetermined_directions(data.matrix, data.blur)
-    if not few and not len(free):
+    if not few and not len(free) and not observed.moves:
         return observed
     known = data.matrix.shape[1] - len(free)
     if known <= SINGLE:

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
 import pytest
 
 import tulip_testbed as tt
-from tests.recorded_logs import BAD, KINDS, motion, write_dumper, write_table
+from tests.recorded_logs import BAD, CHANNELS, KINDS, motion, unit, write_dumper, write_table
 from tests.test_refusals import check_words, rows
+from tulip_testbed.calibration import self_calibration
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.observation import observe
+from tulip_testbed.identification.regressor import regression, with_cad_where_needed
 from tulip_testbed.measurements.logs.joined_clocks import TIME
 from tulip_testbed.measurements.logs.log_file import read_log
 from tulip_testbed.measurements.logs.series_reduction import reduced
@@ -142,16 +148,63 @@ def test_a_gap_in_the_clock_costs_its_windows_alone(imported, bowing):
     assert set(out.measurements.placement) == {1, 2, 3}
 
 
-@pytest.mark.slow
-def test_identification_predicts_a_person_better_than_cad_does(imported, bowing):
+@pytest.fixture(scope="module")
+def predicted(imported, bowing):
+    return tt.predict(imported, bowing)
+
+
+def test_identification_predicts_a_person_better_than_cad_does(predicted):
     """Held-out halves, along the plane in which the person bows. CAD with an offset is not beaten."""
-    found = tt.predict(imported, bowing)
-    x = {one.name: one.rms_mm.x for one in found.models if one.split == "halves"}
+    x = {one.name: one.rms_mm.x for one in predicted.models if one.split == "halves"}
     assert x["identified"] < 0.75 * x["CAD"]
     assert x["identified"] < 9.0
     assert x["CAD with offset"] < x["constant"]
-    assert found.beats_cad is True
-    assert found.beats_cad_with_offset is not True
+    assert predicted.beats_cad is True
+    assert predicted.beats_cad_with_offset is not True
+
+
+def test_a_prediction_is_reported_with_all_models_in_memory_and_from_its_document(predicted, tmp_path):
+    (tmp_path / "found.json").write_text(json.dumps(predicted.to_json()))
+    tt.report(predicted, tmp_path / "memory.html")
+    tt.report(tmp_path / "found.json", tmp_path / "document.html")
+    page = (tmp_path / "memory.html").read_text()
+    assert page == (tmp_path / "document.html").read_text()
+    for one in predicted.models:
+        assert f"{one.name} in y {one.rms_mm.y:.2f} mm" in page
+    assert predicted.verdict in page
+    with pytest.raises(tt.InputError, match="expected two runs"):
+        tt.report(predicted, other=tmp_path / "found.json")
+
+
+def test_a_moving_record_has_cad_as_prior_even_where_its_rows_have_full_rank(imported, bowing):
+    """Without it a simulated TALOS missed the other half of its record by 28 mm, CAD by 4."""
+    nominal = nominal_robot(bowing, "right")
+    data = regression(nominal.parameters, imported, bowing)
+    assert np.linalg.matrix_rank(data.matrix) == data.matrix.shape[1] < len(data.matrix)
+    assert with_cad_where_needed(observe(imported, nominal), data).cad is not None
+    still = dataclasses.replace(imported, joint_rates=None, joint_accelerations=None)
+    assert with_cad_where_needed(observe(still, nominal), data).cad is None
+
+
+def test_the_gain_of_the_sensors_is_in_the_standard_error_of_a_mass_that_nobody_weighed(imported, bowing):
+    found = tt.identify(imported, bowing)
+    exact = dataclasses.replace(imported, tolerances={**imported.tolerances, "wrench-gain": 0.0})
+    without_gain = tt.identify(exact, bowing).mass[1]
+    assert found.mass[1] ** 2 - without_gain**2 == pytest.approx((0.01 * found.mass[0]) ** 2, rel=1e-3)
+
+
+def test_an_estimate_that_does_not_come_to_rest_has_no_evidence(imported, bowing, monkeypatch):
+    """On a simulated G1 it had 700 more, and took the error of held-out blocks from 1.8 to 64 mm."""
+    observed = observe(imported, nominal_robot(bowing, "right"))
+    rests, moves = (
+        SimpleNamespace(steady=steady, solved=SimpleNamespace(log_evidence=evidence), families=[])
+        for steady, evidence in ((True, 1.0), (False, 700.0))
+    )
+    for found in ([rests, moves], [moves, rests]):
+        answers = iter(found)
+        monkeypatch.setattr(self_calibration, "self_calibrate", lambda *_, each=answers: next(each))
+        monkeypatch.setattr(self_calibration, "_tips_over", lambda one: False)
+        assert self_calibration.as_log_shows(observed)[1] is rests
 
 
 CONTACTS = "".join(
@@ -164,6 +217,11 @@ def import_log(bowing, path, columns, text=MAP):
     stated = path.with_name("map.toml")
     stated.write_text(text)
     return tt.import_table(path, bowing, out=path.with_name("rows"), map=[str(stated), *columns])
+
+
+def entries_of(texts):
+    """Return column and unit of texts NAME=COLUMN:UNIT:SIGN, by name."""
+    return {name: tuple(rest.split(":")[:2]) for name, rest in (text.split("=") for text in texts)}
 
 
 @pytest.mark.parametrize("name", KINDS)
@@ -179,6 +237,20 @@ def test_every_reader_gives_the_same_rows(bowing, tmp_path, name):
     np.testing.assert_allclose(rates, motion(middle)[1], atol=0.06)
     expected = np.column_stack([np.sin(middle + k) * 10 + 600 * (k == 2) for k in range(6)])
     np.testing.assert_allclose(wrenches, expected, atol=0.1)
+
+
+def test_the_values_of_a_device_are_stated_at_once(bowing, tmp_path):
+    write_dumper(tmp_path / "log")
+    names, units = (
+        json.dumps(each) for each in ([f"wrench.right.{c}" for c in CHANNELS], [*map(unit, CHANNELS)])
+    )
+    values = '[values]\nlegs = {names = ["q.ankle", "q.hip"], unit = "rad"}\n'
+    values += f'"feet.right" = {{names = {names}, unit = UNITS}}\n'
+    with pytest.raises(tt.InputError, match="found 5, expected one, or 6"):
+        import_log(bowing, tmp_path / "log", [], MAP + values.replace("UNITS", units.replace('"N", ', "", 1)))
+    mapped = import_log(bowing, tmp_path / "log", [], MAP + values.replace("UNITS", units)).mapped
+    told = entries_of(KINDS["log"][1])
+    assert {name: (one.column, one.unit) for name, one in mapped.items() if name in told} == told
 
 
 def test_devices_are_joined_on_the_slowest_clock_where_all_were_logged(tmp_path):
@@ -239,7 +311,8 @@ def test_a_real_icub_on_its_left_foot_becomes_rows(tmp_path):
     m = tt.read_measurements(tmp_path / "rows")
     left = m.time[m.support == "left"]
     assert (left.min() < 2.6) & (left.max() > 46.5)
-    assert set(m.support) == {"double", "left"}
+    assert set(m.support) == {"left"}
+    assert any("12 windows on both feet, too few" in line for line in result.assumed)
 
 
 def test_a_device_that_stops_is_told(bowing, tmp_path):

@@ -112,7 +112,8 @@ def _pair(skeleton: Skeleton, names: tuple[str, str] | None) -> tuple[list[int],
     others = [k for k in order if k not in skeleton.path(first) and first not in skeleton.path(k)]
     if not others or heights[others[0]] - heights[first] > 0.1:
         raise InputError(
-            f"found one lowest link, '{skeleton.name(first)}', and no other at its height; expected two feet"
+            f"found one lowest link, '{skeleton.name(first)}', and no other at its height; expected two "
+            "feet. A body on one foot is described by hand (docs/how-to/your-robot.md)"
         )
     pair, toes = [first, others[0]], set()
     for k, foot in enumerate(pair):

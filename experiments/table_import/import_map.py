@@ -51,11 +51,38 @@ class SeriesOfMap(BaseModel):
     support: Literal["double", "right", "left"] | None = None
 
 
+class ValuesOfMap(BaseModel):
+    """The values of a device or a matrix by their order, columns NAME.1, NAME.2, ..., and their meaning.
+
+    Attributes:
+        names: columns of the contract. unit: of all, or of each.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+    names: list[str]
+    unit: str | list[str]
+
+    def columns(self, device: str) -> dict[str, MappingEntry]:
+        """Return the mapping of a device's values.
+
+        Raises:
+            InputError: more or less units than values.
+        """
+        units = [self.unit] * len(self.names) if isinstance(self.unit, str) else self.unit
+        if len(units) != len(self.names):
+            raise InputError(
+                f"map: key 'values.{device}.unit': found {len(units)}, expected one, or {len(self.names)}"
+            )
+        each = enumerate(zip(self.names, units, strict=True), start=1)
+        return {name: MappingEntry(column=f"{device}.{k}", unit=unit) for k, (name, unit) in each}
+
+
 class ImportMap(BaseModel):
     """Everything that a table does not say itself."""
 
     model_config = ConfigDict(extra="forbid")
     columns: dict[str, MappingEntry] = {}
+    values: dict[str, ValuesOfMap] = {}
     contacts: Pair | None = None
     plates: PlatesEntry | None = None
     constant_joints: dict[str, ConstantEntry] = {}
@@ -87,9 +114,12 @@ def read_map(stated: Sequence[str] | Path) -> ImportMap:
     if isinstance(contacts := content.get("contacts"), list):
         content["contacts"] = [with_unknowns(one) for one in contacts]
     try:
-        return ImportMap.model_validate(content, context={UNKNOWN_POSE: True})
+        found = ImportMap.model_validate(content, context={UNKNOWN_POSE: True})
     except ValidationError as error:
         raise InputError(f"{files[0] if files else 'map'}: {validation_message(error)}") from None
+    every = [one.columns(device) for device, one in found.values.items()]
+    columns = {name: entry for one in every for name, entry in one.items()} | found.columns
+    return found.model_copy(update={"columns": columns})
 
 
 def with_unknowns(contact: Any) -> Any:

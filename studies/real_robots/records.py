@@ -30,6 +30,10 @@ STEP, EVERY, SETTLING = 0.002, 5, 2.0  # s, steps a row, s before the first row
 # How far a true robot and its sensors are from what is stated (s.d., but for ranges).
 MASS, MOST_MASS, CENTER = 0.1, 0.25, 0.003  # relative; m
 ROCKING, ROCKED_BY = (0.25, 1.0), 0.06  # range, deg under the weight at that distance, m
+SOFT = (
+    0.05,
+    0.8,
+)  # range of the compliance, over the one at which the robot tips over; uniform in the logarithm
 ORIGIN = ((-0.03, 0.03), (-0.02, 0.02), (0.0, 0.05))  # range of the sensor, m
 TURN, CROSS_TALK, ARM = 0.6, 0.01, 0.03  # deg; relative; m: range of moments over that of forces
 ZERO, NOISE, STEP_OF = (2.0, 0.1), (0.2, 0.01), (0.05, 0.002)  # N, Nm
@@ -39,7 +43,7 @@ IMU, NOT_LOGGED = 0.2, 5.0  # deg; the heading of the world's axes may be any
 KNOTS, FINE = 40, 0.05  # postures; s between the times at which the centre of mass is led
 SPEED = (0.25, 0.5)  # range of the fastest joint's, at half of the times; rad/s
 EXCURSION, STANCE_EXCURSION = 0.7, 0.35  # rad, from the posture `stand`
-INSIDE = 0.5  # of the sole: where the centre of mass is led
+INSIDE = 0.5  # of the sole: where the centre of mass is led; less where the sole's yielding takes it further
 UPRIGHT, LIFTED, TRIES = np.cos(np.radians(45.0)), 0.02, 4000  # of the free body; m, of the other foot
 SERVO, ROTOR = 40.0, 0.02  # rad/s, kg m2
 
@@ -90,7 +94,9 @@ class Motion:
     center: np.ndarray
 
 
-def draw_truth(robot: Robot, rng: np.random.Generator | None, not_logged: Sequence[str] = ()) -> Truth:
+def draw_truth(
+    robot: Robot, rng: np.random.Generator | None, not_logged: Sequence[str] = (), soft: bool = False
+) -> Truth:
     """Draw what is true of a record; without a generator it is as stated, on a sole that hardly rocks."""
     some, scale = rng or np.random.default_rng(0), float(rng is not None)
 
@@ -99,13 +105,16 @@ def draw_truth(robot: Robot, rng: np.random.Generator | None, not_logged: Sequen
 
     links, joints = [robot.model.body(k).name for k in range(1, robot.model.nbody)], joint_names(robot.model)
     units = np.repeat([1.0, ARM], 3)
-    rocking = some.uniform(*ROCKING, 2) if rng else np.full(2, 1e-3)
+    rocking = np.radians(some.uniform(*ROCKING, 2) if rng else np.full(2, 1e-3))
+    compliance = rocking / (ROCKED_BY * robot.model.body_mass.sum() * GRAVITY)
+    if soft:
+        compliance = SOFT[0] * (SOFT[1] / SOFT[0]) ** some.uniform(size=2) * _tipping(robot)
     return Truth(
         frame=str(some.choice(FRAMES)) if rng else FRAMES[0],
         sign=int(some.choice([1, -1])) if rng else 1,
         mass={link: float(1 + np.clip(normal(MASS), -MOST_MASS, MOST_MASS)) for link in links},
         center={link: normal(CENTER, 3).tolist() for link in links},
-        compliance=(np.radians(rocking) / (ROCKED_BY * robot.model.body_mass.sum() * GRAVITY)).tolist(),
+        compliance=compliance.tolist(),
         origin=[scale * some.uniform(*ends) for ends in ORIGIN],
         turn=np.radians(normal(TURN, 3)).tolist(),
         cross_talk=(np.eye(6) + normal(CROSS_TALK, 6, 6) * units[:, None] / units).tolist(),
@@ -171,7 +180,9 @@ def on_left_foot(robot: Robot, truth: Truth) -> mujoco.MjModel:
 
 def simulate(robot: Robot, truth: Truth, seconds: float, rng: np.random.Generator) -> Motion:
     """Move the robot on its left foot for some seconds in full dynamics."""
-    aim, model = _trajectory(robot, truth.constants, seconds + SETTLING, rng), on_left_foot(robot, truth)
+    led = INSIDE * (1 - np.array(truth.compliance[::-1]) / _tipping(robot))
+    aim = _trajectory(robot, truth.constants, seconds + SETTLING, led, rng)
+    model = on_left_foot(robot, truth)
     data, seen = mujoco.MjData(model), mujoco.MjData(model)
     at = [model.joint(name).qposadr[0] for name in joint_names(robot.model)]  # every joint is a hinge
     rocks = [model.joint(name).qposadr[0] for name in ROCKS]
@@ -243,10 +254,12 @@ zero = {np.repeat(ZERO, 3).tolist()}
     return text
 
 
-def write_record(robot: Robot, seed: int, out: Path, not_logged: Sequence[str] = (), seconds=50.0) -> Truth:
+def write_record(
+    robot: Robot, seed: int, out: Path, not_logged: Sequence[str] = (), seconds=50.0, soft=False
+) -> Truth:
     """Write a new folder: the log `series.csv` and `MAP.toml`, and apart in `truth` what they hide."""
     drawn, moving, reading = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(3))
-    truth = draw_truth(robot, drawn, not_logged)
+    truth = draw_truth(robot, drawn, not_logged, soft)
     motion = simulate(robot, truth, seconds, moving)
     hidden = np.column_stack([motion.time, np.degrees(motion.tilt), motion.center]).T
     moved = dict(
@@ -267,6 +280,17 @@ def _quaternion(turn: np.ndarray) -> np.ndarray:
     return np.roll(Rotation.from_matrix(turn).as_quat(), 1)
 
 
+def _tipping(robot: Robot) -> float:
+    """Return the compliance at which the nominal robot, standing, tips over on its left sole [rad/Nm]."""
+    data = mujoco.MjData(robot.model)
+    data.qpos = robot.model.key("stand").qpos
+    mujoco.mj_kinematics(robot.model, data)
+    mujoco.mj_comPos(robot.model, data)
+    foot = data.body(robot.swing_foot)
+    sole = foot.xpos[2] + foot.xmat[6:] @ sole_point(robot.model, robot.swing_foot)
+    return 1 / (robot.model.body_mass.sum() * GRAVITY * (data.subtree_com[1, 2] - sole))
+
+
 def _in_base(robot: Robot, truth: Truth, angles: np.ndarray) -> np.ndarray:
     """Return the left foot's axes in the published root's, as software has them from readings and CAD."""
     model, data, names = robot.model, mujoco.MjData(robot.model), joint_names(robot.model)
@@ -282,10 +306,15 @@ def _in_base(robot: Robot, truth: Truth, angles: np.ndarray) -> np.ndarray:
     return out
 
 
-def _trajectory(robot: Robot, constants: dict[str, float], seconds: float, rng: np.random.Generator):
+def _trajectory(
+    robot: Robot, constants: dict[str, float], seconds: float, led: np.ndarray, rng: np.random.Generator
+):
     """Return a smooth motion of the nominal robot on its left foot, (n,) [rad] of time [s], as a spline.
 
-    The stance ankle leads its centre of mass over the sole. Raises InputError if no such motion is found.
+    The stance ankle leads its centre of mass over a part of the sole, (2,).
+
+    Raises:
+        InputError: no such motion is found.
     """
     model, names = on_left_foot(robot, draw_truth(robot, None)), joint_names(robot.model)
     data, joints = mujoco.MjData(model), [robot.model.joint(name) for name in names]
@@ -322,7 +351,7 @@ def _trajectory(robot: Robot, constants: dict[str, float], seconds: float, rng: 
 
     def drawn(shrunk: float) -> tuple[np.ndarray, np.ndarray]:
         for _ in range(TRIES):
-            goal = INSIDE * rng.uniform(-half, half)
+            goal = led * rng.uniform(-half, half)
             angles = balanced(stand + shrunk * (rng.uniform(*ends) - stand), goal)
             if stands(angles, LIFTED):
                 return angles, goal

@@ -13,6 +13,7 @@ from tulip_testbed.experiments.comparison import Comparison, compare
 from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.laboratory import Run
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
+from tulip_testbed.experiments.predict import Prediction
 from tulip_testbed.experiments.run_file import robot_of
 from tulip_testbed.experiments.saved_runs import RunResult, read_run
 from tulip_testbed.experiments.validate import judge
@@ -22,10 +23,9 @@ from tulip_testbed.pages import ENDING
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.written import OpenView, WrittenReport
 
-Reported = Run | Validation | Discovered | MonteCarlo | str | Path
-
-
-Viewed = Reported | Measurements | PosturePlan
+RunShown = Run | Validation | Discovered | MonteCarlo | str | Path
+Reported = RunShown | Prediction
+Viewed = RunShown | Measurements | PosturePlan
 RunRobot = Robot | None
 
 
@@ -103,7 +103,7 @@ def report(
 
     Args:
         shown: a run, which is identified and compared with its truth; a validation, a discovery, a Monte
-            Carlo, or the folder of any.
+            Carlo, or the folder of any; a prediction, or the JSON file of one.
         out: the page, a new file (.html).
         other: a second run, to compare.
         robot: that the folder's run was made with; None: the copy there, or else TULip.
@@ -117,17 +117,26 @@ def report(
         raise InputError(f"out, other: found {found}, expected a page to write or a run to compare with")
     if out is not None:
         check_new(Path(out), ENDING)
-    runs = [
-        read_run(Path(one), robot or _robot_of(one)) if isinstance(one, str | Path) else _judged(one)
-        for one in (shown, other)
-        if one is not None
-    ]
+    runs = [_reported(one, robot) for one in (shown, other) if one is not None]
     if out is None:
-        return compare(*runs)
+        compared = [one for one in runs if not isinstance(one, Prediction)]
+        if len(compared) < len(runs):
+            raise InputError("shown, other: found a prediction, expected two runs to compare")
+        return compare(*compared)
     from tulip_testbed.pages.run_page import write_page  # loads slowly
 
     page = write_page(Path(out), runs[0])
     return WrittenReport(str(out), Path(out).stat().st_size, tuple(page.missing))
+
+
+def _reported(shown: Reported, robot: Robot | None) -> RunResult | Prediction:
+    """Return what is reported, read from its file or folder; a run is judged as a validation."""
+    if isinstance(shown, Prediction):
+        return shown
+    if isinstance(shown, str | Path):
+        path = Path(shown)
+        return Prediction.read(path) if path.suffix == ".json" else read_run(path, robot or _robot_of(path))
+    return _judged(shown)
 
 
 def _robot_of(shown: Viewed) -> Robot:

@@ -262,3 +262,29 @@ def error_boxes(model: str, numbers: Sequence[int], errors_mm: np.ndarray) -> Fi
         f"{numbers[widest]}, s.d. {errors_mm[:, widest].std(ddof=1):.1f} mm."
     )
     return figure(f"boxes-{model}", f"Errors of all runs, {model} model.", text, drawn)
+
+
+def error_bars(
+    split: str, rows: dict[str, dict[str, tuple[float, tuple[float | None, float | None]]]]
+) -> Figure:
+    """Draw the r.m.s. error of every model with its interval, along both axes.
+
+    Args:
+        split: how the postures were left out. rows: value and interval [mm], by axis and model.
+    """
+    drawn, text = go.Figure(), []
+    for (axis, of_axis), colour in zip(rows.items(), (ESTIMATE, POLYGON), strict=True):
+        values = np.array([value for value, _ in of_axis.values()])
+        low, high = np.array([both for _, both in of_axis.values()], float).T  # NaN: none is drawn
+        drawn.add_bar(
+            x=list(of_axis),
+            y=values,
+            name=axis,
+            marker={"color": colour},
+            error_y={"type": "data", "symmetric": False, "array": high - values, "arrayminus": values - low},
+        )
+        text += [f"{model} in {axis} {value:.2f} mm" for model, (value, _) in of_axis.items()]
+    drawn.update_yaxes(title="r.m.s. error, mm", rangemode="tozero")
+    caption = f"Centre of pressure of the postures left out by {split}; lines: 95 % intervals."
+    said = f"R.m.s. error of the centre of pressure, left out by {split}: {', '.join(text)}."
+    return replace(figure(split, caption, said, drawn), small=True)
