@@ -259,6 +259,7 @@ def test_twins_are_not_named_and_an_experiment_is_proposed(robot, plan):
 def test_what_neither_the_catalogue_nor_a_law_says_is_unknown(robot, plan):
     """A cable that pulls on one side only: no law has a force that follows the posture."""
     (slack,) = [one for one in FAULTS if one.name == "cable-slack"]
+    assert slack.inject is not None
     rig = slack.inject(preset_rig("force-plate", robot), 7, 20.0)
     data = run_statics(solve_plan(rig, plan), [np.random.SeedSequence(SEED)])[0].measurements
     found = discover(data, robot)
