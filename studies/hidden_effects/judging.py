@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from studies.hidden_effects.clearness import LEAST_STANDING
-from studies.hidden_effects.hiding import ONE, TWO, Case, Truth, draw_trial, hidden_kinds
+from studies.hidden_effects.hiding import LEAST_STANDING, ONE, TWO, Case, Truth, draw_trial, hidden_kinds
 from studies.hidden_effects.laboratories import Built
 from studies.hidden_effects.readings import Values
 from tulip_testbed.base.errors import InputError
@@ -33,17 +32,10 @@ MOST_TRIES = 8
 
 @dataclass(frozen=True)
 class Found:
-    """One effect of a discovery.
-
-    Attributes:
-        label: as on the command line. values: of its parameters [SI].
-        alike: labels of all explanations of its gap, the best first.
-        errs: what errs by a law, or by an effect that says what a law could.
-    """
+    """One effect of a discovery: label, values [SI], and what errs by a law or by an effect that says it."""
 
     label: str
     values: Values = ()
-    alike: tuple[str, ...] = ()
     errs: str = ""
 
 
@@ -76,7 +68,12 @@ class Outcome:
     @property
     def named(self) -> tuple[Found, ...]:
         """Return what is named, perhaps with others that are alike."""
-        return self.found if self.verdict in (NAMED, AMBIGUOUS) else ()
+        return self.found if self.verdict in (NAMED, AMBIGUOUS, DESCRIBED) else ()
+
+    @property
+    def alike(self) -> bool:
+        """Whether all that is hidden is of one kind."""
+        return len(set(self.case.kinds)) == 1
 
     @property
     def first(self) -> bool:
@@ -84,34 +81,21 @@ class Outcome:
         return any(self._hidden(one) for one in self.named[:1])
 
     @property
-    def in_set(self) -> bool:
-        """Whether what is hidden is among the explanations."""
-        return any(label in self.truth.hidden for one in self.named for label in one.alike)
-
-    @property
     def both(self) -> bool:
         """Whether all that is hidden is named, and nothing wrong."""
-        return {one.label for one in self.named if self._hidden(one)} == set(
-            self.truth.hidden
-        ) and not self.wrong
-
-    @property
-    def lawful(self) -> bool:
-        """Whether what is said first errs indeed."""
-        targets = {split_label(label)[1] for label in self.truth.hidden}
-        return any(
-            one.errs in self.truth.culprits or one.errs.partition(":")[2] in targets
-            for one in self.found[:1]
-            if one.errs
-        )
+        found = {one.label for one in self.named if self._hidden(one)}
+        return found == set(self.truth.hidden) and not self.wrong
 
     @property
     def wrong(self) -> bool:
         """Whether a cause is reported as certain, and it is wrong."""
-        if self.verdict == DESCRIBED:
-            return not self.lawful
-        true = (self._hidden(one) or one.label in self.truth.large for one in self.named)
-        return self.verdict == NAMED and not all(true) and not (self.truth.outside and self.lawful)
+        return self.verdict in (NAMED, DESCRIBED) and not all(map(self._right, self.found))
+
+    def _right(self, one: Found) -> bool:
+        """Whether it is hidden, an ordinary member that stands out, or a law of what errs."""
+        targets = {split_label(label)[1] for label in self.truth.hidden} - {""}
+        errs = {one.errs, one.label} & set(self.truth.culprits) or one.errs.partition(":")[2] in targets
+        return self._hidden(one) or one.label in self.truth.large or bool(errs)
 
     def _hidden(self, one: Found) -> bool:
         """Whether an effect is hidden, with the true choice among several things, such as swapped cells."""
@@ -171,38 +155,35 @@ def carry_out(case: Case, run: int, seed: int, robot: Robot, plan: PosturePlan) 
     assert calibration is not None
     off = calibration.theta - true_base_parameters(built.physical)
     off /= np.sqrt(np.diag(calibration.covariance))
-    adopted, members = {one.label for one in found.adopted}, {}
-    for one in calibration.families:
-        flags = one.determined.reshape(len(one.family.targets), -1).tolist()
-        members[one.family.name] = tuple(
+    adopted = {one.label: one for one in found.adopted}
+    members = {
+        one.family.name: tuple(
             held
-            for member, sure in zip(one.instances, flags, strict=True)
+            for member, known in zip(
+                one.instances, one.determined.reshape(len(one.family.targets), -1), strict=True
+            )
             if member.label not in adopted
-            for held in _held(member, built.effects.get(member.label, (0.0,) * len(member.values)), sure)
+            for held in _held(member, built, known.tolist())
         )
-    every = [(found.fit.terms[k], found.equivalents[k]) for k in found.effects]
+        for one in calibration.families
+    }
+    terms = [found.fit.terms[k] for k in found.effects]
     return replace(
         known,
         verdict=found.verdict,
-        found=tuple(
-            Found(t.label, tuple(t.values), tuple(e.label for e in alike), _errs(t.candidate))
-            for t, alike in every
-        ),
-        sizes={
-            one.label: tuple(_held(one, built.effects[one.label], [True] * len(one.values)))
-            for one in found.adopted
-            if one.label in built.effects
-        },
+        found=tuple(Found(t.label, tuple(t.values), _errs(t.candidate)) for t in terms),
+        sizes={label: _held(one, built) for label, one in adopted.items() if label in built.effects},
         members=members,
         base=tuple(off.tolist()),
         held=tuple((np.abs(off) <= t_ppf(0.975, calibration.interval_dof)).tolist()),
     )
 
 
-def _held(one: EffectInstance, truth: Values, sure: list[bool]) -> list[bool]:
-    """Return whether the intervals of the numbers that the data determine hold the truth."""
-    every = zip(one.intervals, truth, sure, strict=True)
-    return [bool(i[0] <= value <= i[1]) for i, value, known in every if i is not None and known]
+def _held(one: EffectInstance, built: Built, known: Sequence[bool] = ()) -> tuple[bool, ...]:
+    """Return whether the intervals of an effect's numbers, or of those that are known, hold the truth."""
+    truth = built.effects.get(one.label, (0.0,) * len(one.values))
+    every = zip(one.intervals, truth, known or [True] * len(truth), strict=True)
+    return tuple(bool(i[0] <= value <= i[1]) for i, value, sure in every if i is not None and sure)
 
 
 def _errs(candidate: Candidate) -> str:

@@ -20,7 +20,7 @@ from studies.hidden_effects.readings import (
 )
 from tulip_testbed.calibration.families import TOLERANCES
 from tulip_testbed.effects.catalogue import catalogue, targets_in
-from tulip_testbed.effects.injection import edited
+from tulip_testbed.effects.injection import always, edited
 from tulip_testbed.effects.instance import effect_label, split_label
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
@@ -60,6 +60,7 @@ class Built:
     Attributes:
         rig: robot, floor and sensors. effects: values of those of the catalogue, by `effect:target`.
         faults, noise: of instruments, outside the catalogue.
+        played: what rightly says that the encoders of some joints have a play of one s.d. or more.
     """
 
     preset: str
@@ -67,6 +68,7 @@ class Built:
     effects: Mapping[str, Values]
     faults: tuple[Read, ...] = ()
     noise: tuple[Read, ...] = ()
+    played: tuple[str, ...] = ()
 
     def with_effects(self, effects: Mapping[str, Values]) -> Built:
         """Return the laboratory with more effects, each in the place of that of its label."""
@@ -92,7 +94,7 @@ class Built:
         Raises:
             InputError: nothing can be measured.
         """
-        rig = _without_noise(self.physical) if exact else self.physical
+        rig = always(self.physical, _without_noise) if exact else self.physical
         if dynamics:
             outcome = run_dynamics(rig, plan, seed)
         else:
@@ -114,7 +116,6 @@ def _without_noise(rig: Rig) -> Rig:
         sensors=PRESETS["ideal"],
         controller=replace(rig.controller, command_sd=0.0),
         protocol=replace(rig.protocol, plate_sd=(0.0, 0.0, 0.0), repeats=0),
-        later=None if rig.later is None else (rig.later[0], _without_noise(rig.later[1])),
     )
 
 
@@ -138,17 +139,21 @@ def draw_laboratory(robot: Robot, preset: str, rng: np.random.Generator, dynamic
     )
     effects = {"tilt": tuple(rng.uniform(-FLOOR, FLOOR, 2).tolist())} | _members(robot, preset, rng)
     part, seed = np.where(rng.random(6) < ABSENT, 0.0, rng.random(6)), rng.integers(2**32, size=3).tolist()
+    names = joint_names(robot.model)
+    width = 2 * part[4] * angle * rng.random(len(names))
+    loose = [name for name, play_of in zip(names, width, strict=True) if play_of >= angle > 0]
+    played = [says.format(name) for name in loose for says in ("lag:{}", "law:encoder:{}/direction/step")]
     noise: list[Read] = [
-        partial(couple, size=part[0] * COUPLING, seed=seed[0]),
-        partial(bend, size=part[1] * MAP, seed=seed[1]),
+        partial(couple, size=part[0] * COUPLING, number=seed[0]),
+        partial(bend, size=part[1] * MAP, number=seed[1]),
         partial(wander, encoder=part[2] * angle, cell=part[3] * force, seed=seed[2]),
-        partial(play, width=2 * part[4] * angle * rng.random(len(joint_names(robot.model)))),
+        partial(play, width=width),
         partial(round_off, encoder=2 * part[5] * angle, cell=2 * part[5] * force),
     ]
     present = (part[0] > 0 and not dynamics, True, True, True, part[5] > 0)
     noise = [one for one, here in zip(noise, present, strict=True) if here]
     rig = replace(edited(plain, edit_of(robot.model, standard)), sensors=sensors)
-    return Built(preset, rig, effects, noise=tuple(noise))
+    return Built(preset, rig, effects, noise=tuple(noise), played=tuple(played))
 
 
 def _members(robot: Robot, preset: str, rng: np.random.Generator) -> dict[str, Values]:

@@ -113,12 +113,11 @@ def _on_cells(error: Callable[[Readings, np.ndarray, Values], np.ndarray | float
     return read
 
 
-def _displaced(r: Readings, target: str, values: Values) -> None:
-    r.poses[:, PLATES.index(target), :2] -= values
+def _on_poses(axes: slice) -> Reader:
+    def read(r: Readings, target: str, values: Values) -> None:
+        r.poses[:, PLATES.index(target), axes] -= values
 
-
-def _turned(r: Readings, target: str, values: Values) -> None:
-    r.poses[:, PLATES.index(target), 2] -= values[0]
+    return read
 
 
 def _misplaced_once(r: Readings, target: str, values: Values) -> None:
@@ -165,15 +164,15 @@ READERS: dict[str, Reader] = {
     "cell-drift": _on_cells(lambda r, load, v: v[0] * r.time),
     "plate-drift": _on_cells(lambda r, load, v: v[0] * r.time[:, None]),
     "swapped-cells": _swapped,
-    "plate-translation": _displaced,
-    "plate-yaw": _turned,
+    "plate-translation": _on_poses(slice(0, 2)),
+    "plate-yaw": _on_poses(slice(2, 3)),
     "placement-blunder": _misplaced_once,
 }
 
 
-def couple(r: Readings, size: float, seed: int) -> None:
+def couple(r: Readings, size: float, number: int) -> None:
     """Let every cell read a part of the side force that it bears, along an axis of its own."""
-    along = np.random.default_rng(seed).uniform(0, 2 * np.pi, (2, 4))
+    along = np.random.default_rng(number).uniform(0, 2 * np.pi, (2, 4))
     borne = r.forces / r.forces.sum(axis=2, keepdims=True)
     r.forces += size * borne * np.einsum("msa,asc->msc", r.side, [np.cos(along), np.sin(along)])
 
@@ -186,9 +185,9 @@ def play(r: Readings, width: np.ndarray) -> None:
         row[:] = shown
 
 
-def bend(r: Readings, size: float, seed: int) -> None:
+def bend(r: Readings, size: float, number: int) -> None:
     """Let both plates show the centre of pressure off by smooth waves over the place [m]."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(number)
     for side, cells in enumerate(r.true.cells):
         load, parts = r.forces[:, side].sum(axis=1, keepdims=True), np.column_stack([cells, np.ones(4)])
         waves = rng.uniform(-np.pi, np.pi, (2, 2)) / np.abs(cells).max(axis=0)
