@@ -302,10 +302,12 @@ def _concluded(
     described = any(is_law(fit.terms[k].candidate) for k in outside)
     # A law need not be exact: what it leaves is tolerated if it predicts what it has not seen.
     tolerated = described and validation is not None and validation.holds
-    reasons = _reasons(selection, None if tolerated else left[0], validation, fitted.lost)
+    clearest = next((one for one in left if not one.within_noise), left[0])
+    tolerated |= clearest.within_noise
+    reasons = _reasons(selection, None if tolerated else clearest, validation, fitted.lost)
     verdict = _verdict(selection, reasons, [equivalents[k] for k in outside], described)
     adopted = tuple(with_intervals(final, k) for k in range(len(fit.terms)))
-    null, clearest = selection.null, left[0]
+    null = selection.null
     if verdict in (*ADOPTED, AMBIGUOUS, CALIBRATED):
         clearest = patterns(null.linear, null.residual, null.columns)[0]
     families = selection.calibration.families if selection.lacks_fit else ()

@@ -26,6 +26,7 @@ PARTS = (
 )
 DISTINCT = 0.05
 SMOOTH = 12  # directions of a smooth function of many quantities
+WANDER = 0.5  # of the noise, r.m.s., up to which readings may drift; assumed
 MOST_LANDMARKS = 400  # postures from whose neighbourhood such a function is made
 NEAR = 0.5  # length over which it varies, of the median distance of two postures; assumed
 MOST_PARTS = 60  # of an experiment, between which residuals may differ; successive placements together
@@ -39,6 +40,7 @@ class Pattern:
         channel: A, F, T or C, or several, as "AC".
         words: "the twist of the left plate depends on right_knee".
         gain: decrease of chi-square. dof: number of its columns. p: adjusted for all patterns (Bonferroni).
+        size: root mean square in the residuals of its channels, in multiples of the noise.
     """
 
     channel: str
@@ -46,6 +48,12 @@ class Pattern:
     gain: float
     dof: int
     p: float
+    size: float
+
+    @property
+    def within_noise(self) -> bool:
+        """Whether it is a drift that a data sheet allows, whose s.d. does not say that errors are independent."""
+        return "time" in self.words and self.size < WANDER
 
 
 def in_channels(pattern: Pattern) -> str:
@@ -75,7 +83,8 @@ def patterns(linear: LinearModel, residual: np.ndarray, fitted: np.ndarray) -> l
         length = float(np.sqrt(max(np.linalg.eigvalsh(whole.T @ whole)[-1], 0.0)))
         left = left[:, size > DISTINCT * max(length, 1e-12)]
         gain = float(((left.T @ residual) ** 2).sum())
-        out.append(Pattern(channel, words, gain, left.shape[1], 0.0))
+        rows = max(int(whole.any(axis=1).sum()), 1)
+        out.append(Pattern(channel, words, gain, left.shape[1], 0.0, float(np.sqrt(gain / rows))))
     count = len(out)
     found = [replace(p, p=min(1.0, count * float(chi2_sf(p.gain, p.dof)))) for p in out if p.dof]
     return sorted(found, key=lambda p: (p.p, -p.gain))

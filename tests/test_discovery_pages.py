@@ -103,7 +103,7 @@ def other(saved, verdict, robot):
         )
         changes |= {"explanations": (best, rival), "next_experiments": (turned,)}
     if verdict == "unknown":
-        changes |= {"patterns": (Pattern("C", "the foot's height", 50.0, 1, 1e-9),), "check": None}
+        changes |= {"patterns": (Pattern("C", "the foot's height", 50.0, 1, 1e-9, 0.6),), "check": None}
     if verdict == "described":
         texts = ("own-angle/linear=0.01,-0.2,1.8", "leg-load/linear=0.01,100,250")
         law, rival = (EffectInstance.parse(f"law:encoder:right_knee/{text}", robot) for text in texts)

@@ -255,12 +255,15 @@ def test_wrong_statements_are_named(table, stated, tmp_path, text, entries, mess
 
 def test_the_documented_statements_can_be_read():
     guide = (EXAMPLE.parent / "your-data.md").read_text()
-    statement, plates, series = map(tomllib.loads, re.findall(r"```toml\n(.*?)```", guide, flags=re.DOTALL))
+    statement, plates, values, series = map(
+        tomllib.loads, re.findall(r"```toml\n(.*?)```", guide, flags=re.DOTALL)
+    )
     (foot,) = statement.pop("contacts")
     assert ImportMap.model_validate(statement | plates).plates is not None
     contacts = [with_unknowns(foot | {"name": name}) for name in ("right", "left")]
     found = ImportMap.model_validate(statement | {"contacts": contacts} | series)
     assert found.series is not None
+    assert ImportMap.model_validate(values).values is not None
     assert found.columns["q.right_knee"].sign == -1
     whole = read_map([str(ROOT / "examples" / "icub_stand.toml")])
     assert whole.contacts is not None
