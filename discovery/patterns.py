@@ -52,7 +52,7 @@ class Pattern:
 
     @property
     def within_noise(self) -> bool:
-        """Whether it is a drift that a data sheet allows, whose s.d. does not say that errors are independent."""
+        """Whether it is a drift within the noise: a data sheet does not say that errors are independent."""
         return "time" in self.words and self.size < WANDER
 
 
