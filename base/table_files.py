@@ -64,10 +64,8 @@ def read_json(path: Path) -> dict[str, Any]:
         return content
 
     def number(text: str) -> float:
-        if not abs(value := float(text)) <= LARGEST:
-            raise InputError(
-                f"{path}: found the number {shortened(text)}, expected a finite one within {LARGEST:g}"
-            )
+        if not math.isfinite(value := float(text)):
+            raise InputError(f"{path}: found the number {shortened(text)}, expected a finite one")
         return value
 
     def whole(text: str) -> int:
@@ -88,21 +86,24 @@ def read_json(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: nested deeper than {MOST_DEPTH} levels") from None
     if not isinstance(content, dict):
         raise InputError(f"{path}: found a {type(content).__name__}, expected an object")
-    _check_values(path, content, MOST_DEPTH)
+    _check_values(path, content, ())
     return content
 
 
-def _check_values(path: Path, value: Any, depth: int) -> None:
-    """Refuse values that could be read but neither printed nor written again."""
-    if depth == 0:
+def _check_values(path: Path, value: Any, keys: tuple[Any, ...]) -> None:
+    """Refuse values that could be read but neither computed with, nor printed, nor written again."""
+    if len(keys) == MOST_DEPTH:
         raise InputError(f"{path}: nested deeper than {MOST_DEPTH} levels")
     if isinstance(value, dict):
-        value = [*value, *value.values()]
-    if isinstance(value, list):
-        for item in value:
-            _check_values(path, item, depth - 1)
+        _check_values(path, list(value), keys)
+    if isinstance(value, dict | list):
+        for key, item in value.items() if isinstance(value, dict) else enumerate(value):
+            _check_values(path, item, (*keys, key))
     elif isinstance(value, str) and any("\ud800" <= sign <= "\udfff" for sign in value):
         raise InputError(f"{path}: found half a surrogate pair in {shortened(value)}, expected text")
+    elif isinstance(value, float) and abs(value) > LARGEST:
+        where = shortened(".".join(map(str, keys)))
+        raise InputError(f"{path}: key '{where}': found {value:g}, expected a number within {LARGEST:g}")
 
 
 def write_table(folder: Path, name: str, columns: Columns) -> dict[str, Path]:
