@@ -20,6 +20,7 @@ WORTHWHILE = 0.1  # share of the doubt, from which an experiment is proposed
 SHOWN = 0.01  # p-value of a channel's lack of fit that is reported
 SHOWN_MEMBERS = 4  # ordinary imperfections
 SHOWN_TARGETS = 12  # of one kind of effect
+SHOWN_EXPLANATIONS = 4  # of one gap; the table has all
 PLACES = {
     "A": "the centre of pressure",
     "F": "the sum of the vertical forces",
@@ -173,9 +174,12 @@ def _written(one: EffectInstance) -> list[str]:
 
 
 def _listed(explanations: Sequence[Fitted]) -> str:
-    return ", ".join(
-        f"{e.label} ({_sizes(e)}; ln BF {number(e.log_bayes_factor, '.1f')})" for e in explanations
+    shown = ", ".join(
+        f"{e.label} ({_sizes(e)}; ln BF {number(e.log_bayes_factor, '.1f')})"
+        for e in explanations[:SHOWN_EXPLANATIONS]
     )
+    left = len(explanations) - SHOWN_EXPLANATIONS
+    return f"{shown} and {left} more" if left > 0 else shown
 
 
 def _sizes(fitted: Fitted) -> str:
