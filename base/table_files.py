@@ -103,7 +103,7 @@ def _check_values(path: Path, value: Any, keys: tuple[Any, ...]) -> None:
         raise InputError(f"{path}: found half a surrogate pair in {shortened(value)}, expected text")
     elif isinstance(value, float) and abs(value) > LARGEST:
         where = shortened(".".join(map(str, keys)))
-        raise InputError(f"{path}: key '{where}': found {value:g}, expected a number within {LARGEST:g}")
+        raise InputError(f"{path}: key '{where}': found {value:g}, expected a finite number within {LARGEST:g}")
 
 
 def write_table(folder: Path, name: str, columns: Columns) -> dict[str, Path]:
