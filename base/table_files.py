@@ -102,8 +102,8 @@ def _check_values(path: Path, value: Any, keys: tuple[Any, ...]) -> None:
     elif isinstance(value, str) and any("\ud800" <= sign <= "\udfff" for sign in value):
         raise InputError(f"{path}: found half a surrogate pair in {shortened(value)}, expected text")
     elif isinstance(value, float) and abs(value) > LARGEST:
-        where = shortened(".".join(map(str, keys)))
-        raise InputError(f"{path}: key '{where}': found {value:g}, expected a finite number within {LARGEST:g}")
+        where = f"{path}: key '{shortened('.'.join(map(str, keys)))}'"
+        raise InputError(f"{where}: found {value:g}, expected a finite number within {LARGEST:g}")
 
 
 def write_table(folder: Path, name: str, columns: Columns) -> dict[str, Path]:
