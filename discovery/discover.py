@@ -346,6 +346,8 @@ def stands_out(selection: Selection, term: Fitted, error: np.ndarray) -> bool:
     size = np.abs(term.sizes)
     tolerances = usual_tolerances(selection.null.data.observed, selection.tolerances)
     tolerance = tolerances.value.get(name, 0.0)
+    if not tolerance and any(TOLERANCES.get(name, ())):  # stated as exact: whatever is there is no part of it
+        return True
     if not tolerance:
         return bool((size - SURE * error > NEGLIGIBLE * term.candidate.prior).any())
     spreads = [one.spread for one in selection.calibration.families if one.family.name == name]

@@ -36,7 +36,6 @@ def excessive_noise(calibration: SelfCalibration) -> list[str]:
         )
         stated["right plate"] = MARK_RATIO * place, "m", slice(plates, plates + 2), f"The right {words}"
         stated["left plate"] = place, "m", slice(plates + 3, plates + 5), f"The left {words}"
-    errors = packed(observed) - packed(calibration.linear.smooth)
     out = []
     for k, name in enumerate(names):
         sd, unit, part, words = stated.get(name, (None, "", slice(0), ""))
@@ -44,6 +43,7 @@ def excessive_noise(calibration: SelfCalibration) -> list[str]:
             continue
         low = solved.scales[k] * np.exp(-HALF_95 * np.sqrt(solved.scale_covariance[k, k]))
         if low > SEVERAL:
+            errors = packed(observed) - packed(calibration.linear.smooth)
             size = np.sqrt((errors[:, part] ** 2).mean(axis=1)) / sd
             out.append(
                 f"{words} {solved.scales[k]:.0f} times as much as stated ({solved.scales[k] * sd:.2g} {unit} "

@@ -9,7 +9,16 @@ import numpy as np
 from tulip_testbed.base.numbers import number
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.detectability import by_kind
-from tulip_testbed.discovery.discover import ADOPTED, AMBIGUOUS, CALIBRATED, DESCRIBED, NAMED, NONE, Discovery
+from tulip_testbed.discovery.discover import (
+    ADOPTED,
+    AMBIGUOUS,
+    CALIBRATED,
+    DESCRIBED,
+    NAMED,
+    NONE,
+    UNKNOWN,
+    Discovery,
+)
 from tulip_testbed.discovery.effect_intervals import with_intervals
 from tulip_testbed.discovery.next_experiment import NextExperiment
 from tulip_testbed.effects.instance import EffectInstance
@@ -56,7 +65,7 @@ def story(found: Discovery, ranking: Sequence[NextExperiment]) -> list[str]:
             "as a tilted joint axis, can look like several effects: look for a common cause."
         )
     lines += _implausible(found)
-    if found.negligible:
+    if found.negligible and found.verdict != UNKNOWN:  # there terms may have lost their evidence
         lines.append(f"Seen too, but far smaller than is plausible for a fault: {_listed(found.negligible)}.")
     if found.verdict == AMBIGUOUS:
         lines.append(_next_experiment(ranking))

@@ -288,20 +288,29 @@ def test_a_calibration_that_does_not_converge_is_refused_in_one_sentence(robot, 
 
 
 @pytest.mark.parametrize(
-    ("size", "error", "outside"), [(3.4, 0.7, False), (3.4, 0.2, True), (2.9, 0.1, False)]
+    ("label", "size", "error", "stated", "outside"),
+    [
+        # An estimate of 3.4 tolerances with a wide interval may well be one of 2.6, which is ordinary.
+        ("joint-compliance:right_knee", 3.4, 0.7, None, False),
+        ("joint-compliance:right_knee", 3.4, 0.2, None, True),
+        ("joint-compliance:right_knee", 2.9, 0.1, None, False),
+        ("joint-compliance:right_knee", 10.0, 3.2, None, False),  # its 99.9 % interval reaches ordinary sizes
+        ("joint-compliance:right_knee", 0.5, 0.1, {"joint-compliance": 0.0}, True),  # stated as exact
+        # Of an effect without a family, in plausible sizes: nothing in a laboratory stands quite still.
+        ("encoder-slip:right_knee", 0.04, 0.001, None, False),
+        ("encoder-slip:right_knee", 0.07, 0.001, None, True),
+    ],
 )
-def test_a_member_is_an_effect_if_it_is_surely_unusual(robot, plan, nominal, size, error, outside):
-    """An estimate of 3.4 tolerances with a wide interval may well be one of 2.6, which is ordinary."""
+def test_an_effect_is_surely_unusual(robot, plan, nominal, label, size, error, stated, outside):
     observed = observe(Laboratory(robot, "wii").run(plan, 5, "statics").measurements, nominal)
-    (one,) = [c for c in candidates(observed) if c.label == "joint-compliance:right_knee"]
-    tolerance = TOLERANCES["joint-compliance"][0]
-    term = Fitted(one, 0, np.array([size * tolerance]))
+    (one,) = [c for c in candidates(observed) if c.label == label]
+    unit = TOLERANCES.get(one.effect.name, one.prior)[0]
     selection: Any = SimpleNamespace(
         null=SimpleNamespace(data=SimpleNamespace(observed=observed)),
-        tolerances=None,
+        tolerances=stated,
         calibration=SimpleNamespace(families=()),
     )
-    assert stands_out(selection, term, np.array([error * tolerance])) == outside
+    assert stands_out(selection, Fitted(one, 0, np.array([size * unit])), np.array([error * unit])) == outside
 
 
 @pytest.mark.slow
