@@ -295,7 +295,7 @@ def test_a_calibration_that_does_not_converge_is_refused_in_one_sentence(robot, 
         ("joint-compliance:right_knee", 3.4, 0.2, None, True),
         ("joint-compliance:right_knee", 2.9, 0.1, None, False),
         ("joint-compliance:right_knee", 10.0, 3.2, None, False),  # its 99.9 % interval reaches ordinary sizes
-        ("joint-compliance:right_knee", 0.5, 0.1, {"joint-compliance": 0.0}, True),  # stated as exact
+        ("joint-compliance:right_knee", 0.1, 0.01, {"joint-compliance": 0.0}, True),  # stated as exact
         # Of an effect without a family, in plausible sizes: nothing in a laboratory stands quite still.
         ("encoder-slip:right_knee", 0.04, 0.001, None, False),
         ("encoder-slip:right_knee", 0.07, 0.001, None, True),
