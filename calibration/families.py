@@ -29,12 +29,14 @@ from tulip_testbed.sim.sensors import PRESETS
 TOLERANCES: dict[str, tuple[float, float]] = {
     # name: (wii, force-plate)
     "encoder-offset": (np.radians(0.15), np.radians(0.15)),
+    "encoder-wander": (2e-4, 5e-5),
     "encoder-gain": (0.003, 0.003),
     "link-length": (5e-4, 5e-4),
     "joint-compliance": (np.radians(0.01), np.radians(0.01)),
     "sole-compliance": (np.radians(0.01), np.radians(0.01)),
     "cell-gain": (0.01, 0.003),
     "cell-tare": (0.5, 0.05),
+    "cell-wander": (0.7, 0.05),
     "cell-crosstalk": (0.003, 0.001),
     "cell-position-scale": (0.003, 0.001),
     "thermal-gain-drift": (0.003, 0.001),
@@ -62,6 +64,7 @@ OF_PLATES = (
     "plate-yaw",
 )  # scale with the s.d. of a placement, the others with the cells'
 SOLE, CROSSTALK = "foot-compliance", "wrench-crosstalk"
+DRIFTS = ("wrench-drift", "encoder-wander", "cell-wander")  # none in a log of a minute
 UNCORRECTED = 5.0  # times the tolerance: 5 % of the range, see the table
 TIPPING = 0.1  # of the compliance with which a robot would tip over, 1 / (height x weight); assumed
 # Squared mean of the absolute value of a standard normal deviate.
@@ -294,7 +297,7 @@ def families_in(
         families = tuple(
             replace(family, tolerance=UNCORRECTED * family.tolerance) if family.name == CROSSTALK else family
             for family in families
-            if family.name != "wrench-drift"
+            if family.name not in DRIFTS
         )
     if contacts is None or readings.zero_sd is None or not readings.zero_sd.any():
         return families

@@ -13,6 +13,7 @@ from tulip_testbed.effects.injection import always, edited, indicator, successiv
 from tulip_testbed.effects.lasting import Lasting
 from tulip_testbed.effects.misreading import InstrumentFault, added, mapped, scaled
 from tulip_testbed.effects.targets import CELL_NAMES, PLATE_NAMES
+from tulip_testbed.effects.wandering import WANDERING, wandering, waves
 from tulip_testbed.identification.observation import Observation, turned
 from tulip_testbed.measurements.cells import CELLS, CORNERS, PLATES
 from tulip_testbed.sim.plates import cell_names
@@ -160,6 +161,16 @@ EFFECTS = (
         mechanism=added(FORCES, lambda fault: fault.size * np.outer(fault.time, _cell(fault))),
         words="The zero of the {target} cell drifts by {0} over the experiment.",
         explanation="A load cell's zero drifts steadily: the cell was tared at the start of the experiment.",
+    ),
+    _on_cell(
+        name="cell-wander",
+        sentence="A load cell has a zero that wanders slowly, about a mean of zero.",
+        parameters=waves("N", prior=1.0),
+        mechanism=added(FORCES, lambda fault: np.outer(wandering(fault), _cell(fault))),
+        words="The zero of the {target} cell wanders slowly: {0}, {1}, {2} and {3} of the waves of its path.",
+        lasting=Lasting(until="session"),
+        searched=False,
+        explanation=WANDERING,
     ),
     _on_plate(
         name="plate-drift",

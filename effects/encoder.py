@@ -11,6 +11,7 @@ from tulip_testbed.effects.effect import Effect, Parameter, Values
 from tulip_testbed.effects.injection import STARTS, indicator, successive
 from tulip_testbed.effects.lasting import Lasting
 from tulip_testbed.effects.misreading import InstrumentFault, Misreading, added, mapped, scaled
+from tulip_testbed.effects.wandering import WANDERING, wandering, waves
 from tulip_testbed.effects.targets import JOINTS, LEG_JOINTS, plate_of
 from tulip_testbed.identification.joint_loads import servo_stiffness
 from tulip_testbed.identification.observation import Observation
@@ -102,6 +103,17 @@ EFFECTS = (
 
         The angle is measured from the joint's zero, so postures near zero cannot show the effect.
         """,
+    ),
+    _on_encoder(
+        name="encoder-wander",
+        sentence="A joint's encoder has a zero that wanders slowly, about a mean of zero.",
+        parameters=waves("rad", prior=np.radians(0.05)),
+        mechanism=added(ANGLES, lambda fault: np.outer(wandering(fault), _joint(fault))),
+        words="The zero of the {target} encoder wanders slowly: {0}, {1}, {2} and {3} of the waves of its "
+        "path.",
+        lasting=Lasting(until="session"),
+        searched=False,
+        explanation=WANDERING,
     ),
     _on_encoder(
         name="encoder-slip",
