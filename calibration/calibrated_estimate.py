@@ -14,6 +14,11 @@ from tulip_testbed.calibration.self_calibration import (
     least_determined,
     self_calibrate,
 )
+from tulip_testbed.calibration.uncertain_corrections import (
+    changes_by_corrections,
+    with_uncertain_corrections,
+)
+from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.identification.estimators import Estimate
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.regressor import Regression, with_cad_where_needed
@@ -32,6 +37,7 @@ def calibrated_estimates(
     kept: Sequence[int],
     tolerances: Mapping[str, float] | None = None,
     calibrate: Calibrate = self_calibrate,
+    corrections: Sequence[EffectInstance] = (),
 ) -> tuple[Estimate, Estimate, SelfCalibration]:
     """Estimate the full and the simplified model with all families of ordinary imperfections.
 
@@ -40,6 +46,7 @@ def calibrated_estimates(
         kept: numbers of the simplified model's parameters.
         tolerances: see `self_calibrate`.
         calibrate: `self_calibrate`, or what does the same in gross faults too.
+        corrections: effects that were removed from the experiment; how uncertain they are counts.
 
     Raises:
         InputError: the data say nothing about the base parameters, or an impossible tolerance.
@@ -48,7 +55,7 @@ def calibrated_estimates(
     try:
         observed, found = as_log_shows(observed, tolerances)
         known = calibrate if found is None else lambda *_: found
-        return _estimates(observed, data, kept, tolerances, known)
+        return _estimates(observed, data, kept, tolerances, known, corrections)
     except np.linalg.LinAlgError:
         excess = _in_excess(observed, data, kept, tolerances, calibrate)
         families = "" if not excess else f" with all families; leave out {listed(excess)} (tolerance 0), or"
@@ -64,13 +71,17 @@ def _estimates(
     kept: Sequence[int],
     tolerances: Mapping[str, float] | None,
     calibrate: Calibrate = self_calibrate,
+    corrections: Sequence[EffectInstance] = (),
 ) -> tuple[Estimate, Estimate, SelfCalibration]:
-    calibration = calibrate(observed, tolerances)
+    plain = calibrate(observed, tolerances)
+    changes = changes_by_corrections(plain, corrections)
+    calibration = with_uncertain_corrections(plain, changes)
     full = estimate_of(calibration, data)
     if len(kept) == len(data.numbers) or observed.cad is not None:
         return full, full, calibration
     columns = [int(np.flatnonzero(data.numbers == number)[0]) for number in kept]
-    return full, estimate_of(calibration.keep(columns), data.keep(list(kept))), calibration
+    simplified = with_uncertain_corrections(plain.keep(columns), changes)
+    return full, estimate_of(simplified, data.keep(list(kept))), calibration
 
 
 def _in_excess(

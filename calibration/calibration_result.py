@@ -135,7 +135,8 @@ class SelfCalibration:
 
     def cleaned(self, observed: Observation) -> Observation:
         """Return other readings of the same laboratory with members and effects removed."""
-        phi = self.mixing @ self.solved.estimate[len(self.theta) + 1 :]
+        values = [calibrated.value for calibrated in self.families]
+        phi = np.concatenate([np.zeros(0), *values, *(free.sizes for free in map(FreeEffect, self.effects))])
         return members_removed(observed, self.all, phi, self.theta, self.covariance)
 
     def without_members(self, observed: Observation) -> Observation:
@@ -257,11 +258,12 @@ def result_of(
     value = mixing @ solved.estimate[p + 1 :]
     known = np.diag(mixing @ solved.conditional[p + 1 :, p + 1 :] @ mixing.T)
     sd = np.sqrt(np.diag(mixing @ solved.covariance[p + 1 :, p + 1 :] @ mixing.T))
-    out, effects, errors, first = [], [], [], 0
+    out, effects, errors, first, tails = [], [], [], 0, 0.0
     for j, family in enumerate(families):
         where, mine = slice(first, first + len(family)), np.flatnonzero(owner == j)
         first = where.stop
         if isinstance(family, FreeEffect):
+            tails += family.log_tail
             effects.append(_with_intervals(family, value[where], sd[where]))
             errors.append(sd[where])
             continue
@@ -296,7 +298,7 @@ def result_of(
         effect_errors=tuple(errors),
         noise=scaled_noise(noise, solved.scales),
         problem=problem,
-        solved=solved,
+        solved=replace(solved, log_evidence=solved.log_evidence + tails),
         linear=linear,
         assumed=assumed,
         moved=moved,

@@ -8,11 +8,12 @@ import numpy as np
 
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.effects.size_prior import log_tail, prior_sd
 
 
 @dataclass(frozen=True)
 class FreeEffect:
-    """An effect whose sizes have the plausible sizes of the catalogue as their prior, not a family's.
+    """An effect whose sizes have the prior of `size_prior`, not that of a family.
 
     Attributes:
         start: the effect at the sizes where the estimate begins; times and choices stay as they are.
@@ -42,9 +43,19 @@ class FreeEffect:
 
     @property
     def steps(self) -> np.ndarray:
-        """Return the prior s.d. of every size, (n,) [SI]."""
+        """Return the plausible size of every size, (n,) [SI]."""
         parameters = self.effect.parameters_on(self.start.target)
         return np.array([parameters[k].prior for k in self.effect.sizes])
+
+    @property
+    def prior_sd(self) -> np.ndarray:
+        """Return the s.d. of the normal distribution in place of the prior at the start, (n,) [SI]."""
+        return prior_sd(self.steps, self.sizes)
+
+    @property
+    def log_tail(self) -> float:
+        """Return what ln of the evidence gains by the tails of the prior, see `size_prior`."""
+        return float(log_tail(self.steps, self.sizes).sum())
 
     def __len__(self) -> int:
         return len(self.effect.sizes)
@@ -58,7 +69,7 @@ class FreeEffect:
     @property
     def parts(self) -> tuple[np.ndarray, ...]:
         """Return how the sizes arise from independent deviates of s.d. 1, (n, n) [SI]."""
-        return (np.diag(self.steps),) if len(self) else ()
+        return (np.diag(self.prior_sd),) if len(self) else ()
 
     def instances(self, values: np.ndarray) -> list[EffectInstance]:
         """Return the effect with these sizes, (n,)."""
@@ -66,6 +77,10 @@ class FreeEffect:
         for k, value in zip(self.effect.sizes, values.tolist(), strict=True):
             filled[k] = value
         return [replace(self.start, values=tuple(filled), intervals=())]
+
+    def at(self, sizes: np.ndarray) -> FreeEffect:
+        """Return it with these sizes as its start, (n,)."""
+        return FreeEffect(self.instances(sizes)[0])
 
     def single(self, number: int, more: float) -> EffectInstance:
         """Return the effect at the sizes of the start, one of them larger by so much."""

@@ -164,7 +164,10 @@ def linearised(
     base = -nuisances(smooth, CHANNELS)
     members = np.concatenate(
         [np.zeros((*left.shape, 0))]
-        + [member_columns(smooth, theta, slope, _at(f, part)) for f, part in split_members(families, phi)],
+        + [
+            member_columns(smooth, theta, slope, at_sizes(f, part))
+            for f, part in split_members(families, phi)
+        ],
         axis=2,
     )
     there, by_sharing = _by_sharing(smooth, slope[..., at["angles"]], families, phi)
@@ -361,9 +364,9 @@ def _spread_is_known(family: Family | FreeEffect, by_cad: bool) -> bool:
     return by_cad and family.name not in OF_CONTACTS
 
 
-def _at(family: Family | FreeEffect, sizes: np.ndarray) -> Family | FreeEffect:
+def at_sizes(family: Family | FreeEffect, sizes: np.ndarray) -> Family | FreeEffect:
     """Return an effect at its present sizes; a family as it is."""
-    return FreeEffect(family.instances(sizes)[0]) if isinstance(family, FreeEffect) else family
+    return family.at(sizes) if isinstance(family, FreeEffect) else family
 
 
 def split_members(families: Families, phi: np.ndarray) -> list[tuple[Family | FreeEffect, np.ndarray]]:

@@ -27,9 +27,11 @@ from tulip_testbed.calibration.linearisation import (
     LinearisationPoint,
     Linearised,
     ResidualCovariance,
+    at_sizes,
     linearised,
     mixing_of,
     sources_of,
+    split_members,
 )
 from tulip_testbed.calibration.member_removal import members_removed
 from tulip_testbed.calibration.reml import LikelihoodFit, fit, given
@@ -76,11 +78,9 @@ def self_calibrate(
     )
     noise = noise_of(observed)
     p = observed.geometry.regressor.shape[2]
-    mixing, owner = mixing_of(families)
-    both = block_diag(np.eye(p + 1), mixing)
+    _, owner = mixing_of(families)
     scales, spreads = np.ones(len(sources_of(observed))), np.ones(len(owner))
     phi, variance = _first(families, start)
-    deviates = np.linalg.pinv(mixing) @ phi
     if start is None:
         clean = removed(observed, effects)  # members at zero change nothing
         smooth, nu = clean, np.append(first_parameters(clean), 0.0)
@@ -91,9 +91,12 @@ def self_calibrate(
         smooth = moved_by(clean, start.observed, start.linear.smooth)
         smooth = smooth.changed(tree=clean.tree, cells=clean.cells)
     latest: tuple[LinearProblem, Linearised] | None = None
-    best: tuple[LinearisationPoint, LikelihoodFit, Observation, float] | None = None
+    best: tuple[LinearisationPoint, Families, LikelihoodFit, Observation, float] | None = None
+    along = np.linalg.pinv(mixing_of(families)[0]) @ phi * _lengths(families)
     for count in range(rounds):
-        state = LinearisationPoint(clean, smooth, nu, deviates, variance, scales, residual_covariance)
+        families = tuple(at_sizes(family, part) for family, part in split_members(families, phi))
+        both, lengths = block_diag(np.eye(p + 1), mixing_of(families)[0]), _lengths(families)
+        state = LinearisationPoint(clean, smooth, nu, along / lengths, variance, scales, residual_covariance)
         latest = None  # a linear model is large: one at a time
         problem, linear = latest = linearised(state, families, noise)
         noisy = count == 0 and start is None
@@ -106,21 +109,21 @@ def self_calibrate(
             estimate[:p] += clean.cad.center
         moved = float((np.abs(np.append(nu, phi) - estimate) / np.sqrt(np.diag(covariance))).max())
         nu, phi, variance = estimate[: p + 1], estimate[p + 1 :], np.diag(covariance)[p + 1 :]
-        deviates, scales, spreads = solved.estimate[p + 1 :], solved.scales, solved.spreads
+        along, scales, spreads = solved.estimate[p + 1 :] * lengths, solved.scales, solved.spreads
         errors = packed(clean) - packed(smooth)
         clean = members_removed(observed, families, phi, nu[:p], covariance[:p, :p], errors)
         if moved < STANDS:
             break
-        if not noisy and (best is None or solved.log_evidence > best[1].log_evidence):
+        if not noisy and (best is None or solved.log_evidence > best[2].log_evidence):
             # Without what they have computed, for the sake of memory.
             bare = replace(state, clean=replace(state.clean), smooth=replace(state.smooth))
-            best = bare, solved, clean, moved
+            best = bare, families, solved, clean, moved
     assert latest is not None
     # Where nothing came to rest, the steps may have led away, as they do with a large play. Where it did, an
     # earlier state has nothing to say: its noise was that of other compliances.
-    rests = moved < STANDS or (best is not None and moved < STEADY <= best[3])
-    if not rests and best is not None and solved.log_evidence < best[1].log_evidence - WORSE:
-        state, solved, clean, moved = best
+    rests = moved < STANDS or (best is not None and moved < STEADY <= best[4])
+    if not rests and best is not None and solved.log_evidence < best[2].log_evidence - WORSE:
+        state, families, solved, clean, moved = best
         latest = linearised(state, families, noise)
     return result_of(clean, families, noise, *latest, solved, used.assumed, moved)
 
@@ -224,6 +227,11 @@ def _first(families: Families, start: SelfCalibration | None) -> tuple[np.ndarra
         sizes.append(family.sizes if isinstance(family, FreeEffect) else value)
         variances.append(np.where(np.isfinite(error), error**2, prior))
     return np.concatenate(sizes), np.concatenate(variances)
+
+
+def _lengths(families: Families) -> np.ndarray:
+    """Return the lengths of the columns of `mixing_of`, (k,): those of effects change with their sizes."""
+    return np.linalg.norm(mixing_of(families)[0], axis=0)
 
 
 def _spreads(families: Families, start: SelfCalibration) -> np.ndarray:

@@ -80,7 +80,7 @@ class CandidateSearch:
         return Judged(at_estimate(terms, found), found, self.evidence(found, terms))
 
     def evidence(self, found: SelfCalibration, terms: Sequence[Fitted]) -> float:
-        """Compute ln of the evidence for effects, whose positive sizes have half a normal as their prior."""
+        """Compute ln of the evidence for effects; the prior of positive sizes is half of `size_prior`."""
         out = found.solved.log_evidence - sum(log_choices(term.candidate, self.observed) for term in terms)
         for one, error in zip(found.effects, found.effect_errors, strict=True):
             sizes = np.array([one.values[k] for k in one.effect.sizes])

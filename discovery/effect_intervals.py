@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from tulip_testbed.calibration.calibration_result import SelfCalibration
+from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.joint_fit import JointFit, gauss_newton
 from tulip_testbed.effects.instance import EffectInstance
@@ -38,14 +39,14 @@ def as_calibrated(
     for term, effect, error in zip(
         formula.terms, calibration.effects, calibration.effect_errors, strict=True
     ):
-        before[term.label] = term.sizes, np.array([effect.values[k] for k in effect.effect.sizes]), error
+        before[term.label] = term.sizes, FreeEffect(effect), error
     for term in fit.terms:
         at = slice(first, first + len(term.sizes))
         first = at.stop
         if term.label in before:
-            predicted, found, error = before[term.label]
+            predicted, effect, error = before[term.label]
             # Without the prior's shrinkage, which intervals would not allow for, if the data say more.
-            share = (error / term.candidate.prior) ** 2
+            found, share = effect.sizes, (error / effect.prior_sd) ** 2
             plain = np.where(share < MOST_SHRUNK, 1 / (1 - np.minimum(share, MOST_SHRUNK)), 1.0)
             found, error = found * plain, error * np.sqrt(plain)
             sizes = found + term.sizes - predicted

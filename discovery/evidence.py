@@ -2,7 +2,7 @@
 
 With the noise known, an effect with sizes phi ~ N(0, T^2) explains the projected residual r by its
 projected columns G with the Bayes factor ln BF = b'(A + T^-2)^-1 b / 2 - ln|I + T A T| / 2, A = G'G,
-b = G'r. A size that cannot be negative has half a normal as its prior.
+b = G'r. T and a correction are those of `size_prior`; a size that cannot be negative has half of it.
 """
 
 from __future__ import annotations
@@ -14,9 +14,11 @@ from scipy.special import chdtrc, log_ndtr
 
 from tulip_testbed.discovery.candidates import Candidate, Fitted
 from tulip_testbed.discovery.columns import Columns, Moments
+from tulip_testbed.effects.size_prior import log_tail, prior_sd
 
 DETECTABLE = 0.5  # smallest singular value times prior s.d. that an experiment can show
 DRAWS = 400
+WIDENINGS = 2  # of the normal distribution in place of a prior
 STACKED = 500  # candidates at a time whose gains are computed together
 
 
@@ -63,26 +65,27 @@ def marginal_fits(columns: Columns, residual: np.ndarray) -> list[Fitted]:
 def _with_sizes(pairs: list[tuple[Candidate, list[Moments]]]) -> Iterator[Fitted]:
     """Fit candidates with equally many sizes."""
     flat = [(candidate, one) for candidate, points in pairs for one in points]
-    prior = np.array([candidate.prior for candidate, _ in flat])
+    plausible = np.array([candidate.prior for candidate, _ in flat])
     positive = np.array([candidate.positive for candidate, _ in flat])
     gram = np.array([gram for _, (gram, _) in flat])
     pull = np.array([pull[:, 0] for _, (_, pull) in flat])
-    scaled = prior[:, :, None] * gram * prior[:, None, :]
-    visible = np.linalg.eigvalsh(scaled).max(axis=1)
+    visible = np.linalg.eigvalsh(plausible[:, :, None] * gram * plausible[:, None, :]).max(axis=1)
     detectable = visible > DETECTABLE**2
-    spread = np.eye(prior.shape[1]) + scaled
-    covariance = prior[:, :, None] * np.linalg.inv(spread) * prior[:, None, :]
+    about = plausible
+    for _ in range(WIDENINGS):
+        about = _times(_posterior(prior_sd(plausible, about), gram)[0], pull)
+    covariance, volume = _posterior(prior_sd(plausible, about), gram)
     sizes = _times(covariance, pull)
     free = _times(np.linalg.pinv(gram, hermitian=True), pull)
     gain = _dot(pull, free)
     # The prior of a positive size is a half normal: the allowed part of the posterior counts over a half.
     share = log_ndtr(sizes / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))) + np.log(2)
-    log = 0.5 * _dot(pull, sizes) - 0.5 * np.linalg.slogdet(spread)[1]
+    log = 0.5 * (_dot(pull, sizes) - volume) + log_tail(plausible, about).sum(axis=1)
     log = log + np.where(positive, share, 0.0).sum(axis=1)
     gain = np.where((positive & (free <= 0)).any(axis=1), 0.0, gain)
     sizes = np.where(positive, np.maximum(sizes, 0.0), sizes)
     one_sided = positive.any(axis=1)
-    p = np.where(gain > 0, chdtrc(prior.shape[1], gain) / np.where(one_sided, 2, 1), 1.0)
+    p = np.where(gain > 0, chdtrc(plausible.shape[1], gain) / np.where(one_sided, 2, 1), 1.0)
     first = 0
     for candidate, points in pairs:
         at = slice(first, first + len(points))
@@ -92,6 +95,13 @@ def _with_sizes(pairs: list[tuple[Candidate, list[Moments]]]) -> Iterator[Fitted
         average = float(np.logaddexp.reduce(logs) - np.log(len(logs))) - candidate.price
         most = float(np.sqrt(max(visible[at].max(), 0.0)))
         yield Fitted(candidate, point, sizes[k], average, float(p[k]), most)
+
+
+def _posterior(prior: np.ndarray, gram: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the covariance of the sizes, (n, s, s), and ln of the prior's volume over it, squared, (n,)."""
+    spread = np.eye(prior.shape[1]) + prior[:, :, None] * gram * prior[:, None, :]
+    covariance = prior[:, :, None] * np.linalg.inv(spread) * prior[:, None, :]
+    return covariance, np.linalg.slogdet(spread)[1]
 
 
 def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ import numpy as np
 from tulip_testbed.calibration.linear_model import Background, LinearModel, linear_model
 from tulip_testbed.discovery.candidates import Fitted, log_choices
 from tulip_testbed.discovery.columns import effect_columns
+from tulip_testbed.effects.size_prior import log_tail, prior_sd
 from tulip_testbed.identification.distributions import normal_logcdf
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import difference, fields, moved_by, packed, unpacked
@@ -82,9 +83,14 @@ class JointFit:
         return _joined([term.sizes for term in self.terms])
 
     @property
-    def prior(self) -> np.ndarray:
-        """Return the prior standard deviation of all sizes, (s,)."""
+    def plausible(self) -> np.ndarray:
+        """Return the plausible size of all sizes, (s,)."""
         return _joined([term.candidate.prior for term in self.terms])
+
+    @property
+    def prior(self) -> np.ndarray:
+        """Return the standard deviation of all sizes in place of their prior, (s,); see `size_prior`."""
+        return prior_sd(self.plausible, self.sizes)
 
     @property
     def positive(self) -> np.ndarray:
@@ -139,11 +145,12 @@ class JointFit:
         # Where the data say more than the prior, `_unshrunk` has lengthened the sizes and less is left.
         shrunk = np.where(information > INFORMED, information / (1 + information), 1.0)
         out -= 0.5 * float((shrunk * (turn.T @ (sizes / prior)) ** 2 + np.log1p(information)).sum())
+        out += float(log_tail(self.plausible, sizes).sum())
         return out + log_share_of_positive(sizes, np.sqrt(np.diag(self.covariance)), positive)
 
 
 def log_share_of_positive(sizes: np.ndarray, errors: np.ndarray, positive: np.ndarray) -> float:
-    """Compute what ln of the evidence gains where sizes cannot be negative: their prior is half a normal.
+    """Compute what ln of the evidence gains where sizes cannot be negative: their prior is half as wide.
 
     Args:
         sizes, errors: estimates and standard errors, (s,). positive: which cannot be negative, (s,) bool.
@@ -201,7 +208,8 @@ def gauss_newton(
             each size and, last, a constant, (m, 11, s + 1); None: the predictions hold.
     """
     terms = tuple(terms)
-    prior = _joined([term.candidate.prior for term in terms])
+    plausible = _joined([term.candidate.prior for term in terms])
+    prior = plausible
     positive = _joined([term.candidate.positive for term in terms]).astype(bool)
     errors = (
         np.zeros((len(linear.residual), len(prior) + 1))
@@ -214,6 +222,7 @@ def gauss_newton(
         matrix = linear.project(_joint_columns(linear, terms)) + errors[:, :-1]
         residual = _residual_without(linear, terms, errors)
         sizes = _joined([term.sizes for term in terms])
+        prior = prior_sd(plausible, sizes)
         gram = matrix.T @ matrix + np.diag(prior**-2.0)
         step = np.linalg.solve(gram, matrix.T @ residual - sizes / prior**2)
         moved = np.where(positive, np.maximum(sizes + step, 0.0), sizes + step)
@@ -226,7 +235,7 @@ def gauss_newton(
     covariance = np.linalg.inv(gram)
     gained = before @ before - residual @ residual - ((sizes / prior) ** 2).sum()
     volume = np.linalg.slogdet(prior[:, None] * gram * prior)[1]
-    log = float(0.5 * gained - 0.5 * volume)
+    log = float(0.5 * gained - 0.5 * volume + log_tail(plausible, sizes).sum())
     log += log_share_of_positive(sizes, np.sqrt(np.diag(covariance)), positive)
     return JointFit(Data(linear.observed, linear.noise), terms, covariance, linear, matrix, residual, log)
 

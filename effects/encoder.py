@@ -11,8 +11,8 @@ from tulip_testbed.effects.effect import Effect, Parameter, Values
 from tulip_testbed.effects.injection import STARTS, indicator, successive
 from tulip_testbed.effects.lasting import Lasting
 from tulip_testbed.effects.misreading import InstrumentFault, Misreading, added, mapped, scaled
-from tulip_testbed.effects.wandering import WANDERING, wandering, waves
 from tulip_testbed.effects.targets import JOINTS, LEG_JOINTS, plate_of
+from tulip_testbed.effects.wandering import WANDERING, wandering, waves
 from tulip_testbed.identification.joint_loads import servo_stiffness
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.measurements import Measurements

@@ -15,6 +15,7 @@ from tulip_testbed.calibration.calibrated_estimate import (
     calibrated_estimates,
 )
 from tulip_testbed.calibration.families import check_tolerances
+from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.removal import without
@@ -67,13 +68,16 @@ def warn_of_contradiction(found: Identification, source: str, tolerances: Mappin
         free = self_calibrate(observed, tolerances, found.corrections, found.calibration)
     except (np.linalg.LinAlgError, InputError):
         return
-    for given, shown, errors in zip(found.corrections, free.effects, free.effect_errors, strict=True):
+    for given, shown, errors in zip(
+        found.corrections, map(FreeEffect, free.effects), free.effect_errors, strict=True
+    ):
         parameters = given.effect.parameters_on(given.target)
-        for k, error in zip(given.effect.sizes, errors, strict=True):
-            if error > parameters[k].prior / 2:
+        every = zip(given.effect.sizes, shown.sizes, errors, shown.prior_sd, strict=True)
+        for k, value, error, prior in every:
+            if error > prior / 2:
                 continue  # the data say too little
-            share = 1 - (error / parameters[k].prior) ** 2  # of the data, not of the prior, in the estimate
-            value, error = shown.values[k] / share, error / np.sqrt(share)
+            share = 1 - (error / prior) ** 2  # of the data, not of the prior, in the estimate
+            value, error = value / share, error / np.sqrt(share)
             off = abs(given.values[k] - value) / error
             if off > CLEARLY:
                 told = f"{number(value, '.3g')} ± {number(1.96 * error, '.2g')} {parameters[k].unit}".strip()
@@ -97,7 +101,8 @@ def identify(
 
     Args:
         parameters: the robot's base parameters, if they are at hand: for many identifications of one robot.
-        adopted: effects that are removed from the measurements before the regression.
+        adopted: effects that are removed from the measurements before the regression; the intervals of their
+            sizes count.
         tolerances: see `tulip_testbed.identify`.
         calibrate: how the self-calibrating estimator calibrates.
     """
@@ -123,7 +128,7 @@ def identify(
     if estimator == SELF_CALIBRATING:
         observed = observed or observe(measurements, nominal_robot(robot, parameters.support))
         free = confounded_directions(observed, data)
-        full, simplified, found = calibrated_estimates(observed, data, kept, tolerances, calibrate)
+        full, simplified, found = calibrated_estimates(observed, data, kept, tolerances, calibrate, adopted)
         check_physical(full, found.mass, robot, source)
         return Identification(
             robot, given, parameters, full, simplified, found.mass, estimator, found, free, tuple(adopted)

@@ -1,0 +1,69 @@
+"""What is uncertain about corrections that were removed from measurements, in the base parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tulip_testbed.calibration.calibration_result import HALF_95, SelfCalibration
+from tulip_testbed.calibration.free_effect import FreeEffect
+from tulip_testbed.calibration.member_columns import member_columns
+from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.identification.residual_channels import residuals_in_use, sensitivity
+
+
+def changes_by_corrections(calibration: SelfCalibration, corrections: Sequence[EffectInstance]) -> np.ndarray:
+    """Differentiate the residuals by the sizes that were removed before, times their s.e., (m, 11, s).
+
+    Sizes without an interval are exact.
+
+    Args:
+        calibration: of all base parameters. corrections: effects that were removed from its measurements.
+    """
+    free, smooth = [FreeEffect(one) for one in corrections], calibration.linear.smooth
+    used = residuals_in_use(smooth)[..., None]
+    slope = used * sensitivity(smooth, calibration.theta)
+    columns = [used * member_columns(smooth, calibration.theta, slope, one) for one in free]
+    errors = np.array([error for one in free for error in _standard_errors(one)])
+    return np.concatenate([slope[..., :0], *columns], axis=2) * errors
+
+
+def with_uncertain_corrections(calibration: SelfCalibration, changes: np.ndarray) -> SelfCalibration:
+    """Return a calibration whose covariance holds the uncertainty of what was removed before.
+
+    The sizes stay as they are (the "consider" parameters of Schmidt 1966). Where they were found in the same
+    measurements together with the base parameters, the sum of both parts is the covariance of that joint
+    estimate; where they come from others, it is that of an estimate that trusts them. Different sizes are
+    taken as independent.
+
+    Args:
+        changes: see `changes_by_corrections`.
+    """
+    if not changes.any():
+        return calibration
+    problem, solved = calibration.problem, calibration.solved
+    weighted = problem.noise.weights(np.log(solved.scales))(changes)
+    width = problem.whole.shape[2] - 1
+    pull = problem.whole[..., :-1].reshape(-1, width).T @ weighted.reshape(-1, changes.shape[2])
+    shift = (solved.conditional @ pull)[: len(calibration.theta)]
+    covariance = calibration.covariance + shift @ shift.T
+    part = (shift**2).sum(axis=1) / np.diag(covariance)
+    return replace(
+        calibration,
+        covariance=covariance,
+        sources=(*calibration.sources, "corrections"),
+        shares=np.vstack([calibration.shares * (1 - part), part]),
+    )
+
+
+def _standard_errors(free: FreeEffect) -> list[float]:
+    """Return the s.e. of every size; that of a positive one by the longer half of its interval."""
+    start, out = free.start, []
+    for k in free.effect.sizes:
+        ends = start.intervals[k] if start.intervals else None
+        out.append(
+            0.0 if ends is None else max(ends[1] - start.values[k], start.values[k] - ends[0]) / HALF_95
+        )
+    return out
