@@ -19,7 +19,7 @@ independent and equally large.
 
 def waves(unit: str, prior: float) -> tuple[Parameter, ...]:
     """Return the coefficients of a wandering zero."""
-    return tuple(Parameter(f"wave {k}", unit, prior=prior) for k in range(1, WAVES + 1))
+    return tuple(Parameter(f"a{k}", unit, prior=prior) for k in range(1, WAVES + 1))
 
 
 def wandering(fault: InstrumentFault) -> np.ndarray:

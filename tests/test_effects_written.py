@@ -155,7 +155,7 @@ def test_the_catalogue_is_a_table():
         "tilt=ABOUT_X,ABOUT_Y",
         "rad, rad",
         "s.d. 1 deg",
-        "The floor is tilted with robot and plates, about x,",
+        "The floor is tilted with robot and plates, about",
     ]
     assert [cell.strip() for cell in tilt.split("  ") if cell] == cells
     assert page.count("<tr>") == len(catalogue()) + 1

@@ -54,6 +54,12 @@ READINGS = {
     "cell-tare:right.front_right=3": {"right": [[10, 23, 30, 40], [20, 23, 20, 20], [0, 13, 20, 30]]},
     # reading = load + 0, 2 and 4 N
     "cell-drift:left.rear_left=4": {"left": [[50, 60, 70, 80], [40, 40, 40, 42], [100, 60, 20, 24]]},
+    # at t = 0, 1/2 and 1, sqrt(2) times (4 + 6/3, 0 and -4 - 6/3 N)
+    "cell-wander:left.front_left=4,0,6,0": {
+        "left": [[58.48528137423857, 60, 70, 80], [40, 40, 40, 40], [91.51471862576143, 60, 20, 20]]
+    },
+    # sqrt(2) times (10 + 20/2 + 40/4, -20/2 + 40/4 and -10 + 20/2 + 40/4 mrad)
+    "encoder-wander:right_knee=0.01,0.02,0,0.04": {"knee": [0.24242640687119285, 0.4, -0.08585786437626905]},
     # reading = 1, 1.1 and 1.2 times the load
     "thermal-gain-drift=0.2": {
         "right": [[10, 20, 30, 40], [22, 22, 22, 22], [0, 12, 24, 36]],
