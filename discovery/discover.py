@@ -302,8 +302,7 @@ def _concluded(
     described = any(is_law(fit.terms[k].candidate) for k in outside)
     # A law need not be exact: what it leaves is tolerated if it predicts what it has not seen.
     tolerated = described and validation is not None and validation.holds
-    clearest = next((one for one in left if not one.within_noise), left[0])
-    tolerated |= clearest.within_noise
+    clearest = left[0]
     reasons = _reasons(selection, None if tolerated else clearest, validation, fitted.lost)
     verdict = _verdict(selection, reasons, [equivalents[k] for k in outside], described)
     adopted = tuple(with_intervals(final, k) for k in range(len(fit.terms)))

@@ -26,7 +26,6 @@ PARTS = (
 )
 DISTINCT = 0.05
 SMOOTH = 12  # directions of a smooth function of many quantities
-WANDER = 0.5  # of the noise, r.m.s., up to which readings may drift; assumed
 MOST_LANDMARKS = 400  # postures from whose neighbourhood such a function is made
 NEAR = 0.5  # length over which it varies, of the median distance of two postures; assumed
 MOST_PARTS = 60  # of an experiment, between which residuals may differ; successive placements together
@@ -49,11 +48,6 @@ class Pattern:
     dof: int
     p: float
     size: float
-
-    @property
-    def within_noise(self) -> bool:
-        """Whether it is a drift within the noise: a data sheet does not say that errors are independent."""
-        return "time" in self.words and self.size < WANDER
 
 
 def in_channels(pattern: Pattern) -> str:

@@ -79,8 +79,10 @@ def test_zeros_that_wander_are_estimated_however_they_wander(ordinary, nominal):
     """Paths of sines and of the square of time, not of the waves that the families have."""
     measured = ordinary[0].measurements
     t = (measured.time - measured.time.min()) / np.ptp(measured.time)
-    rng, forces, angles = np.random.default_rng(3), measured.cell_forces.copy(), measured.joint_angles.copy()
-    paths = np.array([np.sin(2 * np.pi * t * r + s) + u * t**2 for r, s, u in rng.random((8, 3)) * (1.3, 6, 2)])
+    rng = np.random.default_rng(3)
+    forces, angles = measured.cell_forces.copy(), measured.joint_angles.copy()
+    draws = rng.random((8, 3)) * (1.3, 6, 2)
+    paths = np.array([np.sin(2 * np.pi * t * r + s) + u * t**2 for r, s, u in draws])
     paths -= paths.mean(axis=1, keepdims=True)
     forces += 0.3 * paths.T
     angles[:, 3] += 2e-4 * paths[0]
