@@ -7,7 +7,6 @@ import math
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
-import mujoco
 import numpy as np
 from pydantic import Field
 
@@ -34,10 +33,10 @@ from tulip_testbed.identification.statistics import (
     standard_errors,
 )
 from tulip_testbed.measurements import Measurements, PosturePlan
-from tulip_testbed.measurements.data import base_foot, feet_in_contact
+from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.rig import Rig, preset_rig
-from tulip_testbed.sim.robot import Robot, joint_names, sole_point
+from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.scene import boards_under, nominal_plates
 
 LARGE_SHARE = 1000.0  # % of a nominal value: it is near zero
@@ -199,11 +198,10 @@ def describe_plan(
         preset: of the sensors, "wii" or "force-plate".
     """
     whole = plan if measured is None else joined([as_plan(robot, measured), plan])
-    identifiable_regressor(source or "plan", robot, whole)
+    rows = identifiable_regressor(source or "plan", robot, whole)
     rig, parameters = preset_rig(preset, robot), planned_parameters(robot, whole)
     nominal = parameters.values(standard_parameters(robot.model))
-    matrix = regressor_by_mujoco(robot, whole.joint_angles, parameters, whole.support)
-    rows = matrix.reshape(-1, len(nominal))
+    matrix = rows.reshape(len(whole), 2, -1)
     noise = reading_noise_of(rig, whole, parameters, nominal)
     covariance = np.linalg.inv(np.tensordot(matrix, noise.weights(matrix), axes=((0, 1), (0, 1))))
     errors = standard_errors(covariance)
@@ -227,32 +225,6 @@ def describe_plan(
         whole=whole,
         robot=robot,
     )
-
-
-def regressor_by_mujoco(
-    robot: Robot, joint_angles: np.ndarray, parameters: BaseParameters, support: np.ndarray
-) -> np.ndarray:
-    """Compute the base regressor by MuJoCo's kinematics, which planning does not use, (m, 2, p) [-].
-
-    The CoM is W(q) phi / M with the standard parameters phi, W = [p_l, R_l] a link, and H theta with
-    theta = B phi / M; so W = H B, and H = W B^+. Places are from the stance foot's sole point, in the axes of
-    the foot that carries.
-    """
-    model = robot.model
-    data = mujoco.MjData(model)
-    joints = [model.joint(name).qposadr[0] for name in joint_names(model)]
-    point = sole_point(model, robot.stance_foot)
-    stacked = np.empty((len(joint_angles), 2, 4 * (model.nbody - 1)))
-    for k, (angles, carrying) in enumerate(zip(joint_angles, base_foot(support), strict=True)):
-        data.qpos[:] = model.qpos0
-        data.qpos[joints] = angles
-        mujoco.mj_kinematics(model, data)
-        foot = data.body(robot.stance_foot)
-        base = data.body(robot.feet[carrying]).xmat.reshape(3, 3)
-        places = (data.xpos[1:] - foot.xpos - foot.xmat.reshape(3, 3) @ point) @ base
-        turns = base.T @ data.xmat[1:].reshape(-1, 3, 3)
-        stacked[k] = np.concatenate([places[:, None], turns.mT], axis=1)[..., :2].reshape(-1, 2).T
-    return stacked @ np.linalg.pinv(parameters.from_standard)
 
 
 def planned_readings(rig: Rig, plan: PosturePlan, com: np.ndarray) -> Measurements:
