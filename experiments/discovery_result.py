@@ -33,9 +33,9 @@ from tulip_testbed.experiments.discovery_tables import (
     gap_table,
     moved_table,
     moved_words,
-    spread_table,
     weak_table,
 )
+from tulip_testbed.experiments.family_tables import family_table
 from tulip_testbed.experiments.identification_result import EXPERIMENTS, Identification
 from tulip_testbed.experiments.proposed_experiment import Proposals, ProposedExperiment, propose_experiments
 from tulip_testbed.experiments.rig_folder import RIG
@@ -45,6 +45,7 @@ from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.robot import Robot
 
 RESIDUAL_FILE = "residuals.csv"
+FAMILIES = "Families of ordinary imperfections"  # title of their table
 SIDES = ("before", "after")
 PARTS = (
     *("cop_x_m", "cop_y_m", "force_N", "twist_right_N", "twist_left_N"),
@@ -248,7 +249,7 @@ class Discovered(SavedRun):
         if self.explanations:
             parts.append(explanation_table(self.explanations))
         if self.families:
-            parts.append(spread_table(self.families))
+            parts.append(family_table(self.families, FAMILIES))
         moved = moved_table(self.before, self.after, self.adopted, all_of_them=False)
         parts.append(moved if moved.rows else moved_words(self.before, self.after, self.adopted))
         if self.check:
