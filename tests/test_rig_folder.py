@@ -8,6 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests.fuzz.documents import json_values, places
+from tests.rigs import write_rig
 from tests.test_cli import edit, refused
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
@@ -20,7 +21,6 @@ from tulip_testbed.experiments.rig_folder import (
     NOMINAL,
     RIG_FILE,
     read_rig,
-    write_rig,
 )
 from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.measurements import read_measurements
@@ -40,7 +40,7 @@ def found(robot):
 
 @pytest.fixture
 def rig(found, robot, tmp_path):
-    write_rig(tmp_path / "rig", robot, found, "force-plate")
+    write_rig(tmp_path / "rig", robot, found)
     return tmp_path / "rig"
 
 
@@ -130,18 +130,6 @@ def test_a_rig_needs_all_of_its_files(rig, robot, tmp_path):
         read_rig(rig, robot)
     with pytest.raises(InputError, match="no such rig folder"):
         read_rig(tmp_path / "none", robot)
-
-
-def test_nothing_half_written(found, robot, tmp_path, monkeypatch):
-    with pytest.raises(InputError, match="found no effects"):
-        write_rig(tmp_path / "rig", robot, ())
-    write_rig(tmp_path / "taken", robot, found[:1])
-    with pytest.raises(InputError, match="exists already"):
-        write_rig(tmp_path / "taken", robot, found)
-    monkeypatch.setattr("tulip_testbed.experiments.rig_folder.software", lambda: 1 / 0)
-    with pytest.raises(ZeroDivisionError):
-        write_rig(tmp_path / "rig", robot, found)
-    assert [path.name for path in tmp_path.iterdir()] == ["taken"]
 
 
 def test_commands_refuse_a_broken_rig_before_the_work(rig, tmp_path, capsys):
