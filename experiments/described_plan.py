@@ -21,9 +21,8 @@ from tulip_testbed.experiments.usable_plan import as_plan, identifiable_regresso
 from tulip_testbed.identification.base_parameters import BaseParameters, common_support, standard_parameters
 from tulip_testbed.identification.feasibility import predicted_cell_loads, predicted_foot_loads
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.identification.planning.one_foot import from_other_foot, single_support_margins
 from tulip_testbed.identification.planning.optimal_plan import smallest_margins
-from tulip_testbed.identification.planning.problem import PlanningProblem, planning_problem
+from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.reading_noise import ReadingNoise, cell_noise, placement_levers
 from tulip_testbed.identification.statistics import (
     HIGH_CORRELATION,
@@ -281,26 +280,7 @@ def margins_of(robot: Robot, plan: PosturePlan) -> dict[str, dict[str, Any]] | N
         problem = planning_problem(robot, nominal_plates(robot)[0], support=common_support(plan.support))
     except InputError:
         return None
-    both = plan.support == "double"
-    least = smallest_margins(problem, plan.take(both)) if both.any() else {}
-    for support in ("right", "left"):
-        if (rows := plan.support == support).any():
-            own = problem if support == "right" else from_other_foot(problem)
-            least |= _single_margins(own, plan.take(rows), f"{support} foot")
-    return least
-
-
-def _single_margins(problem: PlanningProblem, plan: PosturePlan, head: str) -> dict[str, dict[str, Any]]:
-    least = {}
-    for name, margin in single_support_margins(problem, plan.joint_angles, plan.swing_pose).items():
-        row = int(margin.values.argmin())
-        least[f"{head}: {name}"] = {
-            "value": float(margin.values[row]),
-            "unit": margin.unit,
-            "posture": int(plan.posture[row]),
-            "at": name,
-        }
-    return least
+    return smallest_margins(problem, plan)
 
 
 def margin_table(margins: dict[str, dict[str, Any]]) -> Table:

@@ -123,7 +123,7 @@ def test_the_left_foot_is_the_mirror_image_of_the_right_one(robot, problem, othe
     there = one_foot_constraints(other, image, swing * [1, -1, -1])
     assert list(here) == list(there)
     for name, constraint in here.items():
-        least = [each.values.min(axis=1) for each in (constraint, there[name])]
+        least = [values.min(axis=1) for values, _ in (constraint, there[name])]
         np.testing.assert_allclose(least[0], least[1], atol=1e-6, err_msg=name)
     assert board_pose(other).tolist() == (board_pose(problem) * [1, -1, 1]).tolist()
 
@@ -165,7 +165,7 @@ def test_margins_hold_in_every_row(problem, other, mixed, robot):
     for support, own in (("right", problem), ("left", other)):
         one = mixed.take(mixed.support == support)
         margins = single_support_margins(own, one.joint_angles, one.swing_pose)
-        assert min(margin.values.min() for margin in margins.values()) >= 0
+        assert min(values.min() for values in margins.values()) >= 0
     said = describe_plan(robot, mixed, "plan", "wii").margins or {}
     assert min(margin["value"] for margin in said.values()) > -1e-6
     assert {"left foot: stability margin", "right foot: torques", "sole margin"} <= set(said)
