@@ -166,32 +166,22 @@ class Discovered(SavedRun):
     folder: Place = None
     discovery: InMemory[Discovery | None] = None
 
-    @classmethod
-    def load(cls, folder: str | Path, *context: Any) -> Self:
-        """Read a run folder and check that its files are what was written and fit each other.
-
-        Args:
-            context: the robot.
-
-        Raises:
-            InputError: another kind or version of run, another robot's, or a file that is not what was
-                written.
-        """
-        read = super().load(folder, *context)
-        result, robot, measured = Path(folder) / RESULT_FILE, read.robot, read.measurements
+    def placed_in(self, folder: Path) -> Self:
+        """Refuse parts that do not fit each other."""
+        result, robot, measured = folder / RESULT_FILE, self.robot, self.measurements
         placements = np.unique(measured.placement).tolist()
-        for one in (*read.adopted, *read.calibrated, *(e.instance for e in read.explanations)):
+        for one in (*self.adopted, *self.calibrated, *(e.instance for e in self.explanations)):
             check_instance(one, robot, placements, str(result))
-        if (count := len(read.residual("before"))) != len(measured):
+        if (count := len(self.residual("before"))) != len(measured):
             raise InputError(
-                f"{Path(folder) / RESIDUAL_FILE}: found {count} rows, expected {len(measured)}, as many as "
+                f"{folder / RESIDUAL_FILE}: found {count} rows, expected {len(measured)}, as many as "
                 "the measurements have"
             )
-        before = read.before.placed(robot, measured, str(result), "before.")
-        after = read.after
+        before = self.before.placed(robot, measured, str(result), "before.")
+        after = self.after
         if after is not None:
             after = after.placed(robot, measured, str(result), "after.")
-        return replace(read, before=before, after=after)
+        return replace(self, before=before, after=after)
 
     @computed_field
     @property

@@ -141,10 +141,14 @@ class SavedRun(Result):
 
     @classmethod
     def load(cls, folder: str | Path, *context: Any) -> Self:
-        """Read a run folder and check that its files are what was written.
+        """Read a run folder and check that its files are what was written and fit each other.
 
         Args:
             context: the robot that the run was made with.
+
+        Raises:
+            InputError: another kind or version of run, another robot's, or a file that is not what was
+                written.
         """
         folder = Path(folder)
         if (kind := run_kind(folder)) != cls.kind:
