@@ -76,18 +76,6 @@ def test_the_scenes_are_mjcf_and_the_difference_is_what_changed(rig):
     assert len(text.splitlines()) < 25
 
 
-def test_an_adopted_encoder_offset_gives_back_the_parameters_of_the_data_without_it(
-    robot, plan, found, plain
-):
-    hidden = measured(robot, plan, found[:1])
-    error = np.sqrt(np.diag(plain.covariance))
-    biased = identify(hidden, robot, estimator=MIXED_MODEL).full
-    mended = identify(hidden, robot, estimator=MIXED_MODEL, adopted=found[:1]).full
-    assert np.abs((biased.value - plain.value) / error).max() > 2
-    assert mended.value == pytest.approx(plain.value, abs=1e-9)
-    assert mended.covariance == pytest.approx(plain.covariance, rel=1e-6)
-
-
 def test_an_adopted_effect_of_the_physics_takes_its_bias_away(robot, plan, plain):
     texts = ("joint-compliance:right_ankle_pitch=0.0005", "cell-gain:right.rear_left=0.03")
     effects = tuple(EffectInstance.parse(text, robot, range(30)) for text in texts)
