@@ -176,7 +176,11 @@ class Result(Documented, Shown):
                 f"{wanted[0]}: found none, expected it behind the folder: load(folder, {wanted[0]})"
             )
         parts = {field: kept.read(folder / kept.name, *context) for field, kept in _kept(cls).items()}
-        return dataclasses.replace(result, **parts)  # pyrefly: ignore[bad-specialization]
+        return dataclasses.replace(result, **parts).placed_in(folder)  # pyrefly: ignore[bad-specialization]
+
+    def placed_in(self, folder: Path) -> Self:
+        """Return the result as it was read from a folder, with its parts checked against each other."""
+        return self
 
     def parts(self) -> list[Table | str]:
         """Return what a notebook shows."""

@@ -7,7 +7,6 @@ import math
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
-import mujoco
 import numpy as np
 from pydantic import Field
 
@@ -22,9 +21,8 @@ from tulip_testbed.experiments.usable_plan import as_plan, identifiable_regresso
 from tulip_testbed.identification.base_parameters import BaseParameters, common_support, standard_parameters
 from tulip_testbed.identification.feasibility import predicted_cell_loads, predicted_foot_loads
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.identification.planning.one_foot import from_other_foot, single_support_margins
 from tulip_testbed.identification.planning.optimal_plan import smallest_margins
-from tulip_testbed.identification.planning.problem import PlanningProblem, planning_problem
+from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.reading_noise import ReadingNoise, cell_noise, placement_levers
 from tulip_testbed.identification.statistics import (
     HIGH_CORRELATION,
@@ -34,10 +32,10 @@ from tulip_testbed.identification.statistics import (
     standard_errors,
 )
 from tulip_testbed.measurements import Measurements, PosturePlan
-from tulip_testbed.measurements.data import base_foot, feet_in_contact
+from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.rig import Rig, preset_rig
-from tulip_testbed.sim.robot import Robot, joint_names, sole_point
+from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.scene import boards_under, nominal_plates
 
 LARGE_SHARE = 1000.0  # % of a nominal value: it is near zero
@@ -199,11 +197,10 @@ def describe_plan(
         preset: of the sensors, "wii" or "force-plate".
     """
     whole = plan if measured is None else joined([as_plan(robot, measured), plan])
-    identifiable_regressor(source or "plan", robot, whole)
+    rows = identifiable_regressor(source or "plan", robot, whole)
     rig, parameters = preset_rig(preset, robot), planned_parameters(robot, whole)
     nominal = parameters.values(standard_parameters(robot.model))
-    matrix = regressor_by_mujoco(robot, whole.joint_angles, parameters, whole.support)
-    rows = matrix.reshape(-1, len(nominal))
+    matrix = rows.reshape(len(whole), 2, -1)
     noise = reading_noise_of(rig, whole, parameters, nominal)
     covariance = np.linalg.inv(np.tensordot(matrix, noise.weights(matrix), axes=((0, 1), (0, 1))))
     errors = standard_errors(covariance)
@@ -227,32 +224,6 @@ def describe_plan(
         whole=whole,
         robot=robot,
     )
-
-
-def regressor_by_mujoco(
-    robot: Robot, joint_angles: np.ndarray, parameters: BaseParameters, support: np.ndarray
-) -> np.ndarray:
-    """Compute the base regressor by MuJoCo's kinematics, which planning does not use, (m, 2, p) [-].
-
-    The CoM is W(q) phi / M with the standard parameters phi, W = [p_l, R_l] a link, and H theta with
-    theta = B phi / M; so W = H B, and H = W B^+. Places are from the stance foot's sole point, in the axes of
-    the foot that carries.
-    """
-    model = robot.model
-    data = mujoco.MjData(model)
-    joints = [model.joint(name).qposadr[0] for name in joint_names(model)]
-    point = sole_point(model, robot.stance_foot)
-    stacked = np.empty((len(joint_angles), 2, 4 * (model.nbody - 1)))
-    for k, (angles, carrying) in enumerate(zip(joint_angles, base_foot(support), strict=True)):
-        data.qpos[:] = model.qpos0
-        data.qpos[joints] = angles
-        mujoco.mj_kinematics(model, data)
-        foot = data.body(robot.stance_foot)
-        base = data.body(robot.feet[carrying]).xmat.reshape(3, 3)
-        places = (data.xpos[1:] - foot.xpos - foot.xmat.reshape(3, 3) @ point) @ base
-        turns = base.T @ data.xmat[1:].reshape(-1, 3, 3)
-        stacked[k] = np.concatenate([places[:, None], turns.mT], axis=1)[..., :2].reshape(-1, 2).T
-    return stacked @ np.linalg.pinv(parameters.from_standard)
 
 
 def planned_readings(rig: Rig, plan: PosturePlan, com: np.ndarray) -> Measurements:
@@ -309,26 +280,7 @@ def margins_of(robot: Robot, plan: PosturePlan) -> dict[str, dict[str, Any]] | N
         problem = planning_problem(robot, nominal_plates(robot)[0], support=common_support(plan.support))
     except InputError:
         return None
-    both = plan.support == "double"
-    least = smallest_margins(problem, plan.take(both)) if both.any() else {}
-    for support in ("right", "left"):
-        if (rows := plan.support == support).any():
-            own = problem if support == "right" else from_other_foot(problem)
-            least |= _single_margins(own, plan.take(rows), f"{support} foot")
-    return least
-
-
-def _single_margins(problem: PlanningProblem, plan: PosturePlan, head: str) -> dict[str, dict[str, Any]]:
-    least = {}
-    for name, margin in single_support_margins(problem, plan.joint_angles, plan.swing_pose).items():
-        row = int(margin.values.argmin())
-        least[f"{head}: {name}"] = {
-            "value": float(margin.values[row]),
-            "unit": margin.unit,
-            "posture": int(plan.posture[row]),
-            "at": name,
-        }
-    return least
+    return smallest_margins(problem, plan)
 
 
 def margin_table(margins: dict[str, dict[str, Any]]) -> Table:

@@ -59,9 +59,7 @@ def residual_curves(discovery: Discovered) -> list[Curve]:
 
     The swing foot's x, y and yaw are known up to a constant of the stance, hence given about its mean.
     """
-    observed = observe(
-        discovery.measurements, nominal_robot(discovery.robot, common_support(discovery.measurements.support))
-    )
+    observed = _observed(discovery)
     sd = _spread(discovery, observed)
     before, after = (about_stances(discovery.residual(side), observed.stance) for side in ("before", "after"))
     order = time_order(discovery)
@@ -69,6 +67,11 @@ def residual_curves(discovery: Discovered) -> list[Curve]:
         Curve(channel, name, unit, *(scale * side[order, j] for side in (before, after, sd)))
         for j, (name, unit, scale, channel) in enumerate(SHOWN)
     ]
+
+
+def _observed(discovery: Discovered) -> Observation:
+    measured = discovery.measurements
+    return observe(measured, nominal_robot(discovery.robot, common_support(measured.support)))
 
 
 def time_order(discovery: Discovered) -> np.ndarray:
@@ -129,10 +132,7 @@ def _curve(discovery: Discovered, law: EffectInstance) -> LawCurve | None:
     sentence = sentence_of(law.target)
     if sentence.kind not in DRAWN or sentence.quantity in (g.NOTHING, g.COP):
         return None
-    observed = observe(
-        discovery.measurements,
-        nominal_robot(discovery.robot, common_support(discovery.measurements.support)),
-    )
+    observed = _observed(discovery)
     sizes, fixed, ends = split_values(sentence, law.values)
     white = whitening(observed, observed.nominal.value, discovery.noise)
     used = residuals_in_use(observed)

@@ -33,9 +33,9 @@ from tulip_testbed.experiments.discovery_tables import (
     gap_table,
     moved_table,
     moved_words,
-    spread_table,
     weak_table,
 )
+from tulip_testbed.experiments.family_tables import family_table
 from tulip_testbed.experiments.identification_result import EXPERIMENTS, Identification
 from tulip_testbed.experiments.proposed_experiment import Proposals, ProposedExperiment, propose_experiments
 from tulip_testbed.experiments.rig_folder import RIG
@@ -45,6 +45,7 @@ from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.robot import Robot
 
 RESIDUAL_FILE = "residuals.csv"
+FAMILIES = "Families of ordinary imperfections"  # title of their table
 SIDES = ("before", "after")
 PARTS = (
     *("cop_x_m", "cop_y_m", "force_N", "twist_right_N", "twist_left_N"),
@@ -165,32 +166,22 @@ class Discovered(SavedRun):
     folder: Place = None
     discovery: InMemory[Discovery | None] = None
 
-    @classmethod
-    def load(cls, folder: str | Path, *context: Any) -> Self:
-        """Read a run folder and check that its files are what was written and fit each other.
-
-        Args:
-            context: the robot.
-
-        Raises:
-            InputError: another kind or version of run, another robot's, or a file that is not what was
-                written.
-        """
-        read = super().load(folder, *context)
-        result, robot, measured = Path(folder) / RESULT_FILE, read.robot, read.measurements
+    def placed_in(self, folder: Path) -> Self:
+        """Refuse parts that do not fit each other."""
+        result, robot, measured = folder / RESULT_FILE, self.robot, self.measurements
         placements = np.unique(measured.placement).tolist()
-        for one in (*read.adopted, *read.calibrated, *(e.instance for e in read.explanations)):
+        for one in (*self.adopted, *self.calibrated, *(e.instance for e in self.explanations)):
             check_instance(one, robot, placements, str(result))
-        if (count := len(read.residual("before"))) != len(measured):
+        if (count := len(self.residual("before"))) != len(measured):
             raise InputError(
-                f"{Path(folder) / RESIDUAL_FILE}: found {count} rows, expected {len(measured)}, as many as "
+                f"{folder / RESIDUAL_FILE}: found {count} rows, expected {len(measured)}, as many as "
                 "the measurements have"
             )
-        before = read.before.placed(robot, measured, str(result), "before.")
-        after = read.after
+        before = self.before.placed(robot, measured, str(result), "before.")
+        after = self.after
         if after is not None:
             after = after.placed(robot, measured, str(result), "after.")
-        return replace(read, before=before, after=after)
+        return replace(self, before=before, after=after)
 
     @computed_field
     @property
@@ -248,7 +239,7 @@ class Discovered(SavedRun):
         if self.explanations:
             parts.append(explanation_table(self.explanations))
         if self.families:
-            parts.append(spread_table(self.families))
+            parts.append(family_table(self.families, FAMILIES))
         moved = moved_table(self.before, self.after, self.adopted, all_of_them=False)
         parts.append(moved if moved.rows else moved_words(self.before, self.after, self.adopted))
         if self.check:

@@ -11,7 +11,6 @@ from tulip_testbed.base.column import Column
 from tulip_testbed.base.errors import listed
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.table import Cell, Table
-from tulip_testbed.calibration.calibration_result import CalibratedFamily
 from tulip_testbed.discovery.detectability import Undetectable, WeaklyDetectable
 from tulip_testbed.discovery.dynamics_check import DynamicsCheck
 from tulip_testbed.discovery.experiment_information import Explanation
@@ -19,7 +18,6 @@ from tulip_testbed.discovery.held_out import HeldOut
 from tulip_testbed.discovery.patterns import Pattern
 from tulip_testbed.discovery.pure_error import PureError
 from tulip_testbed.effects.instance import EffectInstance
-from tulip_testbed.experiments.family_tables import SPREAD
 from tulip_testbed.experiments.identification_result import Identification
 
 BY_CHANCE = 0.05  # probability that noise alone marks any parameter as moved
@@ -80,24 +78,6 @@ def explanation_table(explanations: Sequence[Explanation]) -> Table:
     ]
     note = "±: half of the 95 % interval. Rows of one gap explain the same part of the residuals."
     return Table("Explanations", columns, rows, note)
-
-
-def spread_table(families: Sequence[CalibratedFamily]) -> Table:
-    """Return the families of ordinary imperfections with their spreads."""
-    columns = (
-        Column("family"),
-        Column("tolerance"),
-        Column("spread", "tolerances", ".2f"),
-        Column("low", "", ".2f"),
-        Column("high", "", ".2f"),
-    )
-    rows = []
-    for k, one in enumerate(families):
-        family, key = one.family, f"families.{k}.spread"
-        ends = (Cell(end, f"{key}95.{side}") for side, end in enumerate(one.spread95))
-        tolerance = family.effect.parameters[0].text(family.tolerance)
-        rows.append([family.name, tolerance, Cell(one.spread, key), *ends])
-    return Table("Families of ordinary imperfections", columns, rows, SPREAD)
 
 
 def calibrated_table(members: Iterable[EffectInstance]) -> Table:

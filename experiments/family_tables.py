@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from tulip_testbed.base.table import Column, Table
+from tulip_testbed.base.table import Cell, Column, Table
 from tulip_testbed.calibration.calibration_result import CalibratedFamily, SelfCalibration
 from tulip_testbed.calibration.families import TOLERANCES
 from tulip_testbed.effects.catalogue import acts_on, catalogue
@@ -26,7 +28,7 @@ def calibration_report(
     """
     members = member_table(found)
     return [
-        family_table(found),
+        family_table(found.families, "Ordinary imperfections", singly=True),
         *([members] if members.rows else []),
         *filter(None, (_near_zero(found), _small(found), _unseen(found), _exact(found, contacts))),
         budget_table(found, names, contacts),
@@ -83,29 +85,28 @@ def _exact(found: SelfCalibration, contacts: Contacts | None) -> str:
     return f"Taken as exact: {', '.join(names)}." if names else ""
 
 
-def family_table(found: SelfCalibration) -> Table:
-    """Return the families with their spreads."""
+def family_table(families: Sequence[CalibratedFamily], title: str, singly: bool = False) -> Table:
+    """Return the families with their spreads.
+
+    Args:
+        singly: whether to count the members that the data determine one by one.
+    """
     rows = []
-    for one in found.families:
-        parameter = one.family.effect.parameters[0]
-        rows.append(
-            [
-                one.family.name,
-                parameter.text(one.family.tolerance),
-                one.spread,
-                *one.spread95,
-                f"{int(one.determined.sum())} of {len(one.determined)}",
-            ]
-        )
+    for k, one in enumerate(families):
+        tolerance = one.family.effect.parameters[0].text(one.family.tolerance)
+        spread = Cell(one.spread, f"families.{k}.spread")
+        ends = (Cell(end, f"families.{k}.spread95.{side}") for side, end in enumerate(one.spread95))
+        count = [f"{int(one.determined.sum())} of {len(one.determined)}"] if singly else []
+        rows.append([one.family.name, tolerance, spread, *ends, *count])
     columns = (
         Column("family"),
         Column("tolerance"),
         Column("spread", "tolerances", ".2f"),
         Column("low", "", ".2f"),
         Column("high", "", ".2f"),
-        Column("determined singly"),
+        *([Column("determined singly")] if singly else []),
     )
-    return Table("Ordinary imperfections", columns, rows, SPREAD)
+    return Table(title, columns, rows, SPREAD)
 
 
 def member_table(found: SelfCalibration) -> Table:

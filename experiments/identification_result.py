@@ -114,25 +114,16 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
     confounded: Array = field(default_factory=lambda: np.zeros((0, 0)))
     corrections: tuple[EffectInstance, ...] = ()
 
-    @classmethod
-    def load(cls, folder: str | Path, *context: Any) -> Self:
-        """Read a folder.
-
-        Args:
-            context: the robot.
-
-        Raises:
-            InputError: a file that is missing or not what was written, or another robot's.
-        """
-        found = super().load(folder, *context)
-        found = found.placed(found.robot, found.measurements, str(folder))
+    def placed_in(self, folder: Path) -> Self:
+        """Refuse values that do not fit the robot, the measurements or each other."""
+        found = self.placed(self.robot, self.measurements, str(folder))
         try:
             found.tables()
         except InputError:
             raise
         except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
             raise InputError(
-                f"{Path(folder) / RESULT_FILE}: found values that do not fit together ({shortened(error)}), "
+                f"{folder / RESULT_FILE}: found values that do not fit together ({shortened(error)}), "
                 "expected the file as it was written"
             ) from error
         return found

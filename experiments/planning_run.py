@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import os
 import shutil
 import time
@@ -11,14 +10,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-from pydantic import AfterValidator, Field
 
-from tulip_testbed.base.document import Document
 from tulip_testbed.base.errors import InputError, at_least, at_most, warn
-from tulip_testbed.base.files import check_new, present, write_text
+from tulip_testbed.base.files import check_new, present
 from tulip_testbed.base.machine import machine
 from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.resumable import ResumableFolder
@@ -26,14 +22,13 @@ from tulip_testbed.base.table_files import MOST_ROWS, read_json, software
 from tulip_testbed.experiments.described_plan import SEARCHED, DescribedPlan, Trial, describe_plan
 from tulip_testbed.experiments.usable_plan import as_plan, enough, joined_trials, plan_hash
 from tulip_testbed.identification.base_parameters import common_support
-from tulip_testbed.identification.planning.objectives import Objective
 from tulip_testbed.identification.planning.optimal_plan import (
     SearchTask,
     objective_by_name,
     with_repeats,
 )
-from tulip_testbed.identification.planning.problem import PlanningProblem, planning_problem
-from tulip_testbed.identification.planning.search import ARRAYS, SearchState, StateError
+from tulip_testbed.identification.planning.problem import planning_problem
+from tulip_testbed.identification.planning.search import SearchState, StateError
 from tulip_testbed.identification.planning.search_defaults import HOPS
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.plan_folder import write_plan
@@ -52,7 +47,6 @@ TABLE1 = {  # the paper's trials by our seeds; margins were chosen on seeds belo
     106: (689.1, 394.4),
 }
 CHOSEN = 3  # of the trials, as in the paper
-Number = Annotated[float, Field(ge=-100, le=100)]  # m or rad: beyond any posture
 
 
 @dataclass(frozen=True)
@@ -82,52 +76,22 @@ def state_folder(out: Path) -> Path:
 
 @dataclass(frozen=True)
 class PlanSearch:
-    """A search for a plan of a robot, checked and ready.
+    """A search for a plan, checked and ready: its settings, and the task of their seed."""
 
-    Attributes:
-        measured: what was measured before, None: nothing.
-        problem: the constraints. goal: what is made small.
-    """
-
-    robot: Robot
     settings: PlanSettings
-    measured: Measurements | None
-    problem: PlanningProblem
-    goal: Objective
-
-    def task(self, seed: int | None = None) -> SearchTask:
-        """Return the search from a random start.
-
-        Args:
-            seed: of the start; the settings' if None.
-        """
-        wanted = self.settings
-        return SearchTask(
-            self.problem,
-            self.goal,
-            wanted.placements,
-            wanted.postures_per_placement,
-            wanted.seed if seed is None else seed,
-            wanted.hops,
-            wanted.on_one_foot,
-            self.measured,
-        )
+    task: SearchTask
 
     def folder(self, out: Path) -> ResumableFolder:
         """Return the folder of the search's states, next to the plan that it makes."""
+        robot, measured = self.task.problem.robot, self.task.measured
         made_with = {
             "settings": dataclasses.asdict(self.settings),
-            "measured": None if self.measured is None else plan_hash(as_plan(self.robot, self.measured)),
-            "robot": self.robot.hashes,
+            "measured": None if measured is None else plan_hash(as_plan(robot, measured)),
+            "robot": robot.hashes,
             "software": software(),
             "machine": machine(),
         }
         return ResumableFolder(state_folder(out), "search.json", made_with, "search", "states")
-
-    def extended(self, plan: PosturePlan) -> PosturePlan:
-        """Add the repeats that the settings ask for."""
-        wanted = self.settings
-        return with_repeats(plan, wanted.repeats, wanted.seed) if wanted.repeats else plan
 
 
 def set_up_search(
@@ -158,7 +122,8 @@ def set_up_search(
     goal = objective_by_name(problem, settings.objective, 1e-3 * SIGMA_MM)
     taken = sum(counts.values()) if measured is None else len(measured)
     enough("placements, postures_per_placement", taken + placements * per, problem.parameters)
-    return PlanSearch(robot, settings, measured, problem, goal)
+    seed, hops = settings.seed, settings.hops
+    return PlanSearch(settings, SearchTask(problem, goal, placements, per, seed, hops, counts, measured))
 
 
 def search_plan(
@@ -183,22 +148,25 @@ def _search(
     search: PlanSearch, out: Path | None, states: Path | None, sensors: str, table1: bool, progress: Progress
 ) -> DescribedPlan:
     began, finished, trials, plans = time.perf_counter(), True, [], []
-    for seed in TABLE1 if table1 else [search.settings.seed]:
+    task, wanted = search.task, search.settings
+    robot = task.problem.robot
+    for seed in TABLE1 if table1 else [wanted.seed]:
         started = time.process_time()
-        plan, finished = _carry_out(search.task(seed), states, progress)
+        plan, finished = _carry_out(replace(task, seed=seed), states, progress)
         plans.append(plan)
         if not finished:
             break
         if table1:
-            condition = describe_plan(search.robot, plan, None, sensors).condition_number
+            condition = describe_plan(robot, plan, None, sensors).condition_number
             first = plan.made["initial_condition_number"]
             trials.append(Trial(seed, first, condition, *TABLE1[seed], time.process_time() - started))
     chosen: list[int] = []
     if finished and table1:
         order = np.argsort([trial.condition_number for trial in trials], kind="stable")[:CHOSEN].tolist()
         plan, chosen = joined_trials([plans[k] for k in order]), [trials[k].seed for k in order]
-    plan = search.extended(plan) if finished else plan
-    described = describe_plan(search.robot, plan, None if out is None else str(out), sensors, search.measured)
+    if finished and wanted.repeats:
+        plan = with_repeats(plan, wanted.repeats, wanted.seed)
+    described = describe_plan(robot, plan, None if out is None else str(out), sensors, task.measured)
     if not finished:
         best = "" if table1 else "this is the best plan so far, and "
         warn(f"interrupted; {best}the same call goes on")
@@ -242,7 +210,7 @@ def _carry_out(task: SearchTask, states: Path | None, progress: Progress) -> tup
             nonlocal last
             before, last = last.rounds if last else 0, reached
             if kept is not None:
-                write_state(kept, reached)
+                reached.write(kept)
             advance(reached.rounds - before, reached.value)
 
         try:
@@ -256,43 +224,14 @@ def _carry_out(task: SearchTask, states: Path | None, progress: Progress) -> tup
             return replace(plan, made=plan.made | {"interrupted": True}), False
 
 
-def _array(rows: list[list[float]]) -> np.ndarray:
-    if len({len(row) for row in rows}) > 1:
-        raise ValueError("rows of one length")
-    return np.array(rows)
-
-
-Rows = Annotated[list[list[Number]], AfterValidator(_array)]
-
-
-class _State(Document):
-    """The file of a `SearchState`."""
-
-    rounds: Annotated[int, Field(ge=0)]
-    design: Rows
-    angles: Rows
-    best_design: Rows
-    best_angles: Rows
-    value: float
-    initial: float
-    initial_condition: float
-
-
 def read_state(path: Path) -> SearchState | None:
     """Read what an interrupted search left; None where there is nothing."""
     if not present(path):
         return None
     try:
-        state = _State.read(path)
+        return SearchState.read(path)
     except InputError as error:
         raise InputError(f"{error}; remove it") from None
-    return SearchState(**{name: getattr(state, name) for name in _State.model_fields})
-
-
-def write_state(path: Path, state: SearchState) -> None:
-    """Write a state; floats as Python writes them come back in the same bits."""
-    document = {name: value.tolist() if name in ARRAYS else value for name, value in vars(state).items()}
-    write_text(path, json.dumps(document))
 
 
 def check_out(out: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import hashlib
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -15,11 +14,12 @@ import numpy as np
 from pydantic import ConfigDict, Field
 
 from tulip_testbed.base.errors import InputError, listed, shortened
-from tulip_testbed.base.files import is_folder, new_folder, present, sha256, write_text
+from tulip_testbed.base.files import is_folder, present
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Documented
 from tulip_testbed.base.table_files import json_text, software
 from tulip_testbed.effects.instance import EffectInstance, check_different, check_instance, injected
+from tulip_testbed.experiments.run_file import check_files
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.measurements.bounds import Version
 from tulip_testbed.sim.plan_folder import check_model
@@ -31,9 +31,6 @@ from tulip_testbed.sim.specs import compile_spec
 RIG_FILE = "rig.json"
 RIG = "rig"  # the rig folder within a discovery's
 NOMINAL, CHANGED, DIFF = "nominal.xml", "scene.xml", "diff.txt"
-LATER = re.compile(r"scene-\d{1,3}\.xml")
-
-
 FORBIDS = ConfigDict(strict=True, extra="forbid", arbitrary_types_allowed=True)
 
 
@@ -57,22 +54,22 @@ class RigManifest(Documented):
     format: Literal["tulip-rig"]
     version: Version
     robot: RigRobot
-    preset: str | None
+    preset: None
     effects: Annotated[tuple[EffectInstance, ...], Field(min_length=1)]
     software: dict[str, str] | None
     files: dict[str, str]
 
 
-def rig_files(robot: Robot, instances: Sequence[EffectInstance], preset: str | None = None) -> dict[str, str]:
+def rig_files(robot: Robot, instances: Sequence[EffectInstance]) -> dict[str, str]:
     """Make the files of a rig folder, as text by name.
 
     rig.json next to the MJCF of the nominal scene and of the changed one (on plates as they lie under
     straight legs), and the differences in words.
 
     Args:
-        instances: at least one effect. preset: of the sensors, if it is known.
+        instances: at least one effect.
     """
-    nominal = preset_rig(preset or "ideal", robot)
+    nominal = preset_rig("ideal", robot)
     changed = injected(nominal, instances)
     files = {NOMINAL: scene_xml(nominal), CHANGED: scene_xml(changed)}
     files |= {name: scene_xml(rig) for name, (_, rig) in _later(changed).items()}
@@ -85,25 +82,12 @@ def rig_files(robot: Robot, instances: Sequence[EffectInstance], preset: str | N
             sha256=robot.model_hash,
             files=dict(list(robot.hashes.items())[1:]),
         ),
-        preset=preset,
+        preset=None,
         effects=tuple(instances),
         software=software(),
         files={name: hashlib.sha256(files[name].encode()).hexdigest() for name in sorted(files)},
     )
     return files | {RIG_FILE: json_text(manifest.to_json())}
-
-
-def write_rig(
-    folder: Path, robot: Robot, instances: Sequence[EffectInstance], preset: str | None = None
-) -> None:
-    """Write a rig folder, see `rig_files`; it appears whole or not at all."""
-    if not instances:
-        raise InputError(f"{folder}: found no effects, expected at least one")
-    check_different(instances, str(folder))
-    files = rig_files(robot, instances, preset)
-    with new_folder(folder) as working:
-        for name, text in files.items():
-            write_text(working / name, text)
 
 
 def read_rig(folder: Path, robot: Robot) -> tuple[EffectInstance, ...]:
@@ -122,32 +106,24 @@ def read_rig(folder: Path, robot: Robot) -> tuple[EffectInstance, ...]:
     manifest = RigManifest.read(where)
     check_model(where, manifest.robot.model, manifest.robot.sha256, robot)
     for name in {*(path.name for path in robot.files[1:]), *manifest.robot.files}:
-        expected = manifest.robot.files.get(name)
-        _check_hash(robot.folder / name, robot.hashes.get(name), expected, f"{where}: key 'robot.files'")
+        found, expected = robot.hashes.get(name, "none"), manifest.robot.files.get(name, "none")
+        if found != expected:
+            raise InputError(
+                f"{where}: key 'robot.files': hash mismatch: {robot.folder / name} has sha256 "
+                f"{found[:12]}..., expected {shortened(expected[:12])}...; it was changed after the rig was "
+                "written"
+            )
     if missing := [name for name in (NOMINAL, CHANGED, DIFF) if name not in manifest.files]:
         raise InputError(f"{where}: key 'files': found no {listed(missing)}, expected the hash of each")
-    for name, expected in manifest.files.items():
-        if name not in (NOMINAL, CHANGED, DIFF) and not LATER.fullmatch(name):
-            raise InputError(f"{where}: key 'files': found '{shortened(name)}', expected scenes and {DIFF}")
-        _check_hash(folder / name, sha256(folder / name), expected, f"{where}: key 'files'")
+    check_files(folder, manifest.files, RIG_FILE, "files")
     for k, effect in enumerate(manifest.effects):
         check_instance(effect, robot, None, f"{where}: key 'effects.{k}'")
     check_different(manifest.effects, f"{where}: key 'effects'")
     if manifest.software == software():  # another version may write the same scene in other words
-        for name, text in rig_files(robot, manifest.effects, manifest.preset).items():
+        for name, text in rig_files(robot, manifest.effects).items():
             if name != RIG_FILE and hashlib.sha256(text.encode()).hexdigest() != manifest.files.get(name):
-                raise InputError(
-                    f"{folder / name}: found another one than the effects and the preset of {RIG_FILE} make"
-                )
+                raise InputError(f"{folder / name}: found another one than the effects of {RIG_FILE} make")
     return manifest.effects
-
-
-def _check_hash(path: Path, found: str | None, expected: str | None, where: str) -> None:
-    if found != expected:
-        raise InputError(
-            f"{where}: hash mismatch: {path} has sha256 {(found or 'none')[:12]}..., "
-            f"expected {shortened((expected or 'none')[:12])}...; it was changed after the rig was written"
-        )
 
 
 def _later(rig: Rig) -> dict[str, tuple[float, Rig]]:

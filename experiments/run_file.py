@@ -141,10 +141,14 @@ class SavedRun(Result):
 
     @classmethod
     def load(cls, folder: str | Path, *context: Any) -> Self:
-        """Read a run folder and check that its files are what was written.
+        """Read a run folder and check that its files are what was written and fit each other.
 
         Args:
             context: the robot that the run was made with.
+
+        Raises:
+            InputError: another kind or version of run, another robot's, or a file that is not what was
+                written.
         """
         folder = Path(folder)
         if (kind := run_kind(folder)) != cls.kind:
@@ -163,16 +167,16 @@ def hashes_in(folder: Path) -> dict[str, str]:
     return {str(path.relative_to(folder)): sha256(path) for path in paths}
 
 
-def check_files(folder: Path, outputs: dict[str, str], by: str) -> None:
+def check_files(folder: Path, outputs: dict[str, str], by: str, key: str = "outputs") -> None:
     """Refuse a folder with a file that is missing or not what was written.
 
     Args:
-        outputs: sha256 of the files. by: name of the file that states them.
+        outputs: sha256 of the files. by, key: the file and its entry that state them.
     """
     for name, expected in outputs.items():
         path = folder / name
         if ".." in Path(name).parts or Path(name).is_absolute():
-            raise InputError(f"{folder / by}: key 'outputs': found '{shortened(name)}'")
+            raise InputError(f"{folder / by}: key '{key}': found '{shortened(name)}'")
         if (found := sha256(path)) != expected:
             raise InputError(
                 f"{path}: hash mismatch: found sha256 {found[:12]}..., "

@@ -82,28 +82,17 @@ class Validation(SavedRun):
     document: Annotated[RunFile[Configuration], Kept(RUN_FILE, write_run_file, read_made)]
     folder: Place = None
 
-    @classmethod
-    def load(cls, folder: str | Path, *context: Any) -> Self:
-        """Read a run folder and check that its files are what was written and fit each other.
-
-        Args:
-            context: the robot.
-
-        Raises:
-            InputError: another kind or version of run, another robot's, or a file that is not what was
-                written.
-        """
-        read = super().load(folder, *context)
-        where, robot, measured = Path(folder), read.robot, read.measurements
-        result = where / RESULT_FILE
-        own = read.identification.placed(robot, measured, str(result), "identification.")
-        plain = read.least_squares
+    def placed_in(self, folder: Path) -> Self:
+        """Refuse parts that do not fit each other."""
+        result, robot, measured = folder / RESULT_FILE, self.robot, self.measurements
+        own = self.identification.placed(robot, measured, str(result), "identification.")
+        plain = self.least_squares
         if plain is not None:
             plain = plain.placed(robot, measured, str(result), "least_squares.")
-        if read.truth.shape != (count := len(own.parameters.names),):
-            raise InputError(f"{result}: key 'truth': found {read.truth.size} numbers, expected {count}")
-        read.simulation.check(own.parameters.tree.links, measured, where / TRUTH_FILE)
-        return replace(read, identification=own, least_squares=plain)
+        if self.truth.shape != (count := len(own.parameters.names),):
+            raise InputError(f"{result}: key 'truth': found {self.truth.size} numbers, expected {count}")
+        self.simulation.check(own.parameters.tree.links, measured, folder / TRUTH_FILE)
+        return replace(self, identification=own, least_squares=plain)
 
     @computed_field
     @property

@@ -61,16 +61,17 @@ class CadPrior:
         return np.clip(1 - np.linalg.eigvalsh(white), 0.0, 1.0)
 
 
-def cad_prior(parameters: BaseParameters, standard: np.ndarray) -> CadPrior:
+def cad_prior(parameters: BaseParameters, standard: np.ndarray, mass_sd: float = MASS_SD) -> CadPrior:
     """Return the prior whose s.d. are those of the estimator `prior`.
 
     Args:
         standard: standard parameters of the links by CAD, (n, 4) [kg, kg m].
+        mass_sd: relative, of each link's mass.
     """
     mass, total = standard[:, 0], float(standard[:, 0].sum())
     by_standard = parameters.from_standard.reshape(len(parameters.names), -1, 4)
     value = parameters.values(standard)
     by_mass = np.einsum("pnk,nk->pn", by_standard, standard) - value[:, None] * mass
     by_center = CENTER_SD * by_standard[..., 1:] * mass[:, None]
-    root = np.hstack([MASS_SD * by_mass, by_center.reshape(len(value), -1)]) / total
-    return CadPrior(value, root, MASS_SD * float(np.linalg.norm(mass)))
+    root = np.hstack([mass_sd * by_mass, by_center.reshape(len(value), -1)]) / total
+    return CadPrior(value, root, mass_sd * float(np.linalg.norm(mass)))

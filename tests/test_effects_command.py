@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.rigs import write_rig
 from tests.test_cli import refused
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.effects.catalogue import catalogue, effects_on
 from tulip_testbed.effects.instance import EffectInstance, check_instance
 from tulip_testbed.effects.random_effects import draw_effect
-from tulip_testbed.experiments.rig_folder import write_rig
 from tulip_testbed.measurements import read_measurements
 
 OFFSET = "encoder-offset:right_knee=0.01"

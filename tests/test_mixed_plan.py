@@ -11,7 +11,7 @@ import pytest
 from tests.holding import holding_torques
 from tests.test_link_clearances import Collisions
 from tulip_testbed import plans
-from tulip_testbed.experiments.described_plan import describe_plan, regressor_by_mujoco
+from tulip_testbed.experiments.described_plan import describe_plan
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.parameter_tables import read_reported
 from tulip_testbed.identification.base_parameters import base_parameters, common_support
@@ -36,6 +36,7 @@ from tulip_testbed.identification.planning.optimal_plan import (
 )
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning_ranges import planning_ranges
+from tulip_testbed.measurements.data import base_foot
 from tulip_testbed.sim.control import torque_limits
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.robot import joint_names, sole_corners, sole_point
@@ -122,7 +123,7 @@ def test_the_left_foot_is_the_mirror_image_of_the_right_one(robot, problem, othe
     there = one_foot_constraints(other, image, swing * [1, -1, -1])
     assert list(here) == list(there)
     for name, constraint in here.items():
-        least = [each.values.min(axis=1) for each in (constraint, there[name])]
+        least = [values.min(axis=1) for values, _ in (constraint, there[name])]
         np.testing.assert_allclose(least[0], least[1], atol=1e-6, err_msg=name)
     assert board_pose(other).tolist() == (board_pose(problem) * [1, -1, 1]).tolist()
 
@@ -164,7 +165,7 @@ def test_margins_hold_in_every_row(problem, other, mixed, robot):
     for support, own in (("right", problem), ("left", other)):
         one = mixed.take(mixed.support == support)
         margins = single_support_margins(own, one.joint_angles, one.swing_pose)
-        assert min(margin.values.min() for margin in margins.values()) >= 0
+        assert min(values.min() for values in margins.values()) >= 0
     said = describe_plan(robot, mixed, "plan", "wii").margins or {}
     assert min(margin["value"] for margin in said.values()) > -1e-6
     assert {"left foot: stability margin", "right foot: torques", "sole margin"} <= set(said)
@@ -203,7 +204,31 @@ def test_a_search_is_taken_up_in_the_same_bits(task, states, mixed):
     assert again.joint_angles.tobytes() == mixed.joint_angles.tobytes()
 
 
-def test_the_description_is_by_other_code(robot):
+def regressor_by_mujoco(robot, joint_angles, parameters, support):
+    """Compute the base regressor by MuJoCo's kinematics, (m, 2, p) [-].
+
+    The CoM is W(q) phi / M with the standard parameters phi, W = [p_l, R_l] a link, and H theta with
+    theta = B phi / M; so W = H B, and H = W B^+. Places are from the stance foot's sole point, in the axes of
+    the foot that carries.
+    """
+    model = robot.model
+    data = mujoco.MjData(model)
+    joints = [model.joint(name).qposadr[0] for name in joint_names(model)]
+    point = sole_point(model, robot.stance_foot)
+    stacked = np.empty((len(joint_angles), 2, 4 * (model.nbody - 1)))
+    for k, (angles, carrying) in enumerate(zip(joint_angles, base_foot(support), strict=True)):
+        data.qpos[:] = model.qpos0
+        data.qpos[joints] = angles
+        mujoco.mj_kinematics(model, data)
+        foot = data.body(robot.stance_foot)
+        base = data.body(robot.feet[carrying]).xmat.reshape(3, 3)
+        places = (data.xpos[1:] - foot.xpos - foot.xmat.reshape(3, 3) @ point) @ base
+        turns = base.T @ data.xmat[1:].reshape(-1, 3, 3)
+        stacked[k] = np.concatenate([places[:, None], turns.mT], axis=1)[..., :2].reshape(-1, 2).T
+    return stacked @ np.linalg.pinv(parameters.from_standard)
+
+
+def test_the_regressor_of_mixed_supports_is_mujocos(robot):
     mixed = plans.mixed
     parameters = base_parameters(robot, support=common_support(mixed.support))
     assert len(parameters.names) == 27

@@ -157,7 +157,7 @@ def test_torques_go_with_their_postures(robot, model, with_one_foot, tmp_path):
 def test_postures_on_one_foot_keep_their_margins_and_show_26_parameters(robot, one_foot, with_one_foot):
     one = with_one_foot.take(with_one_foot.support == "right")
     margins = single_support_margins(one_foot, one.joint_angles, one.swing_pose)
-    assert min(m.values.min() for m in margins.values()) >= 0
+    assert min(values.min() for values in margins.values()) >= 0
     assert set(margins) >= {"stability margin", "torques", "swing foot lifted", "cell load"}
     said = describe_plan(robot, with_one_foot, "plan", "wii")
     assert len(said.predicted_standard_error_mm) == 26

@@ -44,15 +44,15 @@ def data(robot, plan, tmp_path_factory):
 @pytest.mark.slow
 def test_interrupted_and_gone_on_with_by_the_same_command(tmp_path, robot, monkeypatch, capsys):
     out = tmp_path / "plan"
-    write = planning.write_state
+    write = planning.SearchState.write
 
-    def interrupt(path, state):
-        write(path, state)
+    def interrupt(state, path):
+        write(state, path)
         if state.rounds == 3:
             raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr(planning, "write_state", interrupt)
+        patched.setattr(planning.SearchState, "write", interrupt)
         assert main(["plan", "optimal", "--out", str(out), *SMALL]) == 130
     assert "best plan so far" in " ".join(capsys.readouterr().err.split())
     first = read_plan(out, robot)

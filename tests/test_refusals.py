@@ -18,13 +18,14 @@ import tulip_testbed as tt
 from tests.contact_folders import EXAMPLE, contacts_of, write_contacts
 from tests.edited_files import BUILT, change_texts
 from tests.published_robot import mjcf, write_published
+from tests.rigs import write_rig
 from tulip_testbed.calibration.families import read_tolerances
 from tulip_testbed.cli.main import main
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.random_effects import read_effects
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.identify import identify
-from tulip_testbed.experiments.rig_folder import read_rig, write_rig
+from tulip_testbed.experiments.rig_folder import read_rig
 from tulip_testbed.experiments.robot_import import published
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.experiments.validate import judge
@@ -167,7 +168,7 @@ def test_ranges_of_free_joints_are_refused(tmp_path, foreign, changes, words):
 def test_corrections_are_refused(tmp_path, robot, changes, words):
     texts = ("encoder-offset:right_knee=0.01", "joint-compliance:left_ankle_roll=0.0005")
     effects = [EffectInstance.parse(text, robot) for text in texts]
-    write_rig(tmp_path / "rig", robot, effects, "force-plate")
+    write_rig(tmp_path / "rig", robot, effects)
     change_texts(tmp_path / "rig", changes)
     refuse(f"{tmp_path} ... {words}", read_rig, tmp_path / "rig", robot)
 

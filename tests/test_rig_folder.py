@@ -8,6 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests.fuzz.documents import json_values, places
+from tests.rigs import write_rig
 from tests.test_cli import edit, refused
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
@@ -20,7 +21,6 @@ from tulip_testbed.experiments.rig_folder import (
     NOMINAL,
     RIG_FILE,
     read_rig,
-    write_rig,
 )
 from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.measurements import read_measurements
@@ -40,7 +40,7 @@ def found(robot):
 
 @pytest.fixture
 def rig(found, robot, tmp_path):
-    write_rig(tmp_path / "rig", robot, found, "force-plate")
+    write_rig(tmp_path / "rig", robot, found)
     return tmp_path / "rig"
 
 
@@ -74,18 +74,6 @@ def test_the_scenes_are_mjcf_and_the_difference_is_what_changed(rig):
     assert "Readings are changed" in text
     assert "right_knee: offset 0.01 rad" in text
     assert len(text.splitlines()) < 25
-
-
-def test_an_adopted_encoder_offset_gives_back_the_parameters_of_the_data_without_it(
-    robot, plan, found, plain
-):
-    hidden = measured(robot, plan, found[:1])
-    error = np.sqrt(np.diag(plain.covariance))
-    biased = identify(hidden, robot, estimator=MIXED_MODEL).full
-    mended = identify(hidden, robot, estimator=MIXED_MODEL, adopted=found[:1]).full
-    assert np.abs((biased.value - plain.value) / error).max() > 2
-    assert mended.value == pytest.approx(plain.value, abs=1e-9)
-    assert mended.covariance == pytest.approx(plain.covariance, rel=1e-6)
 
 
 def test_an_adopted_effect_of_the_physics_takes_its_bias_away(robot, plan, plain):
@@ -130,18 +118,6 @@ def test_a_rig_needs_all_of_its_files(rig, robot, tmp_path):
         read_rig(rig, robot)
     with pytest.raises(InputError, match="no such rig folder"):
         read_rig(tmp_path / "none", robot)
-
-
-def test_nothing_half_written(found, robot, tmp_path, monkeypatch):
-    with pytest.raises(InputError, match="found no effects"):
-        write_rig(tmp_path / "rig", robot, ())
-    write_rig(tmp_path / "taken", robot, found[:1])
-    with pytest.raises(InputError, match="exists already"):
-        write_rig(tmp_path / "taken", robot, found)
-    monkeypatch.setattr("tulip_testbed.experiments.rig_folder.software", lambda: 1 / 0)
-    with pytest.raises(ZeroDivisionError):
-        write_rig(tmp_path / "rig", robot, found)
-    assert [path.name for path in tmp_path.iterdir()] == ["taken"]
 
 
 def test_commands_refuse_a_broken_rig_before_the_work(rig, tmp_path, capsys):

@@ -21,6 +21,7 @@ from tulip_testbed.effects.catalogue import catalogue, targets_in
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import effect_label
 from tulip_testbed.identification.base_parameters import common_support, standard_parameters
+from tulip_testbed.identification.cad_prior import cad_prior
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.observation import LEAST_LOAD, Observation, observe
 from tulip_testbed.identification.residual_noise import ASSUMED_CELL, ASSUMED_ENCODER, Noise, noise_of
@@ -29,7 +30,6 @@ from tulip_testbed.sim.plan_folder import check_fits
 from tulip_testbed.sim.robot import Robot
 
 MASS_SD = 0.25  # relative, of each link's mass by CAD
-CENTER_SD = 0.02  # m, of each link's centre of mass by CAD, per axis
 STANCE_SD = np.array([0.03, 0.03, 0.1])  # m, m, rad, of the swing foot about its planned place
 PLATES, STANCE = 6, 3  # numbers of the state that begin anew with a placement or a stance
 # Faults that can begin in the middle of a day; an effect with a start begins at once.
@@ -153,8 +153,9 @@ def day_model(plan: PosturePlan, robot: Robot, header: MeasurementHeader) -> Day
     families = families_in(observed, usual_tolerances(observed, None))
     mixing, _ = mixing_of(families)
     sizes = np.concatenate([np.zeros(0), *(np.full(len(part), part.tolerance) for part in families)])
+    base = cad_prior(nominal.parameters, standard_parameters(robot.model), MASS_SD).root
     prior = block_diag(
-        base_prior(nominal),
+        base @ base.T,
         1 / weighed_precision(observed) ** 2,
         np.eye(mixing.shape[1]),
         np.eye(PLATES),
@@ -170,23 +171,6 @@ def day_model(plan: PosturePlan, robot: Robot, header: MeasurementHeader) -> Day
         directions=_directions(robot),
         unseen=joint_compliance(families, sizes, observed.tree.joints),
     )
-
-
-def base_prior(nominal: Nominal) -> np.ndarray:
-    """Return the covariance of the base parameters about CAD's, (p, p) [m2].
-
-    The base parameters are ratios to the total mass, which the scale tells.
-    """
-    standard = standard_parameters(nominal.robot.model)
-    mass, total = standard[:, 0], standard[:, 0].sum()
-    spread = np.zeros((*standard.shape, 4))
-    spread[:, :, 0] = MASS_SD * standard
-    for axis in (1, 2, 3):
-        spread[:, axis, axis] = CENTER_SD * mass
-    each = block_diag(*(link @ link.T for link in spread))
-    by_mass = np.tile([1.0, 0.0, 0.0, 0.0], len(mass))
-    slope = (nominal.parameters.from_standard - np.outer(nominal.value, by_mass)) / total
-    return slope @ each @ slope.T
 
 
 def _directions(robot: Robot) -> tuple[Direction, ...]:

@@ -10,7 +10,7 @@ exchange algorithm (1972), postures are exchanged for candidates if that reduces
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -219,26 +219,34 @@ def exchange(
     chosen = list(range(len(start.design)))
     total = rest + each[chosen].sum(axis=0)
 
-    def best(base: np.ndarray) -> tuple[float, int]:
-        free = [k for k in range(len(design)) if k not in chosen]
-        values = [smooth(base + each[k])[0] for k in free]
-        at = int(np.argmin(values))
-        return values[at], free[at]
-
     while len(chosen) < wanted:
-        _, k = best(total)
-        chosen.append(k)
-        total = total + each[k]
-    for _ in range(PASSES):
-        before = list(chosen)
-        for place, old in enumerate(before):
-            if len(chosen) == len(design):
-                break
-            base = total - each[old]
-            value, new = best(base)
-            if value < smooth(total)[0]:
-                chosen[place] = new
-                total = base + each[new]
-        if chosen == before:
-            break
+        free = [k for k in range(len(design)) if k not in chosen]
+        chosen.append(min(free, key=lambda k: smooth(total + each[k])[0]))
+        total = total + each[chosen[-1]]
+    (chosen,) = exchanged([each], [chosen], total, smooth)
     return Block(design[chosen], angles[chosen])
+
+
+def exchanged(
+    pools: Sequence[np.ndarray], first: Sequence[list[int]], total: np.ndarray, smooth: Smooth
+) -> list[list[int]]:
+    """Exchange chosen postures for others of their pool, one at a time, while a function of M decreases.
+
+    Args:
+        pools: information of each posture, (k, p, p). first: which of every pool are chosen at first.
+        total: information of these and of all other postures, (p, p).
+    """
+    chosen, value = [list(rows) for rows in first], smooth(total)[0]
+    for _ in range(PASSES):
+        before = value
+        for each, rows in zip(pools, chosen, strict=True):
+            for place in range(len(rows)):
+                free = [k for k in range(len(each)) if k not in rows]
+                base = total - each[rows[place]]
+                values = [smooth(base + each[k])[0] for k in free]
+                if values and min(values) < value:
+                    rows[place] = free[int(np.argmin(values))]
+                    total, value = base + each[rows[place]], min(values)
+        if value == before:
+            break
+    return chosen

@@ -22,6 +22,16 @@ NEAREST = 12  # pairs of links of a posture that are constrained
 BEYOND = 0.02  # m: links that are farther from each other than needed by this count as being there
 # Units of the inequalities: a value of one corresponds to this margin.
 LENGTH, ANGLE, FORCE, TORQUE = 0.01, 0.1, 10.0, 0.1  # m, rad, N, share of the limit
+# By a constraint's first word: the unit of its inequality, the readable unit and its size.
+QUANTITIES = {
+    "joint": (ANGLE, "deg", float(np.rad2deg(1))),
+    "torso": (ANGLE, "deg", float(np.rad2deg(1))),
+    "cell": (FORCE, "N", 1.0),
+    "foot": (FORCE, "N", 1.0),
+    "torque": (TORQUE, "% of limit", 100.0),
+    "torques": (TORQUE, "% of limit", 100.0),
+}
+DISTANCE = (LENGTH, "mm", 1e3)
 REACHED = 1e-9  # m, rad: a larger residual of an equation means that the targets are out of reach
 UNREACHED = 10.0  # violation of all inequalities of a posture out of reach
 
@@ -29,6 +39,11 @@ UNREACHED = 10.0  # violation of all inequalities of a posture out of reach
 def nearest_count(problem: PlanningProblem) -> int:
     """Return the number of pairs of links that are constrained in each posture."""
     return min(NEAREST, len(problem.pairs.names))
+
+
+def quantity_of(constraint: str) -> tuple[float, str, float]:
+    """Return the unit of a constraint's inequality, its readable unit and the size of this."""
+    return QUANTITIES.get(constraint.split()[0], DISTANCE)
 
 
 def link_room(problem: PlanningProblem, chain: Chain, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -31,56 +31,18 @@ from tulip_testbed.identification.planning.closed_chain import (
     torso_turn,
 )
 from tulip_testbed.identification.planning.constraints import (
-    ANGLE,
-    FORCE,
-    LENGTH,
-    TORQUE,
     leg_stretch,
     limb_distances,
     link_room,
+    quantity_of,
 )
 from tulip_testbed.identification.planning.problem import PlanningProblem, planning_problem
 from tulip_testbed.measurements import lay_boards
 from tulip_testbed.sim.robot import Robot
 
 LEAST_SD = 1e-9  # m, of the CoM, so that its slope is finite
+# Values, (m, k), feasible where at least 0, and a function that differentiates them by the angles, (m, k, n).
 Part = tuple[np.ndarray, Callable[[], np.ndarray]]
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """A kind of quantity: the size that is one in the optimisation, and its readable unit with its size."""
-
-    scale: float
-    unit: str
-    size: float
-
-
-DISTANCE, TURN = Quantity(LENGTH, "mm", 1e3), Quantity(ANGLE, "deg", float(np.rad2deg(1)))
-LOAD, SHARE = Quantity(FORCE, "N", 1.0), Quantity(TORQUE, "% of limit", 100.0)
-
-
-@dataclass(frozen=True)
-class Constraint:
-    """One constraint on m postures, k values each.
-
-    Attributes:
-        values: feasible where at least 0, (m, k) [m, rad, N, or share of the limit].
-        slopes: computes their derivatives by the joint angles, (m, k, n).
-        quantity: what they are.
-    """
-
-    values: np.ndarray
-    slopes: Callable[[], np.ndarray]
-    quantity: Quantity
-
-
-@dataclass(frozen=True)
-class Margin:
-    """Margin of one constraint by posture, (m,), in a readable unit; feasible where at least 0."""
-
-    values: np.ndarray
-    unit: str
 
 
 @dataclass(frozen=True)
@@ -135,8 +97,8 @@ def with_feet_exchanged(robot: Robot) -> Robot:
     return replace(robot, stance_foot=robot.swing_foot, swing_foot=robot.stance_foot)
 
 
-def one_foot_constraints(problem: PlanningProblem, chain: Chain, swing: np.ndarray) -> dict[str, Constraint]:
-    """Compute the constraints on postures on the stance foot.
+def one_foot_constraints(problem: PlanningProblem, chain: Chain, swing: np.ndarray) -> dict[str, Part]:
+    """Compute the constraints on postures on the stance foot [m, rad, N, or share of the limit].
 
     Args:
         swing: last pose of the standing swing foot, under which its board lies, (m, 3) [m, m, rad].
@@ -171,63 +133,57 @@ def one_foot_constraints(problem: PlanningProblem, chain: Chain, swing: np.ndarr
     torso, torso_slope = _torso_room(problem, chain)
     cells = _cell_loads(problem, chain.com, swing)
     found = {
-        "joint limits": (np.concatenate([angles - low, high - angles], axis=1) - margins.joint, stops, TURN),
-        "torso range": (torso, torso_slope, TURN),
+        "joint limits": (np.concatenate([angles - low, high - angles], axis=1) - margins.joint, stops),
+        "torso range": (torso, torso_slope),
         "least height": (
             chain.positions[:, problem.torso, 2:] - ranges.least_height,
             lambda: point_jacobian(problem, chain, problem.torso)[:, 2:],
-            DISTANCE,
         ),
         "stability margin": (
             apart - margins.assurance * sd - ranges.stability_margin,
             lambda: inward @ plan_view() - margins.assurance * sd_slope(),
-            DISTANCE,
         ),
-        "sole margin": (apart - ranges.sole_margin, lambda: inward @ plan_view(), DISTANCE),
+        "sole margin": (apart - ranges.sole_margin, lambda: inward @ plan_view()),
         "cell load": (
             cells - ranges.least_cell_load,
             lambda: _cell_slope(problem, cells, chain.com, swing) @ plan_view(),
-            LOAD,
         ),
-        "torques": (spare.reshape(len(angles), -1), torques, SHARE),
-        "leg clearance": (limb - margins.leg_clearance, lambda: limb_slope, DISTANCE),
+        "torques": (spare.reshape(len(angles), -1), torques),
+        "leg clearance": (limb - margins.leg_clearance, lambda: limb_slope),
         "straight leg": (
             room - np.array([margins.stretch * leg[2] for leg in problem.legs]),
             lambda: room_slope,
-            DISTANCE,
         ),
-        "link clearance": (link, lambda: link_slope, DISTANCE),
-        "swing foot lifted": (height[0] - margins.lifted, height[1], DISTANCE),
-        "swing foot to its side": (side[0] - least_side, side[1], DISTANCE),
+        "link clearance": (link, lambda: link_slope),
+        "swing foot lifted": (height[0] - margins.lifted, height[1]),
+        "swing foot to its side": (side[0] - least_side, side[1]),
     }
-    return {name: Constraint(*parts) for name, parts in found.items() if parts[0].shape[1]}
+    return {name: part for name, part in found.items() if part[0].shape[1]}
 
 
 def single_support_margins(
     problem: PlanningProblem, angles: np.ndarray, swing: np.ndarray
-) -> dict[str, Margin]:
-    """Compute the margins by constraint for postures on the stance foot.
+) -> dict[str, np.ndarray]:
+    """Compute the margin of every constraint for postures on the stance foot, (m,), in its readable unit.
 
     Args:
         angles: joint angles, (m, n) [rad].
         swing: last pose of the standing swing foot, under which its board lies, (m, 3) [m, m, rad].
     """
-    margins = {}
-    for name, found in one_foot_constraints(problem, chain_at(problem, angles), swing).items():
-        least = found.quantity.size * found.values.min(axis=1)
-        margins[name] = Margin(least, found.quantity.unit)
-    return margins
+    found = one_foot_constraints(problem, chain_at(problem, angles), swing)
+    return {name: quantity_of(name)[2] * values.min(axis=1) for name, (values, _) in found.items()}
 
 
 def evaluate_one_foot(problem: PlanningProblem, angles: np.ndarray, swing: np.ndarray) -> OneFoot:
     """Evaluate postures on the stance foot with all derivatives; arguments as `single_support_margins`."""
     chain = chain_at(problem, angles)
-    found = one_foot_constraints(problem, chain, swing).values()
-    values = np.concatenate([each.values / each.quantity.scale for each in found], axis=1)
+    found = one_foot_constraints(problem, chain, swing)
+    parts = [(values, slopes, quantity_of(name)[0]) for name, (values, slopes) in found.items()]
+    values = np.concatenate([values / scale for values, _, scale in parts], axis=1)
     return OneFoot(
         chain=chain,
         inequalities=values - problem.margins.rounding,
-        inequality_jacobian=np.concatenate([each.slopes() / each.quantity.scale for each in found], axis=1),
+        inequality_jacobian=np.concatenate([slopes() / scale for _, slopes, scale in parts], axis=1),
         regressor=problem.parameters.regressor(angles),
         regressor_slopes=problem.parameters.slope(angles),
     )

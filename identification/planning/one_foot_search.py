@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tulip_testbed.base.errors import InputError, most_frequent
-from tulip_testbed.identification.planning.blocks import FEASIBLE
+from tulip_testbed.identification.planning.blocks import FEASIBLE, exchanged
 from tulip_testbed.identification.planning.closed_chain import chain_at, com_jacobian, open_chain_torques
 from tulip_testbed.identification.planning.linear_steps import elastic_step
 from tulip_testbed.identification.planning.objectives import Smooth, shifted
@@ -35,7 +35,6 @@ DRAWS = 5000  # a round of random postures
 MOST_ROUNDS, HOPELESS = 60, 6  # largest number of rounds; the same without any feasible posture
 NEWTON_STEPS = 6
 POOL = 3  # random postures for each wanted one on one foot
-PASSES = 3  # exchanges over all postures on one foot
 STEPS = 40  # linear steps of the postures on one foot in a round
 REGION, WIDEST, NARROWEST = 0.2, 0.5, 2e-3  # trust regions [rad]
 GROW, SHRINK = 1.5, 0.4
@@ -116,7 +115,7 @@ def feasible_pool(
         blocked["joint limits"] += int((~within).sum())
         angles = angles[within]
         margins = single_support_margins(problem, angles, np.tile(swing, (len(angles), 1)))
-        values = np.array([m.values for m in margins.values()])
+        values = np.array([*margins.values()])
         blocked.update({name: int((row < 0).sum()) for name, row in zip(margins, values, strict=True)})
         kept += list(angles[values.min(axis=0) >= 0])
         if len(kept) >= times * count or (not kept and tried == HOPELESS):
@@ -144,21 +143,9 @@ def from_pools(
         rest: information of the postures on both feet, (p, p).
     """
     every = [pool.each for pool in pools]
-    chosen = [list(range(counts[pool.support])) for pool in pools]
-    now = rest + sum(each[rows].sum(axis=0) for each, rows in zip(every, chosen, strict=True))
-    value = smooth(now)[0]
-    for _ in range(PASSES):
-        before = value
-        for each, rows in zip(every, chosen, strict=True):
-            for place in range(len(rows)):
-                free = [k for k in range(len(each)) if k not in rows]
-                base = now - each[rows[place]]
-                values = [smooth(base + each[k])[0] for k in free]
-                if values and min(values) < value:
-                    rows[place] = free[int(np.argmin(values))]
-                    now, value = base + each[rows[place]], min(values)
-        if value == before:
-            break
+    first = [list(range(counts[pool.support])) for pool in pools]
+    now = rest + sum(each[rows].sum(axis=0) for each, rows in zip(every, first, strict=True))
+    chosen = exchanged(every, first, now, smooth)
     return [replace(pool, angles=pool.angles[rows]) for pool, rows in zip(pools, chosen, strict=True)]
 
 

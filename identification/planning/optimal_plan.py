@@ -12,15 +12,9 @@ import numpy as np
 
 from tulip_testbed.base.errors import InputError, look_up
 from tulip_testbed.identification.planning.blocks import information
-from tulip_testbed.identification.planning.constraints import (
-    ANGLE,
-    FORCE,
-    LENGTH,
-    TORQUE,
-    evaluate,
-    inequality_names,
-)
+from tulip_testbed.identification.planning.constraints import evaluate, inequality_names, quantity_of
 from tulip_testbed.identification.planning.objectives import OBJECTIVES, Objective, given, objectives
+from tulip_testbed.identification.planning.one_foot import from_other_foot, single_support_margins
 from tulip_testbed.identification.planning.one_foot_search import (
     POOL,
     OnOneFoot,
@@ -50,13 +44,7 @@ from tulip_testbed.measurements import Measurements, PosturePlan
 PENALTY_AFTER = 1.0
 TURNS, SETTLED = 4, 1e-3  # rounds of improving one kind after the other; gain of one that is the last
 SPARE = 2  # random placements drawn for each wanted one, since some cannot be repaired
-UNITS = {  # of a margin, by the first word of its constraint: unit, and size of an inequality of one
-    "joint": ("deg", float(np.rad2deg(ANGLE))),
-    "cell": ("N", FORCE),
-    "foot": ("N", FORCE),
-    "torque": ("% of limit", 100 * TORQUE),
-}
-MILLIMETRES = ("mm", 1e3 * LENGTH)
+GROUPS = {"joint": "joint limits", "torque": "torques"}  # by the first word of a constraint
 
 
 def objective_by_name(problem: PlanningProblem, name: str, sigma: float) -> Objective:
@@ -257,23 +245,29 @@ def smallest_margins(problem: PlanningProblem, plan: PosturePlan) -> dict[str, d
 
     Zero means that the constraint is just kept with all its margins; a negative value is infeasible.
     """
-    design = design_of(problem, plan.joint_angles, plan.swing_pose)
-    found = evaluate(problem, design, plan.joint_angles)
-    names = inequality_names(problem)
     least: dict[str, dict[str, Any]] = {}
-    for k, name in enumerate(names):
-        first = name.split()[0]
-        group = {"joint": "joint limits", "torque": "torques"}.get(first, name)
-        unit, size = UNITS.get(first, MILLIMETRES)
-        values = (found.inequalities[:, k] + problem.margins.rounding) * size
+
+    def compare(group: str, name: str, values: np.ndarray, posture: np.ndarray) -> None:
         row = int(values.argmin())
         if group not in least or values[row] < least[group]["value"]:
-            least[group] = {
-                "value": float(values[row]),
-                "unit": unit,
-                "posture": int(plan.posture[row]),
-                "at": name,
-            }
+            _, unit, _ = quantity_of(name)
+            place = {"posture": int(posture[row]), "at": name}
+            least[group] = {"value": float(values[row]), "unit": unit, **place}
+
+    for support in ("double", "right", "left"):
+        part = plan.take(plan.support == support)
+        if not len(part):
+            continue
+        if support == "double":
+            design = design_of(problem, part.joint_angles, part.swing_pose)
+            found = evaluate(problem, design, part.joint_angles).inequalities + problem.margins.rounding
+            for name, values in zip(inequality_names(problem), found.T, strict=True):
+                scale, _, size = quantity_of(name)
+                compare(GROUPS.get(name.split()[0], name), name, values * (scale * size), part.posture)
+            continue
+        own = problem if support == "right" else from_other_foot(problem)
+        for name, values in single_support_margins(own, part.joint_angles, part.swing_pose).items():
+            compare(f"{support} foot: {name}", name, values, part.posture)
     return least
 
 

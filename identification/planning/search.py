@@ -9,10 +9,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
 from tulip_testbed.base.errors import InputError, most_frequent
+from tulip_testbed.base.result import Array, Documented
 from tulip_testbed.identification.kinematics import roll_pitch_yaw
 from tulip_testbed.identification.planning.blocks import (
     FEASIBLE,
@@ -38,11 +41,12 @@ POLISH = 20  # iterations of SLSQP on each placement at the end
 LEAST_POOL = 3  # smallest number of candidates for an exchange
 GAIN = 1e-6
 ARRAYS = ("design", "angles", "best_design", "best_angles")
+MOST = 100.0  # m or rad: beyond any posture
 SAME = 1e-6  # relative difference of numbers that another machine computes
 
 
-@dataclass(frozen=True)
-class SearchState:
+@dataclass(frozen=True, eq=False)
+class SearchState(Documented):
     """State of the search after a number of rounds.
 
     Attributes:
@@ -54,11 +58,11 @@ class SearchState:
         initial_condition: its condition number.
     """
 
-    rounds: int
-    design: np.ndarray
-    angles: np.ndarray
-    best_design: np.ndarray
-    best_angles: np.ndarray
+    rounds: Annotated[int, Field(ge=0)]
+    design: Array
+    angles: Array
+    best_design: Array
+    best_angles: Array
     value: float
     initial: float
     initial_condition: float
@@ -244,6 +248,8 @@ def resumed(
         found, expected = getattr(state, name), getattr(start, name)
         if found.shape != expected.shape:
             raise StateError(f"{name}: found {found.shape}, expected {expected.shape} numbers")
+        if not (np.abs(found) <= MOST).all():
+            raise StateError(f"{name}: found a number beyond {MOST:g} [m, rad]")
     if state.rounds > rounds:
         raise StateError(f"rounds: found {state.rounds}, expected at most {rounds}")
     for name in ("design", "best_design"):

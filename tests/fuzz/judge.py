@@ -49,7 +49,7 @@ MAY_BE_NULL = (
     "example_manifest",
     "example_row",
 )
-MAY_BE_NULL += ("relative_standard_error", "predicted_relative_standard_error_percent")
+MAY_BE_NULL += ("relative_standard_error", "predicted_relative_standard_error_percent", "low95", "high95")
 
 
 class Run(NamedTuple):

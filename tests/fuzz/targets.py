@@ -15,11 +15,11 @@ from tests.fuzz.changes import Change
 from tests.fuzz.folders import MEASUREMENT_KINDS, PLAN_KINDS
 from tests.fuzz.names import FOLDER_KINDS, NAME_KINDS
 from tests.fuzz.robots import ROBOT_KINDS
+from tests.rigs import write_rig
 from tulip_testbed.base.progress import Advance
 from tulip_testbed.effects.instance import instances_of
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.planning_run import PlanSettings, search_plan, set_up_search
-from tulip_testbed.experiments.rig_folder import write_rig
 from tulip_testbed.experiments.validate import judge
 from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.robot import load_robot

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from tulip_testbed.experiments.discovery_curves import Curve, law_curves, residual_curves, time_order
-from tulip_testbed.experiments.discovery_result import Discovered
+from tulip_testbed.experiments.discovery_result import FAMILIES, Discovered
 from tulip_testbed.experiments.discovery_tables import (
     CHANNEL_NAMES,
     MOST_P,
@@ -18,10 +18,10 @@ from tulip_testbed.experiments.discovery_tables import (
     moved_table,
     pattern_table,
     repeat_table,
-    spread_table,
     undetectable_table,
     weak_table,
 )
+from tulip_testbed.experiments.family_tables import family_table
 from tulip_testbed.experiments.proposed_experiment import experiment_table
 from tulip_testbed.experiments.rig_folder import DIFF
 from tulip_testbed.pages import discovery_figures as drawn
@@ -49,7 +49,7 @@ def discovery_page(discovery: Discovered) -> Page:
     """Make the page of a discovery; parts that it does not have are left out."""
     curves = residual_curves(discovery)
     changed = bool(discovery.explanations or discovery.calibrated)
-    tables = [spread_table(discovery.families), calibrated_table(discovery.calibrated)]
+    tables = [family_table(discovery.families, FAMILIES), calibrated_table(discovery.calibrated)]
     ordinary = tuple(table for table in tables if table.rows)
     words = (ORDINARY_WORDS, *([tables[1].note] if discovery.calibrated and not tables[1].rows else []))
     sections = [

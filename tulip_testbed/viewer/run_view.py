@@ -10,7 +10,7 @@ from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
 from tulip_testbed.experiments.run_file import kind_of
 from tulip_testbed.experiments.saved_runs import RunResult, read_run
-from tulip_testbed.measurements import Measurements, PosturePlan, Series, read_measurements, read_series
+from tulip_testbed.measurements import Measurements, PosturePlan, read_measurements, read_series
 from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.shipped import plan_folder
@@ -49,11 +49,9 @@ def plan_view(plan: PosturePlan, robot: Robot, title: str = "plan") -> View:
     return View(title, partial(log_postures, subject=planned(plan, robot)))
 
 
-def measurements_view(
-    measurements: Measurements, robot: Robot, series: Series | None = None, title: str = "measurements"
-) -> View:
+def measurements_view(measurements: Measurements, robot: Robot) -> View:
     """Make the view of measurements, with an estimate where it can be made."""
-    return View(title, partial(log_postures, subject=measured(measurements, robot, series, title)))
+    return View("measurements", partial(log_postures, subject=measured(measurements, robot)))
 
 
 def folder_view(folder: Path, robot: Robot) -> View:
