@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -284,7 +285,9 @@ def _td(column: Column, cell: Cell, text: str) -> str:
     if cell.key:
         value = escape(json.dumps(finite(cell.value)))
         source = f' data-key="{escape(printable(cell.key))}" data-value="{value}"'
-    return f"<td{_classes(column, cell.mark)}{source}>{escape(text)}</td>"
+    # A long name such as effect:target may break where its target begins.
+    shown = re.sub(r":(?=\w)", ":<wbr>", escape(text))
+    return f"<td{_classes(column, cell.mark)}{source}>{shown}</td>"
 
 
 def _classes(column: Column, mark: str) -> str:

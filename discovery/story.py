@@ -28,7 +28,7 @@ LARGE = 5.0  # prior s.d., beyond which predictions were not tested
 WORTHWHILE = 0.1  # share of the doubt, from which an experiment is proposed
 SHOWN = 0.01  # p-value of a channel's lack of fit that is reported
 SHOWN_MEMBERS = 4  # ordinary imperfections
-SHOWN_TARGETS = 12  # of one kind of effect
+SHOWN_TARGETS = 4  # of one kind of effect
 SHOWN_EXPLANATIONS = 4  # of one gap; the table has all
 PLACES = {
     "A": "the centre of pressure",

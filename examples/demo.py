@@ -57,7 +57,7 @@ def main(folder: Path) -> int:
     value = document["adopted"][0]["parameters"][0]
     _say(f"   Hidden {SIZE} rad on top of that encoder's own error, {_hidden(truth):.5f} rad in all; ")
     _say(f"   found {value['value']:.5f} [{value['low95']:.5f}, {value['high95']:.5f}].")
-    _say("5. Was it worth it? The robot is exported, and stands in new postures, its encoder mended.")
+    _say("5. Does the exported model predict new postures better than CAD? The encoder is repaired.")
     model, new = folder / "identified.xml", folder / "new"
     _run("export", found, "--out", model)
     _run(

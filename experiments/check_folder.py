@@ -204,7 +204,7 @@ def _refuse_other_robot(folder: Path, nominal: Nominal) -> None:
     if other and set(manifest.joints) != set(joints):
         raise InputError(
             f"{folder / 'manifest.json'}: found robot '{shortened(model)}' with other joints, "
-            f"expected {robot.model_file.name} of {robot.name}; give the robot that was measured"
+            f"expected {robot.model_file.name} of {robot.name}; give the robot that was measured as `robot`"
         )
 
 

@@ -247,11 +247,12 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
         table, shares = self.table(), self.full.relative_standard_error
         title = f"Full model: parameters that are known better than {WELL_IDENTIFIED:.0f} %"
         rows = [row for row, share in zip(table.rows, shares, strict=True) if share < WELL_IDENTIFIED]
-        first = f"; {first_to_improve(self.calibration)}" if self.calibration is not None else ""
+        improve = self.calibration if self.at_rest else None
+        first = f"; {first_to_improve(improve)}" if improve is not None else ""
+        known = [replace(table, title=title, rows=rows), *known_sums(self.full)] if self.at_rest else []
         return [
             *(f"Corrected: {effect.finding}" for effect in self.corrections),
-            replace(table, title=title, rows=rows),
-            *known_sums(self.full),
+            *known,
             mass_line(*self.mass),
             "",
             "Right: measurements alone cannot tell. `validate` tests the estimator on a known robot.",

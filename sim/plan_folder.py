@@ -112,7 +112,7 @@ def check_model(where: Path | str, made_with: str | None, expected: str | None, 
         raise InputError(
             f"{where}: made for another robot than {robot.name}: hash mismatch of the robot's model: "
             f"{robot.model_file.name} has sha256 {found[:12]}..., expected {shortened(expected[:12])}... "
-            f"({shortened(made_with)}); give the robot that it was made for"
+            f"({shortened(made_with)}); give the robot that it was made for as `robot`"
         )
 
 

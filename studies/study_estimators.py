@@ -1,4 +1,4 @@
-"""Compare the errors that each estimator reports with its real ones (docs/studies/estimators.md; minutes).
+"""Compare the errors that each estimator reports with its real ones (docs/studies/coverage.md; minutes).
 
 The shipped plan is held once in the full dynamics. Every run draws the sensors' averages and the recorded
 plate poses again; the held postures stay. The default estimator has 1,000 runs, the others a quarter of that.

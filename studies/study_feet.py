@@ -1,4 +1,4 @@
-"""Measure what force-torque sensors in the feet give, with unknown zeros (docs/studies/feet.md; 20 minutes).
+"""Measure what force-torque sensors in the feet give, with unknown zeros (docs/explanation/foot-sensors.md; 20 minutes).
 
 The part `ideal` identifies with exact sensors: in double support alone, in the directions that the zeros do
 not imitate, and on the plan of mixed support. The part `calibration` is a Monte Carlo of the preset `foot-ft`

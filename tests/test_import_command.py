@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 import tomllib
@@ -14,7 +15,9 @@ import tulip_testbed as tt
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.table_import.column_names import propose, read_name
 from tulip_testbed.experiments.table_import.import_map import ImportMap, read_map, with_unknowns
+from tulip_testbed.experiments.table_import.sign_checks import _by_closed_legs
 from tulip_testbed.experiments.table_import.table_import import MappedColumn
+from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.measurements import read_measurements
 from tulip_testbed.measurements.cells import CELLS
 from tulip_testbed.measurements.contacts import VERTICAL
@@ -147,6 +150,14 @@ def test_a_turned_sign_is_noticed_and_can_be_stated(table, stated, measured, tmp
     assert read_measurements(tmp_path / "data").joint_angles == pytest.approx(measured.joint_angles)
 
 
+def test_only_the_sign_that_closes_the_legs_is_doubted(measured):
+    angles = measured.joint_angles.copy()
+    angles[:, measured.joints.index("left_knee")] *= -1
+    wrong = dataclasses.replace(measured, joint_angles=angles)
+    doubts = [one.doubt for one in _by_closed_legs(wrong, nominal_robot(tt.load_robot())) if one.doubt]
+    assert [doubt.split(":")[0] for doubt in doubts] == ["q.left_knee", "closed legs"]
+
+
 def test_a_moment_of_the_wrong_sign_is_noticed(table, stated, tmp_path):
     def turn(columns):
         for side in "RL":
@@ -179,7 +190,8 @@ def test_what_is_missing_is_named_at_once(table, stated, tmp_path):
     path = table(change=drop)
     found = tt.import_table(path, out=tmp_path / "data", map=[stated(WRENCHES)])
     assert found.folder is None
-    assert "no column for q.right_knee; state one, or a constant in [constant_joints]" in found.problems
+    (text,) = [text for text in found.problems if text.startswith("no column for q.right_knee; ")]
+    assert tomllib.loads(text.partition("such as ")[2].partition(", or")[0])["q.right_knee"]["column"]
     assert "no column for wrench.left.fz; state one" in found.problems
     assert "a new placement begins where a plate's recorded pose changes" in found.assumed
     nothing = tt.import_table(path, out=tmp_path / "data")

@@ -3,6 +3,8 @@
 import dataclasses
 import json
 import shutil
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,8 +13,9 @@ from scipy.stats import t as t_distribution
 import tulip_testbed as tt
 from tests.test_refusals import change_keys
 from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.description import described_robot
-from tulip_testbed.experiments.parameter_tables import parameter_table, read_reported
+from tulip_testbed.experiments.parameter_tables import NOT_AT_REST, parameter_table, read_reported
 from tulip_testbed.identification.statistics import high_correlations, standard_errors
 
 
@@ -102,6 +105,14 @@ def test_an_identification_as_a_frame(fit):
     assert frame.loc["torso.y", "estimate [mm]"] == 1e3 * fit["torso.y"].value
     assert frame.loc["torso.y", "s.e. [mm]"] == 1e3 * fit["torso.y"].standard_error
     assert "truth [mm]" not in frame
+
+
+def test_an_estimate_that_did_not_come_to_rest_answers_without_parameters(fit):
+    assert isinstance(fit.answer()[0], Table)
+    unsteady: Any = SimpleNamespace(steady=False)
+    lost = dataclasses.replace(fit, calibration=unsteady).answer()
+    assert not any(isinstance(one, Table) for one in lost)
+    assert NOT_AT_REST in lost
 
 
 def test_a_validation_prints_its_checks_and_its_verdict(wii):

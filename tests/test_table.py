@@ -174,6 +174,11 @@ def test_any_text_at_any_width(texts, width):
     assert all(c in shown for text in table.texts[0] for c in text if not c.isspace())
 
 
+def test_a_name_may_break_where_its_target_begins():
+    page = Table("", (Column("effect"),), [["backlash:right_knee"]]).html()
+    assert "<td>backlash:<wbr>right_knee</td>" in page
+
+
 def test_html_says_where_a_value_is_from():
     page = made(ROWS).html()
     assert (

@@ -63,9 +63,11 @@ def _by_closed_legs(m: Measurements, nominal: Nominal) -> Iterator[_Evidence]:
     if not len(m):
         return
     base, others = misclosures(m, nominal)
+    # Where one turned sign closes the legs, the others are innocent.
+    better = LEVEL if min(others) <= LEVEL else base / CLEARLY
     for joint, turned in zip(m.joints, others, strict=True):
         name = f"q.{joint}"
-        if base > LEVEL and turned < base / CLEARLY:
+        if base > LEVEL and turned < min(better, base / CLEARLY):
             text = (
                 f"the soles would be level within {number(turned, '.2g')} rad with its sign turned, they are"
             )

@@ -303,8 +303,10 @@ class _Import:
         undecided = {text.partition(":")[0]: text for text in proposal.undecided}
         nowhere = [name for name in lacks if name not in undecided]
         if angles := [name for name in nowhere if name.startswith("q.")]:
+            entry = f'"{angles[0]}" = {{column = "..."}}'
             self.missing.append(
-                f"no column for {listed(angles)}; state one, or a constant in [constant_joints]"
+                f"no column for {listed(angles)}; state one below [columns] of the map, such as {entry}, "
+                "or a constant in [constant_joints]"
             )
         if others := [name for name in nowhere if not name.startswith("q.")]:
             self.missing.append(f"no column for {listed(others)}; state one")

@@ -277,14 +277,16 @@ def error_bars(
         values = np.array([value for value, _ in of_axis.values()])
         low, high = np.array([both for _, both in of_axis.values()], float).T  # NaN: none is drawn
         drawn.add_bar(
-            x=list(of_axis),
-            y=values,
+            x=values,
+            y=list(of_axis),
+            orientation="h",
             name=axis,
             marker={"color": colour},
-            error_y={"type": "data", "symmetric": False, "array": high - values, "arrayminus": values - low},
+            error_x={"type": "data", "symmetric": False, "array": high - values, "arrayminus": values - low},
         )
         text += [f"{model} in {axis} {value:.2f} mm" for model, (value, _) in of_axis.items()]
-    drawn.update_yaxes(title="r.m.s. error, mm", rangemode="tozero")
+    drawn.update_xaxes(title="r.m.s. error, mm", rangemode="tozero")
+    drawn.update_yaxes(autorange="reversed", automargin=True)
     caption = f"Centre of pressure of the postures left out by {split}; lines: 95 % intervals."
     said = f"R.m.s. error of the centre of pressure, left out by {split}: {', '.join(text)}."
     return replace(figure(split, caption, said, drawn), small=True)
