@@ -25,7 +25,8 @@ def with_unusual_members(
     prefers an effect of its own, still less if there are two. The usual size is given by the tolerance and
     the other members then. Those of one family are added together, or else the largest alone. Of a family
     that is too wide, and whose members the data hardly distinguish, the one with the most evidence is added.
-    The only member of a family is added regardless of the evidence.
+    A member without which a family that was too wide is as usual is added even if an evidence that believes
+    in wide families is against it. The only member of a family is added regardless of the evidence.
     """
     refused: set[str] = set()
     while len(terms) < MOST_TERMS:
@@ -49,7 +50,10 @@ def with_unusual_members(
         # Of a family with one member there is no doubt which is off, however implausible its size.
         name = tries[0][0].candidate.effect.name
         if any(len(one.family.targets) > 1 for one in calibration.families if one.family.name == name):
-            good = [one for one in good if one.evidence > plain.evidence - DECISIVE]
+            before = name in _too_wide(calibration)
+            usual = [before and name not in _too_wide(one.calibration) for one in good]
+            near = [bool(found) and one.evidence > plain.evidence - DECISIVE for one in good]
+            good = [one for one, *why in zip(good, usual, near, strict=True) if any(why)]
         if not good:
             refused |= tried_in_vain
         else:
@@ -62,6 +66,10 @@ def with_unusual_members(
 def too_wide(calibration: SelfCalibration) -> list[CalibratedFamily]:
     """List the families whose members as a whole are larger than is usual."""
     return [one for one in calibration.families if one.spread > STANDS_OUT and one.spread95[0] > 1]
+
+
+def _too_wide(calibration: SelfCalibration) -> list[str]:
+    return [one.family.name for one in too_wide(calibration)]
 
 
 def _of_wide_families(search: CandidateSearch, calibration: SelfCalibration) -> list[Fitted]:
