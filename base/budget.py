@@ -18,6 +18,7 @@ class Budget:
 
     rows: int
     began: float = field(default_factory=time.process_time)
+    ended: list[bool] = field(default_factory=list)
 
     @property
     def seconds(self) -> float:
@@ -34,7 +35,10 @@ class Budget:
 
     @property
     def spent(self) -> bool:
-        """Return whether no more may be begun."""
+        """Return whether no more may be begun, now or after memory was short once: something was left out."""
         pages = int(STATUS.read_text().split()[1]) if STATUS.exists() else 0
         used = 1e-9 * os.sysconf("SC_PAGE_SIZE") * pages
-        return time.process_time() - self.began > self.seconds or used + ROOM * self.rows > self.gigabytes
+        late = time.process_time() - self.began > self.seconds
+        if late or used + ROOM * self.rows > self.gigabytes:
+            self.ended.append(True)
+        return bool(self.ended)

@@ -172,6 +172,8 @@ def new_folder(path: Path) -> Iterator[Path]:
         yield working
         for inner in [*working.rglob("*"), working]:
             _to_disk(inner)
+        if present(path):  # by now
+            raise InputError(f"{path}: exists already; give the name of a new folder")
         os.rename(working, path)
         _to_disk(path.parent)
 

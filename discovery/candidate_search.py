@@ -223,7 +223,7 @@ class CandidateSearch:
 
         The newest has just been judged.
         """
-        while len(judged.terms) > 1:
+        while len(judged.terms) > 1 and not self.budget.spent:
             terms = judged.terms
             fewer = [self.tried(terms[:k] + terms[k + 1 :], start) for k in range(len(terms) - 1)]
             sure = [one for one in fewer if one is not None and (one.steady or not judged.steady)]

@@ -205,9 +205,9 @@ def _forward(
     tests: float,
     progress: Callable[[int], None],
 ) -> tuple[SelfCalibration, tuple[Fitted, ...], bool]:
-    """Add the best candidate while it is decisive; also return whether no further one is."""
+    """Add the best candidate while it is decisive; also return whether no further one is known."""
     before = []
-    while len(terms) < MOST_TERMS:
+    while len(terms) < MOST_TERMS and not search.budget.spent:
         plain = search.tried(terms, calibration)
         before_all = search.evidence(calibration, terms) if plain is None else plain.evidence
         near = search.best(calibration, terms)
@@ -224,7 +224,7 @@ def _forward(
             break
         before.append({term.label for term in best.terms})
         calibration, terms = _at_best_times(search, search.calibrated(best), best.terms)
-    return calibration, terms, False
+    return calibration, terms, search.budget.spent
 
 
 def _at_best_times(
@@ -247,7 +247,7 @@ def _at_best_times(
             again = at_best_time(joint_fit(data, moved[:k] + moved[k + 1 :]), term)
             if again.values[timed] != term.values[timed]:
                 moved = (*moved[:k], again, *moved[k + 1 :])
-        if moved is terms:
+        if moved is terms or search.budget.spent:
             break
         before, after = search.tried(terms, calibration), search.tried(moved, calibration)
         if before is None or after is None or not after.possible or after.evidence <= before.evidence:

@@ -29,7 +29,7 @@ def with_unusual_members(
     in wide families is against it. The only member of a family is added regardless of the evidence.
     """
     refused: set[str] = set()
-    while len(terms) < MOST_TERMS:
+    while len(terms) < MOST_TERMS and not search.budget.spent:
         room = MOST_TERMS - len(terms)
         found = [one for one in _unusual_members(search, calibration) if one.label not in refused]
         together = [one for one in found if one.candidate.effect is found[0].candidate.effect][:room]

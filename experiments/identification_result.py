@@ -152,6 +152,8 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
                     raise InputError(
                         f"{where}: key '{key}{model}.{name}': found numbers of shape {size}, expected {shape}"
                     )
+                if len(shape) == 2 and (least := getattr(estimate, name).diagonal().min()) < 0:
+                    raise InputError(f"{where}: key '{key}{model}.{name}': found a variance of {least:g}")
             check_parameters(
                 where,
                 f"{key}{model}",

@@ -78,8 +78,11 @@ class Laboratory:
     def __post_init__(self) -> None:
         for name, kind in (("robot", Robot), ("sensors", str), ("nominal", Rig | None)):
             expect(name, getattr(self, name), kind)
+        expect("experiment", self.experiment, Experiment | None)
+        expect("random_robot", self.random_robot, tuple[float, int] | None)
         if self.random_robot is not None:
             check_spread(self.random_robot[0])
+            at_least("random_robot", self.random_robot[1], 0)
         look_up("preset", self.sensors, PRESETS, "sensors")
         for name in ("known", "hidden"):
             given = several(getattr(self, name), name)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
@@ -30,6 +29,7 @@ from tulip_testbed.measurements.bounds import (
 )
 from tulip_testbed.measurements.cells import CORNERS, PLATES
 from tulip_testbed.measurements.contacts import CHANNEL_SETS, POSE, VERTICAL, Contacts
+from tulip_testbed.measurements.data import wrong_arrays
 
 LEAST_CELLS = 3  # a plane has no fewer
 SAME = 1e-9  # relative, of a covariance and its transpose
@@ -272,16 +272,8 @@ def wrong_contacts(contacts: Contacts) -> str:
             return f"cop_sd: found with channels {contacts.channels!r}, expected {VERTICAL!r}"
         if np.any(contacts.zero_sd) or np.any(contacts.below):
             return "cop_sd: found with zeros or a foot below, expected none: such a device counts as tared"
-    for field in dataclasses.fields(contacts):
-        if field.name in shapes:
-            found = getattr(contacts, field.name)
-            if (
-                not isinstance(found, np.ndarray)
-                or found.shape != shapes[field.name]
-                or found.dtype.kind not in "iuf"
-            ):
-                seen = found.shape if isinstance(found, np.ndarray) else type(found).__name__
-                return f"{field.name}: found {seen}, expected an array of numbers {shapes[field.name]}"
+    if wrong := wrong_arrays(contacts, shapes):
+        return wrong
     if not (contacts.zero_sd >= 0).all():
         return "zero_sd: found a number below zero or none, expected 0, an s.d. or infinity"
     if contacts.mount == "ground" and any(

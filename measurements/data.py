@@ -46,6 +46,13 @@ class PosturePlan:
     def __repr__(self) -> str:
         return f"PosturePlan: {_described(self)}, robot {self.robot['model']}"
 
+    def wrong_shape(self) -> str:
+        """Say which array has another type or shape than a plan's; "" if none has."""
+        rows: tuple[Any, ...] = np.shape(self.posture) if np.ndim(self.posture) == 1 else ("rows",)
+        shapes = dict.fromkeys(("posture", "placement", "support"), rows) | {"swing_pose": (*rows, 3)}
+        joints = dict.fromkeys(("joint_angles", "torques"), (*rows, len(self.joints)))
+        return wrong_arrays(self, shapes | joints)
+
     @property
     def foot_poses(self) -> np.ndarray:
         """Return the planned poses of right and left foot in the base frame, (m, 2, 3) [m, m, rad]."""
@@ -86,8 +93,9 @@ OF_JOINTS = {  # fields with a value for every joint, by the prefix of their col
 }
 KINDS = {"posture": "iu", "placement": "iu", "support": "U"}  # of numbers, where they are not any
 OF_KIND = {"iu": "whole numbers", "iuf": "numbers", "U": "texts"}
+UNUSUAL = (np.float16, np.longdouble)  # of three digits, and of no use to linear algebra
 MAY_BE_NONE = (
-    *("command", "motor", "wrenches_sd", "speed", "acceleration"),
+    *("command", "motor", "torques", "wrenches_sd", "speed", "acceleration"),
     *("joint_rates", "joint_accelerations"),
 )
 
@@ -210,16 +218,7 @@ class Measurements(MeasurementHeader):
             **dict.fromkeys(("wrenches", "wrenches_sd") if channels else (), (*sides, channels)),
             **dict.fromkeys(("speed", "acceleration"), rows),
         }
-        for name, shape in shapes.items():
-            array, kind = getattr(self, name), KINDS.get(name, "iuf")
-            if array is None and name in MAY_BE_NONE:
-                continue
-            there = isinstance(array, np.ndarray) and not isinstance(array, np.ma.MaskedArray)
-            if not there or array.dtype.kind not in kind or array.shape != shape:
-                seen = f"{array.dtype} {array.shape}" if there else type(array).__name__
-                size = ", ".join(map(str, shape))
-                return f"{name}: found {seen}, expected an array of {OF_KIND[kind]} ({size})"
-        return ""
+        return wrong_arrays(self, shapes)
 
     def __len__(self) -> int:
         return len(self.posture)
@@ -285,6 +284,21 @@ class Measurements(MeasurementHeader):
         import pandas as pd
 
         return pd.DataFrame(self.columns())
+
+
+def wrong_arrays(holder: Any, shapes: dict[str, tuple[Any, ...]]) -> str:
+    """Say which array has another type or shape than is stated by its name; "" if none has."""
+    for name, shape in shapes.items():
+        array, kind = getattr(holder, name), KINDS.get(name, "iuf")
+        if array is None and name in MAY_BE_NONE:
+            continue
+        there = isinstance(array, np.ndarray) and not isinstance(array, np.ma.MaskedArray)
+        usual = there and array.dtype.kind in kind and array.dtype not in UNUSUAL
+        if not usual or array.shape != shape:
+            seen = f"{array.dtype} {array.shape}" if there else type(array).__name__
+            size = ", ".join(map(str, shape))
+            return f"{name}: found {seen}, expected an array of {OF_KIND[kind]} ({size})"
+    return ""
 
 
 def feet_in_contact(support: np.ndarray) -> np.ndarray:

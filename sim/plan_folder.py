@@ -23,7 +23,7 @@ from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.robot import Robot, joint_names
 
 MOST_SWING = 0.01  # m or rad, between the swing foot as planned and by the joint angles
-MOST_TORQUE = 1e5  # N m, of a drive
+MOST_TORQUE = MOST_NUMBER = 1e5  # N m, of a drive; of any array
 
 
 class PlanRobot(BaseModel):
@@ -119,15 +119,21 @@ def check_model(where: Path | str, made_with: str | None, expected: str | None, 
 def check_fits(where: str, plan: PosturePlan, robot: Robot) -> None:
     """Refuse a plan in memory that a robot's plan folder could not hold."""
     check_model(where, plan.robot.get("model"), plan.robot.get("sha256"), robot)
+    if not isinstance(plan.joints, tuple):
+        raise InputError(f"{where}: joints: found {type(plan.joints).__name__}, expected a tuple of names")
     if plan.joints != (expected := joint_names(robot.model)):
         raise InputError(f"{where}: found joints {listed(plan.joints)}, expected {listed(expected)}")
-    if plan.joint_angles.shape != (len(plan), len(expected)) or not len(plan):
-        raise InputError(
-            f"{where}: found {plan.joint_angles.shape} joint angles, expected (postures, {len(expected)})"
-        )
-    for name in ("joint_angles", "swing_pose"):
-        if (bad := ~np.isfinite(getattr(plan, name)).all(axis=1)).any():
-            raise InputError(f"{where}: row {bad.argmax() + 1}: found {name} that are not finite numbers")
+    if wrong := plan.wrong_shape() or ("" if len(plan) else "found no rows, expected one per posture"):
+        raise InputError(f"{where}: {wrong}")
+    if (bad := ~np.isin(plan.support, SUPPORTS)).any():
+        row = int(bad.argmax())
+        found = shortened(repr(str(plan.support[row])))
+        raise InputError(f"{where}: support, row {row + 1}: found {found}, expected {listed(SUPPORTS)}")
+    arrays = {"joint_angles": plan.joint_angles, "swing_pose": plan.swing_pose, "torques": plan.feed_forward}
+    for name, values in arrays.items():
+        if (bad := ~(np.abs(values) <= MOST_NUMBER).all(axis=1)).any():
+            row = bad.argmax() + 1
+            raise InputError(f"{where}: row {row}: found {name} beyond {MOST_NUMBER:g} or not finite")
     check_postures(where, plan, robot)
 
 
@@ -196,6 +202,6 @@ def check_limits(path: Path | str, plan: PosturePlan, model: mujoco.MjModel) -> 
         if model.joint(joint).limited[0] and outside.any():
             row = int(outside.argmax())
             raise InputError(
-                f"{path}: column 'q.{joint}', row {row + 1}: found {angles[row]:.4f} rad, "
+                f"{path}: column 'q.{joint}', row {row + 1}: found {angles[row]:.5g} rad, "
                 f"expected within [{low:.4f}, {high:.4f}]"
             )

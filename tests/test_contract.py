@@ -127,7 +127,7 @@ def test_a_plan_in_memory_must_fit_the_robot(foreign, robot):
         (plan, foreign["humanoid"], "made for another robot"),
         (dataclasses.replace(plan, joints=plan.joints[::-1]), robot, "plan: found joints"),
         (dataclasses.replace(plan, joint_angles=angles), robot, "plan: row 4: found joint_angles"),
-        (plan.take(np.zeros(len(plan), bool)), robot, "plan: found .* joint angles"),
+        (plan.take(np.zeros(len(plan), bool)), robot, "plan: found no rows"),
         (dataclasses.replace(plan, joint_angles=np.degrees(plan.joint_angles)), robot, "expected within"),
     ):
         with pytest.raises(tt.InputError, match=message):

@@ -375,7 +375,10 @@ def test_a_search_ends_at_its_budget_as_unknown(robot, plan, tmp_path, monkeypat
     assert (Budget(10).gigabytes, Budget(10_000).gigabytes) == (2.0, 4.0)
     (tmp_path / "statm").write_text(f"0 {int(3.2e9 / os.sysconf('SC_PAGE_SIZE'))} 0")
     monkeypatch.setattr(budget, "STATUS", tmp_path / "statm")  # 3.2 GB, and a calibration takes 1 GB more
-    assert Budget(10_000).spent
+    assert (short := Budget(10_000)).spent
+    monkeypatch.setattr(budget, "STATUS", tmp_path / "none")
+    assert short.spent  # what was left out is not made up for when memory is free again
+    monkeypatch.setattr(budget, "STATUS", tmp_path / "statm")
     assert not Budget(18_000).spent
     monkeypatch.setattr(Budget, "spent", True)
     lab = Laboratory(robot, "force-plate").with_effects("encoder-offset:right_knee=0.02")

@@ -15,6 +15,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from PIL import Image
 
+import tulip_testbed as tt
 from tests.drawing import draws_with
 from tests.looking import headless_viewer
 from tests.test_cli import refused
@@ -145,6 +146,11 @@ def test_residual_and_truth_are_the_runs_own(run_folder, moved_wii, robot):
     assert np.abs(subject.com["truth"] - subject.cop).max() < 0.03
     factor = balance.magnification(subject)
     assert 0.02 < factor * np.median(np.linalg.norm(residual, axis=1)) < 0.2
+
+
+def test_a_plan_and_measurements_are_shown_without_naming_the_robot(plan, wii, tmp_path):
+    for k, shown in enumerate((plan, wii.measurements)):
+        assert tt.view(shown, save=tmp_path / f"{k}.rrd").view == str(tmp_path / f"{k}.rrd")
 
 
 def test_inner_polygon_keeps_its_distance(plan, robot):

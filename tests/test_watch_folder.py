@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import signal
@@ -10,7 +11,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ import tulip_testbed as tt
 from tests.watched import growing_folder, measured_day, model_of, one_row, play
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
-from tulip_testbed.experiments.watching.arriving_rows import MOST_AT_ONCE, Place, new_lines
+from tulip_testbed.experiments.watching.arriving_rows import MOST_AT_ONCE, Place, lines_of, new_lines
 from tulip_testbed.experiments.watching.watch_day import read_targets
 from tulip_testbed.experiments.watching.watch_row import OK, watch_row
 from tulip_testbed.experiments.watching.watch_state import Fault, key_of, read_state, write_state
@@ -201,7 +202,7 @@ def test_lines_of_a_stream_as_lines_of_json(folder, day, capsys, monkeypatch):
     header = (path / "postures.csv").read_text()
 
     arriving = [header, *lines[:3], lines[3].rstrip()]
-    stdin = SimpleNamespace(buffer=[one.encode() for one in arriving])
+    stdin = SimpleNamespace(buffer=io.BytesIO("".join(arriving).encode()))
     monkeypatch.setattr(sys, "stdin", stdin)
     assert main(["watch", str(path), "--plan", "random", "--stdin", "--json"]) == 0
     out, err = capsys.readouterr()
@@ -315,6 +316,8 @@ def test_a_line_without_end_is_refused(tmp_path):
     path.write_bytes(b"x" * (MOST_AT_ONCE + 1))
     with pytest.raises(InputError, match="line 1: found more than"):
         new_lines(path, Place())
+    with pytest.raises(InputError, match="rows: found str, expected lines of bytes"):
+        list(lines_of(cast("list[bytes]", ["posture\n"]), Place(), path))
 
 
 def test_a_second_watch_of_one_state_is_refused(folder, plan, robot, tmp_path):

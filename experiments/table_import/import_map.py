@@ -108,7 +108,9 @@ def read_map(stated: Sequence[str] | Path) -> ImportMap:
         raise InputError(f"map: found files {files[0]} and {files[1]}, expected one at most")
     content = _read(Path(files[0])) if files else {}
     columns = content.get("columns", {})
-    entries = dict(_entry(text) for text in texts if text not in files)
+    entries = dict(each := [_entry(text) for text in texts if text not in files])
+    if twice := [name for k, (name, _) in enumerate(each) if name in dict(each[:k])]:
+        raise InputError(f"map: {twice[0]}: found two columns, expected one")
     if isinstance(columns, dict):
         content["columns"] = columns | entries
     if isinstance(contacts := content.get("contacts"), list):

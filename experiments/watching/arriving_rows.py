@@ -103,10 +103,6 @@ def new_lines(path: Path, place: Place, once: bool = False) -> list[Line]:
                 f"{path}: found other values in the first {place.lines} lines than were read before; rows "
                 "may only be added at the end"
             )
-    if len(content) == MOST_AT_ONCE and b"\n" not in content:
-        raise InputError(
-            f"{path}: line {place.lines + 1}: found more than {MOST_AT_ONCE} bytes, expected a row"
-        )
     *complete, rest = list(io.BytesIO(content)) or [b""]
     whole = once and len(_names(rest)) == len(_names(place.header)) > 1 and len(content) < MOST_AT_ONCE
     if rest.endswith(b"\n") or whole:
@@ -121,7 +117,11 @@ def lines_of(stream: Iterable[bytes], place: Place, path: Path) -> Iterator[Line
     """Yield the lines of a stream; its end also ends a line."""
     number, end = place.lines, place.size
     for whole in stream:
+        if not isinstance(whole, bytes):
+            raise InputError(f"rows: found {type(whole).__name__}, expected lines of bytes")
         number, end = number + 1, end + len(whole)
+        if len(whole) > MOST_LINE and not whole.endswith(b"\n"):
+            raise InputError(f"{path}: line {number}: found more than {MOST_LINE} bytes, expected a row")
         text = whole.rstrip(b"\n").rstrip(b"\r")
         if b"\r" in text:
             raise InputError(

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.arguments import expect
 from tulip_testbed.base.column import Column
 from tulip_testbed.base.errors import InputError, look_up, shortened
 from tulip_testbed.base.files import read_bytes
@@ -290,6 +291,7 @@ def _targets_of(model: DayModel, given: Mapping[str, float]) -> np.ndarray | Non
     targets = np.full(len(names), np.inf)
     for name, value in sorted(given.items(), key=lambda each: each[0] != EVERY):
         look_up("parameter", name, (EVERY, *names), "targets")
+        expect(f"targets: {name}", value, float)
         if not 0 < value < np.inf:
             raise InputError(f"targets: {name}: found {value:g}, expected a standard error above 0 [m]")
         targets[slice(None) if name == EVERY else names.index(name)] = value

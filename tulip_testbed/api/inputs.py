@@ -27,6 +27,7 @@ from tulip_testbed.measurements import Measurements, PosturePlan, joined
 from tulip_testbed.measurements import read_measurements as _read_measurements
 from tulip_testbed.measurements import write_measurements as _write_measurements
 from tulip_testbed.measurements.contract import check_contract
+from tulip_testbed.sim.plan_folder import check_fits
 from tulip_testbed.sim.robot import PUBLISHED, Robot
 from tulip_testbed.sim.shipped import TULIP
 
@@ -151,8 +152,11 @@ def import_table(
 
 
 def plan_of(plan: PlanSource | None, robot: Robot) -> PosturePlan:
-    """Return a plan, or read its folder or the shipped plan of that name; the shipped `random` if None."""
-    return plan if isinstance(plan, PosturePlan) else plan_for(robot, None if plan is None else Path(plan))
+    """Return a plan that fits the robot: it, or that of a folder or a name; the shipped `random` if None."""
+    if not isinstance(plan, PosturePlan):
+        return plan_for(robot, None if plan is None else Path(plan))
+    check_fits("plan", plan, robot)
+    return plan
 
 
 def plan_name(plan: PlanSource | None) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tulip_testbed.api.inputs import load_robot, measurements_of
+from tulip_testbed.api.inputs import load_robot, measurements_of, plan_of
 from tulip_testbed.base.arguments import checked
 from tulip_testbed.base.errors import InputError, listed, warn
 from tulip_testbed.base.files import check_new
@@ -63,7 +63,7 @@ def view(
     if isinstance(shown, str | Path):
         made = folder_view(Path(shown), robot)
     elif isinstance(shown, PosturePlan):
-        made = plan_view(shown, robot)
+        made = plan_view(plan_of(shown, robot), robot)
     elif isinstance(shown, Measurements):
         made = measurements_view(measurements_of(shown), robot)
     else:
@@ -142,7 +142,8 @@ def _reported(shown: Reported, robot: Robot | None) -> RunResult | Prediction:
 def _robot_of(shown: Viewed) -> Robot:
     if isinstance(shown, str | Path):
         return load_robot(robot_of(Path(shown)))
-    return getattr(shown, "robot", None) or load_robot()
+    known = getattr(shown, "robot", None)  # of a plan or measurements, the name of its file
+    return known if isinstance(known, Robot) else load_robot()
 
 
 @one_blas_thread

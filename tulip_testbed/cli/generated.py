@@ -9,6 +9,7 @@ import inspect
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
+from functools import partial
 from inspect import Parameter, Signature
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -132,7 +133,7 @@ def read_standard_input(
     """Return the lines of standard input, if they are to be read."""
     if stdin and sys.stdin is None:
         raise InputError("stdin: standard input is closed, expected rows")
-    return sys.stdin.buffer if stdin else None
+    return iter(partial(sys.stdin.buffer.readline, 2**21), b"") if stdin else None  # a line may never end
 
 
 def read_plain_laboratory(robot: Any, sensors: SensorsName = "wii", corrections: Corrections = None) -> Any:
