@@ -1,4 +1,4 @@
-"""What is uncertain about corrections that were removed from measurements, in the base parameters."""
+"""The uncertainty of corrections that were removed from measurements, carried to the base parameters."""
 
 from __future__ import annotations
 

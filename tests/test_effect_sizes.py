@@ -56,7 +56,8 @@ def test_the_uncertainty_of_a_correction_is_that_of_the_joint_estimate(held_back
     known = identify(held_back.measurements, robot, adopted=joint.effects).calibration
     exact = [dataclasses.replace(one, intervals=()) for one in joint.effects]
     taken = identify(held_back.measurements, robot, adopted=exact).calibration
-    assert known is not None and taken is not None
+    assert known is not None
+    assert taken is not None
     errors = [np.sqrt(np.diag(one.covariance)) for one in (joint, known, taken)]
     assert errors[1] == pytest.approx(errors[0], rel=0.15)
     assert (errors[2] < 0.5 * errors[0]).any()
