@@ -120,7 +120,7 @@ def test_plan_round_trip_and_limits(plan, robot, tmp_path):
     write_plan(tmp_path / "plan", plan)
     assert read_plan(tmp_path / "plan", robot).joint_angles.tobytes() == plan.joint_angles.tobytes()
     rewrite(tmp_path / "plan", lambda t: replace_column(t, "q.left_knee", [-0.2] * len(t)))
-    message = r"column 'q.left_knee', row 1: found -0.2000 rad, expected within \[0.0000"
+    message = r"column 'q.left_knee', row 1: found -0.2 rad, expected within \[0.0000"
     with pytest.raises(InputError, match=message):
         read_plan(tmp_path / "plan", robot)
 

@@ -88,7 +88,7 @@ def preflight(
         series_agrees(m, series),
         weight_balance(m, usual),
         constant_weight(m, usual),
-        drift(m, nominal),
+        drift(m, nominal, usual),
         plate_poses(m),
     ]
     if (single := m.support != "double").any():
@@ -108,6 +108,7 @@ def preflight(
 def _of_wrenches(m: Measurements, nominal: Nominal, usual_changes: UsualChanges | None) -> list[Finding]:
     """Run the checks that wrench sensors allow."""
     reason = "needs the readings of vertical cells; there are wrench sensors"
+    usual = exact(len(m)) if usual_changes is None else usual_changes()
     findings = [
         joint_limits(m, nominal),
         stuck(m),
@@ -118,11 +119,11 @@ def _of_wrenches(m: Measurements, nominal: Nominal, usual_changes: UsualChanges 
         carried_weight(m, nominal),
         horizontal_forces(m, nominal),
         conventions(m, nominal),
-        drift(m, nominal),
+        drift(m, nominal, usual),
         *_skip(("plate poses", "feet on plates"), reason),
     ]
     if (m.support == "double").all():
-        findings += legs(m, nominal, exact(len(m)) if usual_changes is None else usual_changes())
+        findings += legs(m, nominal, usual)
     else:
         findings += _skip(LEGS[1:], "some posture stands on one foot; this check needs both feet")
     findings += _skip(FORCES, reason)

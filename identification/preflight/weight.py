@@ -77,11 +77,11 @@ def constant_weight(measurements: Measurements, usual: Usual) -> Finding:
     )
 
 
-def drift(measurements: Measurements, nominal: Nominal) -> Finding:
+def drift(measurements: Measurements, nominal: Nominal, usual: Usual) -> Finding:
     """Test for a trend over the experiment in quantities that should not change.
 
     These are the total force and the level of the swing sole. The test uses their own scatter (Student's t),
-    so that no data sheet is needed.
+    so that no data sheet is needed, and the trend that ordinary imperfections have.
     """
     name, m = "drift", measurements
     timed = bool(np.isfinite(m.time).all())
@@ -89,17 +89,19 @@ def drift(measurements: Measurements, nominal: Nominal) -> Finding:
     if len(m) < 5 or np.ptp(clock) == 0:
         return skipped(name, "needs five postures at different times")
     total = m.cell_forces.sum(axis=1) if m.contacts is None else vertical_forces(m).sum(axis=1)
-    channels = {"total force": (clock, total, NEGLIGIBLE * abs(float(total.mean())), "N")}
+    harmless = NEGLIGIBLE * abs(float(total.mean()))
+    channels = {"total force": (clock, total, usual.total, harmless, "N")}
     both = m.support == "double"  # a lifted foot is level at no time
     if m.contacts is not None and both.sum() >= 5:  # the zeros of one sensor and of two are not the same
-        channels["total force"] = (clock[both], total[both], NEGLIGIBLE * abs(float(total.mean())), "N")
+        channels["total force"] = (clock[both], total[both], usual.total[both], harmless, "N")
     if both.sum() >= 5 and np.ptp(clock[both]) > 0:
         level = 1e3 * nominal.swing_sole(m.joint_angles[both])[:, 3:5]
-        channels["swing sole's roll"] = (clock[both], level[:, 0], 1.0, "mrad")
-        channels["swing sole's pitch"] = (clock[both], level[:, 1], 1.0, "mrad")
+        for k, name_of in enumerate(("roll", "pitch")):
+            ordinary = 1e3 * usual.closure[both, 1 + k]
+            channels[f"swing sole's {name_of}"] = (clock[both], level[:, k], ordinary, 1.0, "mrad")
     p_values, texts = [], []
-    for label, (times, values, harmless, unit) in channels.items():
-        change, error, p_value = _change(times, values, harmless)
+    for label, (times, values, ordinary, harmless, unit) in channels.items():
+        change, error, p_value = _change(times, values, ordinary, harmless)
         p_values.append(p_value)
         texts.append(f"{label} {change:+.2f} {unit}, s.e. {error:.2f}")
     p_value = bonferroni(np.array(p_values))
@@ -138,16 +140,22 @@ def _usual_scatter(sd: float, usual: Usual) -> float:
     return float(np.sqrt(sd**2 + usual.total.var(axis=0).sum()))
 
 
-def _change(clock: np.ndarray, values: np.ndarray, harmless: float) -> tuple[float, float, float]:
+def _change(
+    clock: np.ndarray, values: np.ndarray, ordinary: np.ndarray, harmless: float
+) -> tuple[float, float, float]:
     """Return the change over the whole time by a line, its standard error, and its p-value.
 
-    The null hypothesis is a change of at most `harmless`.
+    The null hypothesis is a change of at most `harmless`, and those by ordinary imperfections.
+
+    Args:
+        ordinary: changes of the values by one tolerance of each imperfection, (m, k).
     """
     span = np.ptp(clock)
     unit = (clock - clock.mean()) / span
     slope = float(unit @ values / (unit @ unit))
     rest = values - values.mean() - slope * unit
-    error = float(np.sqrt(rest @ rest / (len(values) - 2) / (unit @ unit)))
+    by_noise = np.sqrt(rest @ rest / (len(values) - 2) / (unit @ unit))
+    error = float(np.hypot(by_noise, np.linalg.norm(unit @ ordinary / (unit @ unit))))
     beyond = max(abs(slope) - harmless, 0.0)
     if beyond == 0:
         return slope, error, 1.0
