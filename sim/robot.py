@@ -32,6 +32,7 @@ KEYS = (
 MOST_TOML = 2**20  # bytes
 DESCRIBED = ("scene_file", "plate_file", "stance_foot", "swing_foot", "settings")  # fields not compiled
 STAND = "stand"  # the keyframe where inverse kinematics starts
+DESCRIPTION = "robot.toml"  # in a folder that `tulip robot` writes
 PUBLISHED = (".urdf", ".xml")  # endings of models as people publish them
 
 # MuJoCo would write its warnings to a file in the working directory; `Stand` counts those of a posture.
@@ -120,10 +121,11 @@ def load_robot(path: Path = TULIP, meshes: bool = False) -> Robot:
     """Load a robot: read its description, compile its model, check its feet.
 
     Args:
-        path: the description (TOML).
+        path: the description (TOML), or the folder in which `tulip robot` has written it.
         meshes: keep meshes without contacts, for drawing.
     """
-    return _load(Path(path), try_to_compile, meshes)
+    inside = Path(path) / DESCRIPTION
+    return _load(inside if present(inside) else Path(path), try_to_compile, meshes)
 
 
 def _elsewhere(path: Path, hashes: tuple[tuple[str, str], ...], described: dict[str, Any]) -> Robot:

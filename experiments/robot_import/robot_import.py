@@ -21,7 +21,7 @@ from tulip_testbed.experiments.robot_import.published import read_published
 from tulip_testbed.experiments.robot_import.skeleton import Skeleton, SourceFile, skeleton_of
 from tulip_testbed.experiments.robot_import.standing_posture import Standing, standing
 from tulip_testbed.identification.link_clearances import clearances_at, unjoined_pairs
-from tulip_testbed.sim.robot import Robot, load_robot
+from tulip_testbed.sim.robot import DESCRIPTION, Robot, load_robot
 from tulip_testbed.sim.specs import compile_spec, xml_of
 
 LIGHT = 0.005  # of the robot's mass: a joint that moves less is fixed
@@ -57,11 +57,11 @@ class ImportedRobot:
         """
         with new_folder(out) as folder:
             write_text(folder / "robot.xml", self.model)
-            write_text(folder / "robot.toml", self.description)
-            drawn = None if picture is None else picture(load_robot(folder / "robot.toml"))
+            write_text(folder / DESCRIPTION, self.description)
+            drawn = None if picture is None else picture(load_robot(folder / DESCRIPTION))
             if drawn is not None:
                 write_bytes(folder / "robot.png", drawn)
-        return load_robot(Path(out) / "robot.toml")
+        return load_robot(Path(out) / DESCRIPTION)
 
 
 def import_robot(path: Path, feet: Sequence[str] = (), sole: Sequence[float] = ()) -> ImportedRobot:
@@ -166,7 +166,7 @@ def _check_legs(skeleton: Skeleton, stance: Stance) -> None:
 def _stand(spec: mujoco.MjSpec, skeleton: Skeleton, stance: Stance, reference: dict[str, float]) -> Standing:
     """Find the posture `stand` of a robot whose links may be anywhere."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder).resolve() / "robot.toml"
+        path = Path(folder).resolve() / DESCRIPTION
         write_text(path.with_suffix(".xml"), xml_of(spec, PREPARED))
         write_text(path, description("robot", path, skeleton, stance))
         try:

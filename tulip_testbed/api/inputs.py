@@ -43,8 +43,8 @@ def load_robot(path: str | Path = TULIP) -> Robot:
     """Load a robot and check its description and its model against each other.
 
     Args:
-        path: of the description (TOML), or of a published MJCF or URDF, of which a description is made in a
-            temporary folder (`tulip robot` writes one to keep); TULip's if left out.
+        path: of the description (TOML), of the folder that `tulip robot` wrote, or of a published MJCF or
+            URDF, of which a description is made in a temporary folder; TULip's if left out.
 
     Raises:
         InputError: names the file, the key, what was found and what was expected.
