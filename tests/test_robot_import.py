@@ -287,7 +287,7 @@ def test_the_command(urdf, tmp_path, capsys, monkeypatch):
     document = json.loads(capsys.readouterr().out)
     assert document["found"]["joints"] == 17
     assert {"robot.toml", "robot.xml"} <= {path.name for path in (tmp_path / "out").iterdir()}
-    assert load_robot(tmp_path / "out") == load_robot(tmp_path / "out" / "robot.toml")
+    assert load_robot(tmp_path / "out").path == (tmp_path / "out" / "robot.toml").resolve()
     assert main(["robot", str(urdf)]) == 0
     assert "rotor inertia" in capsys.readouterr().out
     assert main(["robot", str(urdf), "--out", str(tmp_path / "out")]) == 2
