@@ -22,7 +22,8 @@ def changes_by_corrections(calibration: SelfCalibration, corrections: Sequence[E
     Args:
         calibration: of all base parameters. corrections: effects that were removed from its measurements.
     """
-    free, smooth = [FreeEffect(one) for one in corrections], calibration.linear.smooth
+    smooth = calibration.linear.smooth
+    free = [FreeEffect(one) for one in corrections if one.intervals]
     used = residuals_in_use(smooth)[..., None]
     slope = used * sensitivity(smooth, calibration.theta)
     columns = [used * member_columns(smooth, calibration.theta, slope, one) for one in free]
@@ -60,10 +61,6 @@ def with_uncertain_corrections(calibration: SelfCalibration, changes: np.ndarray
 
 def _standard_errors(free: FreeEffect) -> list[float]:
     """Return the s.e. of every size; that of a positive one by the longer half of its interval."""
-    start, out = free.start, []
-    for k in free.effect.sizes:
-        ends = start.intervals[k] if start.intervals else None
-        out.append(
-            0.0 if ends is None else max(ends[1] - start.values[k], start.values[k] - ends[0]) / HALF_95
-        )
-    return out
+    start = free.start
+    known = ((start.values[k], start.intervals[k] or (start.values[k],) * 2) for k in free.effect.sizes)
+    return [max(high - at, at - low) / HALF_95 for at, (low, high) in known]
