@@ -23,6 +23,7 @@ from tulip_testbed.calibration.linearisation import (
     mixing_of,
     scaled_noise,
     sources_of,
+    yielding,
 )
 from tulip_testbed.calibration.member_removal import members_removed
 from tulip_testbed.calibration.reml import LikelihoodFit, fit, parts_of_variance
@@ -170,7 +171,13 @@ class SelfCalibration:
         every = ((INTERNAL, covariance.internal), (FOOT_TILT, covariance.tilt), (INERTIA, covariance.inertia))
         unseen = [scales.get(name, 0.0) * columns for name, columns in every]
         unseen = np.concatenate([*unseen, covariance.unsure], axis=2)
-        return Background(self.problem.members[..., : len(spreads)] * spreads, deviates / spreads, unseen)
+        phi = np.concatenate([np.zeros(0), *(calibrated.value for calibrated in self.families)])
+        return Background(
+            columns=self.problem.members[..., : len(spreads)] * spreads,
+            removed=deviates / spreads,
+            internal=unseen,
+            yielding=yielding(self.linear.smooth, families, phi),
+        )
 
     @property
     def mass(self) -> tuple[float, float]:

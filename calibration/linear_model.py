@@ -40,11 +40,14 @@ class Background:
         removed: estimate of the deviates, (k,).
         internal: change of the residuals by one s.d. of forces that no cell shows, (m, 11, j); they differ
             from posture to posture.
+        yielding: what noisy readings change in the fields of `packed` through the compliances that were
+            removed, (m, k, n_joints + 2 k + 6); None: nothing.
     """
 
     columns: np.ndarray
     removed: np.ndarray
     internal: np.ndarray
+    yielding: np.ndarray | None = None
 
 
 def exact(postures: int) -> Background:
@@ -133,7 +136,7 @@ def linear_model(
         channels: those that are used.
         smoothed: its readings less their noise, if known; otherwise the readings. Covariances taken at
             noisy readings are correlated with the noise, which `rounds` of smoothing reduce.
-        propagation: see `whitening`.
+        propagation: see `whitening`; of other effects than ordinary imperfections.
         explained: residuals that are explained already, (m, 11); smoothing must not take them for noise.
         background: ordinary imperfections that were removed; None: there are none.
 
@@ -169,6 +172,9 @@ def _round(
     background: Background,
 ) -> LinearModel:
     """Take columns and covariances at the smoothed readings, and residuals at the readings."""
+    if (yielding := background.yielding) is not None:
+        plain = np.eye(*yielding.shape[1:]) if propagation is None else propagation
+        propagation = plain + yielding
     white = whitening(smoothed, theta, noise, channels, propagation, background.internal)
     nuisance = nuisances(smoothed, channels)
     used = np.abs(nuisance).max(axis=(0, 1)) > 0

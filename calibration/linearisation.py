@@ -262,6 +262,19 @@ def _yields(observed: Observation, families: Families) -> _Yields:
     return _Yields(np.array(field, int), np.array(member, int), np.concatenate(rate, axis=1))
 
 
+def yielding(observed: Observation, families: Families, phi: np.ndarray) -> np.ndarray:
+    """Return what noisy readings change in the fields of `packed` as the compliances are removed.
+
+    Returns:
+        derivative, (m, k, n_joints + 2 k + 6).
+    """
+    at, yields = fields(observed), _yields(observed, families)
+    out = np.zeros((len(observed), at["push"].stop, at["plates"].stop))
+    for field, member, rate in zip(yields.field, yields.member, yields.rate.swapaxes(0, 1), strict=True):
+        out[:, field, at["cells"].start :] += phi[member] * rate
+    return out
+
+
 def _excess(
     slope: np.ndarray, rate: np.ndarray, reach: np.ndarray, noise: Noise, weights: Weights
 ) -> np.ndarray:

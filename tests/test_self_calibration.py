@@ -12,6 +12,8 @@ from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.calibration.member_columns import member_columns
 from tulip_testbed.calibration.member_removal import with_estimated_loads
 from tulip_testbed.calibration.self_calibration import least_determined, self_calibrate
+from tulip_testbed.discovery.joint_fit import Data
+from tulip_testbed.discovery.patterns import patterns
 from tulip_testbed.effects.instance import removed
 from tulip_testbed.experiments.identify import identify, warn_of_unrest
 from tulip_testbed.experiments.laboratory import Laboratory
@@ -21,6 +23,8 @@ from tulip_testbed.identification.noise_structure import NoiseStructure, groups
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import (
     constants_of_stances,
+    fields,
+    packed,
     residuals,
     residuals_in_use,
     sensitivity,
@@ -193,6 +197,32 @@ def test_columns_are_the_change_by_removal(ordinary, nominal, robot):
     change = residuals(observed, theta) - residuals(removed(observed, instances), theta)
     error = np.abs(columns @ np.concatenate(values) - change).max(axis=0)
     assert (error < 0.03 * np.abs(change).max(axis=0)).all()
+
+
+def test_noise_reaches_what_yields(found, ordinary, nominal):
+    """A cell that reads more, or a plate recorded elsewhere, changes angles and tilts without compliances."""
+    observed, at = observe(ordinary[0].measurements, nominal), fields(found.observed)
+    expected = found.background().yielding
+    free = [*range(at["cells"].start), *range(at["stance_tilt"].start, at["swing_tilt"].stop)]
+    for reading, field, step in ((2, "cell_forces", 0.1), (5, "cell_forces", 0.1), (8, "plate_poses", 1e-4)):
+        ends = []
+        for sign in (1, -1):
+            values = getattr(observed, field).copy()
+            values.reshape(len(values), -1)[:, reading % 8] += sign * step
+            ends.append(packed(found.cleaned(observed.changed(**{field: values}))))
+        by_reading = (ends[0] - ends[1])[:, free] / (2 * step)
+        column = expected[:, free, at["cells"].start + reading]
+        assert column == pytest.approx(by_reading, abs=0.03 * np.abs(by_reading).max())
+
+
+def test_noisy_loads_leave_no_pattern_in_soft_joints(robot, nominal):
+    """With a coarse sensor the noise of the loads passes into the angles that the compliances correct."""
+    soft = [f"joint-compliance:{joint}=2e-4" for joint in nominal.parameters.tree.joints]
+    laboratory = tt.Laboratory(robot, sensors="wii").with_effects(*soft, "sole-compliance=4e-4")
+    measured = laboratory.run(tt.plans.random, seed=1, engine="statics").measurements
+    found = self_calibrate(observe(measured, nominal))
+    fit = Data(found.observed, found.noise, found.background()).null
+    assert patterns(fit.linear, fit.residual, fit.columns)[0].p > 0.05
 
 
 def test_loads_are_those_of_the_estimated_robot(ordinary, nominal, robot):
