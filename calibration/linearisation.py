@@ -151,6 +151,8 @@ def linearised(
             motion = slope[..., at["shift"].start : at["push"].stop] @ clean.motion[..., None]
         parts = (pushed * SYSTEMATIC * UNSEEN, tilt, motion)
         covariance = _covariance(reach, parts, unsure, noise, clean)
+    else:
+        covariance = _with_unsure(covariance, slope @ _unsure(state.smooth, families, phi))
     reach, weights = covariance.reach, covariance.structure.weights(np.log(state.scales))
 
     left = residuals(clean, theta)
@@ -353,6 +355,14 @@ def _covariance(
         free=constants_of_stances(used),
     )
     return ResidualCovariance(reach, *unseen, unsure, structure)
+
+
+def _with_unsure(covariance: ResidualCovariance, unsure: np.ndarray) -> ResidualCovariance:
+    """Return the covariance of another estimate with what the readings do not show of these effects."""
+    if not unsure.shape[2] and not covariance.unsure.shape[2]:
+        return covariance
+    fixed = covariance.structure.fixed + unsure @ unsure.mT - covariance.unsure @ covariance.unsure.mT
+    return replace(covariance, unsure=unsure, structure=replace(covariance.structure, fixed=fixed))
 
 
 def _doubt(observed: Observation) -> np.ndarray:

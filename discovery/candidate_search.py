@@ -330,6 +330,8 @@ def fit_in_addition(adopted: JointFit, term: Fitted) -> Fitted:
 
     Its Bayes factor is that of its best point; ln of the number of times or points is subtracted.
     """
+    if not term.candidate.effect.sizes and term.candidate.effect.mechanism.unsure is not None:
+        return term  # there is nothing to fit, and its noise is in the Bayes factor already
     linear = adopted.partialled_out
     found = gauss_newton(linear, (term,))
     return replace(

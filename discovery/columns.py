@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -16,6 +16,7 @@ from tulip_testbed.identification.residual_channels import SIZE, difference, res
 STEP = 1e-2  # prior s.d., of the difference quotient
 AT_ONCE = 5e6  # numbers in the columns of several candidates
 Moments = tuple[np.ndarray, np.ndarray]  # of a candidate's columns: Gram matrix, (s, s), and pulls, (s, d)
+Unsure = list[tuple[slice, np.ndarray]]
 
 
 class Columns(Protocol):
@@ -37,10 +38,13 @@ class CandidateColumns:
     Attributes:
         projected: columns of each candidate at each point of its grid, whitened and projected, (r + 1, s).
             An effect without a size has one column, its whole change of the residuals.
+        unsure: of effects without a size, by number and point, the whitened change of the residuals by one
+            s.d. of what the readings do not show of each posture, placement by placement: rows, and (r, m).
     """
 
     candidates: list[Candidate]
     projected: list[list[np.ndarray]]
+    unsure: Mapping[tuple[int, int], Unsure] = field(default_factory=dict)
 
     @property
     def count(self) -> int:
@@ -49,7 +53,26 @@ class CandidateColumns:
 
     def moments(self, whitened: np.ndarray) -> list[list[Moments]]:
         """Multiply the columns of each candidate, at each point, by themselves and by others, (r + e, d)."""
-        return [[(column.T @ column, column.T @ whitened) for column in points] for points in self.projected]
+        out = [[(column.T @ column, column.T @ whitened) for column in points] for points in self.projected]
+        for (k, point), blocks in self.unsure.items():
+            gram, pull = out[k][point]
+            left = whitened - self.projected[k][point]
+            out[k][point] = gram, pull + _gained_by_unsure(blocks, left)
+        return out
+
+
+def _gained_by_unsure(blocks: Unsure, left: np.ndarray) -> np.ndarray:
+    """Return what ln of the likelihood of residuals (r + e, d) gains by noise that an effect adds, (d,).
+
+    With U the changes by one s.d. of it, V = I + U U' in place of I.
+    """
+    gained = np.zeros(left.shape[1])
+    for where, columns in blocks:
+        pull, spread = columns.T @ left[where], np.eye(columns.shape[1]) + columns.T @ columns
+        gained += (
+            0.5 * (pull * np.linalg.solve(spread, pull)).sum(axis=0) - 0.5 * np.linalg.slogdet(spread)[1]
+        )
+    return gained
 
 
 @dataclass(frozen=True)
@@ -81,7 +104,29 @@ def candidate_columns(
     flat = whitened_columns(linear, candidates, known)
     whole = linear.project(np.concatenate(flat, axis=1))
     parts = iter(np.split(whole, np.cumsum([column.shape[1] for column in flat])[:-1], axis=1))
-    return CandidateColumns(candidates, [[next(parts) for _ in c.settings] for c in candidates])
+    unsure = {
+        (k, point): list(_unsure_blocks(linear, candidate, point))
+        for k, candidate in enumerate(candidates)
+        if candidate.effect.mechanism.unsure is not None and not candidate.effect.sizes
+        for point in range(len(candidate.settings))
+    }
+    return CandidateColumns(candidates, [[next(parts) for _ in c.settings] for c in candidates], unsure)
+
+
+def _unsure_blocks(
+    linear: LinearModel, candidate: Candidate, point: int
+) -> Iterator[tuple[slice, np.ndarray]]:
+    """Whiten the changes by one s.d. of what the readings do not show of each posture of a placement."""
+    values = candidate.values(np.zeros(0), point)
+    effect, target, white = candidate.effect, candidate.target, linear.whitening
+    off = effect.unsure(linear.smoothed, target, values)
+    change = None if off is None else difference(effect.remove(linear.smoothed, target, values), off)
+    if change is None or not change.any():
+        return
+    raw = (white.sensitivity @ change[..., None])[..., 0].ravel()
+    for where, numbers, factor in white.blocks:
+        own = np.equal.outer(numbers // SIZE, np.unique(numbers // SIZE))
+        yield where, factor @ (raw[numbers, None] * own)
 
 
 def candidate_blocks(

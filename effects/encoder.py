@@ -74,9 +74,24 @@ def _restore_angle(observed: Observation, target: str, values: Values) -> Observ
     if wind_up:
         full = servo_stiffness(observed.nominal.robot, {})[at] * Controller().error_at_full_torque
         turned = motor + wind_up * torque / full
-    logged = (np.abs(m.joint_angles[:, at] - command) < ROUNDING).all()
-    angles[:, at] = turned if logged else angles[:, at] + command - turned
+    angles[:, at] = turned if _is_command(m, at) else angles[:, at] + command - turned
     return observed.changed(joint_angles=angles)
+
+
+def _is_command(m: Measurements, at: int) -> bool:
+    return m.command is not None and bool((np.abs((m.joint_angles - m.command)[:, at]) < ROUNDING).all())
+
+
+def _off_friction(observed: Observation, target: str, values: Values) -> Observation:
+    """Return the restored angles off by what the joint's dry friction, at its limit, bears of the load."""
+    restored, m = _restore_angle(observed, target, values), observed.measurements
+    model, at = observed.nominal.robot.model, observed.tree.joints.index(target)
+    if not values[0] or m.motor is not None or not _is_command(m, at):
+        return restored
+    limit = model.dof_frictionloss[model.joint(target).dofadr[0]]
+    angles = restored.joint_angles.copy()
+    angles[:, at] += limit / observed.servo_gain[at]
+    return restored.changed(joint_angles=angles)
 
 
 _on_encoder = partial(Effect, targets=JOINTS)
@@ -160,7 +175,7 @@ EFFECTS = (
         name="logged-command",
         sentence="The log holds a joint's command in place of its encoder's reading.",
         parameters=(Parameter("source", "", grid=(1,), choices=SOURCES),),
-        mechanism=Misreading(_log_command, _restore_angle),
+        mechanism=Misreading(_log_command, _restore_angle, _off_friction),
         words="The log of the {target} joint holds its {0} in place of its encoder's reading.",
         explanation="""The log holds a joint's commanded angle in place of its encoder's reading.
 
@@ -168,9 +183,9 @@ EFFECTS = (
         servo holds its load with an error. The prediction restores the angle where the motor's encoder says
         that the motor is. If motors were not recorded, it is where the nominal servo yields to the load of
         the nominal robot: torque = stiffness (command - angle), stiffness = torque limit over the error at
-        full torque. That leaves out the torque of dry friction in the joint, which nobody knows, so that the
-        explanation is often judged insufficient. In both cases the joint turns beyond its motor by the
-        wind-up that the robot's description states.
+        full torque. Dry friction in the joint bears a part of the load, nobody knows which; its limit by the
+        robot's description is the s.d. of every posture. In both cases the joint turns beyond its motor by
+        the wind-up that the description states.
 
         Where the log differs from the command the fault is absent. The prediction then adds it, which shows
         how much of it the experiment would see and explains nothing. Without commands in the measurements it

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -25,11 +25,12 @@ class Misreading:
         apply: (measurements, robot, target, values) -> the measurements that the faulty instruments give.
         remove: (observation, target, values) -> the observation with the readings corrected. It may share
             a formula with `apply`, because hand-worked readings in the tests hold sign and definition.
+        unsure: see `Physics`.
     """
 
     apply: Callable[[Measurements, Robot, str, Values], Measurements]
     remove: Callable[[Observation, str, Values], Observation]
-    unsure: ClassVar[None] = None
+    unsure: Callable[[Observation, str, Values], Observation] | None = None
 
     def inject(self, rig: Rig, target: str, values: Values) -> Rig:
         """Return the laboratory with the faulty instruments."""

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from studies.hidden_effects.readings import (
+    LOG,
     READERS,
     Readings,
     Values,
@@ -102,11 +103,15 @@ class Built:
         sheet = header_of(preset_rig(self.preset, rig.robot)).sensors
         readings = Readings(replace(outcome.measurements, sensors=sheet), rig, plan, seed)
         effects = [(*split_label(label), values) for label, values in self.effects.items()]
-        for name, read in READERS.items():
+        instruments = dict(READERS)
+        log = instruments.pop(LOG)  # what is logged in place of a reading has none of its faults
+        for name, read in instruments.items():
             for target, values in ((target, values) for kind, target, values in effects if kind == name):
                 read(readings, target, values)
         for fault in (*self.faults, *(() if exact else self.noise)):
             fault(readings)
+        for target, values in ((target, values) for kind, target, values in effects if kind == LOG):
+            log(readings, target, values)
         return readings.measurements
 
 

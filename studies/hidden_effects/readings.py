@@ -147,6 +147,7 @@ def _creep(r: Readings, load: np.ndarray, values: Values) -> np.ndarray:
     return crept
 
 
+LOG = "logged-command"
 # The order is that of the signals' way: the last acts on what the others have left.
 READERS: dict[str, Reader] = {
     "encoder-gain": _on_joint(lambda r, angle, v, at: v[0] * angle),
@@ -154,7 +155,7 @@ READERS: dict[str, Reader] = {
     "lag": _on_joint(lambda r, angle, v, at: v[0] * np.where(r.new, 0.0, r.before(angle) - angle)),
     "encoder-offset": _on_joint(lambda r, angle, v, at: v[0]),
     "encoder-slip": _on_joint(lambda r, angle, v, at: v[0] * (r.time >= v[1])),
-    "logged-command": _on_joint(_command),
+    LOG: _on_joint(_command),
     "cell-crosstalk": _on_cells(lambda r, load, v: v[0] * (load.sum(axis=2, keepdims=True) - load)),
     "cell-hysteresis": _on_cells(lambda r, load, v: v[0] * (r.before(load) - load)),
     "creep": _on_cells(_creep),
