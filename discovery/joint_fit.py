@@ -37,9 +37,9 @@ class Data:
     noise: Noise
     background: Background | None = None
 
-    @cached_property
+    @property
     def null(self) -> JointFit:
-        """Return the fit without any effect."""
+        """Fit without any effect; it is not kept, because a fit holds its data."""
         linear = linear_model(self.observed, self.noise, background=self.background)
         empty = np.zeros((len(linear.residual), 0))
         return JointFit(self, (), np.zeros((0, 0)), linear, empty, linear.residual, 0.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import chain, islice
 
 import numpy as np
 import scipy
@@ -25,6 +26,7 @@ PARTS = (
     ("C", slice(8, 11), "the swing foot's place"),
 )
 DISTINCT = 0.05
+AT_ONCE = 30  # patterns
 SMOOTH = 12  # directions of a smooth function of many quantities
 MOST_LANDMARKS = 400  # postures from whose neighbourhood such a function is made
 NEAR = 0.5  # length over which it varies, of the median distance of two postures; assumed
@@ -67,9 +69,8 @@ def patterns(linear: LinearModel, residual: np.ndarray, fitted: np.ndarray) -> l
         the least probable first.
     """
     basis = np.linalg.qr(fitted)[0] if fitted.shape[1] else fitted
-    out, tried = [], [*_of_residuals(linear), *_of_readings(linear)]
-    whitened = linear.whitening.each([raw for _, _, raw in tried])
-    for (channel, words, _), whole in zip(tried, whitened, strict=True):
+    out = []
+    for channel, words, whole in _whitened(linear):
         columns = linear.project(whole)
         columns = columns - basis @ (basis.T @ columns)
         left, size, _ = np.linalg.svd(columns, full_matrices=False)
@@ -82,6 +83,14 @@ def patterns(linear: LinearModel, residual: np.ndarray, fitted: np.ndarray) -> l
     count = len(out)
     found = [replace(p, p=min(1.0, count * float(chi2_sf(p.gain, p.dof)))) for p in out if p.dof]
     return sorted(found, key=lambda p: (p.p, -p.gain))
+
+
+def _whitened(linear: LinearModel) -> Iterator[tuple[str, str, np.ndarray]]:
+    """Yield channel, words and whitened columns (r, k) of all patterns, a few at a time for memory's sake."""
+    tried = chain(_of_residuals(linear), _of_readings(linear))
+    while some := list(islice(tried, AT_ONCE)):
+        whitened = linear.whitening.each([raw for _, _, raw in some])
+        yield from ((*one[:2], whole) for one, whole in zip(some, whitened, strict=True))
 
 
 def _of_residuals(linear: LinearModel) -> Iterator[tuple[str, str, np.ndarray]]:

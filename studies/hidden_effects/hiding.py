@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 from scipy.linalg import cho_factor, cho_solve
 
 from studies.hidden_effects.laboratories import USUAL, Built, draw_laboratory, tolerance_of
@@ -26,6 +27,7 @@ from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.robot import Robot
 
 STEP = 1e-4  # of readings, in SI units
+WAVES, WANDERING = 3, 0.5  # functions of time by which a zero wanders, and by how much [s.d. of a reading]
 FREE = 1e-9  # precision of columns without a prior, of length 1
 LEAST_STANDING = 0.75  # of the postures
 NOTHING, ONE, TWO, OUTSIDE = "nothing", "one", "two", "outside"
@@ -77,8 +79,8 @@ class Clearness:
     """A laboratory's experiment as a linear model: what a fault shows and how far it moves base parameters.
 
     Both follow from the laboratory's own simulation and from linear least squares, in which ordinary members
-    have their tolerances as prior s.d. No estimator and no verdict of the package takes part, so that the
-    cases of the study stay the same when those change.
+    have their tolerances as prior s.d. and all zeros wander by functions of time. No estimator and no verdict
+    of the package takes part, so that the cases of the study stay the same when those change.
 
     Attributes:
         built, plan: the experiment. plain: the laboratory without imperfections, for exact simulations.
@@ -124,7 +126,10 @@ class Clearness:
             return np.einsum("mck,mp->mckp", columns, place).reshape(*here.shape, -1)
 
         constants = by_place(constants_of_stances(self.used))
-        known = [by_place(plates), weight, np.stack(members, axis=2)]
+        time = (measured.time - measured.time[0]) / np.ptp(measured.time)
+        slow = legvander(2 * time - 1, WAVES)[:, 1:] * np.sqrt(2 * np.arange(WAVES) + 3)
+        wandering = WANDERING * noise[..., None] * slow[:, None, None]
+        known = [by_place(plates), weight, wandering.reshape(*here.shape, -1), np.stack(members, axis=2)]
         self.columns = self._project(np.concatenate([of_base, constants, *known], axis=2))
         self.parameters, free = len(theta), len(theta) + constants.shape[2]
         self.columns[:, :free] /= np.maximum(np.linalg.norm(self.columns[:, :free], axis=0), 1e-300)
