@@ -9,6 +9,7 @@ import numpy as np
 from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.calibration.calibration_result import SelfCalibration
+from tulip_testbed.calibration.families import TOLERANCES
 from tulip_testbed.calibration.self_calibration import (
     as_log_shows,
     least_determined,
@@ -96,7 +97,7 @@ def _in_excess(
     Returns:
         their names; empty if not even a laboratory without any imperfection can be estimated.
     """
-    names = least_determined(observed, tolerances)
+    names = [name for name in least_determined(observed, tolerances) if name in TOLERANCES]
     several = [tuple(names[: k + 1]) for k in range(1, len(names))]
     for chosen in [*((name,) for name in names), *several]:
         try:

@@ -97,7 +97,8 @@ def read_rig(folder: Path, robot: Robot) -> tuple[EffectInstance, ...]:
     """
     folder = Path(folder)
     if not is_folder(folder):
-        raise InputError(f"{folder}: no such rig folder")
+        found = "found a file, expected a" if present(folder) else "no such"
+        raise InputError(f"{folder}: {found} rig folder")
     where = folder / RIG_FILE
     if not present(where):
         inside = present(folder / RIG / RIG_FILE)

@@ -108,8 +108,9 @@ def report_robot(
     """Report on a description, or prepare a published model; see `tulip_testbed.describe_robot`."""
     if file.suffix.lower() not in PUBLISHED:
         if feet or sole or out is not None:
+            found = "a folder" if file.is_dir() else "a description"
             raise InputError(
-                f"{file}: found a description, expected a published MJCF or URDF with feet, sole or out"
+                f"{file}: found {found}, expected a published MJCF or URDF with feet, sole or out"
             )
         return _report(described_robot(file), support)
     imported = import_robot(file, feet, sole)

@@ -217,7 +217,8 @@ def kind_of(folder: Path) -> RunKind | Literal["plan", "measurement"]:
     """Return what a folder holds, by the file that describes it."""
     folder = Path(folder)
     if not is_folder(folder):
-        raise InputError(f"{folder}: no such folder")
+        found = "found a file, expected a folder" if present(folder) else "no such folder"
+        raise InputError(f"{folder}: {found}")
     if present(folder / RUN_FILE):
         return _run_kind(folder / RUN_FILE)
     found = [kind for kind, name in KINDS.items() if present(folder / name)]

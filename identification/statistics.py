@@ -17,7 +17,7 @@ def standard_errors(covariance: np.ndarray) -> np.ndarray:
 
 def relative_standard_errors(value: np.ndarray, standard_error: np.ndarray) -> np.ndarray:
     """Return the relative standard errors (eq. 13), (p,) [%]; infinite or NaN for a zero estimate."""
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         return 100 * standard_error / np.abs(value)
 
 

@@ -18,6 +18,7 @@ from pydantic import (
     model_validator,
 )
 
+from tulip_testbed.base.errors import shortened
 from tulip_testbed.measurements.bounds import (
     LEAST_CELL_SPREAD,
     LEAST_DEVIATION,
@@ -274,6 +275,11 @@ def wrong_contacts(contacts: Contacts) -> str:
             return "cop_sd: found with zeros or a foot below, expected none: such a device counts as tared"
     if wrong := wrong_arrays(contacts, shapes):
         return wrong
+    if contacts.covariance is not None:
+        try:
+            _covariance(contacts.covariance.tolist())
+        except ValueError as error:
+            return f"covariance: found {shortened(contacts.covariance.tolist())}, {error}"
     if not (contacts.zero_sd >= 0).all():
         return "zero_sd: found a number below zero or none, expected 0, an s.d. or infinity"
     if contacts.mount == "ground" and any(

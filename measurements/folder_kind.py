@@ -42,3 +42,7 @@ def check_kind(folder: Path, wanted: str) -> None:
                 f"{folder}: found a {kind} folder ({file}), expected a {wanted} folder ({KINDS[wanted]})"
                 + (f"; {advice}" if advice else "")
             )
+    if wanted == "plan":  # a check lists all that a measurement folder lacks
+        inside = folder / INSIDE[wanted]
+        advice = f"; there is one in it: {inside}" if present(inside / KINDS[wanted]) else ""
+        raise InputError(f"{folder}: found no {KINDS[wanted]} in it, expected a plan folder{advice}")

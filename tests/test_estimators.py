@@ -133,6 +133,7 @@ def test_statistics_by_hand():
     assert standard_errors(covariance).tolist() == [2.0, 3.0]
     assert correlations(covariance)[0, 1] == pytest.approx(-0.5)
     assert relative_standard_errors(np.array([-8.0, 1.0]), np.array([2.0, 3.0])).tolist() == [25.0, 300.0]
+    assert relative_standard_errors(np.array([5e-324]), np.array([1.0])).tolist() == [np.inf]
     assert high_correlations(covariance, np.array([12, 13]), 0.4) == [(12, 13, pytest.approx(-0.5))]
     assert high_correlations(covariance, np.array([12, 13]), 0.6) == []
     norms = residual_norms(np.array([3.0, 4.0, 0.0, 1.0]))

@@ -167,6 +167,20 @@ def test_a_moment_of_the_wrong_sign_is_noticed(table, stated, tmp_path):
     assert any("centre of pressure" in text for text in found.problems), found.problems
 
 
+def test_times_that_run_backward_and_another_weight_are_noticed(table, stated, tmp_path):
+    def swap(columns):
+        columns["time"] = columns["time"][[0, 1, 2, 4, 3, *range(5, len(columns["time"]))]]
+
+    weighed = "weighed_mass = {value = 800.0, sd = 0.1}\n" + WRENCHES
+    found = tt.import_table(table(change=swap), out=tmp_path / "data", map=[stated(weighed)])
+    assert found.exit_code == 1
+    time, weight, *_ = found.problems
+    assert time.startswith("time: row 5 is ")
+    assert time.endswith(" s earlier than row 4, expected rows in the order in which they were measured")
+    assert weight.startswith("weight: the vertical forces sum to ")
+    assert "the stated mass weighs 7848 N" in weight
+
+
 def test_a_unit_that_is_not_written_has_to_be_stated(table, stated, tmp_path):
     def strip(columns):
         columns["RKnee"] = columns.pop("RKnee [deg]")

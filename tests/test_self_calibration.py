@@ -7,7 +7,14 @@ import pytest
 
 import tulip_testbed as tt
 from tulip_testbed.base.errors import InputError, InputWarning
-from tulip_testbed.calibration.families import SOLE, TOLERANCES, families_of, read_tolerances, tolerances_of
+from tulip_testbed.calibration.families import (
+    SOLE,
+    TOLERANCES,
+    check_tolerances,
+    families_of,
+    read_tolerances,
+    tolerances_of,
+)
 from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.calibration.member_columns import member_columns
 from tulip_testbed.calibration.member_removal import with_estimated_loads
@@ -268,6 +275,20 @@ def test_too_few_postures_name_the_families_to_leave_out(ordinary, robot, nomina
     if named:
         stated = dict.fromkeys(named, 0.0)
         identify(ordinary[0].measurements, robot, tolerances=stated, calibrate=limited)
+
+
+def test_the_zero_of_a_sensor_is_no_family_to_leave_out(robot):
+    """It is stated with the sensor, not as a tolerance."""
+    feet = tt.Laboratory(robot, sensors="foot-ft").run(tt.plans.random, seed=2, engine="statics").measurements
+    assert feet.contacts is not None
+    zeros = dataclasses.replace(feet.contacts, zero_sd=np.ones((2, 6)))
+
+    def impossible(observed, tolerances):
+        check_tolerances(tolerances or {})
+        raise np.linalg.LinAlgError
+
+    with pytest.raises(InputError, match="too much alike"):
+        identify(dataclasses.replace(feet, contacts=zeros), robot, calibrate=impossible)
 
 
 def test_an_estimate_that_does_not_come_to_rest_is_warned_of(ordinary, robot):

@@ -127,6 +127,11 @@ def test_a_column_that_vanishes(folder, plan, robot, tmp_path):
     assert (first.verdict.verdict, second.verdict, third.verdict.verdict) == (OK, None, OK)
     assert "line 3: found" in second.problem
     assert "a column vanished" in second.problem
+    header = next(line for line in (path / "postures.csv").read_bytes().splitlines(True) if line[:1] != b"#")
+    assert tt.watch(path, robot, plan=plan, once=True).exit_code == 0  # before the first row
+    unreadable = tt.watch(path, robot, plan=plan, once=True, rows=[header, b"1,2\n", b"3,4\n"])
+    assert [one.verdict for one in unreadable] == [None, None]
+    assert unreadable.exit_code == 1
     state = tmp_path / "state"
     judged(path, plan, robot, out=state)
     text = (path / "postures.csv").read_text()

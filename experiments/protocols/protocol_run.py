@@ -35,7 +35,7 @@ from tulip_testbed.sim.robot_check import check_scene, warn_of_robot
 from tulip_testbed.sim.scene import boards_under
 from tulip_testbed.sim.sensors import PRESETS
 
-FASTEST = 10.0  # rad/s
+SLOWEST, FASTEST = 1e-3, 10.0  # rad/s
 HOISTED = 10.0  # s more than the motion itself, to take the load off the robot: prefers free motions
 
 
@@ -151,8 +151,8 @@ def protocol_of(
 ) -> LaboratoryProtocol:
     """Order a plan and plan the motions between its postures; see `tulip_testbed.protocol`."""
     at_least("repeats", repeats, 0)
-    if not 0 < speed <= FASTEST:
-        raise InputError(f"speed: found {speed:g}, expected above 0 and at most {FASTEST:g} rad/s")
+    if not SLOWEST <= speed <= FASTEST:
+        raise InputError(f"speed: found {speed:g}, expected {SLOWEST:g} to {FASTEST:g} rad/s")
     if sensors is not None:
         look_up("preset", sensors, PRESETS, "sensors")
     check_fits("plan", plan, robot)

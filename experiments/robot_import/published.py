@@ -176,6 +176,12 @@ def _check_tree(model: mujoco.MjModel, root: int, path: Path) -> None:
     for body in np.flatnonzero(own & (model.body_mass > MOST_MASS))[:1]:
         found = f"'{model.body(body).name}': found mass {model.body_mass[body]:g} kg"
         raise InputError(f"{path}: link {found}, expected at most {MOST_MASS:g} kg")
+    apart = np.linalg.norm(model.body_ipos, axis=1)
+    for body in np.flatnonzero(own & (apart > MOST_SHAPE))[:1]:
+        raise InputError(
+            f"{path}: link '{model.body(body).name}': found its centre of mass {apart[body]:.3g} m away, "
+            f"expected at most {MOST_SHAPE:g} m; millimetres?"
+        )
     for geom in np.flatnonzero(own[model.geom_bodyid] & (2 * model.geom_rbound > MOST_SHAPE))[:1]:
         name = model.body(model.geom_bodyid[geom]).name
         raise InputError(

@@ -107,11 +107,11 @@ def _check(root: ET.Element, path: Path) -> None:
                 for key in NUMBERS.get(inner.tag, ()):
                     value = inner.get(key, "0")
                     tokens = value.split() if key in LISTS else [value]
+                    at = f"{where}, <{inner.tag}>, attribute '{key}'"
                     if bad := [token for token in tokens if not _is_finite(token)]:
-                        raise InputError(
-                            f"{where}, <{inner.tag}>, attribute '{key}': found '{shortened(bad[0])}', "
-                            "expected finite numbers"
-                        )
+                        raise InputError(f"{at}: found '{shortened(bad[0])}', expected finite numbers")
+                    if key == "effort" and float(value) < 0:
+                        raise InputError(f"{at}: found {value}, expected 0 or more")
 
 
 def _text(path: Path) -> bytes:

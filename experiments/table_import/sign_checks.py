@@ -102,12 +102,15 @@ def _by_weight(m: Measurements, nominal: Nominal) -> Iterator[_Evidence]:
         assert m.wrenches is not None
         names = [f"wrench.{plate}.fz" for plate in PLATES]
         total = np.nansum(m.wrenches[..., m.contacts.channels.index("fz")], axis=1)
-    weight, load = nominal.mass * m.gravity, float(np.median(total))
-    if abs(load / weight - 1) < NEAR_WEIGHT:
-        yield from (_Evidence(name, "weight") for name in names)
-    else:
-        text = f"weight: the vertical forces sum to {number(load, '.4g')} N, the robot's model weighs"
-        yield _Evidence("", "", f"{text} {number(weight, '.4g')} N: a unit, sign or zero")
+    load, masses = float(np.median(total)), {"the robot's model": nominal.mass}
+    if m.weighed_mass is not None:
+        masses["the stated mass"] = m.weighed_mass[0]
+    for what, mass in masses.items():
+        if abs(load / (weight := mass * m.gravity) - 1) < NEAR_WEIGHT:
+            yield from (_Evidence(name, "weight") for name in names)
+        else:
+            text = f"weight: the vertical forces sum to {number(load, '.4g')} N, {what} weighs"
+            yield _Evidence("", "", f"{text} {number(weight, '.4g')} N: a unit, sign or zero")
 
 
 def _by_center(m: Measurements, nominal: Nominal) -> Iterator[_Evidence]:

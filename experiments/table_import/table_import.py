@@ -15,6 +15,7 @@ import pyarrow.csv
 from tulip_testbed.base.column import Column
 from tulip_testbed.base.errors import InputError, listed, look_up
 from tulip_testbed.base.files import new_folder, read_bytes, sha256, write_bytes
+from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Table
 from tulip_testbed.base.table_files import TableFile, software, write_json
@@ -341,6 +342,7 @@ class _Import:
             write_measurements(folder, audited)
             measurements = audited
         self._find_lifted(measurements)
+        self._find_backward(measurements)
         return check_signs(measurements, nominal_robot(self.robot))
 
     def _audited(self, measurements: Measurements) -> Measurements:
@@ -406,6 +408,16 @@ class _Import:
             self.problems.append(
                 f"support: in row {int(light.argmax()) + 1} one foot carries less than {100 * LIFTED:.0f} % "
                 "of the weight, though both are said to stand; state a column 'support'"
+            )
+
+    def _find_backward(self, m: Measurements) -> None:
+        """Name the first row that is earlier than the row before it."""
+        later = np.diff(m.time)
+        if (later < 0).any():
+            row = int((later < 0).argmax())
+            self.problems.append(
+                f"time: row {row + 2} is {number(-later[row], '.3g')} s earlier than row {row + 1}, expected "
+                "rows in the order in which they were measured"
             )
 
     def _mapped(self, proposal: Proposal, signs: SignCheck) -> dict[str, MappedColumn]:

@@ -130,6 +130,11 @@ class Watch(Result):
                 self._log(arrival.verdict)
         return arrival
 
+    @property
+    def exit_code(self) -> int:
+        """Return 1 if rows arrived and none could be read, and else 0."""
+        return int(self._last is None and bool(self.latest))
+
     def to_json(self) -> dict[str, Any]:
         """Return the document of the last verdict; empty before the first one."""
         return {} if self._last is None else self._last.to_json()

@@ -194,6 +194,8 @@ def key_of(plan: PosturePlan, manifest: bytes) -> str:
 
 def check_state_file(path: Path) -> None:
     """Refuse, before the first row, a place inside a measurement folder or one that cannot be written."""
+    if path.is_symlink():
+        raise InputError(f"{path}: found a symbolic link, which the state would replace; expected a file")
     if present(path):
         check_outside(path.resolve())
     else:

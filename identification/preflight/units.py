@@ -145,6 +145,9 @@ def _masses(measurements: Measurements, nominal: Nominal) -> list[tuple[str, str
         else:
             mass = weighed
     contacts = measurements.contacts
+    if contacts is not None and (below := float(contacts.below[:, 0].sum())) >= mass:
+        text = f"{below:g} kg below the contact sensors where the whole robot weighs {number(mass, '.4g')} kg"
+        complaints.append(("contacts.below", text))
     if contacts is not None and np.isinf(contacts.zero_sd[:, contacts.channels.index("fz")]).any():
         return complaints
     total = float(np.median(vertical_forces(measurements).sum(axis=1)))
