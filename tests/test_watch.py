@@ -121,7 +121,9 @@ def test_memory_is_bounded(watched, played):
     assert len(state.taken) <= REACH
     assert (len(state.spreads), len(state.gaps)) == (USUAL, GAPS)
     empty = first_state(watched)
-    for name in ("belief", "changes", "information", "earlier"):
+    assert len(state.earlier) <= len(watched.plan)
+    assert all(not before.history and not before.changes.bias.size for before in state.history)
+    for name in ("belief", "changes", "information"):
         for one in fields(getattr(state, name)):
             found, at_first = (getattr(getattr(each, name), one.name) for each in (state, empty))
             assert found.nbytes == at_first.nbytes
@@ -248,9 +250,10 @@ def test_what_was_measured_since_a_change_began_is_forgotten(watched, before):
     assert state.fault is not None
     assert state.fault.onset == first
     since, until = list(before.taken[-3:]), list(before.taken[:-3])
-    assert before.earlier.there[since].all()
-    assert not state.earlier.there[since].any()
-    assert state.earlier.there[until].all()
+    postures = watched.plan.posture
+    assert set(postures[[*since, *until]]) <= before.earlier.keys()
+    assert not set(postures[since]) & state.earlier.keys()
+    assert set(postures[until]) <= state.earlier.keys()
     # The foot was put down anew since, so that its place is as unknown as at the beginning of a placement.
     state = fault_of_changes(watched, replace(seen, stance=seen.stance + 1), levels(watched))
     np.testing.assert_array_equal(

@@ -270,8 +270,8 @@ def _judge(
         findings = [change]
         if state.fault is not None:
             return state.marked(planned, AGAIN), CHANGED, findings
-    first = model.first_row(posture)
-    again = repeat_probability(model, state, columns, first)
+    here = columns.about(state.belief.mean[: model.parameters])
+    again = repeat_probability(model, state, here, posture)
     alone = float(chi2_sf(innovation.chi_square, innovation.freedom))
     changes = state.changes.with_row(innovation, state.count, model.ramps)
     sudden = float(changes.ratio[changes.newest].max())
@@ -280,23 +280,13 @@ def _judge(
         state = fault_of_odd_rows(model, state.marked(planned, AGAIN), innovation, posture)
         verdict = REPEAT if state.fault is None else CHANGED
     else:
-        here = columns.about(state.belief.mean[: model.parameters])
-        state = state.remembered(planned)
         state = replace(
-            state.marked(planned, MEASURED),
-            odd=0,
+            state.remembered(planned).marked(planned, MEASURED),
+            odd=(),
             changes=changes,
             belief=state.belief.updated(innovation),
             information=state.information.with_posture(model, columns),
-            earlier=state.earlier.changed(
-                first,
-                there=True,
-                stance=state.stance,
-                residual=columns.residual,
-                state=here.state,
-                noise=here.noise(model.noise.encoder),
-                used=columns.used,
-            ),
+            earlier=state.earlier | {posture: (state.stance, here)},
             count=state.count + 1,
         )
         state = fault_of_changes(model, state, level)
