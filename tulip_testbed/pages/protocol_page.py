@@ -12,7 +12,6 @@ from markupsafe import Markup
 from tulip_testbed.base.files import new_folder, write_text
 from tulip_testbed.experiments.example import empty_measurements
 from tulip_testbed.experiments.protocols.motion import FREE, Motion
-from tulip_testbed.experiments.protocols.motion_files import motion_csv, motion_name, motion_yaml
 from tulip_testbed.experiments.protocols.protocol_run import LaboratoryProtocol
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.measurements.cells import CORNERS, PLATES
@@ -93,9 +92,9 @@ def write_protocol(folder: Path, protocol: LaboratoryProtocol) -> list[str]:
         (working / TRAJECTORIES).mkdir()
         for k, motion in enumerate(protocol.motions):
             if motion is not None:
-                name = working / TRAJECTORIES / motion_name(k + 1, motion)
-                write_text(name.with_suffix(".csv"), motion_csv(motion, plan.joints))
-                write_text(name.with_suffix(".yaml"), motion_yaml(motion, plan.joints))
+                name = working / TRAJECTORIES / motion.name(k + 1)
+                write_text(name.with_suffix(".csv"), motion.csv(plan.joints))
+                write_text(name.with_suffix(".yaml"), motion.yaml(plan.joints))
         write_start(working / MEASUREMENTS, empty)
         write_text(working / ROWS, rows_to_fill_in(empty, plan))
     return missing
