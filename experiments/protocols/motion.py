@@ -270,12 +270,13 @@ class MotionPlanner:
         held = min(min(room.values()) for room in still) >= 0
         way, direct = None, None
         for height in (None, *LOWERED) if support == "double" else (None,):
-            stops = []
+            places = [first, last]
             if height is not None:
-                stops = [self.stance(self.plan.swing_pose[start], height, (first + last) / 2)]
-                if stops[0] is None:
+                stance = self.stance(self.plan.swing_pose[start], height, (first + last) / 2)
+                if stance is None:
                     continue
-            legs = [self._leg(a, b, support) for a, b in pairwise([first, *stops, last])]
+                places.insert(1, stance)
+            legs = [self._leg(a, b, support) for a, b in pairwise(places)]
             direct = direct or (legs, LIFT)
             if not any(leg.lacks for leg in legs):
                 way = legs, FREE
