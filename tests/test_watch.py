@@ -19,15 +19,13 @@ from tulip_testbed.experiments.watching.recursive_estimate import (
     Changes,
     Innovation,
 )
-from tulip_testbed.experiments.watching.row_checks import USUAL
+from tulip_testbed.experiments.watching.row_checks import NOT_SETTLED, UNUSABLE, USUAL
 from tulip_testbed.experiments.watching.row_columns import row_columns
 from tulip_testbed.experiments.watching.watch_row import (
     CHANGED,
-    NOT_SETTLED,
     OK,
     REPEAT,
     UNPLANNED,
-    UNUSABLE,
     planned_row,
 )
 from tulip_testbed.experiments.watching.watch_state import AGAIN, GAPS, OPEN, REACH, first_state
