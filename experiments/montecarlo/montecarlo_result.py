@@ -300,7 +300,7 @@ class MonteCarlo(Result, ModelCoverage):
 
 
 def begin(folder: Path, plan: PosturePlan, robot: Robot) -> None:
-    """Write what lies beside the runs into a new folder."""
+    """Write everything but the runs into a new folder."""
     (folder / CHUNK_FOLDER).mkdir()
     write_plan(folder / PLAN_FOLDER, plan)
     ROBOT.write(folder / ROBOT.name, robot)

@@ -32,7 +32,6 @@ from tulip_testbed.experiments.watching.arriving_rows import (
     check_state_file,
     is_header,
     is_row,
-    line_number,
     new_lines,
     read_state,
     row_of,
@@ -109,7 +108,7 @@ class Watch(Result):
         self._out, self._targets, self._once, self._rows = out, targets or {}, once, rows
         self.latest: deque[Arrival] = deque(maxlen=LATEST)
         self._last: Verdict | None = None
-        self._read = b""
+        self._read = bytearray()
         self._arrivals, self._opened = self._judged(), ExitStack()
         addresses: list[str] = []
         self._log = None
@@ -206,9 +205,10 @@ class Watch(Result):
             targets = _targets_of(model, self._targets)
             day = _hash_of_day(self.plan, stated := read_bytes(where))
             kept = b"" if out is None else read_state(out, day)
-            state, header, judge = first_state(model), b"", one_blas_thread(watch_row)
+            state, header, number, judge = first_state(model), b"", 0, one_blas_thread(watch_row)
             for line in itertools.chain(io.BytesIO(kept), self._arriving(path, kept)):
-                number, self._read = line_number(self._read), self._read + line
+                number += self._read[-1:] in (b"", b"\n")
+                self._read += line
                 new = len(self._read) > len(kept)
                 if new and read_bytes(where) != stated:
                     raise InputError(f"{where}: found another manifest than before the first row")
@@ -227,7 +227,7 @@ class Watch(Result):
                 if new:
                     yield Arrival(number, verdict, problem)
                     if out is not None:
-                        write_state(out, day, self._read)
+                        write_state(out, day, bytes(self._read))
                 if verdict is not None and verdict.next is None:
                     return
 
@@ -242,7 +242,7 @@ class Watch(Result):
                 if text_of(line) not in known:
                     yield text_of(line) + b"\n"
             return
-        while (lines := new_lines(path, self._read, self._once)) or not self._once:
+        while (lines := new_lines(path, bytes(self._read), self._once)) or not self._once:
             yield from lines
             if not lines:
                 time.sleep(POLL)
