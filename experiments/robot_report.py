@@ -93,7 +93,7 @@ class RobotReport(Result):
             Column("sum of"),
         )
         rows = [[b.number, b.name, b.value, b.terms, b.largest, b.meaning] for b in self.base]
-        title = f"Base parameters; the total mass is {self.total_mass:.3f} kg"
+        base_title = f"Base parameters; the total mass is {self.total_mass:.3f} kg"
         note = "A base parameter is the sum over the total mass; --json holds every term."
         for title, lines in (("Assumed", self.assumed), ("Problems", self.problems)):
             if lines:
@@ -103,7 +103,7 @@ class RobotReport(Result):
             f"{count['joined']} -> {count['base']} base parameters in {self.support} support",
             "",
             Table("Standard parameters (eq. 5)", of_links, [[*astuple(link)] for link in self.standard]),
-            Table(title, columns, rows, note),
+            Table(base_title, columns, rows, note),
         ]
         if self.findings:
             columns = tuple(map(Column, ("about", "found", "what goes wrong", "what is done")))
