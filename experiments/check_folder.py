@@ -73,14 +73,45 @@ class Preflight(Result):
     def tables(self) -> list[Table | str]:
         """Return the checks and what to do about them; of a folder that cannot be read what it lacks."""
         if self.complaints is not None:
-            found, manifest, row = self.complaints, self.example_manifest or {}, self.example_row or {}
-            return list(complaint_lines(found.manifest, found.table, manifest, row))
-        parts: list[Table | str] = [finding_table(self.checks)]
-        if (advice := advice_table(self.checks)).rows:
-            parts.append(advice)
-        parts += skipped_lines(self.checks)
+            return self._lacks(self.complaints)
+        results = [Cell(check.result, mark=check.result) for check in self.checks]
+        both = list(zip(self.checks, results, strict=True))
+        columns = (Column("check"), Column("result"), Column("found"), Column("expected"))
+        rows = [[check.name, result, check.seen, check.expected] for check, result in both]
+        parts: list[Table | str] = [Table("Preflight", columns, rows)]
+        columns = (Column("check"), Column("result"), Column("where"), Column("what to do"))
+        faulty = [(check, result) for check, result in both if check.result in ("warn", "fail")]
+        if faulty:
+            rows = [[check.name, result, check.where, check.advice] for check, result in faulty]
+            parts.append(Table("Advice", columns, rows))
+        skipped = [check.seen for check in self.checks if check.result == NOT_EVALUATED]
+        reasons = [f"{skipped.count(reason)} ({reason})" for reason in dict.fromkeys(skipped)]
+        parts += [f"Not evaluated: {'; '.join(reasons)}."] if skipped else []
         parts.append(f"{self.rows} rows of {self.postures} postures on {self.placements} placements.")
         return [*parts, f"Verdict: {self.verdict} ({counts_line(self.counts)})"]
+
+    def _lacks(self, found: Complaints) -> list[Table | str]:
+        """Return what an incomplete folder lacks, with an example to copy."""
+        lines = ["This folder cannot be read yet:"]
+        lines += [f"  - {text}" for text in (*found.manifest, *found.table)]
+        if found.manifest:
+            lines += [
+                "",
+                "An example manifest.json for this robot; replace every null that you know:",
+                *compact_json(self.example_manifest or {}).splitlines(),
+            ]
+        if found.table:
+            row = self.example_row or {}
+            lines += [
+                "",
+                "An example postures.csv with one posture, all joints at zero (rad, N, m):",
+                ",".join(row),
+                ",".join(f"{value:g}" for value in row.values()),
+                "",
+                f"These columns are optional: {', '.join(MAY_LACK)}.",
+            ]
+        lines += ["", "docs/how-to/your-data.md explains the format step by step."]
+        return [Verbatim(line) for line in lines]
 
 
 def check_folder(folder: Path, robot: Robot, corrections: Sequence[EffectInstance] = ()) -> Preflight:
@@ -220,60 +251,6 @@ def preflight_of(measurements: Measurements, nominal: Nominal, findings: Sequenc
         counts={result: results.count(result) for result in RESULTS},
         checks=tuple(findings),
     )
-
-
-def finding_table(checks: Sequence[Finding]) -> Table:
-    """Return every check of a preflight with what was found and what is expected."""
-    columns = (Column("check"), Column("result"), Column("found"), Column("expected"))
-    rows = [[c.name, Cell(c.result, mark=c.result), c.seen, c.expected] for c in checks]
-    return Table("Preflight", columns, rows)
-
-
-def advice_table(checks: Sequence[Finding]) -> Table:
-    """Return where the checks that warn or fail see the fault, and what to do about it."""
-    columns = (Column("check"), Column("result"), Column("where"), Column("what to do"))
-    rows = [
-        [c.name, Cell(c.result, mark=c.result), c.where, c.advice]
-        for c in checks
-        if c.result in ("warn", "fail")
-    ]
-    return Table("Advice", columns, rows)
-
-
-def skipped_lines(checks: Sequence[Finding]) -> list[str]:
-    """Return how many checks were not evaluated, and why."""
-    skipped = [check.seen for check in checks if check.result == NOT_EVALUATED]
-    reasons = [f"{skipped.count(reason)} ({reason})" for reason in dict.fromkeys(skipped)]
-    return [f"Not evaluated: {'; '.join(reasons)}."] if skipped else []
-
-
-def complaint_lines(
-    about: Sequence[str], within: Sequence[str], manifest: Mapping[str, Any], row: Mapping[str, float]
-) -> list[str]:
-    """Return what an incomplete folder lacks, with an example to copy.
-
-    Args:
-        about, within: complaints about the manifest and the table. manifest, row: examples.
-    """
-    lines = ["This folder cannot be read yet:", *(f"  - {text}" for text in (*about, *within))]
-    if about:
-        lines += [
-            "",
-            "An example manifest.json for this robot; replace every null that you know:",
-            *compact_json(dict(manifest)).splitlines(),
-        ]
-    if within:
-        lines += [
-            "",
-            "An example postures.csv with one posture, all joints at zero (rad, N, m):",
-            ",".join(row),
-            ",".join(f"{value:g}" for value in row.values()),
-            "",
-            f"These columns are optional: {', '.join(MAY_LACK)}.",
-        ]
-    return [
-        Verbatim(line) for line in [*lines, "", "docs/how-to/your-data.md explains the format step by step."]
-    ]
 
 
 def counts_line(counts: Mapping[str, int]) -> str:

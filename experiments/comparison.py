@@ -51,13 +51,23 @@ class Comparison(Result):
 
     def tables(self) -> list[Table | str]:
         """Return the verdicts, and what differs."""
+        runs = zip("AB", self.runs, self.verdict, strict=True)
+        settings = [[name, *values] for name, values in self.settings.items()] or [["none", "", ""]]
+        a, b = (Column(f"value {run}", format=".4g") for run in "AB")
+        checks = Table(
+            "Gap and evidence", (Column("quantity"), a, b), [[c["name"], *c["value"]] for c in self.checks]
+        )
+        if any(result for check in self.checks for result in check["result"]):
+            rows = []
+            for check in self.checks:
+                (first, second), values = (Cell(r, mark=r or "") for r in check["result"]), check["value"]
+                rows.append([check["name"], first, values[0], second, values[1]])
+            columns = (Column("check"), Column("result A"), a, Column("result B"), b)
+            checks = Table("Checks", columns, rows)
         return [
-            *(
-                f"{run}: {name}, verdict {v}"
-                for run, name, v in zip("AB", self.runs, self.verdict, strict=True)
-            ),
-            settings_difference_table(self.settings),
-            check_difference_table(self.checks),
+            *(f"{run}: {name}, verdict {verdict}" for run, name, verdict in runs),
+            Table("Settings that differ", (Column("setting"), Column("A"), Column("B")), settings),
+            checks,
             *(model_difference_table(model, rows) for model, rows in self.models.items() if rows),
         ]
 
@@ -91,36 +101,6 @@ def differences(first: dict[str, Any], second: dict[str, Any]) -> dict[str, list
         for name in names
         if flat[0].get(name) != flat[1].get(name)
     }
-
-
-def settings_difference_table(settings: dict[str, list[Any]]) -> Table:
-    """Return the settings that differ."""
-    rows = [[name, *values] for name, values in settings.items()]
-    return Table(
-        "Settings that differ", (Column("setting"), Column("A"), Column("B")), rows or [["none", "", ""]]
-    )
-
-
-def check_difference_table(checks: list[dict[str, Any]]) -> Table:
-    """Return the checks of both runs; of two discoveries the gap and the evidence."""
-    judged = any(result for check in checks for result in check["result"])
-    value = [Column(f"value {run}", format=".4g") for run in "AB"]
-    if not judged:
-        columns = (Column("quantity"), *value)
-        return Table("Gap and evidence", columns, [[c["name"], *c["value"]] for c in checks])
-    columns = (Column("check"), Column("result A"), value[0], Column("result B"), value[1])
-    rows = [
-        [
-            check["name"],
-            *(
-                x
-                for r, v in zip(check["result"], check["value"], strict=True)
-                for x in (Cell(r, mark=r or ""), v)
-            ),
-        ]
-        for check in checks
-    ]
-    return Table("Checks", columns, rows)
 
 
 def model_difference_table(model: str, rows: list[dict[str, Any]]) -> Table:

@@ -159,7 +159,11 @@ def correlation_table(
     rows = []
     for k, pair in enumerate(pairs):
         joints = joints_between(parameters, pair[0] - 1, pair[1] - 1)
-        names = [_with_range(joint, parameters, joint_angles) for joint in joints]
+        names = joints
+        if joint_angles is not None:
+            turned = np.rad2deg(joint_angles[:, [parameters.tree.joints.index(joint) for joint in joints]])
+            ends = zip(joints, turned.min(axis=0), turned.max(axis=0), strict=True)
+            names = [f"{joint} ({low:.0f} to {high:.0f} deg)" for joint, low, high in ends]
         if len(names) > MOST_JOINTS:
             names = [f"the {len(names)} joints between them"]
         rows.append(
@@ -172,13 +176,6 @@ def correlation_table(
     title = f"Correlations above {HIGH_CORRELATION} in size (eq. 15), {model} model"
     note = "The sum or the difference of two such parameters is known better than either of them."
     return Table(title, columns, rows, note)
-
-
-def _with_range(joint: str, parameters: BaseParameters, joint_angles: np.ndarray | None) -> str:
-    if joint_angles is None:
-        return joint
-    angles = np.rad2deg(joint_angles[:, parameters.tree.joints.index(joint)])
-    return f"{joint} ({angles.min():.0f} to {angles.max():.0f} deg)"
 
 
 def joints_between(parameters: BaseParameters, first: int, second: int) -> list[str]:

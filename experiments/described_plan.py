@@ -18,7 +18,7 @@ from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.correlations import NO_CORRELATION, correlation_table, united_links
 from tulip_testbed.experiments.plan_clearances import clearance_table, clearances_of
 from tulip_testbed.experiments.usable_plan import as_plan, identifiable_regressor, joined, planned_parameters
-from tulip_testbed.identification.base_parameters import BaseParameters, common_support, standard_parameters
+from tulip_testbed.identification.base_parameters import common_support, standard_parameters
 from tulip_testbed.identification.feasibility import predicted_cell_loads, predicted_foot_loads
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.planning.optimal_plan import smallest_margins
@@ -133,7 +133,15 @@ class DescribedPlan(Result):
     def tables(self) -> list[Table | str]:
         """Return the trials, or the figures of the plan, and where it is."""
         if self.trials:
-            return [trial_table(self.trials), *self.notes]
+            columns = (
+                *(Column(name, format="d") for name in ("trial", "seed")),
+                *(Column(n, format=".1f") for n in ("random", "optimal", "paper: random", "paper: optimal")),
+                Column("CPU time", "s", ".1f"),
+            )
+            rows = [[k, *dataclasses.astuple(trial)] for k, trial in enumerate(self.trials, 1)]
+            note = "The paper does not publish its ranges, so only the orders of magnitude compare."
+            title = "Condition numbers of 50 postures, random and optimal (Table I)"
+            return [Table(title, columns, rows, note), *self.notes]
         parameters = planned_parameters(self.robot, self.whole)
         pairs = [(pair["a"], pair["b"], pair["rho"]) for pair in self.correlations]
         return [
@@ -201,7 +209,13 @@ def describe_plan(
     rig, parameters = preset_rig(preset, robot), planned_parameters(robot, whole)
     nominal = parameters.values(standard_parameters(robot.model))
     matrix = rows.reshape(len(whole), 2, -1)
-    noise = reading_noise_of(rig, whole, parameters, nominal)
+    com = nominal_robot(robot, parameters.support).center_of_mass(whole.joint_angles, whole.support)
+    readings = planned_readings(rig, whole, com)
+    sheet = readings.sensors
+    slope = (sheet.encoder_sd or 0.0) * (parameters.slope(whole.joint_angles, whole.support) @ nominal)
+    own = (sheet.cell_sd or 0.0) ** 2 * cell_noise(readings, com) + slope @ slope.mT
+    sd = np.array([*rig.sensors.mark_sd, *rig.sensors.placement_sd])
+    noise = ReadingNoise(own, placement_levers(readings) * sd, whole.placement)
     covariance = np.linalg.inv(np.tensordot(matrix, noise.weights(matrix), axes=((0, 1), (0, 1))))
     errors = standard_errors(covariance)
     relative = relative_standard_errors(nominal, errors)
@@ -257,19 +271,6 @@ def planned_readings(rig: Rig, plan: PosturePlan, com: np.ndarray) -> Measuremen
     )
 
 
-def reading_noise_of(
-    rig: Rig, plan: PosturePlan, parameters: BaseParameters, nominal: np.ndarray
-) -> ReadingNoise:
-    """Noise of the centre of pressure that the rig's sensors promise at planned postures."""
-    com = nominal_robot(rig.robot, parameters.support).center_of_mass(plan.joint_angles, plan.support)
-    readings = planned_readings(rig, plan, com)
-    sheet = readings.sensors
-    slope = (sheet.encoder_sd or 0.0) * (parameters.slope(plan.joint_angles, plan.support) @ nominal)
-    own = (sheet.cell_sd or 0.0) ** 2 * cell_noise(readings, com) + slope @ slope.mT
-    sd = np.array([*rig.sensors.mark_sd, *rig.sensors.placement_sd])
-    return ReadingNoise(own, placement_levers(readings) * sd, plan.placement)
-
-
 def margins_of(robot: Robot, plan: PosturePlan) -> dict[str, dict[str, Any]] | None:
     """Return the least margin of every constraint of `tulip plan optimal` over the postures.
 
@@ -294,19 +295,3 @@ def margin_table(margins: dict[str, dict[str, Any]]) -> Table:
     )
     rows = [[name, m["value"], m["unit"], m["posture"], m["at"]] for name, m in margins.items()]
     return Table("Smallest margin of every constraint, beyond what `tulip plan optimal` keeps", columns, rows)
-
-
-def trial_table(trials: list[Trial]) -> Table:
-    """Return the condition numbers of several trials with those of the paper's Table I."""
-    columns = (
-        Column("trial", format="d"),
-        Column("seed", format="d"),
-        Column("random", format=".1f"),
-        Column("optimal", format=".1f"),
-        Column("paper: random", format=".1f"),
-        Column("paper: optimal", format=".1f"),
-        Column("CPU time", "s", ".1f"),
-    )
-    rows = [[k, *dataclasses.astuple(trial)] for k, trial in enumerate(trials, 1)]
-    note = "The paper does not publish its ranges, so only the orders of magnitude compare."
-    return Table("Condition numbers of 50 postures, random and optimal (Table I)", columns, rows, note)

@@ -46,14 +46,44 @@ class EffectList(Result):
         if self.name is None:
             law = "`tulip atlas effects law` explains how an effect is composed that is not in the list."
             return [self.effects.table(), law]
-        if self.name == LAW:
-            return [*map(Verbatim, law_lines(self.robot))]
-        return [*map(Verbatim, effect_lines(catalogue()[self.name], self.robot))]
+        lines = (
+            law_lines(self.robot) if self.name == LAW else effect_lines(self.effects[self.name], self.robot)
+        )
+        return [*map(Verbatim, lines)]
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON document."""
-        document = {"effects": [effect_document(effect, self.robot) for effect in self.effects.values()]}
-        return document | ({"laws": law_document(self.robot)} if self.name == LAW else {})
+        document: dict[str, Any] = {"effects": []}
+        for effect in self.effects.values():
+            parameters = [
+                {
+                    "name": p.name,
+                    "unit": p.unit,
+                    "prior_sd": p.prior if p.prior > 0 else None,
+                    "positive": p.positive,
+                    "grid": list(p.grid),
+                }
+                for p in effect.parameters
+            ]
+            document["effects"].append(
+                {
+                    "name": effect.name,
+                    "sentence": effect.sentence,
+                    "usage": effect.usage,
+                    "parameters": parameters,
+                    "target": effect.targets.word or None,
+                    "targets": target_names(effect, self.robot),
+                    "statics": effect.statics,
+                    "explanation": explanation(effect.name),
+                }
+            )
+        if self.name == LAW:
+            pairs = [(what, of) for what in whats(self.robot) for of in quantities(self.robot, what)]
+            kinds = {pair: [part.partition(":")[0] for part in pair] for pair in pairs}
+            document["laws"] = [
+                {"what": what, "of": of, "shapes": list(shapes_of(*kinds[what, of]))} for what, of in pairs
+            ]
+        return document
 
 
 def list_effects(name: str | None, robot: Robot) -> EffectList:
@@ -68,38 +98,6 @@ def target_names(effect: Effect, robot: Robot) -> list[str]:
     return [target for target in effect.targets.of(robot, ()) if target]
 
 
-def effect_document(effect: Effect, robot: Robot) -> dict[str, Any]:
-    """Return the JSON document of an effect."""
-    return {
-        "name": effect.name,
-        "sentence": effect.sentence,
-        "usage": effect.usage,
-        "parameters": [
-            {
-                "name": p.name,
-                "unit": p.unit,
-                "prior_sd": p.prior if p.prior > 0 else None,
-                "positive": p.positive,
-                "grid": list(p.grid),
-            }
-            for p in effect.parameters
-        ],
-        "target": effect.targets.word or None,
-        "targets": target_names(effect, robot),
-        "statics": effect.statics,
-        "explanation": explanation(effect.name),
-    }
-
-
-def law_document(robot: Robot) -> list[dict[str, Any]]:
-    """Return the grammar of laws as JSON: what errs, as a function of what, and the shapes."""
-    return [
-        {"what": what, "of": of, "shapes": list(shapes_of(what.partition(":")[0], of.partition(":")[0]))}
-        for what in whats(robot)
-        for of in quantities(robot, what)
-    ]
-
-
 def law_lines(robot: Robot) -> list[str]:
     """Explain the grammar of laws in full."""
     lines = [
@@ -110,17 +108,14 @@ def law_lines(robot: Robot) -> list[str]:
         "Usage: law:WHAT/OF/SHAPE=SIZE,...[,NUMBER OF THE SHAPE][,FROM,TO]",
         "  For example:",
     ]
-    lines += [f"    law:{text}={','.join(names)}" for text in EXAMPLES for names in [_placeholders(text)]]
+    sizes = {text: ",".join(p.placeholder for p in law_effect(text).parameters) for text in EXAMPLES}
+    lines += [f"    law:{text}={names}" for text, names in sizes.items()]
     lines += ["  FROM and TO are the ends of the range in which the law was learned, in SI units.", ""]
     for kind, allowed in VALID.items():
         places = [what.partition(":")[2] for what in whats(robot) if what.partition(":")[0] == kind]
         lines.append(f"{kind}:NAME, one of {', '.join(places)}")
         lines += [f"  {of}: {', '.join(shapes_of(kind, of))}" for of in allowed]
     return lines
-
-
-def _placeholders(text: str) -> list[str]:
-    return [p.placeholder for p in law_effect(text).parameters]
 
 
 def effect_lines(effect: Effect, robot: Robot) -> list[str]:

@@ -26,42 +26,41 @@ def calibration_report(
     Args:
         names: of the base parameters, (p,). contacts: the sensors of the measurements.
     """
-    members = member_table(found)
+    zero, small, unseen, members = 0, [], [], []
+    for one in found.families:
+        clear = (one.interval95[:, 0] > 0) | (one.interval95[:, 1] < 0)  # of zero
+        zero += int((one.determined & ~clear).sum())
+        labels = one.family.labels
+        if not one.determined.any():
+            (small if one.spread95[1] < 1 else unseen).append(one.family.name)
+            continue
+        unknown = [label for label, known in zip(labels, one.determined, strict=True) if not known]
+        count = f"{len(unknown)} of {len(labels)} members of {one.family.name}"
+        unseen += unknown if len(unknown) <= MOST_NAMED else [count]
+        for k in np.flatnonzero(one.determined & clear):
+            low, high = one.interval95[k].tolist()
+            parameters = one.family.effect.parameters_on(labels[k].partition(":")[2])
+            value = parameters[k % len(parameters)].text(float(one.value[k]), (low, high))
+            members.append([labels[k], value])
+    there = {one.family.name for one in found.families}
+    usual = [name for name, tolerances in TOLERANCES.items() if any(tolerances) and name not in there]
+    exact = [name for name in usual if acts_on(catalogue()[name], contacts)]
+    said = {
+        "Small by what the data say of the family as a whole": small,
+        "Known by their tolerance only": unseen,
+        "Taken as exact": exact,
+    }
+    value = Column("value ± half of the 95 % interval")
+    determined = f"{zero} members are determined by the data, and zero within their intervals."
     return [
         family_table(found.families, "Ordinary imperfections", singly=True),
-        *([members] if members.rows else []),
-        *filter(None, (_near_zero(found), _small(found), _unseen(found), _exact(found, contacts))),
+        *([Table("Calibrated", (Column("imperfection"), value), members)] if members else []),
+        *([determined] if zero else []),
+        *(f"{words}: {', '.join(some)}." for words, some in said.items() if some),
         budget_table(found, names, contacts),
         f"{first_to_improve(found).capitalize()}.",
         f"Tolerances: {found.assumed}.",
     ]
-
-
-def _near_zero(found: SelfCalibration) -> str:
-    """Count the members that the data determine and do not tell from zero."""
-    count = sum(int((one.determined & ~_clear(one)).sum()) for one in found.families)
-    return f"{count} members are determined by the data, and zero within their intervals." if count else ""
-
-
-def _small(found: SelfCalibration) -> str:
-    """Name the families whose members are small, though none of them differs significantly from zero."""
-    names = [one.family.name for one in found.families if one.spread95[1] < 1 and not one.determined.any()]
-    return f"Small by what the data say of the family as a whole: {', '.join(names)}." if names else ""
-
-
-def _unseen(found: SelfCalibration) -> str:
-    """Name the members that only their tolerance knows; the family's name alone if it is all of them."""
-    names = []
-    for one in found.families:
-        if not one.determined.any():
-            names += [one.family.name] if one.spread95[1] >= 1 else []
-        else:
-            unknown = [
-                label for label, known in zip(one.family.labels, one.determined, strict=True) if not known
-            ]
-            count = f"{len(unknown)} of {len(one.determined)} members of {one.family.name}"
-            names += unknown if len(unknown) <= MOST_NAMED else [count]
-    return f"Known by their tolerance only: {', '.join(names)}." if names else ""
 
 
 def first_to_improve(found: SelfCalibration) -> str:
@@ -70,19 +69,6 @@ def first_to_improve(found: SelfCalibration) -> str:
     first = int(np.argmax(share))
     part = f"{100 * share[first]:.0f} % of the variance"
     return f"to improve first: {found.sources[first]}, {part} on average over the parameters"
-
-
-def _clear(one: CalibratedFamily) -> np.ndarray:
-    """Whether each member's interval is clear of zero, (m,)."""
-    return (one.interval95[:, 0] > 0) | (one.interval95[:, 1] < 0)
-
-
-def _exact(found: SelfCalibration, contacts: Contacts | None) -> str:
-    """Name the families that the tolerances leave out."""
-    there = {one.family.name for one in found.families}
-    usual = [name for name, tolerances in TOLERANCES.items() if any(tolerances)]
-    names = [name for name in usual if name not in there and acts_on(catalogue()[name], contacts)]
-    return f"Taken as exact: {', '.join(names)}." if names else ""
 
 
 def family_table(families: Sequence[CalibratedFamily], title: str, singly: bool = False) -> Table:
@@ -109,19 +95,6 @@ def family_table(families: Sequence[CalibratedFamily], title: str, singly: bool 
     return Table(title, columns, rows, SPREAD)
 
 
-def member_table(found: SelfCalibration) -> Table:
-    """Return the members that the data determine and tell from zero."""
-    rows = []
-    for one in found.families:
-        effect, shown = one.family.effect, one.determined & _clear(one)
-        for k, label in enumerate(one.family.labels):
-            if shown[k]:
-                low, high = one.interval95[k].tolist()
-                parameters = effect.parameters_on(label.partition(":")[2])
-                rows.append([label, parameters[k % len(parameters)].text(float(one.value[k]), (low, high))])
-    return Table("Calibrated", (Column("imperfection"), Column("value ± half of the 95 % interval")), rows)
-
-
 def budget_table(found: SelfCalibration, names: tuple[str, ...], contacts: Contacts | None) -> Table:
     """Return the largest parts of the variance of every base parameter."""
     rows = []
@@ -134,16 +107,12 @@ def budget_table(found: SelfCalibration, names: tuple[str, ...], contacts: Conta
         ]
         rows.append([name, float(np.sqrt(found.covariance[k, k])), ", ".join(parts)])
     columns = (Column("parameter"), Column("s.e.", "mm", ".2f", 1e3), Column("largest parts of its variance"))
-    return Table("Budget of the standard errors", columns, rows, _sources_explained(contacts))
-
-
-def _sources_explained(contacts: Contacts | None) -> str:
-    """Say what the sources are, in words that fit the contact sensors."""
     sensors, one = ("cells", "cell") if contacts is None else ("contact sensors", "sensor")
     in_feet = contacts is not None and contacts.mount == "foot"
     plates = "right, left plate: errors of their recorded places; "
-    return (
+    note = (
         f"{sensors}, encoders: their noise; {'' if in_feet else plates}internal forces: "
         f"between the feet, which no {one} shows; spreads: how well spreads and scales are known; a family: "
         "its members."
     )
+    return Table("Budget of the standard errors", columns, rows, note)

@@ -113,29 +113,19 @@ class Prediction(Result):
         columns = (Column("model"), Column("postures left out by"))
         columns += tuple(Column(f"r.m.s. {axis} (95 %)", "mm", ".2f") for axis in "xy")
         columns += (Column("beats CAD"), Column("beats CAD with offset"))
-        words = {True: "yes", False: "no", None: "undecided"}
-        rows = [
-            [
-                score.name,
-                score.split,
-                *(_with_interval(score, axis) for axis in "xy"),
-                "" if score.name == CAD else words[score.beats_cad],
-                "" if score.name in (CAD, CAD_WITH_OFFSET) else words[score.beats_cad_with_offset],
-            ]
-            for score in self.models
-        ]
+        words, rows = {True: "yes", False: "no", None: "undecided"}, []
+        for score in self.models:
+            ends = (score.rms_mm, score.low95, score.high95)
+            cells = [tuple(np.nan if e is None else getattr(e, axis) for e in ends) for axis in "xy"]
+            beats = "" if score.name == CAD else words[score.beats_cad]
+            offset = "" if score.name in (CAD, CAD_WITH_OFFSET) else words[score.beats_cad_with_offset]
+            rows.append([score.name, score.split, *cells, beats, offset])
         note = "Intervals: bootstrap over blocks; beats CAD: Student's t over the same blocks, 95 %."
         return [
             Table("Centre of pressure of postures that took no part", columns, rows, note),
             *self.notes,
             self.verdict,
         ]
-
-
-def _with_interval(score: Score, axis: str) -> tuple[float, float, float]:
-    ends = (np.nan if end is None else getattr(end, axis) for end in (score.low95, score.high95))
-    low, high = ends
-    return getattr(score.rms_mm, axis), low, high
 
 
 def predict(
@@ -151,11 +141,16 @@ def predict(
     nominal = nominal_robot(robot, common_support(measurements.support))
     check_robot(nominal.parameters, measurements, robot, source)
     problem = problem_of(measurements, robot, nominal)
-    change = None if exported is None else _exported_change(exported, problem)
-    if train or test:
-        splits = [stated(measurements, train, test)]
-    else:
-        splits = [split(measurements) for split in (by_blocks, by_halves)]
+    change = None
+    if exported is not None:  # how the masses of a model file change CAD's centre of mass, (m, 2) [m]
+        cad, other = robot.model, compile_spec(load_spec(exported), str(exported))
+        links, there = ([model.body(k).name for k in range(1, model.nbody)] for model in (cad, other))
+        if there != links:
+            raise InputError(f"{exported}: found the links {listed(there)}, expected {listed(links)}")
+        values = [problem.parameters.values(standard_parameters(model)) for model in (cad, other)]
+        change = problem.matrix @ (values[1] - values[0])
+    splits = [by_blocks(measurements), by_halves(measurements)] if not train and not test else []
+    splits = splits or [stated(measurements, train, test)]
     scores: list[Score] = []
     notes: list[str] = []
     for split in splits:
@@ -169,16 +164,6 @@ def predict(
         ),
         notes=tuple(dict.fromkeys(notes)),
     )
-
-
-def _exported_change(path: Path, problem: PredictionProblem) -> np.ndarray:
-    """Return how the masses of a model file change CAD's centre of mass, (m, 2) [m]."""
-    cad, other = problem.robot.model, compile_spec(load_spec(path), str(path))
-    links, there = ([model.body(k).name for k in range(1, model.nbody)] for model in (cad, other))
-    if there != links:
-        raise InputError(f"{path}: found the links {listed(there)}, expected {listed(links)}")
-    values = [problem.parameters.values(standard_parameters(model)) for model in (cad, other)]
-    return problem.matrix @ (values[1] - values[0])
 
 
 def cad_errors(problem: PredictionProblem, train: np.ndarray) -> np.ndarray:

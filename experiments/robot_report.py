@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -82,6 +82,19 @@ class RobotReport(Result):
         """Return what a published file says, the parameters, and what the robot lacks."""
         count = self.counts
         parts: list[Table | str] = [] if self.found is None else [_found_table(self.name, self.found)]
+        moments = (Column(f"m c_{axis}", "kg m", ".4f") for axis in "xyz")
+        of_links = (Column("link"), Column("mass", "kg", ".3f"), *moments)
+        columns = (
+            Column("no.", format="d"),
+            Column("parameter"),
+            Column("value", "mm", ".2f", 1e3),
+            Column("terms", format="d"),
+            Column("largest term"),
+            Column("sum of"),
+        )
+        rows = [[b.number, b.name, b.value, b.terms, b.largest, b.meaning] for b in self.base]
+        base_title = f"Base parameters; the total mass is {self.total_mass:.3f} kg"
+        note = "A base parameter is the sum over the total mass; --json holds every term."
         for title, lines in (("Assumed", self.assumed), ("Problems", self.problems)):
             if lines:
                 parts += [f"{title}:", *(f"- {line}" for line in lines)]
@@ -89,11 +102,13 @@ class RobotReport(Result):
             f"{self.model}: {count['standard']} standard parameters -> {count['columns']} columns -> "
             f"{count['joined']} -> {count['base']} base parameters in {self.support} support",
             "",
-            _standard_table(self.standard),
-            _base_table(self.base, self.total_mass),
+            Table("Standard parameters (eq. 5)", of_links, [[*astuple(link)] for link in self.standard]),
+            Table(base_title, columns, rows, note),
         ]
         if self.findings:
-            parts.append(_finding_table(self.findings))
+            columns = tuple(map(Column, ("about", "found", "what goes wrong", "what is done")))
+            rows = [[f.name, f.found, f.consequence, f.assumed] for f in self.findings]
+            parts.append(Table("Items that this robot lacks for the laboratory", columns, rows))
         return [*parts, *([f"Description: {self.description}"] if self.description else [])]
 
 
@@ -183,37 +198,6 @@ def _found_table(name: str, found: dict[str, Any]) -> Table:
     return Table(name, (Column("found"), Column("value")), rows)
 
 
-def _standard_table(rows: Sequence[StandardParameters]) -> Table:
-    columns = (
-        Column("link"),
-        Column("mass", "kg", ".3f"),
-        *(Column(f"m c_{axis}", "kg m", ".4f") for axis in "xyz"),
-    )
-    return Table(
-        "Standard parameters (eq. 5)", columns, [[r.link, r.mass, r.mcx, r.mcy, r.mcz] for r in rows]
-    )
-
-
-def _base_table(rows: Sequence[BaseParameter], mass: float) -> Table:
-    columns = (
-        Column("no.", format="d"),
-        Column("parameter"),
-        Column("value", "mm", ".2f", 1e3),
-        Column("terms", format="d"),
-        Column("largest term"),
-        Column("sum of"),
-    )
-    lines = [[r.number, r.name, r.value, r.terms, r.largest, r.meaning] for r in rows]
-    note = "A base parameter is the sum over the total mass; --json holds every term."
-    return Table(f"Base parameters; the total mass is {mass:.3f} kg", columns, lines, note)
-
-
-def _finding_table(rows: Sequence[RobotFinding]) -> Table:
-    columns = (Column("about"), Column("found"), Column("what goes wrong"), Column("what is done"))
-    lines = [[r.name, r.found, r.consequence, r.assumed] for r in rows]
-    return Table("Items that this robot lacks for the laboratory", columns, lines)
-
-
 def base_parameter_words(parameters: BaseParameters, index: int, standard: np.ndarray) -> dict[str, Any]:
     """Describe the index-th base parameter for JSON: number of terms, the largest one, what is summed.
 
@@ -226,28 +210,24 @@ def base_parameter_words(parameters: BaseParameters, index: int, standard: np.nd
         abs(weight * standard[links.index(link), ("m", "mx", "my", "mz").index(quantity)])
         for weight, quantity, link in terms
     ]
-    weight, quantity, link = terms[int(np.argmax(sizes))]
-    factor = "" if abs(abs(weight) - 1) < 1e-12 else f"{1e3 * abs(weight):.4g} mm "
-    return {
-        "terms": len(terms),
-        "largest": f"{'-' if weight < 0 else ''}{factor}{quantity}[{link}]",
-        "meaning": _meaning(terms),
-    }
-
-
-def _meaning(terms: list[tuple[float, str, str]]) -> str:
-    moments = [(quantity[1], link) for _, quantity, link in terms if quantity != "m"]
-    lengths = sorted({round(1e3 * abs(weight), 1) for weight, quantity, _ in terms if quantity == "m"})
-    masses = [link for _, quantity, link in terms if quantity == "m"]
+    moments = [(name[1], of) for _, name, of in terms if name != "m"]
+    lengths = sorted({round(1e3 * abs(weight), 1) for weight, name, _ in terms if name == "m"})
+    masses = [of for _, name, of in terms if name == "m"]
     parts = []
     if moments:
-        parts.append(f"{moments[0][0]} moment of {_listed([link for _, link in moments])}")
+        parts.append(f"{moments[0][0]} moment of {_listed([of for _, of in moments])}")
     if masses:
         at = " or ".join(f"{length:g}" for length in lengths)
         parts.append(
             f"{_listed(masses)} at {at} mm" if len(masses) == 1 else f"{len(masses)} masses at {at} mm"
         )
-    return ", ".join(parts)
+    weight, quantity, link = terms[int(np.argmax(sizes))]
+    factor = "" if abs(abs(weight) - 1) < 1e-12 else f"{1e3 * abs(weight):.4g} mm "
+    return {
+        "terms": len(terms),
+        "largest": f"{'-' if weight < 0 else ''}{factor}{quantity}[{link}]",
+        "meaning": ", ".join(parts),
+    }
 
 
 def _listed(links: list[str]) -> str:

@@ -37,7 +37,6 @@ from tulip_testbed.experiments.run_file import (
 )
 from tulip_testbed.experiments.truth_record import DroppedPosture, SimulatedTruth, usable_postures
 from tulip_testbed.measurements import Measurements, PosturePlan, read_measurements, write_measurements
-from tulip_testbed.sim.outcome import Truth
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.robot import Robot
 
@@ -179,7 +178,17 @@ class Validation(SavedRun):
             mass_line(*self.identification.mass, self.true_mass),
         ]
         if self.books is not None:
-            parts += [sag_line(self.simulation), balance_line(self.books)]
+            sag = 1e3 * np.abs([held.joint_angles - held.commanded for held in self.simulation.held])
+            torque = np.abs([held.torques for held in self.simulation.held]).max()
+            shown = {name: number(value, ".2g") for name, value in self.books.items()}
+            parts += [
+                f"Difference between joint angles and commands: median {np.median(sag):.1f} mrad, largest "
+                f"{sag.max():.1f} mrad; largest torque {torque:.1f} Nm.",
+                f"Largest imbalance in any hold: cells against weight {shown['weight']} N, plates' moments "
+                f"against the feet's wrench {shown['moments']} Nm, torques against statics "
+                f"{shown['torques']} Nm, CoP against CoM {number(1e3 * self.books['centre'], '.2g')} mm, "
+                f"energy left in motion {shown['kinetic']} J.",
+            ]
         return [*parts, "", self.table(), f"Verdict: {self.verdict} after {self.wall_s:.0f} s", *self.answers]
 
     def parameter_table(self, model: str) -> Table:
@@ -206,27 +215,3 @@ class Validation(SavedRun):
         where = f"{name}.{model}.high_correlations"
         angles = self.measurements.joint_angles
         return correlation_table(model, pairs, shown.parameters, angles, where) if pairs else None
-
-
-def sag_line(truth: Truth) -> str:
-    """Describe how far the joints stay behind their commands."""
-    sag = 1e3 * np.abs([held.joint_angles - held.commanded for held in truth.held])
-    torque = np.abs([held.torques for held in truth.held]).max()
-    return (
-        f"Difference between joint angles and commands: median {np.median(sag):.1f} mrad, largest "
-        f"{sag.max():.1f} mrad; largest torque {torque:.1f} Nm."
-    )
-
-
-def balance_line(books: dict[str, float]) -> str:
-    """Describe the largest imbalance of forces in any hold.
-
-    Args:
-        books: see `worst_balance`.
-    """
-    shown = {name: number(value, ".2g") for name, value in books.items()}
-    return (
-        f"Largest imbalance in any hold: cells against weight {shown['weight']} N, plates' moments against "
-        f"the feet's wrench {shown['moments']} Nm, torques against statics {shown['torques']} Nm, CoP "
-        f"against CoM {number(1e3 * books['centre'], '.2g')} mm, energy left in motion {shown['kinetic']} J."
-    )

@@ -150,7 +150,7 @@ def test_every_room_is_a_subpackage_of_the_one_name():
     ("library", "owners"),
     [
         ("mink", r"identification\.inverse_kinematics"),
-        ("yaml", r"experiments\.protocols\.motion_files"),
+        ("yaml", r"experiments\.protocols\.motion"),
         ("plotly", r"pages\.\w*figures"),
         ("rerun", r"viewer\.\w+"),
         ("dm_control", r"sim\.composer\.\w+"),

@@ -154,7 +154,7 @@ def test_only_the_sign_that_closes_the_legs_is_doubted(measured):
     angles = measured.joint_angles.copy()
     angles[:, measured.joints.index("left_knee")] *= -1
     wrong = dataclasses.replace(measured, joint_angles=angles)
-    doubts = [one.doubt for one in _by_closed_legs(wrong, nominal_robot(tt.load_robot())) if one.doubt]
+    doubts = [doubt for *_, doubt in _by_closed_legs(wrong, nominal_robot(tt.load_robot())) if doubt]
     assert [doubt.split(":")[0] for doubt in doubts] == ["q.left_knee", "closed legs"]
 
 

@@ -16,7 +16,6 @@ from tulip_testbed.experiments.protocols.measuring_order import (
     shortest_tour,
 )
 from tulip_testbed.experiments.protocols.motion import FREE, HOIST, LIFT, MotionPlanner, dynamic_room
-from tulip_testbed.experiments.protocols.motion_files import motion_csv, motion_yaml
 from tulip_testbed.experiments.protocols.motion_loads import LoadsInMotion
 from tulip_testbed.experiments.protocols.protocol_run import protocol_of
 from tulip_testbed.identification.feasibility import stability_margin, support_polygon
@@ -177,8 +176,8 @@ def test_a_posture_that_asks_too_much_is_reached_in_the_hoist(robot):
     motion = MotionPlanner(robot, plan).motion(over[0] - 1, over[0])
     assert motion.kind == HOIST
     assert "torque" in motion.reason
-    assert "torque." not in motion_csv(motion, plan.joints).splitlines()[0]
-    assert yaml.safe_load(motion_yaml(motion, plan.joints))["points"][0]["effort"] == []
+    assert "torque." not in motion.csv(plan.joints).splitlines()[0]
+    assert yaml.safe_load(motion.yaml(plan.joints))["points"][0]["effort"] == []
 
 
 def test_motions_on_one_foot_keep_the_other_in_the_air(robot):

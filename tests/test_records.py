@@ -25,7 +25,7 @@ from tulip_testbed.pages.run_page import page_of, write_page
 from tulip_testbed.pages.words import NO_TRUE_COM
 from tulip_testbed.sim.plan_folder import write_plan
 from tulip_testbed.viewer import window
-from tulip_testbed.viewer.run_view import run_view
+from tulip_testbed.viewer.run_view import view_of
 from tulip_testbed.viewer.subject import validated
 
 GONE = object()
@@ -216,9 +216,9 @@ def test_any_result_in_memory_has_a_page_and_a_view(static, discovered, repeated
         page = write_page(tmp_path / f"{kind}.html", alone)
         assert page.title == f"TULip: {kind}"
         assert page.verdict == result.verdict
-        view = run_view(alone)
-        assert view.title == f"TULip ({kind})"
-        assert window.save(tmp_path / f"{kind}.rrd", view.title, view.log) > 1e5
+        title, log = view_of(alone, alone.robot)
+        assert title == f"TULip ({kind})"
+        assert window.save(tmp_path / f"{kind}.rrd", title, log) > 1e5
     with pytest.raises(InputError, match="exists already"):
         write_page(tmp_path / "discovery.html", discovered)
 

@@ -19,15 +19,13 @@ from tulip_testbed.experiments.watching.recursive_estimate import (
     Changes,
     Innovation,
 )
-from tulip_testbed.experiments.watching.row_checks import USUAL
+from tulip_testbed.experiments.watching.row_checks import NOT_SETTLED, UNUSABLE, USUAL
 from tulip_testbed.experiments.watching.row_columns import row_columns
 from tulip_testbed.experiments.watching.watch_row import (
     CHANGED,
-    NOT_SETTLED,
     OK,
     REPEAT,
     UNPLANNED,
-    UNUSABLE,
     planned_row,
 )
 from tulip_testbed.experiments.watching.watch_state import AGAIN, GAPS, OPEN, REACH, first_state
@@ -121,7 +119,9 @@ def test_memory_is_bounded(watched, played):
     assert len(state.taken) <= REACH
     assert (len(state.spreads), len(state.gaps)) == (USUAL, GAPS)
     empty = first_state(watched)
-    for name in ("belief", "changes", "information", "earlier"):
+    assert len(state.earlier) <= len(watched.plan)
+    assert all(not before.history and not before.changes.bias.size for before in state.history)
+    for name in ("belief", "changes", "information"):
         for one in fields(getattr(state, name)):
             found, at_first = (getattr(getattr(each, name), one.name) for each in (state, empty))
             assert found.nbytes == at_first.nbytes
@@ -248,9 +248,10 @@ def test_what_was_measured_since_a_change_began_is_forgotten(watched, before):
     assert state.fault is not None
     assert state.fault.onset == first
     since, until = list(before.taken[-3:]), list(before.taken[:-3])
-    assert before.earlier.there[since].all()
-    assert not state.earlier.there[since].any()
-    assert state.earlier.there[until].all()
+    postures = watched.plan.posture
+    assert set(postures[[*since, *until]]) <= before.earlier.keys()
+    assert not set(postures[since]) & state.earlier.keys()
+    assert set(postures[until]) <= state.earlier.keys()
     # The foot was put down anew since, so that its place is as unknown as at the beginning of a placement.
     state = fault_of_changes(watched, replace(seen, stance=seen.stance + 1), levels(watched))
     np.testing.assert_array_equal(

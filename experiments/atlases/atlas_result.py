@@ -135,7 +135,28 @@ class Atlas(Result):
         return finite(self._document())
 
     def _document(self) -> dict[str, Any]:
-        planned = self.planned
+        planned, errors, effects = self.planned, self.planned.standard_errors, []
+        for row in self.rows:
+            (nearest, angle), number = self.similar(row), self.numbers.get(id(row.candidate))
+            effects.append(
+                {
+                    "effect": row.candidate.effect.name,
+                    "target": row.candidate.target or None,
+                    "parameter": row.parameter.name if row.parameter else None,
+                    "unit": row.parameter.unit if row.parameter else "",
+                    "prior_sd": None if row.size is None else row.prior,
+                    "detectable": row.detectable,
+                    "by_channel": row.by_channel,
+                    "visible": row.visible,
+                    "nearest": nearest,
+                    "nearest_angle_rad": angle,
+                    "isolable": None if angle is None else bool(angle >= ISOLABLE),
+                    "group": next((n for n, group in enumerate(self.groups, 1) if number in group), None),
+                    "bias_at_prior_m": row.bias.tolist(),
+                    "bias_at_prior_se": (row.bias / errors).tolist(),
+                    "bias_at_detectable_se": (row.bias_undetected / errors).tolist(),
+                }
+            )
         return {
             "preset": planned.sensors,
             "seed": planned.seed,
@@ -147,32 +168,11 @@ class Atlas(Result):
             "level_of_each": self.level,
             "isolable_rad": ISOLABLE,
             "parameters": list(planned.nominal.parameters.names),
-            "standard_error_m": planned.standard_errors.tolist(),
-            "effects": [self._entry(row) for row in self.rows],
+            "standard_error_m": errors.tolist(),
+            "effects": effects,
             "groups": [[self.shown[k].label for k in group] for group in self.groups],
             "shown": [candidate.label for candidate in self.shown],
             "angle_rad": self.angle.tolist(),
-        }
-
-    def _entry(self, row: AtlasRow) -> dict[str, Any]:
-        errors, (nearest, angle) = self.planned.standard_errors, self.similar(row)
-        number = self.numbers.get(id(row.candidate))
-        return {
-            "effect": row.candidate.effect.name,
-            "target": row.candidate.target or None,
-            "parameter": row.parameter.name if row.parameter else None,
-            "unit": row.parameter.unit if row.parameter else "",
-            "prior_sd": None if row.size is None else row.prior,
-            "detectable": row.detectable,
-            "by_channel": row.by_channel,
-            "visible": row.visible,
-            "nearest": nearest,
-            "nearest_angle_rad": angle,
-            "isolable": None if angle is None else bool(angle >= ISOLABLE),
-            "group": next((n for n, group in enumerate(self.groups, 1) if number in group), None),
-            "bias_at_prior_m": row.bias.tolist(),
-            "bias_at_prior_se": (row.bias / errors).tolist(),
-            "bias_at_detectable_se": (row.bias_undetected / errors).tolist(),
         }
 
 

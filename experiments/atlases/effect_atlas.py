@@ -21,22 +21,24 @@ SAME = 1e-9  # of the largest column: a choice that changes nothing
 
 
 def atlas(planned: Planned, rng: np.random.Generator) -> Atlas:
-    """Make it.
-
-    Args:
-        rng: for the number of independent tests.
-    """
+    """Make it, with `rng` for the number of independent tests."""
     among = candidates(planned.observed)
     columns = candidate_columns(linear_model(planned.observed, planned.noise), among)
     single = {c: candidate_columns(linear_model(planned.observed, planned.noise, c), among) for c in CHANNELS}
     tests = effective_tests([columns], rng)
     level = single_level(LEVEL, tests)
-    estimator, rows = weights(planned), []
+    estimator, rows, changing = weights(planned), [], []
     for k, candidate in enumerate(among):
-        point = _point(columns, k)
+        points = columns.projected[k]
+        length = np.array([np.linalg.norm(column) for column in points])
+        changes = length > SAME * length.max()
+        changing.append([column for column, real in zip(points, changes, strict=True) if real])
+        # The middle one of a time, the least visible one of a choice that changes anything.
+        least = int(np.where(changes, length, np.inf).argmin())
+        point = len(points) // 2 if candidate.effect.sizes else least
         moved = bias(planned, estimator, candidate, point)
         for size in range(len(candidate.effect.sizes)) if candidate.effect.sizes else (None,):
-            column = columns.projected[k][point][:, [size or 0]]
+            column = points[point][:, [size or 0]]
             prior = 1.0 if size is None else candidate.prior[size]
             rows.append(
                 AtlasRow(
@@ -49,7 +51,7 @@ def atlas(planned: Planned, rng: np.random.Generator) -> Atlas:
                 )
             )
     shown = [k for k in range(len(among)) if any(r.visible for r in rows if r.candidate is among[k])]
-    angle = angles([_distinct(columns.projected[k]) for k in shown])
+    angle = angles([changing[k] for k in shown])
     return Atlas(
         planned,
         tuple(rows),
@@ -59,21 +61,6 @@ def atlas(planned: Planned, rng: np.random.Generator) -> Atlas:
         tests,
         level,
     )
-
-
-def _point(columns: CandidateColumns, k: int) -> int:
-    """Of the grid: the middle one of a time, the least visible one of a choice that changes anything."""
-    points = columns.projected[k]
-    if columns.candidates[k].effect.sizes:
-        return len(points) // 2
-    length = np.array([np.linalg.norm(column) for column in points])
-    return int(np.where(length > SAME * length.max(), length, np.inf).argmin())
-
-
-def _distinct(points: list[np.ndarray]) -> list[np.ndarray]:
-    """Without those that change nothing."""
-    length = np.array([np.linalg.norm(column) for column in points])
-    return [column for column, size in zip(points, length, strict=True) if size > SAME * length.max()]
 
 
 def _detectable(columns: CandidateColumns, k: int, point: int, size: int | None, level: float) -> float:

@@ -66,11 +66,7 @@ class Planned:
 
 
 def planned(plan: PosturePlan, sensors: str, robot: Robot, seed: int) -> Planned:
-    """Simulate a plan by static equilibrium.
-
-    Args:
-        seed: of the noisy runs.
-    """
+    """Simulate a plan by static equilibrium, with a seed of the noisy runs."""
     at_least("seed", seed, 0)
     rig, nominal = preset_rig(sensors, robot), nominal_robot(robot, common_support(plan.support))
     quiet = without_noise(rig)
@@ -110,12 +106,8 @@ def noisy(solved_plan: SolvedPlan, of: Sequence[np.random.SeedSequence]) -> list
 
 def estimates(runs: Sequence[Measurements], nominal: Nominal) -> np.ndarray:
     """Return the base parameters of every run by the default estimator, (runs, p) [m]."""
-    return np.array(
-        [
-            estimate_by(regression(nominal.parameters, run, nominal.robot, "plan"), MIXED_MODEL).value
-            for run in runs
-        ]
-    )
+    of_runs = (regression(nominal.parameters, run, nominal.robot, "plan") for run in runs)
+    return np.array([estimate_by(each, MIXED_MODEL).value for each in of_runs])
 
 
 @dataclass(frozen=True)
@@ -156,27 +148,20 @@ def own_change(planned: Planned, candidate: Candidate, point: int) -> np.ndarray
     """
     count, prior = max(len(candidate.effect.sizes), 1), candidate.prior
     out = np.zeros((len(planned.standard_errors), count))
-    if not _changes_robot(planned, _with(planned.rig, candidate, prior, point)):
+    changed = _with(planned.rig, candidate, prior, point)
+    if changed.edit is planned.rig.edit:
         return out
-    before = planned.nominal.value
+    after, before = true_model(changed), true_model(planned.rig)
+    # An edit may as well concern the world or the soles.
+    own = ("body_mass", "body_ipos", "body_pos", "jnt_pos")
+    if all(np.array_equal(getattr(after, name), getattr(before, name)) for name in own):
+        return out
+    value = planned.nominal.value
     for k in range(len(candidate.effect.sizes)):
-        sizes = prior * (np.arange(count) <= k)
-        changed = _with(planned.rig, candidate, sizes, point)
-        after = true_base_parameters(changed, planned.nominal.parameters.support)
-        out[:, k] = after - before
-        before = after
+        changed = _with(planned.rig, candidate, prior * (np.arange(count) <= k), point)
+        moved = true_base_parameters(changed, planned.nominal.parameters.support)
+        out[:, k], value = moved - value, moved
     return out
-
-
-def _changes_robot(planned: Planned, rig: Rig) -> bool:
-    """Whether its masses or lengths are others; an edit may as well concern the world or the soles."""
-    if rig.edit is planned.rig.edit:
-        return False
-    after, before = true_model(rig), true_model(planned.rig)
-    return any(
-        not np.array_equal(getattr(after, name), getattr(before, name))
-        for name in ("body_mass", "body_ipos", "body_pos", "jnt_pos")
-    )
 
 
 def bias(planned: Planned, estimator: BiasWeights, candidate: Candidate, point: int) -> np.ndarray:

@@ -14,7 +14,6 @@ from tulip_testbed.base.table import Table
 from tulip_testbed.base.table_files import finite
 from tulip_testbed.discovery.candidates import Candidate, candidates
 from tulip_testbed.effects.catalogue import catalogue
-from tulip_testbed.effects.effect import Effect
 from tulip_testbed.experiments.atlases.planned_experiment import Planned, estimates, noisy, streams, weights
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.statics.solved_plan import solve_plan
@@ -47,20 +46,15 @@ class ErrorSource:
     words: str
 
     @property
-    def effect(self) -> Effect:
-        """Return the effect."""
-        return self.candidate.effect
-
-    @property
     def label(self) -> str:
         """Return effect and target, and the parameter if the effect has several."""
-        parameter = self.effect.parameters[self.effect.sizes[self.size]].name
-        return self.candidate.label + (f" {parameter}" if len(self.effect.sizes) > 1 else "")
+        parameter = self.candidate.effect.parameters[self.candidate.effect.sizes[self.size]].name
+        return self.candidate.label + (f" {parameter}" if len(self.candidate.effect.sizes) > 1 else "")
 
     @property
     def sizes(self) -> np.ndarray:
         """Return one unit of this error as sizes of the effect, (s,)."""
-        return self.amount * (np.arange(len(self.effect.sizes)) == self.size)
+        return self.amount * (np.arange(len(self.candidate.effect.sizes)) == self.size)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,7 +80,7 @@ class Tolerance(Result):
 
     def together(self, effect: str) -> float:
         """S.d. in units of all errors of a kind, independent, that keep the root mean square bias there."""
-        mine = [k for k, source in enumerate(self.sources) if source.effect.name == effect]
+        mine = [k for k, source in enumerate(self.sources) if source.candidate.effect.name == effect]
         return _kept(np.sqrt((self.bias[mine] ** 2).sum(axis=0)))
 
     def tables(self) -> list[Table | str]:
@@ -94,19 +88,66 @@ class Tolerance(Result):
         difference = np.abs(self.simulated - self.bias)
         k, j = np.unravel_index(int(difference.argmax()), difference.shape)
         names = self.planned.nominal.parameters.names
+        columns = [Column(str(number), format=".2f", extra=True) for number in range(1, len(names) + 1)]
+        biases = Table(
+            "Bias of every parameter, by its number, in standard errors of the default estimator",
+            (Column("error"), Column("of"), *columns),
+            [[s.label, s.words, *bias.tolist()] for s, bias in zip(self.sources, self.bias, strict=True)],
+            "`tulip robot` tells the names of the parameters.",
+        )
         return [
             f"{len(self.planned.observed)} of {len(self.planned.plan)} postures can be measured.",
-            bias_table(self),
-            tolerance_table(self),
+            biases,
+            self.tolerance_table(),
             f"Checked by simulation ({CHECKED} runs with and without each error): the largest difference "
             f"from the prediction is {difference[k, j]:.2f} s.e. ({self.sources[k].label}, {names[j]}); the "
             f"largest bias is {np.abs(self.bias).max():.2f} s.e.",
         ]
 
+    def tolerance_table(self) -> Table:
+        """Return how large every error may be."""
+        columns = (
+            Column("error"),
+            Column("of"),
+            Column("biases most"),
+            Column("by", "s.e.", "+.3f"),
+            Column("simulated", "s.e.", "+.3f"),
+            Column("allowed alone", format=".2g"),
+            Column("allowed s.d. if all of a kind err", format=".2g"),
+            Column("unit"),
+        )
+        names, rows, told = self.planned.nominal.parameters.names, [], set()
+        for k, source in enumerate(self.sources):
+            worst = int(np.abs(self.bias[k]).argmax())
+            effect = source.candidate.effect.name
+            amount, unit = UNITS[effect][1].split(" ")
+            alone, together = (
+                float(amount) * units if units <= LARGE else "any"
+                for units in (self.allowed(k), self.together(effect))
+            )
+            rows.append(
+                [
+                    source.label,
+                    source.words,
+                    names[worst],
+                    float(self.bias[k, worst]),
+                    float(self.simulated[k, worst]),
+                    alone,
+                    None if effect in told else together,
+                    unit,
+                ]
+            )
+            told.add(effect)
+        return Table(
+            f"Tolerances that keep the bias of every parameter below {ALLOWED} standard errors", columns, rows
+        )
+
     def to_json(self) -> dict[str, Any]:
         """Return the JSON document; biases in standard errors, amounts in SI units."""
         planned, difference = self.planned, np.abs(self.simulated - self.bias)
-        kinds = {name: [k for k, s in enumerate(self.sources) if s.effect.name == name] for name in UNITS}
+        kinds = {
+            name: [k for k, s in enumerate(self.sources) if s.candidate.effect.name == name] for name in UNITS
+        }
         return finite(
             {
                 "preset": planned.sensors,
@@ -117,9 +158,11 @@ class Tolerance(Result):
                 "standard_error_m": planned.standard_errors.tolist(),
                 "sources": [
                     {
-                        "effect": source.effect.name,
+                        "effect": source.candidate.effect.name,
                         "target": source.candidate.target or None,
-                        "parameter": source.effect.parameters[source.effect.sizes[source.size]].name,
+                        "parameter": source.candidate.effect.parameters[
+                            source.candidate.effect.sizes[source.size]
+                        ].name,
                         "unit": source.words,
                         "amount": source.amount,
                         "bias_se": self.bias[k].tolist(),
@@ -188,57 +231,3 @@ def erring(planned: Planned, source: ErrorSource) -> list[Measurements]:
         replace(planned.solved_plan, rig=rig) if only_misread else solve_plan(rig, planned.solved_plan.plan)
     )
     return noisy(solved_plan, streams(planned.seed, CHECKED))
-
-
-def bias_table(tolerance: Tolerance) -> Table:
-    """Return the bias of every parameter by one unit of every error."""
-    columns = (
-        Column("error"),
-        Column("of"),
-        *(Column(str(number), format=".2f", extra=True) for number in range(1, tolerance.bias.shape[1] + 1)),
-    )
-    rows = [
-        [source.label, source.words, *bias.tolist()]
-        for source, bias in zip(tolerance.sources, tolerance.bias, strict=True)
-    ]
-    title = "Bias of every parameter, by its number, in standard errors of the default estimator"
-    return Table(title, columns, rows, "`tulip robot` tells the names of the parameters.")
-
-
-def tolerance_table(tolerance: Tolerance) -> Table:
-    """Return how large every error may be."""
-    columns = (
-        Column("error"),
-        Column("of"),
-        Column("biases most"),
-        Column("by", "s.e.", "+.3f"),
-        Column("simulated", "s.e.", "+.3f"),
-        Column("allowed alone", format=".2g"),
-        Column("allowed s.d. if all of a kind err", format=".2g"),
-        Column("unit"),
-    )
-    names, rows, told = tolerance.planned.nominal.parameters.names, [], set()
-    for k, source in enumerate(tolerance.sources):
-        worst = int(np.abs(tolerance.bias[k]).argmax())
-        effect = source.effect.name
-        amount, unit = UNITS[effect][1].split(" ")
-        alone, together = (
-            float(amount) * units if units <= LARGE else "any"
-            for units in (tolerance.allowed(k), tolerance.together(effect))
-        )
-        rows.append(
-            [
-                source.label,
-                source.words,
-                names[worst],
-                float(tolerance.bias[k, worst]),
-                float(tolerance.simulated[k, worst]),
-                alone,
-                None if effect in told else together,
-                unit,
-            ]
-        )
-        told.add(effect)
-    return Table(
-        f"Tolerances that keep the bias of every parameter below {ALLOWED} standard errors", columns, rows
-    )

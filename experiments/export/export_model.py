@@ -105,7 +105,11 @@ def export_model(
         paths.append(export.path.with_name(f"{export.path.stem}-samples.npz"))
         check_new(paths[1])
     source = None if export.source is None else published_links(export.source, robot)
-    cad = _cad(robot, export, source)
+    cad = pseudo_inertias(robot.model)
+    if source is not None:
+        cad = source.by_link(robot.model.nbody - 1)
+    elif export.path.suffix.lower() == ".urdf":
+        cad[cad[:, 3, 3] <= LEAST_MASS] = 0.0  # which stands for none, where a file needs a mass
     reference = solid(cad)
     ellipsoids = bounding_ellipsoids(robot.visual_model, reference)
     mass, mass_error = weighed or identification.mass
@@ -207,16 +211,6 @@ def _kind(source: Path) -> str:
     return ".urdf" if b"<robot" in read_bytes(source)[:4096] else ".xml"
 
 
-def _cad(robot: Robot, export: Export, source: PublishedLinks | None) -> np.ndarray:
-    """Return CAD's pseudo-inertias, (n_links, 4, 4)."""
-    if source is not None:
-        return source.by_link(robot.model.nbody - 1)
-    cad = pseudo_inertias(robot.model)
-    if export.path.suffix.lower() == ".urdf":
-        cad[cad[:, 3, 3] <= LEAST_MASS] = 0.0  # which stands for none, where a file needs a mass
-    return cad
-
-
 def _content(
     robot: Robot,
     model: mujoco.MjModel,
@@ -245,8 +239,20 @@ def _content(
         links = zip(parameters.tree.links, consistent.pseudo, strict=True)
         heavy = {name: pseudo for name, pseudo in links if pseudo[3, 3] > 0}
         content = with_inertias(read_bytes(robot.model_file), heavy, robot.model_file)
-        content = with_places(content, _moved(robot.model, model), robot.model_file)
-        model = _compiled(content, robot)
+        places = {}  # old and new, of bodies that were moved; where the robot stands is no length
+        for k in np.flatnonzero(robot.model.body_parentid > 0):
+            name, old = robot.model.body(k).name, robot.model.body_pos[k]
+            if np.abs(model.body(name).pos - old).max() > 1e-12:
+                places[name] = old, model.body(name).pos
+        content = with_places(content, places, robot.model_file)
+        with tempfile.TemporaryDirectory() as scratch:  # a copy of the robot's files
+            folder = Path(scratch)
+            for name in robot.hashes:
+                if present(robot.folder / name) and ".." not in Path(name).parts:
+                    write_bytes(folder / name, read_bytes(robot.folder / name))
+            place = folder / robot.model_file.relative_to(robot.folder)
+            write_bytes(place, content)
+            model = load_spec(place, folder).compile()
         parameters = base_parameters(robot, model, parameters.support)
         read, notes = pseudo_inertias(model), _missing_files(robot.model_file, export.path)
     apart = float(np.abs(parameters.values(standard_of(read)) - consistent.value).max())
@@ -256,12 +262,17 @@ def _content(
             "stated ones; a setting of the file overrules its inertias (<compiler>: boundmass, "
             "balanceinertia)"
         )
-    worst, off = _farthest(_rigid(read, model), _rigid(consistent.pseudo, model))
-    if not off <= ALIKE:
+    read, wanted = _rigid(read, model), _rigid(consistent.pseudo, model)
+    off = np.zeros(len(wanted))
+    for k in np.flatnonzero(wanted[:, 3, 3] > LEAST_MASS):
+        inverse = np.linalg.inv(np.linalg.cholesky(wanted[k]))
+        off[k] = np.abs(inverse @ (read[k] - wanted[k]) @ inverse.T).max()
+    if not off.max() <= ALIKE:
+        worst = parameters.tree.links[off.argmax()]
         raise InputError(
-            f"{export.path}: the inertia of {parameters.tree.links[worst]} in the written file is away from "
-            f"the stated one by {off:.2g} of it; a setting of the file overrules its inertias (<compiler>: "
-            "settotalmass, boundinertia, boundmass, balanceinertia)"
+            f"{export.path}: the inertia of {worst} in the written file is away from the stated one by "
+            f"{off.max():.2g} of it; a setting of the file overrules its inertias (<compiler>: settotalmass, "
+            "boundinertia, boundmass, balanceinertia)"
         )
     return content, notes
 
@@ -279,27 +290,6 @@ def _rigid(pseudo: np.ndarray, model: mujoco.MjModel) -> np.ndarray:
     return sums
 
 
-def _farthest(read: np.ndarray, wanted: np.ndarray) -> tuple[int, float]:
-    """Return the link whose pseudo-inertia was read back worst, and by what part of it it is off."""
-    off = np.zeros(len(wanted))
-    for k in np.flatnonzero(wanted[:, 3, 3] > LEAST_MASS):
-        inverse = np.linalg.inv(np.linalg.cholesky(wanted[k]))
-        off[k] = np.abs(inverse @ (read[k] - wanted[k]) @ inverse.T).max()
-    return int(off.argmax()), float(off.max())
-
-
-def _moved(nominal: mujoco.MjModel, model: mujoco.MjModel) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Return the old and the new place of every body that was moved, by name [m]."""
-    places = {}
-    for k in range(1, nominal.nbody):
-        name, old = nominal.body(k).name, nominal.body_pos[k]
-        new = model.body(name).pos
-        # Where the robot stands is no length.
-        if nominal.body_parentid[k] > 0 and np.abs(new - old).max() > 1e-12:
-            places[name] = old, new
-    return places
-
-
 def _check_compiler(file: Path) -> None:
     """Refuse settings of an MJCF with which MuJoCo does not use the inertias in it."""
     for compiler in ET.fromstring(read_bytes(file)).iter("compiler"):
@@ -309,20 +299,6 @@ def _check_compiler(file: Path) -> None:
                     f"{file}: <compiler>: found {name}='{shortened(value)}', expected none: MuJoCo would not "
                     "use the inertias of the file"
                 )
-
-
-def _compiled(content: bytes, robot: Robot) -> mujoco.MjModel:
-    """Compile an MJCF that stands where the robot's own stands, in a copy of the robot's files."""
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch)
-        inside = [
-            name for name in robot.hashes if present(robot.folder / name) and ".." not in Path(name).parts
-        ]
-        for name in inside:
-            write_bytes(folder / name, read_bytes(robot.folder / name))
-        place = folder / robot.model_file.relative_to(robot.folder)
-        write_bytes(place, content)
-        return load_spec(place, folder).compile()
 
 
 def _published(content: bytes, export: Export, robot: Robot) -> np.ndarray:

@@ -121,24 +121,9 @@ def exported_links(
         shares: how much of mass and centre is data, (n, 4).
     """
     links = []
-    for name, before, after, share in zip(names, cad, pseudo, shares, strict=True):
-        (mass, center, inertia), (mass_cad, center_cad, inertia_cad) = _figures(after), _figures(before)
-        links.append(
-            ExportedLink(
-                link=name,
-                mass=mass,
-                mass_cad=mass_cad,
-                mass_data_share=float(share[0]),
-                center=center,
-                center_cad=center_cad,
-                center_data_share=share[1:],
-                inertia=inertia,
-                inertia_cad=inertia_cad,
-            )
-        )
+    none = 0.0, np.zeros(3), np.zeros((3, 3))  # of a link without mass
+    for name, *both, share in zip(names, pseudo, cad, shares, strict=True):
+        now, before = (central(each) if standard_of(each)[0] > 0 else none for each in both)
+        mass = now[0], before[0], float(share[0])
+        links.append(ExportedLink(name, *mass, now[1], before[1], share[1:], now[2], before[2]))
     return tuple(links)
-
-
-def _figures(pseudo: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return mass [kg], centre [m] and inertia about it [kg m2]; zeros without mass."""
-    return central(pseudo) if standard_of(pseudo)[0] > 0 else (0.0, np.zeros(3), np.zeros((3, 3)))

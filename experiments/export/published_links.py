@@ -72,30 +72,21 @@ def published_links(path: Path, robot: Robot) -> PublishedLinks:
     other.qpos[[int(robot.model.joint(name).qposadr[0]) for name in joint_names(robot.model)]] = 0.0
     mujoco.mj_kinematics(robot.model, other)
     onto = _alignment(path, (model, data), (robot.model, other))
-    bodies, links = [], []
-    own = {name: int(robot.model.joint(name).bodyid[0]) for name in joint_names(robot.model)}
+    of_hinge = {name: int(robot.model.joint(name).bodyid[0]) - 1 for name in joint_names(robot.model)}
+    link = np.zeros(model.nbody, int)  # of the robot, that moves with a body: that of the next hinge above
     for body in range(1, model.nbody):
-        if int(model.body_rootid[body]) == source.root and model.body_mass[body] > LEAST_MASS:
-            bodies.append(body)
-            links.append(_link(model, body, own) - 1)
-    poses = [_pose(data, body) for body in bodies]
+        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        hinges = [model.joint(k).name for k in range(first, first + count)]
+        own = [of_hinge[name] for name in hinges if name in of_hinge]
+        link[body] = own[0] if own else link[model.body_parentid[body]]
+    bodies = np.flatnonzero((model.body_rootid == source.root) & (model.body_mass > LEAST_MASS))
+    links = link[bodies]
+    poses = [_pose(data, body) for body in bodies.tolist()]
     transform = np.array(
         [np.linalg.inv(_pose(other, link + 1)) @ onto @ pose for pose, link in zip(poses, links, strict=True)]
     )
-    pseudo = pseudo_inertias(model)[np.array(bodies) - 1]
     names = tuple(model.body(body).name for body in bodies)
-    return PublishedLinks(names, np.array(links), moved(pseudo, transform), transform)
-
-
-def _link(model: mujoco.MjModel, body: int, own: dict[str, int]) -> int:
-    """Return the robot's body that moves with a body of the file: that of the next hinge above it."""
-    while body:
-        first = int(model.body_jntadr[body])
-        for k in range(first, first + int(model.body_jntnum[body])):
-            if model.joint(k).name in own:
-                return own[model.joint(k).name]
-        body = int(model.body_parentid[body])
-    return 1  # the root
+    return PublishedLinks(names, links, moved(pseudo_inertias(model)[bodies - 1], transform), transform)
 
 
 def _pose(data: mujoco.MjData, body: int) -> np.ndarray:
@@ -138,20 +129,15 @@ def _alignment(
 
 def _stretch(old: np.ndarray, new: np.ndarray) -> np.ndarray:
     """Return T with T old T' = new, (4, 4): masses by one factor, a symmetric stretch about the centre."""
-    (mass, center, second), (mass_now, center_now, second_now) = _parts(old), _parts(new)
-    root = np.real(sqrtm(second))
+    (mass, mass_now), centers, seconds = (old[3, 3], new[3, 3]), [], []
+    for pseudo in (old, new):
+        centers.append(pseudo[:3, 3] / pseudo[3, 3])
+        seconds.append(pseudo[:3, :3] - pseudo[3, 3] * np.outer(centers[-1], centers[-1]))
+    root = np.real(sqrtm(seconds[0]))
     back = np.linalg.inv(root)
-    stretch = back @ np.real(sqrtm(root @ second_now @ root)) @ back
-    scale = np.sqrt(mass_now / mass)
-    whole = np.eye(4)
+    whole, scale = np.eye(4), np.sqrt(mass_now / mass)
     # Distances from the centre scale with the root of second moments over masses.
-    whole[:3, :3] = stretch
-    whole[:3, 3] = scale * center_now - stretch @ center
+    whole[:3, :3] = back @ np.real(sqrtm(root @ seconds[1] @ root)) @ back
+    whole[:3, 3] = scale * centers[1] - whole[:3, :3] @ centers[0]
     whole[3, 3] = scale
     return whole
-
-
-def _parts(pseudo: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return mass, centre and second moments about the centre."""
-    mass, center = pseudo[3, 3], pseudo[:3, 3] / pseudo[3, 3]
-    return mass, center, pseudo[:3, :3] - mass * np.outer(center, center)

@@ -52,8 +52,15 @@ def robot_samples(
     def draw() -> tuple[np.ndarray, np.ndarray, Target]:
         value = target.value + root @ rng.standard_normal(len(root))
         mass = target.mass + mass_error * rng.standard_normal()
-        reference = _drawn(cad, draw_robot(model, SPREAD, rng), rng)
-        return reference, ellipsoids, replace(target, value=value, mass=mass)
+        reference, standard = np.zeros_like(cad), draw_robot(model, SPREAD, rng)
+        for k in np.flatnonzero(cad[:, 3, 3] > 0):  # with other lengths of its inertia box
+            own, _, inertia = central(cad[k])
+            second = standard[k, 0] / own * (np.trace(inertia) / 2 * np.eye(3) - inertia)
+            size, axes = np.linalg.eigh(second)
+            second = (axes * size * np.exp(2 * SPREAD * rng.standard_normal(3))) @ axes.T
+            tensor = np.trace(second) * np.eye(3) - second
+            reference[k] = pseudo_inertia(standard[k, 0], standard[k, 1:] / standard[k, 0], tensor)
+        return solid(reference), ellipsoids, replace(target, value=value, mass=mass)
 
     def consistent() -> ConsistentRobot:
         for _ in range(TRIES):
@@ -75,17 +82,3 @@ def robot_samples(
         "base_parameters": np.array([robot.value for robot in robots]),
         "misfit_in_standard_errors": np.array([robot.misfit for robot in robots]),
     }
-
-
-def _drawn(cad: np.ndarray, standard: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return pseudo-inertias with drawn masses, centres and lengths of the inertia boxes."""
-    drawn = np.zeros_like(cad)
-    for k in np.flatnonzero(cad[:, 3, 3] > 0):
-        mass, _, inertia = central(cad[k])
-        second = standard[k, 0] / mass * (np.trace(inertia) / 2 * np.eye(3) - inertia)
-        size, axes = np.linalg.eigh(second)
-        size = size * np.exp(2 * SPREAD * rng.standard_normal(3))
-        second = (axes * size) @ axes.T
-        tensor = np.trace(second) * np.eye(3) - second
-        drawn[k] = pseudo_inertia(standard[k, 0], standard[k, 1:] / standard[k, 0], tensor)
-    return solid(drawn)

@@ -38,7 +38,15 @@ def written_urdf(robot: Robot, model: mujoco.MjModel, pseudo: np.ndarray) -> byt
     shift = np.zeros((model.nbody, 3))  # from the body's frame to the link's, in the body's axes
     for body in range(1, model.nbody):
         name, above = model.body(body).name, int(model.body_parentid[body])
-        hinges = _hinges(model, body, robot)
+        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        joints = range(first, first + count)
+        hinges = [joint for joint in joints if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE]
+        for hinge in hinges:
+            if zero := float(model.qpos0[model.jnt_qposadr[hinge]]):
+                raise InputError(
+                    f"{robot.model_file}: joint '{model.joint(hinge).name}': found ref {zero:g} rad, "
+                    "expected 0 for a URDF; export an MJCF"
+                )
         shift[body] = model.jnt_pos[hinges[-1]] if hinges else 0.0
         inertial = ""
         if pseudo[body - 1, 3, 3] > 0:
@@ -48,11 +56,8 @@ def written_urdf(robot: Robot, model: mujoco.MjModel, pseudo: np.ndarray) -> byt
         lines.append(f"  <link name={quoteattr(name)}>{inertial}</link>")
         if not above:
             continue
-        parent, start, turn = (
-            model.body(above).name,
-            model.body_pos[body] - shift[above],
-            _rpy(rotations[body]),
-        )
+        parent, start = model.body(above).name, model.body_pos[body] - shift[above]
+        turn = _rpy(rotations[body])
         if not hinges:
             lines.append(_joint(f"{name}_fixed", "fixed", parent, name, start, turn))
         for k, hinge in enumerate(hinges):
@@ -75,21 +80,6 @@ def written_urdf(robot: Robot, model: mujoco.MjModel, pseudo: np.ndarray) -> byt
             lines.append(_joint(joint, kind, parent, child, origin, turn if k == 0 else np.zeros(3), more))
             parent = child
     return ("\n".join([*lines, "</robot>"]) + "\n").encode()
-
-
-def _hinges(model: mujoco.MjModel, body: int, robot: Robot) -> list[int]:
-    """Return the numbers of a body's hinges."""
-    first, hinges = int(model.body_jntadr[body]), []
-    for joint in range(first, first + int(model.body_jntnum[body])):
-        if model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE:
-            continue
-        if zero := float(model.qpos0[model.jnt_qposadr[joint]]):
-            raise InputError(
-                f"{robot.model_file}: joint '{model.joint(joint).name}': found ref {zero:g} rad, expected 0 "
-                "for a URDF; export an MJCF"
-            )
-        hinges.append(joint)
-    return hinges
 
 
 def _joint(

@@ -69,16 +69,25 @@ def checks(runs: int, models: Mapping[str, Errors], outside: Mapping[str, float]
         outside: largest true size of a parameter that a model leaves out, by model [m].
     """
     count = models["full"].count
-    done = [_failed_runs(runs - count, runs)]
+    low, high = share(np.array([runs - count]), runs, 1 - 2 * LEVEL).interval[:, 0].tolist()
+    failed = CoverageCheck(
+        name="share of runs that could not be identified",
+        result="pass" if low <= MOST_FAILED else "fail",
+        shown=high <= MOST_FAILED,
+        value=(runs - count) / runs,
+        interval=[low, high],
+        bounds=[0.0, MOST_FAILED],
+        source="they are missing from all counts",
+    )
+    done = [failed]
     judged = [name for name in models if outside[name] <= NEGLIGIBLE]
     family = sum(3 * len(models[name].numbers) + 1 for name in judged)
     for name, errors in models.items():
+        reason = "the true robot is outside this model: its bias is no error"
         if count < 2:
-            done.append(_skipped(f"{name} model", f"{count} runs identified, at least 2 needed"))
-        elif name not in judged:
-            done.append(
-                _skipped(f"{name} model", "the true robot is outside this model: its bias is no error")
-            )
+            reason = f"{count} runs identified, at least 2 needed"
+        if count < 2 or name not in judged:
+            done.append(CoverageCheck(f"{name} model", "not evaluated", source=reason))
         else:
             done += _model_checks(name, errors, 1 - LEVEL / family)
     return done
@@ -102,23 +111,6 @@ def whole_bounds(size: int, dof: float) -> tuple[float, float]:
     limit = f_ppf(1 - WHOLE_LEVEL, size, dof)
     low, high = (float(f_sf(limit / ratio**2, size, dof)) for ratio in RATIO)
     return low, high
-
-
-def _failed_runs(failed: int, runs: int) -> CoverageCheck:
-    low, high = share(np.array([failed]), runs, 1 - 2 * LEVEL).interval[:, 0].tolist()
-    return CoverageCheck(
-        name="share of runs that could not be identified",
-        result="pass" if low <= MOST_FAILED else "fail",
-        shown=high <= MOST_FAILED,
-        value=failed / runs,
-        interval=[low, high],
-        bounds=[0.0, MOST_FAILED],
-        source="they are missing from all counts",
-    )
-
-
-def _skipped(name: str, source: str) -> CoverageCheck:
-    return CoverageCheck(name, "not evaluated", source=source)
 
 
 def _model_checks(name: str, errors: Errors, confidence: float) -> list[CoverageCheck]:

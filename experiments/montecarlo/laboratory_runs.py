@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -60,22 +61,17 @@ def source_of(
         engine: see `Laboratory.run`.
         imperfections: scale of the ordinary imperfections of every run's laboratory; 0: it is exact.
     """
-    rig = laboratory.rig
+    rig, solved = laboratory.rig, None
     model = true_model(rig) if laboratory.known else rig.robot.model
-    of_all = _Repeated(laboratory, plan, model, spread, engine, imperfections)
     if imperfections:
         laboratory.check(plan, engine)
-        near = _similar(laboratory, plan, imperfections) if engine == "statics" else None
-        return replace(of_all, solved=near)
-    return replace(of_all, solved=solve_plan(rig, plan)) if engine == "statics" else of_all
-
-
-def _similar(laboratory: Laboratory, plan: PosturePlan, scale: float) -> SolvedPlan | None:
-    """Solve the plan in one ordinary laboratory, from whose equilibria those of all runs are near."""
-    try:
-        return solve_plan(drawn(laboratory, scale, np.random.SeedSequence(0)).rig, plan)
-    except InputError:  # no laboratory can be built at such a scale: every run says so itself
-        return None
+        if engine == "statics":
+            with suppress(InputError):  # no laboratory can be built at such a scale: every run says so itself
+                similar = drawn(laboratory, imperfections, np.random.SeedSequence(0))
+                solved = solve_plan(similar.rig, plan)
+    elif engine == "statics":
+        solved = solve_plan(rig, plan)
+    return _Repeated(laboratory, plan, model, spread, engine, imperfections, solved)
 
 
 @dataclass(frozen=True)
@@ -93,35 +89,33 @@ class _Repeated:
     spread: float | None
     engine: str
     imperfections: float
-    solved: SolvedPlan | None = None
+    solved: SolvedPlan | None
 
     def __call__(self, streams: Sequence[np.random.SeedSequence]) -> list[Outcome | str]:
         # So the laboratory's stream is the same with and without random robots or imperfections.
         parts = [stream.spawn(3) for stream in streams]
-        robots = [self._robot(of_robot) for of_robot, _, _ in parts]
+        model, spread = self.model, self.spread
+        robots = [
+            standard_parameters(model)
+            if spread is None
+            else draw_robot(model, spread, np.random.default_rng(of_robot))
+            for of_robot, _, _ in parts
+        ]
         if self.solved is not None and not self.imperfections:
             return _solved(self.solved, np.array(robots), [of_noise for _, of_noise, _ in parts])
-        carry_out = self._ordinary if self.imperfections else self._exact
         outcomes: list[Outcome | str] = []
         for standard, (_, of_noise, of_members) in zip(robots, parts, strict=True):
             try:
-                outcomes.append(carry_out(standard, of_noise, of_members))
+                if self.imperfections:
+                    outcomes.append(self._ordinary(standard, of_noise, of_members))
+                else:
+                    rig = edited(self.laboratory.rig, edit_of(model, standard))
+                    outcome = _held(rig, self.plan, of_noise)
+                    truth = replace(outcome.truth, standard=standard)
+                    outcomes.append(replace(outcome, truth=truth))
             except InputError as error:
                 outcomes.append(str(error))
         return outcomes
-
-    def _robot(self, stream: np.random.SeedSequence) -> np.ndarray:
-        """Return the standard parameters of a run's robot."""
-        if self.spread is None:
-            return standard_parameters(self.model)
-        return draw_robot(self.model, self.spread, np.random.default_rng(stream))
-
-    def _exact(
-        self, standard: np.ndarray, of_noise: np.random.SeedSequence, _: np.random.SeedSequence
-    ) -> Outcome:
-        """Hold one experiment in the full dynamics of the exact laboratory."""
-        outcome = _held(edited(self.laboratory.rig, edit_of(self.model, standard)), self.plan, of_noise)
-        return replace(outcome, truth=replace(outcome.truth, standard=standard))
 
     def _ordinary(
         self, standard: np.ndarray, of_noise: np.random.SeedSequence, of_members: np.random.SeedSequence

@@ -214,9 +214,7 @@ class MonteCarlo(Result, ModelCoverage):
 
     def write_into(self, folder: Path) -> None:
         """Write a run folder, which more runs can be added to."""
-        (folder / CHUNK_FOLDER).mkdir()
-        write_plan(folder / PLAN_FOLDER, self.plan)
-        ROBOT.write(folder / ROBOT.name, self.robot)
+        begin(folder, self.plan, self.robot)
         self.document.write(folder / RUN_FILE)
         chunks = RunChunks(folder / CHUNK_FOLDER, self.runs, self.document.settings.chunk)
         for index in range(len(chunks)):
@@ -299,6 +297,13 @@ class MonteCarlo(Result, ModelCoverage):
             every_run=every_run,
             **beside,
         )
+
+
+def begin(folder: Path, plan: PosturePlan, robot: Robot) -> None:
+    """Write everything but the runs into a new folder."""
+    (folder / CHUNK_FOLDER).mkdir()
+    write_plan(folder / PLAN_FOLDER, plan)
+    ROBOT.write(folder / ROBOT.name, robot)
 
 
 def _usable(runs: Columns, full: Errors, robot: Robot, plan: PosturePlan) -> str:

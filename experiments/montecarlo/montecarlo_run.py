@@ -30,14 +30,13 @@ from tulip_testbed.experiments.montecarlo.montecarlo_result import (
     MonteCarlo,
     MonteCarloFile,
     Settings,
+    begin,
     montecarlo_file,
 )
 from tulip_testbed.experiments.montecarlo.run_columns import RunChunks, RunJob, layout_of, read_runs
-from tulip_testbed.experiments.run_file import PLAN_FOLDER, ROBOT, RUN_FILE
+from tulip_testbed.experiments.run_file import RUN_FILE
 from tulip_testbed.experiments.usable_plan import identifiable_regressor
 from tulip_testbed.measurements import PosturePlan
-from tulip_testbed.sim.plan_folder import write_plan
-from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.robot_check import warn_of_robot
 
 PATIENCE = 10  # s, for a scheduler that does not answer and for its first worker
@@ -115,20 +114,15 @@ def _compute(work: Work, chunks: Iterable[Sequence[int]]) -> Generator[Any]:
             results = parallel(joblib.delayed(_carry_out)(work, chunk) for chunk in chunks)
         yield from results
     except BrokenProcessPool as error:
-        raise InputError(_what_ended(str(error))) from None
+        codes = re.search(r"exit codes of the workers are \{(.*?)\}", str(error))
+        if codes is None:
+            raise InputError(f"a worker process failed ({shortened(error, 200)})") from None
+        memory = ", as the system does when memory runs out" if "SIGKILL" in codes[1] else ""
+        raise InputError(f"a worker process ended by {codes[1]}{memory}") from None
     except Exception as error:
         if type(error).__module__.split(".")[0] != "distributed":
             raise
         raise InputError(f"the cluster failed ({' '.join(str(error).split())[:200]})") from None
-
-
-def _what_ended(text: str) -> str:
-    """Say what is known of workers that are gone, by joblib's text."""
-    codes = re.search(r"exit codes of the workers are \{(.*?)\}", text)
-    if codes is None:
-        return f"a worker process failed ({shortened(text, 200)})"
-    memory = ", as the system does when memory runs out" if "SIGKILL" in codes[1] else ""
-    return f"a worker process ended by {codes[1]}{memory}"
 
 
 def _carry_out(work: Work, chunk: Sequence[int]) -> Any:
@@ -162,7 +156,8 @@ def montecarlo(
     """Carry out what is missing in the folder and report on all runs.
 
     Args:
-        progress: what shows how far the work is, see `_collect_missing`.
+        progress: called with what is counted, how many there are and how many were there before; gives a
+            context that yields what is called with the number of each chunk's runs.
 
     Raises:
         InputError: what cannot be run, written or read; runs that were written stay.
@@ -195,7 +190,7 @@ def montecarlo(
                 settings.seed,
                 laboratory.known,
             )
-            with kept.opened(partial(_begin, plan=plan, robot=robot)):
+            with kept.opened(partial(begin, plan=plan, robot=robot)):
                 _collect_missing(chunks, job, place, progress)
     folder = place.folder if place.stays else None
     result = MonteCarlo.of(read_runs(chunks, layout), layout, document, plan=plan, robot=robot, folder=folder)
@@ -206,12 +201,6 @@ def montecarlo(
 def run_folder(folder: Path, document: MonteCarloFile) -> ResumableFolder:
     """Return the folder of a Monte Carlo."""
     return ResumableFolder(folder, RUN_FILE, document.plain(), "Monte Carlo", "runs")
-
-
-def _begin(folder: Path, plan: PosturePlan, robot: Robot) -> None:
-    (folder / CHUNK_FOLDER).mkdir()
-    write_plan(folder / PLAN_FOLDER, plan)
-    ROBOT.write(folder / ROBOT.name, robot)
 
 
 def raise_runs(folder: Path, document: MonteCarloFile) -> None:
@@ -239,12 +228,7 @@ def raise_runs(folder: Path, document: MonteCarloFile) -> None:
 
 
 def _collect_missing(chunks: RunChunks, job: Work, place: RunPlace, progress: Progress) -> None:
-    """Compute the missing chunks; an interruption says what stays.
-
-    Args:
-        progress: called with what is counted, how many there are and how many were there before; gives a
-            context that yields what is called with the number of each chunk's runs.
-    """
+    """Compute the missing chunks; an interruption says what stays."""
     try:
         with progress("runs", chunks.runs, chunks.done()) as advance:
             collect(chunks, job, advance)

@@ -273,43 +273,30 @@ def numbers_of(
     """
     record = {f"truth.{number}": float(truth[number - 1]) for number in layout.numbers}
     for model in layout.models:
-        record |= _model_numbers(model, models[model], truth, sizes)
+        estimate = models[model]
+        unseen, given, covariance = estimate.unseen, estimate.value, estimate.covariance
+        if unseen is not None:
+            given, covariance = unseen.given(given, sizes), unseen.covariance
+        of_parameters = {
+            "value": estimate.value,
+            "se": standard_errors(estimate.covariance),
+            "dof": estimate.interval_dof,
+            "given": given,
+            "given_se": standard_errors(covariance),
+        }
+        for what, values in of_parameters.items():
+            record |= {f"{model}.{what}.{n}": float(v) for n, v in zip(estimate.numbers, values, strict=True)}
+        norms = residual_norms(estimate.residual)
+        scalars = (
+            *(estimate.sigma, estimate.condition_number, norms.mean, norms.sd, norms.max),
+            *(chi_square(given - truth[estimate.numbers - 1], covariance), estimate.dof),
+        )
+        record |= {f"{model}.{name}": float(v) for name, v in zip(SCALARS, scalars, strict=True)}
     if layout.pairs:
         rho, place = correlations(models["full"].covariance), layout.models["full"].index
         record |= {f"full.correlation.{a}.{b}": float(rho[place(a), place(b)]) for a, b in layout.pairs}
     names = ("mass", "mass_se", "mass_dof", "true_mass")
     return record | {name: float(value) for name, value in zip(names, mass, strict=True)}
-
-
-def _model_numbers(
-    model: str, estimate: Estimate, truth: np.ndarray, sizes: Mapping[str, float]
-) -> dict[str, float]:
-    unseen, given, covariance = estimate.unseen, estimate.value, estimate.covariance
-    if unseen is not None:
-        given, covariance = unseen.given(given, sizes), unseen.covariance
-    columns = {
-        "value": estimate.value,
-        "se": standard_errors(estimate.covariance),
-        "dof": estimate.interval_dof,
-        "given": given,
-        "given_se": standard_errors(covariance),
-    }
-    record = {
-        f"{model}.{what}.{number}": float(value)
-        for what, values in columns.items()
-        for number, value in zip(estimate.numbers, values, strict=True)
-    }
-    norms = residual_norms(estimate.residual)
-    scalars = {
-        "sigma": estimate.sigma,
-        "condition_number": estimate.condition_number,
-        "residual_mean": norms.mean,
-        "residual_sd": norms.sd,
-        "residual_max": norms.max,
-        "chi_square": chi_square(given - truth[estimate.numbers - 1], covariance),
-        "residual_dof": estimate.dof,
-    }
-    return record | {f"{model}.{name}": float(value) for name, value in scalars.items()}
 
 
 def chi_square(error: np.ndarray, covariance: np.ndarray) -> float:

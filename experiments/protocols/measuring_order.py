@@ -36,38 +36,27 @@ def shortest_tour(cost: np.ndarray) -> list[int]:
     """
     owner = (cost <= SAME).argmax(axis=1)
     places = np.unique(owner)
-    inner = _tour_of_different(cost[np.ix_(places, places)])
-    tour = [int(node) for k in inner for node in np.flatnonzero(owner == places[k])]
-    return tour[tour.index(0) :] + tour[: tour.index(0)]
-
-
-def _tour_of_different(cost: np.ndarray) -> list[int]:
-    count = len(cost)
-    if count < 4:
-        return list(range(count))
+    count = len(places)
     first, second = np.triu_indices(count, 1)
-    every, edges = np.arange(count)[:, None], len(first)
+    length, every = cost[places[first], places[second]], np.arange(count)[:, None]
     rows = [LinearConstraint(((first == every) | (second == every)).astype(float), 2, 2)]
-    while True:
-        solved = milp(cost[first, second], integrality=np.ones(edges), bounds=Bounds(0, 1), constraints=rows)
-        taken = solved.x > 0.5
+    tours, inner = 0, list(range(count))
+    while count > 3 and tours != 1:
+        whole = {"integrality": np.ones(len(length)), "bounds": Bounds(0, 1)}
+        taken = milp(length, **whole, constraints=rows).x > 0.5
         graph = csr_array((np.ones(taken.sum()), (first[taken], second[taken])), shape=(count, count))
         tours, member = connected_components(graph, directed=False)
-        if tours == 1:
-            return _around(first[taken], second[taken])
-        for k in range(tours):
-            inside = member == k
-            rows.append(LinearConstraint((inside[first] & inside[second]).astype(float), ub=inside.sum() - 1))
-
-
-def _around(first: np.ndarray, second: np.ndarray) -> list[int]:
-    """Return the nodes of a tour in order, given its edges, from node 0."""
-    tour, left = [0], list(zip(first.tolist(), second.tolist(), strict=True))
-    while len(left) > 1:
-        edge = next(edge for edge in left if tour[-1] in edge)
-        left.remove(edge)
-        tour.append(edge[0] if edge[1] == tour[-1] else edge[1])
-    return tour
+        rows += [
+            LinearConstraint((inside[first] & inside[second]).astype(float), ub=inside.sum() - 1)
+            for inside in member == np.arange(tours)[:, None]
+        ]
+        left, inner = list(zip(first[taken].tolist(), second[taken].tolist(), strict=True)), [0]
+        while tours == 1 and len(left) > 1:  # from node to node
+            edge = next(edge for edge in left if inner[-1] in edge)
+            left.remove(edge)
+            inner.append(edge[0] if edge[1] == inner[-1] else edge[1])
+    tour = [int(node) for k in inner for node in np.flatnonzero(owner == places[k])]
+    return tour[tour.index(0) :] + tour[: tour.index(0)]
 
 
 def shortest_path(cost: np.ndarray) -> list[int]:

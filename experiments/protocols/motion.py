@@ -1,12 +1,14 @@
-"""Motions from one posture to the next while the feet stay where they are."""
+"""Motions from one posture to the next while the feet stay where they are, and their files."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import io
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+import yaml
 
 from tulip_testbed.experiments.defaults import SPEED
 from tulip_testbed.experiments.protocols.motion_loads import LoadsInMotion, MotionLoads
@@ -18,7 +20,7 @@ from tulip_testbed.identification.link_clearances import (
     link_pairs,
     reference_posture,
 )
-from tulip_testbed.identification.link_paths import SHARE, PathBetween, path_clearances
+from tulip_testbed.identification.link_paths import SHARE, path_clearances
 from tulip_testbed.identification.planning.one_foot import with_feet_exchanged
 from tulip_testbed.identification.planning_ranges import planning_margins, planning_ranges
 from tulip_testbed.measurements import PosturePlan
@@ -41,6 +43,7 @@ INSTANTS = 61  # of a motion without a stop that are looked at
 RATE, STRIDE = 50, 5  # samples a second of a trajectory; samples from one point of a message to the next
 LOWERED = (1.0, 0.97, 0.94, 0.9)  # heights of the centre of mass in the stance on the way, of that of `stand`
 FREE, HOIST, LIFT = "free", "hoist", "lift"
+DIGITS = 6  # of an angle [rad], its derivatives and a torque, in a file
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,34 +80,6 @@ def motion_limits(robot: Robot) -> MotionLimits:
         lifted=SHARE * margins.lifted,
         pairs=(link_pairs(feet[0], margins.link_clearance), link_pairs(feet[1], margins.link_clearance)),
     )
-
-
-def geometric_room(
-    limits: MotionLimits,
-    path_between: PathBetween,
-    start: np.ndarray,
-    end: np.ndarray,
-    angles: np.ndarray,
-    base: int,
-) -> dict[str, float]:
-    """Return how much room the joints' ranges and the links' distances leave [rad, m]; negative: too little.
-
-    Links that are nearer at an end of the motion than what they should keep need not be farther on the way.
-
-    Args:
-        start, end: joint angles of both postures, (n,) [rad]. angles: on the way, (k, n) [rad].
-        base: foot that carries the base frame, 0: right.
-    """
-    pairs = limits.pairs[base]
-    inside = np.minimum(angles - limits.ranges[:, 0], limits.ranges[:, 1] - angles).min()
-    within = SHARE * float(pairs.needed.max(initial=0.0))
-    ends = clearances_at(pairs, np.array([start, end]), within).distance.min(axis=0)
-    needed = np.minimum(SHARE * pairs.needed, ends)
-    distance = path_clearances(pairs, path_between, start, end, within).distance
-    return {
-        RANGE: float(inside) + ROUNDING,
-        LINKS: float((distance - needed).min(initial=within)) + ROUNDING,
-    }
 
 
 def dynamic_room(limits: MotionLimits, loads: MotionLoads, support: str) -> dict[str, float]:
@@ -165,6 +140,45 @@ class Motion:
     def duration(self) -> float:
         """Return the duration [s]."""
         return float(self.times[-1])
+
+    def name(self, number: int) -> str:
+        """Return the name of its files without ending: its number in the order and both postures."""
+        return f"{number:03d}-from-{self.start}-to-{self.end}"
+
+    def csv(self, joints: tuple[str, ...]) -> str:
+        """Return it as CSV: time [s], then q, qd, qdd and torque of every joint [rad, s, N m].
+
+        In the hoist, which carries an unknown part of the robot, there are no torques.
+        """
+        groups = [("q", self.angles), ("qd", self.speeds), ("qdd", self.accelerations)]
+        groups += [("torque", self.torques)] if self.kind == FREE else []
+        header = ",".join(["time", *(f"{name}.{joint}" for name, _ in groups for joint in joints)])
+        table, out = np.column_stack([self.times, *(values for _, values in groups)]), io.StringIO()
+        np.savetxt(out, _rounded(table), fmt=f"%.{DIGITS}f", delimiter=",", header=header, comments="")
+        return out.getvalue()
+
+    def yaml(self, joints: tuple[str, ...]) -> str:
+        """Return it as ROS 2's JointTrajectory; quintic splines between its points follow the motion."""
+        points = []
+        for k in range(0, len(self.times), STRIDE):
+            nanoseconds = round(float(self.times[k]) * 1e9)
+            points.append(
+                {
+                    "positions": _rounded(self.angles[k]).tolist(),
+                    "velocities": _rounded(self.speeds[k]).tolist(),
+                    "accelerations": _rounded(self.accelerations[k]).tolist(),
+                    "effort": _rounded(self.torques[k]).tolist() if self.kind == FREE else [],
+                    "time_from_start": {"sec": nanoseconds // 10**9, "nanosec": nanoseconds % 10**9},
+                }
+            )
+        stamp = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
+        message = {"header": stamp, "joint_names": list(joints), "points": points}
+        style = {"Dumper": yaml.CSafeDumper, "sort_keys": False, "default_flow_style": None, "width": 10**6}
+        return yaml.dump(message, **style)
+
+
+def _rounded(values: np.ndarray) -> np.ndarray:
+    return np.round(values, DIGITS) + 0.0  # no minus zero
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,10 +263,20 @@ class MotionPlanner:
             return self.legs[start, end]
         first, last = self.plan.joint_angles[[start, end]]
         support = str(self.plan.support[start])
-        held = all(min(self._at_rest(angles, support).values()) >= 0 for angles in (first, last))
+        still = [
+            self._dynamic_room(STILL * np.arange(3), np.tile(angles, (3, 1)), support)
+            for angles in (first, last)
+        ]
+        held = min(min(room.values()) for room in still) >= 0
         way, direct = None, None
-        for stops in self._stops(start, end):
-            legs = [self._leg(a, b, support) for a, b in pairwise([first, *stops, last])]
+        for height in (None, *LOWERED) if support == "double" else (None,):
+            places = [first, last]
+            if height is not None:
+                stance = self.stance(self.plan.swing_pose[start], height, (first + last) / 2)
+                if stance is None:
+                    continue
+                places.insert(1, stance)
+            legs = [self._leg(a, b, support) for a, b in pairwise(places)]
             direct = direct or (legs, LIFT)
             if not any(leg.lacks for leg in legs):
                 way = legs, FREE
@@ -265,19 +289,6 @@ class MotionPlanner:
         self.legs[start, end] = way or direct
         return self.legs[start, end]
 
-    def _at_rest(self, angles: np.ndarray, support: str) -> dict[str, float]:
-        return self._dynamic_room(STILL * np.arange(3), np.tile(angles, (3, 1)), support)
-
-    def _stops(self, start: int, end: int) -> Iterator[list[np.ndarray]]:
-        """Yield what lies on the way: nothing, then stances with the feet of the placement."""
-        yield []
-        if self.plan.support[start] != "double":
-            return
-        mean = self.plan.joint_angles[[start, end]].mean(axis=0)
-        for height in LOWERED:
-            if (stance := self.stance(self.plan.swing_pose[start], height, mean)) is not None:
-                yield [stance]
-
     def stance(self, swing_pose: np.ndarray, lowered: float, angles: np.ndarray) -> np.ndarray | None:
         """Return an upright posture with the centre of mass between the feet, (n,) [rad]; None: out of reach.
 
@@ -289,12 +300,8 @@ class MotionPlanner:
         guess = self.standing.copy()
         free = ~self.chain.coupled
         guess[self.chain.qpos[free]] = angles[free]
-        both = np.array(
-            [
-                place_polygon(sole, pose)
-                for sole, pose in zip(self.soles, (np.zeros(3), swing_pose), strict=True)
-            ]
-        )
+        poses = zip(self.soles, (np.zeros(3), swing_pose), strict=True)
+        both = np.array([place_polygon(sole, pose) for sole, pose in poses])
         com = np.array([*both.mean(axis=(0, 1)), lowered * self.height])
         return self.inverse.solve(swing_pose, com, np.array([0.0, 0.0, swing_pose[2] / 2]), guess)
 
@@ -303,8 +310,16 @@ class MotionPlanner:
         base = int(base_foot(np.array([support]))[0])
         path = smooth_path(start, between, end, 1.0)
         part = np.linspace(0.0, 1.0, INSTANTS)
-        angles = path(part)
-        room = geometric_room(self.limits, between, start, end, angles, base)
+        angles, (low, high), pairs = path(part), self.limits.ranges.T, self.limits.pairs[base]
+        within = SHARE * float(pairs.needed.max(initial=0.0))
+        # Links that are nearer at an end than what they should keep need not be farther on the way.
+        ends = clearances_at(pairs, np.array([start, end]), within).distance.min(axis=0)
+        distance = path_clearances(pairs, between, start, end, within).distance
+        spare = distance - np.minimum(SHARE * pairs.needed, ends)
+        room = {
+            RANGE: float(np.minimum(angles - low, high - angles).min()) + ROUNDING,
+            LINKS: float(spare.min(initial=within)) + ROUNDING,
+        }
         duration = max(SHORTEST, float(np.abs(path(part, 1)).max()) / self.speed)
         slowest = self._dynamic_room(part * STILL, angles, support)
         slower = duration

@@ -81,7 +81,15 @@ class LoadsInMotion:
                 soles[k, side] = self.soles[side] @ data.xmat[foot].reshape(3, 3).T + data.xpos[foot]
                 jacobian = jacobians[k, side]
                 mujoco.mj_jac(model, data, jacobian[:3], jacobian[3:], np.zeros(3), foot)
-        wrenches, points, zmp = _shared(totals, soles[..., :2].mean(axis=2), support)
+        zmp = np.column_stack([-totals[:, 4], totals[:, 3]]) / totals[:, 2, None]
+        if support == "double":
+            loads, points = planned_foot_loads(1.0, zmp, *soles[..., :2].mean(axis=2).swapaxes(0, 1))
+        else:
+            loads = np.tile([support == "right", support == "left"], (count, 1)).astype(float)
+            points = np.where(loads[..., None] > 0, zmp[:, None], np.nan)
+        wrenches = loads[..., None] * totals[:, None]
+        wrenches[..., 3] = wrenches[..., 2] * np.nan_to_num(points[..., 1])
+        wrenches[..., 4] = -wrenches[..., 2] * np.nan_to_num(points[..., 0])
         torques -= np.einsum("ksia,ksi->ka", jacobians[..., self.dofs], wrenches)
         friction = model.dof_frictionloss[self.dofs] * np.tanh(speeds[:, self.dofs] / BREAKING_LOOSE)
         return MotionLoads(torques, friction, com, zmp, wrenches, points, soles)
@@ -108,29 +116,3 @@ class LoadsInMotion:
         for k in range(count + 1):
             mujoco.mj_differentiatePos(self.model, between[k], step, padded[k], padded[k + 1])
         return (between[1:] + between[:-1]) / 2, np.diff(between, axis=0) / step
-
-
-def _shared(
-    totals: np.ndarray, centres: np.ndarray, support: str
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Share the ground's wrench about the origin, (k, 6), between the feet.
-
-    Args:
-        centres: of the soles, (k, 2, 2) [m].
-
-    Returns:
-        the wrench on each foot about the origin, (k, 2, 6); its point, (k, 2, 2); the zero-moment point,
-        (k, 2).
-    """
-    up = totals[:, 2]
-    zmp = np.column_stack([-totals[:, 4], totals[:, 3]]) / up[:, None]
-    if support == "double":
-        loads, points = planned_foot_loads(1.0, zmp, centres[:, 0], centres[:, 1])
-    else:
-        loads = np.tile([support == "right", support == "left"], (len(totals), 1)).astype(float)
-        points = np.where(loads[..., None] > 0, zmp[:, None], np.nan)
-    wrenches = loads[..., None] * totals[:, None]
-    at = np.nan_to_num(points)
-    wrenches[..., 3] = wrenches[..., 2] * at[..., 1]
-    wrenches[..., 4] = -wrenches[..., 2] * at[..., 0]
-    return wrenches, points, zmp

@@ -87,7 +87,11 @@ class LaboratoryProtocol(Result):
         """Return the order and what is to be known of it, for JSON."""
         kinds = Counter(motion.kind if motion else "set_down" for motion in self.motions)
         stances = sum(motion.via_stance for motion in self.motions if motion and motion.kind == FREE)
-        both = {"plan": self.given, "protocol": self.plan}
+        both, moved = {"plan": self.given, "protocol": self.plan}, {}
+        for name, plan in both.items():
+            numbers = list(dict.fromkeys(plan.placement.tolist()))
+            rows = [int(np.flatnonzero(plan.placement == number)[0]) for number in numbers]
+            moved[name] = float(1e3 * np.diagonal(marks_moved(self.robot, plan, rows), 1).sum())
         return {
             "robot": self.robot.model_file.name,
             "postures": self.plan.postures,
@@ -103,7 +107,7 @@ class LaboratoryProtocol(Result):
             },
             "motion_minutes": self.motion_time / 60,
             "hours": self.hours,
-            "marks_moved_mm": {name: self._moved(plan) for name, plan in both.items()},
+            "marks_moved_mm": moved,
             "drift_inflation": {name: drift_inflation(self.robot, plan) for name, plan in both.items()},
             "notes": list(self.notes),
             "missing": list(self.missing),
@@ -133,12 +137,6 @@ class LaboratoryProtocol(Result):
         columns = (Column("what"), Column("value"))
         summary = Table("Protocol", columns, [list(row) for row in rows.items()])
         return [summary, *self.notes, *self.missing, *place]
-
-    def _moved(self, plan: PosturePlan) -> float:
-        """Return the way of boards and marks in a plan's order [mm]."""
-        numbers = list(dict.fromkeys(plan.placement.tolist()))
-        rows = [int(np.flatnonzero(plan.placement == number)[0]) for number in numbers]
-        return float(1e3 * np.diagonal(marks_moved(self.robot, plan, rows), 1).sum())
 
 
 def protocol_of(

@@ -18,7 +18,6 @@ ROUGH = np.radians(1.0)  # meshes are not flatter than this
 STRAIGHT = np.radians(10.0)  # a frame that differs less keeps its direction about the vertical
 LOPSIDED = 0.25  # of a sole's length: a foot that reaches so much farther points to the front
 LEAST_SOLE, MOST_SOLE = 0.01, 1.0  # m, length and width
-SIDES = {("right", "left"): 1, ("left", "right"): -1}  # of two feet: 1 if the second one is the left
 REFINED = 3  # times that the plane of a sole is fitted again
 
 
@@ -74,8 +73,7 @@ def stance_of(
         soles = [(_stated(ankle, sole, np.eye(3)[0]), UP) for ankle in ankles]
     else:
         soles = [_sole(skeleton, link) for link in pair]
-    sides = [_side(skeleton.name(link)) for link in pair]
-    known = 1 if names is not None else SIDES.get((sides[0], sides[1]))
+    known = 1 if names is not None else _known_sides([skeleton.name(link).lower() for link in pair])
     forward = _forward(soles, ankles, known)
     if sole:
         soles = [(_stated(ankle, sole, forward), UP) for ankle in ankles]
@@ -87,9 +85,14 @@ def stance_of(
     turned = [] if np.allclose(axes, old, atol=1e-6) else [skeleton.name(1)]
     feet = []
     for link, (points, normal), ankle in zip(pair, soles, ankles, strict=True):
-        foot, frame_kept = _foot(skeleton, link, points, normal, ankle, forward)
-        feet.append(foot)
-        if not frame_kept:
+        place, old = skeleton.pose(link)
+        own_axes = _axes(old, normal, forward)
+        sole_points, own = (points - ankle) @ own_axes, (place - ankle) @ own_axes
+        low, high = sole_points[:, :2].min(axis=0), sole_points[:, :2].max(axis=0)
+        inside = bool((own[:2] > low).all() and (own[:2] < high).all())
+        origin = place if inside else ankle.copy()
+        feet.append(Foot(link, own_axes, origin, _corners((points - origin) @ own_axes)))
+        if not inside or not np.allclose(own_axes, old, atol=1e-6):
             turned.append(skeleton.name(link))
     return Stance((feet[0], feet[1]), axes, toes, tuple(turned))
 
@@ -116,22 +119,14 @@ def _pair(skeleton: Skeleton, names: tuple[str, str] | None) -> tuple[list[int],
             "feet. A body on one foot is described by hand (docs/how-to/your-robot.md)"
         )
     pair, toes = [first, others[0]], set()
-    for k, foot in enumerate(pair):
+    for k, foot in enumerate(pair):  # perhaps a toe: the link above is as low, and long
         above = int(skeleton.model.body_parentid[foot])
-        toe = _is_toe(skeleton, foot, heights)
-        if toe and above not in skeleton.path(pair[1 - k]):
+        if above in (0, 1) or heights[above] - heights[foot] > TOE or above in skeleton.path(pair[1 - k]):
+            continue
+        if np.ptp(_lowest_points(skeleton, above, UP)[0][:, :2], axis=0).max() > 4 * LEAST_SOLE:
             toes |= set(skeleton.hinges([foot]))
             pair[k] = above
     return pair, frozenset(toes)
-
-
-def _is_toe(skeleton: Skeleton, foot: int, heights: np.ndarray) -> bool:
-    """Return whether the link above is a foot of its own right: as low, and long."""
-    above = int(skeleton.model.body_parentid[foot])
-    if above <= 1 or heights[above] - heights[foot] > TOE:
-        return False
-    points, _ = _lowest_points(skeleton, above, UP)
-    return bool(np.ptp(points[:, :2], axis=0).max() > 4 * LEAST_SOLE)
 
 
 def _lowest_points(skeleton: Skeleton, link: int, up: Array) -> tuple[Array, float]:
@@ -208,13 +203,15 @@ def _forward(soles: list[tuple[Array, Array]], ankles: list[Array], known: int |
     return forward * np.sign(reach)
 
 
-def _side(name: str) -> str:
-    """Return 'left' or 'right' if a name says so, else nothing."""
-    words = re.split(r"[^a-z]+", name.lower())
-    for side in ("left", "right"):
-        if side in name.lower() or side[0] in words:
-            return side
-    return ""
+def _known_sides(names: list[str]) -> int | None:
+    """Return 1 if the second foot is the left one by the names, -1 if the first one is, else None."""
+    left, right = (
+        [side in name or side[0] in re.split(r"[^a-z]+", name) for name in names]
+        for side in ("left", "right")
+    )
+    if left == [False, True] and right[0]:
+        return 1
+    return -1 if left == [True, False] and right[1] else None
 
 
 def _axes(old: Array, up: Array, forward: Array) -> Array:
@@ -225,22 +222,6 @@ def _axes(old: Array, up: Array, forward: Array) -> Array:
     if np.linalg.norm(x) > 0.5 and x @ wanted / np.linalg.norm(x) > np.cos(STRAIGHT):
         wanted = x / np.linalg.norm(x)
     return np.column_stack([wanted, np.cross(up, wanted), up])
-
-
-def _foot(
-    skeleton: Skeleton, link: int, points: Array, normal: Array, ankle: Array, forward: Array
-) -> tuple[Foot, bool]:
-    """Return a foot, and whether it keeps its frame."""
-    place, old = skeleton.pose(link)
-    axes = _axes(old, normal, forward)
-    flat = (points - ankle) @ axes
-    low, high = flat[:, :2].min(axis=0), flat[:, :2].max(axis=0)
-    own = ((place - ankle) @ axes)[:2]
-    inside = bool((own > low).all() and (own < high).all())
-    origin = place if inside else ankle
-    corners = _corners((points - origin) @ axes)
-    kept = inside and np.allclose(axes, old, atol=1e-6)
-    return Foot(link, axes, origin.copy(), corners), kept
 
 
 def _corners(points: Array) -> Array:

@@ -48,10 +48,13 @@ def read_here(path: Path) -> SourceFile:
         kind = "an SDF" if b"<sdf" in head else f"'{path.suffix}'"
         raise InputError(f"{path}: found {kind}, expected an MJCF or a URDF")
     spec, assumed = parsed.spec, list(parsed.assumed)
-    _name_all(spec)
-    _check_spec(spec, path)
+    _name_and_check(spec, path)
     model, unread = _compiled(spec, path)
-    root = _root(model, path)
+    roots = [b for b in range(1, model.nbody) if model.body_parentid[b] == 0]
+    of_hinges = model.body_rootid[model.jnt_bodyid[model.jnt_type == HINGE]]
+    root = max(roots, key=lambda b: int((of_hinges == b).sum()), default=0)
+    if not root or root not in of_hinges:
+        raise InputError(f"{path}: found no hinge joint, expected a robot on two legs")
     _check_tree(model, root, path)
     torque = dict(joint_torques(spec))
     for j in range(model.njnt):  # a URDF's effort
@@ -60,7 +63,16 @@ def read_here(path: Path) -> SourceFile:
             if limit > 0:
                 torque[name] = min(torque.get(name, np.inf), limit)
     driven = _driven(model, root, parsed.followers, assumed)
-    reference = _reference(model, assumed)
+    keys = [model.key(k).name for k in range(model.nkey)]
+    wanted = next((name for name in STANDING if name in keys), None)
+    qpos = model.qpos0 if wanted is None else model.key(wanted).qpos
+    if wanted is not None:
+        assumed.append(f"keyframe '{wanted}' is the start of the search for a standing posture")
+    reference = {}
+    for joint in map(model.joint, range(model.njnt)):
+        if joint.type[0] in (HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+            angle = float(qpos[joint.qposadr[0]])
+            reference[joint.name] = float(np.clip(angle, *joint.range)) if joint.limited[0] else angle
     assumed += _left_out(model, root)
     bad = sorted({*parsed.unread, *unread})
     problems = [f"{len(bad)} meshes are missing or cannot be read: {listed(bad)}"] if bad else []
@@ -103,17 +115,13 @@ def _mjcf(path: Path) -> Parsed:
     return Parsed(spec, frozenset(coupled))
 
 
-def _name_all(spec: mujoco.MjSpec) -> None:
-    """Name what has no name."""
+def _name_and_check(spec: mujoco.MjSpec, path: Path) -> None:
+    """Name what has no name, and refuse what MuJoCo would change without a word."""
     for kind, elements in (("body", spec.bodies[1:]), ("joint", spec.joints)):
         for k, element in enumerate(elements):
             element.name = element.name or f"{kind}_{k}"
     for k, geom in enumerate(spec.geoms):
         geom.name = geom.name or f"{geom.parent.name}, geom {k}"
-
-
-def _check_spec(spec: mujoco.MjSpec, path: Path) -> None:
-    """Refuse what MuJoCo would change without a word."""
     for body in spec.bodies:
         if body.mass < 0:
             raise InputError(f"{path}: link '{body.name}': found mass {body.mass:g} kg, expected 0 or more")
@@ -162,12 +170,6 @@ def _is_mesh(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh) -> bool:
     return True
 
 
-def _flat(model: mujoco.MjModel) -> list[str]:
-    """Name the meshes that have no convex hull, of which no shape is made."""
-    shown = {int(model.geom_dataid[g]): g for g in np.flatnonzero(model.geom_type == MESH).tolist()}
-    return [model.mesh(mesh).name for mesh, g in shown.items() if is_flat(mesh_vertices(model, g))]
-
-
 def _check_tree(model: mujoco.MjModel, root: int, path: Path) -> None:
     """Refuse sizes that no robot has."""
     if model.nbody > MOST_LINKS:
@@ -200,36 +202,27 @@ def _check_tree(model: mujoco.MjModel, root: int, path: Path) -> None:
 def _left_out(model: mujoco.MjModel, root: int) -> list[str]:
     """Say which forces of the file the prepared robot does not have."""
     own = [j for j in range(model.njnt) if int(model.body_rootid[model.jnt_bodyid[j]]) == root]
-    floating = np.flatnonzero(model.body_gravcomp).tolist()
     strained = [t for t in range(model.ntendon) if np.any(model.tendon_stiffness[t])]
+    others = [b for b in range(1, model.nbody) if model.body_parentid[b] == 0 and b != root]
+    shown = {int(model.geom_dataid[g]): g for g in np.flatnonzero(model.geom_type == MESH).tolist()}
+    flat = [mesh for mesh, geom in shown.items() if is_flat(mesh_vertices(model, geom))]
+    name = [model.body(b).name for b in range(model.nbody)]
     forces = {
         "springs of the joints": [model.joint(j).name for j in own if np.any(model.jnt_stiffness[j])],
         "springs of the tendons": [model.tendon(t).name for t in strained],
-        "compensation of the weight of": [model.body(b).name for b in floating],
+        "compensation of the weight of": [name[b] for b in np.flatnonzero(model.body_gravcomp)],
+        "flat meshes": [model.mesh(mesh).name for mesh in flat],  # of which no shape is made
+        "<exclude>, so that plans keep a distance between": [
+            f"{name[pair >> 16]} and {name[pair & 0xFFFF]}" for pair in model.exclude_signature
+        ],
+        "what no joint connects with the robot:": [
+            f"{name[b]} ({round(model.body_subtreemass[b], 3):g} kg)" for b in others
+        ],
     }
-    others = [b for b in range(1, model.nbody) if model.body_parentid[b] == 0 and b != root]
-    forces["flat meshes"] = _flat(model)
-    pairs = [
-        (model.body(s >> 16).name, model.body(s & 0xFFFF).name) for s in model.exclude_signature.tolist()
-    ]
-    forces["<exclude>, so that plans keep a distance between"] = [f"{a} and {b}" for a, b in pairs]
-    forces["what no joint connects with the robot:"] = [
-        f"{model.body(b).name} ({round(model.body_subtreemass[b], 3):g} kg)" for b in others
-    ]
     lines = [f"left out: {force} {listed(names)}" for force, names in forces.items() if names]
     if not np.allclose(model.opt.gravity, EARTH):
         lines.append(f"left out: gravity {listed(model.opt.gravity)}; it is {listed(EARTH)} m/s2")
     return lines
-
-
-def _root(model: mujoco.MjModel, path: Path) -> int:
-    """Return the first body of the tree with the most hinges."""
-    roots = [b for b in range(1, model.nbody) if model.body_parentid[b] == 0]
-    of_hinges = model.body_rootid[model.jnt_bodyid[model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE]]
-    best = max(roots, key=lambda b: int((of_hinges == b).sum()), default=0)
-    if not best or best not in of_hinges:
-        raise InputError(f"{path}: found no hinge joint, expected a robot on two legs")
-    return best
 
 
 def _driven(
@@ -243,7 +236,7 @@ def _driven(
 
     by_joint = np.flatnonzero(model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT)
     driven = {model.joint(int(model.actuator_trnid[i, 0])).name for i in by_joint}
-    every = named(mujoco.mjtJoint.mjJNT_HINGE)
+    every = named(HINGE)
     hinges = [name for name in every if name not in followers]
     for words, names in (
         ("joints that follow another one", [name for name in every if name in followers]),
@@ -254,18 +247,3 @@ def _driven(
         if names:
             assumed.append(f"fixed: {words}: {listed(names)}")
     return frozenset(name for name in hinges if not driven or name in driven)
-
-
-def _reference(model: mujoco.MjModel, assumed: list[str]) -> dict[str, float]:
-    """Return the angles of a standing keyframe, or else zero, within the limits."""
-    keys = [model.key(k).name for k in range(model.nkey)]
-    wanted = next((name for name in STANDING if name in keys), None)
-    qpos = model.qpos0 if wanted is None else model.key(wanted).qpos
-    if wanted is not None:
-        assumed.append(f"keyframe '{wanted}' is the start of the search for a standing posture")
-    angles = {}
-    for joint in map(model.joint, range(model.njnt)):
-        if joint.type[0] in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
-            value = float(qpos[joint.qposadr[0]])
-            angles[joint.name] = float(np.clip(value, *joint.range)) if joint.limited[0] else value
-    return angles

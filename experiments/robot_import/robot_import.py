@@ -13,10 +13,8 @@ import numpy as np
 
 from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.base.files import new_folder, write_bytes, write_text
-from tulip_testbed.experiments.robot_import.completed_drives import GRAVITY
-from tulip_testbed.experiments.robot_import.compose import compose
+from tulip_testbed.experiments.robot_import.composed_robot import compose, description, planning_table
 from tulip_testbed.experiments.robot_import.feet import Stance, stance_of
-from tulip_testbed.experiments.robot_import.prepared_description import description, planning_table
 from tulip_testbed.experiments.robot_import.published import read_published
 from tulip_testbed.experiments.robot_import.skeleton import Skeleton, SourceFile, skeleton_of
 from tulip_testbed.experiments.robot_import.standing_posture import Standing, standing
@@ -96,11 +94,19 @@ def _imported(
     if toes:
         assumed.append(f"fixed: toes: {listed(sorted(toes))}")
         skeleton = skeleton_of(source, toes)
-    if light := _light_joints(skeleton):
+    beyond, least = skeleton.model.body_subtreemass, LIGHT * skeleton.mass
+    if light := skeleton.hinges([link for link in skeleton.links if beyond[link] < least]):
         assumed.append(f"fixed: joints that move less than {100 * LIGHT:g} % of the mass: {listed(light)}")
         skeleton = skeleton_of(source, {*toes, *light})
     stance = stance_of(skeleton, named, sole)
-    _check_legs(skeleton, stance)
+    first, second = (skeleton.path(foot.link) for foot in stance.feet)
+    for leg, foot in ((first - second, stance.feet[0]), (second - first, stance.feet[1])):
+        if len(hinges := skeleton.hinges(leg)) < LEAST_CHAIN // 2:
+            raise InputError(
+                f"the leg of foot '{skeleton.name(foot.link)}' has {len(hinges)} hinges "
+                f"({listed(hinges)}), expected six or more: with fewer a foot cannot stand level wherever "
+                "the other one and the torso are"
+            )
     if stance.turned:
         assumed.append(
             "frames turned to x forward, y left, z up (parameters are given in these): "
@@ -112,10 +118,9 @@ def _imported(
     stand = _stand(compose(name, skeleton, stance, source.torque, 1.0)[0], skeleton, stance, source.reference)
     spec, of_drives = compose(name, skeleton, stance, source.torque, stand.leg)
     spec.add_key(name="stand", qpos=stand.qpos)
-    model = compile_spec(spec.copy(), PREPARED)
-    chain = _between_feet(skeleton, stance)
-    free = tuple(name for name in skeleton.hinges() if name not in chain)
-    planning = planning_table(model, stance, stand, free, float(model.body_mass.sum()) * GRAVITY)
+    chain = skeleton.hinges(first ^ second)
+    free = [hinge for hinge in skeleton.hinges() if hinge not in chain]
+    planning = planning_table(compile_spec(spec.copy(), PREPARED), stance, stand, free)
     return ImportedRobot(
         found={
             "links": len(skeleton.links),
@@ -127,7 +132,7 @@ def _imported(
             "leg": stand.leg,
             "height": stand.height,
             "between_feet": chain,
-            "others": list(free),
+            "others": free,
             "torque": {motor.name: float(motor.forcerange[1]) for motor in spec.actuators},
             "stand": np.round(stand.qpos, 5).tolist(),
         },
@@ -136,31 +141,6 @@ def _imported(
         model=xml_of(spec, PREPARED),
         description=description(name, path, skeleton, stance, planning),
     )
-
-
-def _light_joints(skeleton: Skeleton) -> list[str]:
-    """Name the joints beyond which there is hardly any mass."""
-    beyond = skeleton.model.body_subtreemass
-    return skeleton.hinges([link for link in skeleton.links if beyond[link] < LIGHT * skeleton.mass])
-
-
-def _between_feet(skeleton: Skeleton, stance: Stance) -> list[str]:
-    """Name the hinges between the feet."""
-    first, second = (skeleton.path(foot.link) for foot in stance.feet)
-    return skeleton.hinges(first ^ second)
-
-
-def _check_legs(skeleton: Skeleton, stance: Stance) -> None:
-    """Refuse legs that cannot put a foot where a plan needs it."""
-    first, second = (skeleton.path(foot.link) for foot in stance.feet)
-    for leg, foot in ((first - second, stance.feet[0]), (second - first, stance.feet[1])):
-        hinges = skeleton.hinges(leg)
-        if len(hinges) < LEAST_CHAIN // 2:
-            raise InputError(
-                f"the leg of foot '{skeleton.name(foot.link)}' has {len(hinges)} hinges "
-                f"({listed(hinges)}), expected six or more: with fewer a foot cannot stand level wherever "
-                "the other one and the torso are"
-            )
 
 
 def _stand(spec: mujoco.MjSpec, skeleton: Skeleton, stance: Stance, reference: dict[str, float]) -> Standing:
@@ -174,9 +154,5 @@ def _stand(spec: mujoco.MjSpec, skeleton: Skeleton, stance: Stance, reference: d
         except InputError as error:
             raise InputError(str(error).replace(f"{path.with_suffix('.xml')}: ", "")) from None
         pairs = unjoined_pairs(robot)
-
-    def distances(angles: np.ndarray) -> np.ndarray:
-        return clearances_at(pairs, angles, NEAR).distance
-
     right, left = (foot.corners.mean(axis=0) for foot in stance.feet)
-    return standing(robot, (right, left), reference, distances)
+    return standing(robot, (right, left), reference, lambda q: clearances_at(pairs, q, NEAR).distance)

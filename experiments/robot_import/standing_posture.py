@@ -65,8 +65,14 @@ def standing(
     margin = np.minimum(LIMIT, 0.1 * (high - low))
     low, high = low + margin, high - margin
     wanted = np.clip([reference.get(name, 0.0) for name in names], low, high)
-    straight, spacing, leg = _at_zero(model, data, ids, soles)
     legs = between_feet(model, robot)
+    data.qpos[:], data.qpos[3] = 0.0, 1.0  # straight legs
+    mujoco.mj_kinematics(model, data)
+    points = [data.xpos[k] + data.xmat[k].reshape(3, 3) @ sole for k, sole in zip(ids, soles, strict=True)]
+    ground, spacing = float(np.mean([point[2] for point in points])), float(points[1][1] - points[0][1])
+    first, second = (list(bodies_to_root(model, foot)) for foot in ids)
+    hip = int(model.body_jntadr[[body for body in first if body not in second][-1]])
+    straight, leg = float(data.xpos[1, 2] - ground), float(data.xanchor[hip, 2] - ground)
 
     def place(x: Array) -> None:
         data.qpos[:3], data.qpos[3:7], data.qpos[7:] = [x[0], 0, x[1]], [1, 0, 0, 0], x[2:]
@@ -104,25 +110,17 @@ def standing(
         if (missed := float(np.abs(equations(best)).max())) < CLOSE:
             break
     if missed > CLOSE:
+        stuck = np.flatnonzero(np.minimum(best[2:] - low, high - best[2:]) < 1e-3)
+        ranges = np.degrees([low - LIMIT, high + LIMIT]).T
+        joints = [f"{names[k]} [{ranges[k, 0]:.0f}, {ranges[k, 1]:.0f}] deg" for k in stuck]
+        limits = f"{listed(joints)} at their limits" if joints else "no joint at its limit"
         raise InputError(
             f"found no posture that stands with level soles: the best one misses by {1e3 * missed:.1f} mm "
-            f"or mrad, with {_at_limits(names, best[2:], low, high)}; expected legs that can put both feet "
-            "flat on the ground with bent knees"
+            f"or mrad, with {limits}; expected legs that can put both feet flat on the ground with bent knees"
         )
     best = _apart(best, distances, ROOM * leg, ~legs, (low, high), rng)
     place(best)
     return Standing(data.qpos.copy(), float(best[1]), spacing, leg)
-
-
-def _at_limits(names: tuple[str, ...], angles: Array, low: Array, high: Array) -> str:
-    """Name the joints that have come to a limit."""
-    stuck = np.minimum(angles - low, high - angles) < 1e-3
-    joints = [
-        f"{name} [{np.degrees(a):.0f}, {np.degrees(b):.0f}] deg"
-        for name, a, b, is_stuck in zip(names, low - LIMIT, high + LIMIT, stuck, strict=True)
-        if is_stuck
-    ]
-    return f"{listed(joints)} at their limits" if joints else "no joint at its limit"
 
 
 def _apart(
@@ -158,26 +156,3 @@ def _apart(
         now, then = least(distances(np.stack([best, back])[:, 2:]))
         best = back if then >= now else best
     return best
-
-
-def _at_zero(
-    model: mujoco.MjModel, data: mujoco.MjData, feet: list[int], soles: tuple[Array, Array]
-) -> tuple[float, float, float]:
-    """Return, with straight legs, heights of root and hip over the soles and the feet's distance [m].
-
-    Returns:
-        the root's height, the distance, the hip's height.
-    """
-    data.qpos[:] = 0.0
-    data.qpos[3] = 1.0
-    mujoco.mj_kinematics(model, data)
-    points = [data.xpos[k] + data.xmat[k].reshape(3, 3) @ sole for k, sole in zip(feet, soles, strict=True)]
-    ground = float(np.mean([point[2] for point in points]))
-    first, second = (list(bodies_to_root(model, foot)) for foot in feet)
-    hip = [body for body in first if body not in second][-1]
-    joint = int(model.body_jntadr[hip])
-    return (
-        float(data.xpos[1, 2] - ground),
-        float(points[1][1] - points[0][1]),
-        float(data.xanchor[joint, 2] - ground),
-    )

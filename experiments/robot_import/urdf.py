@@ -69,8 +69,11 @@ def read_urdf(path: Path) -> Parsed:
     Raises:
         InputError: no URDF, or numbers in it that are none.
     """
+    content = read_bytes(path, MOST_URDF)
+    if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
+        raise InputError(f"{path}: found a document type declaration, which URDF does not have")
     try:
-        root = ET.fromstring(_text(path))
+        root = ET.fromstring(content)
     except ET.ParseError as error:
         raise InputError(f"{path}: not a URDF file ({error})") from None
     _check(root, path)
@@ -114,13 +117,6 @@ def _check(root: ET.Element, path: Path) -> None:
                         raise InputError(f"{at}: found {value}, expected 0 or more")
 
 
-def _text(path: Path) -> bytes:
-    content = read_bytes(path, MOST_URDF)
-    if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
-        raise InputError(f"{path}: found a document type declaration, which URDF does not have")
-    return content
-
-
 def _with_possible_inertia(root: ET.Element) -> list[str]:
     """Replace inertias that no body can have: they do not matter at rest, but MuJoCo refuses them."""
     impossible = []
@@ -128,9 +124,7 @@ def _with_possible_inertia(root: ET.Element) -> list[str]:
         mass, inertia = link.find("inertial/mass"), link.find("inertial/inertia")
         if mass is None or inertia is None:
             continue
-        xx, yy, zz, xy, xz, yz = (
-            float(inertia.get(f"i{key}") or 0) for key in ("xx", "yy", "zz", "xy", "xz", "yz")
-        )
+        xx, yy, zz, xy, xz, yz = (float(inertia.get(key) or 0) for key in NUMBERS["inertia"])
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         heavy = float(mass.get("value") or 0)
         least, middle, most = np.linalg.eigvalsh(tensor)
@@ -140,8 +134,8 @@ def _with_possible_inertia(root: ET.Element) -> list[str]:
         moment = heavy * GYRATION**2
         if heavy > 0:
             impossible.append(link.get("name", ""))
-        for key in ("xx", "yy", "zz", "xy", "xz", "yz"):
-            inertia.set(f"i{key}", repr(max(moment, 1e-9)) if key[0] == key[1] else "0")
+        for key in NUMBERS["inertia"]:
+            inertia.set(key, repr(max(moment, 1e-9)) if key[1] == key[2] else "0")
     if not impossible:
         return []
     return [

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.column_mapping import MappedTable
 from tulip_testbed.measurements.contract import WHOLE
 from tulip_testbed.measurements.logs.joined_clocks import in_order
-from tulip_testbed.measurements.logs.series_reduction import LIFTED, OVERLAP, Reduced, reduced, supports
+from tulip_testbed.measurements.logs.series_reduction import LIFTED, OVERLAP, reduced, supports
 from tulip_testbed.measurements.manifest import Manifest
 from tulip_testbed.measurements.measurement_folder import rows_in
 
@@ -29,14 +28,6 @@ FEW = 0.2  # of the rows
 STILL = 0.02  # rad: without a joint that moves more, nothing moves
 COMPUTED = (*WHOLE, "window", "samples", "speed", "acceleration")  # columns that samples do not have
 COMPUTED_OF = ("q_std", "q_rate", "q_acceleration", "cell_std", "wrench_std")
-
-
-class SeriesRows(NamedTuple):
-    """Rows of a series, what was assumed for them, and what the user has to look at."""
-
-    measurements: Measurements
-    assumed: list[str]
-    problems: list[str]
 
 
 def series_of(table: TableFile, stated: ImportMap) -> SeriesOfMap | None:
@@ -69,11 +60,14 @@ def necessary(names: Sequence[str], series: SeriesOfMap) -> tuple[str, ...]:
 
 def series_rows(
     table: MappedTable, manifest: Manifest, nominal: Nominal, series: SeriesOfMap, stated: ImportMap
-) -> SeriesRows:
+) -> tuple[Measurements, list[str], list[str]]:
     """Read the samples of a series and reduce them to rows.
 
     Args:
         table: with all columns that `necessary` names, and those of `added_columns`.
+
+    Returns:
+        the rows, what was assumed for them, and what the user has to look at.
     """
     if stated.placement not in (None, ONE):
         raise InputError(
@@ -88,7 +82,9 @@ def series_rows(
     if by_load:
         samples = dataclasses.replace(samples, support=supports(samples, weight))
     out = reduced(samples, weight, series.window, series.step or series.window / OVERLAP)
-    rows, left_out = out.measurements, _left_out(out)
+    rows = out.measurements
+    causes = [f"{count} window{'' if count == 1 else 's'} {cause}" for cause, count in out.dropped.items()]
+    left_out = f"left out: {listed(causes)}" if causes else ""
     if not len(rows):
         raise InputError(
             f"{table.path}: found no window of {series.window:g} s that gives a row; "
@@ -112,7 +108,7 @@ def series_rows(
         )
     moved = np.ptp(rows.joint_angles, axis=0).max()
     still = f"nothing moves: no joint by more than {STILL:g} rad, expected a log of a robot that moves"
-    return SeriesRows(rows, assumed, [still] if moved < STILL else [])
+    return rows, assumed, [still] if moved < STILL else []
 
 
 def added_columns(count: int, series: SeriesOfMap) -> dict[str, np.ndarray]:
@@ -123,8 +119,3 @@ def added_columns(count: int, series: SeriesOfMap) -> dict[str, np.ndarray]:
     if series.support is not None:
         columns["support"] = np.full(count, series.support)
     return columns
-
-
-def _left_out(out: Reduced) -> str:
-    causes = [f"{count} window{'' if count == 1 else 's'} {cause}" for cause, count in out.dropped.items()]
-    return f"left out: {listed(causes)}" if causes else ""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -36,12 +35,7 @@ class SignCheck:
     doubtful: list[str]
 
 
-class _Evidence(NamedTuple):
-    """A confirmation of the sign of a column, or a doubt in it; "" for none."""
-
-    column: str
-    confirms: str
-    doubt: str = ""
+Evidence = Iterator[tuple[str, str, str]]  # column, what confirms its sign, what is doubtful; "" for none
 
 
 def check_signs(measurements: Measurements, nominal: Nominal) -> SignCheck:
@@ -57,7 +51,7 @@ def check_signs(measurements: Measurements, nominal: Nominal) -> SignCheck:
     return signs
 
 
-def _by_closed_legs(m: Measurements, nominal: Nominal) -> Iterator[_Evidence]:
+def _by_closed_legs(m: Measurements, nominal: Nominal) -> Evidence:
     """Soles lie level on level ground only if all joints between them have the right sign."""
     m = m.take(np.flatnonzero(m.support == BOTH))
     if not len(m):
@@ -71,15 +65,15 @@ def _by_closed_legs(m: Measurements, nominal: Nominal) -> Iterator[_Evidence]:
             text = (
                 f"the soles would be level within {number(turned, '.2g')} rad with its sign turned, they are"
             )
-            yield _Evidence(name, "", f"{name}: {text} within {number(base, '.2g')} rad")
+            yield name, "", f"{name}: {text} within {number(base, '.2g')} rad"
         elif base <= LEVEL and turned > CLEARLY * max(base, LEVEL / CLEARLY):
-            yield _Evidence(name, "closed legs")
+            yield name, "closed legs", ""
     if base > LEVEL:
         text = f"by the angles the soles are level within {number(base, '.2g')} rad only, expected {LEVEL:g}"
-        yield _Evidence("", "", f"closed legs: {text}: a sign, unit or zero")
+        yield "", "", f"closed legs: {text}: a sign, unit or zero"
 
 
-def _by_range(m: Measurements, nominal: Nominal) -> Iterator[_Evidence]:
+def _by_range(m: Measurements, nominal: Nominal) -> Evidence:
     """Check the sign of a joint with a one-sided range."""
     for k, joint in enumerate(m.joints):
         low, high = nominal.parameters.tree.joint_range[k]
@@ -89,12 +83,12 @@ def _by_range(m: Measurements, nominal: Nominal) -> Iterator[_Evidence]:
         )
         if beyond > BEYOND_RANGE > turned:
             text = f"leaves its range by {number(beyond, '.2g')} rad, not with its sign turned"
-            yield _Evidence(name, "", f"{name}: {text}")
+            yield name, "", f"{name}: {text}"
         elif beyond <= BEYOND_RANGE < turned:
-            yield _Evidence(name, "range of the joint")
+            yield name, "range of the joint", ""
 
 
-def _by_weight(m: Measurements, nominal: Nominal) -> Iterator[_Evidence]:
+def _by_weight(m: Measurements, nominal: Nominal) -> Evidence:
     """Check that the vertical forces carry the robot."""
     if m.contacts is None:
         names, total = [f"cell.{plate}" for plate in PLATES], m.cell_forces.sum(axis=1)
@@ -107,13 +101,13 @@ def _by_weight(m: Measurements, nominal: Nominal) -> Iterator[_Evidence]:
         masses["the stated mass"] = m.weighed_mass[0]
     for what, mass in masses.items():
         if abs(load / (weight := mass * m.gravity) - 1) < NEAR_WEIGHT:
-            yield from (_Evidence(name, "weight") for name in names)
+            yield from ((name, "weight", "") for name in names)
         else:
             text = f"weight: the vertical forces sum to {number(load, '.4g')} N, {what} weighs"
-            yield _Evidence("", "", f"{text} {number(weight, '.4g')} N: a unit, sign or zero")
+            yield "", "", f"{text} {number(weight, '.4g')} N: a unit, sign or zero"
 
 
-def _by_center(m: Measurements, nominal: Nominal) -> Iterator[_Evidence]:
+def _by_center(m: Measurements, nominal: Nominal) -> Evidence:
     """Check the moments' signs: the centre of pressure must lie below the nominal centre of mass."""
     if m.contacts is None or (base := _apart(m, nominal)) is None:
         return
@@ -128,13 +122,13 @@ def _by_center(m: Measurements, nominal: Nominal) -> Iterator[_Evidence]:
             name = f"wrench.{plate}.{channel}"
             if base > NEAR_CENTER and turned < base / CLEARLY:
                 text = f"fits {base / turned:.1f} times as well with its sign turned"
-                yield _Evidence(name, "", f"{name}: the centre of pressure {text}")
+                yield name, "", f"{name}: the centre of pressure {text}"
             elif base <= NEAR_CENTER and turned > CLEARLY * base:
-                yield _Evidence(name, "centre of pressure")
+                yield name, "centre of pressure", ""
     if base > NEAR_CENTER:
         text = f"centre of pressure: {number(1e3 * base, '.0f')} mm from the model's centre of mass (r.m.s.)"
         expected = f"expected {1e3 * NEAR_CENTER:.0f} or less"
-        yield _Evidence("", "", f"{text}, {expected}: a sign, unit, zero or pose")
+        yield "", "", f"{text}, {expected}: a sign, unit, zero or pose"
 
 
 def _apart(m: Measurements, nominal: Nominal) -> float | None:

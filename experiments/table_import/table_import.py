@@ -178,7 +178,14 @@ class _Import:
                 if series is None
                 else self._reduced(proposal, manifest, series, folder)
             )
-        mapped = self._mapped(proposal, signs)
+        mapped = {}
+        for name in (*proposal.exact, *proposal.mapping):
+            checked = signs.confirmed.get(name) or signs.confirmed.get(name.rpartition(".")[0])
+            mapped[name] = MappedColumn(name, None, 1, "name", checked)
+            if (entry := proposal.mapping.get(name)) is not None:
+                by = "statement" if name in stated.columns else "words of the name"
+                mapped[name] = MappedColumn(entry.column, entry.unit, entry.sign, by, checked)
+        mapped |= {name: MappedColumn(name, None, 1, "added", None) for name in self.added}
         unchecked = [
             name
             for name, source in mapped.items()
@@ -207,12 +214,36 @@ class _Import:
             self.assumed.append(f"gravity {GRAVITY:g} m/s2")
         if stated.weighed_mass is None:
             self.assumed.append("the weighed mass is unknown")
-        self._assume_sensors()
+        entries = stated.contacts or []
+        wrenches = [entry for entry in entries if isinstance(entry, WrenchEntry)]
+        if any(entry.covariance is None for entry in wrenches):
+            self.assumed.append(
+                "the contact sensors' `covariance` is unknown: every averaged reading is taken to err by "
+                f"{ASSUMED_FORCE:g} N or {ASSUMED_MOMENT:g} Nm (1 s.d.)"
+            )
+        if any(isinstance(entry, CopEntry) and entry.sd is None for entry in entries):
+            self.assumed.append(
+                "the `sd` of the centres of pressure is unknown: their forces are taken to err by "
+                f"{ASSUMED_FORCE:g} N and the moments by {ASSUMED_MOMENT:g} Nm (1 s.d.)"
+            )
+        if any(entry.mount == "foot" and entry.below is None for entry in wrenches):
+            self.assumed.append(
+                "no `below` is stated: the foot is assumed to have no mass below its sensor, as in a sole; "
+                "an ankle's sensor does not weigh the foot, whose mass and centre it needs"
+            )
         plain = json.loads(stated.model_dump_json(exclude_none=True))
         corners = {"front_left": [1, 1], "front_right": [1, -1], "rear_right": [-1, -1], "rear_left": [-1, 1]}
         nothing = {side: {"cells": corners, "top_height": 0.0} for side in ("right", "left")}
         contacts = [with_unknowns(entry) for entry in plain.get("contacts", [])]
-        self._assume_poses(contacts)
+        unknown = [entry for entry in contacts if entry["mount"] == "foot" and "pose" not in entry]
+        for entry in unknown:
+            sole = sole_point(robot.model, robot.feet[PLATES.index(entry["name"])]).tolist()
+            entry["pose"] = dict.fromkeys(POSE, 0.0) | dict(zip("xyz", sole, strict=True))
+        if unknown:
+            self.assumed.append(
+                f"the `pose` of the contact sensors {listed(entry['name'] for entry in unknown)} is not "
+                "stated: wrenches are taken to be in the sole below the ankle, in the axes of the foot"
+            )
         return manifest_from(
             {
                 "format": "tulip-measurements",
@@ -232,39 +263,6 @@ class _Import:
             }
         )
 
-    def _assume_poses(self, contacts: list[dict[str, Any]]) -> None:
-        """Put sensors in the feet, whose place is not stated, below their ankles."""
-        unknown = [entry for entry in contacts if entry["mount"] == "foot" and "pose" not in entry]
-        for entry in unknown:
-            foot = self.robot.feet[PLATES.index(entry["name"])]
-            entry["pose"] = dict.fromkeys(POSE, 0.0)
-            entry["pose"] |= dict(zip("xyz", sole_point(self.robot.model, foot).tolist(), strict=True))
-        if unknown:
-            self.assumed.append(
-                f"the `pose` of the contact sensors {listed(entry['name'] for entry in unknown)} is not "
-                "stated: wrenches are taken to be in the sole below the ankle, in the axes of the foot"
-            )
-
-    def _assume_sensors(self) -> None:
-        """Say what is assumed of contact sensors of which a data sheet would say more."""
-        contacts = self.stated.contacts or []
-        wrenches = [entry for entry in contacts if isinstance(entry, WrenchEntry)]
-        if any(entry.covariance is None for entry in wrenches):
-            self.assumed.append(
-                "the contact sensors' `covariance` is unknown: every averaged reading is taken to err by "
-                f"{ASSUMED_FORCE:g} N or {ASSUMED_MOMENT:g} Nm (1 s.d.)"
-            )
-        if any(isinstance(entry, CopEntry) and entry.sd is None for entry in contacts):
-            self.assumed.append(
-                "the `sd` of the centres of pressure is unknown: their forces are taken to err by "
-                f"{ASSUMED_FORCE:g} N and the moments by {ASSUMED_MOMENT:g} Nm (1 s.d.)"
-            )
-        if any(entry.mount == "foot" and entry.below is None for entry in wrenches):
-            self.assumed.append(
-                "no `below` is stated: the foot is assumed to have no mass below its sensor, as in a sole; "
-                "an ankle's sensor does not weigh the foot, whose mass and centre it needs"
-            )
-
     def _complete(self, proposal: Proposal) -> None:
         """Add numbers of postures and placements, and say what the support and plain names stand for."""
         has = {*proposal.mapping, *proposal.exact}
@@ -277,25 +275,22 @@ class _Import:
             self.added["posture"] = np.arange(1, len(self.table) + 1)
             self.assumed.append("postures are numbered by row: none was measured twice")
         if "placement" not in has:
-            self.added["placement"] = self._placement(proposal)
+            poses, how = [name for name in has if name.startswith("plate.")], self.stated.placement
+            numbers = np.ones(len(self.table), int) if how == ONE else np.arange(1, len(self.table) + 1)
+            if how is None and poses:
+                entries = proposal.mapping
+                columns = [entries[name].column if name in entries else name for name in poses]
+                values = np.column_stack([self.table.numbers(column) for column in columns])
+                self.assumed.append("a new placement begins where a plate's recorded pose changes")
+                numbers = 1 + np.cumsum(np.append(False, (values[1:] != values[:-1]).any(axis=1)))
+            elif how is None:
+                self.assumed.append(
+                    "every row is a placement of its own, as if the feet were moved between any two; state "
+                    f"placement = '{ONE}' if they stayed"
+                )
+            self.added["placement"] = numbers
         if "support" not in has:
             self.assumed.append("both feet carry the robot in all rows (support 'double')")
-
-    def _placement(self, proposal: Proposal) -> np.ndarray:
-        """Return the number of every row's placement, (m,)."""
-        poses = [name for name in (*proposal.mapping, *proposal.exact) if name.startswith("plate.")]
-        count, how = len(self.table), self.stated.placement
-        if how is None and poses:
-            columns = [proposal.mapping[name].column if name in proposal.mapping else name for name in poses]
-            values = np.column_stack([self.table.numbers(column) for column in columns])
-            self.assumed.append("a new placement begins where a plate's recorded pose changes")
-            return 1 + np.cumsum(np.append(False, (values[1:] != values[:-1]).any(axis=1)))
-        if how is None:
-            self.assumed.append(
-                "every row is a placement of its own, as if the feet were moved between any two; state "
-                f"placement = '{ONE}' if they stayed"
-            )
-        return np.ones(count, int) if how == ONE else np.arange(1, count + 1)
 
     def _find_missing(self, proposal: Proposal, required: tuple[str, ...]) -> None:
         """Tell the necessary columns that the table lacks from the doubtful ones."""
@@ -315,21 +310,32 @@ class _Import:
             (self.missing if name in lacks else self.problems).append(text)
 
     def _written(self, proposal: Proposal, manifest: dict[str, Any], folder: Path) -> SignCheck:
-        """Write the folder, read it as everybody will, and hold it against the robot.
-
-        An entry that cannot be read is a problem, and nothing is left.
-        """
+        """Write the folder, read it as everybody will, and hold it against the robot."""
         mapping = {name: entry.model_dump(exclude_none=True) for name, entry in proposal.mapping.items()}
         try:
             with new_folder(folder) as working:
-                table = self._write_table(working)
+                table = working / "postures.csv"
+                if self.added:
+                    content = self.table.table
+                    for name, values in self.added.items():
+                        content = content.append_column(name, pa.array(values))
+                    pyarrow.csv.write_csv(content, table)
+                else:
+                    source = self.table.path
+                    table = table.with_suffix(".parquet" if source.suffix == ".parquet" else ".csv")
+                    write_bytes(table, read_bytes(source))
                 manifest |= {"mapping": mapping} if mapping else {}
                 manifest |= {"software": software(), "tables": {table.name: sha256(table)}}
                 write_json(working / "manifest.json", manifest)
                 try:
                     measurements = read_measurements(working)
-                except InputError as error:
-                    raise _RefusedError(self._of_the_table(str(error), working, proposal)) from None
+                except InputError as error:  # says of a folder that is not written what the table lacks
+                    text = str(error).replace(str(table), str(self.table.path))
+                    text = text.replace(str(working / "manifest.json"), "map")
+                    text = text.partition("; `check` lists")[0].replace(str(working), "map")
+                    named = [name for name in mapping if f"'{name}'" in text]
+                    text += "".join(f"; {name} is column '{mapping[name]['column']}'" for name in named)
+                    raise _RefusedError(text) from None
                 audited = self._audited(measurements)
                 if self.conventions:
                     manifest["conventions"] = [asdict(one) for one in self.conventions]
@@ -341,8 +347,25 @@ class _Import:
             shutil.rmtree(folder)
             write_measurements(folder, audited)
             measurements = audited
-        self._find_lifted(measurements)
-        self._find_backward(measurements)
+        if measurements.contacts is None:
+            loads = measurements.cell_forces.reshape(-1, 2, 4).sum(axis=2)
+        else:
+            assert measurements.wrenches is not None
+            loads = measurements.wrenches[..., measurements.contacts.channels.index("fz")]
+        share = np.nan_to_num(loads / np.nansum(loads, axis=1, keepdims=True))
+        light = (share < LIFTED).any(axis=1) & (measurements.support == "double")
+        if light.any():
+            self.problems.append(
+                f"support: in row {int(light.argmax()) + 1} one foot carries less than {100 * LIFTED:.0f} % "
+                "of the weight, though both are said to stand; state a column 'support'"
+            )
+        later = np.diff(measurements.time)
+        if (later < 0).any():
+            row = int((later < 0).argmax())
+            self.problems.append(
+                f"time: row {row + 2} is {number(-later[row], '.3g')} s earlier than row {row + 1}, expected "
+                "rows in the order in which they were measured"
+            )
         return check_signs(measurements, nominal_robot(self.robot))
 
     def _audited(self, measurements: Measurements) -> Measurements:
@@ -363,69 +386,12 @@ class _Import:
         table = self.table.with_columns(added_columns(len(self.table), series))
         mapped = MappedTable(table, proposal.mapping, manifest.gravity)
         try:
-            rows = series_rows(mapped, manifest, nominal, series, self.stated)
-            measurements = self._audited(rows.measurements)
+            rows, assumed, problems = series_rows(mapped, manifest, nominal, series, self.stated)
+            measurements = self._audited(rows)
             write_measurements(folder, measurements)
         except InputError as error:
             self.missing.append(str(error))
             return SignCheck({}, [])
-        self.assumed += rows.assumed
-        self.problems += rows.problems
+        self.assumed += assumed
+        self.problems += problems
         return check_signs(measurements, nominal)
-
-    def _write_table(self, folder: Path) -> Path:
-        """Write the table as it is, or as CSV with columns that were added."""
-        source = self.table.path
-        if not self.added:
-            path = folder / f"postures{source.suffix if source.suffix == '.parquet' else '.csv'}"
-            write_bytes(path, read_bytes(source))
-            return path
-        content = self.table.table
-        for name, values in self.added.items():
-            content = content.append_column(name, pa.array(values))
-        pyarrow.csv.write_csv(content, folder / "postures.csv")
-        return folder / "postures.csv"
-
-    def _of_the_table(self, message: str, working: Path, proposal: Proposal) -> str:
-        """Return a message on a folder that is not written as one on the table and the map."""
-        for path in working.iterdir():
-            name = "map" if path.name == "manifest.json" else str(self.table.path)
-            message = message.replace(str(path), name)
-        message = message.partition("; `check` lists")[0].replace(str(working), "map")
-        named = [name for name in proposal.mapping if f"'{name}'" in message]
-        return message + "".join(f"; {name} is column '{proposal.mapping[name].column}'" for name in named)
-
-    def _find_lifted(self, m: Measurements) -> None:
-        """Tell of a foot in the air that is said to stand."""
-        if m.contacts is None:
-            loads = m.cell_forces.reshape(-1, 2, 4).sum(axis=2)
-        else:
-            assert m.wrenches is not None
-            loads = m.wrenches[..., m.contacts.channels.index("fz")]
-        share = loads / np.nansum(loads, axis=1, keepdims=True)
-        light = (np.nan_to_num(share) < LIFTED).any(axis=1) & (m.support == "double")
-        if light.any():
-            self.problems.append(
-                f"support: in row {int(light.argmax()) + 1} one foot carries less than {100 * LIFTED:.0f} % "
-                "of the weight, though both are said to stand; state a column 'support'"
-            )
-
-    def _find_backward(self, m: Measurements) -> None:
-        """Name the first row that is earlier than the row before it."""
-        later = np.diff(m.time)
-        if (later < 0).any():
-            row = int((later < 0).argmax())
-            self.problems.append(
-                f"time: row {row + 2} is {number(-later[row], '.3g')} s earlier than row {row + 1}, expected "
-                "rows in the order in which they were measured"
-            )
-
-    def _mapped(self, proposal: Proposal, signs: SignCheck) -> dict[str, MappedColumn]:
-        confirmed, mapped = signs.confirmed, {}
-        for name in (*proposal.exact, *proposal.mapping):
-            checked = confirmed.get(name) or confirmed.get(name.rpartition(".")[0])
-            mapped[name] = MappedColumn(name, None, 1, "name", checked)
-            if (entry := proposal.mapping.get(name)) is not None:
-                by = "statement" if name in self.stated.columns else "words of the name"
-                mapped[name] = MappedColumn(entry.column, entry.unit, entry.sign, by, checked)
-        return mapped | {name: MappedColumn(name, None, 1, "added", None) for name in self.added}

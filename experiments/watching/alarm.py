@@ -46,33 +46,28 @@ def levels(model: DayModel) -> Level:
     return Level(row, repeat, float(chi2_isf(change / TESTS, 1)))
 
 
-def repeat_probability(model: DayModel, state: WatchState, columns: RowColumns, first: int) -> float:
+def repeat_probability(model: DayModel, state: WatchState, here: RowColumns, posture: int) -> float:
     """Return the p-value of a posture's difference from its last time; 1 if there was none.
 
     No model of the robot enters but its change.
 
     Args:
-        columns: of the row. first: the plan's first row with its posture.
+        here: the row's columns about the present estimate.
     """
-    past = state.earlier
-    if not past.there[first]:
+    if posture not in state.earlier:
         return 1.0
-    here = columns.about(state.belief.mean[: model.parameters])
-    then = past.state[first].astype(float)
-    shared = slice(0, len(state.belief.mean) - OF_PLACEMENT)
-    change = here.state - then
-    left = columns.residual - past.residual[first] - change[:, shared] @ state.belief.mean[shared]
-    prior = model.covariance[-OF_PLACEMENT:, -OF_PLACEMENT:]
-    spread = here.noise(model.noise.encoder) + past.noise[first]
+    stance, then = state.earlier[posture]
+    shared, prior = slice(0, len(state.belief.mean) - OF_PLACEMENT), model.covariance[-OF_PLACEMENT:]
+    change = here.state - then.state
+    left = here.residual - then.residual - change[:, shared] @ state.belief.mean[shared]
+    spread = here.noise(model.noise.encoder) + then.noise(model.noise.encoder)
     spread = spread + change[:, shared] @ state.belief.covariance[shared, shared] @ change[:, shared].T
-    same = past.stance[first] == state.stance
-    for slope in (change,) if same else (here.state, then):
-        spread = spread + slope[:, -OF_PLACEMENT:] @ prior @ slope[:, -OF_PLACEMENT:].T
-    used = here.used & past.used[first]
+    for slope in (change,) if stance == state.stance else (here.state, then.state):
+        spread = spread + slope[:, -OF_PLACEMENT:] @ prior[:, -OF_PLACEMENT:] @ slope[:, -OF_PLACEMENT:].T
+    used = here.used & then.used
     left, spread = left[used], spread[np.ix_(used, used)]
     scale = 1 / np.sqrt(np.diag(spread))
-    scaled = scale * left
-    square = float(scaled @ np.linalg.solve(scale[:, None] * spread * scale, scaled))
+    square = float(scale * left @ np.linalg.solve(scale[:, None] * spread * scale, scale * left))
     return float(chi2_sf(square, used.sum()))
 
 
@@ -90,39 +85,30 @@ def fault_of_changes(model: DayModel, state: WatchState, level: Level) -> WatchS
     before = next(known for known in state.history if known.count == onset)
     rows = list(state.taken[onset - state.count :])
     size = float(state.changes.pull[slot, direction] / state.changes.information[slot, direction])
-    fault = Fault(int(direction), onset, int(model.plan.posture[rows[0]]), size)
     moved, anew = before.placement != state.placement, before.stance != state.stance
-    there = state.earlier.there.copy()
-    there[[model.first_row(int(posture)) for posture in model.plan.posture[rows]]] = False
     return replace(
         state.marked(rows, AGAIN),
         belief=before.belief.begun(model, OF_PLACEMENT) if anew else before.belief,
         information=before.information.placement_begun() if moved else before.information,
-        earlier=replace(state.earlier, there=there),
-        fault=fault,
-        odd=0,
+        earlier=before.earlier,
+        fault=Fault(int(direction), onset, int(model.plan.posture[rows[0]]), size),
+        odd=(),
     )
 
 
 def fault_of_odd_rows(model: DayModel, state: WatchState, innovation: Innovation, posture: int) -> WatchState:
     """Return the state with one more row that does not fit; several in succession are a change."""
-    weighed = innovation.precision @ innovation.faults
-    pull, information = innovation.value @ weighed, (innovation.faults * weighed).sum(axis=0)
-    first = state.odd == 0
-    state = replace(
-        state,
-        odd=state.odd + 1,
-        odd_posture=posture if first else state.odd_posture,
-        odd_pull=pull if first else state.odd_pull + pull,
-        odd_information=information if first else state.odd_information + information,
-    )
-    if state.odd < ODD_ROWS:
-        return state
-    steps = ~model.ramps & (state.odd_information > 0)
-    ratio = np.where(steps, state.odd_pull**2 / np.where(steps, state.odd_information, 1.0), 0.0)
+    odd = (*state.odd, (posture, innovation))
+    if len(odd) < ODD_ROWS:
+        return replace(state, odd=odd)
+    weighed = [(each.value, each.faults, each.precision @ each.faults) for _, each in odd]
+    pull = np.sum([value @ across for value, _, across in weighed], axis=0)
+    information = np.sum([(faults * across).sum(axis=0) for _, faults, across in weighed], axis=0)
+    steps = ~model.ramps & (information > 0)
+    ratio = np.where(steps, pull**2 / np.where(steps, information, 1.0), 0.0)
     direction = int(ratio.argmax())
-    size = float(state.odd_pull[direction] / state.odd_information[direction])
-    return replace(state, fault=Fault(direction, state.count, state.odd_posture, size), odd=0)
+    size = float(pull[direction] / information[direction])
+    return replace(state, fault=Fault(direction, state.count, odd[0][0], size), odd=())
 
 
 def still_there(model: DayModel, state: WatchState, innovation: Innovation) -> tuple[WatchState, Finding]:
@@ -147,7 +133,7 @@ def still_there(model: DayModel, state: WatchState, innovation: Innovation) -> t
     seen = f"the change since posture {fault.posture} is gone"
     cleared = Finding("change", "warn", seen, "", "", "Measure the postures since then again.")
     empty = Changes.none(len(state.belief.mean), len(model.directions))
-    return replace(state, fault=None, changes=empty, history=(), odd=0), cleared
+    return replace(state, fault=None, changes=empty, history=(), odd=()), cleared
 
 
 def noticed(model: DayModel, fault: Fault) -> Finding:

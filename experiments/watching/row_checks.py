@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from tulip_testbed.base.numbers import number
 from tulip_testbed.experiments.watching.day_model import DayModel
 from tulip_testbed.experiments.watching.watch_state import WatchState
-from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.preflight.finding import Finding
 from tulip_testbed.identification.preflight.plate_checks import feet_on_plates, load_in_soles, plate_poses
 from tulip_testbed.identification.preflight.readings import cell_loads
@@ -29,7 +26,27 @@ DAY, MOST_DAYS = 86400.0, 2  # s, and a number of them: what is further apart is
 USUAL = 30  # rows from which the usual s.d. within a window is taken
 LEAST_ROWS = 5  # of them, from which a window is compared
 LEAST_SPEED = 1e-4  # rad/s: slower is at rest
+UNUSABLE, NOT_SETTLED = "unusable", "not settled"
 MOST_OFF = 0.1  # rad, of a joint from its planned angle: drives sag by 0.02 rad in the simulated laboratory
+
+
+def refused(state: WatchState, row: Measurements, planned: int | None) -> Finding | None:
+    """Refuse a row that is not in the plan, of another day, or there twice; None: it is none of these."""
+    posture, days = int(row.posture[0]), (float(row.time[0]) - state.time) / DAY
+    if planned is None:
+        wanted, advice = "a posture of the plan", "Look at its number."
+        return Finding("posture", "fail", f"posture {posture}", wanted, "", advice)
+    where = f"posture {posture}"
+    if abs(days) > MOST_DAYS:
+        way = "back" if days < 0 else "ahead"
+        seen, wanted = f"the time jumps {way} by {number(abs(days), '.1f')} days", f"{MOST_DAYS} days at most"
+        advice = "Correct the clock; watch another day with a state of its own."
+        return Finding("clock", "fail", seen, wanted, where, advice)
+    if days == 0 and planned == state.row:
+        # Its noise is the same, so that it would count for more than it says.
+        seen, wanted = f"{where} at the same time as in the row before", "a row for every measurement"
+        return Finding("order", "fail", seen, wanted, where, "Delete one of the two rows.")
+    return None
 
 
 def order_findings(model: DayModel, state: WatchState, row: Measurements, planned: int) -> list[Finding]:
@@ -45,8 +62,7 @@ def order_findings(model: DayModel, state: WatchState, row: Measurements, planne
         advice = "The row is used as it is."
         findings.append(Finding("order", "warn", seen, "rows in the order of time", where, advice))
     elif np.isfinite(later) and not 0 <= later <= BREAK:
-        way = "back" if later < 0 else "ahead"
-        seen = f"the time jumps {way} by {number(abs(later), '.0f')} s"
+        seen = f"the time jumps {'back' if later < 0 else 'ahead'} by {number(abs(later), '.0f')} s"
         expect = f"times that increase, by less than {BREAK:.0f} s"
         advice = (
             "After a break look for what changed, else correct the clock. The foot counts as put down again."
@@ -55,57 +71,40 @@ def order_findings(model: DayModel, state: WatchState, row: Measurements, planne
     return findings
 
 
-def clock_jump(state: WatchState, row: Measurements) -> Finding | None:
-    """Refuse a row of another day; None: it is not."""
-    days = (float(row.time[0]) - state.time) / DAY
-    if not abs(days) > MOST_DAYS:
-        return None
-    way = "back" if days < 0 else "ahead"
-    seen, expected = f"the time jumps {way} by {number(abs(days), '.1f')} days", f"{MOST_DAYS} days at most"
-    advice = "Correct the clock; watch another day with a state of its own."
-    return Finding("clock", "fail", seen, expected, f"posture {row.posture[0]}", advice)
-
-
-def plausible(row: Measurements, nominal: Nominal, level: float) -> list[Finding]:
-    """Run the checks of the preflight that one row allows; return those that fail or warn.
+def unfit(
+    model: DayModel, state: WatchState, row: Measurements, planned: int, level: float
+) -> tuple[str, list[Finding]]:
+    """Return the verdict if the row alone cannot be used, otherwise "", and what it shows.
 
     Args:
-        level: p-value below which a statistical check counts.
+        level: p-value below which a statistical check of the preflight counts.
     """
+    nominal, where, findings = model.nominal, f"posture {row.posture[0]}", []
     in_units = units(row, nominal)
     if in_units.result == "fail":
-        return [in_units]
-    checks: list[Callable[[], Finding]] = [lambda: joint_limits(row, nominal), lambda: cell_loads(row)]
+        return UNUSABLE, [in_units]
+    checks = [joint_limits(row, nominal), cell_loads(row)]
     if bool((row.support == "double").all()):
-        checks += [
-            lambda: plate_poses(row),
-            lambda: feet_on_plates(row, nominal),
-            lambda: load_in_soles(row, nominal),
-        ]
-    return [
-        finding
-        for finding in (check() for check in checks)
-        if finding.result in ("warn", "fail")
+        checks += [plate_poses(row), feet_on_plates(row, nominal), load_in_soles(row, nominal)]
+    for finding in checks:
         # A cell that hardly bears anything in one posture is nothing unusual; over a day it would be.
-        and not (finding.name == "cell loads" and "never carries" in finding.seen)
-        and (finding.p_value is None or finding.p_value < level)
-    ]
-
-
-def as_planned(row: Measurements, planned: np.ndarray) -> Finding | None:
-    """Compare the joint angles with the planned ones, (n_joints,) [rad]; None: they agree."""
-    off = row.joint_angles[0] - planned
+        usual = finding.name == "cell loads" and "never carries" in finding.seen
+        chance = finding.p_value is not None and finding.p_value >= level
+        if finding.result in ("warn", "fail") and not usual and not chance:
+            findings.append(finding)
+    if any(finding.result == "fail" for finding in findings):
+        return UNUSABLE, findings
+    off = row.joint_angles[0] - model.plan.joint_angles[planned]
     worst = int(np.abs(off).argmax())
-    if abs(off[worst]) <= MOST_OFF:
-        return None
-    return Finding(
-        "posture",
-        "fail",
-        f"q.{row.joints[worst]} is {number(float(off[worst]), '+.2g')} rad from the plan",
-        f"every joint within {MOST_OFF:g} rad of its planned angle",
-        f"posture {row.posture[0]}",
-        "Look for another posture under this number, or an encoder that slipped.",
-    )
+    if abs(off[worst]) > MOST_OFF:
+        seen = f"q.{row.joints[worst]} is {number(float(off[worst]), '+.2g')} rad from the plan"
+        wanted = f"every joint within {MOST_OFF:g} rad of its planned angle"
+        advice = "Look for another posture under this number, or an encoder that slipped."
+        return UNUSABLE, [Finding("posture", "fail", seen, wanted, where, advice), *findings]
+    unrest = _unrest(row, state.spreads)
+    if unrest is not None:
+        return NOT_SETTLED if unrest.result == "fail" else "", [unrest, *findings]
+    return "", findings
 
 
 def spreads_of(row: Measurements) -> np.ndarray:
@@ -114,7 +113,7 @@ def spreads_of(row: Measurements) -> np.ndarray:
     return np.concatenate([row.joint_angles_sd[0], row.cell_forces_sd[0], [speed]])
 
 
-def settled(row: Measurements, usual: np.ndarray) -> Finding | None:
+def _unrest(row: Measurements, usual: np.ndarray) -> Finding | None:
     """Compare the s.d. within the window with those of the rows before; None: nothing is unusual.
 
     Args:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import atexit
+import io
+import itertools
 import math
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -24,25 +27,20 @@ from tulip_testbed.base.resumable import alone_on
 from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.experiments.watching.arriving_rows import (
-    BEGINNING,
     TABLE,
-    Line,
-    Place,
+    check_line,
+    check_state_file,
     is_header,
-    lines_of,
+    is_row,
     new_lines,
+    read_state,
     row_of,
+    text_of,
+    write_state,
 )
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
 from tulip_testbed.experiments.watching.watch_row import CHANGED, OK, Verdict, watch_row
-from tulip_testbed.experiments.watching.watch_state import (
-    WatchState,
-    check_state_file,
-    first_state,
-    key_of,
-    read_state,
-    write_state,
-)
+from tulip_testbed.experiments.watching.watch_state import first_state
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.regressor import check_robot
 from tulip_testbed.identification.residual_channels import CHANNELS
@@ -110,6 +108,7 @@ class Watch(Result):
         self._out, self._targets, self._once, self._rows = out, targets or {}, once, rows
         self.latest: deque[Arrival] = deque(maxlen=LATEST)
         self._last: Verdict | None = None
+        self._read = bytearray()
         self._arrivals, self._opened = self._judged(), ExitStack()
         addresses: list[str] = []
         self._log = None
@@ -199,8 +198,9 @@ class Watch(Result):
         return " ".join(told)
 
     def _judged(self) -> Iterator[Arrival]:
-        """Yield what comes of every row."""
+        """Yield what comes of every row; those of a kept state are judged again first, in silence."""
         out, where = self._out, self.folder / "manifest.json"
+        path = self.folder / TABLE if self._rows is None else Path("standard input")
         with self._opened:
             if out is not None:
                 check_state_file(out)
@@ -208,43 +208,49 @@ class Watch(Result):
             manifest = read_manifest(self.folder)
             model = self._model(manifest, where)
             targets = _targets_of(model, self._targets)
-            key = key_of(self.plan, stated := read_bytes(where))
-            state = (None if out is None else read_state(out, key, model)) or first_state(model)
-            place = state.place
-            path = self.folder / TABLE if self._rows is None else Path("standard input")
-            stream = None if self._rows is None else lines_of(self._rows, BEGINNING, path)
-            known = stream is not None and state.row >= 0  # rows that a stream may bring again
-            judge = one_blas_thread(watch_row)
-            while lines := self._lines(path, place, stream):
-                if read_bytes(where) != stated:
+            day = _hash_of_day(self.plan, stated := read_bytes(where))
+            kept = b"" if out is None else read_state(out, day)
+            state, header, number, judge = first_state(model), b"", 0, one_blas_thread(watch_row)
+            for line in itertools.chain(io.BytesIO(kept), self._arriving(path, kept)):
+                number += self._read[-1:] in (b"", b"\n")
+                self._read += line
+                new = len(self._read) > len(kept)
+                if new and read_bytes(where) != stated:
                     raise InputError(f"{where}: found another manifest than before the first row")
-                for line in lines:
-                    before, place = place, place.after(line)
-                    if not line.is_row or is_header(path, line, before):
-                        continue
-                    try:
-                        row = row_of(line, before.header, manifest, path, where)
-                    except InputError as error:
-                        yield Arrival(line.number, None, str(error))
-                        continue
-                    known = known and _is_known(state, row, path)
-                    if known:
-                        place = before
-                        continue
+                if not is_row(line):
+                    continue
+                if is_header(path, number, line, header):
+                    header = header or text_of(line)
+                    continue
+                verdict, problem = None, ""
+                try:
+                    row = row_of(path, number, line, header, manifest, where)
+                except InputError as error:
+                    problem = str(error)
+                else:
                     state, verdict = judge(model, state, row, targets)
-                    yield Arrival(line.number, verdict)
+                if new:
+                    yield Arrival(number, verdict, problem)
                     if out is not None:
-                        write_state(out, key, replace(state, place=place))
-                    if verdict.next is None:
-                        return
+                        write_state(out, day, bytes(self._read))
+                if verdict is not None and verdict.next is None:
+                    return
 
-    def _lines(self, path: Path, place: Place, stream: Iterator[Line] | None) -> list[Line]:
-        """Return the next lines of a stream or a file; none at the end of what is to be judged."""
-        if stream is not None:
-            return [line for line in (next(stream, None),) if line is not None]
-        while not (lines := new_lines(path, place, self._once)) and not self._once:
-            time.sleep(POLL)
-        return lines
+    def _arriving(self, path: Path, kept: bytes) -> Iterator[bytes]:
+        """Yield lines as they arrive; a stream may bring those again that were kept."""
+        if self._rows is not None:
+            known = {text_of(line) for line in io.BytesIO(kept)}
+            if kept and not kept.endswith(b"\n"):
+                yield b"\n"
+            for number, line in enumerate(self._rows, 1):
+                check_line(path, number, line)
+                if text_of(line) not in known:
+                    yield text_of(line) + b"\n"
+            return
+        while (lines := new_lines(path, bytes(self._read), self._once)) or not self._once:
+            yield from lines
+            if not lines:
+                time.sleep(POLL)
 
     def _model(self, manifest: Manifest, where: Path) -> DayModel:
         """Prepare the day; refuse another robot's folder or plan, and sensors other than plates on cells."""
@@ -278,14 +284,12 @@ def read_targets(texts: Sequence[str]) -> dict[str, float]:
     return targets
 
 
-def _is_known(state: WatchState, row: Measurements, path: Path) -> bool:
-    """Return whether a row was judged before the watch was killed."""
-    if not np.isfinite([row.time[0], state.time]).all():
-        raise InputError(
-            f"{path}: found no 'time' in the rows of a stream that goes on, expected one: without it, rows "
-            "that were judged before cannot be told from new ones; give another name of the state"
-        )
-    return bool(row.time[0] <= state.time)
+def _hash_of_day(plan: PosturePlan, manifest: bytes) -> str:
+    """Return a hash of the plan's postures and the manifest."""
+    whole = sha256(manifest)
+    for values in (plan.posture, plan.placement, plan.joint_angles, plan.swing_pose):
+        whole.update(np.ascontiguousarray(values).tobytes())
+    return whole.hexdigest()
 
 
 def _targets_of(model: DayModel, given: Mapping[str, float]) -> np.ndarray | None:

@@ -21,13 +21,12 @@ from tulip_testbed.experiments.watching.alarm import (
 from tulip_testbed.experiments.watching.day_model import STANCE, DayModel
 from tulip_testbed.experiments.watching.recursive_estimate import OF_PLACEMENT, Innovation
 from tulip_testbed.experiments.watching.row_checks import (
+    UNUSABLE,
     USUAL,
-    as_planned,
-    clock_jump,
     order_findings,
-    plausible,
-    settled,
+    refused,
     spreads_of,
+    unfit,
 )
 from tulip_testbed.experiments.watching.row_columns import RowColumns, row_columns
 from tulip_testbed.experiments.watching.watch_state import AGAIN, GAPS, MEASURED, OPEN, WatchState
@@ -38,8 +37,7 @@ from tulip_testbed.identification.residual_channels import CHANNELS, ROWS
 from tulip_testbed.measurements import Measurements
 
 LEAST_GAPS = 3  # from which a gap is compared with the usual one
-OK, NOT_SETTLED, REPEAT, CHANGED = "ok", "not settled", "repeat", "changed"
-UNUSABLE, UNPLANNED = "unusable", "not in the plan"
+OK, REPEAT, CHANGED, UNPLANNED = "ok", "repeat", "changed", "not in the plan"
 TOLD = ("result", "seen", "expected", "where", "advice")  # of a finding in JSON
 SERIOUS_FIRST = ("fail", "warn", "pass")
 
@@ -63,7 +61,12 @@ def begin_row(model: DayModel, state: WatchState, row: Measurements, planned: in
     placement, support, time = int(row.placement[0]), str(row.support[0]), float(row.time[0])
     anew = placement != state.placement or support != state.support
     gap = time - state.time
-    numbers = OF_PLACEMENT if anew else STANCE if _put_down(state, gap, planned) else 0
+    usual = float(np.median(state.gaps)) if len(state.gaps) >= LEAST_GAPS else np.inf
+    # Within a placement the robot may have been put down again, see `Observation.stance`.
+    put_down = planned != state.row + 1
+    if np.isfinite(gap):
+        put_down = gap <= 0 or gap > LONG_GAP * usual or (usual == np.inf and planned > state.row + 1)
+    numbers = OF_PLACEMENT if anew else STANCE if put_down else 0
     if numbers:
         state = replace(
             state,
@@ -76,14 +79,6 @@ def begin_row(model: DayModel, state: WatchState, row: Measurements, planned: in
     if not anew and np.isfinite(gap) and gap > 0:
         state = replace(state, gaps=(*state.gaps, gap)[-GAPS:])
     return replace(state, placement=placement, support=support, time=time, row=planned)
-
-
-def _put_down(state: WatchState, gap: float, planned: int) -> bool:
-    """Return whether the robot may have been put down again within a placement, see `Observation.stance`."""
-    if not np.isfinite(gap):
-        return planned != state.row + 1
-    usual = float(np.median(state.gaps)) if len(state.gaps) >= LEAST_GAPS else np.inf
-    return gap <= 0 or gap > LONG_GAP * usual or (usual == np.inf and planned > state.row + 1)
 
 
 def next_posture(model: DayModel, state: WatchState, fits: bool) -> int | None:
@@ -111,22 +106,6 @@ def next_posture(model: DayModel, state: WatchState, fits: bool) -> int | None:
         if rows.any():
             return int(plan.posture[rows.argmax()])
     return None
-
-
-def stop_reason(state: WatchState, left: int, errors: np.ndarray, targets: np.ndarray | None) -> str:
-    """Return why the day may end, "" if it should not.
-
-    Args:
-        left: postures of the plan that are not measured.
-        errors, targets: standard errors as they are and as they are wanted, (p,) [m].
-    """
-    if state.fault is not None:
-        return ""
-    if left == 0:
-        return "every posture of the plan is measured"
-    if targets is None or not np.isfinite(targets).any() or not (errors <= targets).all():
-        return ""
-    return f"the targets are met; {left} posture{'s are' if left > 1 else ' is'} left"
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,23 +174,11 @@ def watch_row(
     posture, level = int(row.posture[0]), levels(model)
     planned = planned_row(model, state, posture, int(row.placement[0]))
     misfit: Mapping[str, float] = dict.fromkeys(CHANNELS, float("nan"))
-    if planned is None:
-        wrong = Finding(
-            "posture", "fail", f"posture {posture}", "a posture of the plan", "", "Look at its number."
-        )
-        verdict, findings = UNPLANNED, [wrong]
-    elif (jump := clock_jump(state, row)) is not None:
-        verdict, findings = UNUSABLE, [jump]
-    elif float(row.time[0]) == state.time and planned == state.row:
-        # Its noise is the same, so that it would count for more than it says.
-        seen = f"posture {posture} at the same time as in the row before"
-        wanted, where = "a row for every measurement", f"posture {posture}"
-        twice = Finding("order", "fail", seen, wanted, where, "Delete one of the two rows.")
-        verdict, findings = UNUSABLE, [twice]
-    else:
-        findings = order_findings(model, state, row, planned)
-        verdict, odd = _unusable(model, state, row, planned, level)
-        findings += odd
+    wrong = refused(state, row, planned)
+    verdict, findings = UNPLANNED if planned is None else UNUSABLE, [] if wrong is None else [wrong]
+    if planned is not None and wrong is None:
+        verdict, odd = unfit(model, state, row, planned, level.row)
+        findings = order_findings(model, state, row, planned) + odd
         state = begin_row(model, state, row, planned)
         if verdict:
             state = state.marked(planned, AGAIN)
@@ -225,34 +192,22 @@ def watch_row(
             state, verdict, told = _judge(model, state, columns, innovation, planned, level)
             findings = [*told, *findings]
     errors = state.information.standard_errors()
-    left = int((state.done != MEASURED).sum())
+    left, stop = int((state.done != MEASURED).sum()), ""
+    met = targets is not None and np.isfinite(targets).any() and bool((errors <= targets).all())
+    if state.fault is None and (met or left == 0):
+        stop = f"the targets are met; {left} posture{'s are' if left > 1 else ' is'} left"
+        stop = stop if left else "every posture of the plan is measured"
     return state, Verdict(
         posture=posture,
         verdict=verdict,
         findings=tuple(sorted(findings, key=lambda finding: SERIOUS_FIRST.index(finding.result))),
         next=next_posture(model, state, verdict == OK),
         standard_errors=dict(zip(model.nominal.parameters.names, errors.tolist(), strict=True)),
-        stop=stop_reason(state, left, errors, targets),
+        stop=stop,
         misfit=misfit,
         left=left,
         onset=None if state.fault is None else state.fault.posture,
     )
-
-
-def _unusable(
-    model: DayModel, state: WatchState, row: Measurements, planned: int, level: Level
-) -> tuple[str, list[Finding]]:
-    """Return the verdict if the row alone cannot be used, otherwise "", and what it shows."""
-    findings = plausible(row, model.nominal, level.row)
-    if any(finding.result == "fail" for finding in findings):
-        return UNUSABLE, findings
-    off = as_planned(row, model.plan.joint_angles[planned])
-    if off is not None:
-        return UNUSABLE, [off, *findings]
-    unrest = settled(row, state.spreads)
-    if unrest is not None:
-        return NOT_SETTLED if unrest.result == "fail" else "", [unrest, *findings]
-    return "", findings
 
 
 def _judge(
@@ -270,8 +225,8 @@ def _judge(
         findings = [change]
         if state.fault is not None:
             return state.marked(planned, AGAIN), CHANGED, findings
-    first = model.first_row(posture)
-    again = repeat_probability(model, state, columns, first)
+    here = columns.about(state.belief.mean[: model.parameters])
+    again = repeat_probability(model, state, here, posture)
     alone = float(chi2_sf(innovation.chi_square, innovation.freedom))
     changes = state.changes.with_row(innovation, state.count, model.ramps)
     sudden = float(changes.ratio[changes.newest].max())
@@ -280,23 +235,13 @@ def _judge(
         state = fault_of_odd_rows(model, state.marked(planned, AGAIN), innovation, posture)
         verdict = REPEAT if state.fault is None else CHANGED
     else:
-        here = columns.about(state.belief.mean[: model.parameters])
-        state = state.remembered(planned)
         state = replace(
-            state.marked(planned, MEASURED),
-            odd=0,
+            state.remembered(planned).marked(planned, MEASURED),
+            odd=(),
             changes=changes,
             belief=state.belief.updated(innovation),
             information=state.information.with_posture(model, columns),
-            earlier=state.earlier.changed(
-                first,
-                there=True,
-                stance=state.stance,
-                residual=columns.residual,
-                state=here.state,
-                noise=here.noise(model.noise.encoder),
-                used=columns.used,
-            ),
+            earlier=state.earlier | {posture: (state.stance, here)},
             count=state.count + 1,
         )
         state = fault_of_changes(model, state, level)

@@ -53,7 +53,7 @@ def view(
     """
     from tulip_testbed.viewer import ENDING as RECORDING
     from tulip_testbed.viewer import window  # rerun takes half a second to load
-    from tulip_testbed.viewer.run_view import folder_view, measurements_view, plan_view, run_view
+    from tulip_testbed.viewer.run_view import view_of
 
     if save is not None and serve:
         raise InputError("save, serve: found both, expected one of them")
@@ -61,22 +61,22 @@ def view(
         check_new(Path(save), RECORDING)
     robot = robot or _robot_of(shown)
     if isinstance(shown, str | Path):
-        made = folder_view(Path(shown), robot)
+        title, log = view_of(Path(shown), robot)
     elif isinstance(shown, PosturePlan):
-        made = plan_view(plan_of(shown, robot), robot)
+        title, log = view_of(plan_of(shown, robot), robot)
     elif isinstance(shown, Measurements):
-        made = measurements_view(measurements_of(shown), robot)
+        title, log = view_of(measurements_of(shown), robot)
     else:
-        made = run_view(_judged(shown))
+        title, log = view_of(_judged(shown), robot)
     if save is None and not serve:
         window.check_display()
     _warn_of_bare_links(robot)
     if save is not None:
-        return OpenView(view=str(save), bytes=window.save(Path(save), made.title, made.log))
+        return OpenView(view=str(save), bytes=window.save(Path(save), title, log))
     if serve:
-        address, closed = window.open_page(made.title, made.log)
+        address, closed = window.open_page(title, log)
         return OpenView(address=address, closed=closed)
-    return OpenView(closed=window.open_window(made.title, made.log))
+    return OpenView(closed=window.open_window(title, log))
 
 
 def _warn_of_bare_links(robot: Robot) -> None:

@@ -12,22 +12,18 @@ def run() -> None:
     # An exception in the middle of an import would show a traceback, or be lost in a library's own handler.
     signal.signal(signal.SIGINT, _leave)
     if sys.argv[1:2] == ["--version"]:
-        print(f"tulip {_version()}")
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            print(f"tulip {version('tulip-testbed')}")
+        except PackageNotFoundError:
+            print("tulip not installed")
         sys.exit(0)
     # Nothing here draws. Else MuJoCo loads GLFW, whose helper process shows a traceback of its own.
     os.environ.setdefault("MUJOCO_GL", "disable")
     from tulip_testbed.cli import main as cli
 
     cli.run(lambda: signal.signal(signal.SIGINT, signal.default_int_handler))
-
-
-def _version() -> str:
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version("tulip-testbed")
-    except PackageNotFoundError:
-        return "not installed"
 
 
 def _leave(*_: object) -> None:

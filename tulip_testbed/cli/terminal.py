@@ -147,7 +147,8 @@ def progress(label: str, total: int, done: int = 0) -> Iterator[Advance]:
             ended.set()
         return
     value_column = TextColumn("{task.fields[value]}")
-    with _bar(label, RateColumn(), TimeElapsedColumn(), TimeRemainingColumn(), value_column) as bar:
+    columns = (TextColumn(label), BarColumn(), MofNCompleteColumn(), RateColumn(), TimeElapsedColumn())
+    with Progress(*columns, TimeRemainingColumn(), value_column, console=ERR, transient=True) as bar:
         task = bar.add_task(label, total=total, completed=done, value="")
 
         def advance(count: int, /, value: float | None = None) -> None:
@@ -156,16 +157,7 @@ def progress(label: str, total: int, done: int = 0) -> Iterator[Advance]:
         yield advance
 
 
-def _bar(label: str, *columns: ProgressColumn) -> Progress:
-    first = (TextColumn(label), BarColumn(), MofNCompleteColumn())
-    return Progress(*first, *columns, console=ERR, transient=True)
-
-
 def _console(least: int = 0) -> Console:
-    """Return stdout as rich sees it.
-
-    Args:
-        least: width that a pipe or a file must have at least.
-    """
+    """Return stdout as rich sees it, a pipe or a file at least so wide."""
     piped = not sys.stdout.isatty() and "COLUMNS" not in os.environ
     return _Screen(width=max(PIPE_WIDTH, least) if piped else None)

@@ -73,16 +73,11 @@ def biases(found: Atlas) -> str:
 
 def separation(found: Atlas) -> str:
     """Return a heat map of the angles as HTML; of effects on placements only the first is shown."""
-    kept = _once(found)
+    placed = [k for k, c in enumerate(found.shown) if c.effect.targets is PLACEMENTS]
+    kept = [k for k in range(len(found.shown)) if k not in placed[1:]]
     chosen = [kept[k] for k in order(found.angle[np.ix_(kept, kept)])]
     degrees = np.degrees(found.angle[np.ix_(chosen, chosen)])
     bound = float(np.degrees(ISOLABLE))
     sensors = found.planned.sensors
     title = f"Angle between effects, sensors {sensors}: below {bound:.0f} deg (brown) they look alike"
     return heat_map(degrees, [found.shown[k].label for k in chosen], title, "deg", 90.0, bound)
-
-
-def _once(found: Atlas) -> list[int]:
-    """Return the numbers of the candidates; of those on a placement the first alone."""
-    placed = [k for k, c in enumerate(found.shown) if c.effect.targets is PLACEMENTS]
-    return [k for k in range(len(found.shown)) if k not in placed[1:]]

@@ -47,7 +47,13 @@ ORDINARY_WORDS = (
 
 def discovery_page(discovery: Discovered) -> Page:
     """Make the page of a discovery; parts that it does not have are left out."""
-    curves = residual_curves(discovery)
+    curves, held, adopted = residual_curves(discovery), discovery.heldout, list(discovery.laws)
+    gap = [
+        (name, held.before[channel], held.after[channel], held.floor[channel])
+        for channel, name in CHANNEL_NAMES.items()
+        if channel in held.before
+    ]
+    posture = discovery.measurements.posture[time_order(discovery)]
     changed = bool(discovery.explanations or discovery.calibrated)
     tables = [family_table(discovery.families, FAMILIES), calibrated_table(discovery.calibrated)]
     ordinary = tuple(table for table in tables if table.rows)
@@ -56,11 +62,9 @@ def discovery_page(discovery: Discovered) -> Page:
         Section(
             "The gap",
             GAP_WORDS,
-            (gap_table(discovery.heldout),),
-            (_gap_figure(discovery), *_planes(curves, changed)),
+            (gap_table(held),),
+            (drawn.gap_figure(gap), *_planes(curves, changed)),
         ),
-        *_laws(discovery),
-        *_evidence(discovery),
         *([Section("Ordinary imperfections", words, ordinary)] if ordinary else []),
         Section(
             "Residuals over the experiment",
@@ -68,10 +72,28 @@ def discovery_page(discovery: Discovered) -> Page:
                 "Vermilion: as measured. Blue: with the found effects removed. Band: 95 % of the noise. The "
                 "swing foot's x, y and yaw are shown about their mean in a stance: angles give no more.",
             ),
-            figures=_curves(discovery, curves, changed),
+            figures=tuple(
+                drawn.curve_figure(k, curve, posture, changed)
+                for k, curve in enumerate(curves)
+                if np.isfinite(curve.sd).any()
+            ),
         ),
         _base_parameters(discovery),
     ]
+    if discovery.explanations:
+        said = (EVIDENCE_WORDS[discovery.verdict == "unknown"],)
+        figure = drawn.evidence_figure(discovery.explanations, discovery.runners_up)
+        tables = (explanation_table(discovery.explanations),)
+        sections.insert(1, Section("Evidence", said, tables, (figure,)))
+    if adopted:
+        said = [law.finding for law, _ in adopted]
+        said += [
+            f"As good: {other.what} as a function of {other.of} ({other.shape})."
+            for _, others in adopted
+            for other in others
+        ]
+        figures = tuple(drawn.law_figure(k, curve) for k, curve in enumerate(law_curves(discovery)))
+        sections.insert(1, Section("The law", tuple(said), figures=figures))
     if discovery.next_experiments:
         ranking = experiment_table(discovery.next_experiments, "next_experiments")
         sections.append(Section("Next experiment", tables=(ranking,)))
@@ -107,17 +129,6 @@ def _base_parameters(discovery: Discovered) -> Section:
     return Section(title, (table.note,), folded=((f"All {len(table.rows)}", replace(table, note="")),))
 
 
-def _gap_figure(discovery: Discovered) -> Figure:
-    held = discovery.heldout
-    return drawn.gap_figure(
-        [
-            (name, held.before[channel], held.after[channel], held.floor[channel])
-            for channel, name in CHANNEL_NAMES.items()
-            if channel in held.before
-        ]
-    )
-
-
 def _planes(curves: list[Curve], changed: bool) -> tuple[Figure, ...]:
     """Draw the centre of pressure before and after side by side, at one scale."""
     x, y = curves[:2]
@@ -125,39 +136,6 @@ def _planes(curves: list[Curve], changed: bool) -> tuple[Figure, ...]:
     reach = 1.1 * max(float(np.abs(values).max()) for side in sides.values() for values in side)
     sd = float(np.sqrt((np.mean(x.sd**2) + np.mean(y.sd**2)) / 2))
     return tuple(drawn.plane_figure(name, *side, sd, reach) for name, side in sides.items())
-
-
-def _curves(discovery: Discovered, curves: list[Curve], changed: bool) -> tuple[Figure, ...]:
-    posture = discovery.measurements.posture[time_order(discovery)]
-    return tuple(
-        drawn.curve_figure(k, curve, posture, changed)
-        for k, curve in enumerate(curves)
-        if np.isfinite(curve.sd).any()
-    )
-
-
-def _laws(discovery: Discovered) -> tuple[Section, ...]:
-    """Return the section of the adopted laws, each with its curve."""
-    laws = list(discovery.laws)
-    if not laws:
-        return ()
-    words = [law.finding for law, _ in laws]
-    words += [
-        f"As good: {other.what} as a function of {other.of} ({other.shape})."
-        for _, others in laws
-        for other in others
-    ]
-    figures = tuple(drawn.law_figure(k, curve) for k, curve in enumerate(law_curves(discovery)))
-    return (Section("The law", tuple(words), figures=figures),)
-
-
-def _evidence(discovery: Discovered) -> tuple[Section, ...]:
-    explanations = discovery.explanations
-    if not explanations:
-        return ()
-    words = (EVIDENCE_WORDS[discovery.verdict == "unknown"],)
-    drawing = drawn.evidence_figure(explanations, discovery.runners_up)
-    return (Section("Evidence", words, (explanation_table(explanations),), (drawing,)),)
 
 
 def _limits(discovery: Discovered) -> Section:

@@ -14,12 +14,7 @@ CELL, MARGIN, LEAST = 9, 260, 500  # px
 
 
 def heat_map(
-    values: np.ndarray,
-    labels: Sequence[str],
-    title: str,
-    unit: str,
-    most: float,
-    bound: float,
+    values: np.ndarray, labels: Sequence[str], title: str, unit: str, most: float, bound: float
 ) -> str:
     """Return a square matrix as an HTML heat map; dark is small, values below `bound` have another colour.
 
@@ -29,12 +24,8 @@ def heat_map(
     """
     step = bound / most
     # Small ones warm, the others from grey to white: distinguishable by colour-blind readers and in print.
-    scale = [
-        [0.0, "#7f2704"],
-        [step, "#fdae6b"],
-        [step, "#4a5a70"],
-        [1.0, "#f7fbff"],
-    ]
+    scale = [[0.0, "#7f2704"], [step, "#fdae6b"], [step, "#4a5a70"], [1.0, "#f7fbff"]]
+    ticks = sorted({0.0, bound, *np.linspace(0.0, most, 4)[1:].tolist()})
     side = max(CELL * len(labels), LEAST) + MARGIN
     figure = go.Figure(
         go.Heatmap(
@@ -44,11 +35,7 @@ def heat_map(
             zmin=0.0,
             zmax=most,
             colorscale=scale,
-            colorbar={
-                "title": {"text": unit, "side": "right"},
-                "thickness": 14,
-                "tickvals": _ticks(most, bound),
-            },
+            colorbar={"title": {"text": unit, "side": "right"}, "thickness": 14, "tickvals": ticks},
             hovertemplate=f"%{{y}}<br>%{{x}}<br>%{{z:.1f}} {unit}<extra></extra>",
             xgap=0.5,
             ygap=0.5,
@@ -69,7 +56,3 @@ def heat_map(
         f"<title>{escape(title)}</title><script>{plotly_script()}</script></head>\n"
         f"<body><main><h1 style='font: bold 18px sans-serif'>{escape(title)}</h1>{drawn}</main></body></html>"
     )
-
-
-def _ticks(most: float, bound: float) -> list[float]:
-    return sorted({0.0, bound, *np.linspace(0.0, most, 4)[1:].tolist()})

@@ -58,24 +58,15 @@ def _coverage_figures(rows: dict[str, list[ParameterCoverage]]) -> tuple[Figure,
             for model, found in rows.items()
         }
 
-    bias = {model: [(row.number, *_relative_bias(row)) for row in found] for model, found in rows.items()}
+    bias = {}
+    for model, found in rows.items():
+        relative = [(row.bias / row.standard_error, row.bias_mc_error / row.standard_error) for row in found]
+        ends = [(middle, [middle - 1.96 * error, middle + 1.96 * error]) for middle, error in relative]
+        bias[model] = [(row.number, *both) for row, both in zip(found, ends, strict=True)]
+    ratio = "Standard error found over stated.", "found over stated", of("standard_error_ratio"), 1, RATIO
+    covered = "Coverage of 95 % intervals.", "coverage", of("coverage95"), 0.95, COVERAGE
     return (
-        drawn.with_intervals(
-            "ratio",
-            "Standard error found over stated.",
-            "found over stated",
-            of("standard_error_ratio"),
-            1,
-            RATIO,
-        ),
-        drawn.with_intervals(
-            "coverage", "Coverage of 95 % intervals.", "coverage", of("coverage95"), 0.95, COVERAGE
-        ),
+        drawn.with_intervals("ratio", *ratio),
+        drawn.with_intervals("coverage", *covered),
         drawn.with_intervals("bias", "Bias over stated standard error.", "bias over s.e.", bias, 0, BIAS),
     )
-
-
-def _relative_bias(row: ParameterCoverage) -> tuple[float, list[float]]:
-    middle = row.bias / row.standard_error
-    half = 1.96 * row.bias_mc_error / row.standard_error
-    return middle, [middle - half, middle + half]

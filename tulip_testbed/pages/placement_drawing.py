@@ -77,18 +77,16 @@ def placement_of(robot: Robot, boards: np.ndarray, feet: np.ndarray, support: np
 
 def marks(placement: Placement) -> list[Mark]:
     """List the corners of boards and soles and the points below the ankles."""
-    found = []
+    found, corners = [], [corner.replace("_", " ") for corner in CORNERS]
     for side, plate in enumerate(PLATES):
-        letters = "ABCD" if side == 0 else "EFGH"
-        for label, corner, point in zip(letters, CORNERS, placement.outlines[side], strict=True):
-            found.append(_mark(label, f"{plate} board, {_words(corner)}", point))
+        names = [f"{plate} board, {corner}" for corner in corners]
+        found += zip(("ABCD", "EFGH")[side], names, placement.outlines[side], strict=True)
     for side, plate in enumerate(PLATES):
-        if not placement.stands[side]:
-            continue
-        for k, (corner, point) in enumerate(zip(CORNERS, placement.soles[side], strict=True)):
-            found.append(_mark(str(4 * side + k + 1), f"{plate} sole, {_words(corner)}", point))
-        found.append(_mark("RL"[side], f"below the {plate} ankle", placement.feet[side, :2]))
-    return found
+        if placement.stands[side]:
+            names = [f"{plate} sole, {corner}" for corner in corners]
+            found += zip(("1234", "5678")[side], names, placement.soles[side], strict=True)
+            found.append(("RL"[side], f"below the {plate} ankle", placement.feet[side, :2]))
+    return [Mark(label, name, *(1e3 * point).tolist()) for label, name, point in found]
 
 
 def scale_for(placements: list[Placement]) -> float:
@@ -125,7 +123,9 @@ def drawing(placement: Placement, scale: float) -> str:
         if placement.stands[side]:
             style = f'fill="{SOLE}" fill-opacity="0.08" stroke="{SOLE}" stroke-width="0.3"'
             parts.append(polygon(placement.soles[side], style, f"{plate}-sole"))
-            parts.append(_cross(*at(placement.feet[side, :2]), 1.5, SOLE))
+            x, y = at(placement.feet[side, :2])
+            cross = f"M{x - 1.5:.3f} {y:.3f}h3.0M{x:.3f} {y - 1.5:.3f}v3.0"
+            parts.append(f'<path d="{cross}" stroke="{SOLE}" stroke-width="0.3"/>')
     parts += [_label(mark, at, placement) for mark in marks(placement)]
     x, y = at(np.zeros(2))
     reach = 9.0
@@ -135,28 +135,18 @@ def drawing(placement: Placement, scale: float) -> str:
         f'<g fill="{DATUM}" font-size="3"><text x="{x + 1.2:.3f}" y="{y - reach + 1:.3f}">x</text>'
         f'<text x="{x - reach:.3f}" y="{y - 1.8:.3f}">y</text></g>'
     )
-    parts.append(_bar(EDGE, tall - 6.0))
+    y = tall - 6.0
+    ticks = "".join(f"M{EDGE + 10 * k:.3f} {y:.3f}v{-1.5 - (k % 5 == 0)}" for k in range(11))
+    parts.append(
+        f'<path id="bar" d="M{EDGE:.3f} {y:.3f}h{BAR:g}" stroke="black" stroke-width="0.3" fill="none"/>'
+        f'<path d="{ticks}" stroke="black" stroke-width="0.2" fill="none"/>'
+        f'<text x="{EDGE:.3f}" y="{y + 3.6:.3f}" font-size="2.8">This bar measures {BAR:g} mm on paper; '
+        "if not, print at 100 %.</text>"
+    )
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide:.3f}mm" height="{tall:.3f}mm" '
         f'viewBox="0 0 {wide:.3f} {tall:.3f}" font-family="sans-serif" role="img" '
         f'aria-label="Boards and foot marks from above, 1 : {scale:g}">{"".join(parts)}</svg>'
-    )
-
-
-def _bar(x: float, y: float) -> str:
-    ticks = "".join(f"M{x + 10 * k:.3f} {y:.3f}v{-1.5 - (k % 5 == 0)}" for k in range(11))
-    return (
-        f'<path id="bar" d="M{x:.3f} {y:.3f}h{BAR:g}" stroke="black" stroke-width="0.3" fill="none"/>'
-        f'<path d="{ticks}" stroke="black" stroke-width="0.2" fill="none"/>'
-        f'<text x="{x:.3f}" y="{y + 3.6:.3f}" font-size="2.8">This bar measures {BAR:g} mm on paper; '
-        "if not, print at 100 %.</text>"
-    )
-
-
-def _cross(x: float, y: float, reach: float, colour: str) -> str:
-    return (
-        f'<path d="M{x - reach:.3f} {y:.3f}h{2 * reach}M{x:.3f} {y - reach:.3f}v{2 * reach}" '
-        f'stroke="{colour}" stroke-width="0.3"/>'
     )
 
 
@@ -180,11 +170,3 @@ def _label(mark: Mark, at: Callable[[np.ndarray], tuple[float, float]], placemen
 def _points(placement: Placement) -> np.ndarray:
     """Return the corners of both boards and the datum, (9, 2) [m]."""
     return np.vstack([placement.outlines.reshape(-1, 2), placement.soles.reshape(-1, 2), np.zeros((1, 2))])
-
-
-def _mark(label: str, name: str, point: np.ndarray) -> Mark:
-    return Mark(label, name, 1e3 * float(point[0]), 1e3 * float(point[1]))
-
-
-def _words(corner: str) -> str:
-    return corner.replace("_", " ")

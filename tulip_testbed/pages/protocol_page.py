@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
 from tulip_testbed.base.files import new_folder, write_text
 from tulip_testbed.experiments.example import empty_measurements
-from tulip_testbed.experiments.protocols.motion import FREE, Motion
-from tulip_testbed.experiments.protocols.motion_files import motion_csv, motion_name, motion_yaml
+from tulip_testbed.experiments.protocols.motion import FREE
 from tulip_testbed.experiments.protocols.protocol_run import LaboratoryProtocol
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.measurements.cells import CORNERS, PLATES
 from tulip_testbed.measurements.measurement_folder import write_start
 from tulip_testbed.pages.page import filled
 from tulip_testbed.pages.pictures import addresses
-from tulip_testbed.pages.placement_drawing import Mark, drawing, marks, placement_of, scale_for
+from tulip_testbed.pages.placement_drawing import drawing, marks, placement_of, scale_for
 from tulip_testbed.sim.plan_folder import write_plan
 
 KNOWN = ("posture", "placement", "support")  # columns of the rows to fill in that the plan knows
@@ -51,30 +50,6 @@ AFTER = (
 )
 
 
-@dataclass(frozen=True)
-class ProtocolRow:
-    """A posture on the page; angles in degrees, in the order of the joints."""
-
-    number: int
-    picture: str
-    arrive: str
-    support: str
-    repeat: bool
-    angles: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Sheet:
-    """A placement on the page, its rows in groups that are placed next to each other."""
-
-    number: int
-    svg: Markup
-    marks: tuple[Mark, ...]
-    boards: tuple[tuple[str, str], ...]
-    datum: str
-    groups: tuple[tuple[ProtocolRow, ...], ...]
-
-
 def write_protocol(folder: Path, protocol: LaboratoryProtocol) -> list[str]:
     """Write a protocol as a new folder, which appears whole or not at all.
 
@@ -93,9 +68,9 @@ def write_protocol(folder: Path, protocol: LaboratoryProtocol) -> list[str]:
         (working / TRAJECTORIES).mkdir()
         for k, motion in enumerate(protocol.motions):
             if motion is not None:
-                name = working / TRAJECTORIES / motion_name(k + 1, motion)
-                write_text(name.with_suffix(".csv"), motion_csv(motion, plan.joints))
-                write_text(name.with_suffix(".yaml"), motion_yaml(motion, plan.joints))
+                name = working / TRAJECTORIES / motion.name(k + 1)
+                write_text(name.with_suffix(".csv"), motion.csv(plan.joints))
+                write_text(name.with_suffix(".yaml"), motion.yaml(plan.joints))
         write_start(working / MEASUREMENTS, empty)
         write_text(working / ROWS, rows_to_fill_in(empty, plan))
     return missing
@@ -109,8 +84,10 @@ def contents(folder: Path) -> list[str]:
 def protocol_page(protocol: LaboratoryProtocol) -> tuple[str, list[str]]:
     """Return the page as HTML that loads nothing from the network, and the pictures that are missing."""
     missing: list[str] = []
-    pictures = _pictures(protocol, missing)
     plan, robot = protocol.plan, protocol.robot
+    _, once = np.unique(plan.posture, return_index=True)
+    drawn = addresses(robot, plan, once, protocol.boards, SIZE, missing)
+    pictures = dict(zip(plan.posture[once].tolist(), drawn, strict=False))
     first = {number: int(np.flatnonzero(plan.placement == number)[0]) for number in protocol.placements}
     placed = {
         number: placement_of(
@@ -122,14 +99,20 @@ def protocol_page(protocol: LaboratoryProtocol) -> tuple[str, list[str]]:
     sheets = []
     for number, placement in placed.items():
         rows = [_row(protocol, int(k), pictures) for k in np.flatnonzero(plan.placement == number)]
-        boards = tuple(
+        boards = [
             (side, f"{1e3 * x:.1f}, {1e3 * y:.1f}, {np.rad2deg(yaw):.1f}")
             for side, (x, y, yaw) in zip(PLATES, placement.boards, strict=True)
+        ]
+        sheets.append(
+            {
+                "number": number,
+                "svg": Markup(drawing(placement, scale)),
+                "marks": marks(placement),
+                "boards": boards,
+                "datum": ("right", "left")[placement.datum],
+                "groups": [rows[k : k + COLUMNS] for k in range(0, len(rows), COLUMNS)],
+            }
         )
-        groups = tuple(tuple(rows[k : k + COLUMNS]) for k in range(0, len(rows), COLUMNS))
-        foot = ("right", "left")[placement.datum]
-        svg = Markup(drawing(placement, scale))
-        sheets.append(Sheet(number, svg, tuple(marks(placement)), boards, foot, groups))
     empty = empty_measurements(robot, protocol.sensors)
     contacts = empty.contacts
     page = filled(
@@ -149,34 +132,22 @@ def protocol_page(protocol: LaboratoryProtocol) -> tuple[str, list[str]]:
     return page, missing
 
 
-def _row(protocol: LaboratoryProtocol, k: int, pictures: dict[int, str]) -> ProtocolRow:
-    plan = protocol.plan
-    number = int(plan.posture[k])
-    return ProtocolRow(
-        number=number,
-        picture=pictures.get(number, ""),
-        arrive=_arrival(k + 1, protocol.motions[k]),
-        support=SUPPORTS[str(plan.support[k])],
-        repeat=bool((plan.posture[:k] == number).any()),
-        angles=tuple(f"{angle:.2f}" for angle in np.rad2deg(plan.joint_angles[k])),
-    )
-
-
-def _arrival(number: int, motion: Motion | None) -> str:
-    """Describe how the robot reaches a posture."""
-    if motion is None:
-        return "Set down again from the hoist, in this posture."
-    hung = "" if motion.kind == FREE else " In the hoist, feet in place; then let it stand."
-    by = " By a stance between the feet." if motion.via_stance else ""
-    return f"Trajectory {number:03d}, {motion.duration:.1f} s.{by}{hung}"
-
-
-def _pictures(protocol: LaboratoryProtocol, missing: list[str]) -> dict[int, str]:
-    """Return a picture of every posture as a data address, by its number."""
-    plan = protocol.plan
-    _, rows = np.unique(plan.posture, return_index=True)
-    drawn = addresses(protocol.robot, plan, rows, protocol.boards, SIZE, missing)
-    return dict(zip(plan.posture[rows].tolist(), drawn, strict=False))
+def _row(protocol: LaboratoryProtocol, k: int, pictures: dict[int, str]) -> dict[str, Any]:
+    """Return a posture on the page; angles in degrees, in the order of the joints."""
+    plan, motion = protocol.plan, protocol.motions[k]
+    number, arrive = int(plan.posture[k]), "Set down again from the hoist, in this posture."
+    if motion is not None:
+        hung = "" if motion.kind == FREE else " In the hoist, feet in place; then let it stand."
+        by = " By a stance between the feet." if motion.via_stance else ""
+        arrive = f"Trajectory {k + 1:03d}, {motion.duration:.1f} s.{by}{hung}"
+    return {
+        "number": number,
+        "picture": pictures.get(number, ""),
+        "arrive": arrive,
+        "support": SUPPORTS[str(plan.support[k])],
+        "repeat": bool((plan.posture[:k] == number).any()),
+        "angles": [f"{angle:.2f}" for angle in np.rad2deg(plan.joint_angles[k])],
+    }
 
 
 def rows_to_fill_in(empty: Measurements, plan: PosturePlan) -> str:

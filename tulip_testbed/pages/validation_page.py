@@ -11,7 +11,7 @@ from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.identification.base_parameters import common_support, renumbered
 from tulip_testbed.identification.center_of_pressure import contact_pressure
 from tulip_testbed.identification.feasibility import support_polygon
-from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.data import feet_in_contact
@@ -20,7 +20,6 @@ from tulip_testbed.pages.figures import Figure
 from tulip_testbed.pages.page import Page, Section, how_it_was_made, imperfections_fact, title_of
 from tulip_testbed.pages.pictures import posture_pictures
 from tulip_testbed.pages.words import NO_TRUE_COM
-from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.scene import nominal_plates
 from tulip_testbed.standing import soles_in_base
 
@@ -51,7 +50,12 @@ def validation_page(run: Validation) -> Page:
     ]
     matrix = correlations_at(own.parameters, measured.joint_angles, measured.support)
     high = tuple(filter(None, map(run.correlation_table, estimates)))
-    com = run.simulation.com
+    com, nominal = run.simulation.com, nominal_robot(robot, common_support(measured.support))
+    poses = observe(measured, nominal).contact_poses  # of plates, or of soles with sensors in the feet
+    dropped = f"All {run.postures_planned} planned postures could be measured."
+    if run.dropped:
+        reasons = "; ".join(f"{one.posture}: {one.reason}" for one in run.dropped)
+        dropped = f"Dropped {len(run.dropped)} of {run.postures_planned} postures. {reasons}."
     sections = (
         Section("Checks", tables=(run.table(),)),
         Section(
@@ -70,9 +74,9 @@ def validation_page(run: Validation) -> Page:
         ),
         Section(
             "Postures",
-            (_dropped(run), POLYGON_WORDS, *([NO_TRUE_COM] if com is None else [])),
-            figures=_polygons(robot, measured, com),
-            pictures=posture_pictures(robot, measured, _contact_poses(robot, measured), missing),
+            (dropped, POLYGON_WORDS, *([NO_TRUE_COM] if com is None else [])),
+            figures=_polygons(nominal, measured, poses, com),
+            pictures=posture_pictures(robot, measured, poses, missing),
         ),
         how_it_was_made(run.document),
     )
@@ -88,32 +92,16 @@ def validation_page(run: Validation) -> Page:
     return Page(title_of(run), run.verdict, "\n".join(run.answers), facts, sections, tuple(missing))
 
 
-def _dropped(run: Validation) -> str:
-    """Return the postures that could not be measured, with the reasons."""
-    if not run.dropped:
-        return f"All {run.postures_planned} planned postures could be measured."
-    reasons = "; ".join(f"{one.posture}: {one.reason}" for one in run.dropped)
-    return f"Dropped {len(run.dropped)} of {run.postures_planned} postures. {reasons}."
-
-
-def _polygons(robot: Robot, measured: Measurements, com: np.ndarray | None) -> tuple[Figure, ...]:
+def _polygons(
+    nominal: Nominal, measured: Measurements, poses: np.ndarray, com: np.ndarray | None
+) -> tuple[Figure, ...]:
+    robot = nominal.robot
     soles = soles_in_base(nominal_robot(robot), measured.joint_angles, measured.support)
-    nominal = nominal_robot(robot, common_support(measured.support))
     carrying, cop = feet_in_contact(measured.support), contact_pressure(measured, nominal).center
-    placements, poses = np.unique(measured.placement), _contact_poses(robot, measured)
-    board = nominal_plates(robot)[0].size
-    drawings = []
+    placements, board, drawings = np.unique(measured.placement), nominal_plates(robot)[0].size, []
     for placement in placements[np.unique(np.linspace(0, len(placements) - 1, POLYGONS).astype(int))]:
         rows = np.flatnonzero(measured.placement == placement)
-        feet = soles[rows[0]][carrying[rows[0]]]
+        polygon = support_polygon(soles[rows[0]][carrying[rows[0]]])
         points = {"CoP": cop[rows]} | ({} if com is None else {"CoM, truth": com[rows]})
-        plates = poses[rows[0]]
-        drawings.append(
-            drawn.support_polygon_figure(int(placement), plates, support_polygon(feet), points, board)
-        )
+        drawings.append(drawn.support_polygon_figure(int(placement), poses[rows[0]], polygon, points, board))
     return tuple(drawings)
-
-
-def _contact_poses(robot: Robot, measured: Measurements) -> np.ndarray:
-    """Poses of the plates, or of the soles where the sensors are in the feet, (m, 2, 3) [m, m, rad]."""
-    return observe(measured, nominal_robot(robot, common_support(measured.support))).contact_poses

@@ -31,7 +31,8 @@ def factor_for(residual: np.ndarray) -> int:
 
 def log_balance(canvas: Canvas, subject: Subject) -> None:
     """Log everything on the ground, under /world/balance [m] and from above under /above [mm]."""
-    boards = [[_board(subject, row, plate) for plate in range(2)] for row in range(len(subject))]
+    corners = subject.board.size / 2 * np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]])
+    boards = [[_closed(place_polygon(corners, plate)) for plate in plates] for plates in subject.plates]
     soles = soles_in_base(subject.nominal, subject.joint_angles, subject.support)
     _strips_above(canvas, "above/plates", boards, (158, 184, 204), 2.0)
     _strips_above(canvas, "above/soles", [[_closed(s) for s in row] for row in soles], (130, 130, 130), 2.0)
@@ -96,12 +97,6 @@ def circles(reach: float) -> list[float]:
 def from_above(points: np.ndarray) -> np.ndarray:
     """Map the base frame to a picture with x up and y to the left, (..., 2) [m] -> [mm]."""
     return -1e3 * points[..., ::-1]
-
-
-def _board(subject: Subject, row: int, plate: int) -> np.ndarray:
-    x, y = subject.board.size / 2
-    corners = np.array([[x, y], [x, -y], [-x, -y], [-x, y]])
-    return _closed(place_polygon(corners, subject.plates[row, plate]))
 
 
 def _closed(polygon: np.ndarray) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import rerun as rr
@@ -44,17 +44,6 @@ WIDTH, HEIGHT = 100.0, 60.0  # pixels of the picture of a law; rerun draws y dow
 SPACE = 8.0  # pixels around it
 
 
-@dataclass(frozen=True)
-class DiscoveryViews:
-    """The views before they are arranged: `space` and `plane` hold before, then after."""
-
-    space: Sequence[rrb.View]
-    plane: list[rrb.View]
-    channels: list[rrb.View]
-    evidence: list[rrb.View]
-    text: rrb.View
-
-
 def log_discovery(recording: rr.RecordingStream, discovery: Discovered) -> None:
     """Log a discovery, its postures in the order of time, and the layout of its views."""
     subject = replace(of_measurements(discovery.measurements, discovery.robot), com={})
@@ -87,9 +76,33 @@ def log_discovery(recording: rr.RecordingStream, discovery: Discovered) -> None:
         )
         for side in residual
     ]
-    views = _views(discovery, space, reach)
-    seen = [law_view(k, law) for k, law in enumerate(laws)]
-    recording.send_blueprint(laid_out(replace(views, evidence=[*seen, *views.evidence])))
+    plane = [
+        plane_view(
+            f"plane/{side}",
+            f"{side.capitalize()}: CoP minus CoM, ± {reach:.2g} mm",
+            (-reach, reach),
+            (-reach, reach),
+        )
+        for side in residual
+    ]
+    channels = [
+        rrb.TimeSeriesView(
+            origin=f"channels/{channel}",
+            name=f"{CHANNEL_NAMES[channel]}, over noise",
+            plot_legend=rrb.PlotLegend(visible=False),
+        )
+        for channel in ("A", "F", "T", "C")
+    ]
+    x, y = (-2 * SPACE, WIDTH + 2 * SPACE), (-SPACE, HEIGHT + 2 * SPACE)
+    told: list[rrb.View] = [rrb.TextDocumentView(origin="text", name="Verdict")]
+    told += [plane_view(f"law/{k}", law.title, x, y) for k, law in enumerate(laws)]
+    if count := len(discovery.explanations):
+        name = "Evidence, ln of the Bayes factor"
+        told.append(plane_view("evidence", name, (-5, BAR + 5), (-STEP, STEP * count)))
+    before_and_after = rrb.Vertical(rrb.Horizontal(*space), rrb.Horizontal(*plane), row_shares=[1.3, 1])
+    story = rrb.Vertical(*told, row_shares=[3, *[1] * (len(told) - 1)])
+    columns = before_and_after, rrb.Vertical(*channels), story
+    recording.send_blueprint(blueprint(rrb.Horizontal(*columns, column_shares=[1.7, 1, 1.1])))
 
 
 def sides(discovery: Discovered) -> tuple[str, ...]:
@@ -158,41 +171,6 @@ def discovery_text(discovery: Discovered, factor: int) -> list[str]:
     ]
 
 
-def _views(discovery: Discovered, space: Sequence[rrb.View], reach: float) -> DiscoveryViews:
-    plane: list[rrb.View] = [
-        plane_view(f"plane/{side}", f"{side.capitalize()}: CoP minus CoM, ± {reach:.2g} mm", across, across)
-        for across in ((-reach, reach),)
-        for side in sides(discovery)
-    ]
-    channels: list[rrb.View] = [
-        rrb.TimeSeriesView(
-            origin=f"channels/{channel}",
-            name=f"{CHANNEL_NAMES[channel]}, over noise",
-            plot_legend=rrb.PlotLegend(visible=False),
-        )
-        for channel in ("A", "F", "T", "C")
-    ]
-    evidence: list[rrb.View] = []
-    if count := len(discovery.explanations):
-        name = "Evidence, ln of the Bayes factor"
-        evidence.append(plane_view("evidence", name, (-5, BAR + 5), (-STEP, STEP * count)))
-    return DiscoveryViews(
-        space, plane, channels, evidence, rrb.TextDocumentView(origin="text", name="Verdict")
-    )
-
-
-def laid_out(views: DiscoveryViews) -> rrb.Blueprint:
-    """Arrange before and after side by side, the channels below each other, and the story on the right."""
-    return blueprint(
-        rrb.Horizontal(
-            rrb.Vertical(rrb.Horizontal(*views.space), rrb.Horizontal(*views.plane), row_shares=[1.3, 1]),
-            rrb.Vertical(*views.channels),
-            rrb.Vertical(views.text, *views.evidence, row_shares=[3, *[1] * len(views.evidence)]),
-            column_shares=[1.7, 1, 1.1],
-        )
-    )
-
-
 def log_law(recording: rr.RecordingStream, k: int, law: LawCurve) -> None:
     """Log the curve of law k over its range, the postures' errors, and the ends of both scales."""
     low = np.array([min(law.x.min(), law.at.min()), min(law.curve.min(), law.error.min())])
@@ -215,9 +193,3 @@ def log_law(recording: rr.RecordingStream, k: int, law: LawCurve) -> None:
     ]
     places, labels = zip(*ends, strict=True)
     log_label(recording, f"law/{k}/scales", places, labels, DARK)
-
-
-def law_view(k: int, law: LawCurve) -> rrb.View:
-    """Return the view of law k."""
-    x, y = (-2 * SPACE, WIDTH + 2 * SPACE), (-SPACE, HEIGHT + 2 * SPACE)
-    return plane_view(f"law/{k}", law.title, x, y)

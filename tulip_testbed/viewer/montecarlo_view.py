@@ -34,7 +34,18 @@ def log_montecarlo(recording: rr.RecordingStream, run: MonteCarlo) -> None:
     if clouds:
         _log_clouds(recording, subject, clouds)
     _log_errors(recording, run)
-    log_markdown(recording, _text(run, note))
+    text = [
+        f"## Verdict: {run.verdict}",
+        f"{run.identified} of {run.runs} runs identified, estimator {run.estimator}.",
+        "",
+        coverage_check_table(run.to_json()["checks"]).markdown(),
+        "",
+        note,
+        "",
+        "Errors: estimate minus truth over the standard error that the estimator states, a point a run, a "
+        "column a parameter, lines at -2, 0 and 2. Histograms, in mm: choose the `parameter` time line.",
+    ]
+    log_markdown(recording, text)
     recording.send_blueprint(laid_out(montecarlo_views(run, subject, bool(clouds))))
 
 
@@ -80,16 +91,14 @@ def _log_clouds(recording: rr.RecordingStream, subject: Subject, clouds: dict[in
     about = np.vstack([cloud - cloud.mean(axis=0) for cloud in points])
     for path, place in (("above/cop_cloud", every), ("cloud/cop", about)):
         canvas.rows(path, rr.Points2D, flat(MEASURED, 1.5), lengths, positions=from_above(place))
-    ellipses = [from_above(_ellipse(cloud)) for cloud in points]
+    ellipses = []  # two s.d.; a single point if a cloud is too small
+    for cloud in points:
+        if len(cloud) < 3:
+            ellipses.append(np.zeros((2, 2)))
+            continue
+        values, vectors = np.linalg.eigh(np.cov(cloud.T))
+        ellipses.append(from_above(2 * CIRCLE * np.sqrt(np.maximum(values, 0)) @ vectors.T))
     canvas.rows("cloud/two_sd", rr.LineStrips2D, flat(ESTIMATE, 1), strips=ellipses)
-
-
-def _ellipse(cloud: np.ndarray) -> np.ndarray:
-    """Return two s.d. of a cloud about its mean, (73, 2) [m]; a single point if the cloud is too small."""
-    if len(cloud) < 3:
-        return np.zeros((2, 2))
-    values, vectors = np.linalg.eigh(np.cov(cloud.T))
-    return 2 * CIRCLE * np.sqrt(np.maximum(values, 0)) @ vectors.T
 
 
 def _log_errors(recording: rr.RecordingStream, run: MonteCarlo) -> None:
@@ -121,20 +130,6 @@ def _log_errors(recording: rr.RecordingStream, run: MonteCarlo) -> None:
             show_labels=True,
         )
         recording.log(f"errors/{model}/numbers", labels, static=True)
-
-
-def _text(run: MonteCarlo, note: str) -> list[str]:
-    return [
-        f"## Verdict: {run.verdict}",
-        f"{run.identified} of {run.runs} runs identified, estimator {run.estimator}.",
-        "",
-        coverage_check_table(run.to_json()["checks"]).markdown(),
-        "",
-        note,
-        "",
-        "Errors: estimate minus truth over the standard error that the estimator states, a point a run, a "
-        "column a parameter, lines at -2, 0 and 2. Histograms, in mm: choose the `parameter` time line.",
-    ]
 
 
 def montecarlo_views(run: MonteCarlo, subject: Subject, clouds: bool) -> Views:

@@ -98,7 +98,9 @@ def posture_text(subject: Subject, row: int) -> str:
     if subject.residual is not None:
         points["residual"] = subject.residual
     lines += [f"| {name} | {1e3 * p[row, 0]:.2f} | {1e3 * p[row, 1]:.2f} |" for name, p in points.items()]
-    lines += ["", f"Margin of stability d_e: {1e3 * subject.margin[row]:.1f} mm" + _of_plan(subject)]
+    least = f"; planned with d_s = {1e3 * subject.least_margin:.0f} mm" if subject.least_margin else ""
+    of = "the nominal CoM" if subject.cop is None else "the CoP"
+    lines += ["", f"Margin of stability d_e: {1e3 * subject.margin[row]:.1f} mm (of {of}{least})."]
     if subject.foot_loads is not None:
         right, left = subject.foot_loads[row]
         lines += [
@@ -112,11 +114,6 @@ def posture_text(subject: Subject, row: int) -> str:
         name = subject.nominal.parameters.tree.joints[worst]
         lines += ["", f"Largest tracking error: {error[worst]:+.1f} mrad in {name}."]
     return "\n".join([*lines, "", *_legend(subject)])
-
-
-def _of_plan(subject: Subject) -> str:
-    least = "" if not subject.least_margin else f"; planned with d_s = {1e3 * subject.least_margin:.0f} mm"
-    return f" (of {'the nominal CoM' if subject.cop is None else 'the CoP'}{least})."
 
 
 def _legend(subject: Subject) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -21,47 +20,29 @@ from tulip_testbed.viewer.subject import measured, planned, validated
 from tulip_testbed.viewer.window import Log
 
 
-@dataclass(frozen=True)
-class View:
-    """The content of a window, see `window`.
+def view_of(shown: RunResult | PosturePlan | Measurements | Path, robot: Robot) -> tuple[str, Log]:
+    """Return the title of a view and the function that logs it.
 
-    Attributes:
-        log: called with a recording.
+    Args:
+        shown: a run, a plan, measurements, or the folder of any (or the name of a shipped plan).
     """
-
-    title: str
-    log: Log
-
-
-def run_view(run: RunResult) -> View:
-    """Make the view of a run of any kind."""
-    name = run.robot.name if run.folder is None else run.folder.resolve().name
-    title = f"{name} ({run.kind})"
-    if isinstance(run, Discovered):
-        return View(title, partial(log_discovery, discovery=run))
-    if isinstance(run, MonteCarlo):
-        return View(title, partial(log_montecarlo, run=run))
-    return View(title, partial(log_postures, subject=validated(run)))
-
-
-def plan_view(plan: PosturePlan, robot: Robot, title: str = "plan") -> View:
-    """Make the view of a plan: the nominal robot in the planned postures."""
-    return View(title, partial(log_postures, subject=planned(plan, robot)))
-
-
-def measurements_view(measurements: Measurements, robot: Robot) -> View:
-    """Make the view of measurements, with an estimate where it can be made."""
-    return View("measurements", partial(log_postures, subject=measured(measurements, robot)))
-
-
-def folder_view(folder: Path, robot: Robot) -> View:
-    """Make the view of a folder of a run, a plan (or the name of a shipped one) or measurements."""
-    folder = plan_folder(folder)
-    kind = kind_of(folder)
-    title = f"{folder.resolve().name} ({kind})"
-    if kind == "plan":
-        return plan_view(read_plan(folder, robot), robot, title)
-    if kind == "measurement":
-        shown = measured(read_measurements(folder), robot, read_series(folder), str(folder))
-        return View(title, partial(log_postures, subject=shown))
-    return run_view(read_run(folder, robot))
+    title, series, source = "", None, "measurements"
+    if isinstance(shown, Path):
+        folder = plan_folder(shown)
+        kind = kind_of(folder)
+        title, source = f"{folder.resolve().name} ({kind})", str(folder)
+        if kind == "measurement":
+            shown, series = read_measurements(folder), read_series(folder)
+        else:
+            shown = read_plan(folder, robot) if kind == "plan" else read_run(folder, robot)
+    if isinstance(shown, PosturePlan):
+        return title or "plan", partial(log_postures, subject=planned(shown, robot))
+    if isinstance(shown, Measurements):
+        return title or source, partial(log_postures, subject=measured(shown, robot, series, source))
+    name = shown.robot.name if shown.folder is None else shown.folder.resolve().name
+    title = f"{name} ({shown.kind})"
+    if isinstance(shown, Discovered):
+        return title, partial(log_discovery, discovery=shown)
+    if isinstance(shown, MonteCarlo):
+        return title, partial(log_montecarlo, run=shown)
+    return title, partial(log_postures, subject=validated(shown))

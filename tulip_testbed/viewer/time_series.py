@@ -24,9 +24,20 @@ def log_series(recording: rr.RecordingStream, subject: Subject) -> None:
 
     Ground and numbers are those of the window's averages, from its start on.
     """
-    for most, log in ((MOST_READINGS, _log_readings), (MOST_POSES, _log_robot)):
-        dense, t = sampled(subject, most)
-        log(Canvas(recording, rr.TimeColumn("time", duration=t)), dense)
+    dense, t = sampled(subject, MOST_READINGS)
+    canvas = Canvas(recording, rr.TimeColumn("time", duration=t))
+    for name, lines in curves(dense).items():
+        if name.split("/")[0] in ("cells", "tracking", "joints", "cop"):
+            log_curves(canvas, name, lines)
+    dense, t = sampled(subject, MOST_POSES)
+    canvas = Canvas(recording, rr.TimeColumn("time", duration=t))
+    log_motion(canvas, dense)
+    if dense.command is not None:
+        log_skeleton(canvas, "world/commanded", dense, dense.command, COMMAND)
+    log_plates(canvas, dense)
+    assert dense.measurements is not None
+    positions = cell_positions(dense.measurements)
+    log_loads(canvas, positions, dense.measurements.cell_forces, dense.weight)
     assert subject.measurements is not None
     if np.isfinite(subject.measurements.time).all():
         begun = Canvas(recording, rr.TimeColumn("time", duration=subject.measurements.time))
@@ -79,19 +90,3 @@ def sampled(subject: Subject, most: int) -> tuple[Subject, np.ndarray]:
 
 
 _ROWS = ("posture", "placement", "support", "time", "window", "samples", "plate_poses")
-
-
-def _log_readings(canvas: Canvas, dense: Subject) -> None:
-    for name, lines in curves(dense).items():
-        if name.split("/")[0] in ("cells", "tracking", "joints", "cop"):
-            log_curves(canvas, name, lines)
-
-
-def _log_robot(canvas: Canvas, dense: Subject) -> None:
-    log_motion(canvas, dense)
-    if dense.command is not None:
-        log_skeleton(canvas, "world/commanded", dense, dense.command, COMMAND)
-    log_plates(canvas, dense)
-    assert dense.measurements is not None
-    positions = cell_positions(dense.measurements)
-    log_loads(canvas, positions, dense.measurements.cell_forces, dense.weight)
