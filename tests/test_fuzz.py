@@ -22,8 +22,7 @@ from tulip_testbed.sim.shipped import ASSETS
 
 HEAVY = ("rows that take no space", "a table that unpacks hugely", "models without end")
 # Of so many kinds one, where a command takes longer.
-EVERY = {"run": 8, "montecarlo": 5, "resume": 9, "rig": 6, "state": 16, "names": 14, "folders": 5}
-EVERY["arguments"] = 5
+EVERY = {"run": 8, "montecarlo": 5, "names": 14, "folders": 5, "arguments": 5}
 REFUSALS = """
 is missing; more than once; columns, expected at most; lines, expected|rows, expected at most;
 expected numbers; expected texts|one of double; finite number|whole number below; no rows; (rad, m);

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -56,73 +55,19 @@ EFFECT_TEXTS = (
 TARGET_TEXTS = ("", *words("all all= =1 nose=1 all=0 all=-1 all=nan all=inf all=x all=1e400"))
 TOLERANCE_TEXTS = words("tilt tilt= =1 magic=1 tilt=nan tilt=-1 tilt=1e400 tilt=x tilt=1=2")
 UNKNOWN = (*words("--nose --sed -x --json=1 --seed nose --[red] --no-no"), "", "--\x1b[2J", "\u202e")
-NOT_UTF_8 = os.fsdecode(b"\xff")
-NO_INPUTS = (
-    *("", "a\x00b", NOT_UTF_8, "x" * 300, "x/" * 3_000, "\x1b[2J", "~", "\n"),
-    *words("BASE/gone BASE BASE/empty BASE/pipe BASE/file BASE/loop BASE/file/x"),
-    *words("/dev/zero /dev/tty / /proc/1/mem"),
-)
-NO_OUTPUTS = (
-    *("", "a\x00b", NOT_UTF_8, "x" * 300, "MADE/" + "y" * 300),
-    *words("BASE BASE/empty BASE/file BASE/file/x BASE/pipe BASE/loop BASE/loop/x"),
-    *words("/ . .. /dev/null /proc/x /sys/x"),
-)
-
-
-def options(text: str) -> list[tuple[Line, str]]:
-    """Read `OPTION: COMMAND COMMAND`, a line each."""
-    pairs = [line.split(": ") for line in text.strip().splitlines()]
-    return [(LINES[name], f"--{option}") for option, names in pairs for name in names.split()]
 
 
 def with_value(text: str, values: Sequence[str]) -> list[Line]:
-    return [(*line, option, value) for line, option in options(text) for value in values]
+    """Give `OPTION: COMMAND COMMAND; OPTION: ...` each of the values."""
+    pairs = [part.split(": ") for part in text.split("; ")]
+    return [
+        (*LINES[name], f"--{option}", value)
+        for option, names in pairs
+        for name in names.split()
+        for value in values
+    ]
 
 
-def instead(places: Sequence[tuple[Line, str]], values: Sequence[str]) -> list[Line]:
-    return [tuple(new if word == old else word for word in line) for line, old in places for new in values]
-
-
-SEEDS = "seed: simulate montecarlo random search validate discover"
-SIZES = """
-runs: montecarlo
-placements: random search
-per-placement: random
-repeats: search
-postures-per-placement: search
-right: search
-left: search
-"""
-CHOICES = """
-sensors: simulate montecarlo validate search tolerance atlas
-estimator: identify montecarlo validate
-engine: montecarlo
-scheduler: montecarlo
-objective: search
-effects: simulate
-tolerances: identify discover
-"""
-NAMED = """
-robot: identify simulate montecarlo robot compare report check random export protocol watch
-corrections: identify simulate montecarlo validate
-after: search show
-"""
-READ = {
-    DATA: "identify check discover watch",
-    PLAN: "simulate montecarlo validate tolerance atlas show protocol watch",
-    RUN: "compare report view export next",
-}
-WRITTEN = {
-    MADE: "simulate montecarlo random search validate discover protocol",
-    f"{MADE}.xml": "export",
-    f"{MADE}.html": "report",
-    f"{MADE}.rrd": "view",
-}
-HERE = {"watch": "--out", "simulate": "--truth", "atlas": "--out", "show": "--draw"}
-INPUTS = [(LINES[name], place) for place, names in READ.items() for name in names.split()]
-INPUTS += [((*line, option, "HERE"), "HERE") for line, option in options(NAMED)]
-OUTPUTS = [(LINES[name], place) for place, names in WRITTEN.items() for name in names.split()]
-OUTPUTS += [((*LINES[name], option, "HERE"), "HERE") for name, option in HERE.items()]
 ALIKE = """
 identify --json --estimator least-squares {data}
 identify {data} --estimator=least-squares --json
@@ -144,10 +89,6 @@ def line(expected: Expected, given: Sequence[Line]) -> Change:
     """Give one of the command lines."""
 
     def change(folder: Path, draw: Draw) -> Expected:
-        (folder / "empty").mkdir()
-        (folder / "file").write_text("x")
-        os.mkfifo(folder / "pipe")
-        (folder / "loop").symlink_to(folder / "loop")
         made = folder.with_name("made")
         made.mkdir()
         chosen = [word.replace("BASE", str(folder)).replace("MADE", str(made)) for word in one(draw, given)]
@@ -157,31 +98,33 @@ def line(expected: Expected, given: Sequence[Line]) -> Change:
     return change
 
 
-WORKERS = "workers: simulate montecarlo validate discover"
+SIZES = "runs: montecarlo; placements: random search; per-placement: random; right: search; left: search; "
+SIZES += "repeats: search; postures-per-placement: search"
+CHOICES = (
+    "sensors: simulate montecarlo validate search tolerance atlas; estimator: identify montecarlo validate; "
+)
+CHOICES += "engine: montecarlo; scheduler: montecarlo; objective: search; effects: simulate; "
+CHOICES += "tolerances: identify discover"
 ALL = [given for name, given in LINES.items() if name not in ("atlas", "tolerance", "show", "view")]
+OPTIONS: dict[str, tuple[Expected, str, Sequence[str]]] = {
+    "seeds": (REFUSED, "seed: simulate montecarlo search validate discover", NO_WHOLE),
+    "large seeds": (EITHER, "seed: simulate montecarlo random", HUGE),
+    "sizes": (REFUSED, SIZES, NO_WHOLE),
+    "large sizes": (REFUSED, SIZES, HUGE),
+    "no workers": (REFUSED, "workers: simulate montecarlo validate discover", ("0", *NO_WHOLE)),
+    "many workers": (EITHER, "workers: simulate montecarlo", HUGE),
+    "imperfections": (REFUSED, "imperfections: simulate montecarlo", NO_NUMBER),
+    "robot spread": (REFUSED, "robot-spread: montecarlo", (*NO_NUMBER, "0", "2", "1e-400")),
+    "no choices": (REFUSED, CHOICES, NO_NAMES),
+    "no effects": (REFUSED, "effects: simulate", EFFECT_TEXTS),
+    "no tolerances": (REFUSED, "tolerances: identify discover", TOLERANCE_TEXTS),
+    "no targets": (REFUSED, "targets: watch", TARGET_TEXTS),
+    "no samples": (REFUSED, "samples: export", NO_WHOLE),
+}
 ARGUMENT_KINDS: dict[str, Change] = {
-    "seeds": line(
-        REFUSED,  # random postures without a seed are what they are by default
-        [given for given in with_value(SEEDS, NO_WHOLE) if given != (*LINES["random"], "--seed", "None")],
-    ),
-    "large seeds": line(EITHER, with_value("seed: simulate montecarlo random", HUGE)),
-    "sizes": line(REFUSED, with_value(SIZES, NO_WHOLE)),
-    "large sizes": line(REFUSED, with_value(SIZES, HUGE)),
-    "no workers": line(REFUSED, with_value(WORKERS, ("0", *NO_WHOLE))),
-    "many workers": line(EITHER, with_value("workers: simulate montecarlo", HUGE)),
-    "imperfections": line(REFUSED, with_value("imperfections: simulate montecarlo", NO_NUMBER)),
-    "robot spread": line(REFUSED, with_value("robot-spread: montecarlo", (*NO_NUMBER, "0", "2", "1e-400"))),
-    "no choices": line(REFUSED, with_value(CHOICES, NO_NAMES)),
-    "no effects": line(REFUSED, with_value("effects: simulate", EFFECT_TEXTS)),
-    "no tolerances": line(REFUSED, with_value("tolerances: identify discover", TOLERANCE_TEXTS)),
-    "no targets": line(REFUSED, with_value("targets: watch", TARGET_TEXTS)),
-    "no samples": line(REFUSED, with_value("samples: export", NO_WHOLE)),
-    "no inputs": line(REFUSED, instead(INPUTS, NO_INPUTS)),
-    "no outputs": line(REFUSED, instead(OUTPUTS, NO_OUTPUTS)),
+    **{kind: line(expected, with_value(text, values)) for kind, (expected, text, values) in OPTIONS.items()},
     "unknown words": line(REFUSED, [(*given, word) for given in ALL for word in UNKNOWN]),
     "the same otherwise": line(SAME, lines(ALIKE)),
     "help": line(EITHER, HELP),
-    "no subject of an explanation": line(
-        REFUSED, [("atlas", "effects", name) for name in NO_NAMES if name != "None"]
-    ),
+    "no effect": line(REFUSED, [("atlas", "effects", name) for name in NO_NAMES if name != "None"]),
 }

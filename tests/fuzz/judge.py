@@ -136,9 +136,6 @@ class Judge:
         return self.results[target]
 
     def _copy(self, target: str, home: Path) -> Path:
-        """Copy the intact input, and beside a rig the measurements that it is tried on."""
-        if target == "rig":
-            shutil.copytree(self.intact("measurements"), home / "data")
         return Path(shutil.copytree(self.intact(target), home / "base"))
 
     def message(self, target: str, kind: str, draw: Draw) -> str:
@@ -206,7 +203,7 @@ def check_refusal(run: Run, expected: Expected, home: Path, target: str) -> str:
 def check_result(document: Any, expected: Expected, target: str, folder: Path, before: Any) -> None:
     """Check that a result is complete and agrees with the intact input's or with an independent reading."""
     assert expected.outcome != "refused", "accepted"
-    assert target in ("run", "montecarlo", "resume") or not unknown(document), "a result that is no number"
+    assert target in ("run", "montecarlo") or not unknown(document), "a result that is no number"
     wanted = result(target, before) if expected.outcome == "same" else reading(target, folder)
     for name, found in result(target, document).items():
         check_alike(found, wanted[name], name)

@@ -25,18 +25,13 @@ QUANTITIES = {
 
 def result(target: str, document: Any) -> dict[str, Any]:
     """Return what is compared of a result."""
-    if target in ("plan", "state"):
+    if target == "plan":
         return {name: document[name] for name in ("postures", "placements", "condition_number")}
     if target in ("robot", "names"):
         masses = {row["link"]: row["mass"] for row in document["standard"]}
         return {"masses": [masses[link] for link in sorted(masses)], "total": document["total_mass"]}
     if target in QUANTITIES:
         return _first_run(target, document)
-    if target == "resume":
-        rows = document["parameters"]
-        return {"runs": document["runs"], "identified": document["identified"]} | {
-            name: [row[name] for row in rows] for name in QUANTITIES["montecarlo"]
-        }
     estimates = document["full"]["value"]
     return {"postures": document["postures"], "estimates": estimates, "mass": document["mass"][0]}
 
@@ -63,14 +58,9 @@ def reading(target: str, folder: Path) -> dict[str, Any]:
         return _masses(folder)
     if target == "run":
         return _validation(json.loads((folder / "result.json").read_text("utf-8-sig")))
-    if target in ("montecarlo", "resume"):
-        return _calibration(folder, target == "resume")
-    if target == "rig":
-        rig = json.loads((folder / "rig.json").read_text("utf-8-sig"))
-        return _identification(folder.with_name("data"), rig["effects"])
-    if target in ("plan", "state"):
-        return _planned(folder if target == "plan" else folder / "made" / "plan")
-    return _identification(folder, [])
+    if target == "montecarlo":
+        return _calibration(folder)
+    return _planned(folder) if target == "plan" else _identification(folder)
 
 
 def _masses(folder: Path) -> dict[str, Any]:
@@ -92,7 +82,7 @@ def _validation(report: Any) -> dict[str, Any]:
     }
 
 
-def _calibration(folder: Path, whole: bool) -> dict[str, Any]:
+def _calibration(folder: Path) -> dict[str, Any]:
     table = pd.read_parquet(folder / "runs")
     good = table[table["failure"] == ""]
     names = map(str, table)
@@ -102,16 +92,14 @@ def _calibration(folder: Path, whole: bool) -> dict[str, Any]:
         return good[[f"{prefix}.{number}" for number in numbers]].to_numpy(float)
 
     if good.empty:
-        rows = {name: [None] * len(numbers) for name in QUANTITIES["montecarlo"]}
-    else:
-        error, said = columns("full.value") - columns("truth"), columns("full.se")
-        held = np.abs(error) <= stats.t.ppf(0.975, columns("full.dof")) * said
-        rows = {
-            "bias": error.mean(axis=0),
-            "standard_error": np.sqrt((said**2).mean(axis=0)),
-            "coverage95": held.mean(axis=0),
-        }
-    return rows | ({"runs": len(table), "identified": len(good)} if whole else {})
+        return {name: [None] * len(numbers) for name in QUANTITIES["montecarlo"]}
+    error, said = columns("full.value") - columns("truth"), columns("full.se")
+    held = np.abs(error) <= stats.t.ppf(0.975, columns("full.dof")) * said
+    return {
+        "bias": error.mean(axis=0),
+        "standard_error": np.sqrt((said**2).mean(axis=0)),
+        "coverage95": held.mean(axis=0),
+    }
 
 
 def _read_table(folder: Path) -> tuple[pd.DataFrame, dict[str, np.ndarray], np.ndarray]:
@@ -133,16 +121,9 @@ def _planned(folder: Path) -> dict[str, Any]:
     return {"postures": len(table), "placements": placements, "condition_number": np.linalg.cond(matrix)}
 
 
-def _identification(folder: Path, effects: Any) -> dict[str, Any]:
-    """Solve eq. 8 by least squares, without the offsets of encoders and cells that a rig holds."""
+def _identification(folder: Path) -> dict[str, Any]:
+    """Solve eq. 8 by least squares."""
     table, column, matrix = _read_table(folder)
-    for effect in effects:
-        prefix = {"encoder-offset": "q", "cell-tare": "cell"}[effect["name"]]
-        column[f"{prefix}.{effect['target']}"] -= effect["parameters"][0]["value"]
-    if effects:
-        parameters = base_parameters(load_robot())
-        angles = np.column_stack([column[f"q.{j}"] for j in parameters.tree.joints])
-        matrix = stacked_regressor(parameters, angles)
     manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8-sig"))
     force, moment = np.zeros(len(table)), np.zeros((len(table), 2))
     for plate, corner in itertools.product(PLATES, CORNERS):

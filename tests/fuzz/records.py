@@ -1,4 +1,4 @@
-"""Edited run, Monte Carlo and rig folders and states of searches, and what has to come of each.
+"""Edited run and Monte Carlo folders, and what has to come of each.
 
 Whoever edits also lists the new hashes, so that they do not betray it.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -32,35 +33,24 @@ from tests.fuzz.changes import (
 )
 from tests.fuzz.documents import edited, put
 
-HASHES = {"run.json": "outputs", "rig.json": "files"}  # where a folder lists its files
 RUN, RESULT, REPORT, TRUTH = "run.json", "result.json", "report.json", "truth.json"
-STATE_NAME = "seed-311.json"
-CHUNK, STATE = "runs/chunk-000000.parquet", f"made/.plan.search/{STATE_NAME}"
-SEARCH = "made/.plan.search/search.json"
-RIG = "rig.json"
+CHUNK = "runs/chunk-000000.parquet"
 
 
 def sealed(change: Change) -> Change:
-    """List the files' new hashes after a change."""
+    """List the files' new hashes in run.json after a change."""
 
     def both(folder: Path, draw: Draw) -> Expected:
         expected = change(folder, draw)
-        for path in [folder / name for name in HASHES if (folder / name).is_file()]:
-            seal(path, HASHES[path.name])
+        with suppress(ValueError, OSError, TypeError, KeyError, AttributeError):  # nothing that lists hashes
+            document = json.loads((folder / RUN).read_text())
+            old = document["outputs"]
+            new = {name: hash_of(folder / name, known) for name, known in old.items()}
+            if new != old:
+                (folder / RUN).write_text(json.dumps(document | {"outputs": new}))
         return expected
 
     return both
-
-
-def seal(path: Path, key: str) -> None:
-    try:
-        document = json.loads(path.read_text())
-        old = document[key]
-        new = {name: hash_of(path.parent / name, known) for name, known in old.items()}
-    except (ValueError, OSError, TypeError, KeyError, AttributeError):  # nothing that lists hashes
-        return
-    if new != old:
-        path.write_text(json.dumps(document | {key: new}))
 
 
 def hash_of(path: Path, known: Any) -> Any:
@@ -200,41 +190,4 @@ MONTECARLO_KINDS: dict[str, Change] = {
     "hash of another plan": content(put("inputs.plan", *FIELDS), refused(WHOLE), RUN),
     "no runs yet": without(refused(WHOLE, "holds 0 of 3 runs"), CHUNK),
     "no plan": without(refused("plan"), "plan/plan.json"),
-}
-RESUMED = ("drop a column", "no numbers", "poisoned runs", "huge numbers", "other estimates", "a run less")
-RESUME_KINDS: dict[str, Change] = {
-    **documents_of(RUN),
-    **{f"{kind} in the runs": runs(*TABLE_EDITS[kind]) for kind in RESUMED},
-    "numbers of runs": content(put("settings.runs", *RUNS), refused(WHOLE, "settings.runs"), RUN),
-    "truncated runs": content(changes.truncated, REFUSED, CHUNK),
-    "flipped bytes in the runs": content(changes.flipped, EITHER, CHUNK),
-    "report.json made anew": content(edited(documents.strange_value), SAME, REPORT),
-    "no runs yet": without(SAME, CHUNK),
-}
-RIG_KINDS: dict[str, Change] = {
-    **documents_of(RIG),
-    **others(RIG, "scene.xml", "diff.txt"),
-    "another scene": sealed(
-        content(changes.flipped, refused("another one"), "scene.xml", "nominal.xml", "diff.txt")
-    ),
-    "other values": content(put("effects.0.parameters.0.value", 0.0, 0.01, -0.02, 1e-300, 1), EITHER, RIG),
-    "other targets": content(put("effects.0.target", "left_knee", "nose", "", None, "\x1b"), EITHER, RIG),
-}
-STATE_KINDS: dict[str, Change] = {
-    # It is one line of numbers.
-    **{k: how for k, how in documents_of(STATE).items() if "harmless" not in k and " text" not in k},
-    **documents_of(SEARCH),
-    **{kind: how for kind, how in others(STATE).items() if kind.split()[0] not in ("closed", "folder")},
-    **{
-        f"{how} of the best plan": content(put(f"best_{what}.7.{k}", *values), expected, STATE)
-        for how, what, k, values, expected in (
-            # Where the equations are solved from: another start may lead to the same posture.
-            ("another knee", "angles", 3, (0.0, 1.0, -2.0, 90.0), EITHER),
-            ("another height", "design", 2, (0.0, 0.3, 1.5, -0.5), refused(STATE_NAME)),
-            ("another swing foot", "design", 6, (0.5, -0.2, 2.0), refused(STATE_NAME)),
-        )
-    },
-    "another objective": content(put("value", 1.0, 600.0, -1.0, 0), refused(STATE_NAME), STATE),
-    "another start": content(put("initial", 1.0, 1e5, -1.0), refused(STATE_NAME), STATE),
-    "other rounds": content(put("rounds", 0, 2, 5, 10**6, -1, 2.5), EITHER, STATE),
 }
