@@ -241,8 +241,3 @@ def test_a_fault_that_is_corrected_for_is_none(robot):
     with pytest.warns(InputWarning, match=told) as warned:
         tt.identify(measured, robot, corrections=wrong)
     assert len(warned) == 1
-
-
-def test_angles_in_whole_radians_are_checked(precise, robot):
-    whole = dataclasses.replace(precise, joint_angles=precise.joint_angles.round())
-    assert tt.check(whole, robot).verdict == "fail"

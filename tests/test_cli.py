@@ -73,10 +73,6 @@ def test_plan_for_another_model(assets, tmp_path, capsys):
     assert "hash mismatch of the robot's model" in message
 
 
-def test_no_command(capsys):
-    assert "found no command; valid: validate, simulate" in refused(capsys)
-
-
 def test_help_lists_every_command_with_the_first_line_of_its_docstring(capsys):
     assert main(["--help"]) == 0
     out = capsys.readouterr().out
@@ -180,12 +176,6 @@ def test_a_placement_is_held_with_one_thread_in_whatever_process(monkeypatch, ro
     assert seen == [{1}]
 
 
-def test_a_message_names_the_parameter_whose_option_is_read_under_both_spellings(tmp_path, capsys):
-    draw = ("plan", "random", "--out", tmp_path / "plan")
-    for flag in ("--per-placement", "--per_placement"):
-        assert refused(capsys, *draw, flag, 0) == "tulip: per_placement: found 0, expected 1 or more"
-
-
 def test_a_terminal_of_80_columns_gets_no_line_that_is_cut(wii, tmp_path, capsys, monkeypatch):
     write_measurements(tmp_path / "data", wii.measurements)
     monkeypatch.setenv("COLUMNS", "80")
@@ -247,17 +237,6 @@ def test_identify_by_name(wii, tmp_path, capsys):
     assert all(0 <= share <= 1 for share in links["mass_share"])
     assert main(["identify", str(tmp_path / "data"), "--estimator", "prior", "--full"]) == 0
     assert "no single link mass" in " ".join(capsys.readouterr().out.split())
-
-
-def test_postures_are_written_and_described(tmp_path, capsys):
-    arguments = ["plan", "random", "--placements", "4", "--per-placement", "4", "--seed", "3"]
-    assert main([*arguments, "--out", str(tmp_path / "plan"), "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
-    assert document["postures"] == 16
-    assert main(["plan", "show", str(tmp_path / "plan"), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["condition_number"] == pytest.approx(
-        document["condition_number"]
-    )
 
 
 def test_model_prints_links_with_their_brackets(capsys):

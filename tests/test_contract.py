@@ -105,37 +105,6 @@ def test_measurements_are_made_from_arrays_in_memory(measured, robot):
             Measurements.from_arrays(m.header, **(rows | wrong))
 
 
-def test_a_plan_whose_swing_foot_is_elsewhere_is_refused(robot, tmp_path):
-    pose = tt.plans.random.swing_pose.copy()
-    pose[:5, 0] += 5.0
-    wrong = dataclasses.replace(tt.plans.random, swing_pose=pose)
-    message = (
-        r"columns 'swing\.\*', row 1: found 4\.\d+, .*, expected .*, where the joint angles put the foot"
-    )
-    with pytest.raises(tt.InputError, match=f"plan: {message}"):
-        tt.Laboratory(robot).run(wrong, engine="statics")
-    tt.plans.write(tmp_path / "plan", wrong)
-    with pytest.raises(tt.InputError, match=message):
-        tt.plans.read(tmp_path / "plan", robot)
-
-
-def test_a_plan_in_memory_must_fit_the_robot(foreign, robot):
-    plan = tt.plans.random
-    angles = plan.joint_angles.copy()
-    angles[3, 2] = np.nan
-    for wrong, at, message in (
-        (plan, foreign["humanoid"], "made for another robot"),
-        (dataclasses.replace(plan, joints=plan.joints[::-1]), robot, "plan: found joints"),
-        (dataclasses.replace(plan, joint_angles=angles), robot, "plan: row 4: found joint_angles"),
-        (plan.take(np.zeros(len(plan), bool)), robot, "plan: found no rows"),
-        (dataclasses.replace(plan, joint_angles=np.degrees(plan.joint_angles)), robot, "expected within"),
-    ):
-        with pytest.raises(tt.InputError, match=message):
-            tt.Laboratory(at).run(wrong, engine="statics")
-        with pytest.raises(tt.InputError, match=message):
-            tt.atlas(wrong, at)
-
-
 def test_the_shipped_plan_cannot_be_changed():
     with pytest.raises(ValueError, match="read-only"):
         tt.plans.random.joint_angles[0, 0] += 0.05

@@ -58,23 +58,3 @@ def as_csv(source, folder):
     manifest["tables"] = None
     (folder / "manifest.json").write_text(json.dumps(manifest))
     return folder
-
-
-def test_too_few_placements_are_refused(robot, plan, tmp_path, capsys):
-    few = measured(robot, plan.take(plan.placement <= 3), "wii")
-    write_measurements(tmp_path / "few", few)
-    assert main(["discover", str(tmp_path / "few"), "--out", str(tmp_path / "run")]) == 2
-    error = " ".join(capsys.readouterr().err.split())
-    assert "placements" in error or "postures" in error
-    assert not (tmp_path / "run").exists()
-
-
-def test_gross_faults_are_named_before_a_search(robot, plan, tmp_path, capsys):
-    read = measured(robot, plan.take(plan.placement <= 6), "force-plate")
-    angles = read.joint_angles.copy()
-    angles[:, read.joints.index("left_ankle_roll")] *= -1
-    write_measurements(tmp_path / "data", dataclasses.replace(read, joint_angles=angles))
-    assert main(["discover", str(tmp_path / "data")]) == 1
-    found = " ".join(capsys.readouterr().err.split())
-    assert "found gross faults, which no effect explains ('legs close':" in found
-    assert "search `anyway`" in found

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import re
 import tomllib
@@ -15,9 +14,7 @@ import tulip_testbed as tt
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.table_import.column_names import propose, read_name
 from tulip_testbed.experiments.table_import.import_map import ImportMap, read_map, with_unknowns
-from tulip_testbed.experiments.table_import.sign_checks import _by_closed_legs
 from tulip_testbed.experiments.table_import.table_import import MappedColumn
-from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.measurements import read_measurements
 from tulip_testbed.measurements.cells import CELLS
 from tulip_testbed.measurements.contacts import VERTICAL
@@ -148,14 +145,6 @@ def test_a_turned_sign_is_noticed_and_can_be_stated(table, stated, measured, tmp
     assert found.mapped["q.left_knee"].sign == -1
     assert found.mapped["q.left_knee"].by == "statement"
     assert read_measurements(tmp_path / "data").joint_angles == pytest.approx(measured.joint_angles)
-
-
-def test_only_the_sign_that_closes_the_legs_is_doubted(measured):
-    angles = measured.joint_angles.copy()
-    angles[:, measured.joints.index("left_knee")] *= -1
-    wrong = dataclasses.replace(measured, joint_angles=angles)
-    doubts = [one.doubt for one in _by_closed_legs(wrong, nominal_robot(tt.load_robot())) if one.doubt]
-    assert [doubt.split(":")[0] for doubt in doubts] == ["q.left_knee", "closed legs"]
 
 
 def test_a_moment_of_the_wrong_sign_is_noticed(table, stated, tmp_path):

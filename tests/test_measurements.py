@@ -13,8 +13,6 @@ import pytest
 from tests.contact_folders import assert_same
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import sha256
-from tulip_testbed.experiments.check_folder import check_folder
-from tulip_testbed.experiments.identify import identify
 from tulip_testbed.measurements import read_measurements, write_measurements
 from tulip_testbed.sim.outcome import Outcome
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
@@ -100,22 +98,6 @@ def test_optional_columns_may_be_absent_and_unknown_spreads_null(folder):
     assert np.isnan(measured.joint_angles_sd[:, 9]).all()
 
 
-def test_fewer_postures_than_parameters_are_refused(folder, robot):
-    rewrite(folder, lambda t: t.slice(0, 12))
-    with pytest.raises(InputError, match=r"found 12 postures .* expected at least 13 for 25 base parameters"):
-        identify(read_measurements(folder), robot, estimator="mixed-model")
-
-
-def test_no_rows_a_truncated_table_and_no_folder(folder, tmp_path):
-    rewrite(folder, lambda t: t.slice(0, 0))
-    assert "found no rows" in refusal(folder)
-    path = folder / "postures.parquet"
-    path.write_bytes(path.read_bytes()[:500])
-    keep_alone(folder, path.name)
-    assert "postures.parquet: broken table" in refusal(folder)
-    assert "no such measurement folder" in refusal(tmp_path / "nothing")
-
-
 def test_plan_round_trip_and_limits(plan, robot, tmp_path):
     write_plan(tmp_path / "plan", plan)
     assert read_plan(tmp_path / "plan", robot).joint_angles.tobytes() == plan.joint_angles.tobytes()
@@ -172,11 +154,3 @@ def test_gains_and_tolerances_are_read_and_written_back(folder, tmp_path, key, v
     broken = dataclasses.replace(measured, **wrong)
     with pytest.raises(InputError, match=rf"measurements: key '{key}\..*': found nan"):
         write_measurements(tmp_path / "broken", broken)
-
-
-def test_the_preflight_lists_all_tolerances_that_are_wrong(folder, robot):
-    unknown = {"encoder-ofset": 0.001, "tilt": 50.0, "magic": 1.0}
-    edit_manifest(folder, lambda m: m.update(tolerances=unknown))
-    told = " ".join(check_folder(folder, robot).to_json()["complaints"]["manifest"])
-    for part in ("unknown family 'encoder-ofset'", "unknown family 'magic'", "tilt: found 50.0, expected"):
-        assert part in told

@@ -141,21 +141,6 @@ def test_random_robots(robot, model, plan, engine):
     assert nominal.truth.mass == pytest.approx(23.0, abs=1e-9)
 
 
-def test_static_runs_do_not_depend_on_their_company(robot, plan):
-    scenario = Laboratory(robot, "wii"), plan.take(plan.placement <= 3)
-    static = source_of(*scenario, 0.1, "statics")
-    together = static([stream_of(107, run) for run in range(7)])
-    for run in range(7):
-        (alone,) = static([stream_of(107, run)])
-        assert isinstance(alone, Outcome)
-        other = together[run]
-        assert isinstance(other, Outcome)
-        for name in ("joint_angles", "cell_forces", "plate_poses", "motor"):
-            np.testing.assert_array_equal(
-                getattr(alone.measurements, name), getattr(other.measurements, name)
-            )
-
-
 def test_a_run_without_a_posture_does_not_take_others_with_it(robot, plan, monkeypatch):
     scenario = Laboratory(robot, "wii"), plan.take(plan.placement <= 1)
     static = source_of(*scenario, None, "statics")

@@ -67,16 +67,6 @@ def test_series_is_read_whole_and_its_hash_is_checked(part, tmp_path):
             read_series(folder)
 
 
-def test_a_series_that_lacks_a_column_is_named(part, tmp_path):
-    folder = tmp_path / "data"
-    write_measurements(folder, part)
-    write_series(folder, raw_series(part, np.random.default_rng(121)), part.joints)
-    table = pyarrow.parquet.read_table(folder / "series.parquet").drop_columns(["cell.left.rear_left"])
-    pyarrow.parquet.write_table(table, folder / "series.parquet")
-    with pytest.raises(InputError, match=r"series.parquet: column 'cell.left.rear_left' is missing"):
-        read_series(folder)
-
-
 def test_repeats_take_their_own_samples(part):
     series = raw_series(part, np.random.default_rng(122))
     again = np.flatnonzero(part.posture == part.posture[np.bincount(part.posture)[part.posture] > 1][0])

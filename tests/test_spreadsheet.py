@@ -15,10 +15,6 @@ ROWS = [["1", "0.25", "double"], ["2", "-1.5e-3", "double"], ["3", "7", ""]]
 PLAIN = "".join(",".join(row) + "\n" for row in (NAMES, *ROWS)).encode()
 
 
-def test_plain_stays_plain():
-    assert plain_csv(PATH, PLAIN) == PLAIN
-
-
 @given(
     separator=st.sampled_from([",", ";"]),
     comma=st.booleans(),

@@ -14,11 +14,10 @@ import pytest
 from studies import runner, study_campaign, study_check, study_hidden_effects
 from studies.hidden_effects.hiding import NOTHING, ONE, OUTSIDE, TWO, Case, Truth, draw_trial
 from studies.hidden_effects.judging import Found, Outcome, carry_out
-from studies.hidden_effects.laboratories import LARGEST, USUAL, Built, draw_laboratory, tolerance_of
-from studies.hidden_effects.outside_faults import FAULTS
+from studies.hidden_effects.laboratories import LARGEST, USUAL, draw_laboratory, tolerance_of
 from studies.hidden_effects.readings import READERS, Readings
 from studies.runner import Settings, header, row
-from studies.study_hidden_effects import Figure, figures
+from studies.study_hidden_effects import figures
 from studies.teaching.signature import example, examples, lever, signature
 from studies.teaching.variables import VARIABLES
 from tests.effect_changes import first
@@ -151,18 +150,6 @@ def test_clear_effects_are_no_ordinary_members_and_on_different_targets(robot, t
         draw_trial(Case(ONE, "wii", ("payload",)), robot, twelve, 3, np.random.default_rng(3))
 
 
-@pytest.mark.parametrize("fault", FAULTS, ids=[fault.name for fault in FAULTS])
-def test_a_fault_outside_the_catalogue_shows(fault, robot, two):
-    assert fault.name not in catalogue()
-    plain = Built("force-plate", preset_rig("ideal", robot), {})
-    before = plain.measured(two, 1)
-    faulty = fault.put(plain, 3, fault.sizes[0]).measured(two, 1)
-    kept = np.isin(before.posture, faulty.posture)
-    angles = np.abs(faulty.joint_angles - before.joint_angles[kept]).max()
-    forces = np.abs(faulty.cell_forces - before.cell_forces[kept]).max()
-    assert angles > 1e-4 or forces > 1e-2
-
-
 @pytest.mark.slow
 def test_a_case_is_carried_out_kept_and_reproduced(robot, plan, tmp_path):
     case = Case(ONE, "force-plate", ("encoder-gain",))
@@ -220,14 +207,6 @@ def test_scores_of_outcomes_made_by_hand():
     assert rows["base parameters: intervals hold"][0] == 3
     assert rows["`tilt`: intervals hold"][0] == 1
     assert rows["cases without data"] == [1, 15]
-
-
-def test_intervals_of_shares_are_those_of_laboratories():
-    alone = Figure("", [[1.0]] * 9 + [[0.0]]).line  # as Clopper and Pearson say
-    assert alone == "|  | 0.900 (0.555 to 0.997) | 10 | 10 | 0 to 1 | met |"
-    alike = Figure("", [[1.0] * 50] * 9 + [[0.0] * 50], least=0.95).line
-    assert "| 500 | 10 | 0.95 to 1 | **missed** |" in alike
-    assert "(0.5" in alike
 
 
 def test_cells_that_are_swapped_are_the_right_ones_in_any_order():
@@ -299,7 +278,3 @@ def test_there_is_an_example_of_every_effect(robot):
     for one in found:
         assert EffectInstance.parse(str(one), robot, (1, 2, 3)).label == one.label
     assert example(catalogue()["cell-tare"], robot).values == (1.645,)
-
-
-def test_an_effect_of_the_dynamics_is_predicted(robot, two):
-    assert not signature(example(catalogue()["unsettled"], robot), robot, two).simulated

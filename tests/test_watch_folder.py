@@ -25,7 +25,6 @@ from tulip_testbed.experiments.watching.watch_day import read_targets
 from tulip_testbed.experiments.watching.watch_row import OK, watch_row
 from tulip_testbed.experiments.watching.watch_state import Fault, key_of, read_state, write_state
 from tulip_testbed.measurements import Measurements
-from tulip_testbed.sim.plan_folder import write_plan
 
 ROWS = 12
 
@@ -179,20 +178,6 @@ def test_a_value_that_is_none_is_told_by_its_line(folder, plan, robot):
     assert "postures.csv: line 3: column 'q.right_knee': found string" in found[1].problem
 
 
-def test_another_robots_plan_and_folder(folder, plan, robot, tmp_path, capsys):
-    path, _ = folder
-    other = {"model": "other.xml", "sha256": "0" * 64}
-    write_plan(tmp_path / "plan", plan)
-    text = (tmp_path / "plan" / "plan.json").read_text()
-    (tmp_path / "plan" / "plan.json").write_text(text.replace(plan.robot["sha256"], "0" * 64))
-    assert main(["watch", str(path), "--plan", str(tmp_path / "plan"), "--once"]) == 2
-    assert "made for another robot than TULip" in " ".join(capsys.readouterr().err.split())
-    manifest = json.loads((path / "manifest.json").read_text())
-    (path / "manifest.json").write_text(json.dumps(manifest | {"robot": manifest["robot"] | other}))
-    with pytest.raises(InputError, match="made for another robot than TULip"):
-        judged(path, plan, robot)
-
-
 def test_targets_are_in_millimetres():
     assert read_targets(["all=2", "torso.x=0.5"]) == {"all": 2e-3, "torso.x": 5e-4}
 
@@ -284,21 +269,6 @@ def test_a_stream_without_times_that_goes_on_is_refused(folder, plan, robot, tmp
     assert len(judged(path, plan, robot, out=state, rows=rows(2))) == 2
     with pytest.raises(InputError, match="found no 'time'"):
         judged(path, plan, robot, out=state, rows=rows(3))
-
-
-def test_a_state_that_somebody_changed_or_cannot_be_written(folder, plan, robot, tmp_path):
-    path, lines = folder
-    grow(path, lines[0])
-    state = tmp_path / "day.state"
-    judged(path, plan, robot, out=state)
-    content = bytearray(state.read_bytes())
-    content[len(content) // 2] ^= 1
-    state.write_bytes(content)
-    with pytest.raises(InputError, match="found no state of a watch"):
-        judged(path, plan, robot, out=state)
-    nowhere = tt.watch(path, robot, plan=plan, out=state / "x", once=True)
-    with pytest.raises(InputError, match="cannot write"):
-        next(nowhere)
 
 
 def test_no_row_and_a_closed_standard_input(folder, capsys, monkeypatch):

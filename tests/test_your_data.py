@@ -9,7 +9,6 @@ import pytest
 
 from tests.test_measurements import edit_manifest
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.base.files import sha256
 from tulip_testbed.cli.main import main
 from tulip_testbed.measurements import read_measurements, write_measurements
 
@@ -57,32 +56,8 @@ def test_the_guide_lists_the_columns_that_may_be_left_out(folder):
     assert main(["check", str(folder)]) == 0
 
 
-def test_a_hash_is_checked_where_it_is_given(folder):
-    path = folder / "postures.csv"
-    edit_manifest(folder, lambda m: m.update(tables={path.name: sha256(path).upper()}))
-    read_measurements(folder)
-    for table in ({path.name: None}, {}, None):
-        edit_manifest(folder, lambda m, table=table: m.update(tables=table))
-        read_measurements(folder)
-    edit_manifest(folder, lambda m: m.update(tables={path.name: "0" * 64}))
-    with pytest.raises(InputError, match=r"postures\.csv: hash mismatch"):
-        read_measurements(folder)
-
-
 def test_two_tables_without_hashes_are_refused(folder, tmp_path):
     write_measurements(tmp_path / "whole", read_measurements(folder))
     edit_manifest(tmp_path / "whole", lambda m: m.pop("tables"))
     with pytest.raises(InputError, match=r"found together with postures\.csv and without a sha256"):
         read_measurements(tmp_path / "whole")
-
-
-def test_a_german_spreadsheet_says_the_same(folder):
-    before = read_measurements(folder)
-    path = folder / "postures.csv"
-    text = path.read_text().replace(",", ";").replace(".", ",")
-    header = next(line for line in text.splitlines() if not line.startswith("#"))
-    text = text.replace(header, header.replace(",", "."))
-    path.write_bytes(b"\xef\xbb\xbf" + text.replace("\n", "\r\n").encode())
-    after = read_measurements(folder)
-    assert np.array_equal(before.joint_angles, after.joint_angles)
-    assert np.array_equal(before.cell_forces, after.cell_forces)
