@@ -14,7 +14,6 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import tulip_testbed as tt
 from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING
-from tulip_testbed.cli import main as command_line
 from tulip_testbed.cli.commands import COMMANDS
 from tulip_testbed.cli.generated import PROGRESS, READERS, VALUE
 from tulip_testbed.cli.main import command_of, main, usage
@@ -145,20 +144,6 @@ def blas_threads() -> set[int]:
     return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
 
 
-def test_a_command_runs_with_one_thread_for_linear_algebra(monkeypatch):
-    seen = []
-
-    def command() -> int:
-        seen.append(blas_threads())
-        return 0
-
-    monkeypatch.setattr(command_line, "command_of", lambda name: command)
-    with threadpool_limits(2, user_api="blas"):
-        assert main(["any"]) == 0
-        assert blas_threads() == {2}
-    assert seen == [{1}]
-
-
 def test_a_placement_is_held_with_one_thread_in_whatever_process(monkeypatch, robot, plan):
     seen = []
 
@@ -174,16 +159,6 @@ def test_a_placement_is_held_with_one_thread_in_whatever_process(monkeypatch, ro
     with threadpool_limits(2, user_api="blas"), pytest.raises(Interrupted):
         dynamic_run.run_placement(rig, plan, 1, frozenset(), stream)
     assert seen == [{1}]
-
-
-def test_a_terminal_of_80_columns_gets_no_line_that_is_cut(wii, tmp_path, capsys, monkeypatch):
-    write_measurements(tmp_path / "data", wii.measurements)
-    monkeypatch.setenv("COLUMNS", "80")
-    for command in ("check", "identify"):
-        assert main([command, str(tmp_path / "data")]) == 0
-        out = capsys.readouterr().out
-        assert max(map(len, out.splitlines())) <= 80
-        assert "…" not in out
 
 
 def test_a_shipped_plan_has_a_name(tmp_path, capsys, monkeypatch):

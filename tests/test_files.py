@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.base.files import new_folder, present, read_bytes, read_text, scratch_folder, write_text
+from tulip_testbed.base.files import new_folder, read_text, scratch_folder, write_text
 from tulip_testbed.base.resumable import alone_on
 
 # Forks once per file operation; the child kills itself right before its n-th one.
@@ -168,19 +168,6 @@ def test_only_regular_files_of_text_are_read(tmp_path, make, message):
     make(tmp_path / "name")
     with pytest.raises(InputError, match=f"name: {message}"):
         read_text(tmp_path / "name", 10)
-
-
-def test_names_that_no_file_can_have(tmp_path):
-    with pytest.raises(InputError, match="cannot read"):
-        read_bytes(tmp_path / "a\0b")
-    assert not present(tmp_path / "a\0b")
-    with pytest.raises(InputError, match="File name too long"):
-        present(tmp_path / ("x" * 300))
-
-
-def test_a_byte_order_mark_is_no_text(tmp_path):
-    (tmp_path / "a").write_bytes(b"\xef\xbb\xbf{}")
-    assert read_text(tmp_path / "a") == "{}"
 
 
 def test_a_name_that_leaves_no_room_for_more_is_written(tmp_path):

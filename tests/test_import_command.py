@@ -286,26 +286,6 @@ def test_the_command_prints_one_document(table, stated, tmp_path, capsys):
     assert "No folder was written" in out.err + out.out
 
 
-def test_what_is_assumed_of_the_contact_sensors_is_said(table, stated, tmp_path):
-    found = tt.import_table(table(), out=tmp_path / "data", map=[stated(WRENCHES)])
-    assert any(
-        text.startswith(
-            "the contact sensors' `covariance` is unknown: every averaged reading is taken to err by 1 N"
-        )
-        for text in found.assumed
-    )
-    assert not any("`below`" in text for text in found.assumed)
-    sheet = "covariance = [[1.0, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 0.01]]"
-    known = WRENCHES.replace('zero = "tared"', f'zero = "tared"\n{sheet}')
-    found = tt.import_table(table(), out=tmp_path / "known", map=[stated(known)])
-    assert not any("covariance" in text for text in found.assumed)
-    feet = WRENCHES.replace(
-        "top_height = 0.05", "pose = {x=0.0, y=0.0, z=-0.1, roll=0.0, pitch=0.0, yaw=0.0}"
-    )
-    found = tt.import_table(table(), out=tmp_path / "feet", map=[stated(feet.replace('"ground"', '"foot"'))])
-    assert any(text.startswith("no `below` is stated") for text in found.assumed)
-
-
 def test_messages_speak_of_the_table_and_the_map(table, stated, tmp_path):
     def radians(columns):
         columns["RKnee [rad]"] = columns.pop("RKnee [deg]")

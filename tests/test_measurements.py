@@ -4,7 +4,6 @@ import dataclasses
 import json
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
@@ -84,18 +83,6 @@ def test_an_edited_twin_is_not_passed_over(folder):
     assert "postures.csv: hash mismatch" in refusal(folder)
     edit_manifest(folder, lambda m: m["tables"].update({path.name: sha256(path)}))
     assert "postures.csv: next to postures.parquet: column 'q.right_knee', row 1: found" in refusal(folder)
-
-
-def test_optional_columns_may_be_absent_and_unknown_spreads_null(folder):
-    def strip(table):
-        table = table.select([n for n in table.column_names if not n.startswith(("motor.", "q_command."))])
-        return replace_column(table, "q_std.left_knee", [None] * len(table))
-
-    rewrite(folder, strip)
-    measured = read_measurements(folder)
-    assert measured.motor is None
-    assert measured.command is None
-    assert np.isnan(measured.joint_angles_sd[:, 9]).all()
 
 
 def test_plan_round_trip_and_limits(plan, robot, tmp_path):

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from tests.fuzz.documents import json_values, places
 from tests.rigs import write_rig
-from tests.test_cli import edit, refused
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.effects.instance import EffectInstance, injected
@@ -23,7 +22,6 @@ from tulip_testbed.experiments.rig_folder import (
     read_rig,
 )
 from tulip_testbed.identification.estimators import MIXED_MODEL
-from tulip_testbed.measurements import read_measurements
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import load_spec
 from tulip_testbed.sim.statics.solved_plan import solve_plan
@@ -120,13 +118,6 @@ def test_a_rig_needs_all_of_its_files(rig, robot, tmp_path):
         read_rig(tmp_path / "none", robot)
 
 
-def test_commands_refuse_a_broken_rig_before_the_work(rig, tmp_path, capsys):
-    edit(rig / RIG_FILE, '"right_knee"', '"right_kne"')
-    message = refused(capsys, "validate", "--out", tmp_path / "out", "--corrections", rig)
-    assert "unknown target 'right_kne'" in message
-    assert not (tmp_path / "out").exists()
-
-
 def test_a_rig_of_a_placement_that_is_not_there(robot, plan, tmp_path):
     blunder = EffectInstance.parse("placement-blunder:7=0.01,0.0", robot, [7])
     write_rig(tmp_path / "rig", robot, [blunder])
@@ -155,22 +146,3 @@ def test_a_monte_carlo_in_the_adopted_laboratory_is_freed_of_it(rig, robot, tmp_
         "encoder-offset",
         "joint-compliance",
     ]
-
-
-@pytest.mark.slow
-def test_validate_in_the_adopted_laboratory(found, robot, tmp_path, capsys):
-    write_rig(tmp_path / "rig", robot, found[:1])
-    draw = ["plan", "random", "--placements", "5", "--per-placement", "4", "--seed", "233"]
-    assert main([*draw, "--out", str(tmp_path / "plan")]) == 0
-    capsys.readouterr()
-    run = ["validate", str(tmp_path / "plan"), "--sensors", "force-plate", "--seed", "234", "--json"]
-    run += ["--estimator", MIXED_MODEL]
-    main([*run, "--out", str(tmp_path / "run"), "--corrections", str(tmp_path / "rig")])
-    report = json.loads(capsys.readouterr().out)
-    estimates = report["identification"]["full"]["value"]
-    handed_over = read_measurements(tmp_path / "run" / "measurements")
-    mended = identify(handed_over, robot, estimator=MIXED_MODEL, adopted=found[:1]).full.value
-    assert estimates == pytest.approx(mended, abs=1e-12)
-    assert np.abs(estimates - identify(handed_over, robot, estimator=MIXED_MODEL).full.value).max() > 1e-4
-    configuration = json.loads((tmp_path / "run" / "run.json").read_text())["configuration"]
-    assert configuration["adopted"][0]["target"] == "right_knee"

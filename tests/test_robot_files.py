@@ -33,14 +33,6 @@ def test_a_robot_is_what_its_files_held_when_it_was_loaded(own):
         pickle.loads(pickle.dumps(robot))
 
 
-def test_a_plate_that_a_scene_includes_is_part_of_the_robot(own, two):
-    robot = tt.load_robot(own)
-    assert "plate.xml" in robot.hashes
-    edit(own.with_name("plate.xml"), "0.2165", "0.1")
-    with pytest.raises(tt.InputError, match=r"plate\.xml was changed while the robot was in use"):
-        tt.Laboratory(robot).run(two)
-
-
 def test_an_included_file_and_another_working_directory(own, tmp_path, monkeypatch):
     own.with_name("tulip.xml").rename(own.with_name("inner.xml"))
     own.with_name("tulip.xml").write_text('<mujoco><include file="inner.xml"/></mujoco>')

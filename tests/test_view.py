@@ -18,7 +18,6 @@ from PIL import Image
 import tulip_testbed as tt
 from tests.drawing import draws_with
 from tests.looking import headless_viewer
-from tests.test_cli import refused
 from tests.test_series import raw_series, write_series
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
@@ -225,15 +224,6 @@ def test_a_robot_of_meshes_and_one_of_two_hinges_a_body_are_drawn(foreign, tmp_p
         postures.log_geometry(recording, "robot", nominal)
         recording.disconnect()
         assert (tmp_path / f"{name}.rrd").stat().st_size > 1e4
-
-
-def test_the_robot_is_the_one_of_the_run(run_folder, foreign, tmp_path, capsys):
-    more = ("--robot", next(iter(foreign.values())).path, "--save", tmp_path / "x.rrd")
-    message = refused(capsys, "view", run_folder, *more)
-    assert "give the robot that the run was made with" in message
-    message = refused(capsys, "view", run_folder / "measurements", *more)
-    assert "hash mismatch of the robot's model" in message
-    assert not (tmp_path / "x.rrd").exists()
 
 
 @pytest.mark.parametrize(
