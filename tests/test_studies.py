@@ -209,24 +209,6 @@ def test_scores_of_outcomes_made_by_hand():
     assert rows["cases without data"] == [1, 15]
 
 
-def test_cells_that_are_swapped_are_the_right_ones_in_any_order():
-    name = "swapped-cells:left"
-    truth = Truth({name: (0.0, 2.0)})
-    outcome = made(ONE, "named", truth=truth, found=(Found(name, (2.0, 0.0)),))
-    assert outcome.first
-    assert replace(outcome, found=(Found(name, (0.0, 1.0)),)).wrong
-
-
-def test_a_law_next_to_the_hidden_effect_is_right_if_the_encoder_has_that_play():
-    law = Found("law:encoder:left_knee/direction/step", errs="encoder:left_knee")
-    outcome = made(
-        ONE, "described", truth=Truth({"tilt": (0.01, 0.0)}), found=(Found("tilt", (0.01, 0.0)), law)
-    )
-    assert outcome.first
-    assert outcome.wrong
-    assert not replace(outcome, truth=replace(outcome.truth, large=(law.label,))).wrong
-
-
 @pytest.mark.slow
 def test_tilt_against_tether_is_settled_by_removing_the_cable(robot):
     made = Laboratory(robot, "force-plate").with_effects("tether=5,0")
@@ -249,13 +231,6 @@ def test_every_effect_has_a_picture_without_references():
         links = [part.split('"')[0] for part in text.split('href="')[1:]]
         assert links
         assert all(link.startswith("#") for link in links), path.name
-
-
-def test_columns_of_the_ankle_roll_pair_differ_by_its_cosine(nominal, plan):
-    columns = nominal.parameters.regressor(plan.joint_angles)
-    for side, (leg, foot) in (("right", (11, 12)), ("left", (14, 15))):
-        roll = plan.joint_angles[:, plan.joints.index(f"{side}_ankle_roll")]
-        assert columns[:, :, leg] == pytest.approx(np.cos(roll)[:, None] * columns[:, :, foot], abs=1e-6)
 
 
 def test_an_offset_moves_the_error_by_its_lever(robot, two):

@@ -28,7 +28,6 @@ from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.identification.feasibility import stability_margin
 from tulip_testbed.measurements import read_measurements, read_series, write_measurements
 from tulip_testbed.polygons import inset, nearest_on
-from tulip_testbed.standing import link_frames
 from tulip_testbed.viewer import balance_series as balance
 from tulip_testbed.viewer import layout, watch_view, window
 from tulip_testbed.viewer import montecarlo_view as montecarlo
@@ -118,25 +117,6 @@ def test_clouds_are_those_of_the_runs(coverage, robot):
     assert len(clouds) > 100
     # Repeats give a posture two points in a run.
     assert sum(map(len, clouds.values())) == saved.every_run["rows"].sum()
-
-
-def test_links_are_drawn_where_mujoco_has_them(run_folder, robot, model):
-    """Nominal kinematics and MuJoCo's own, from the base frame."""
-    subject = validated(Validation.load(run_folder, robot))
-    rotations, positions = link_frames(subject.nominal, subject.joint_angles[:3], subject.support[:3])
-    data = mujoco.MjData(model)
-    tree = subject.nominal.parameters.tree
-    for row in range(3):
-        for joint, angle in zip(tree.joints, subject.joint_angles[row], strict=True):
-            data.qpos[model.joint(joint).qposadr[0]] = angle
-        mujoco.mj_kinematics(model, data)
-        foot = model.body(robot.stance_foot).id
-        turn = data.xmat[foot].reshape(3, 3).T
-        for link, frame in zip(tree.links, tree.frame_of_link, strict=True):
-            body = model.body(link).id
-            expected = turn @ (data.xpos[body] - data.xpos[foot]) - subject.nominal.points[0]
-            assert positions[row, frame] == pytest.approx(expected, abs=1e-9)
-            assert rotations[row, frame] == pytest.approx(turn @ data.xmat[body].reshape(3, 3), abs=1e-9)
 
 
 def test_residual_and_truth_are_the_runs_own(run_folder, moved_wii, robot):

@@ -10,41 +10,26 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy import stats
 
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.measurements.cells import CORNERS, PLATES
 from tulip_testbed.sim.robot import load_robot
 
-QUANTITIES = {
-    "run": ("estimate", "standard_error", "truth"),
-    "montecarlo": ("bias", "standard_error", "coverage95"),
-}
-
 
 def result(target: str, document: Any) -> dict[str, Any]:
     """Return what is compared of a result."""
     if target == "plan":
         return {name: document[name] for name in ("postures", "placements", "condition_number")}
-    if target in ("robot", "names"):
+    if target == "robot":
         masses = {row["link"]: row["mass"] for row in document["standard"]}
         return {"masses": [masses[link] for link in sorted(masses)], "total": document["total_mass"]}
-    if target in QUANTITIES:
-        return _first_run(target, document)
-    estimates = document["full"]["value"]
-    return {"postures": document["postures"], "estimates": estimates, "mass": document["mass"][0]}
-
-
-def _first_run(target: str, document: Any) -> dict[str, Any]:
-    """Return what a comparison shows of its first run."""
+    if target == "measurements":
+        estimates = document["full"]["value"]
+        return {"postures": document["postures"], "estimates": estimates, "mass": document["mass"][0]}
     rows = document["models"]["full"]
-    names = QUANTITIES[target]
-    found: dict[str, Any] = {name: [row[name][0] for row in rows] for name in names}
-    if target == "montecarlo":
-        return found
     checks = [c for c in document["checks"] if c["result"][0] is not None or c["value"][0] is not None]
-    return found | {
+    return {name: [row[name][0] for row in rows] for name in ("estimate", "standard_error", "truth")} | {
         "verdict": document["verdict"][0],
         "numbers": [row["number"] for row in rows],
         "checks": {c["name"]: [c["result"][0], c["value"][0]] for c in checks},
@@ -54,12 +39,10 @@ def _first_run(target: str, document: Any) -> dict[str, Any]:
 
 def reading(target: str, folder: Path) -> dict[str, Any]:
     """Return the same, read and computed another way: the XML's masses, ordinary least squares, ..."""
-    if target in ("robot", "names"):
+    if target == "robot":
         return _masses(folder)
     if target == "run":
         return _validation(json.loads((folder / "result.json").read_text("utf-8-sig")))
-    if target == "montecarlo":
-        return _calibration(folder)
     return _planned(folder) if target == "plan" else _identification(folder)
 
 
@@ -79,26 +62,6 @@ def _validation(report: Any) -> dict[str, Any]:
         "numbers": full["numbers"],
         "checks": {c["name"]: [c["result"], c["value"]] for c in report["checks"]},
         "how many checks": len(report["checks"]),
-    }
-
-
-def _calibration(folder: Path) -> dict[str, Any]:
-    table = pd.read_parquet(folder / "runs")
-    good = table[table["failure"] == ""]
-    names = map(str, table)
-    numbers = [name.rpartition(".")[2] for name in names if name.startswith("full.value.")]
-
-    def columns(prefix: str) -> np.ndarray:
-        return good[[f"{prefix}.{number}" for number in numbers]].to_numpy(float)
-
-    if good.empty:
-        return {name: [None] * len(numbers) for name in QUANTITIES["montecarlo"]}
-    error, said = columns("full.value") - columns("truth"), columns("full.se")
-    held = np.abs(error) <= stats.t.ppf(0.975, columns("full.dof")) * said
-    return {
-        "bias": error.mean(axis=0),
-        "standard_error": np.sqrt((said**2).mean(axis=0)),
-        "coverage95": held.mean(axis=0),
     }
 
 

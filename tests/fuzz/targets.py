@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from tests.fuzz import records
-from tests.fuzz.arguments import ARGUMENT_KINDS, COMMAND
 from tests.fuzz.changes import Change
 from tests.fuzz.folders import MEASUREMENT_KINDS, PLAN_KINDS
-from tests.fuzz.names import FOLDER_KINDS, NAME_KINDS
 from tests.fuzz.robots import ROBOT_KINDS
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.validate import judge
@@ -25,12 +21,7 @@ KINDS: dict[str, dict[str, Change]] = {
     "plan": PLAN_KINDS,
     "robot": ROBOT_KINDS,
     "run": records.RUN_KINDS,
-    "montecarlo": records.MONTECARLO_KINDS,
-    "names": NAME_KINDS,
-    "folders": FOLDER_KINDS,
-    "arguments": ARGUMENT_KINDS,
 }
-IDENTIFY = ("--estimator", "least-squares", "--json")
 Tulip = Callable[[list[str]], Any]
 
 
@@ -47,7 +38,7 @@ class Intact:
 
     def __call__(self, target: str) -> Path:
         """Return the folder of an input."""
-        if target in ("robot", "names"):
+        if target == "robot":
             return ASSETS / "tulip_mjcf"
         path = self.place / {"measurements": "data"}.get(target, target)
         if not path.exists():
@@ -67,31 +58,14 @@ class Intact:
         run = Laboratory(robot, "wii").run(read_plan(self("plan"), robot), 1, "statics")
         judge(run).save(path)
 
-    def _montecarlo(self, path: Path) -> None:
-        line = f"montecarlo {self('plan')} --runs 3 --workers 1 --out {path} --json"
-        self.tulip(line.split())
-
-    def _folders(self, path: Path) -> None:
-        for target in ("measurements", "run"):
-            shutil.copytree(self(target), path / self(target).name)
-
-    def _arguments(self, path: Path) -> None:
-        self._folders(path)
-        shutil.copytree(self("plan"), path / "plan")
-
 
 def command(target: str, folder: Path, intact: Intact) -> list[str]:
     """Return the command that reads an input."""
     base = str(folder)
-    if target in ("robot", "names"):
+    if target == "robot":
         return ["robot", f"{base}/tulip.toml", "--json"]
-    if target == "measurements":  # the independent reading solves eq. 8
-        return ["identify", base, *IDENTIFY]
     if target == "plan":
         return ["plan", "show", base, "--json"]
-    if target in ("run", "montecarlo"):
+    if target == "run":
         return ["report", base, str(intact(target)), "--json"]
-    if target == "arguments" and (folder / COMMAND).exists():
-        return json.loads((folder / COMMAND).read_text())
-    inside = folder if (folder / "data").exists() else next(folder.iterdir())
-    return ["identify", str(inside / "data"), *IDENTIFY]
+    return ["identify", base, "--estimator", "least-squares", "--json"]  # an independent reading solves eq. 8
