@@ -260,3 +260,14 @@ def test_the_parser_repeats_no_control_or_direction_character(capsys):
             said = capsys.readouterr()
             assert end.value.code == 2
             assert (said.out + said.err).replace("\n", "").isprintable()
+
+
+def test_postures_are_written_and_described(tmp_path, capsys):
+    arguments = ["plan", "random", "--placements", "4", "--per-placement", "4", "--seed", "3"]
+    assert main([*arguments, "--out", str(tmp_path / "plan"), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["postures"] == 16
+    assert main(["plan", "show", str(tmp_path / "plan"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["condition_number"] == pytest.approx(
+        document["condition_number"]
+    )

@@ -2,7 +2,10 @@
 
 import json
 import math
+import shutil
+import tempfile
 from functools import partial
+from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet
@@ -10,14 +13,16 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import tulip_testbed as tt
 from tests.fuzz.changes import drawn
 from tests.fuzz.documents import json_values
 from tests.fuzz.judge import Judge
-from tests.fuzz.targets import KINDS
+from tests.fuzz.targets import KINDS, Intact
 from tulip_testbed.base.column import printable
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.table_files import MOST_DEPTH, TableFile, read_json
 from tulip_testbed.cli.main import main
+from tulip_testbed.measurements import read_measurements
 from tulip_testbed.sim.shipped import ASSETS
 
 REFUSALS = """
@@ -139,3 +144,28 @@ def test_a_plan_too_small_or_too_uniform_is_refused_before_it_is_written(edited_
     assert f"{out}: the postures determine" in message
     assert "not determined separately" in message
     assert not out.exists()
+
+
+IN_THIS_PROCESS = {
+    "measurements": ("no rows", "garbage for a table", "pipe for a file", "wrong numbers of postures"),
+    "plan": ("repeat a row", "a swing foot elsewhere", "too few rows", "another robot"),
+}
+
+
+@pytest.fixture(scope="module")
+def intact(tmp_path_factory):
+    return Intact(tmp_path_factory.mktemp("here"), main)
+
+
+@pytest.mark.parametrize(("target", "kind"), [(t, k) for t in IN_THIS_PROCESS for k in IN_THIS_PROCESS[t]])
+def test_kinds_that_the_readers_refuse(target, kind, intact, robot, tmp_path):
+    read = {"measurements": read_measurements, "plan": partial(tt.describe_plan, robot=robot)}[target]
+
+    def refused(draw):
+        folder = Path(tempfile.mkdtemp(dir=tmp_path)) / "base"
+        expected = KINDS[target][kind](shutil.copytree(intact(target), folder), draw)
+        with pytest.raises(InputError) as error:
+            read(folder)
+        assert [words for words in expected.words if words not in str(error.value)] == []
+
+    drawn(refused, 3, kind)

@@ -15,6 +15,7 @@ from tests.contact_folders import assert_same
 from tests.test_refusals import refuse, rows
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import sha256
+from tulip_testbed.experiments.check_folder import check_folder
 from tulip_testbed.measurements import Measurements, SensorSheet, read_measurements, write_measurements
 from tulip_testbed.measurements.contract import check_contract
 from tulip_testbed.sim.outcome import Outcome
@@ -242,3 +243,11 @@ def test_measurements_are_made_from_arrays_in_memory(measured, robot):
 def test_the_shipped_plan_cannot_be_changed():
     with pytest.raises(ValueError, match="read-only"):
         tt.plans.random.joint_angles[0, 0] += 0.05
+
+
+def test_the_preflight_lists_all_tolerances_that_are_wrong(folder, robot):
+    unknown = {"encoder-ofset": 0.001, "tilt": 50.0, "magic": 1.0}
+    edit_manifest(folder, lambda m: m.update(tolerances=unknown))
+    told = " ".join(check_folder(folder, robot).to_json()["complaints"]["manifest"])
+    for part in ("unknown family 'encoder-ofset'", "unknown family 'magic'", "tilt: found 50.0, expected"):
+        assert part in told

@@ -109,3 +109,6 @@ def test_a_column_that_comes_twice_and_rows_without_end_are_refused(tmp_path):
         pa.parquet.write_table(table, chunks.path(1))
         with pytest.raises(InputError, match=r"chunk-000001\.parquet: not the chunk of runs 5 to 9"):
             read_runs(chunks, LAYOUT)
+    chunks.path(1).write_bytes(b"PAR1 broken PAR1")
+    with pytest.raises(InputError, match=r"chunk-000001\.parquet: cannot read"):
+        read_runs(chunks, LAYOUT)

@@ -85,6 +85,7 @@ def test_nothing_is_written_into_a_measurement_folder(data, run, tmp_path, capsy
     assert inside in refused(capsys, "simulate", "--engine", "statics", "--out", link / "more")
     assert sorted(data.iterdir()) == before
     (tmp_path / "manifest.json").write_text('{"name": "another program\'s"}')
+    os.mkfifo(tmp_path / "plan.json")
     check_new(tmp_path / "fine")
 
 

@@ -1,6 +1,7 @@
 """Results as a researcher meets them: parameters by name, tables that print themselves, data frames."""
 
 import dataclasses
+import json
 import shutil
 from types import SimpleNamespace
 from typing import Any
@@ -9,6 +10,8 @@ import numpy as np
 import pytest
 from scipy.stats import t as t_distribution
 
+import tulip_testbed as tt
+from tests.test_refusals import change_keys
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.description import described_robot
@@ -168,3 +171,17 @@ def test_clustered_errors_have_a_column_where_they_differ(wii):
     headings = [column.name for column in table.columns]
     assert headings[2:7] == ["truth", "estimate", "error", "s.e.", "clustered s.e."]
     assert float(table.texts[0][6]) == pytest.approx(2e3 * full.standard_error[0], abs=0.006)
+
+
+def test_an_edited_result_is_refused_when_it_is_read(run, robot, tmp_path):
+    tt.identify(run, robot).save(tmp_path / "fit")
+    file = tmp_path / "fit" / "result.json"
+    intact = file.read_text()
+    for change in ('estimator = "x"', "confounded = null", "calibration.covariance = null"):
+        document = json.loads(intact)
+        change_keys(document, change)
+        file.write_text(json.dumps(document))
+        with pytest.raises(InputError, match=r"found values that do not fit together|key"):
+            tt.Identification.load(tmp_path / "fit", robot)
+    with pytest.raises(InputError, match="robot: found none, expected it behind the folder"):
+        tt.Identification.load(tmp_path / "fit")
