@@ -103,18 +103,6 @@ def test_importing_loads_no_more_than_is_needed_and_leaves_the_environment_alone
     assert done.stdout == "[]\n[] True\n"
 
 
-@pytest.mark.parametrize(
-    ("owner", "name", "message"),
-    [
-        (tt.plans, "rondom", "no plan 'rondom'; valid: random, optimal"),
-        (tt, "discovery_of", "no attribute 'discovery_of'; valid: "),
-    ],
-)
-def test_unknown_names_list_the_valid_ones(owner, name, message):
-    with pytest.raises(AttributeError, match=message):
-        getattr(owner, name)
-
-
 def test_no_error_of_the_library_names_a_flag():
     """Every message of the rooms beside the command line is free of flags."""
     door = (f"tulip_testbed/{room}" for room in ("pages", "viewer"))

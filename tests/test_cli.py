@@ -21,7 +21,7 @@ from tulip_testbed.cli.signatures import REQUIRED, public_function
 from tulip_testbed.cli.terminal import PIPE_WIDTH
 from tulip_testbed.experiments import defaults, laboratory
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
-from tulip_testbed.measurements import read_measurements, write_measurements
+from tulip_testbed.measurements import write_measurements
 from tulip_testbed.sim.dynamics import dynamic_run
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.shipped import ASSETS
@@ -161,17 +161,6 @@ def test_a_placement_is_held_with_one_thread_in_whatever_process(monkeypatch, ro
     assert seen == [{1}]
 
 
-def test_a_shipped_plan_has_a_name(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    out = tmp_path / "data"
-    assert main(["simulate", "mixed", "--engine", "statics", "--sensors", "ideal", "--out", str(out)]) == 0
-    assert set(read_measurements(out).support) == {"double", "right", "left"}
-    assert len(tt.plans.read("optimal")) == len(tt.plans.optimal)
-    capsys.readouterr()
-    (tmp_path / "mixed").mkdir()  # a path of that name comes first
-    assert "mixed" in refused(capsys, "simulate", "mixed", "--out", tmp_path / "other")
-
-
 def test_a_run_remembers_its_robot(assets, tmp_path):
     edit(assets / "tulip.toml", 'name = "TULip"', 'name = "Rose"')
     run, page = tmp_path / "run", tmp_path / "run.html"
@@ -180,21 +169,6 @@ def test_a_run_remembers_its_robot(assets, tmp_path):
     (assets / "tulip.toml").unlink()
     assert main(["report", str(run), "--out", str(page)]) == 0
     assert "<title>Rose: validation run</title>" in page.read_text()
-
-
-def test_identify_prints_json_and_tables(wii, tmp_path, capsys):
-    write_measurements(tmp_path / "data", wii.measurements)
-    assert main(["identify", str(tmp_path / "data"), "--json", "--estimator", "mixed-model"]) == 0
-    document = json.loads(capsys.readouterr().out)
-    assert document["full"]["value"][9] == pytest.approx(wii.identification.full.value[9])
-    assert main(["identify", str(tmp_path / "data")]) == 0
-    answer = capsys.readouterr().out
-    assert len(answer.splitlines()) < 30
-    assert "\nUsable: " in answer
-    assert "right_ankle_roll" not in answer
-    assert "paper" not in answer
-    assert main(["identify", str(tmp_path / "data"), "--full"]) == 0
-    assert "right_ankle_roll" in capsys.readouterr().out
 
 
 def test_identify_by_name(wii, tmp_path, capsys):

@@ -127,44 +127,6 @@ def test_dots_stand_for_anything_and_for_nothing_else(shown, same):
     assert matches(shown, "\na 1  \nb 2\nc 3\n\n") is same
 
 
-PAGE = """
-```console
-$ echo a \\
-    b > file
-$ cat file
-a b
-```
-
-<!-- slow -->
-```console
-$ cat file
-no 1
-```
-
-```python
-two = 2
-```
-```python
-print(two)
-```
-```text
-2
-```
-"""
-
-
-def test_a_page_is_played_in_order_and_its_slow_blocks_are_left_out(tmp_path, monkeypatch):
-    page = tmp_path / "page.md"
-    page.write_text(PAGE)
-    assert [step.slow for step in steps(str(page))] == [False, False, True, False, False]
-    play(str(page), False, tmp_path, monkeypatch)
-    with pytest.raises(AssertionError, match=r"cat file\n *--- printed ---\n *a b"):
-        play(str(page), True, tmp_path, monkeypatch)
-    page.write_text(PAGE.replace("\n2\n", "\n3\n"))
-    with pytest.raises(AssertionError, match=r"print\(two\)"):
-        play(str(page), False, tmp_path, monkeypatch)
-
-
 EXAMPLES = Path(__file__).parent.parent / "examples"
 NOTEBOOKS = [pytest.param(path, id=path.stem) for path in sorted(EXAMPLES.glob("*.ipynb"))]
 

@@ -71,12 +71,6 @@ def test_a_hidden_effect_leaves_the_noise_and_the_folder_as_they_are(tmp_path):
     assert truth["configuration"]["statics"] is True
 
 
-def test_what_is_far_beyond_plausible_is_doubted(tmp_path, capsys):
-    simulated(tmp_path / "data", "--effects", "encoder-offset:right_knee=0.5")
-    warned = " ".join(capsys.readouterr().err.split())
-    assert "encoder-offset:right_knee: offset 0.5 rad (28.6 deg) is 29 times what is plausible" in warned
-
-
 def everything_in(folder: Path) -> bytes:
     return b"".join(path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file())
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import json
 import operator
 import pickle
 from functools import cache
@@ -16,8 +15,6 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
 import tulip_testbed as tt
-from tests.rigs import write_rig
-from tests.test_cli import refused
 from tulip_testbed import effects
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.effects.catalogue import catalogue
@@ -30,7 +27,6 @@ from tulip_testbed.effects.instance import (
 )
 from tulip_testbed.effects.lasting import split_target
 from tulip_testbed.effects.laws.grammar import says, sentence_of, sentences
-from tulip_testbed.experiments.rig_folder import read_rig
 from tulip_testbed.sim.robot import load_robot
 
 PLACEMENTS = (1, 2, 30)
@@ -143,18 +139,6 @@ def test_a_finding_is_a_sentence(text, interval, sentence, robot):
     assert dataclasses.replace(found, intervals=intervals).finding == sentence
 
 
-@pytest.mark.parametrize(
-    ("value", "interval", "text"),
-    [
-        (2.345, None, "2345 mm"),  # rather than 2.35e+03
-        (1e-8, None, "1e-5 mm"),  # rather than 1e-05
-        (-1e-6, (-1e-2, 1e-2), "0 ± 10 mm"),  # rather than -0
-    ],
-)
-def test_sizes_are_written_as_numbers_in_tables(value, interval, text):
-    assert catalogue()["link-length"].parameters[0].text(value, interval) == text
-
-
 def test_the_catalogue_is_a_table():
     text, page = repr(effects.catalogue()), effects.catalogue()._repr_html_()
     lines = text.splitlines()
@@ -192,27 +176,6 @@ def test_a_correction_counts_once(run, robot, tmp_path):
         assert len(tt.identify(run, robot, corrections=[KNEE, ANKLE])) == 25
     slips = ["encoder-slip:right_knee=0.01,0.5", "encoder-slip:right_knee=0.01,0.7"]
     assert len(tt.Laboratory(robot).with_known(*slips).known) == 2
-
-
-@pytest.fixture
-def rig(robot, tmp_path):
-    found = EffectInstance.parse(KNEE, robot)
-    write_rig(tmp_path / "rig", robot, [dataclasses.replace(found, intervals=((0.008, 0.012),))])
-    return tmp_path / "rig"
-
-
-def edit(rig, change):
-    document = json.loads((rig / "rig.json").read_text())
-    change(document["effects"])
-    (rig / "rig.json").write_text(json.dumps(document))
-
-
-def test_a_rig_with_an_effect_twice_is_refused(rig, robot, run, tmp_path, capsys):
-    edit(rig, lambda effects: effects.append(effects[0]))
-    with pytest.raises(tt.InputError, match=rf"rig\.json: key 'effects': {TWICE}"):
-        read_rig(rig, robot)
-    tt.write_measurements(tmp_path / "data", run.measurements)
-    assert "right_knee twice" in refused(capsys, "identify", tmp_path / "data", "--corrections", rig)
 
 
 def test_an_effect_of_another_robot_is_refused_with_the_valid_targets(robot, foreign, run):

@@ -227,18 +227,6 @@ def test_the_processor_is_recorded_and_another_one_may_go_on(scenario, tmp_path)
         begin(folder, scenario)
 
 
-def test_what_is_no_monte_carlo_is_refused(scenario, tmp_path):
-    (tmp_path / "run").mkdir()
-    with pytest.raises(InputError, match=r"holds no Monte Carlo \(run\.json\)"):
-        begin(tmp_path / "run", scenario)
-    (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="holds no Monte Carlo"):
-        begin(tmp_path / "file", scenario)
-    (tmp_path / "run" / "run.json").write_text('{"format": "tulip-run"}')
-    with pytest.raises(InputError, match="format is 'tulip-run' there"):
-        begin(tmp_path / "run", scenario)
-
-
 def test_more_runs_in_the_same_folder(robot, plan, tmp_path):
     """The last file, which was not full, is made anew; the folder ends as if made at once."""
     laboratory, few = Laboratory(robot, "wii"), plan.take(plan.placement <= 8)

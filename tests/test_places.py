@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import resource
-import shutil
 import signal
 import subprocess
 import sys
@@ -18,7 +17,6 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import check_new, write_bytes
 from tulip_testbed.experiments import truth_record
 from tulip_testbed.experiments.truth_record import write_experiment
-from tulip_testbed.sim.shipped import TULIP
 
 TULIP_COMMAND = [sys.executable, "-c", "import tulip_testbed.cli.entry as entry; entry.run()"]
 
@@ -138,14 +136,6 @@ def test_a_path_that_no_file_can_have_is_one_message(run, tmp_path, monkeypatch,
         with pytest.raises(InputError, match=WRONG_PATHS[name]):
             call()
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_robot_below_a_folder_that_is_not_utf_8_is_one_message(tmp_path):
-    odd = os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9")
-    shutil.copytree(TULIP.parent, odd)
-    (tmp_path / "link").symlink_to(odd)
-    with pytest.raises(InputError, match="found a path that is not UTF-8"):
-        tt.load_robot(tmp_path / "link" / "tulip.toml")
 
 
 def test_a_full_disk_gives_no_stump_of_a_view(run, tmp_path):

@@ -18,7 +18,7 @@ from studies.hidden_effects.laboratories import LARGEST, USUAL, draw_laboratory,
 from studies.hidden_effects.readings import READERS, Readings
 from studies.runner import Settings, header, row
 from studies.study_hidden_effects import figures
-from studies.teaching.signature import example, examples, lever, signature
+from studies.teaching.signature import example, examples
 from studies.teaching.variables import VARIABLES
 from tests.effect_changes import first
 from tulip_testbed.base.errors import InputError
@@ -55,13 +55,6 @@ def test_every_study_has_a_module_and_a_sentence() -> None:
         assert isinstance(module.SETTINGS, Settings)
 
 
-def test_a_study_gets_its_own_settings_and_those_of_the_command(seen: list[Settings]) -> None:
-    assert runner.main(["check"]) == 0
-    assert runner.main(["check", "--seed", "7", "--size", "0.1", "--only", "wii"]) == 0
-    assert seen[0] == study_check.SETTINGS
-    assert (seen[1].seed, seen[1].count(300), seen[1].count(2), seen[1].only) == (7, 30, 1, ("wii",))
-
-
 def test_the_file_holds_the_command_and_what_was_printed(
     seen: list[Settings], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -71,21 +64,6 @@ def test_the_file_holds_the_command_and_what_was_printed(
     assert text == capsys.readouterr().out
     assert text.startswith(f"`python -m studies check --size 0.5 --out '{out}'` (seed 104)\n")
     assert "\n\n| a | b |\n|---|---|\n| 1 | two |\n\n" in text
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["chek"], "unknown study 'chek'; did you mean 'check'? valid: atlas, campaign, check"),
-        (["check", "--only", "wii", "kinect"], "unknown part 'kinect'; valid: wii, force-plate"),
-    ],
-)
-def test_unknown_names_are_refused(
-    arguments: list[str], message: str, seen: list[Settings], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert runner.main(arguments) == 2
-    assert message in capsys.readouterr().err
-    assert not seen
 
 
 @pytest.fixture(scope="module")
@@ -231,19 +209,6 @@ def test_every_effect_has_a_picture_without_references():
         links = [part.split('"')[0] for part in text.split('href="')[1:]]
         assert links
         assert all(link.startswith("#") for link in links), path.name
-
-
-def test_an_offset_moves_the_error_by_its_lever(robot, two):
-    found = signature(EffectInstance.parse("encoder-offset:right_knee=0.001", robot), robot, two)
-    predicted = -np.degrees(0.001) * lever(found.observed, "right_knee")
-    assert found.error == pytest.approx(predicted, abs=0.02)
-    assert np.abs(found.error).max() > 0.2
-
-
-def test_a_tilt_moves_the_error_by_the_height(robot, two):
-    found = signature(EffectInstance.parse("tilt=0.01,0.02", robot), robot, two)
-    expected = 1e3 * found.observed.height[:, None] * [0.02, -0.01]
-    assert found.error == pytest.approx(expected, abs=0.03)
 
 
 def test_there_is_an_example_of_every_effect(robot):

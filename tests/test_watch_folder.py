@@ -309,11 +309,3 @@ def test_lines_that_end_with_a_carriage_return_alone_are_refused(folder, plan, r
         judged(path, plan, robot, rows=[content] if stream else None)
     table.write_bytes(content.replace(b"\r", b"\r\n"))
     assert len(judged(path, plan, robot)) == 1
-
-
-def test_a_table_that_is_a_pipe_is_refused_and_not_waited_for(folder, plan, robot):
-    path, _ = folder
-    (path / "postures.csv").unlink()
-    os.mkfifo(path / "postures.csv")
-    with pytest.raises(InputError, match=r"postures.csv: found a named pipe, expected a file"):
-        judged(path, plan, robot)

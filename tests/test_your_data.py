@@ -35,14 +35,6 @@ def test_the_guide_shows_the_example_folder():
     assert (EXAMPLE / "postures.csv").read_text().startswith(blocks("csv")[0])
 
 
-def test_as_many_parameters_come_out_well_identified_as_the_guide_says(monkeypatch, capsys):
-    assert "three parameters come out well identified" in GUIDE
-    monkeypatch.setenv("COLUMNS", "400")  # no text wraps
-    assert main(["identify", str(EXAMPLE)]) == 0
-    out = capsys.readouterr().out
-    assert len(re.findall(r"\d  yes\s", out.partition("Simplified model")[0])) == 3
-
-
 def test_the_guide_lists_the_columns_that_may_be_left_out(folder):
     """The example lacks all of them but the time; without it, it still reads."""
     measured = read_measurements(folder)
