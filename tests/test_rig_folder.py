@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from tests.effect_changes import measured
 from tests.fuzz.documents import json_values, places
 from tests.rigs import write_rig
+from tests.test_cli import refused
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.effects.instance import EffectInstance, injected
@@ -197,3 +198,10 @@ def as_csv(source, folder):
     manifest["tables"] = None
     (folder / "manifest.json").write_text(json.dumps(manifest))
     return folder
+
+
+def test_too_few_placements_are_refused(robot, plan, tmp_path, capsys):
+    write_measurements(tmp_path / "few", measured(robot, plan.take(plan.placement <= 3), "wii"))
+    discover = ("discover", tmp_path / "few", "--out", tmp_path / "run")
+    assert "placements" in refused(capsys, *discover)
+    assert not (tmp_path / "run").exists()

@@ -184,12 +184,6 @@ def test_a_joint_that_is_drawn_bent_is_the_same_robot(edited_tulip, robot):
     assert np.abs(soles[0] - soles[1]).max() < 1e-9
 
 
-def test_contact_pairs_of_the_robot_do_not_act_in_a_scene_that_is_built(edited_tulip):
-    pair = '<contact><pair geom1="right_foot_front_left" geom2="left_foot_front_left"/></contact>'
-    robot = edited_tulip(f"tulip.xml: <actuator> => {pair}<actuator>")
-    assert load_scene(robot).compile().npair == 8
-
-
 def test_a_clipped_range_in_a_scene_written_by_hand_is_refused(edited_tulip):
     """Of a robot that the scene includes from another file than the description."""
     robot = edited_tulip('scene_plates.xml: file="tulip.xml" => file="odd.xml"', built=False)

@@ -97,22 +97,6 @@ def test_values_of_a_column_of_numbers(value, text):
     assert Column("share", "%", ".1f", 100).text(value) == text
 
 
-def test_text_shows_every_value_under_its_heading_and_unit():
-    lines = made(ROWS).text(80).splitlines()
-    assert lines[0] == "Parameters"
-    assert lines[1].split() == ["estimate", "interval"]
-    assert lines[2].split() == ["no.", "parameter", "mm", "%"]
-    assert lines[4].split() == ["1", "torso.x", "-11.72", "50", "to", "75"]
-    assert lines[5].split() == ["2", "right_hip_yaw.x", "25", "to", "100"]
-    assert lines[-1] == "A note."
-    assert repr(made(ROWS)) == made(ROWS).text()
-
-
-def test_numbers_end_at_the_right_and_texts_begin_at_the_left():
-    lines = made([[1, "a", 0.1, None], [22, "bbb", 0.0011, None]]).text(80).splitlines()[4:6]
-    assert lines == ["  1  a            100.00", " 22  bbb            1.10"]
-
-
 def test_only_extra_columns_are_left_out_and_it_is_said():
     table = made(ROWS)
     assert "50 to 75" in table.text(table.whole_width)
@@ -265,14 +249,6 @@ def test_a_narrow_screen_gets_what_fits_and_is_told(capsys, monkeypatch):
     assert max(map(len, lines)) <= 50
     assert "10000004" in lines[3]
     assert "Too narrow here for: c5," in " ".join(lines)
-
-
-def test_tables_stand_apart_and_sentences_do_not(capsys):
-    table = Table("T", (Column("a"),), [["b"]])
-    show("one", "two", table, "three")
-    assert [line.strip() for line in capsys.readouterr().out.splitlines()] == [
-        *("one", "two", "", "T", "a", "─", "b", "", "three"),
-    ]
 
 
 def test_sentences_wrap_and_what_is_copied_does_not(capsys):
