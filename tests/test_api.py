@@ -72,7 +72,8 @@ def loads(monkeypatch) -> dict[str, list[str]]:
     return seen
 
 
-def test_the_files_of_a_robot_are_read_and_compiled_once(loads):
+def test_the_files_of_a_robot_are_read_and_compiled_once(run, loads):
+    """After the shipped plans have read theirs."""
     robot = tt.load_robot()
     tt.identify(tt.Laboratory(robot, "wii").run(tt.plans.random, seed=2, engine="statics"), robot)
     assert loads["compiled"].count(robot.model_file.stem) <= 1
