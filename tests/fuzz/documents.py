@@ -86,9 +86,8 @@ def key(change: Callable[[dict, Any, Draw], Any]) -> Callable[[Any, Draw], None]
     """Change one of the keys of one of the objects."""
 
     def edit(document: Any, draw: Draw) -> None:
-        change(
-            *one(draw, [(inside, key) for inside, key in places(document) if isinstance(inside, dict)]), draw
-        )
+        inside, name = one(draw, [pair for pair in places(document) if isinstance(pair[0], dict)])
+        change(inside, name, draw)
 
     return edit
 
