@@ -148,7 +148,7 @@ def test_a_plan_too_small_or_too_uniform_is_refused_before_it_is_written(edited_
 
 IN_THIS_PROCESS = {
     "measurements": ("no rows", "garbage for a table", "pipe for a file", "wrong numbers of postures"),
-    "plan": ("repeat a row", "a swing foot elsewhere", "too few rows", "another robot"),
+    "plan": ("repeat a row", "a swing foot elsewhere", "too few rows", "another robot", "wrong JSON"),
 }
 
 
