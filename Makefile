@@ -60,7 +60,7 @@ bench: setup  ## ratios of times, in one run
 oracle: export OPENBLAS_NUM_THREADS = 1
 oracle: $(ORACLE)/.done  ## ask Pinocchio and FIGAROH anew (2 GB), compare, time against FIGAROH
 	$(ORACLE)/bin/python -W ignore::RuntimeWarning -m tests.ask_oracles
-	$(ORACLE)/bin/python -m pytest -q tests/test_oracle.py
+	$(ORACLE)/bin/python -m pytest -q tests/test_base_parameters.py
 	$(ORACLE)/bin/python -m pytest -q -s tests/benchmarks/test_figaroh.py -o addopts= --benchmark-only
 
 $(ORACLE)/.done: constraints.txt pyproject.toml

@@ -1,4 +1,4 @@
-"""Answers of Pinocchio and FIGAROH about three robots: the fixtures of tests/test_oracle.py (`make oracle`).
+"""Answers of Pinocchio and FIGAROH about three robots, for tests/test_base_parameters.py (`make oracle`).
 
 Two supports each. "right": the left foot is free, any joint angles will do. "double": both soles
 stand level, so the angles are planned postures. Per support: Pinocchio's centre of mass and its

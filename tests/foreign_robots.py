@@ -24,6 +24,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.measurements.cells import CORNERS
@@ -257,15 +258,11 @@ def _add_stand(spec: mujoco.MjSpec, about: Foreign) -> None:
 
 
 def _rotation(quaternion: np.ndarray) -> np.ndarray:
-    matrix = np.zeros(9)
-    mujoco.mju_quat2Mat(matrix, quaternion)
-    return matrix.reshape(3, 3)
+    return Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
 
 
 def _quaternion(rotation: np.ndarray) -> np.ndarray:
-    quaternion = np.zeros(4)
-    mujoco.mju_mat2Quat(quaternion, rotation.ravel())
-    return quaternion
+    return Rotation.from_matrix(rotation).as_quat(scalar_first=True)
 
 
 def main() -> int:

@@ -7,12 +7,13 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+import trimesh
 
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.robot import Robot, joint_names, load_robot
 from tulip_testbed.sim.shipped import TULIP
 
-FACES = 53  # 11,024 triangles a mesh; those of a Unitree G1 (29 joints) have 11,099 on average
+SUBDIVISIONS = 4  # 5,120 triangles a mesh; those of a Unitree G1 (29 joints) have 11,099 on average
 ARM = (
     ("shoulder_pitch", 1),
     ("shoulder_roll", 0),
@@ -88,21 +89,9 @@ def _add_chain(
 
 def _write_mesh(path: Path, radius: float) -> None:
     """A bumpy ball."""
-    u, v = np.meshgrid(
-        np.linspace(0, 2 * np.pi, 2 * FACES, endpoint=False), np.linspace(0.05, np.pi - 0.05, FACES)
-    )
-    r = radius * (1 + 0.1 * np.sin(5 * u) * np.sin(4 * v))
-    points = np.stack([r * np.cos(u) * np.sin(v), r * np.sin(u) * np.sin(v), r * np.cos(v)], axis=-1)
-    rows, columns = points.shape[:2]
-    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in points.reshape(-1, 3)]
-    for i in range(rows - 1):
-        for j in range(columns):
-            a, b = i * columns + j, i * columns + (j + 1) % columns
-            lines += [
-                f"f {a + 1} {a + columns + 1} {b + 1}",
-                f"f {b + 1} {a + columns + 1} {b + columns + 1}",
-            ]
-    path.write_text("\n".join(lines) + "\n")
+    ball = trimesh.creation.icosphere(subdivisions=SUBDIVISIONS, radius=radius)
+    ball.vertices *= 1 + 0.1 * np.sin(5 * ball.vertices[:, :1] / radius)
+    ball.export(path)
 
 
 def meshed_plan(robot: Robot, shipped: PosturePlan, rng: np.random.Generator) -> PosturePlan:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,18 +25,16 @@ class Regressions:
     """Least squares on `ROWS` data points; reports `factor` times its standard error, adds `shift` of them.
 
     Attributes:
-        failing: runs that fail. pause: before a chunk [s]. unhashable: as the real work is.
+        failing: runs that fail. unhashable: as the real work is.
     """
 
     seed: int = 1
     factor: float = 1.0
     shift: float = 0.0
     failing: tuple[int, ...] = ()
-    pause: float = 0.0
     unhashable: dict[str, float] = field(default_factory=dict)
 
     def __call__(self, runs: Sequence[int]) -> Columns:
-        time.sleep(self.pause)
         records = [self.record(run) for run in runs]
         columns = {name: np.array([record[name] for record in records]) for name in records[0]}
         failure = np.array(["too little" if run in self.failing else "" for run in runs])
@@ -96,9 +92,3 @@ def result_of(chunks: RunChunks) -> MonteCarlo:
 
 def bytes_of(chunks: RunChunks) -> list[bytes]:
     return [chunks.path(index).read_bytes() for index in range(len(chunks))]
-
-
-if __name__ == "__main__":
-    run_regressions(
-        Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), Regressions(pause=float(sys.argv[4]))
-    )

@@ -1,52 +1,31 @@
-"""The door: what a researcher's notebook calls."""
+"""The door: what a notebook calls, and what is refused there before any work."""
 
 import inspect
 import json
+import pickle
 import re
 import shutil
 import subprocess
 import sys
+import warnings
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any, Literal
 
+import numpy as np
 import pytest
+from IPython.core.interactiveshell import InteractiveShell
 
 import tulip_testbed as tt
 from tests.documented import blocks
 from tests.drawing import draws_with
 from tests.test_architecture import FLOW
+from tulip_testbed.base.arguments import checked
+from tulip_testbed.base.errors import InputError, InputWarning, choices, listed, look_up
+from tulip_testbed.cli.main import main
 from tulip_testbed.sim import robot as robot_module
 
 ROOT = Path(__file__).parent.parent
-
-# The notebook's block, whole; README.md shows its first half.
-FIRST_HALF = """
-import tulip_testbed as tt
-
-robot = tt.load_robot()                               # TULip; or the path of a description
-data = tt.read_measurements("data/readme")
-fit = tt.identify(data, robot)                        # prints as Table II
-fit["torso.x"].value, fit["torso.x"].standard_error   # m
-fit.correlations.above(0.85); fit.to_frame()
-"""
-SECOND_HALF = """
-lab = tt.Laboratory(robot, sensors="force-plate")
-run = lab.with_effects("encoder-offset:right_knee=0.01").run(tt.plans.random, seed=3)  # engine="statics"
-found = tt.discover(run.measurements, robot); print(found)
-tt.identify(run.measurements, robot, corrections=found.adopted)
-tt.validate(lab, tt.plans.random, seed=1).verdict
-tt.monte_carlo(lab, tt.plans.random, runs=1000)
-tt.view(run); tt.report(run, "first.html")
-"""
-
-
-@pytest.fixture
-def notebook(tmp_path, monkeypatch):
-    """A folder to work in, with one's own measurements in it."""
-    monkeypatch.chdir(tmp_path)
-    run = tt.Laboratory(sensors="force-plate").run(tt.plans.random, seed=2, engine="statics")
-    tt.write_measurements("data/first", run.measurements)
-    tt.write_measurements("data/readme", run.measurements)
-    return tmp_path
 
 
 @pytest.fixture
@@ -60,10 +39,6 @@ def screen(monkeypatch):
     yield
     server.terminate()
     server.wait()
-
-
-def test_the_readme_shows_the_first_half():
-    assert FIRST_HALF.strip() in (ROOT / "README.md").read_text()
 
 
 def test_the_readme_begins_with_what_its_block_reads(tmp_path, monkeypatch):
@@ -97,42 +72,23 @@ def loads(monkeypatch) -> dict[str, list[str]]:
     return seen
 
 
-@pytest.mark.slow  # the tutorials' quick blocks take the same way
-def test_the_block_in_statics_without_a_screen(notebook, loads):
-    quick = SECOND_HALF.replace("seed=3)  ", 'seed=3, engine="statics")  ').replace("runs=1000", "runs=20")
-    quick = quick.replace("seed=1).verdict", 'seed=1, engine="statics").verdict')
-    quick = quick.replace("tt.view(run)", 'tt.view(run, save="first.rrd")')
-    found, _, rest = quick.partition("tt.identify(run")
-    names: dict = {}
-    exec(FIRST_HALF + found, names)
-    robot = names["robot"]
+def test_the_files_of_a_robot_are_read_and_compiled_once(run, loads):
+    """After the shipped plans have read theirs."""
+    robot = tt.load_robot()
+    tt.identify(tt.Laboratory(robot, "wii").run(tt.plans.random, seed=2, engine="statics"), robot)
     assert loads["compiled"].count(robot.model_file.stem) <= 1
     assert all(loads["read"].count(path.name) <= 1 for path in robot.files)
-    exec("tt.identify(run" + rest, names)
-    assert names["found"].verdict == "named"
-    assert [str(effect).partition("=")[0] for effect in names["found"].adopted] == [
-        "encoder-offset:right_knee"
-    ]
-    assert names["fit"]["torso.x"].value == pytest.approx(names["fit"].full.value[0])
-    for file in ("first.html", "first.rrd"):
-        assert (notebook / file).stat().st_size > 1e5
-    # No subpackage has taken the place of a function.
-    assert all(inspect.isfunction(function) for function in (tt.report, tt.view, tt.optimize_plan, tt.watch))
 
 
 @pytest.mark.slow
 @draws_with("vulkan")
-def test_the_block_letter_by_letter(notebook, screen):
-    names: dict = {}
-    exec(FIRST_HALF + SECOND_HALF, names)
-    assert names["found"].verdict == "named"
+def test_a_view_opens_on_the_screen(screen, run):
+    tt.view(run)
 
 
 def test_every_name_is_documented_and_found_by_completion():
     assert set(dir(tt)) == set(tt.__all__)
-    assert {"Measurements", "Robot", "PosturePlan", "Identification", "load_robot", "plans"} <= set(
-        tt.__all__
-    )
+    assert {"Measurements", "Robot", "PosturePlan", "Identification", "load_robot"} <= set(tt.__all__)
     for name in tt.__all__:
         assert len(inspect.getdoc(getattr(tt, name)) or "") > 20, name
 
@@ -148,18 +104,6 @@ def test_importing_loads_no_more_than_is_needed_and_leaves_the_environment_alone
     assert done.stdout == "[]\n[] True\n"
 
 
-@pytest.mark.parametrize(
-    ("owner", "name", "message"),
-    [
-        (tt.plans, "rondom", "no plan 'rondom'; valid: random, optimal"),
-        (tt, "discovery_of", "no attribute 'discovery_of'; valid: "),
-    ],
-)
-def test_unknown_names_list_the_valid_ones(owner, name, message):
-    with pytest.raises(AttributeError, match=message):
-        getattr(owner, name)
-
-
 def test_no_error_of_the_library_names_a_flag():
     """Every message of the rooms beside the command line is free of flags."""
     door = (f"tulip_testbed/{room}" for room in ("pages", "viewer"))
@@ -169,10 +113,124 @@ def test_no_error_of_the_library_names_a_flag():
                 assert not re.search(r"(?<![\w-])--[a-z]", raised), f"{path}: {raised[:120]}"
 
 
-def test_a_notebook_and_the_command_line_give_the_same_bits(notebook, capsys):
-    from tulip_testbed.cli.main import main
-
-    assert main(["identify", "data/first", "--json"]) == 0
+def test_a_notebook_and_the_command_line_give_the_same_bits(run, tmp_path, capsys):
+    tt.write_measurements(tmp_path / "data", run.measurements)
+    assert main(["identify", str(tmp_path / "data"), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)["full"]["value"]
-    fit = tt.identify(tt.read_measurements("data/first"))
+    fit = tt.identify(tt.read_measurements(tmp_path / "data"))
     assert told == fit.full.value.tolist()
+
+
+DOUBTFUL = "cell-gain:right.front_left=3"
+
+
+@checked
+def asked(
+    count: int, size: float | None = None, names: Sequence[str | float] | str = (), *more: bool
+) -> tuple:
+    return count, size, names, more
+
+
+@checked
+def chosen(engine: Literal["statics", "dynamics"], pair: tuple[float, float] | None = None) -> tuple:
+    return engine, pair
+
+
+@pytest.mark.parametrize(
+    ("call", "given", "message"),
+    [
+        (asked, (1.5,), "count: found the float 1.5, expected a whole number"),
+        (asked, (True,), "count: found the bool True, expected a whole number"),
+        (asked, ("10",), "count: found the str '10', expected a whole number"),
+        (asked, (1, "2"), "size: found the str '2', expected a number or None"),
+        (asked, (1, 2, {}), "names: found dict, expected a list of them or a text"),
+        (asked, (1, 2, ["a", None]), r"names\[1\]: found None, expected a text or a number"),
+        (asked, (1, 2, "a", True, 0), "more: found the int 0, expected True or False"),
+        (chosen, ("static",), "engine: found the str 'static', expected 'statics' or 'dynamics'"),
+        (chosen, ("statics", 3), "pair: found the int 3, expected a tuple of them or None"),
+        (chosen, ("statics", (1.0, "2")), r"pair\[1\]: found the str '2', expected a number"),
+        (chosen, ("statics", (1.0,)), r"pair\[1\]: found tuple, expected more values"),
+    ],
+)
+def test_an_argument_of_another_type_is_refused(call, given, message):
+    with pytest.raises(InputError, match=f"^{message}$"):
+        call(*given)
+
+
+def test_what_fits_passes_and_numbers_of_numpy_become_plain():
+    assert chosen("statics", (np.float64(1), 2)) == ("statics", (1.0, 2.0))
+    assert asked(1, 2, ["a", 0.5], True) == (1, 2, ["a", 0.5], (True,))
+    count: Any = np.int64(3)
+    assert type(asked(count)[0]) is int
+    with pytest.raises(TypeError, match="count"):
+        asked()  # type: ignore[missing-argument]  # as Python says it
+
+
+def test_measurements_come_from_a_folder_or_a_run_too(run, tmp_path):
+    tt.write_measurements(tmp_path / "data", run.measurements)
+    given = (run.measurements, run, tmp_path / "data")
+    values = [tt.identify(m, estimator="mixed-model").full.value for m in given]
+    assert np.array_equal(values[0], values[1])
+    assert np.array_equal(values[0], values[2])
+    assert tt.check(run).verdict == tt.check(run.measurements).verdict
+
+
+def test_a_laboratory_reads_texts(robot):
+    text = "cell-gain:right.front_left=0.03"
+    expected = tt.Laboratory(robot).with_effects(text)
+    laboratory: Any = tt.Laboratory  # type checkers know the attributes that it will have
+    assert laboratory(robot, hidden=(text,)) == expected
+    assert laboratory(robot, hidden=text) == expected
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        f"lab.with_effects('{DOUBTFUL}')",
+        f"lab.with_known(tt.effects.parse('{DOUBTFUL}', lab.robot))",
+        f"tt.Laboratory(lab.robot, hidden=('{DOUBTFUL}',))",
+        f"tt.check(run, corrections='{DOUBTFUL}')",
+    ],
+)
+def test_an_implausible_value_warns_at_the_line_that_called(call, run):
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        exec(f"\n\n{call}", {"__name__": "notebook", "tt": tt, "run": run, "lab": run.laboratory})
+    (warning,) = seen
+    assert (warning.category, warning.filename, warning.lineno) == (InputWarning, "<string>", 3)
+    assert str(warning.message) == (
+        "cell-gain:right.front_left: gain 3 (300 %) is 60 times what is plausible (0.05); "
+        "values are in SI units"
+    )
+
+
+def test_close_names_come_first():
+    assert (
+        choices("right_kne", ["left_hip", "right_knee"])
+        == "did you mean 'right_knee'? valid: left_hip, right_knee"
+    )
+    assert choices("zzz", ["left_hip"]) == "valid: left_hip"
+    assert listed(range(1000)).endswith("38, 39 and 960 more")
+    with pytest.raises(KeyError):  # so that mappings may raise it
+        look_up("joint", "knee", ["hip"], "plan")
+
+
+def test_a_notebook_shows_the_line_and_the_message(capsys):
+    shell = InteractiveShell()
+    shell.run_cell("import tulip_testbed as tt\nplan = 3\ntt.plans.write('folder', plan)")
+    out = capsys.readouterr().out
+    assert out.splitlines() == [
+        "----> 3 tt.plans.write('folder', plan)",
+        "InputError: plan: found the int 3, expected PosturePlan",
+    ]
+    assert str(pickle.loads(pickle.dumps(InputError("as it was")))) == "as it was"
+
+
+def test_results_are_pickled_and_compared(robot, two):
+    run = tt.Laboratory(robot).with_effects("cell-gain:right.front_left=0.03").run(two, engine="statics")
+    again = pickle.loads(pickle.dumps(run))
+    assert str(again.laboratory.hidden[0]) == str(run.laboratory.hidden[0])
+    assert np.array_equal(again.measurements.cell_forces, run.measurements.cell_forces)
+    assert run == run
+    assert run != again
+    assert len({run, again}) == 2

@@ -234,6 +234,8 @@ def test_a_fault_that_is_corrected_for_is_none(robot):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         tt.identify(measured, robot, corrections="cell-gain:right.front_left=0.1")
+        corrected = tt.check(measured, robot, corrections="cell-gain:right.front_left=0.1")
+    assert (tt.check(measured, robot).verdict, corrected.counts["fail"]) == ("fail", 0)
     wrong = "cell-gain:right.front_left=0.1", "encoder-offset:left_knee=0.003"
     told = (
         r"found the correction encoder-offset:left_knee=0\.003, but the measurements show offset \S+ ± \S+ "
@@ -241,8 +243,3 @@ def test_a_fault_that_is_corrected_for_is_none(robot):
     with pytest.warns(InputWarning, match=told) as warned:
         tt.identify(measured, robot, corrections=wrong)
     assert len(warned) == 1
-
-
-def test_angles_in_whole_radians_are_checked(precise, robot):
-    whole = dataclasses.replace(precise, joint_angles=precise.joint_angles.round())
-    assert tt.check(whole, robot).verdict == "fail"

@@ -14,7 +14,6 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import tulip_testbed as tt
 from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING
-from tulip_testbed.cli import main as command_line
 from tulip_testbed.cli.commands import COMMANDS
 from tulip_testbed.cli.generated import PROGRESS, READERS, VALUE
 from tulip_testbed.cli.main import command_of, main, usage
@@ -22,7 +21,7 @@ from tulip_testbed.cli.signatures import REQUIRED, public_function
 from tulip_testbed.cli.terminal import PIPE_WIDTH
 from tulip_testbed.experiments import defaults, laboratory
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
-from tulip_testbed.measurements import read_measurements, write_measurements
+from tulip_testbed.measurements import write_measurements
 from tulip_testbed.sim.dynamics import dynamic_run
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.shipped import ASSETS
@@ -71,10 +70,6 @@ def test_plan_for_another_model(assets, tmp_path, capsys):
     assert "the shipped one is TULip's. Draw one with `tulip plan random`" in message
     message = refused(capsys, "validate", DEFAULT_PLAN, *here)
     assert "hash mismatch of the robot's model" in message
-
-
-def test_no_command(capsys):
-    assert "found no command; valid: validate, simulate" in refused(capsys)
 
 
 def test_help_lists_every_command_with_the_first_line_of_its_docstring(capsys):
@@ -149,20 +144,6 @@ def blas_threads() -> set[int]:
     return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
 
 
-def test_a_command_runs_with_one_thread_for_linear_algebra(monkeypatch):
-    seen = []
-
-    def command() -> int:
-        seen.append(blas_threads())
-        return 0
-
-    monkeypatch.setattr(command_line, "command_of", lambda name: command)
-    with threadpool_limits(2, user_api="blas"):
-        assert main(["any"]) == 0
-        assert blas_threads() == {2}
-    assert seen == [{1}]
-
-
 def test_a_placement_is_held_with_one_thread_in_whatever_process(monkeypatch, robot, plan):
     seen = []
 
@@ -180,33 +161,6 @@ def test_a_placement_is_held_with_one_thread_in_whatever_process(monkeypatch, ro
     assert seen == [{1}]
 
 
-def test_a_message_names_the_parameter_whose_option_is_read_under_both_spellings(tmp_path, capsys):
-    draw = ("plan", "random", "--out", tmp_path / "plan")
-    for flag in ("--per-placement", "--per_placement"):
-        assert refused(capsys, *draw, flag, 0) == "tulip: per_placement: found 0, expected 1 or more"
-
-
-def test_a_terminal_of_80_columns_gets_no_line_that_is_cut(wii, tmp_path, capsys, monkeypatch):
-    write_measurements(tmp_path / "data", wii.measurements)
-    monkeypatch.setenv("COLUMNS", "80")
-    for command in ("check", "identify"):
-        assert main([command, str(tmp_path / "data")]) == 0
-        out = capsys.readouterr().out
-        assert max(map(len, out.splitlines())) <= 80
-        assert "…" not in out
-
-
-def test_a_shipped_plan_has_a_name(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    out = tmp_path / "data"
-    assert main(["simulate", "mixed", "--engine", "statics", "--sensors", "ideal", "--out", str(out)]) == 0
-    assert set(read_measurements(out).support) == {"double", "right", "left"}
-    assert len(tt.plans.read("optimal")) == len(tt.plans.optimal)
-    capsys.readouterr()
-    (tmp_path / "mixed").mkdir()  # a path of that name comes first
-    assert "mixed" in refused(capsys, "simulate", "mixed", "--out", tmp_path / "other")
-
-
 def test_a_run_remembers_its_robot(assets, tmp_path):
     edit(assets / "tulip.toml", 'name = "TULip"', 'name = "Rose"')
     run, page = tmp_path / "run", tmp_path / "run.html"
@@ -215,21 +169,6 @@ def test_a_run_remembers_its_robot(assets, tmp_path):
     (assets / "tulip.toml").unlink()
     assert main(["report", str(run), "--out", str(page)]) == 0
     assert "<title>Rose: validation run</title>" in page.read_text()
-
-
-def test_identify_prints_json_and_tables(wii, tmp_path, capsys):
-    write_measurements(tmp_path / "data", wii.measurements)
-    assert main(["identify", str(tmp_path / "data"), "--json", "--estimator", "mixed-model"]) == 0
-    document = json.loads(capsys.readouterr().out)
-    assert document["full"]["value"][9] == pytest.approx(wii.identification.full.value[9])
-    assert main(["identify", str(tmp_path / "data")]) == 0
-    answer = capsys.readouterr().out
-    assert len(answer.splitlines()) < 30
-    assert "\nUsable: " in answer
-    assert "right_ankle_roll" not in answer
-    assert "paper" not in answer
-    assert main(["identify", str(tmp_path / "data"), "--full"]) == 0
-    assert "right_ankle_roll" in capsys.readouterr().out
 
 
 def test_identify_by_name(wii, tmp_path, capsys):
@@ -247,17 +186,6 @@ def test_identify_by_name(wii, tmp_path, capsys):
     assert all(0 <= share <= 1 for share in links["mass_share"])
     assert main(["identify", str(tmp_path / "data"), "--estimator", "prior", "--full"]) == 0
     assert "no single link mass" in " ".join(capsys.readouterr().out.split())
-
-
-def test_postures_are_written_and_described(tmp_path, capsys):
-    arguments = ["plan", "random", "--placements", "4", "--per-placement", "4", "--seed", "3"]
-    assert main([*arguments, "--out", str(tmp_path / "plan"), "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
-    assert document["postures"] == 16
-    assert main(["plan", "show", str(tmp_path / "plan"), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["condition_number"] == pytest.approx(
-        document["condition_number"]
-    )
 
 
 def test_model_prints_links_with_their_brackets(capsys):
@@ -306,3 +234,14 @@ def test_the_parser_repeats_no_control_or_direction_character(capsys):
             said = capsys.readouterr()
             assert end.value.code == 2
             assert (said.out + said.err).replace("\n", "").isprintable()
+
+
+def test_postures_are_written_and_described(tmp_path, capsys):
+    arguments = ["plan", "random", "--placements", "4", "--per-placement", "4", "--seed", "3"]
+    assert main([*arguments, "--out", str(tmp_path / "plan"), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["postures"] == 16
+    assert main(["plan", "show", str(tmp_path / "plan"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["condition_number"] == pytest.approx(
+        document["condition_number"]
+    )

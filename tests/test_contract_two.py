@@ -14,7 +14,6 @@ from tests.contact_folders import EXAMPLE, GROUND, POSE, assert_same, contacts_o
 from tests.fuzz.documents import STRANGE, json_values, places
 from tests.test_refusals import refuse, rows
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.experiments.check_folder import check_folder
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.measurements import read_measurements, write_measurements
 from tulip_testbed.measurements.contacts import VERTICAL, WRENCH
@@ -274,14 +273,6 @@ def test_contacts_in_memory_are_held_against_the_contract(write, changes, words)
     m = read_measurements(write(contacts_of(), poses=False))
     check_contract(m)
     refuse(words, check_contract, eval(changes[0], {"m": m, "replace": replace, "np": np}))
-
-
-def test_check_lists_what_a_folder_of_version_two_lacks(write, robot):
-    folder = write(contacts_of(), drop=("wrench.left.fz", "q.right_knee"))
-    told = check_folder(folder, robot).to_json()
-    assert told["verdict"] == "could not read"
-    assert "columns missing: q.right_knee, wrench.left.fz" in " ".join(told["complaints"]["table"])
-    assert not told["complaints"]["manifest"]
 
 
 @settings(max_examples=30, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))

@@ -138,13 +138,6 @@ def test_every_verdict_has_its_page_and_its_view(saved, verdict, robot, tmp_path
     window.save(tmp_path / "v.rrd", "v", lambda recording: log_discovery(recording, run))
 
 
-def test_a_correction_that_moves_nothing_says_so_in_a_line(saved):
-    page = discovery_page(dataclasses.replace(saved, after=saved.before))
-    section = next(section for section in page.sections if section.title == "Base parameters")
-    assert section.paragraphs[0].startswith("None of 25 parameters moved by more than 3.1 standard errors")
-    assert (section.tables, section.folded[0][0]) == ((), "All 25")
-
-
 def test_a_hostile_target_stays_text(saved):
     (best,) = saved.explanations
     hostile = dataclasses.replace(best.instance, target="</script><script>alert(1)</script>")

@@ -60,18 +60,6 @@ def test_every_path_into_the_docs_exists():
     assert {page: where for page, where in named.items() if not (ROOT / page).exists()} == {}
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        '<script src="https://unpkg.com/iframe-worker/shim"></script>',
-        '<link rel="stylesheet" href="//fonts.googleapis.com/css">',
-        "a { background: url(https://example.org/a.png) }",
-    ],
-)
-def test_what_a_browser_would_load_is_recognised(text):
-    assert loaded_from_elsewhere(text)
-
-
 def test_the_site_loads_nothing_from_elsewhere():
     """The site is built by `make docs`; here what was built is read."""
     built = [p for p in (ROOT / "site").rglob("*") if p.suffix in (".html", ".css")]
@@ -137,51 +125,6 @@ def test_every_command_of_every_page_can_be_parsed():
 )
 def test_dots_stand_for_anything_and_for_nothing_else(shown, same):
     assert matches(shown, "\na 1  \nb 2\nc 3\n\n") is same
-
-
-PAGE = """
-```console
-$ echo a \\
-    b > file
-$ cat file
-a b
-```
-
-<!-- slow -->
-```console
-$ cat file
-no 1
-```
-
-```python
-two = 2
-```
-```python
-print(two)
-```
-```text
-2
-```
-"""
-
-
-def test_a_page_is_played_in_order_and_its_slow_blocks_are_left_out(tmp_path, monkeypatch):
-    page = tmp_path / "page.md"
-    page.write_text(PAGE)
-    assert [step.slow for step in steps(str(page))] == [False, False, True, False, False]
-    play(str(page), False, tmp_path, monkeypatch)
-    with pytest.raises(AssertionError, match=r"cat file\n *--- printed ---\n *a b"):
-        play(str(page), True, tmp_path, monkeypatch)
-    page.write_text(PAGE.replace("\n2\n", "\n3\n"))
-    with pytest.raises(AssertionError, match=r"print\(two\)"):
-        play(str(page), False, tmp_path, monkeypatch)
-
-
-def test_a_command_that_fails_is_noticed(tmp_path, monkeypatch):
-    page = tmp_path / "page.md"
-    page.write_text("```console\n$ tulip check nowhere\n...\n```\n")
-    with pytest.raises(AssertionError, match="no such measurement folder"):
-        play(str(page), False, tmp_path, monkeypatch)
 
 
 EXAMPLES = Path(__file__).parent.parent / "examples"

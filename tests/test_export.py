@@ -15,10 +15,8 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
-import tulip_testbed.experiments.export.export_model as writer
 from tests.published_robot import write_published
 from tulip_testbed.base.errors import InputError, InputWarning
-from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.export.export_model import Export, export_model
 from tulip_testbed.experiments.export.inertial_text import inertial_spans, with_inertias, with_places
 from tulip_testbed.experiments.export.published_links import published_links
@@ -28,7 +26,6 @@ from tulip_testbed.identification.cad_prior import cad_prior
 from tulip_testbed.identification.center_of_pressure import contact_pressure
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.pseudo_inertia import pseudo_inertia, pseudo_inertias
-from tulip_testbed.measurements import write_measurements
 from tulip_testbed.sim.random_robots import draw_robot
 from tulip_testbed.sim.robot import joint_names
 
@@ -114,24 +111,6 @@ def test_only_the_inertias_change(exported, robot):
     assert len(inertial_spans(after, path)) == robot.model.nbody - 1
 
 
-def test_the_exported_robot_moves_its_center_of_mass_as_estimated(exported, found):
-    """Without the base parameters' map: MuJoCo's centre of mass at random angles, over the sole."""
-    model = mujoco.MjModel.from_xml_path(str(exported.files[0]))
-    rng, data = np.random.default_rng(1), mujoco.MjData(model)
-    names = joint_names(model)
-    columns = [int(model.joint(name).qposadr[0]) for name in names]
-    turns = rng.uniform(-0.5, 0.5, (20, len(names)))
-    regressor = found.parameters.regressor(turns)
-    for angles, rows in zip(turns, regressor, strict=True):
-        data.qpos[columns] = angles
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        foot = data.body("right_foot")
-        com = foot.xmat.reshape(3, 3).T @ (data.subtree_com[1] - foot.xpos)
-        # x and y of the swing foot's z parameter are zero only while that foot is level.
-        assert com[:2] == pytest.approx(rows @ exported.base_parameters, abs=5e-2)
-
-
 def test_the_document(exported, found, robot):
     told = exported.to_json()
     json.dumps(told)
@@ -151,12 +130,6 @@ def test_the_document(exported, found, robot):
     assert "right_lower_leg" in text
 
 
-def test_few_rows_move_no_mass_far_from_cad(run, robot, tmp_path):
-    few = tt.identify(run.measurements.take(np.arange(28)), robot)
-    made = tt.export_model(few, robot, out=tmp_path / "a.xml", samples=0)
-    assert all(0.7 < link.mass / link.mass_cad < 1.4 for link in made.links if link.mass_cad)
-
-
 def test_samples(exported, found, robot):
     with np.load(exported.files[1]) as samples:
         assert samples["links"].tolist() == list(found.parameters.tree.links)
@@ -173,18 +146,6 @@ def test_samples(exported, found, robot):
     chi2 = np.einsum("sp,pq,sq->s", away, weights, away)
     assert (chi2 > 1).all()
     assert (chi2 < 80).all()
-
-
-def test_on_a_full_disk_neither_file_is_left(found, robot, tmp_path, monkeypatch):
-    def full(path, content, new=False):
-        if path.suffix == ".npz":
-            raise InputError(f"{path}: cannot write (No space left on device)")
-        path.write_bytes(content)
-
-    monkeypatch.setattr(writer, "write_bytes", full)
-    with pytest.raises(InputError, match="No space left"):
-        tt.export_model(found, robot, out=tmp_path / "a.xml", samples=1)
-    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("name", ["tulip", "humanoid", pytest.param("humanoid_CMU", marks=pytest.mark.slow)])
@@ -311,26 +272,6 @@ def test_a_body_in_an_included_file_is_refused(robot, found, tmp_path):
     other = with_model(robot, tmp_path, lambda text: text.replace(leg[0], '<include file="leg.xml"/>'))
     with pytest.raises(InputError, match=r'found no <body name="left_hip_yaw">.*included'):
         export_model(found, other, Export(tmp_path / "a.xml", samples=0))
-
-
-def test_folders_of_every_kind(run, robot, tmp_path, capsys):
-    write_measurements(tmp_path / "data", run.measurements)
-    model = tmp_path / "a.xml"
-    assert main(["export", str(tmp_path / "data"), "--out", str(model), "--samples", "0", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["files"] == [str(model)]
-
-
-def test_a_validation_is_exported_as_its_report_says(run, robot, tmp_path):
-    from tulip_testbed.experiments.validate import judge
-
-    judged = judge(run)
-    judged.save(tmp_path / "run")
-    by_folder = tt.export_model(tmp_path / "run", robot, out=tmp_path / "a.xml", samples=0)
-    in_memory = tt.export_model(judged, robot, out=tmp_path / "b.xml", samples=0)
-    assert np.array_equal(by_folder.base_parameters, in_memory.base_parameters)
-    assert (tmp_path / "a.xml").read_bytes() == (tmp_path / "b.xml").read_bytes()
-    assert in_memory.total_mass.source == by_folder.total_mass.source == "weighed"
 
 
 def test_adopted_lengths_on_request(run, found, robot, tmp_path):

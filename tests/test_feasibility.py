@@ -1,10 +1,15 @@
-"""Support polygon, clearance and boards."""
+"""Random postures and their margins: support polygon, clearance, boards, size of the robot."""
+
+import dataclasses
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.holding import check_standing
+from tests.scaled_robot import write_scaled_robot
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.feasibility import (
     boards_fit,
     foot_clearance,
@@ -14,7 +19,24 @@ from tulip_testbed.identification.feasibility import (
     stability_margin,
     support_polygon,
 )
+from tulip_testbed.identification.planning.closed_chain import chain_at
+from tulip_testbed.identification.planning.constraints import limb_distances
+from tulip_testbed.identification.planning.footing import footing
+from tulip_testbed.identification.planning.objectives import objectives
+from tulip_testbed.identification.planning.optimal_plan import SearchTask, smallest_margins
+from tulip_testbed.identification.planning.problem import planning_problem
+from tulip_testbed.identification.planning.search import design_of
+from tulip_testbed.identification.planning_ranges import (
+    Margins,
+    leg_length,
+    planning_margins,
+    planning_ranges,
+)
+from tulip_testbed.identification.postures import random_postures
+from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.measurements import lay_boards
+from tulip_testbed.sim.robot import joint_names
+from tulip_testbed.sim.scene import nominal_plates
 
 SOLE = np.array([[0.13, 0.05], [0.13, -0.05], [-0.07, -0.05], [-0.07, 0.05]])
 
@@ -74,3 +96,103 @@ def test_boards_lie_parallel_apart_and_under_their_feet(plate, x, y, yaw):
     assert boards[1, 1] - boards[0, 1] >= plate.size[1] + 0.01 - 1e-12
     if boards_fit(soles, boards, plate):
         assert (np.abs(soles - boards[:, None, :2]) <= plate.size / 2 + 1e-9).all()
+
+
+def test_shipped_plan_keeps_every_constraint(robot, plan):
+    check_standing(robot, plan)
+
+
+def test_shipped_sets_have_the_condition_numbers_of_random_postures(parameters, plan):
+    """Three sets of 50: the paper's random starts had 647 to 926, our ranges are our own."""
+    for first in (1, 11, 21):
+        chosen = (plan.placement >= first) & (plan.placement < first + 10)
+        assert chosen.sum() == 50
+        assert 600 < np.linalg.cond(stacked_regressor(parameters, plan.joint_angles[chosen])) < 1300
+
+
+def test_same_seed_same_plan(robot, plate):
+    first, second, other = (random_postures(robot, plate, 2, 3, seed) for seed in (4, 4, 5))
+    assert first.joint_angles.tobytes() == second.joint_angles.tobytes()
+    assert not np.array_equal(first.joint_angles, other.joint_angles)
+    assert first.placement.tolist() == [1, 1, 1, 2, 2, 2]
+
+
+def test_soles_keep_their_margin_by_the_planners_loads_too(robot, plate):
+    """Centres of pressure as feed-forward chooses them, without what it allows for friction."""
+    margins = dataclasses.replace(planning_margins(robot), foot_moment=0.0)
+    problem = planning_problem(robot, plate, margins=margins)
+    plan = random_postures(robot, plate, 6, 5, 431)
+    design = design_of(problem, plan.joint_angles, plan.swing_pose)
+    foot = footing(problem, np.column_stack([design[:, [0, 1, 6, 7, 8]], np.zeros((len(plan), 3))]))
+    assert foot.soles.min() >= problem.ranges.sole_margin - 1e-9
+
+
+def test_progress_counts_every_posture(robot, plate):
+    observed = []
+    random_postures(robot, plate, 3, 2, 1, progress=observed.append)
+    assert sum(observed) == 6
+
+
+def test_impossible_ranges_say_what_blocks(robot, plate):
+    ranges = dataclasses.replace(planning_ranges(robot), least_height=0.8)
+    with pytest.raises(InputError, match=r"admit no posture: 3000 tries, none feasible; blocked by .*\("):
+        random_postures(robot, plate, 1, 1, 0, ranges)
+
+
+LIGHT = (31.0 / 225.63) ** (1 / 3)  # TULip's scale at a weight of 31 N
+
+
+def with_table(robot, **table):
+    settings = robot.settings | {"planning": robot.settings["planning"] | table}
+    return dataclasses.replace(robot, settings=settings)
+
+
+def test_tulips_margins_are_exactly_those_of_its_published_plans(robot):
+    expected = Margins(foot_load=25.0, foot_moment=0.55, leg_clearance=0.01, link_clearance=0.01, lifted=0.02)
+    assert planning_margins(robot) == expected
+
+
+@pytest.fixture
+def light(tmp_path):
+    return write_scaled_robot(tmp_path / "light", LIGHT)
+
+
+def test_margins_of_a_light_robot_are_in_proportion(light):
+    margins = planning_margins(light)
+    assert leg_length(light) == pytest.approx(LIGHT * 0.6449)
+    assert margins.foot_load == pytest.approx(25.0 * LIGHT**3, rel=0.01)
+    assert margins.foot_moment == pytest.approx(0.55 * LIGHT**4, rel=0.01)
+
+
+@pytest.mark.slow
+def test_a_light_robot_can_be_planned(light):
+    problem = planning_problem(light, nominal_plates(light)[0])
+    assert problem.weight == pytest.approx(31.0, abs=0.01)
+    goal = objectives(problem.nominal, 4.16e-3)["condition"]
+    plan = SearchTask(problem, goal, 5, 3, 421, hops=0).run()
+    assert plan.made["final_objective"] < plan.made["initial_objective"]
+    assert all(margin["value"] > -1e-6 for margin in smallest_margins(problem, plan).values())
+
+
+def test_the_description_states_margins(robot, plate):
+    stated = with_table(robot, foot_load=10, board=0.02, link_clearance=0)
+    margins = planning_margins(stated)
+    assert (margins.foot_load, margins.board, margins.link_clearance) == (10.0, 0.02, 0.0)
+    assert margins.foot_moment == 0.55
+    assert planning_ranges(stated) == planning_ranges(robot)
+    assert planning_problem(stated, plate).margins == margins
+
+
+def test_links_above_both_legs_belong_to_neither(foreign):
+    """The humanoid's legs hang from a pelvis below a waist of three joints."""
+    robot = foreign["humanoid"]
+    problem = planning_problem(robot, nominal_plates(robot)[0])
+    frames = problem.parameters.tree.frames
+    assert [[frames[limb[0]] for limb in leg] for leg in problem.limbs] == [
+        ["right_shin", "right_thigh"],
+        ["left_shin", "left_thigh"],
+    ]
+    stand = robot.model.key("stand").qpos
+    angles = stand[[robot.model.joint(name).qposadr[0] for name in joint_names(robot.model)]]
+    distance, _ = limb_distances(problem, chain_at(problem, angles[None]))
+    assert distance.min() > problem.margins.leg_clearance

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.base.files import new_folder, present, read_bytes, read_text, scratch_folder, write_text
+from tulip_testbed.base.files import is_folder, new_folder, present, read_text, scratch_folder, write_text
 from tulip_testbed.base.resumable import alone_on
 
 # Forks once per file operation; the child kills itself right before its n-th one.
@@ -170,19 +170,6 @@ def test_only_regular_files_of_text_are_read(tmp_path, make, message):
         read_text(tmp_path / "name", 10)
 
 
-def test_names_that_no_file_can_have(tmp_path):
-    with pytest.raises(InputError, match="cannot read"):
-        read_bytes(tmp_path / "a\0b")
-    assert not present(tmp_path / "a\0b")
-    with pytest.raises(InputError, match="File name too long"):
-        present(tmp_path / ("x" * 300))
-
-
-def test_a_byte_order_mark_is_no_text(tmp_path):
-    (tmp_path / "a").write_bytes(b"\xef\xbb\xbf{}")
-    assert read_text(tmp_path / "a") == "{}"
-
-
 def test_a_name_that_leaves_no_room_for_more_is_written(tmp_path):
     for name in ("\u00e4" * 120, "x" * 255):
         with new_folder(tmp_path / name) as folder:
@@ -227,3 +214,10 @@ def test_another_process_at_work_is_refused_until_it_is_killed(tmp_path, monkeyp
 def test_a_folder_that_cannot_be_written_to_has_no_lock():
     with pytest.raises(InputError, match=r"^/proc/none/run: cannot write"), alone_on(Path("/proc/none/run")):
         pass
+
+
+def test_names_that_no_file_can_have(tmp_path):
+    assert not present(tmp_path / "a\0b")
+    for call in (present, is_folder):
+        with pytest.raises(InputError, match="File name too long"):
+            call(tmp_path / ("x" * 300))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import re
 import tomllib
@@ -15,9 +14,7 @@ import tulip_testbed as tt
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.table_import.column_names import propose, read_name
 from tulip_testbed.experiments.table_import.import_map import ImportMap, read_map, with_unknowns
-from tulip_testbed.experiments.table_import.sign_checks import _by_closed_legs
 from tulip_testbed.experiments.table_import.table_import import MappedColumn
-from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.measurements import read_measurements
 from tulip_testbed.measurements.cells import CELLS
 from tulip_testbed.measurements.contacts import VERTICAL
@@ -309,26 +306,6 @@ def test_the_command_prints_one_document(table, stated, tmp_path, capsys):
     out = capsys.readouterr()
     assert "contacts: not stated" in out.out
     assert "No folder was written" in out.err + out.out
-
-
-def test_what_is_assumed_of_the_contact_sensors_is_said(table, stated, tmp_path):
-    found = tt.import_table(table(), out=tmp_path / "data", map=[stated(WRENCHES)])
-    assert any(
-        text.startswith(
-            "the contact sensors' `covariance` is unknown: every averaged reading is taken to err by 1 N"
-        )
-        for text in found.assumed
-    )
-    assert not any("`below`" in text for text in found.assumed)
-    sheet = "covariance = [[1.0, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 0.01]]"
-    known = WRENCHES.replace('zero = "tared"', f'zero = "tared"\n{sheet}')
-    found = tt.import_table(table(), out=tmp_path / "known", map=[stated(known)])
-    assert not any("covariance" in text for text in found.assumed)
-    feet = WRENCHES.replace(
-        "top_height = 0.05", "pose = {x=0.0, y=0.0, z=-0.1, roll=0.0, pitch=0.0, yaw=0.0}"
-    )
-    found = tt.import_table(table(), out=tmp_path / "feet", map=[stated(feet.replace('"ground"', '"foot"'))])
-    assert any(text.startswith("no `below` is stated") for text in found.assumed)
 
 
 def test_messages_speak_of_the_table_and_the_map(table, stated, tmp_path):

@@ -17,6 +17,7 @@ from tulip_testbed.effects.misreading import Misreading
 from tulip_testbed.effects.removal import without
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.measurements import Measurements, SensorSheet
+from tulip_testbed.measurements.header import MeasurementHeader
 
 KNEE = [0.2, 0.4, -0.1]  # rad
 OTHER_KNEE = [0.25, -0.5, 0.5]
@@ -156,28 +157,23 @@ def measured(nominal):
         angles[:, joints.index("right_knee")], angles[:, joints.index("left_knee")] = knee, OTHER_KNEE
         command = np.zeros_like(angles)
         command[:, joints.index("right_knee")] = COMMAND
-        forces = np.hstack([right, left]).astype(float)
-        return Measurements(
-            joints=joints,
+        cells, height, robot = np.array([CELLS, CELLS]), np.zeros(2), dict.fromkeys(("model", "sha256"))
+        return Measurements.from_arrays(
+            MeasurementHeader(
+                robot=robot,
+                joints=joints,
+                cells=cells,
+                top_height=height,
+                gravity=9.81,
+                sensors=SensorSheet(),
+            ),
             posture=np.array([1, 2, 3]),
             placement=np.array(PLACEMENT),
-            support=np.array(["double"] * 3),
             time=np.array(TIME),
-            window=np.ones(3),
-            samples=np.ones(3, int),
             joint_angles=angles,
-            joint_angles_sd=np.zeros_like(angles),
             command=command,
-            motor=None,
-            cell_forces=forces,
-            cell_forces_sd=np.zeros_like(forces),
+            cell_forces=np.hstack([right, left]).astype(float),
             plate_poses=np.stack([right_pose, left_pose], axis=1),
-            cells=np.array([CELLS, CELLS]),
-            top_height=np.zeros(2),
-            weighed_mass=None,
-            gravity=9.81,
-            sensors=SensorSheet(),
-            robot={"model": None, "sha256": None, "stance_foot": None, "swing_foot": None},
         )
 
     return make
@@ -204,20 +200,6 @@ def assert_same(found, expected, within=1e-13):
         assert getattr(found, name) == pytest.approx(getattr(expected, name), rel=within, abs=within)
 
 
-def rearranged(m: Measurements, rows) -> Measurements:
-    names = (
-        "posture",
-        "placement",
-        "support",
-        "time",
-        "joint_angles",
-        "command",
-        "cell_forces",
-        "plate_poses",
-    )
-    return dataclasses.replace(m, **{name: getattr(m, name)[rows] for name in names})
-
-
 def test_every_instrument_effect_has_a_reading_worked_out_by_hand():
     names = {text.partition("=")[0].partition(":")[0] for text in READINGS} | {UNDONE_BY_LOADS}
     on_plates = {effect.name for effect in effects_on(None) if effect.misreads}
@@ -229,7 +211,7 @@ def test_every_instrument_effect_has_a_reading_worked_out_by_hand():
 def test_instruments_misread_by_definition_and_are_corrected(text, rows, measured, fault):
     """Time and placement decide, not the row."""
     misread, corrected = fault(text)
-    true, read = rearranged(measured(), rows), rearranged(measured(**READINGS[text]), rows)
+    true, read = measured().take(np.array(rows)), measured(**READINGS[text]).take(np.array(rows))
     within = ROUNDED if text.startswith(LAW) else 1e-13
     assert_same(misread(true), read, within)
     assert_same(corrected(read), true, within)

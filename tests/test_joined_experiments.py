@@ -9,8 +9,7 @@ import pytest
 import tulip_testbed as tt
 from tulip_testbed.base.errors import InputError, InputWarning
 from tulip_testbed.effects.catalogue import catalogue
-from tulip_testbed.effects.effect import Effect
-from tulip_testbed.effects.instance import EffectInstance, removed
+from tulip_testbed.effects.instance import removed
 from tulip_testbed.effects.lasting import acting, arranged, epochs, targets_over
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.observation import observe
@@ -242,12 +241,6 @@ def test_folders_that_do_not_belong_together_are_refused(pair, noisy, few):
     strange = dataclasses.replace(second, experiments=(Experiment("", ("encoder re-zeroed: right_elbow",)),))
     with pytest.raises(InputError, match="right_elbow"):
         joined([first, strange])
-
-
-def test_a_finding_of_one_session_says_so():
-    one = EffectInstance(catalogue()["tilt"], "@2", (0.01, 0.0))
-    assert one.finding.startswith("From experiment 2 on: the floor is tilted")
-    assert isinstance(one.effect, Effect)
 
 
 def test_a_misspelt_key_of_a_manifest_is_named(pair, tmp_path):

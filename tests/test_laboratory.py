@@ -17,7 +17,6 @@ from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics, run_placement
 from tulip_testbed.sim.dynamics.hold import hold, move, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.outcome import dropped_postures
-from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.plates import tare
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import sole_corners
@@ -245,15 +244,6 @@ def test_known_weight_at_a_known_place_is_read_by_the_four_cells(robot):
     signs = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]])
     expected = 98.1 / 4 * (1 + signs[:, 0] * 0.04 / x + signs[:, 1] * 0.03 / y)
     assert forces == pytest.approx(expected, abs=1e-3)
-
-
-def test_paths_keep_the_feet(robot, model, parameters, plan):
-    path = ClosedChain(model, robot).path(plan.joint_angles[0], plan.joint_angles[1], 50)
-    tree = parameters.tree
-    swing = link_rotations(tree, parameters.base, path)[:, tree.frame("left_foot")]
-    assert swing == pytest.approx(np.tile(swing[-1], (50, 1, 1)), abs=1e-6)
-    assert path[-1] == pytest.approx(plan.joint_angles[1])
-    assert np.abs(np.diff(path, axis=0)).max() < 0.2
 
 
 def test_a_posture_whose_repeat_could_be_used_is_not_dropped(ideal):

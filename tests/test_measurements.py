@@ -1,4 +1,4 @@
-"""The measurement folder: exact round trips, tables in two formats, and what a reader is told."""
+"""Measurements in a folder and in memory: exact round trips, one contract."""
 
 import dataclasses
 import json
@@ -10,14 +10,15 @@ import pyarrow.csv
 import pyarrow.parquet
 import pytest
 
+import tulip_testbed as tt
 from tests.contact_folders import assert_same
+from tests.test_refusals import refuse, rows
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import sha256
 from tulip_testbed.experiments.check_folder import check_folder
-from tulip_testbed.experiments.identify import identify
-from tulip_testbed.measurements import read_measurements, write_measurements
+from tulip_testbed.measurements import Measurements, SensorSheet, read_measurements, write_measurements
+from tulip_testbed.measurements.contract import check_contract
 from tulip_testbed.sim.outcome import Outcome
-from tulip_testbed.sim.plan_folder import read_plan, write_plan
 
 
 @pytest.fixture
@@ -31,25 +32,6 @@ def edit_manifest(folder, change):
     content = json.loads(path.read_text())
     change(content)
     path.write_text(json.dumps(content))
-
-
-def keep_alone(folder, name):
-    """Leave one table and list its hash."""
-    for path in folder.glob("postures.*"):
-        if path.name != name:
-            path.unlink()
-    edit_manifest(folder, lambda m: m.update(tables={name: sha256(folder / name)}))
-
-
-def rewrite(folder, change):
-    """Change the Parquet table and keep the manifest's hash honest; the CSV goes."""
-    path = folder / "postures.parquet"
-    pyarrow.parquet.write_table(change(pyarrow.parquet.read_table(path)), path)
-    keep_alone(folder, path.name)
-
-
-def replace_column(table, name, values):
-    return table.set_column(table.column_names.index(name), name, pa.array(values))
 
 
 def refusal(folder):
@@ -69,79 +51,16 @@ def test_rates_and_accelerations_of_a_moving_robot_are_read_back(wii, tmp_path):
     assert_same(read_measurements(tmp_path / "moving"), moving)
 
 
-@pytest.mark.parametrize("end", ["\n", "\r", "\r\n"])
-def test_csv_alone_says_the_same_with_any_line_end(wii, folder, end):
-    path = folder / "postures.csv"
-    path.write_bytes(path.read_bytes().replace(b"\n", end.encode()))
-    keep_alone(folder, path.name)
-    assert_same(wii.measurements, read_measurements(folder))
-
-
 def test_an_edited_twin_is_not_passed_over(folder):
     """Whoever edits the CSV must not get the Parquet's results, even if both hashes are right."""
     path = folder / "postures.csv"
     table = pyarrow.csv.read_csv(path)
-    table = replace_column(table, "q.right_knee", table["q.right_knee"].to_numpy() + 0.1)
+    at, knee = table.column_names.index("q.right_knee"), table["q.right_knee"].to_numpy() + 0.1
+    table = table.set_column(at, "q.right_knee", pa.array(knee))
     pyarrow.csv.write_csv(table, path)
     assert "postures.csv: hash mismatch" in refusal(folder)
     edit_manifest(folder, lambda m: m["tables"].update({path.name: sha256(path)}))
     assert "postures.csv: next to postures.parquet: column 'q.right_knee', row 1: found" in refusal(folder)
-
-
-def test_optional_columns_may_be_absent_and_unknown_spreads_null(folder):
-    def strip(table):
-        table = table.select([n for n in table.column_names if not n.startswith(("motor.", "q_command."))])
-        return replace_column(table, "q_std.left_knee", [None] * len(table))
-
-    rewrite(folder, strip)
-    measured = read_measurements(folder)
-    assert measured.motor is None
-    assert measured.command is None
-    assert np.isnan(measured.joint_angles_sd[:, 9]).all()
-
-
-def test_fewer_postures_than_parameters_are_refused(folder, robot):
-    rewrite(folder, lambda t: t.slice(0, 12))
-    with pytest.raises(InputError, match=r"found 12 postures .* expected at least 13 for 25 base parameters"):
-        identify(read_measurements(folder), robot, estimator="mixed-model")
-
-
-def test_no_rows_a_truncated_table_and_no_folder(folder, tmp_path):
-    rewrite(folder, lambda t: t.slice(0, 0))
-    assert "found no rows" in refusal(folder)
-    path = folder / "postures.parquet"
-    path.write_bytes(path.read_bytes()[:500])
-    keep_alone(folder, path.name)
-    assert "postures.parquet: broken table" in refusal(folder)
-    assert "no such measurement folder" in refusal(tmp_path / "nothing")
-
-
-def test_plan_round_trip_and_limits(plan, robot, tmp_path):
-    write_plan(tmp_path / "plan", plan)
-    assert read_plan(tmp_path / "plan", robot).joint_angles.tobytes() == plan.joint_angles.tobytes()
-    rewrite(tmp_path / "plan", lambda t: replace_column(t, "q.left_knee", [-0.2] * len(t)))
-    message = r"column 'q.left_knee', row 1: found -0.2 rad, expected within \[0.0000"
-    with pytest.raises(InputError, match=message):
-        read_plan(tmp_path / "plan", robot)
-
-
-def test_an_incomplete_folder_names_its_tables_and_what_lists_the_rest(folder):
-    edit_manifest(folder, lambda m: m.update(tables=None))
-    (folder / "postures.parquet").unlink()
-    path = folder / "postures.csv"
-    text = path.read_text().replace("q.right_knee", "q.rightknee", 1).replace('"posture"', '"no"', 1)
-    path.write_text(text)
-    assert "columns 'posture', 'q.right_knee' are missing (found 'q.rightknee'); `" in refusal(folder)
-    path.rename(folder / "wednesday.csv")
-    advice = "lists all that is missing or wrong"
-    said = refusal(folder)
-    assert "nor postures.csv, expected one of them; found wednesday.csv; `" in said
-    assert said.endswith(advice)
-    (folder / "manifest.json").unlink()
-    said = refusal(folder)
-    assert said.startswith("DATA/manifest.json: missing; found wednesday.csv; `")
-    assert said.endswith(advice)
-    assert "and the table as postures.csv; `" in refusal(folder / "wednesday.csv")
 
 
 def test_measurements_print_as_a_line_and_have_a_frame_with_the_folders_columns(wii, folder):
@@ -172,6 +91,103 @@ def test_gains_and_tolerances_are_read_and_written_back(folder, tmp_path, key, v
     broken = dataclasses.replace(measured, **wrong)
     with pytest.raises(InputError, match=rf"measurements: key '{key}\..*': found nan"):
         write_measurements(tmp_path / "broken", broken)
+
+
+@pytest.fixture(scope="module")
+def measured(run):
+    return run.measurements
+
+
+def changed(m, **fields):
+    """Replace fields by what functions make of them."""
+    return dataclasses.replace(m, **{name: make(getattr(m, name).copy()) for name, make in fields.items()})
+
+
+def put(*place, value):
+    def make(values):
+        values[place] = value
+        return values
+
+    return make
+
+
+def taken(m, chosen):
+    """Take rows, by indices."""
+    fields = {field.name: getattr(m, field.name) for field in dataclasses.fields(m)}
+    of_rows = {n: v for n, v in fields.items() if isinstance(v, np.ndarray) and len(v) == len(m)}
+    return dataclasses.replace(m, **{name: value[chosen] for name, value in of_rows.items()})
+
+
+@rows("contract")
+def test_measurements_in_memory_are_held_against_the_contract(measured, changes, words):
+    names = {"m": measured, "replace": dataclasses.replace, "changed": changed, "put": put, "taken": taken}
+    names |= {"np": np, "SensorSheet": SensorSheet}
+    refuse(f"measurements: ... {words}", check_contract, eval(changes[0], names))
+
+
+def test_every_door_holds_measurements_against_the_contract(measured, robot, tmp_path):
+    wrong = changed(measured, joint_angles=np.rad2deg)
+    for call in (
+        lambda: tt.identify(wrong, robot),
+        lambda: tt.discover(wrong, robot),
+        lambda: tt.write_measurements(tmp_path / "data", wrong),
+        lambda: tt.optimize_plan(robot, after=wrong),
+        lambda: tt.view(wrong, robot, save=tmp_path / "view.rrd"),
+    ):
+        with pytest.raises(tt.InputError, match=r"^measurements: column 'q\."):
+            call()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_preflight_reads_on_to_say_which_unit_was_meant(measured, robot):
+    degrees = changed(measured, joint_angles=np.rad2deg)
+    (units,) = [c for c in tt.check(degrees, robot).to_json()["checks"] if c["name"] == "units"]
+    assert units["result"] == "fail"
+    assert "degrees?" in units["seen"]
+    with pytest.raises(tt.InputError, match="found nan, expected a finite number"):
+        tt.check(changed(measured, joint_angles=put(0, 0, value=np.nan)), robot)
+
+
+@pytest.mark.parametrize(
+    ("changes", "check"),
+    [
+        (lambda m: changed(m, posture=lambda v: np.arange(len(v)) % 5), "repeats"),
+        (lambda m: dataclasses.replace(m, sensors=SensorSheet(cell_sd=1e5)), "units"),
+    ],
+)
+def test_what_identify_refuses_the_preflight_explains(measured, robot, tmp_path, changes, check):
+    wrong = changes(measured)
+    write_measurements(tmp_path / "data", wrong, likely=False)
+    for given in (wrong, tmp_path / "data"):
+        failed = [c.name for c in tt.check(given, robot).checks if c.result == "fail"]
+        assert check in failed
+    with pytest.raises(tt.InputError):
+        read_measurements(tmp_path / "data")
+
+
+def test_measurements_are_made_from_arrays_in_memory(measured, robot):
+    m = measured
+    names = ("placement", "joint_angles", "cell_forces", "plate_poses")
+    rows = {name: getattr(m, name).tolist() for name in names}
+    made = Measurements.from_arrays(m.header, posture=m.posture, time=m.time, **rows)
+    assert made.header.stated.keys() == m.header.stated.keys()
+    assert np.array_equal(made.support, m.support)
+    assert np.isnan(made.joint_angles_sd).all()
+    assert made.command is None
+    assert np.array_equal(tt.identify(made, robot).full.value, tt.identify(m, robot).full.value)
+    for wrong, message in (
+        ({"joint_angels": 0}, "unknown field 'joint_angels'; did you mean 'joint_angles'"),
+        ({"cell_forces": None}, "found no cell_forces, expected values of every row"),
+        ({"placement": [1, 2]}, r"placement: found int64 \(2,\), expected an array of whole num"),
+        ({"plate_poses": [[1], [1, 2]]}, "found no array of numbers"),
+    ):
+        with pytest.raises(tt.InputError, match=f"^measurements: {message}"):
+            Measurements.from_arrays(m.header, **(rows | wrong))
+
+
+def test_the_shipped_plan_cannot_be_changed():
+    with pytest.raises(ValueError, match="read-only"):
+        tt.plans.random.joint_angles[0, 0] += 0.05
 
 
 def test_the_preflight_lists_all_tolerances_that_are_wrong(folder, robot):

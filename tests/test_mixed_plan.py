@@ -36,7 +36,6 @@ from tulip_testbed.identification.planning.optimal_plan import (
 )
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning_ranges import planning_ranges
-from tulip_testbed.measurements.data import base_foot
 from tulip_testbed.sim.control import torque_limits
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.robot import joint_names, sole_corners, sole_point
@@ -202,38 +201,6 @@ def test_the_search_beats_the_best_of_a_random_pool(problem, goal, mixed):
 def test_a_search_is_taken_up_in_the_same_bits(task, states, mixed):
     again = task.run(state=states[0])
     assert again.joint_angles.tobytes() == mixed.joint_angles.tobytes()
-
-
-def regressor_by_mujoco(robot, joint_angles, parameters, support):
-    """Compute the base regressor by MuJoCo's kinematics, (m, 2, p) [-].
-
-    The CoM is W(q) phi / M with the standard parameters phi, W = [p_l, R_l] a link, and H theta with
-    theta = B phi / M; so W = H B, and H = W B^+. Places are from the stance foot's sole point, in the axes of
-    the foot that carries.
-    """
-    model = robot.model
-    data = mujoco.MjData(model)
-    joints = [model.joint(name).qposadr[0] for name in joint_names(model)]
-    point = sole_point(model, robot.stance_foot)
-    stacked = np.empty((len(joint_angles), 2, 4 * (model.nbody - 1)))
-    for k, (angles, carrying) in enumerate(zip(joint_angles, base_foot(support), strict=True)):
-        data.qpos[:] = model.qpos0
-        data.qpos[joints] = angles
-        mujoco.mj_kinematics(model, data)
-        foot = data.body(robot.stance_foot)
-        base = data.body(robot.feet[carrying]).xmat.reshape(3, 3)
-        places = (data.xpos[1:] - foot.xpos - foot.xmat.reshape(3, 3) @ point) @ base
-        turns = base.T @ data.xmat[1:].reshape(-1, 3, 3)
-        stacked[k] = np.concatenate([places[:, None], turns.mT], axis=1)[..., :2].reshape(-1, 2).T
-    return stacked @ np.linalg.pinv(parameters.from_standard)
-
-
-def test_the_regressor_of_mixed_supports_is_mujocos(robot):
-    mixed = plans.mixed
-    parameters = base_parameters(robot, support=common_support(mixed.support))
-    assert len(parameters.names) == 27
-    found = regressor_by_mujoco(robot, mixed.joint_angles, parameters, mixed.support)
-    np.testing.assert_allclose(found, parameters.regressor(mixed.joint_angles, mixed.support), atol=1e-12)
 
 
 def test_the_shipped_plan_promises_a_third_of_the_papers_errors(robot):

@@ -1,11 +1,6 @@
 """The runs of a Monte Carlo: the same bits wherever and however often they are computed, or one message."""
 
-import os
-import random
-import signal
-import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +16,6 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.montecarlo.montecarlo_run import collect, computed_by
 from tulip_testbed.experiments.montecarlo.run_columns import RunChunks, read_runs
 
-ROOT = Path(__file__).parent.parent
 RUNS, SIZE = 23, 5
 
 
@@ -65,27 +59,6 @@ def test_runs_differ_and_depend_on_the_seed(undisturbed):
     assert Regressions()(range(9, 10))["full.value.1"][0] == values[9]
 
 
-@pytest.mark.slow
-def test_killed_at_any_moment_it_goes_on_to_the_same_bytes(undisturbed, tmp_path):
-    command = [sys.executable, "-m", "tests.montecarlo_work", str(tmp_path), str(RUNS), str(SIZE), "0.05"]
-    chance, observed = random.Random(1107), []
-    for _ in range(4):
-        process = subprocess.Popen(command, cwd=ROOT, start_new_session=True)
-        before = len(list(tmp_path.glob("*.parquet")))
-        while process.poll() is None and len(list(tmp_path.glob("*.parquet"))) == before:
-            time.sleep(0.001)
-        time.sleep(chance.uniform(0.0, 0.06))
-        os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
-        observed.append(len(list(tmp_path.glob("*.parquet"))))
-        if observed[-1] == len(undisturbed):
-            break
-    assert observed[0] < len(undisturbed)
-    subprocess.run(command, cwd=ROOT, check=True)
-    assert bytes_of(RunChunks(tmp_path, RUNS, SIZE)) == bytes_of(undisturbed)
-    assert {p.suffix for p in tmp_path.iterdir()} == {".parquet"}
-
-
 def test_a_full_disk_leaves_what_was_written(undisturbed, tmp_path, monkeypatch):
     written = Path.write_bytes
 
@@ -105,18 +78,10 @@ def test_a_full_disk_leaves_what_was_written(undisturbed, tmp_path, monkeypatch)
     assert bytes_of(run_regressions(tmp_path, RUNS, SIZE, Regressions())) == bytes_of(undisturbed)
 
 
-@pytest.mark.parametrize(
-    ("work", "message"),
-    [
-        (dying_work.die, "a worker process ended by SIGKILL.*, as the system does when memory runs out"),
-        pytest.param(dying_work.crash, "process ended by SIGSEGV", marks=pytest.mark.slow),
-        pytest.param(dying_work.unreadable, "worker process failed .*serialize", marks=pytest.mark.slow),
-    ],
-)
-def test_a_worker_that_dies_is_told(tmp_path, work, message):
-    with computed_by(2, None), pytest.raises(InputError, match=message) as error:
-        collect(RunChunks(tmp_path, 4, 1), work, lambda count: None)
-    assert ("memory" in str(error.value)) == (work is dying_work.die)
+def test_a_worker_that_dies_is_told(tmp_path):
+    message = "a worker process ended by SIGKILL.*, as the system does when memory runs out"
+    with computed_by(2, None), pytest.raises(InputError, match=message):
+        collect(RunChunks(tmp_path, 4, 1), dying_work.die, lambda count: None)
 
 
 def test_without_a_folder_nothing_is_said_to_stay(monkeypatch, robot, plan):
@@ -144,3 +109,6 @@ def test_a_column_that_comes_twice_and_rows_without_end_are_refused(tmp_path):
         pa.parquet.write_table(table, chunks.path(1))
         with pytest.raises(InputError, match=r"chunk-000001\.parquet: not the chunk of runs 5 to 9"):
             read_runs(chunks, LAYOUT)
+    chunks.path(1).write_bytes(b"PAR1 broken PAR1")
+    with pytest.raises(InputError, match=r"chunk-000001\.parquet: cannot read"):
+        read_runs(chunks, LAYOUT)

@@ -1,5 +1,6 @@
-"""`tulip montecarlo` as a user meets it, on a small plan: interrupted, killed, resumed, refused."""
+"""`tulip montecarlo` and its folder on small plans: interrupted, killed, resumed, refused."""
 
+import dataclasses
 import json
 import os
 import signal
@@ -12,10 +13,14 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
+import tulip_testbed as tt
 from tests.test_cli import refused
 from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.machine import machine
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of, stream_of
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, Settings, montecarlo_file
+from tulip_testbed.experiments.montecarlo.montecarlo_run import raise_runs, run_folder
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.sim.outcome import Outcome
@@ -84,28 +89,7 @@ def test_interrupted_and_killed_it_ends_as_if_undisturbed(small, tmp_path):
     other = subprocess.run(tulip(small, broken, "--seed", "108"), capture_output=True, text=True, check=False)
     assert other.returncode == 2
     assert "settings.seed is 107 there and 108 here" in " ".join(other.stderr.split())
-    check_document(found)
-    check_table(whole)
-
-
-def check_document(found):
-    assert found["runs"] == RUNS
-    assert found["estimator"] == MIXED_MODEL
-    assert [row["number"] for row in found["parameters"]] == list(range(1, 26))
-    assert len(found["simplified"]["parameters"]) == 13
-    wanted = {"number", "bias", "bias_mc_error", "standard_error_ratio", "coverage95"}
-    assert wanted <= found["parameters"][0].keys()
-    assert found["correlations"].keys() == {"12,13", "15,16"}
-    assert {"mean", "sd"} <= found["correlations"]["12,13"].keys()
-    assert found["verdict"] in ("pass", "inconclusive", "fail")
-
-
-def check_table(folder):
-    table = pyarrow.parquet.read_table(folder / "runs")
-    assert table.column("run").to_pylist() == list(range(RUNS))
-    values = table.column("full.value.17").to_numpy()
-    assert len(np.unique(values)) == RUNS
-    assert set(table.column("truth.17").to_pylist()) == {table.column("truth.17")[0].as_py()}
+    assert pyarrow.parquet.read_table(whole / "runs").column("run").to_pylist() == list(range(RUNS))
 
 
 @pytest.mark.filterwarnings("default")  # distributed's own
@@ -141,21 +125,6 @@ def test_random_robots(robot, model, plan, engine):
     assert nominal.truth.mass == pytest.approx(23.0, abs=1e-9)
 
 
-def test_static_runs_do_not_depend_on_their_company(robot, plan):
-    scenario = Laboratory(robot, "wii"), plan.take(plan.placement <= 3)
-    static = source_of(*scenario, 0.1, "statics")
-    together = static([stream_of(107, run) for run in range(7)])
-    for run in range(7):
-        (alone,) = static([stream_of(107, run)])
-        assert isinstance(alone, Outcome)
-        other = together[run]
-        assert isinstance(other, Outcome)
-        for name in ("joint_angles", "cell_forces", "plate_poses", "motor"):
-            np.testing.assert_array_equal(
-                getattr(alone.measurements, name), getattr(other.measurements, name)
-            )
-
-
 def test_a_run_without_a_posture_does_not_take_others_with_it(robot, plan, monkeypatch):
     scenario = Laboratory(robot, "wii"), plan.take(plan.placement <= 1)
     static = source_of(*scenario, None, "statics")
@@ -168,3 +137,113 @@ def test_a_run_without_a_posture_does_not_take_others_with_it(robot, plan, monke
     monkeypatch.setattr("tulip_testbed.experiments.montecarlo.laboratory_runs.run_statics", fail)
     outcomes = static([stream_of(107, run) for run in range(4)])
     assert [isinstance(outcome, str) for outcome in outcomes] == [False, False, True, False]
+
+
+SETTINGS = Settings(runs=100, seed=5, estimator="mixed-model", robot_spread=None, imperfections=0)
+
+
+@pytest.fixture
+def scenario(robot, plan):
+    return Laboratory(robot, "wii"), plan
+
+
+def document_of(scenario, settings=SETTINGS):
+    return montecarlo_file(scenario[0], scenario[1], settings)
+
+
+def kept(folder, scenario, settings=SETTINGS):
+    return run_folder(folder, document_of(scenario, settings))
+
+
+def begin(folder, scenario, settings=SETTINGS):
+    with kept(folder, scenario, settings).opened():
+        pass
+
+
+OTHERS = {  # than the laboratory and the plan of a folder: what is said
+    "preset": (
+        lambda lab, plan: (Laboratory(lab.robot, "ideal"), plan),
+        "preset is 'wii' there and 'ideal' here",
+    ),
+    "angles": (
+        lambda lab, plan: (lab, dataclasses.replace(plan, joint_angles=plan.joint_angles + 1e-9)),
+        r"inputs\.plan is",
+    ),
+    "torques": (
+        lambda lab, plan: (lab, dataclasses.replace(plan, torques=plan.joint_angles)),
+        r"inputs\.plan is",
+    ),
+    "postures": (
+        lambda lab, plan: (lab, plan.take(plan.placement == 1)),
+        r"configuration\.plan\.postures is 150 there and 5 here",
+    ),
+}
+
+
+@pytest.mark.parametrize("other", OTHERS)
+def test_another_plan_or_preset_is_refused(scenario, tmp_path, other):
+    begin(tmp_path / "run", scenario)
+    changed, message = OTHERS[other]
+    with pytest.raises(InputError, match=message):
+        begin(tmp_path / "run", changed(*scenario))
+
+
+def test_other_settings_and_another_version_are_refused(scenario, tmp_path):
+    begin(tmp_path / "run", scenario)
+    with pytest.raises(InputError, match=r"settings\.robot_spread is None there and 0\.1 here"):
+        begin(tmp_path / "run", scenario, dataclasses.replace(SETTINGS, robot_spread=0.1, engine="dynamics"))
+    document = json.loads((tmp_path / "run" / "run.json").read_text())
+    document["software"]["numpy"] = "1.0"
+    (tmp_path / "run" / "run.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match=r"software\.numpy is '1\.0' there"):
+        begin(tmp_path / "run", scenario)
+
+
+def test_the_processor_is_recorded_and_another_one_may_go_on(scenario, tmp_path):
+    folder = tmp_path / "run"
+    begin(folder, scenario)
+    document = json.loads((folder / "run.json").read_text())
+    assert document["machine"] == machine()
+    assert all(len(text) > 3 for text in document["machine"].values())
+    for other in ({"cpu": "abacus"}, None):
+        document["machine"] = other
+        (folder / "run.json").write_text(
+            json.dumps({name: value for name, value in document.items() if value is not None})
+        )
+        begin(folder, scenario)
+
+
+def test_more_runs_in_the_same_folder(robot, plan, tmp_path):
+    """The last file, which was not full, is made anew; the folder ends as if made at once."""
+    laboratory, few = Laboratory(robot, "wii"), plan.take(plan.placement <= 8)
+
+    def carried_out(name, runs):
+        return tt.monte_carlo(laboratory, few, runs=runs, out=tmp_path / name, workers=1)
+
+    carried_out("raised", 1)
+    found, straight = carried_out("raised", 2), carried_out("straight", 2)
+    assert found.runs == 2
+    assert found.errors_mm["full"].tolist() == straight.errors_mm["full"].tolist()
+    straight.save(tmp_path / "saved")
+    for file in ("run.json", "report.json", "runs/chunk-000000.parquet", "plan/plan.json"):
+        expected = (tmp_path / "straight" / file).read_bytes()
+        assert (tmp_path / "raised" / file).read_bytes() == expected
+        assert (tmp_path / "saved" / file).read_bytes() == expected
+    assert MonteCarlo.load(tmp_path / "saved", robot).to_json() == straight.to_json()
+    assert MonteCarlo.from_json(straight.to_json()).tables() == straight.tables()
+    assert carried_out("saved", 3).runs == 3
+
+
+def test_more_runs_of_another_kind_are_refused(scenario, tmp_path):
+    begin(tmp_path / "run", scenario)
+    before = (tmp_path / "run" / "run.json").read_bytes()
+    raise_runs(tmp_path / "run", document_of(scenario, dataclasses.replace(SETTINGS, runs=200, seed=6)))
+    assert (tmp_path / "run" / "run.json").read_bytes() == before
+    with (
+        kept(tmp_path / "run", scenario).opened(),
+        pytest.raises(InputError, match="another process is at work"),
+    ):
+        raise_runs(tmp_path / "run", document_of(scenario, dataclasses.replace(SETTINGS, runs=200)))
+    assert (tmp_path / "run" / "run.json").read_bytes() == before
+    raise_runs(tmp_path / "run", document_of(scenario, dataclasses.replace(SETTINGS, runs=200)))
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["settings"]["runs"] == 200

@@ -16,7 +16,7 @@ from tulip_testbed.experiments.montecarlo.coverage import (
     model_errors,
     summarise_errors,
 )
-from tulip_testbed.experiments.montecarlo.coverage_tables import coverage_check_table, coverage_lines
+from tulip_testbed.experiments.montecarlo.coverage_tables import coverage_lines
 from tulip_testbed.experiments.montecarlo.coverage_verdict import (
     LEVEL,
     CoverageCheck,
@@ -273,23 +273,3 @@ def test_the_verdict_is_of_the_errors_without_what_only_a_prior_knows(tmp_path, 
     assert result.verdict == verdict
     ratio = result.parameters[1].bias / result.parameters[1].standard_error
     assert ratio == pytest.approx(float(quantity == "value"), abs=0.2)
-
-
-def test_a_pass_that_is_not_shown_reads_inconclusive():
-    row = {
-        "name": "full: bias over s.e.",
-        "result": "pass",
-        "shown": False,
-        "number": 3,
-        "value": 0.2159,
-        "interval": [-0.05, 0.48],
-        "bounds": [-0.1, 0.1],
-        "beyond": [],
-        "source": "somewhere",
-    }
-    lines = [coverage_check_table([row | {"shown": shown}]).text(90) for shown in (False, True)]
-    assert all("0.0500 to 0.4800" in text and "-0.1 to 0.1" in text for text in lines)
-    results = [next(line for line in text.splitlines() if "0.2159" in line) for text in lines]
-    assert "inconclusive" in results[0]
-    assert "inconclusive" not in results[1]
-    assert "pass" in results[1]

@@ -133,18 +133,6 @@ def test_an_identification_is_read_as_it_was_written(validated, robot, tmp_path)
         Identification.load(tmp_path, robot)
 
 
-@pytest.mark.parametrize("wrong", [True, "1.5", [0.1]])
-def test_an_array_of_a_document_holds_numbers_alone(validated, wrong):
-    document = validated.identification.to_json()
-    document["full"]["value"][0] = wrong
-    with pytest.raises(InputError, match=r"key 'full\.value': .*expected rows of numbers, all of one length"):
-        Identification.from_json(document)
-    document["full"]["value"][0] = 0.1
-    document["full"]["numbers"][0] = 1.7
-    with pytest.raises(InputError, match=r"full\.numbers"):
-        Identification.from_json(document)
-
-
 def test_what_a_laboratory_hides_has_the_names_that_the_estimator_gives(validated, robot):
     hidden = {name: v for m in ordinary_members(preset_rig("wii", robot), np.random.default_rng(1))
               for name, v in m.named_values.items()}  # fmt: skip

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
-import json
 import os
 import resource
-import shutil
 import signal
 import subprocess
 import sys
@@ -17,9 +14,9 @@ import pytest
 import tulip_testbed as tt
 from tests.test_cli import refused
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.base.files import check_new, read_bytes, write_bytes
-from tulip_testbed.cli.main import main
+from tulip_testbed.base.files import check_new, write_bytes
 from tulip_testbed.experiments import truth_record
+from tulip_testbed.experiments.run_file import robot_of
 from tulip_testbed.experiments.truth_record import write_experiment
 from tulip_testbed.sim.shipped import TULIP
 
@@ -30,42 +27,6 @@ TULIP_COMMAND = [sys.executable, "-c", "import tulip_testbed.cli.entry as entry;
 def data(run, tmp_path):
     tt.write_measurements(tmp_path / "data", run.measurements)
     return tmp_path / "data"
-
-
-@pytest.mark.slow
-def test_of_two_processes_with_the_same_names_the_winner_keeps_its_truth(tmp_path):
-    """Both find the names free; the gate lets them write at once."""
-    code = """
-import os, sys, time
-from pathlib import Path
-import tulip_testbed as tt
-from tulip_testbed.experiments.truth_record import check_places, write_experiment
-seed = int(sys.argv[1])
-check_places(Path("data"), Path("truth.json"))
-run = tt.Laboratory().run(tt.plans.random, seed=seed, engine="statics")
-Path(f"ready{seed}").touch()
-while not Path("go").exists():
-    time.sleep(0.0005)
-try:
-    write_experiment(Path("data"), Path("truth.json"), run)
-except tt.InputError as error:
-    sys.exit(str(error))
-"""
-    processes = [
-        subprocess.Popen([sys.executable, "-c", code, str(seed)], cwd=tmp_path, stderr=subprocess.PIPE)
-        for seed in (1, 2)
-    ]
-    while not all((tmp_path / f"ready{seed}").exists() for seed in (1, 2)):
-        assert all(process.poll() is None for process in processes)
-    (tmp_path / "go").touch()
-    said = [process.communicate()[1].decode() for process in processes]
-    won = [process.returncode == 0 for process in processes]
-    assert sorted(won) == [False, True], said
-    assert "exists already; give a new name" in said[won.index(False)]
-    truth = json.loads((tmp_path / "truth.json").read_text())
-    assert truth["configuration"]["seed"] == 1 + won.index(True)
-    assert len(tt.read_measurements(tmp_path / "data")) > 100
-    assert not list(tmp_path.glob(".*"))
 
 
 def test_the_truth_of_another_is_never_removed(run, tmp_path):
@@ -124,6 +85,7 @@ def test_nothing_is_written_into_a_measurement_folder(data, run, tmp_path, capsy
     assert inside in refused(capsys, "simulate", "--engine", "statics", "--out", link / "more")
     assert sorted(data.iterdir()) == before
     (tmp_path / "manifest.json").write_text('{"name": "another program\'s"}')
+    os.mkfifo(tmp_path / "plan.json")
     check_new(tmp_path / "fine")
 
 
@@ -178,42 +140,6 @@ def test_a_path_that_no_file_can_have_is_one_message(run, tmp_path, monkeypatch,
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_robot_below_a_folder_that_is_not_utf_8_is_one_message(tmp_path):
-    odd = os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9")
-    shutil.copytree(TULIP.parent, odd)
-    (tmp_path / "link").symlink_to(odd)
-    with pytest.raises(InputError, match="found a path that is not UTF-8"):
-        tt.load_robot(tmp_path / "link" / "tulip.toml")
-
-
-@contextlib.contextmanager
-def as_nobody():
-    """Without the rights of root, whom no folder keeps out."""
-    if os.geteuid():
-        yield
-        return
-    os.seteuid(65534)
-    try:
-        yield
-    finally:
-        os.seteuid(0)
-
-
-def test_below_a_folder_that_may_not_be_searched_everything_is_one_message(run, tmp_path):
-    name = str(tmp_path / "shut" / "data")
-    tt.write_measurements(name, run.measurements)
-    (tmp_path / "shut").chmod(0)
-    lines = ("check", "identify data --corrections", "plan show", "simulate --engine statics --out", "robot")
-    try:
-        for call in calls(run, name):
-            with as_nobody(), pytest.raises(InputError, match="Permission denied"):
-                call()
-        with as_nobody():
-            assert [main([*line.split(), name]) for line in lines] == [2] * len(lines)
-    finally:
-        (tmp_path / "shut").chmod(0o755)
-
-
 def test_a_full_disk_gives_no_stump_of_a_view(run, tmp_path):
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
@@ -237,20 +163,9 @@ def test_a_reader_that_has_seen_enough_is_no_fault():
     assert (done.returncode, done.stderr) == (0, b"")
 
 
-def test_pipes_in_the_place_of_files_are_refused_at_once(data, tmp_path, robot):
-    for name in ("manifest.json", "postures.parquet", "series.csv"):
-        folder = shutil.copytree(data, tmp_path / name)
-        (folder / name).unlink(missing_ok=True)
-        os.mkfifo(folder / name)
-        with pytest.raises(InputError, match="found a named pipe, expected a file"):
-            (tt.check if name.startswith("series") else tt.read_measurements)(folder)
-    done = tmp_path / "mc"
-    tt.monte_carlo(tt.Laboratory(robot), tt.plans.random, runs=2, workers=1, out=done)
-    for path in (done / "runs" / "chunk-000000.parquet", done / "run.json", done / "plan" / "plan.json"):
-        content = read_bytes(path)
-        path.unlink()
-        os.mkfifo(path)
-        with pytest.raises(InputError, match="found a named pipe, expected a file"):
-            tt.report(done, tmp_path / "mc.html", robot=robot)
-        path.unlink()
-        path.write_bytes(content)
+def test_below_a_folder_that_may_not_be_searched_a_run_has_the_robot_of_the_repository(tmp_path, monkeypatch):
+    def shut(path, pattern):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "glob", shut)
+    assert robot_of(tmp_path / "run") == TULIP

@@ -109,14 +109,6 @@ def test_repeats_stand_in_the_plan_and_in_the_measurements(robot, model, optimal
     assert any(len(np.unique(held.placement[rows])) == 2 for rows in pairs)
 
 
-def test_one_number_for_two_postures_is_refused(robot, model, optimal, tmp_path):
-    number = optimal.posture.copy()
-    number[7] = number[2]
-    write_plan(tmp_path / "plan", dataclasses.replace(optimal, posture=number))
-    with pytest.raises(InputError, match=r"column 'posture', row 8: found number 3 again, but not .* row 3"):
-        read_plan(tmp_path / "plan", robot)
-
-
 def test_torques_on_one_foot_are_mujocos(robot, model, one_foot, with_one_foot):
     angles = with_one_foot.joint_angles[with_one_foot.support == "right"]
     chain = chain_at(one_foot, angles)

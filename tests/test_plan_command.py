@@ -6,7 +6,6 @@ import io
 import json
 import shutil
 from contextlib import contextmanager
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ from tests.test_refusals import change_keys, refuse, rows
 from tulip_testbed import drawings, rendering
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
-from tulip_testbed.drawings import contact_sheet, support_polygons
+from tulip_testbed.drawings import contact_sheet
 from tulip_testbed.experiments import planning_run as planning
 from tulip_testbed.experiments.described_plan import DescribedPlan
 from tulip_testbed.experiments.planning_run import PlanSettings, set_up_search, state_folder
@@ -135,14 +134,6 @@ def test_the_next_postures_and_their_description(data, tmp_path, capsys):
         assert again[key] == said[key]
         assert again["made"]["described"][key] == said[key]
     assert "too few for 25 base parameters" in refused(capsys, "plan", "show", out)
-
-
-def test_polygons_are_drawn_as_svg(robot, plan):
-    root = ElementTree.fromstring(support_polygons(robot, plan.take(plan.placement <= 3)))
-    assert root.tag.endswith("svg")
-    texts = [element.text or "" for element in root.iter() if element.tag.endswith("text")]
-    assert sum(text.startswith("placement ") for text in texts) == 3
-    assert {str(number) for number in range(1, 16)} <= set(texts)
 
 
 @draws_with("opengl")

@@ -20,7 +20,7 @@ from tulip_testbed.identification.planning.footing import footing
 from tulip_testbed.identification.planning.objectives import OBJECTIVES, objectives
 from tulip_testbed.identification.planning.optimal_plan import SearchTask, smallest_margins
 from tulip_testbed.identification.planning.problem import planning_problem
-from tulip_testbed.identification.planning.search import design_of, repair_start, search
+from tulip_testbed.identification.planning.search import design_of, repair_start
 from tulip_testbed.identification.planning_ranges import planning_ranges
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
@@ -177,15 +177,6 @@ def test_chance_margin_covers_robots_that_differ(problem, plan):
     drawn = np.array([rows @ problem.parameters.values(draw_robot(model, 0.1, rng)) for _ in range(400)])
     predicted = np.sqrt(np.einsum("mip,pq,miq->mi", rows, problem.parameter_covariance, rows))
     assert drawn.std(axis=0) == pytest.approx(predicted, rel=0.15)
-
-
-@pytest.mark.slow
-def test_taken_up_again_it_ends_in_the_same_bits(problem, goal, small):
-    whole = []
-    SearchTask(problem, goal, 5, 3, 211, hops=1).run(whole.append)
-    middle = whole[3]
-    last = list(search(problem, goal, middle, 3, 211, hops=1))[-1]
-    assert last.best_angles.tobytes() == whole[-1].best_angles.tobytes() == small.joint_angles.tobytes()
 
 
 def test_what_cannot_be_repaired_is_refused_with_its_reason(robot, plate, plan):

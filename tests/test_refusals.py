@@ -212,6 +212,7 @@ def names(robot, run):
         "np": np,
         "tt": tt,
         "base_parameters": base_parameters,
+        "identify": identify,
     }
     fit = tt.identify(run, estimator="mixed-model")
     return own | {"run": run, "lab": run.laboratory, "plan": tt.plans.random, "fit": fit}

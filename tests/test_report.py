@@ -91,33 +91,6 @@ def test_a_browser_shows_a_montecarlo(coverage_page, coverage, tmp_path):
     not_blank(tmp_path / "page.png")
 
 
-@draws_with("chromium")
-def test_the_browser_test_notices_requests_and_errors(tmp_path):
-    page = tmp_path / "bad.html"
-    page.write_text(
-        "<body><img src='http://127.0.0.1:9/x.png'><script>console.error('so'); "
-        "document.body.dataset.drawn = 'yes'; nothing();</script></body>"
-    )
-    observed = browse(page, tmp_path / "bad.png")
-    assert observed.requests == ["http://127.0.0.1:9/x.png"]
-    assert len(observed.complaints) >= 2
-
-
-def test_shown_figures_are_the_documents_rounded(page, run_folder):
-    text = page.read_text(encoding="utf-8")
-    shown = dict(re.findall(r'data-key="(identification\.full\.value\.\d+)"[^>]*>([^<]*)<', text))
-    assert len(shown) == 25
-    for key, value in told_by(run_folder, shown).items():
-        assert float(shown[key]) == pytest.approx(1e3 * value, abs=0.0051)
-
-
-def test_the_marked_correlations_are_the_verdicts(page, moved_wii):
-    text = page.read_text(encoding="utf-8")
-    checks = {check.name: check.value for check in moved_wii.checks}
-    for pair in ("12, 13", "15, 16"):
-        assert f"{pair}: {checks[f'correlation ({pair})']:.4f}" in text
-
-
 def test_the_page_has_the_plotly_of_the_package(page):
     assert f"plotly.js (cartesian - minified) v{get_plotlyjs_version()}\n" in page.read_text(encoding="utf-8")
 

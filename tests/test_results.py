@@ -115,20 +115,6 @@ def test_an_estimate_that_did_not_come_to_rest_answers_without_parameters(fit):
     assert NOT_AT_REST in lost
 
 
-def test_a_validation_prints_its_checks_and_its_verdict(wii):
-    text, page = repr(wii), wii._repr_html_()
-    for check in wii.checks:
-        assert check.name in text
-        assert f">{check.name}<" in page
-    verdict, *answers = text.splitlines()[-4:]
-    assert verdict.startswith(f"Verdict: {wii.verdict} after ")
-    assert [line.partition(":")[0] for line in answers] == ["Right", "Usable", "Next"]
-    assert f"<p>Verdict: {wii.verdict} after " in page
-    table = text.partition("\nChecks\n")[2].partition("\nVerdict: ")[0]
-    assert len(table.splitlines()) > len(wii.checks)
-    assert max(map(len, table.splitlines())) <= 100
-
-
 def test_a_validation_as_a_frame(wii):
     frame = wii.to_frame()
     assert frame["truth [mm]"].to_numpy() == pytest.approx(1e3 * wii.truth)

@@ -263,16 +263,6 @@ def test_a_free_joint_without_a_name_takes_its_bodys(edited_tulip, plan, robot):
     assert np.array_equal(run.measurements.cell_forces, shipped.measurements.cell_forces)
 
 
-def test_data_of_another_robot_are_said_to_be_first(robot, foreign, plan, tmp_path):
-    run = tt.Laboratory(robot).run(planned(plan, robot, 6), 1, "statics", 1)
-    write_measurements(tmp_path / "data", run.measurements)
-    for function in (tt.discover, tt.identify):
-        with pytest.raises(InputError, match="made for another robot than humanoid: hash mismatch of the"):
-            function(tmp_path / "data", foreign["humanoid"])
-    with pytest.raises(InputError, match=r"with other joints, expected robot\.xml of humanoid"):
-        tt.check(tmp_path / "data", foreign["humanoid"])
-
-
 def test_the_preflight_guesses_no_units_by_another_robots_ranges(edited_tulip, plan, robot):
     run = tt.Laboratory(robot).run(planned(plan, robot, 1), 1, "statics", 1)
     stiff = edited_tulip('tulip.xml: range="0 120" => range="0 5"')
@@ -294,3 +284,13 @@ def test_a_monte_carlo_counts_a_run_out_of_balance_as_failed(robot, two, monkeyp
     (failure,) = source([np.random.SeedSequence(1)])
     assert isinstance(failure, str)
     assert failure.startswith("imbalance over its bound: torques against statics")
+
+
+def test_data_of_another_robot_are_said_to_be_first(robot, foreign, plan, tmp_path):
+    run = tt.Laboratory(robot).run(planned(plan, robot, 6), 1, "statics", 1)
+    write_measurements(tmp_path / "data", run.measurements)
+    for function in (tt.discover, tt.identify):
+        with pytest.raises(InputError, match="made for another robot than humanoid: hash mismatch of the"):
+            function(tmp_path / "data", foreign["humanoid"])
+    with pytest.raises(InputError, match=r"with other joints, expected robot\.xml of humanoid"):
+        tt.check(tmp_path / "data", foreign["humanoid"])

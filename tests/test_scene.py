@@ -1,20 +1,33 @@
-"""The scene that is built for a robot without one against the scene that was written by hand."""
+"""Scenes, features of MJCF and files of a robot: built, changed while in use, or fatal to a compiler."""
 
+import copy
 import dataclasses
+import pickle
 import re
+import shutil
 
 import mujoco
 import numpy as np
 import pytest
 
+import tulip_testbed as tt
+from studies.study_equilibrium import compare, without_friction
+from tests.edited_files import change_texts
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.joint_loads import servo_stiffness
+from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.measurements.cells import CORNERS
+from tulip_testbed.sim import sandbox
 from tulip_testbed.sim.control import Controller, add_servos, torque_limit, torque_limits
+from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
+from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import joint_names, load_robot
+from tulip_testbed.sim.robot import joint_names, load_robot, load_spec
+from tulip_testbed.sim.robot_check import check_scene
 from tulip_testbed.sim.scene import laboratory_scene, load_scene
+from tulip_testbed.sim.shipped import PLANS
+from tulip_testbed.sim.statics.solved_plan import solve_plan
 
 POSES = np.array([[0.03, -0.16, 0.02], [0.05, 0.17, -0.01]])
 # What is observed and what things are called; everything else is physics.
@@ -126,3 +139,121 @@ def test_no_torque_limit_is_refused(motor):
         InputError, match=r"model 'arm': actuator 'm': found no torque limit, expected forcerange"
     ):
         add_servos(one_joint(motor), Controller())
+
+
+def test_an_edit_that_statics_does_not_have_is_refused_by_it(robot, two):
+    def floating(spec):
+        spec.body("torso").gravcomp = 0.5
+
+    rig = dataclasses.replace(preset_rig("ideal", robot), edit=floating)
+    with pytest.raises(tt.InputError, match="static equilibrium: found gravcomp in body 'torso'"):
+        solve_plan(rig, two)
+
+
+REF = 0.5  # rad
+
+
+def test_a_joint_that_is_drawn_bent_is_the_same_robot(edited_tulip, robot):
+    """`ref` moves the zero of a joint's angle; static run and dynamics agree, and with the robot without."""
+    degrees = np.degrees(REF)
+    drive = '<joint name="right_knee" class="drive_90w_111"'
+    moved = f'ref="{degrees}" range="{degrees} {120 + degrees}"'
+    bent = edited_tulip(f'tulip.xml: {drive} range="0 120" => {drive} {moved}')
+    plan = read_plan(PLANS / "random", robot)
+    plan = plan.take(np.flatnonzero(plan.placement == 2))
+    angles = plan.joint_angles.copy()
+    angles[:, plan.joints.index("right_knee")] += REF
+    shifted = dataclasses.replace(plan, joint_angles=angles)
+    found = {}
+    for name, one, at in (("plain", robot, plan), ("bent", bent, shifted)):
+        rig = dataclasses.replace(preset_rig("ideal", one), edit=without_friction())
+        found[name] = solve_plan(rig, at).reference
+        assert found[name].solved.all()
+    knee = solve_plan(rig, shifted).mechanism.names.index("right_knee")
+    difference = found["bent"].state.angles - found["plain"].state.angles
+    expected = np.zeros(difference.shape[1])
+    expected[knee] = REF
+    assert np.abs(difference - expected).max() < 1e-6
+    quiet = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=0))
+    compared = compare(solve_plan(quiet, shifted), list(run_dynamics(quiet, shifted, 1).truth.attempts))
+    assert len(compared.held) >= 3
+    assert np.abs(compared.angles).max() < 1e-4
+    assert np.abs(compared.cells).max() < 0.05
+    assert compared.center.max() < 1e-5
+    soles = [nominal_robot(one).swing_sole(at.joint_angles) for one, at in ((robot, plan), (bent, shifted))]
+    assert np.abs(soles[0] - soles[1]).max() < 1e-9
+
+
+def test_a_clipped_range_in_a_scene_written_by_hand_is_refused(edited_tulip):
+    """Of a robot that the scene includes from another file than the description."""
+    robot = edited_tulip('scene_plates.xml: file="tulip.xml" => file="odd.xml"', built=False)
+    text = (robot.folder / "tulip.xml").read_text()
+    (robot.folder / "odd.xml").write_text(text.replace('range="0 120"', 'range="120 0"', 1))
+    with pytest.raises(tt.InputError, match=r"joint 'right_knee': found range \[120, 0\]"):
+        check_scene(preset_rig("ideal", tt.load_robot(robot.path)))
+
+
+@pytest.fixture
+def own(edited_tulip):
+    """The description of a copy of TULip that may be edited."""
+    return edited_tulip(built=False).path
+
+
+def edit(path, old, new):
+    change_texts(path.parent, [f"{path.name}: {old} => {new}"])
+
+
+def test_a_robot_is_what_its_files_held_when_it_was_loaded(own):
+    robot = tt.load_robot(own)
+    edit(own.with_name("tulip.xml"), 'mass="10.7"', 'mass="20.7"')
+    assert robot.model_hash == tt.load_robot().model_hash
+    assert copy.deepcopy(robot) is robot
+    with pytest.raises(tt.InputError, match=r"tulip\.xml was changed while the robot was in use"):
+        tt.Laboratory(robot).run(tt.plans.random, engine="statics")
+    with pytest.raises(tt.InputError, match="a file of the robot was changed"):
+        pickle.loads(pickle.dumps(robot))
+
+
+def test_an_included_file_and_another_working_directory(own, tmp_path, monkeypatch):
+    own.with_name("tulip.xml").rename(own.with_name("inner.xml"))
+    own.with_name("tulip.xml").write_text('<mujoco><include file="inner.xml"/></mujoco>')
+    monkeypatch.chdir(own.parent)
+    robot = tt.load_robot("tulip.toml")
+    monkeypatch.chdir(tmp_path)
+    assert pickle.loads(pickle.dumps(robot)).model_hash == robot.model_hash
+    edit(own.with_name("inner.xml"), 'mass="10.7"', 'mass="20.7"')
+    assert tt.load_robot(own).model_hash != robot.model_hash
+
+
+def test_an_mjcf_may_lie_beside_the_folder_of_its_meshes_but_not_outside_the_robot_s(own):
+    """robot/mjcf/robot.xml with meshdir ../meshes is how many robots come."""
+    folder = own.parent
+    (folder / "mjcf").mkdir()
+    (folder / "meshes").mkdir()
+    tetrahedron = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    (folder / "meshes" / "a.obj").write_text(tetrahedron)
+    shutil.move(folder / "tulip.xml", folder / "mjcf" / "tulip.xml")
+    path = folder / "mjcf" / "tulip.xml"
+    edit(path, "<compiler ", '<compiler meshdir="../meshes" ')
+    edit(path, "<asset>", '<asset><mesh name="a" file="a.obj"/>')
+    edit(folder / "tulip.toml", '"tulip.xml"', '"mjcf/tulip.xml"')
+    assert tt.load_robot(own).visual_model.nmesh == 1
+    with pytest.raises(
+        tt.InputError, match=r"attribute 'meshdir': found '../meshes', expected a path inside"
+    ):
+        load_spec(path)
+    edit(path, "../meshes", "../../meshes")
+    with pytest.raises(tt.InputError, match=r"line \d+, <compiler>, attribute 'meshdir'"):
+        tt.load_robot(own)
+
+
+def test_a_crash_and_an_endless_compilation_are_survived(own, monkeypatch):
+    path = own.with_name("tulip.xml")
+    monkeypatch.setattr(sandbox, "CHILD", "import os; os.abort()")
+    with pytest.raises(
+        tt.InputError, match=r"tulip.xml: broken MJCF: MuJoCo crashed while compiling it \(SIGABRT\)"
+    ):
+        sandbox.try_to_compile(path, {path: {path: "crash"}})
+    monkeypatch.setattr(sandbox, "CHILD", sandbox.CHILD.replace("os.abort()", "os.kill(os.getpid(), 24)"))
+    with pytest.raises(tt.InputError, match="MuJoCo did not compile it within 20 s of processor time"):
+        sandbox.try_to_compile(path, {path: {path: "endless"}})

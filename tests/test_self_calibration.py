@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-import tulip_testbed as tt
 from tulip_testbed.base.errors import InputError, InputWarning
 from tulip_testbed.calibration.families import (
     SOLE,
@@ -136,15 +135,6 @@ def test_a_tolerance_of_zero_leaves_the_family_out(ordinary, nominal):
     assert not self_calibrate(observe(measured, nominal)).families
     stated = self_calibrate(observe(measured, nominal), {"encoder-offset": 0.01})
     assert [one.family.tolerance for one in stated.families] == [0.01]
-
-
-def test_identify_takes_tolerances(ordinary, robot):
-    measurements = ordinary[0].measurements
-    exact = dict.fromkeys(TOLERANCES, 0.0)
-    with pytest.warns(InputWarning, match="found faults in 'legs close'"):  # if everything were exact
-        found = tt.identify(measurements, robot, estimator="self-calibrating", tolerances=exact)
-    assert found.calibration is not None
-    assert not found.calibration.families
 
 
 def test_tolerances_are_read():

@@ -76,21 +76,6 @@ def test_the_sole_yields_to_its_moment(truth, motion, on_ground):
     assert np.degrees(np.abs(slow[:, :2]).max()) > 0.1
 
 
-def test_links_and_joints_are_where_the_robot_has_them(robot, motion):
-    planted, free = on_left_foot(robot, draw_truth(robot, None)), mujoco.MjData(robot.model)
-    data = mujoco.MjData(planted)
-    for name, angle in zip(joint_names(robot.model), motion.joints[300], strict=True):
-        data.joint(name).qpos = angle
-        free.joint(name).qpos = angle
-    mujoco.mj_forward(planted, data)
-    mujoco.mj_forward(robot.model, free)
-    foot = free.body(robot.swing_foot)
-    for k in range(1, robot.model.nbody):
-        name = robot.model.body(k).name
-        place = (free.xipos[k] - foot.xpos) @ foot.xmat.reshape(3, 3) + data.body(robot.swing_foot).xpos
-        assert data.body(name).xipos == pytest.approx(place, abs=1e-9)
-
-
 @pytest.mark.parametrize("frame", FRAMES)
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_log_is_in_the_axes_that_the_truth_names(frame, sign, robot, motion):

@@ -16,7 +16,7 @@ from tulip_testbed.drawings import support_polygons
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.validate import validate
-from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
+from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.center_of_pressure import center_of_pressure, load_shares, loaded_cells
 from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.identification.nominal import nominal_robot
@@ -151,26 +151,6 @@ def test_tulip_is_symmetric_and_so_are_its_experiments(quiet, on):
     assert (boards[:, 1, 1] - boards[:, 0, 1] > 0.3).all()
 
 
-def test_a_gain_of_the_left_plates_cell_shows_and_one_of_the_right_does_not(sound, on):
-    clean = sound.run(on["left"], 3, "statics").measurements
-    for cell, k in (("left.front_left", 4), ("right.front_left", 0)):
-        found = sound.with_effects(f"cell-gain:{cell}=0.02").run(on["left"], 3, "statics").measurements
-        expected = clean.cell_forces.copy()
-        expected[:, k] *= 1.02
-        np.testing.assert_allclose(found.cell_forces, expected, rtol=0, atol=1e-9)
-
-
-@pytest.mark.parametrize("engine", ["statics", "dynamics"])
-def test_an_encoders_offset_moves_only_its_reading(sound, on, engine):
-    few = on["left"].take(np.arange(2))
-    clean = sound.run(few, 3, engine, workers=1).measurements
-    found = sound.with_effects("encoder-offset:left_knee=0.01").run(few, 3, engine, workers=1).measurements
-    expected = np.where(np.array(few.joints) == "left_knee", 0.01, 0.0)
-    change = np.abs(found.joint_angles - clean.joint_angles)
-    np.testing.assert_allclose(change, np.tile(expected, (2, 1)), rtol=0, atol=1e-9)
-    np.testing.assert_array_equal(found.cell_forces, clean.cell_forces)
-
-
 @pytest.mark.parametrize("engine", ["statics", "dynamics"])
 def test_the_robot_leans_over_a_yielding_left_ankle_and_not_over_the_right_one(sound, model, on, engine):
     """All above the ankle turns about it by compliance times its weight's moment."""
@@ -254,15 +234,6 @@ def test_an_empty_plate_is_not_read_and_the_preflight_says_what_it_leaves_out(ro
     findings = {finding.name: finding for finding in preflight(measured, nominal_robot(robot), None)}
     assert "stands on one foot" in findings["legs close"].seen
     assert "26 parameters" in findings["identifiable"].expected
-
-
-def test_on_both_feet_the_26th_parameter_has_no_effect(robot, plan, model):
-    both, one = (base_parameters(robot, support=support) for support in ("double", "right"))
-    columns = one.regressor(plan.joint_angles)
-    np.testing.assert_allclose(columns[..., :25], both.regressor(plan.joint_angles), atol=1e-12)
-    assert np.abs(columns[..., 25]).max() < 1e-6
-    standard = standard_parameters(model)
-    np.testing.assert_allclose(one.values(standard)[:25], both.values(standard), atol=1e-15)
 
 
 @pytest.mark.slow

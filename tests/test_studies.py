@@ -14,12 +14,11 @@ import pytest
 from studies import runner, study_campaign, study_check, study_hidden_effects
 from studies.hidden_effects.hiding import NOTHING, ONE, OUTSIDE, TWO, Case, Truth, draw_trial
 from studies.hidden_effects.judging import Found, Outcome, carry_out
-from studies.hidden_effects.laboratories import LARGEST, USUAL, Built, draw_laboratory, tolerance_of
-from studies.hidden_effects.outside_faults import FAULTS
+from studies.hidden_effects.laboratories import LARGEST, USUAL, draw_laboratory, tolerance_of
 from studies.hidden_effects.readings import READERS, Readings
 from studies.runner import Settings, header, row
-from studies.study_hidden_effects import Figure, figures
-from studies.teaching.signature import example, examples, lever, signature
+from studies.study_hidden_effects import figures
+from studies.teaching.signature import example, examples
 from studies.teaching.variables import VARIABLES
 from tests.effect_changes import first
 from tulip_testbed.base.errors import InputError
@@ -56,13 +55,6 @@ def test_every_study_has_a_module_and_a_sentence() -> None:
         assert isinstance(module.SETTINGS, Settings)
 
 
-def test_a_study_gets_its_own_settings_and_those_of_the_command(seen: list[Settings]) -> None:
-    assert runner.main(["check"]) == 0
-    assert runner.main(["check", "--seed", "7", "--size", "0.1", "--only", "wii"]) == 0
-    assert seen[0] == study_check.SETTINGS
-    assert (seen[1].seed, seen[1].count(300), seen[1].count(2), seen[1].only) == (7, 30, 1, ("wii",))
-
-
 def test_the_file_holds_the_command_and_what_was_printed(
     seen: list[Settings], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -72,21 +64,6 @@ def test_the_file_holds_the_command_and_what_was_printed(
     assert text == capsys.readouterr().out
     assert text.startswith(f"`python -m studies check --size 0.5 --out '{out}'` (seed 104)\n")
     assert "\n\n| a | b |\n|---|---|\n| 1 | two |\n\n" in text
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["chek"], "unknown study 'chek'; did you mean 'check'? valid: atlas, campaign, check"),
-        (["check", "--only", "wii", "kinect"], "unknown part 'kinect'; valid: wii, force-plate"),
-    ],
-)
-def test_unknown_names_are_refused(
-    arguments: list[str], message: str, seen: list[Settings], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert runner.main(arguments) == 2
-    assert message in capsys.readouterr().err
-    assert not seen
 
 
 @pytest.fixture(scope="module")
@@ -151,18 +128,6 @@ def test_clear_effects_are_no_ordinary_members_and_on_different_targets(robot, t
         draw_trial(Case(ONE, "wii", ("payload",)), robot, twelve, 3, np.random.default_rng(3))
 
 
-@pytest.mark.parametrize("fault", FAULTS, ids=[fault.name for fault in FAULTS])
-def test_a_fault_outside_the_catalogue_shows(fault, robot, two):
-    assert fault.name not in catalogue()
-    plain = Built("force-plate", preset_rig("ideal", robot), {})
-    before = plain.measured(two, 1)
-    faulty = fault.put(plain, 3, fault.sizes[0]).measured(two, 1)
-    kept = np.isin(before.posture, faulty.posture)
-    angles = np.abs(faulty.joint_angles - before.joint_angles[kept]).max()
-    forces = np.abs(faulty.cell_forces - before.cell_forces[kept]).max()
-    assert angles > 1e-4 or forces > 1e-2
-
-
 @pytest.mark.slow
 def test_a_case_is_carried_out_kept_and_reproduced(robot, plan, tmp_path):
     case = Case(ONE, "force-plate", ("encoder-gain",))
@@ -222,32 +187,6 @@ def test_scores_of_outcomes_made_by_hand():
     assert rows["cases without data"] == [1, 15]
 
 
-def test_intervals_of_shares_are_those_of_laboratories():
-    alone = Figure("", [[1.0]] * 9 + [[0.0]]).line  # as Clopper and Pearson say
-    assert alone == "|  | 0.900 (0.555 to 0.997) | 10 | 10 | 0 to 1 | met |"
-    alike = Figure("", [[1.0] * 50] * 9 + [[0.0] * 50], least=0.95).line
-    assert "| 500 | 10 | 0.95 to 1 | **missed** |" in alike
-    assert "(0.5" in alike
-
-
-def test_cells_that_are_swapped_are_the_right_ones_in_any_order():
-    name = "swapped-cells:left"
-    truth = Truth({name: (0.0, 2.0)})
-    outcome = made(ONE, "named", truth=truth, found=(Found(name, (2.0, 0.0)),))
-    assert outcome.first
-    assert replace(outcome, found=(Found(name, (0.0, 1.0)),)).wrong
-
-
-def test_a_law_next_to_the_hidden_effect_is_right_if_the_encoder_has_that_play():
-    law = Found("law:encoder:left_knee/direction/step", errs="encoder:left_knee")
-    outcome = made(
-        ONE, "described", truth=Truth({"tilt": (0.01, 0.0)}), found=(Found("tilt", (0.01, 0.0)), law)
-    )
-    assert outcome.first
-    assert outcome.wrong
-    assert not replace(outcome, truth=replace(outcome.truth, large=(law.label,))).wrong
-
-
 @pytest.mark.slow
 def test_tilt_against_tether_is_settled_by_removing_the_cable(robot):
     made = Laboratory(robot, "force-plate").with_effects("tether=5,0")
@@ -272,26 +211,6 @@ def test_every_effect_has_a_picture_without_references():
         assert all(link.startswith("#") for link in links), path.name
 
 
-def test_columns_of_the_ankle_roll_pair_differ_by_its_cosine(nominal, plan):
-    columns = nominal.parameters.regressor(plan.joint_angles)
-    for side, (leg, foot) in (("right", (11, 12)), ("left", (14, 15))):
-        roll = plan.joint_angles[:, plan.joints.index(f"{side}_ankle_roll")]
-        assert columns[:, :, leg] == pytest.approx(np.cos(roll)[:, None] * columns[:, :, foot], abs=1e-6)
-
-
-def test_an_offset_moves_the_error_by_its_lever(robot, two):
-    found = signature(EffectInstance.parse("encoder-offset:right_knee=0.001", robot), robot, two)
-    predicted = -np.degrees(0.001) * lever(found.observed, "right_knee")
-    assert found.error == pytest.approx(predicted, abs=0.02)
-    assert np.abs(found.error).max() > 0.2
-
-
-def test_a_tilt_moves_the_error_by_the_height(robot, two):
-    found = signature(EffectInstance.parse("tilt=0.01,0.02", robot), robot, two)
-    expected = 1e3 * found.observed.height[:, None] * [0.02, -0.01]
-    assert found.error == pytest.approx(expected, abs=0.03)
-
-
 def test_there_is_an_example_of_every_effect(robot):
     found = examples(robot)
     assert [one.effect.name for one in found] == list(catalogue())
@@ -299,7 +218,3 @@ def test_there_is_an_example_of_every_effect(robot):
     for one in found:
         assert EffectInstance.parse(str(one), robot, (1, 2, 3)).label == one.label
     assert example(catalogue()["cell-tare"], robot).values == (1.645,)
-
-
-def test_an_effect_of_the_dynamics_is_predicted(robot, two):
-    assert not signature(example(catalogue()["unsettled"], robot), robot, two).simulated

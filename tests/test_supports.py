@@ -1,12 +1,15 @@
-"""Centre of mass and of pressure by support: eq. 11 by hand, and rows on either foot."""
+"""Centre of mass and of pressure, wrenches and torques by support, against MuJoCo and by hand."""
 
 import dataclasses
 
 import mujoco
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
+from tests.moving_robots import GRAVITY, by_inverse_dynamics, moving, random_robot
 from tulip_testbed.base.errors import InputError
+from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.base_parameters import base_parameters, common_support, standard_parameters
 from tulip_testbed.identification.center_of_pressure import (
     cell_positions,
@@ -14,7 +17,10 @@ from tulip_testbed.identification.center_of_pressure import (
     load_shares,
     total_mass,
 )
+from tulip_testbed.identification.inertial_wrench import needed_wrench
+from tulip_testbed.identification.load_rates import load_rates
 from tulip_testbed.identification.nominal import PostureGeometry, jacobian, nominal_robot
+from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.sim.robot import joint_names, sole_point
 
 
@@ -119,3 +125,128 @@ def test_the_common_support():
         (["double"], "double"),
     ):
         assert common_support(np.array(rows)) == expected
+
+
+@pytest.mark.parametrize("which", ["tulip", "humanoid"])
+def test_it_is_what_inverse_dynamics_need(which, robot, foreign):
+    rng = np.random.default_rng(210)
+    for _ in range(3):
+        one = random_robot(robot if which == "tulip" else foreign[which], rng)
+        nominal, m = nominal_robot(one), moving(one, rng)
+        found = needed_wrench(nominal, m)
+        assert m.joint_rates is not None
+        assert m.joint_accelerations is not None
+        for row, support in enumerate(m.support):
+            side = int(support == "left")
+            foot = (one.stance_foot, one.swing_foot)[side]
+            motion = m.joint_angles[row], m.joint_rates[row], m.joint_accelerations[row]
+            expected, _, _ = by_inverse_dynamics(one, foot, nominal.points[side], *motion)
+            assert found[row] == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
+
+
+def test_a_robot_at_rest_is_carried_under_its_centre_of_mass(nominal, robot):
+    m = dataclasses.replace(
+        moving(robot, np.random.default_rng(211)), joint_rates=None, joint_accelerations=None
+    )
+    wrench, weight = needed_wrench(nominal, m), nominal.mass * GRAVITY
+    assert wrench[:, :3] == pytest.approx(np.tile([0, 0, weight], (len(m), 1)), abs=1e-9)
+    point = np.column_stack([-wrench[:, 4], wrench[:, 3]]) / weight
+    right = m.support != "left"
+    center = nominal.geometry(m.joint_angles[right]).center[:, :2]
+    assert point[right] == pytest.approx(center, abs=1e-12)
+
+
+def test_the_force_is_the_rate_of_the_momentum(nominal, robot):
+    """Along a motion the centre of mass accelerates by the force."""
+    start = moving(robot, np.random.default_rng(212), 1)
+    assert start.joint_rates is not None
+    assert start.joint_accelerations is not None
+    step = 1e-4
+    time = step * np.arange(-2, 3)[:, None]
+    angle, rate, faster = start.joint_angles, start.joint_rates, start.joint_accelerations
+    m = dataclasses.replace(
+        start.take(np.zeros(5, int)),
+        joint_angles=angle + time * rate + time**2 / 2 * faster,
+        joint_rates=rate + time * faster,
+        joint_accelerations=np.repeat(faster, 5, axis=0),
+    )
+    center = nominal.geometry(m.joint_angles).center
+    second = (-center[0] + 16 * center[1] - 30 * center[2] + 16 * center[3] - center[4]) / (12 * step**2)
+    expected = nominal.mass * (second + np.array([0, 0, GRAVITY]))
+    assert needed_wrench(nominal, m)[2, :3] == pytest.approx(expected, abs=1e-4 * np.abs(expected).max())
+
+
+@pytest.fixture(scope="module")
+def measured_of_joint(robot, plan):
+    few = plan.take(plan.placement <= 2)
+    return Laboratory(robot, "force-plate").run(few, seed=3, engine="statics").measurements
+
+
+@pytest.fixture(scope="module")
+def observed(measured_of_joint, nominal) -> Observation:
+    return observe(measured_of_joint, nominal)
+
+
+def loads(measurements, nominal, gains):
+    return observe(dataclasses.replace(measurements, gains=gains), nominal)
+
+
+def test_stated_gains_decide_how_the_legs_share_their_forces(measured_of_joint, nominal, observed):
+    plain = observed
+    soft = {"right_knee": 300.0, "left_hip_roll": 900.0}
+    stated = loads(measured_of_joint, nominal, soft)
+    names = list(measured_of_joint.joints)
+    assert stated.servo_stiffness[names.index("right_knee")] == 300
+    other = names.index("left_knee")
+    assert stated.servo_stiffness[other] == plain.servo_stiffness[other]
+    for row in range(len(measured_of_joint)):
+        levers = stated.loads.levers[row]
+        rest = stated.torques[row] - levers @ stated.loads.internal_wrench[row]
+
+        def energy(wrench, rest=rest, levers=levers):
+            return ((rest + levers @ wrench) ** 2 / stated.servo_stiffness).sum()
+
+        found = minimize(energy, np.zeros(3), method="BFGS", options={"gtol": 1e-10})
+        assert stated.loads.internal_wrench[row] == pytest.approx(found.x, abs=1e-3)
+    assert np.abs(stated.loads.internal_wrench - plain.loads.internal_wrench).max() > 1
+
+
+def test_gains_in_proportion_to_the_torque_limits_change_nothing(measured_of_joint, nominal, observed):
+    plain = observed
+    same = dict(zip(measured_of_joint.joints, plain.servo_stiffness.tolist(), strict=True))
+    again = loads(measured_of_joint, nominal, same)
+    assert again.torques == pytest.approx(plain.torques, abs=1e-9)
+    twice = loads(measured_of_joint, nominal, {name: 2 * gain for name, gain in same.items()})
+    assert twice.torques == pytest.approx(plain.torques, abs=1e-9)
+    assert twice.loads.stiffness == pytest.approx(2 * plain.loads.stiffness)
+
+
+def moved(observed: Observation, reading: int, step: float) -> Observation:
+    change = step * np.eye(14)[reading]
+    return observed.changed(
+        cell_forces=observed.cell_forces + change[:8],
+        plate_poses=observed.plate_poses + change[8:].reshape(2, 3),
+    )
+
+
+def test_loads_by_cells_and_plates(observed):
+    torques, soles = load_rates(observed)
+    for reading in range(14):
+        step = 1e-2 if reading < 8 else 1e-5
+        ends = [moved(observed, reading, sign * step) for sign in (1, -1)]
+        by_torque = (ends[0].torques - ends[1].torques) / (2 * step)
+        by_sole = (ends[0].sole_loads - ends[1].sole_loads) / (2 * step)
+        assert torques[..., reading] == pytest.approx(by_torque, abs=1e-6 * np.abs(by_torque).max() + 1e-9)
+        assert soles[..., reading] == pytest.approx(by_sole, abs=1e-6 * np.abs(by_sole).max() + 1e-9)
+
+
+def test_a_softer_joint_takes_load_off(observed):
+    """The closed legs share the load by the servos' stiffness: the derivative by one compliance."""
+    for joint in (0, 3, 8):
+        ends = []
+        for sign in (1, -1):
+            softer = 1 / observed.servo_stiffness
+            softer[joint] += sign * 1e-6
+            ends.append(dataclasses.replace(observed, servo_stiffness=1 / softer).torques)
+        expected = -observed.loads.sharing[..., joint] * observed.torques[:, [joint]]
+        assert expected == pytest.approx((ends[0] - ends[1]) / 2e-6, abs=1e-4 * np.abs(expected).max())

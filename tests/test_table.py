@@ -1,4 +1,4 @@
-"""A table as text, HTML, Markdown and data frame: the same values, and nothing in a name steers anything."""
+"""Tables as text, HTML, Markdown and data frame, and what the commands print: nothing in a name steers it."""
 
 import html as standard
 import json
@@ -16,6 +16,14 @@ from rich.console import Console
 from tulip_testbed.base.column import Column
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.table import STYLES, Cell, Shown, Table, shown_columns
+from tulip_testbed.cli.terminal import (
+    PIPE_WIDTH,
+    print_json,
+    refuse,
+    say,
+    show,
+    show_whole,
+)
 
 HOSTILE = (
     "knee[left]",
@@ -89,22 +97,6 @@ def test_values_of_a_column_of_numbers(value, text):
     assert Column("share", "%", ".1f", 100).text(value) == text
 
 
-def test_text_shows_every_value_under_its_heading_and_unit():
-    lines = made(ROWS).text(80).splitlines()
-    assert lines[0] == "Parameters"
-    assert lines[1].split() == ["estimate", "interval"]
-    assert lines[2].split() == ["no.", "parameter", "mm", "%"]
-    assert lines[4].split() == ["1", "torso.x", "-11.72", "50", "to", "75"]
-    assert lines[5].split() == ["2", "right_hip_yaw.x", "25", "to", "100"]
-    assert lines[-1] == "A note."
-    assert repr(made(ROWS)) == made(ROWS).text()
-
-
-def test_numbers_end_at_the_right_and_texts_begin_at_the_left():
-    lines = made([[1, "a", 0.1, None], [22, "bbb", 0.0011, None]]).text(80).splitlines()[4:6]
-    assert lines == ["  1  a            100.00", " 22  bbb            1.10"]
-
-
 def test_only_extra_columns_are_left_out_and_it_is_said():
     table = made(ROWS)
     assert "50 to 75" in table.text(table.whole_width)
@@ -139,14 +131,6 @@ def test_texts_wrap_at_blanks_before_anything_is_wider_than_asked_for():
     assert "12345" in table.text(10)
 
 
-def test_rows_that_wrap_stand_apart():
-    table = Table("", (Column("text"),), [["short"], ["words " * 20], ["short"], ["short"]])
-    lines = [line.strip() for line in table.text(40).splitlines()]
-    first, *_, last = [k for k, line in enumerate(lines) if "words" in line]
-    assert (lines[first - 1], lines[last + 1]) == ("", "")
-    assert lines[last + 2 :] == ["short", "short"]
-
-
 @pytest.mark.parametrize("name", HOSTILE)
 def test_a_hostile_name_shows_as_it_is_and_steers_nothing(name):
     table = Table(name, (Column(name, name), Column("x")), [[name, Cell(name, name, "fail")]], name)
@@ -174,11 +158,6 @@ def test_any_text_at_any_width(texts, width):
     assert all(c in shown for text in table.texts[0] for c in text if not c.isspace())
 
 
-def test_a_name_may_break_where_its_target_begins():
-    page = Table("", (Column("effect"),), [["backlash:right_knee"]]).html()
-    assert "<td>backlash:<wbr>right_knee</td>" in page
-
-
 def test_html_says_where_a_value_is_from():
     page = made(ROWS).html()
     assert (
@@ -197,11 +176,6 @@ def test_html_is_json_where_numbers_are_not_finite():
     page = Table("", (Column("x", format=".1f"),), [[Cell((-math.inf, 2.0), "k")]]).html()
     (value,) = re.findall(r'data-value="([^"]*)"', page)
     assert json.loads(standard.unescape(value)) == [None, 2.0]
-
-
-def test_html_and_text_show_the_same():
-    cells = re.findall(r"<td[^>]*>(.*?)</td>", made(ROWS).html())
-    assert cells == [text for row in made(ROWS).texts for text in row]
 
 
 def test_frame_holds_plain_numbers_in_the_units_that_it_names():
@@ -254,7 +228,47 @@ def test_a_result_shows_its_tables_and_sentences():
     assert Found()._repr_html_().endswith("<p>Verdict: \\x1b[2J&lt;b&gt;</p>")
 
 
-def test_a_table_without_rows():
-    assert made().text(80).splitlines()[0] == "Parameters"
-    assert made().frame().empty
-    assert "<tbody>" in made().html()
+TERMINAL_HOSTILE = "[red]x[/] \x1b[2J"
+AS_IT_IS = "[red]x[/] \\x1b[2J"
+WIDE = Table(
+    "Wide",
+    tuple(Column(f"c{k}", format="d", extra=k > 0) for k in range(40)),
+    [[10**7 + k for k in range(40)]],
+)
+
+
+@pytest.fixture(autouse=True)
+def pipe(monkeypatch):
+    monkeypatch.delenv("COLUMNS", raising=False)
+
+
+def test_a_narrow_screen_gets_what_fits_and_is_told(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "50")
+    show(WIDE)
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 50
+    assert "10000004" in lines[3]
+    assert "Too narrow here for: c5," in " ".join(lines)
+
+
+def test_sentences_wrap_and_what_is_copied_does_not(capsys):
+    text = "word " * 60
+    show(text)
+    assert max(map(len, capsys.readouterr().out.splitlines())) <= PIPE_WIDTH
+    show_whole([text])
+    assert capsys.readouterr().out == f"{text}\n"
+
+
+def test_markup_and_control_characters_show_as_they_are(capsys):
+    show(TERMINAL_HOSTILE)
+    show_whole([TERMINAL_HOSTILE])
+    say(TERMINAL_HOSTILE)
+    refuse(TERMINAL_HOSTILE)
+    out, err = capsys.readouterr()
+    assert out.splitlines() == [AS_IT_IS, AS_IT_IS]
+    assert err.splitlines() == [AS_IT_IS, f"tulip: {AS_IT_IS}"]
+
+
+def test_json_knows_no_infinity(capsys):
+    print_json({"a": math.inf, "b": [math.nan, 1.5], "c": {"d": (1, "x")}})
+    assert json.loads(capsys.readouterr().out) == {"a": None, "b": [None, 1.5], "c": {"d": [1, "x"]}}

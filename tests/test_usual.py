@@ -1,17 +1,25 @@
-"""What is usual in a laboratory passes the preflight; what lies beyond does not."""
+"""Ordinary imperfections and sizes of effects, by dense algebra and against their priors."""
 
 import dataclasses
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
-from scipy.stats import chi2, kstest, norm
+from scipy.stats import cauchy, chi2, kstest, norm
 
 from tulip_testbed.calibration.ordinary_laboratory import ordinary_members
+from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.calibration.usual_changes import usual_changes
+from tulip_testbed.discovery import unusual_members
+from tulip_testbed.discovery.unusual_members import with_unusual_members
 from tulip_testbed.effects.catalogue import catalogue
-from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.effects.instance import EffectInstance, instances_of
+from tulip_testbed.effects.size_prior import log_tail, prior_sd
 from tulip_testbed.experiments.check_folder import check_measurements
+from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.preflight.usual import beyond
 from tulip_testbed.sim.rig import preset_rig
 
@@ -113,3 +121,97 @@ def test_a_direction_that_imperfections_explain_or_that_is_tiny_is_no_finding():
     )
     found = beyond(rng.normal(size=(20, 1)), np.ones(20, int), changes, "ab", directions)
     assert 0.01 < found.p_value <= 1.0
+
+
+CELLS = tuple(f"cell {k}" for k in range(8))
+EFFECT = SimpleNamespace(name="cell-gain")
+
+
+def calibrated(values, spread):
+    """A family with tolerance 1 whose members are known to 0.5."""
+    family = SimpleNamespace(name="cell-gain", targets=CELLS, sizes=np.ones(8), effect=EFFECT)
+    one = SimpleNamespace(
+        family=family, spread=spread, spread95=(0.5 * spread, 2 * spread), value=np.array(values)
+    )
+    one.standard_error, one.determined = np.full(8, 0.5), np.ones(8, bool)
+    return SimpleNamespace(families=[one])
+
+
+class Search:
+    """Evidence -4 for the member that is off, in whose company the family is usual or not; +1 for others."""
+
+    def __init__(self, usual: bool):
+        self.usual, self.budget = usual, SimpleNamespace(spent=False)
+        self.candidates = [SimpleNamespace(label=f"cell-gain:{cell}", effect=EFFECT) for cell in CELLS]
+
+    def tried(self, terms, calibration):
+        off = any(term.label == "cell-gain:cell 0" for term in terms)
+        after = calibrated(np.zeros(8), 0.6) if off and self.usual else calibration
+        evidence = 0.0 if not terms else -4.0 if off else 1.0
+        return SimpleNamespace(terms=terms, calibration=after, evidence=evidence, possible=True, steady=True)
+
+    def calibrated(self, judged):
+        return judged.calibration
+
+
+@pytest.mark.parametrize(("usual", "named"), [(True, ["cell-gain:cell 0"]), (False, [])])
+def test_a_member_that_makes_its_family_too_wide_is_named_and_no_other_is(usual, named, monkeypatch):
+    monkeypatch.setattr(unusual_members, "at_estimate", lambda terms, calibration: terms)
+    search: Any = Search(usual)
+    first: Any = calibrated([16.0, 0.5, -2.0, -0.8, 1.8, -0.6, -0.9, -0.4], 5.6)
+    _, terms = with_unusual_members(search, first, ())
+    assert [term.label for term in terms] == named
+
+
+TRUE = 130.0  # N/m, more than six times what is plausible
+SPRING = f"tether-spring={TRUE}"
+
+
+@pytest.fixture(scope="module")
+def held_back(robot, plan):
+    laboratory = Laboratory(robot, "wii").with_effects(SPRING)
+    return laboratory.run(plan, 11, "statics")
+
+
+@pytest.fixture(scope="module")
+def joint(held_back, robot, nominal):
+    """Base parameters, families and the spring in one estimate, from a spring of a plausible size on."""
+    start = instances_of("tether-spring=20", robot)
+    return self_calibrate(observe(held_back.measurements, nominal), None, start)
+
+
+@pytest.mark.parametrize("size", [0.0, 0.3, -2.0, 50.0])
+def test_the_normal_distribution_touches_the_prior(size):
+    plausible, step = np.array(0.7), 1e-5
+    sd = prior_sd(plausible, np.array(size))
+    slopes = [
+        (one.logpdf(size + step, scale=scale) - one.logpdf(size - step, scale=scale)) / (2 * step)
+        for one, scale in ((cauchy, 0.7), (norm, sd))
+    ]
+    assert slopes[0] == pytest.approx(slopes[1], abs=1e-6)
+    ratio = cauchy.logpdf(size, scale=0.7) - norm.logpdf(size, scale=sd)
+    assert log_tail(plausible, np.array(size)) == pytest.approx(ratio)
+    elsewhere = np.linspace(-60, 60, 241)
+    below = norm.logpdf(elsewhere, scale=sd) + log_tail(plausible, np.array(size))
+    assert (below <= cauchy.logpdf(elsewhere, scale=0.7) + 1e-9).all()
+
+
+def test_a_size_far_beyond_what_is_plausible_is_not_drawn_to_zero(joint):
+    (spring,), ((error,),) = joint.effects, joint.effect_errors
+    assert error > 0.4 * 20  # so that a normal prior would draw it
+    assert abs(spring.values[0] - TRUE) < 3 * error
+
+
+def test_the_uncertainty_of_a_correction_is_that_of_the_joint_estimate(held_back, joint, robot, plan):
+    known = identify(held_back.measurements, robot, adopted=joint.effects).calibration
+    exact = [dataclasses.replace(one, intervals=()) for one in joint.effects]
+    taken = identify(held_back.measurements, robot, adopted=exact).calibration
+    assert known is not None
+    assert taken is not None
+    errors = [np.sqrt(np.diag(one.covariance)) for one in (joint, known, taken)]
+    assert errors[1] == pytest.approx(errors[0], rel=0.15)
+    assert (errors[2] < 0.5 * errors[0]).any()
+    off = (known.theta - held_back.laboratory.true_base_parameters(plan)) / errors[1]
+    assert np.sqrt((off**2).mean()) < 1.7
+    assert known.sources[-1] == "corrections"
+    assert known.shares.sum(axis=0) == pytest.approx(np.ones(len(known.theta)))

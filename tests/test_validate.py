@@ -76,19 +76,6 @@ def test_a_laboratory_with_one_cell_10_percent_high_fails(wii, robot):
     assert "total mass" in failed
 
 
-@pytest.mark.slow
-def test_cell_gain_in_the_rig_amplifies_that_cell_alone(robot, plan):
-    part = plan.take(plan.placement == 1)
-    rig = preset_rig("ideal", robot)
-    rig = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=0))
-    high = dataclasses.replace(
-        rig, sensors=dataclasses.replace(rig.sensors, cell_gain={"left.rear_left": 1.1})
-    )
-    forces = [run_dynamics(r, part, 1).measurements.cell_forces for r in (rig, high)]
-    expected = np.where(np.arange(8) == 7, 1.1, 1.0)
-    assert forces[1] == pytest.approx(forces[0] * expected, rel=1e-12)
-
-
 def test_truth_of_an_edited_robot_has_its_masses_and_lengths(robot, plan):
     def edit(spec):
         spec.body("torso").mass += 2.0

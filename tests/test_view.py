@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+import urllib.request
 from pathlib import Path
 
 import mujoco
@@ -18,8 +19,8 @@ from PIL import Image
 import tulip_testbed as tt
 from tests.drawing import draws_with
 from tests.looking import headless_viewer
-from tests.test_cli import refused
-from tests.test_series import raw_series, write_series
+from tests.test_preflight import raw_series, write_series
+from tests.watched import measured_day, model_of, play
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
@@ -27,14 +28,14 @@ from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.identification.feasibility import stability_margin
 from tulip_testbed.measurements import read_measurements, read_series, write_measurements
 from tulip_testbed.polygons import inset, nearest_on
-from tulip_testbed.standing import link_frames
 from tulip_testbed.viewer import balance_series as balance
-from tulip_testbed.viewer import layout, window
+from tulip_testbed.viewer import layout, watch_view, window
 from tulip_testbed.viewer import montecarlo_view as montecarlo
 from tulip_testbed.viewer import postures_view as postures
 from tulip_testbed.viewer.robot_view import undrawn
 from tulip_testbed.viewer.subject import measured, planned, validated
 from tulip_testbed.viewer.time_series import sampled
+from tulip_testbed.viewer.window import END
 
 MOST_SECONDS, MOST_BYTES = 20, 60e6  # of a view of 150 postures
 
@@ -116,25 +117,6 @@ def test_clouds_are_those_of_the_runs(coverage, robot):
     assert len(clouds) > 100
     # Repeats give a posture two points in a run.
     assert sum(map(len, clouds.values())) == saved.every_run["rows"].sum()
-
-
-def test_links_are_drawn_where_mujoco_has_them(run_folder, robot, model):
-    """Nominal kinematics and MuJoCo's own, from the base frame."""
-    subject = validated(Validation.load(run_folder, robot))
-    rotations, positions = link_frames(subject.nominal, subject.joint_angles[:3], subject.support[:3])
-    data = mujoco.MjData(model)
-    tree = subject.nominal.parameters.tree
-    for row in range(3):
-        for joint, angle in zip(tree.joints, subject.joint_angles[row], strict=True):
-            data.qpos[model.joint(joint).qposadr[0]] = angle
-        mujoco.mj_kinematics(model, data)
-        foot = model.body(robot.stance_foot).id
-        turn = data.xmat[foot].reshape(3, 3).T
-        for link, frame in zip(tree.links, tree.frame_of_link, strict=True):
-            body = model.body(link).id
-            expected = turn @ (data.xpos[body] - data.xpos[foot]) - subject.nominal.points[0]
-            assert positions[row, frame] == pytest.approx(expected, abs=1e-9)
-            assert rotations[row, frame] == pytest.approx(turn @ data.xmat[body].reshape(3, 3), abs=1e-9)
 
 
 def test_residual_and_truth_are_the_runs_own(run_folder, moved_wii, robot):
@@ -227,15 +209,6 @@ def test_a_robot_of_meshes_and_one_of_two_hinges_a_body_are_drawn(foreign, tmp_p
         assert (tmp_path / f"{name}.rrd").stat().st_size > 1e4
 
 
-def test_the_robot_is_the_one_of_the_run(run_folder, foreign, tmp_path, capsys):
-    more = ("--robot", next(iter(foreign.values())).path, "--save", tmp_path / "x.rrd")
-    message = refused(capsys, "view", run_folder, *more)
-    assert "give the robot that the run was made with" in message
-    message = refused(capsys, "view", run_folder / "measurements", *more)
-    assert "hash mismatch of the robot's model" in message
-    assert not (tmp_path / "x.rrd").exists()
-
-
 @pytest.mark.parametrize(
     "how",
     [signal.SIGHUP, *(pytest.param(one, marks=pytest.mark.slow) for one in (signal.SIGTERM, signal.SIGKILL))],
@@ -299,3 +272,38 @@ def test_links_that_nothing_shows_are_told():
         </worldbody></mujoco>"""
     )
     assert undrawn(model) == ["bare"]
+
+
+@pytest.fixture(scope="module")
+def verdicts(robot, plan):
+    rows = measured_day(robot, plan).take(np.arange(3))
+    return play(model_of(robot, plan, rows), rows)[1]
+
+
+def test_every_posture_is_logged(verdicts, plan, nominal, tmp_path):
+    path, recording = tmp_path / "day.rrd", rr.RecordingStream("tulip")
+    recording.save(path)
+    watch_view.begin(recording, plan, nominal)
+    sizes = []
+    for row, verdict in enumerate(verdicts, 1):
+        watch_view.log_verdict(recording, plan, nominal, verdict, row)
+        recording.flush()
+        sizes.append(path.stat().st_size)
+    recording.disconnect()
+    content = path.read_bytes()
+    assert END in content[-2 * len(END) :]
+    assert sizes == sorted(set(sizes))
+    for entity in (b"/misfit/A", b"/misfit/C", b"/verdicts", b"/world/robot/torso"):
+        assert entity in content
+
+
+@pytest.mark.slow
+def test_the_day_is_served_to_this_machine(verdicts, plan, robot):
+    told = []
+    with watch_view.served_watch(plan, robot, told.append) as log:
+        for verdict in verdicts:
+            log(verdict)
+        (address,) = told
+        assert address.startswith("http://127.0.0.1:")
+        with urllib.request.urlopen(address.partition("?")[0], timeout=20) as page:
+            assert b"rerun" in page.read().lower()

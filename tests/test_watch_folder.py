@@ -23,7 +23,6 @@ from tulip_testbed.experiments.watching.arriving_rows import MOST_AT_ONCE, new_l
 from tulip_testbed.experiments.watching.watch_day import read_targets
 from tulip_testbed.experiments.watching.watch_row import OK
 from tulip_testbed.measurements import Measurements
-from tulip_testbed.sim.plan_folder import write_plan
 
 ROWS = 12
 
@@ -100,45 +99,61 @@ def test_a_state_belongs_to_a_plan_and_a_manifest(folder, plan, robot, tmp_path)
         judged(path, plan, robot, out=tmp_path / "state")
 
 
-def test_a_column_that_vanishes(folder, plan, robot, tmp_path):
+def test_a_line_that_lacks_a_column_is_told_and_passed_over(folder, plan, robot):
     path, lines = folder
     grow(path, lines[0] + lines[1].rpartition(",")[0] + "\n" + lines[2])
     first, second, third = judged(path, plan, robot)
     assert (first.verdict.verdict, second.verdict, third.verdict.verdict) == (OK, None, OK)
-    assert "line 3: found" in second.problem
-    assert "a column vanished" in second.problem
+    assert all(words in second.problem for words in ("line 3: found", "a column vanished"))
     header = next(line for line in (path / "postures.csv").read_bytes().splitlines(True) if line[:1] != b"#")
     assert tt.watch(path, robot, plan=plan, once=True).exit_code == 0  # before the first row
     unreadable = tt.watch(path, robot, plan=plan, once=True, rows=[header, b"1,2\n", b"3,4\n"])
     assert [one.verdict for one in unreadable] == [None, None]
     assert unreadable.exit_code == 1
-    state = tmp_path / "state"
-    judged(path, plan, robot, out=state)
-    text = (path / "postures.csv").read_text()
-    (path / "postures.csv").write_text(text.replace('"cell.left.rear_left",', "", 1) + " " * 100)
-    with pytest.raises(InputError, match=r"'cell\.left\.rear_left' vanished during the day"):
-        judged(path, plan, robot, out=state)
 
 
-def test_rows_that_were_read_may_not_change(folder, plan, robot, tmp_path):
-    path, lines = folder
-    state = tmp_path / "state"
+def exchanged(text: str) -> str:
+    """The header with the knees exchanged: read by the old one, so would be their angles."""
+    header = text.partition("\n")[0] + "\n"
+    return header.replace("right_knee", "?").replace("left_knee", "right_knee").replace("?", "left_knee")
+
+
+CHANGES = {  # of a table of which three rows were read; what is said of it
+    "another row": (
+        lambda t, rows: t.replace(rows[2], rows[3]) + " " * 100,
+        "other values in the first 4 lines",
+    ),
+    "a digit": (
+        lambda t, rows: t.replace(rows[0], rows[0][:-2] + "7\n"),
+        "other values in the first 4 lines",
+    ),
+    "fewer rows": (lambda t, rows: t[:-50], r"found \d+ bytes, expected at least the \d+ that were read"),
+    "a column less": (
+        lambda t, rows: t.replace('"cell.left.rear_left",', "", 1) + " " * 100,
+        r"'cell\.left\.rear_left' vanished during the day",
+    ),
+    "another header below": (lambda t, rows: t + exchanged(t) + rows[3], "line 5: found another header"),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_table_that_was_read_may_only_grow(folder, plan, robot, tmp_path, change):
+    (path, lines), (changed, message) = folder, CHANGES[change]
+    table, state = path / "postures.csv", tmp_path / "state"
     grow(path, "".join(lines[:3]))
     judged(path, plan, robot, out=state)
-    text = (path / "postures.csv").read_text()
-    (path / "postures.csv").write_text(text.replace(lines[2], lines[3]) + " " * 100)
+    table.write_text(changed(table.read_text(), lines))
+    with pytest.raises(InputError, match=message):
+        judged(path, plan, robot, out=state)
+
+
+def test_what_was_read_at_the_end_of_the_file_or_before_it_may_not_change(folder, plan, robot, tmp_path):
+    path, lines = folder
+    grow(path, "".join(lines[:3]).rstrip("\n"))
+    assert len(judged(path, plan, robot, out=tmp_path / "state")) == 3
+    grow(path, "5\n")  # the last value had not come to its end
     with pytest.raises(InputError, match="found other values in the first 4 lines than were read before"):
-        judged(path, plan, robot, out=state)
-    (path / "postures.csv").write_text(text.replace(lines[0], lines[0][:-2] + "7\n"))  # of equal length
-    with pytest.raises(InputError, match="found other values in the first 4 lines"):
-        judged(path, plan, robot, out=state)
-    (path / "postures.csv").write_text(text.rstrip("\n"))
-    last = judged(path, plan, robot, out=tmp_path / "other")
-    assert len(last) == 3
-    (path / "postures.csv").write_text(text.rstrip("\n") + "5\n")  # the last value had not come to its end
-    with pytest.raises(InputError, match="found other values in the first 4 lines"):
-        judged(path, plan, robot, out=tmp_path / "other")
-    (path / "postures.csv").write_text(text)
+        judged(path, plan, robot, out=tmp_path / "state")
     days = tt.watch(path, robot, plan=plan, once=True)
     next(days)
     manifest = (path / "manifest.json").read_text()
@@ -146,10 +161,6 @@ def test_rows_that_were_read_may_not_change(folder, plan, robot, tmp_path):
     grow(path, lines[3])
     with pytest.raises(InputError, match=r"manifest.json: found another manifest than before the first row"):
         list(days)
-    (path / "manifest.json").write_text(manifest)
-    (path / "postures.csv").write_text(text[:-50])
-    with pytest.raises(InputError, match="rows may only be added at the end"):
-        judged(path, plan, robot, out=state)
 
 
 def test_a_value_that_is_none_is_told_by_its_line(folder, plan, robot):
@@ -162,20 +173,6 @@ def test_a_value_that_is_none_is_told_by_its_line(folder, plan, robot):
     assert [one.line for one in found] == [2, 3, 7]
     assert found[1].verdict is None
     assert "postures.csv: line 3: column 'q.right_knee': found string" in found[1].problem
-
-
-def test_another_robots_plan_and_folder(folder, plan, robot, tmp_path, capsys):
-    path, _ = folder
-    other = {"model": "other.xml", "sha256": "0" * 64}
-    write_plan(tmp_path / "plan", plan)
-    text = (tmp_path / "plan" / "plan.json").read_text()
-    (tmp_path / "plan" / "plan.json").write_text(text.replace(plan.robot["sha256"], "0" * 64))
-    assert main(["watch", str(path), "--plan", str(tmp_path / "plan"), "--once"]) == 2
-    assert "made for another robot than TULip" in " ".join(capsys.readouterr().err.split())
-    manifest = json.loads((path / "manifest.json").read_text())
-    (path / "manifest.json").write_text(json.dumps(manifest | {"robot": manifest["robot"] | other}))
-    with pytest.raises(InputError, match="made for another robot than TULip"):
-        judged(path, plan, robot)
 
 
 def test_targets_are_in_millimetres():
@@ -194,12 +191,9 @@ def test_lines_of_a_stream_as_lines_of_json(folder, day, capsys, monkeypatch):
     told = [json.loads(line) for line in out.splitlines()]
     assert err == ""
     assert [one["posture"] for one in told] == day.posture[:4].tolist()
-    for one in told:
-        assert list(one) == ["posture", "verdict", "findings", "next", "standard_errors", "stop"]
-    assert told[0]["verdict"] == OK
-    assert told[0]["next"] == 2
-    assert told[0]["stop"] is None
-    assert len(told[0]["standard_errors"]) == 25
+    errors = told[0].pop("standard_errors")
+    assert told[0] == {"posture": 1, "verdict": OK, "findings": [], "next": 2, "stop": None}
+    assert len(errors) == 25
 
 
 def test_a_stream_that_begins_again_is_not_judged_twice(folder, plan, robot, day, tmp_path):
@@ -245,19 +239,6 @@ def test_killed_and_started_again_it_goes_on(folder, day, tmp_path):
     assert len(told) <= ROWS + 1
 
 
-def test_columns_that_change_their_order_are_noticed(folder, plan, robot):
-    """Read by the old header, knees would be exchanged."""
-    path, lines = folder
-    grow(path, lines[0])
-    header = (path / "postures.csv").read_text().splitlines()[0]
-    grow(path, header + "\n" + lines[1])
-    assert [one.verdict.verdict for one in judged(path, plan, robot)] == [OK, OK]
-    exchanged = header.replace("right_knee", "?").replace("left_knee", "right_knee").replace("?", "left_knee")
-    grow(path, exchanged + "\n" + lines[2])
-    with pytest.raises(InputError, match=r"line 5: found another header"):
-        judged(path, plan, robot)
-
-
 def test_a_stream_without_times_goes_on(folder, plan, robot, tmp_path):
     path, lines = folder
     header = (path / "postures.csv").read_text()
@@ -270,21 +251,6 @@ def test_a_stream_without_times_goes_on(folder, plan, robot, tmp_path):
     state = tmp_path / "day.state"
     assert [one.line for one in judged(path, plan, robot, out=state, rows=rows(2))] == [2, 3]
     assert [one.line for one in judged(path, plan, robot, out=state, rows=rows(3))] == [4]
-
-
-def test_a_state_that_somebody_changed_or_cannot_be_written(folder, plan, robot, tmp_path):
-    path, lines = folder
-    grow(path, lines[0])
-    state = tmp_path / "day.state"
-    judged(path, plan, robot, out=state)
-    content = bytearray(state.read_bytes())
-    content[len(content) // 2] ^= 1
-    state.write_bytes(content)
-    with pytest.raises(InputError, match="found no state of a watch"):
-        judged(path, plan, robot, out=state)
-    nowhere = tt.watch(path, robot, plan=plan, out=state / "x", once=True)
-    with pytest.raises(InputError, match="cannot write"):
-        next(nowhere)
 
 
 def test_no_row_and_a_closed_standard_input(folder, capsys, monkeypatch):
@@ -327,11 +293,3 @@ def test_lines_that_end_with_a_carriage_return_alone_are_refused(folder, plan, r
         judged(path, plan, robot, rows=[content] if stream else None)
     table.write_bytes(content.replace(b"\r", b"\r\n"))
     assert len(judged(path, plan, robot)) == 1
-
-
-def test_a_table_that_is_a_pipe_is_refused_and_not_waited_for(folder, plan, robot):
-    path, _ = folder
-    (path / "postures.csv").unlink()
-    os.mkfifo(path / "postures.csv")
-    with pytest.raises(InputError, match=r"postures.csv: found a named pipe, expected a file"):
-        judged(path, plan, robot)

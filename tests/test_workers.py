@@ -39,13 +39,6 @@ def alive(number: int) -> bool:
 
 
 # A process that starts another in a group of its own, which starts a third one.
-LINE = """
-import os, subprocess, sys, time
-WATCHED = "import os, subprocess, sys, time; from tulip_testbed.base.workers import end_with; " \\
-    "end_with(int(sys.argv[1])); last = subprocess.Popen(['sleep', '60']); " \\
-    "print(os.getpid(), last.pid, flush=True); time.sleep(60)"
-subprocess.Popen([sys.executable, "-c", WATCHED, str(os.getpid())], start_new_session=True).wait()
-"""
 
 
 def test_workers_do_not_hear_what_a_terminal_sends_to_all():
@@ -60,19 +53,6 @@ print([signal.SIGINT in mask for mask in (*workers, here)])
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.stdout == "[True, True, False]\n", done.stderr
-
-
-@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads /proc")
-def test_a_group_of_processes_ends_with_the_one_that_started_it():
-    with subprocess.Popen([sys.executable, "-c", LINE], stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        found = [int(number) for number in process.stdout.readline().split()]
-        process.kill()
-    assert len(found) == 2
-    end = time.monotonic() + MOST
-    while any(map(alive, found)):
-        assert time.monotonic() < end
-        time.sleep(0.1)
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads /proc")

@@ -72,9 +72,24 @@ def places(document: Any) -> Iterator[tuple[Any, Any]]:
             yield from places(document[key])
 
 
-def drop_a_key(document: dict, draw: Draw) -> None:
-    inside, key = one(draw, [(inside, key) for inside, key in places(document) if isinstance(inside, dict)])
-    del inside[key]
+def value(news: Callable[[Any, Any], Any], *types: type) -> Callable[[Any, Draw], None]:
+    """Give one of the values of these types another one, out of what is made of it and of the document."""
+
+    def edit(document: Any, draw: Draw) -> None:
+        inside, key = one(draw, leaves(document, *types))
+        inside[key] = one(draw, news(inside[key], document))
+
+    return edit
+
+
+def key(change: Callable[[dict, Any, Draw], Any]) -> Callable[[Any, Draw], None]:
+    """Change one of the keys of one of the objects."""
+
+    def edit(document: Any, draw: Draw) -> None:
+        inside, name = one(draw, [pair for pair in places(document) if isinstance(pair[0], dict)])
+        change(inside, name, draw)
+
+    return edit
 
 
 def strange_value(document: dict, draw: Draw) -> None:
@@ -96,62 +111,9 @@ FACTORS = (0.5, 0.9, 1.001, 1.1, 2.0, 10.0, -1.0)
 MARK = 123456789.125  # stands where a text goes that is no JSON
 
 
-def leaves(document: Any, *kinds: type) -> list[tuple[Any, Any]]:
-    """Return the containers and keys of the values of these types."""
-    return [(inside, key) for inside, key in places(document) if type(inside[key]) in kinds]
-
-
-def another_type(document: Any, draw: Draw) -> None:
-    inside, key = one(draw, places(document))
-    others = [v for v in STRANGE if type(v) is not type(inside[key])]
-    inside[key] = one(draw, others)
-
-
-def a_key_more(document: Any, draw: Draw) -> None:
-    inside, key = one(draw, [(inside, key) for inside, key in places(document) if isinstance(inside, dict)])
-    inside[one(draw, ("note", key.upper(), f" {key}", f"{key}.x", *HOSTILE))] = one(
-        draw, (inside[key], *STRANGE)
-    )
-
-
-def another_length(document: Any, draw: Draw) -> None:
-    inside, key = one(draw, leaves(document, list))
-    old = inside[key]
-    inside[key] = one(
-        draw, ([], old[:-1], old[1:], [*old, *old[-1:]], [*old, None], [*old, []], old * 40, [old])
-    )
-
-
-def another_order(document: Any, draw: Draw) -> None:
-    inside, key = one(draw, leaves(document, list))
-    inside[key] = draw(st.permutations(inside[key]))
-
-
-def an_odd_number(document: Any, draw: Draw) -> None:
-    inside, key = one(draw, leaves(document, int, float))
-    inside[key] = one(draw, ODD)
-
-
-def another_number(document: Any, draw: Draw) -> None:
-    inside, key = one(draw, leaves(document, int, float))
-    old, factor = inside[key], one(draw, FACTORS)
-    inside[key] = old + round(factor) if type(old) is int else (old or 1e-3) * factor
-
-
-def another_text(document: Any, draw: Draw) -> None:
-    inside, key = one(draw, leaves(document, str))
-    texts = [inner[at] for inner, at in leaves(document, str)]
-    inside[key] = one(draw, ["nose", inside[key].upper(), inside[key] + " ", *dict.fromkeys(texts)])
-
-
-def a_hostile_text(document: Any, draw: Draw) -> None:
-    inside, key = one(draw, leaves(document, str))
-    inside[key] = one(draw, HOSTILE)
-
-
-def a_hostile_key(document: Any, draw: Draw) -> None:
-    inside, key = one(draw, [(inside, key) for inside, key in places(document) if isinstance(inside, dict)])
-    inside[one(draw, HOSTILE)] = inside.pop(key)
+def leaves(document: Any, *types: type) -> list[tuple[Any, Any]]:
+    """Return the containers and keys of the values of these types, or of all values."""
+    return [(inside, key) for inside, key in places(document) if not types or type(inside[key]) in types]
 
 
 def no_number(text: str, draw: Draw) -> list:
@@ -162,16 +124,36 @@ def no_number(text: str, draw: Draw) -> list:
     return [json.dumps(document).replace(repr(MARK), no) for no in NO_NUMBERS]
 
 
+drop_a_key = key(lambda inside, name, draw: inside.pop(name))
+
+
+def a_key_more(inside: dict, name: Any, draw: Draw) -> None:
+    new = one(draw, ("note", name.upper(), f" {name}", f"{name}.x", *HOSTILE))
+    inside[new] = one(draw, (inside[name], *STRANGE))
+
+
+def other_lengths(old: list, document: Any) -> tuple[list, ...]:
+    return [], old[:-1], old[1:], [*old, *old[-1:]], [*old, None], [*old, []], old * 40, [old]
+
+
+def other_numbers(old: Any, document: Any) -> list:
+    return [old + round(f) if type(old) is int else (old or 1e-3) * f for f in FACTORS]
+
+
+def other_texts(old: str, document: Any) -> list[str]:
+    return ["nose", old.upper(), old + " ", *dict.fromkeys(inner[at] for inner, at in leaves(document, str))]
+
+
 EDITS: dict[str, Callable[[Any, Draw], None]] = {
-    "another type": another_type,
+    "another type": value(lambda old, document: [new for new in STRANGE if type(new) is not type(old)]),
     "a strange value": strange_value,
     "a key less": drop_a_key,
-    "a key more": a_key_more,
-    "a list of another length": another_length,
-    "a list in another order": another_order,
-    "an odd number": an_odd_number,
-    "another number": another_number,
-    "another text": another_text,
-    "a hostile text": a_hostile_text,
-    "a hostile key": a_hostile_key,
+    "a key more": key(a_key_more),
+    "a list of another length": value(other_lengths, list),
+    "a list in another order": value(lambda old, document: [old[::-1], old[1:] + old[:1]], list),
+    "an odd number": value(lambda old, document: ODD, int, float),
+    "another number": value(other_numbers, int, float),
+    "another text": value(other_texts, str),
+    "a hostile text": value(lambda old, document: HOSTILE, str),
+    "a hostile key": key(lambda inside, name, draw: inside.update({one(draw, HOSTILE): inside.pop(name)})),
 }

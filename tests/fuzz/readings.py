@@ -10,46 +10,26 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy import stats
 
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.measurements.cells import CORNERS, PLATES
 from tulip_testbed.sim.robot import load_robot
 
-QUANTITIES = {
-    "run": ("estimate", "standard_error", "truth"),
-    "montecarlo": ("bias", "standard_error", "coverage95"),
-}
-
 
 def result(target: str, document: Any) -> dict[str, Any]:
     """Return what is compared of a result."""
-    if target in ("plan", "state"):
+    if target == "plan":
         return {name: document[name] for name in ("postures", "placements", "condition_number")}
-    if target in ("robot", "names"):
+    if target == "robot":
         masses = {row["link"]: row["mass"] for row in document["standard"]}
         return {"masses": [masses[link] for link in sorted(masses)], "total": document["total_mass"]}
-    if target in QUANTITIES:
-        return _first_run(target, document)
-    if target == "resume":
-        rows = document["parameters"]
-        return {"runs": document["runs"], "identified": document["identified"]} | {
-            name: [row[name] for row in rows] for name in QUANTITIES["montecarlo"]
-        }
-    estimates = document["full"]["value"]
-    return {"postures": document["postures"], "estimates": estimates, "mass": document["mass"][0]}
-
-
-def _first_run(target: str, document: Any) -> dict[str, Any]:
-    """Return what a comparison shows of its first run."""
+    if target == "measurements":
+        estimates = document["full"]["value"]
+        return {"postures": document["postures"], "estimates": estimates, "mass": document["mass"][0]}
     rows = document["models"]["full"]
-    names = QUANTITIES[target]
-    found: dict[str, Any] = {name: [row[name][0] for row in rows] for name in names}
-    if target == "montecarlo":
-        return found
     checks = [c for c in document["checks"] if c["result"][0] is not None or c["value"][0] is not None]
-    return found | {
+    return {name: [row[name][0] for row in rows] for name in ("estimate", "standard_error", "truth")} | {
         "verdict": document["verdict"][0],
         "numbers": [row["number"] for row in rows],
         "checks": {c["name"]: [c["result"][0], c["value"][0]] for c in checks},
@@ -59,18 +39,11 @@ def _first_run(target: str, document: Any) -> dict[str, Any]:
 
 def reading(target: str, folder: Path) -> dict[str, Any]:
     """Return the same, read and computed another way: the XML's masses, ordinary least squares, ..."""
-    if target in ("robot", "names"):
+    if target == "robot":
         return _masses(folder)
     if target == "run":
         return _validation(json.loads((folder / "result.json").read_text("utf-8-sig")))
-    if target in ("montecarlo", "resume"):
-        return _calibration(folder, target == "resume")
-    if target == "rig":
-        rig = json.loads((folder / "rig.json").read_text("utf-8-sig"))
-        return _identification(folder.with_name("data"), rig["effects"])
-    if target in ("plan", "state"):
-        return _planned(folder if target == "plan" else folder / "made" / "plan")
-    return _identification(folder, [])
+    return _planned(folder) if target == "plan" else _identification(folder)
 
 
 def _masses(folder: Path) -> dict[str, Any]:
@@ -92,28 +65,6 @@ def _validation(report: Any) -> dict[str, Any]:
     }
 
 
-def _calibration(folder: Path, whole: bool) -> dict[str, Any]:
-    table = pd.read_parquet(folder / "runs")
-    good = table[table["failure"] == ""]
-    names = map(str, table)
-    numbers = [name.rpartition(".")[2] for name in names if name.startswith("full.value.")]
-
-    def columns(prefix: str) -> np.ndarray:
-        return good[[f"{prefix}.{number}" for number in numbers]].to_numpy(float)
-
-    if good.empty:
-        rows = {name: [None] * len(numbers) for name in QUANTITIES["montecarlo"]}
-    else:
-        error, said = columns("full.value") - columns("truth"), columns("full.se")
-        held = np.abs(error) <= stats.t.ppf(0.975, columns("full.dof")) * said
-        rows = {
-            "bias": error.mean(axis=0),
-            "standard_error": np.sqrt((said**2).mean(axis=0)),
-            "coverage95": held.mean(axis=0),
-        }
-    return rows | ({"runs": len(table), "identified": len(good)} if whole else {})
-
-
 def _read_table(folder: Path) -> tuple[pd.DataFrame, dict[str, np.ndarray], np.ndarray]:
     """Return a table of postures, its numbers by column, and the regressor."""
     path, parameters = folder / "postures.parquet", base_parameters(load_robot())
@@ -133,16 +84,9 @@ def _planned(folder: Path) -> dict[str, Any]:
     return {"postures": len(table), "placements": placements, "condition_number": np.linalg.cond(matrix)}
 
 
-def _identification(folder: Path, effects: Any) -> dict[str, Any]:
-    """Solve eq. 8 by least squares, without the offsets of encoders and cells that a rig holds."""
+def _identification(folder: Path) -> dict[str, Any]:
+    """Solve eq. 8 by least squares."""
     table, column, matrix = _read_table(folder)
-    for effect in effects:
-        prefix = {"encoder-offset": "q", "cell-tare": "cell"}[effect["name"]]
-        column[f"{prefix}.{effect['target']}"] -= effect["parameters"][0]["value"]
-    if effects:
-        parameters = base_parameters(load_robot())
-        angles = np.column_stack([column[f"q.{j}"] for j in parameters.tree.joints])
-        matrix = stacked_regressor(parameters, angles)
     manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8-sig"))
     force, moment = np.zeros(len(table)), np.zeros((len(table), 2))
     for plate, corner in itertools.product(PLATES, CORNERS):

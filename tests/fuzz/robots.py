@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from xml.sax.saxutils import quoteattr
 
 from tests.fuzz import changes
 from tests.fuzz.changes import (
@@ -22,6 +24,7 @@ from tests.fuzz.changes import (
     refused,
     swap,
 )
+from tests.fuzz.documents import HOSTILE
 
 TOML, ROBOT, PAPER = "tulip.toml", "tulip.xml", "table2.csv"
 WHOLE_LINE = re.compile(r"^([\w-]+) = ([^\[\n]*|\[.*\]\s*(#.*)?)$", re.MULTILINE)  # a key with its value
@@ -235,7 +238,25 @@ MODELS: dict[str, tuple] = {
     "an odd robot": (swap(ODD_ROBOT), EITHER),
     "other torque limits": (swap(LIMITS), SAME),
 }
+
+
+def renamed(old: str, news: tuple[str, ...]) -> Change:
+    """Give a joint, a link or the robot another name, in both files."""
+
+    def change(folder: Path, draw: Draw) -> Expected:
+        new = one(draw, news)
+        for file, write in ((ROBOT, quoteattr), (TOML, json.dumps)):
+            text = (folder / file).read_text()
+            (folder / file).write_text(text.replace(f'"{old}"', write(new)))
+        return EITHER
+
+    return change
+
+
+ODD = ("\u0085", "a,b", "=1+1", "nan", "..", "-a", "a@2", "\U0001f9be", "x" * 5_000, "right_hip")
+CALLED = ("left_knee", "left_foot", "torso", "TULip")
 ROBOT_KINDS: dict[str, Change] = {
+    **{f"{old} has another name": renamed(old, (*HOSTILE, *ODD)) for old in CALLED},
     **{name: content(*how, TOML) for name, how in DESCRIPTIONS.items()},
     **{name: content(*how, ROBOT) for name, how in MODELS.items()},
     **{f"{kind} for a robot's file": changes.stands(kind, TOML, ROBOT) for kind in changes.PLACES},
