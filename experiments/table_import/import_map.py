@@ -45,7 +45,7 @@ class SeriesOfMap(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid")
-    window: Annotated[float, Field(ge=0.1, le=0.5)] = WINDOW
+    window: Annotated[float, Field(ge=0.1, le=1.0)] = WINDOW
     step: Annotated[float, Field(ge=0.01, le=60)] | None = None
     rate: Annotated[float, Field(ge=20, le=1e5)] | None = None
     support: Literal["double", "right", "left"] | None = None
