@@ -104,7 +104,7 @@ def held_out(search: CandidateSearch, found: SelfCalibration, terms: Sequence[Fi
         for key, sizes in squares.items():
             first, last = plain.of(key), fitted.of(key)
             sizes += (first.residual**2).sum(), (last.residual**2).sum(), last.variance.sum()
-        del exact, mine, calibration, fitted, plain, before, after, first, last  # large: one fold at a time
+        del exact, mine, calibration, fitted, plain  # large: one fold at a time
     sums = {key: total for key, total in sums.items() if total[2] > 0}
     millimetres = 1e3 * np.sqrt(squares["A"] / (2 * len(observed)))
     newtons = np.sqrt(squares["F"] / len(observed))

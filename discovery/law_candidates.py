@@ -36,12 +36,16 @@ KEPT_POINTS = 3  # of a law's grid, with which it is judged
 def law_candidates(observed: Observation) -> list[Candidate]:
     """List all laws of the grammar that an experiment may show and the catalogue does not say.
 
-    Each has the price of its kind: ln of the number of sentences about one thing that errs.
+    Each has the price of its kind: ln of the number of sentences about one thing that errs. Joints that are
+    not logged have no readings that err, nor angles of which anything could be a function.
     """
+    constant = observed.measurements.constant_joints
     found = [
         one
         for one in sentences_in(observed.nominal.robot, observed.measurements.contacts)
         if not one.catalogued
+        and one.joint not in constant
+        and not (one.kind == g.ENCODER and one.place in constant)
     ]
     alike: dict[str, int] = defaultdict(int)
     for one in found:

@@ -115,6 +115,8 @@ def _of_readings(linear: LinearModel) -> Iterator[tuple[str, str, np.ndarray]]:
     observed, slope, at = linear.smoothed, linear.whitening.sensitivity, fields(linear.observed)
     time = _powers(observed.time_fraction)
     for k, joint in enumerate(observed.tree.joints):
+        if joint in observed.measurements.constant_joints:
+            continue
         angle, torque = observed.joint_angles[:, k], observed.torques[:, k]
         errors = {
             "the square and cube of its angle": np.column_stack(
@@ -165,6 +167,7 @@ def _functions(linear: LinearModel) -> list[tuple[str, np.ndarray]]:
     out = [
         (f"depends on {joint}", _powers(observed.joint_angles[:, k]))
         for k, joint in enumerate(observed.tree.joints)
+        if joint not in observed.measurements.constant_joints  # it varies by rounding alone
     ]
     out.append(("drifts in time", _powers(observed.time_fraction)))
     number = groups(observed.measurements.placement).number

@@ -13,6 +13,9 @@ from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.data import base_foot
 from tulip_testbed.sim.robot import rotation_matrices
 
+# Gauss's rule for means over a row's window, whose weight is 15/16 (1 - u^2)^2: places u and weights.
+QUADRATURE = ((-(3**-0.5), 3 / 14), (0.0, 4 / 7), (3**-0.5, 3 / 14))
+
 
 def needed_wrench(nominal: Nominal, measurements: Measurements) -> np.ndarray:
     """Compute force and moment of the ground in the base frame, (m, 6) [N, Nm].
@@ -45,6 +48,8 @@ def link_wrenches(nominal: Nominal, measurements: Measurements) -> tuple[np.ndar
 def beyond_weight(nominal: Nominal, measurements: Measurements) -> np.ndarray:
     """Compute what motion adds by CAD: shift of the centre of pressure, vertical and horizontal force.
 
+    The mean over a row's window is not that of the mean posture: the postures between count too.
+
     Returns:
         side by side, (m, 5) [m, m, N, -, -], the horizontal force over the weight; (0, 5) for a robot that is
         held.
@@ -52,10 +57,22 @@ def beyond_weight(nominal: Nominal, measurements: Measurements) -> np.ndarray:
     if measurements.joint_rates is None and measurements.joint_accelerations is None:
         return np.zeros((0, 5))
     held = replace(measurements, joint_rates=None, joint_accelerations=None)
-    moving, still = needed_wrench(nominal, measurements), needed_wrench(nominal, held)
+    each = [share * needed_wrench(nominal, _within(measurements, at)) for at, share in QUADRATURE]
+    moving = np.sum(each, axis=0)
+    still = needed_wrench(nominal, held)
     after, before = (np.column_stack([-w[:, 4], w[:, 3]]) / w[:, 2:3] for w in (moving, still))
     added = moving - still
     return np.column_stack([after - before, added[:, 2], added[:, :2] / still[:, 2:3]])
+
+
+def _within(measurements: Measurements, at: float) -> Measurements:
+    """Return the motion at a time in each row's window, from -1 to 1, by the means of the row."""
+    m = measurements
+    half = np.where(np.isfinite(m.window), m.window, 0.0)[:, None] / 2
+    none = np.zeros_like(m.joint_angles)
+    rates, faster = (none if v is None else v for v in (m.joint_rates, m.joint_accelerations))
+    angles = m.joint_angles + half * at * rates + half**2 * (at**2 - 1 / 7) / 2 * faster
+    return replace(m, joint_angles=angles, joint_rates=rates + half * at * faster)
 
 
 def _balance(

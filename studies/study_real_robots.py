@@ -26,6 +26,7 @@ from tulip_testbed.base.files import write_text
 from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.experiments.posture_splits import by_halves
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
+from tulip_testbed.measurements.contacts import WRENCH
 from tulip_testbed.sim.robot import Robot, joint_names
 
 ICUB, OTHERS = "TULIP_ICUB_YOGA", "TULIP_PUBLISHED_ROBOTS"  # variables of the environment that name folders
@@ -92,19 +93,38 @@ def identify(robot: Robot, truth: Truth, folder: Path) -> dict[str, Any]:
 
 
 def discover(robot: Robot, truth: Truth, folder: Path) -> dict[str, Any]:
-    """Return what discovery names."""
+    """Return what discovery names, and which planted effects a reader sees."""
     found = tt.discover(folder / MEASURED, robot, check=False)
     adopted = {one.effect.name for one in found.adopted}
     named = adopted | {one.instance.effect.name for one in found.explanations}
-    named |= {one.family.effect.name for one in found.families}
+    compliance = {
+        f"foot-compliance:left, about {axis}": k for axis, k in zip("xy", truth.compliance, strict=True)
+    }
+    parts = {
+        f"wrench-crosstalk:left.{WRENCH[j]}.{WRENCH[k]}": part
+        for j, row in enumerate(truth.cross_talk)
+        for k, part in enumerate(row)
+    }
     return {
-        "rocking": bool(named & ROCKING),
-        "cross-talk": bool(named & CROSS_TALK),
+        "rocking": bool(named & ROCKING) or seen(found, compliance),
+        "cross-talk": bool(named & CROSS_TALK) or seen(found, parts),
         "false name": not adopted <= ROCKING | CROSS_TALK | ALSO_TRUE,
         "verdict": found.verdict,
         "adopted": sorted(adopted),
         "named": sorted(named),
     }
+
+
+def seen(found: tt.Discovered, true: dict[str, float]) -> bool:
+    """Whether the ordinary imperfections that were found hold an effect with its size.
+
+    The data determine a member, its 95 % interval leaves zero out, and holds the truth.
+    """
+    return any(
+        known and not low <= 0 <= high and low <= true.get(label, np.nan) <= high
+        for one in found.families
+        for label, known, (low, high) in zip(one.family.labels, one.determined, one.interval95, strict=True)
+    )
 
 
 STEPS = {one.__name__: one for one in (audit, predict, identify, discover)}

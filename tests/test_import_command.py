@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 import tomllib
@@ -14,7 +15,9 @@ import tulip_testbed as tt
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.table_import.column_names import propose, read_name
 from tulip_testbed.experiments.table_import.import_map import ImportMap, read_map, with_unknowns
+from tulip_testbed.experiments.table_import.sign_checks import _by_closed_legs
 from tulip_testbed.experiments.table_import.table_import import MappedColumn
+from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.measurements import read_measurements
 from tulip_testbed.measurements.cells import CELLS
 from tulip_testbed.measurements.contacts import VERTICAL

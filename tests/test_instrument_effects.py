@@ -240,6 +240,7 @@ def test_a_logged_command_is_undone_by_the_servo_s_error(measured, fault, nomina
     found = catalogue()["logged-command"].remove(observed, "right_knee", (1.0,))
     assert_same(found, measured(knee=[0.22, 0.36 - 0.0008, -0.1]))
     unsure = catalogue()["logged-command"].unsure(observed, "right_knee", (1.0,))
+    assert unsure is not None
     assert unsure.joint_angles[:, knee] - found.joint_angles[:, knee] == pytest.approx([1e-3, 5e-4, 1e-3])
 
 

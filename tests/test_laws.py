@@ -133,6 +133,14 @@ def test_catalogued_sentences_are_left_to_the_catalogue(robot, plan, nominal):
     assert sentence_of("encoder:right_knee/own-angle/linear").catalogued == "encoder-gain"
 
 
+def test_joints_that_are_not_logged_have_no_laws(robot, plan, nominal):
+    m = measured(robot, plan.take(plan.placement <= 4), "wii")
+    held = observe(replace(m, constant_joints={"right_knee": 0.01}), nominal)
+    about = [str(sentence_of(law.target)) for law in law_candidates(held)]
+    assert not any(part in one for one in about for part in ("encoder:right_knee/", "angle:right_knee/"))
+    assert any("encoder:left_knee/" in one for one in about)
+
+
 def test_base_parameters_disagree_by_standard_errors():
     def judged(*theta: float) -> Any:
         return SimpleNamespace(

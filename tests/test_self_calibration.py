@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+import tulip_testbed as tt
 from tulip_testbed.base.errors import InputError, InputWarning
 from tulip_testbed.calibration.families import (
     SOLE,

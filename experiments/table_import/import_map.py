@@ -16,7 +16,6 @@ from tulip_testbed.measurements.bounds import Deviation, Gain, Gravity
 from tulip_testbed.measurements.column_mapping import MappingEntry
 from tulip_testbed.measurements.contact_entries import UNKNOWN, UNKNOWN_POSE, Pair
 from tulip_testbed.measurements.contacts import WRENCH
-from tulip_testbed.measurements.logs.series_reduction import WINDOW
 from tulip_testbed.measurements.manifest import ConstantEntry, MassEntry, PlatesEntry
 
 ENDING = ".toml"
@@ -39,13 +38,14 @@ class SeriesOfMap(BaseModel):
     """How a log of a moving robot is reduced to rows.
 
     Attributes:
-        window, step: length of a row's window, and from one to the next (half of it if left out) [s].
+        window, step: length of a row's window (by the encoders' resolution if left out), and from one to the
+            next (half of it if left out) [s].
         rate: of a log without a time [Hz].
         support: of all rows; None: by a column, or by the contact sensors.
     """
 
     model_config = ConfigDict(extra="forbid")
-    window: Annotated[float, Field(ge=0.1, le=0.5)] = WINDOW
+    window: Annotated[float, Field(ge=0.1, le=1.0)] | None = None
     step: Annotated[float, Field(ge=0.01, le=60)] | None = None
     rate: Annotated[float, Field(ge=20, le=1e5)] | None = None
     support: Literal["double", "right", "left"] | None = None

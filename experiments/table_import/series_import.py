@@ -18,7 +18,13 @@ from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.column_mapping import MappedTable
 from tulip_testbed.measurements.contract import WHOLE
 from tulip_testbed.measurements.logs.joined_clocks import in_order
-from tulip_testbed.measurements.logs.series_reduction import LIFTED, OVERLAP, reduced, supports
+from tulip_testbed.measurements.logs.series_reduction import (
+    LIFTED,
+    OVERLAP,
+    reduced,
+    supports,
+    usual_window,
+)
 from tulip_testbed.measurements.manifest import Manifest
 from tulip_testbed.measurements.measurement_folder import rows_in
 
@@ -81,13 +87,14 @@ def series_rows(
     by_load = not table.has("support")
     if by_load:
         samples = dataclasses.replace(samples, support=supports(samples, weight))
-    out = reduced(samples, weight, series.window, series.step or series.window / OVERLAP)
+    window = series.window or usual_window(manifest.sensors.encoder_resolution)
+    out = reduced(samples, weight, window, series.step or window / OVERLAP)
     rows = out.measurements
     causes = [f"{count} window{'' if count == 1 else 's'} {cause}" for cause, count in out.dropped.items()]
     left_out = f"left out: {listed(causes)}" if causes else ""
     if not len(rows):
         raise InputError(
-            f"{table.path}: found no window of {series.window:g} s that gives a row; "
+            f"{table.path}: found no window of {window:g} s that gives a row; "
             f"{left_out or 'the log is shorter'}"
         )
     both = rows.support == "double"
@@ -97,7 +104,7 @@ def series_rows(
         closed = f"; left out: {int(both.sum())} windows on both feet, too few to settle the closed legs"
     assumed = [
         f"a series: {len(samples)} samples in {number(np.ptp(samples.time), '.4g')} s are reduced to "
-        f"{len(rows)} rows of {series.window:g} s with rates and accelerations"
+        f"{len(rows)} rows of {window:g} s with rates and accelerations"
         + (left_out and f"; {left_out}")
         + closed
     ]

@@ -242,7 +242,8 @@ class _Import:
         if unknown:
             self.assumed.append(
                 f"the `pose` of the contact sensors {listed(entry['name'] for entry in unknown)} is not "
-                "stated: wrenches are taken to be in the sole below the ankle, in the axes of the foot"
+                "stated: wrenches are taken to be in the sole below the ankle, in the axes of the foot; if "
+                "nobody knows the place, state `tolerances = {wrench-origin = 0.05}` in the map"
             )
         return manifest_from(
             {

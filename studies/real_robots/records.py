@@ -38,6 +38,7 @@ ORIGIN = ((-0.03, 0.03), (-0.02, 0.02), (0.0, 0.05))  # range of the sensor, m
 TURN, CROSS_TALK, ARM = 0.6, 0.01, 0.03  # deg; relative; m: range of moments over that of forces
 ZERO, NOISE, STEP_OF = (2.0, 0.1), (0.2, 0.01), (0.05, 0.002)  # N, Nm
 ENCODER_ZERO, ENCODER_NOISE, ENCODER_STEP = 0.15, 0.02, 0.088  # deg
+UNKNOWN_PLACE = 0.05  # m, as a user states who does not know where in the foot the sensor sits
 IMU, NOT_LOGGED = 0.2, 5.0  # deg; the heading of the world's axes may be any
 # The motion.
 KNOTS, FINE = 40, 0.05  # postures; s between the times at which the centre of mass is led
@@ -237,6 +238,7 @@ def map_text(robot: Robot, truth: Truth) -> str:
 gravity = {GRAVITY}
 columns.time = {{column = "t_s", unit = "s"}}
 sensors = {{encoder_sd = {encoder:.6f}, encoder_resolution = {step:.6f}}}
+tolerances = {{wrench-origin = {UNKNOWN_PLACE}}}
 [constant_joints]
 """
     text += "".join(f'"{name}" = {{value = 0.0, sd = {unknown:.4f}}}\n' for name in truth.constants)
