@@ -17,6 +17,7 @@ import pytest
 import tulip_testbed as tt
 from tests.published_robot import write_published
 from tulip_testbed.base.errors import InputError, InputWarning
+from tulip_testbed.experiments.export import export_model as writer
 from tulip_testbed.experiments.export.export_model import Export, export_model
 from tulip_testbed.experiments.export.inertial_text import inertial_spans, with_inertias, with_places
 from tulip_testbed.experiments.export.published_links import published_links
@@ -322,3 +323,21 @@ def test_a_source_whose_compiler_overrules_the_inertias_is_refused(setting, foun
     with pytest.raises(InputError, match=name):
         tt.export_model(found, robot, out=tmp_path / "out.xml", source=source, samples=0)
     assert not (tmp_path / "out.xml").exists()
+
+
+def test_on_a_full_disk_neither_file_is_left(found, robot, tmp_path, monkeypatch):
+    def full(path, content, new=False):
+        if path.suffix == ".npz":
+            raise InputError(f"{path}: cannot write (No space left on device)")
+        path.write_bytes(content)
+
+    monkeypatch.setattr(writer, "write_bytes", full)
+    with pytest.raises(InputError, match="No space left"):
+        tt.export_model(found, robot, out=tmp_path / "a.xml", samples=1)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_few_rows_move_no_mass_far_from_cad(run, robot, tmp_path):
+    few = tt.identify(run.measurements.take(np.arange(28)), robot)
+    made = tt.export_model(few, robot, out=tmp_path / "a.xml", samples=0)
+    assert all(0.7 < link.mass / link.mass_cad < 1.4 for link in made.links if link.mass_cad)

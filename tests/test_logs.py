@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,6 +16,7 @@ import tulip_testbed as tt
 from tests.recorded_logs import BAD, CHANNELS, KINDS, motion, unit, write_dumper, write_table
 from tests.test_refusals import check_words, rows
 from tulip_testbed.calibration import self_calibration
+from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.identification.inertial_wrench import beyond_weight, needed_wrench
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
@@ -314,3 +316,27 @@ def test_a_device_that_stops_is_told(bowing, tmp_path):
     with pytest.warns(UserWarning, match=r"legs stops 1.5 s before the others"):
         result = import_log(bowing, tmp_path / "log", KINDS["log"][1])
     assert result.folder is not None
+
+
+@pytest.mark.skipif(
+    "TULIP_ICUB_YOGA" not in os.environ,
+    reason="set TULIP_ICUB_YOGA to a folder with iCubGenova02.urdf and left_foot_yoga.csv, made from the "
+    "public repository robotology-legacy/WBI-Toolbox-controllers, commit df0d1f3, "
+    "controllers/torqueBalancing/data",
+)
+def test_a_real_icub_on_its_left_foot_becomes_rows(tmp_path):
+    folder = Path(os.environ["TULIP_ICUB_YOGA"])
+    urdf, robot = folder / "iCubGenova02.urdf", tmp_path / "robot"
+    feet, sole = ("r_ankle_2", "l_ankle_2"), (0.14, 0.06, 0.09, 0.0645)
+    icub = import_robot(urdf, feet, sole).write(robot)
+    table, stated = (
+        folder / "left_foot_yoga.csv",
+        Path(__file__).parent.parent / "examples" / "icub_yoga.toml",
+    )
+    result = tt.import_table(table, icub, out=tmp_path / "rows", map=[str(stated)])
+    assert result.unused == ("controller_state",)
+    m = tt.read_measurements(tmp_path / "rows")
+    left = m.time[m.support == "left"]
+    assert (left.min() < 2.6) & (left.max() > 46.5)
+    assert set(m.support) == {"left"}
+    assert any("12 windows on both feet, too few" in line for line in result.assumed)
