@@ -35,7 +35,7 @@ from tulip_testbed.sim.robot_check import check_scene, warn_of_robot
 from tulip_testbed.sim.scene import boards_under
 from tulip_testbed.sim.sensors import PRESETS
 
-SLOWEST, FASTEST = 1e-3, 10.0  # rad/s
+SLOWEST, FASTEST = 1e-2, 10.0  # rad/s
 HOISTED = 10.0  # s more than the motion itself, to take the load off the robot: prefers free motions
 
 
