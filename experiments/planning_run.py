@@ -108,6 +108,8 @@ def set_up_search(
         *(("repeats", 0), ("right", 0), ("left", 0)),
     ):
         at_least(name, getattr(settings, name), least)
+    for name in ("hops", "right", "left"):
+        at_most(name, getattr(settings, name), MOST_ROWS)
     placements, per = settings.placements, settings.postures_per_placement
     at_most("placements, postures_per_placement", placements * per, MOST_ROWS)
     if settings.repeats > (most := trials * placements * per):
