@@ -71,8 +71,10 @@ def _restore_angle(observed: Observation, target: str, values: Values) -> Observ
         return observed
     command, angles, torque = m.command[:, at], observed.joint_angles.copy(), observed.torques[:, at]
     # What yields beyond the encoder has no part in the servo's error. The load turns the joint its own way.
-    held = torque + _friction(observed, at)[0]
-    motor = command + held / observed.servo_gain[at] if m.motor is None else m.motor[:, at]
+    if m.motor is None:
+        motor = command + (torque + _friction(observed, at)[0]) / observed.servo_gain[at]
+    else:
+        motor = m.motor[:, at]
     turned, wind_up = motor, observed.nominal.robot.settings.get("drives", {}).get("wind_up")
     if wind_up:
         full = servo_stiffness(observed.nominal.robot, {})[at] * Controller().error_at_full_torque
