@@ -25,6 +25,7 @@ from studies.real_robots.records import (
     true_spec,
     write_record,
 )
+from tulip_testbed.calibration.prediction import left_by
 from tulip_testbed.sim.robot import joint_names, sole_corners, sole_point
 
 SECONDS = 8.0
@@ -73,6 +74,22 @@ def test_wrenches_in_axes_that_turn_become_the_same_rows(robot, truth, motion, t
         assert tt.import_table(tmp_path / f"{frame}.csv", robot, out=out, map=told).folder is not None
         rows.append(tt.read_measurements(out).wrenches[:, 1])
     assert rows[1] == pytest.approx(rows[0], abs=0.002)
+
+
+@pytest.mark.filterwarnings("ignore:.*identifiable")
+def test_what_a_calibration_leaves_has_no_error_of_the_weight(robot, truth, motion, tmp_path):
+    columns = log(robot, replace(truth, frame="sensor", sign=1), motion, np.random.default_rng(3))
+    names = ",".join(columns)
+    np.savetxt(
+        tmp_path / "a.csv", np.column_stack(list(columns.values())), "%.6f", ",", header=names, comments=""
+    )
+    (tmp_path / "map.toml").write_text(map_text(robot, truth))
+    tt.import_table(tmp_path / "a.csv", robot, out=tmp_path / "rows", map=[str(tmp_path / "map.toml")])
+    found = tt.identify(tmp_path / "rows", robot)
+    left = left_by(found.calibration, found.calibration.observed)
+    wrong = true_spec(robot, truth).compile().body_mass.sum() - robot.model.body_mass.sum()
+    assert abs(wrong) * GRAVITY > 1.0  # N
+    assert np.abs(left[:, 2]).max() < 0.3
 
 
 def test_at_rest_the_center_of_pressure_is_below_the_center_of_mass(robot, motion, on_ground):
