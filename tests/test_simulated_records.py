@@ -72,7 +72,9 @@ def test_wrenches_in_axes_that_turn_become_the_same_rows(robot, truth, motion, t
         (tmp_path / "map.toml").write_text(map_text(robot, truth))
         out, told = tmp_path / frame, [str(tmp_path / "map.toml")]
         assert tt.import_table(tmp_path / f"{frame}.csv", robot, out=out, map=told).folder is not None
-        rows.append(tt.read_measurements(out).wrenches[:, 1])
+        wrenches = tt.read_measurements(out).wrenches
+        assert wrenches is not None
+        rows.append(wrenches[:, 1])
     assert rows[1] == pytest.approx(rows[0], abs=0.002)
 
 
@@ -86,6 +88,7 @@ def test_what_a_calibration_leaves_has_no_error_of_the_weight(robot, truth, moti
     (tmp_path / "map.toml").write_text(map_text(robot, truth))
     tt.import_table(tmp_path / "a.csv", robot, out=tmp_path / "rows", map=[str(tmp_path / "map.toml")])
     found = tt.identify(tmp_path / "rows", robot)
+    assert found.calibration is not None
     left = left_by(found.calibration, found.calibration.observed)
     wrong = true_spec(robot, truth).compile().body_mass.sum() - robot.model.body_mass.sum()
     assert abs(wrong) * GRAVITY > 1.0  # N
