@@ -130,7 +130,8 @@ def self_calibrate(
     if not rests and best is not None and solved.log_evidence < best[2].log_evidence - WORSE:
         state, families, solved, clean, moved = best
         latest = linearised(state, families, noise)
-    clean = clean.changed(cad=state.clean.cad)  # with which the result was computed
+    if clean.cad is not None:
+        clean = clean.changed(cad=state.clean.cad)  # with which the result was computed
     return result_of(clean, families, noise, *latest, solved, used.assumed, moved)
 
 
