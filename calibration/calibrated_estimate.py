@@ -136,4 +136,5 @@ def estimate_of(calibration: SelfCalibration, data: Regression) -> Estimate:
         unseen=calibration.unseen,
         data_share=None if cad is None else cad.data_share(calibration.covariance),
         direction_shares=shares,
+        cad_scales=None if cad is None else cad.scales,
     )

@@ -143,8 +143,7 @@ def center_errors(calibration: SelfCalibration, others: Observation) -> np.ndarr
     _, linear, clean, scales = _linearised(calibration, others)
     structure = linear.covariance.structure
     own = structure.fixed + np.tensordot(scales[: len(structure.own)] ** 2, structure.own, axes=1)
-    left = residuals(clean, calibration.theta)
-    left[:, : ROWS["F"].stop] += by_weight(clean) * calibration.nu[-1]
+    left = left_by(calibration, clean)
     used, at = residuals_in_use(others), fields(others)
     out = np.empty((len(others), 2))
     for k in range(len(others)):
@@ -154,6 +153,17 @@ def center_errors(calibration: SelfCalibration, others: Observation) -> np.ndarr
         rest[:, known] -= gain
         out[k] = np.linalg.solve(rest @ _by_center(linear.covariance, others, at["cells"], k), rest @ left[k])
     return out
+
+
+def left_by(calibration: SelfCalibration, clean: Observation) -> np.ndarray:
+    """Return the residuals at the estimate, that of the weight too, (m, 11).
+
+    Args:
+        clean: readings without members and effects.
+    """
+    left = residuals(clean, calibration.theta)
+    left[:, : ROWS["F"].stop] += by_weight(clean) * calibration.nu[-1]
+    return left
 
 
 def _linearised(

@@ -86,6 +86,8 @@ def self_calibrate(
         smooth, nu = clean, np.append(first_parameters(clean), 0.0)
     else:
         nu, scales, spreads = start.nu, start.solved.scales, _spreads(families, start)
+        if observed.cad is not None and start.observed.cad is not None:
+            observed = observed.changed(cad=start.observed.cad)
         errors = packed(start.observed) - packed(start.linear.smooth)
         clean = members_removed(observed, families, phi, nu[:p], start.covariance, errors)
         smooth = moved_by(clean, start.observed, start.linear.smooth)
@@ -105,8 +107,11 @@ def self_calibrate(
         smooth = linear.smooth
         del problem, linear
         estimate, covariance = both @ solved.estimate, both @ solved.covariance @ both.T
-        if clean.cad is not None:
-            estimate[:p] += clean.cad.center
+        if (cad := clean.cad) is not None:
+            solved = replace(solved, log_evidence=solved.log_evidence + cad.log_density)
+            scaled = cad if noisy else cad.rescaled(estimate[:p], solved.conditional[:p, :p])
+            observed = observed.changed(cad=scaled)
+            estimate[:p] += cad.center
         moved = float((np.abs(np.append(nu, phi) - estimate) / np.sqrt(np.diag(covariance))).max())
         nu, phi, variance = estimate[: p + 1], estimate[p + 1 :], np.diag(covariance)[p + 1 :]
         along, scales, spreads = solved.estimate[p + 1 :] * lengths, solved.scales, solved.spreads
@@ -125,6 +130,8 @@ def self_calibrate(
     if not rests and best is not None and solved.log_evidence < best[2].log_evidence - WORSE:
         state, families, solved, clean, moved = best
         latest = linearised(state, families, noise)
+    if clean.cad is not None:
+        clean = clean.changed(cad=state.clean.cad)  # with which the result was computed
     return result_of(clean, families, noise, *latest, solved, used.assumed, moved)
 
 

@@ -109,6 +109,9 @@ class Fitted:
         return self.candidate.effect.remove(observed, self.candidate.target, self.values)
 
 
+ALONE = ({"right"}, {"left"})  # supports of records on one foot
+
+
 def candidates(observed: Observation, effects: dict[str, Effect] | None = None) -> list[Candidate]:
     """List every effect on every target that an experiment has; of many placements, those that stand out.
 
@@ -123,6 +126,8 @@ def candidates(observed: Observation, effects: dict[str, Effect] | None = None) 
         settings = np.array(list(product(*grids)), float).reshape(-1, len(grids))
         if effect.name == "wrench-zero" and zeros is not None and zeros.any():
             continue  # they are estimated with the families
+        if effect.name == "wrench-gain" and m.weighed_mass is None and set(m.support) in ALONE:
+            continue  # the gain and a weight that nobody knows are one
         out += [
             Candidate(effect, target, settings)
             for target in targets_in(effect, observed.nominal.robot, m.contacts, numbers, m.experiments)

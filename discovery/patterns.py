@@ -12,7 +12,7 @@ import scipy
 from tulip_testbed.calibration.linear_model import LinearModel
 from tulip_testbed.identification.distributions import chi2_sf
 from tulip_testbed.identification.noise_structure import groups
-from tulip_testbed.identification.residual_channels import SIZE, fields, has_twist
+from tulip_testbed.identification.residual_channels import SIZE, fields, has_direction, has_twist
 from tulip_testbed.measurements.cells import CELLS, PLATES
 
 # Channel, rows of the residuals, and their name.
@@ -25,6 +25,10 @@ PARTS = (
     ("C", slice(6, 8), "the swing foot's tilt"),
     ("C", slice(8, 11), "the swing foot's place"),
 )
+DIRECTION = {  # what six-axis sensors in the feet have in place of the twist
+    "the twist of the right plate": "the force's direction along x",
+    "the twist of the left plate": "the force's direction along y",
+}
 DISTINCT = 0.05
 AT_ONCE = 30  # patterns
 SMOOTH = 12  # directions of a smooth function of many quantities
@@ -99,7 +103,8 @@ def _of_residuals(linear: LinearModel) -> Iterator[tuple[str, str, np.ndarray]]:
     there = np.zeros(len(observed) * SIZE, bool)
     there[linear.whitening.rows] = True
     quantities = _functions(linear)
-    for channel, part, what in PARTS:
+    for channel, part, name in PARTS:
+        what = DIRECTION.get(name, name) if has_direction(observed) else name
         if not there.reshape(-1, SIZE)[:, part].any():
             continue
         width = part.stop - part.start

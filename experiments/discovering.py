@@ -9,6 +9,7 @@ from tulip_testbed.base.errors import InputError, at_least
 from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.threads import processes
 from tulip_testbed.calibration.families import check_tolerances
+from tulip_testbed.calibration.prediction import left_by
 from tulip_testbed.discovery.candidate_search import first_calibration
 from tulip_testbed.discovery.discover import Discovery, discover
 from tulip_testbed.discovery.dynamics_check import DynamicsCheck, check_in_dynamics
@@ -90,9 +91,10 @@ def _told(
         ranking = ()
     assert discovery.heldout is not None
     lasting = [effect for effect in discovery.corrections if everywhere(effect.target)]
+    calibration = discovery.selection.calibration
     sides = {
         "before": residuals(discovery.observed, discovery.selection.null.linear.theta),
-        "after": residuals(discovery.fit.linear.observed, discovery.fit.linear.theta),
+        "after": left_by(calibration, calibration.observed),
     }
     return Discovered(
         verdict=discovery.verdict,

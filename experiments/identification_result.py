@@ -280,8 +280,8 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
                 *([f"Weakly determined: {weak}."] if weak else []),
                 "",
             ]
-        if self.full.direction_shares is not None:
-            parts.append(cad_line(self.full.direction_shares))
+        if self.full.direction_shares is not None and self.full.cad_scales is not None:
+            parts.append(cad_line(self.full.direction_shares, self.full.cad_scales))
         if self.full.standard is not None:
             parts.append(standard_table(self.full.standard))
         if self.hidden:

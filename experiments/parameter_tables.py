@@ -19,6 +19,7 @@ from tulip_testbed.base.files import read_text
 from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.experiments.correlations import united_links
 from tulip_testbed.identification.base_parameters import BaseParameters
+from tulip_testbed.identification.cad_prior import CENTER_SD, MASS_SD
 from tulip_testbed.identification.estimators import Estimate, StandardEstimate
 from tulip_testbed.identification.rank import describe_combinations, labels, weakly_known
 from tulip_testbed.identification.statistics import WELL_IDENTIFIED, residual_norms
@@ -37,17 +38,19 @@ PAPER_COLUMNS = tuple(
 )
 
 
-def cad_line(shares: np.ndarray) -> str:
+def cad_line(shares: np.ndarray, scales: tuple[float, float]) -> str:
     """Say how much of an estimate with CAD as prior is data.
 
     Args:
         shares: of every direction's prior variance that the data removed, (p,).
+        scales: of the prior's s.d. of masses and centres of mass.
     """
+    mass, center = 100 * MASS_SD * scales[0], 1e3 * CENTER_SD * scales[1]
     known, most = int((shares > HALF).sum()), ", ".join(f"{100 * share:.0f} %" for share in shares[:LEADING])
     return (
-        f"The postures do not determine all {len(shares)} parameters, so CAD is the prior (20 % of each "
-        f"mass, 20 mm of each centre). In {known} independent directions more than half is data (the first: "
-        f"{most})."
+        f"The postures do not determine all {len(shares)} parameters, so CAD is the prior (by their "
+        f"likelihood {mass:.2g} % of each mass and {center:.2g} mm of each centre). In {known} independent "
+        f"directions more than half is data (the first: {most})."
     )
 
 

@@ -158,6 +158,21 @@ def test_the_prior_has_the_spread_that_is_stated(robot):
     )
 
 
+def test_the_prior_is_as_wide_as_robots_differ_from_cad(robot):
+    """Drawn robots of 10 % and 3 mm; data that say nothing leave what is assumed of any robot."""
+    parameters, standard = base_parameters(robot), standard_parameters(robot.model)
+    prior, generator = cad_prior(parameters, standard), np.random.default_rng(6)
+    true, found = prior.at((0.5, 0.15)), []
+    noise = 1e-10 * np.eye(len(prior.center))
+    for _ in range(60):
+        robots = prior.center + true.root @ generator.standard_normal(true.root.shape[1])
+        estimate, covariance = prior.combined(robots, noise)
+        found.append(prior.rescaled(estimate - prior.center, covariance).scales)
+    assert np.median(found, axis=0) == pytest.approx([0.5, 0.15], rel=0.2)
+    blind = [prior.rescaled(size * prior.by_mass[:, 0], prior.covariance).scales for size in (0.0, 1.0)]
+    assert blind[0] == blind[1] == pytest.approx((0.59, 0.59), abs=0.05)
+
+
 def test_an_exported_model_is_scored_as_it_is(robot, tmp_path):
     """Its file gives as good predictions of new postures as the estimate; CAD's file those of CAD."""
     lab = tt.Laboratory(robot, "force-plate", random_robot=(0.1, 5))

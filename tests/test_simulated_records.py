@@ -12,17 +12,20 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
+import tulip_testbed as tt
 from studies.real_robots.records import (
     FRAMES,
     GRAVITY,
     ROCKS,
     draw_truth,
     log,
+    map_text,
     on_left_foot,
     simulate,
     true_spec,
     write_record,
 )
+from tulip_testbed.calibration.prediction import left_by
 from tulip_testbed.sim.robot import joint_names, sole_corners, sole_point
 
 SECONDS = 8.0
@@ -58,6 +61,38 @@ def test_the_ground_accelerates_the_center_of_mass(robot, truth, motion, on_grou
     assert on_ground[0][EDGE] == pytest.approx(needed[EDGE], abs=0.05)
     assert np.abs(needed[EDGE, :2]).max() > 0.5
     assert on_ground[0][:, 2].mean() == pytest.approx(mass * GRAVITY, rel=0.003)
+
+
+def test_wrenches_in_axes_that_turn_become_the_same_rows(robot, truth, motion, tmp_path):
+    rows = []
+    for frame in ("sensor", "base"):
+        columns = log(robot, replace(truth, frame=frame, sign=1), motion, np.random.default_rng(3))
+        table, names = np.column_stack(list(columns.values())), ",".join(columns)
+        np.savetxt(tmp_path / f"{frame}.csv", table, "%.6f", ",", header=names, comments="")
+        (tmp_path / "map.toml").write_text(map_text(robot, truth))
+        out, told = tmp_path / frame, [str(tmp_path / "map.toml")]
+        assert tt.import_table(tmp_path / f"{frame}.csv", robot, out=out, map=told).folder is not None
+        wrenches = tt.read_measurements(out).wrenches
+        assert wrenches is not None
+        rows.append(wrenches[:, 1])
+    assert rows[1] == pytest.approx(rows[0], abs=0.002)
+
+
+@pytest.mark.filterwarnings("ignore:.*identifiable")
+def test_what_a_calibration_leaves_has_no_error_of_the_weight(robot, truth, motion, tmp_path):
+    columns = log(robot, replace(truth, frame="sensor", sign=1), motion, np.random.default_rng(3))
+    names = ",".join(columns)
+    np.savetxt(
+        tmp_path / "a.csv", np.column_stack(list(columns.values())), "%.6f", ",", header=names, comments=""
+    )
+    (tmp_path / "map.toml").write_text(map_text(robot, truth))
+    tt.import_table(tmp_path / "a.csv", robot, out=tmp_path / "rows", map=[str(tmp_path / "map.toml")])
+    found = tt.identify(tmp_path / "rows", robot)
+    assert found.calibration is not None
+    left = left_by(found.calibration, found.calibration.observed)
+    wrong = true_spec(robot, truth).compile().body_mass.sum() - robot.model.body_mass.sum()
+    assert abs(wrong) * GRAVITY > 1.0  # N
+    assert np.abs(left[:, 2]).max() < 0.3
 
 
 def test_at_rest_the_center_of_pressure_is_below_the_center_of_mass(robot, motion, on_ground):

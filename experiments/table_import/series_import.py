@@ -13,6 +13,11 @@ from tulip_testbed.base.numbers import number
 from tulip_testbed.base.table_files import TableFile
 from tulip_testbed.experiments.table_import.column_names import Proposal, propose
 from tulip_testbed.experiments.table_import.import_map import ONE, ImportMap, SeriesOfMap
+from tulip_testbed.identification.conventions.wrench_convention import (
+    WrenchConvention,
+    contact_frames,
+    rewritten,
+)
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.column_mapping import MappedTable
@@ -65,12 +70,18 @@ def necessary(names: Sequence[str], series: SeriesOfMap) -> tuple[str, ...]:
 
 
 def series_rows(
-    table: MappedTable, manifest: Manifest, nominal: Nominal, series: SeriesOfMap, stated: ImportMap
+    table: MappedTable,
+    manifest: Manifest,
+    nominal: Nominal,
+    series: SeriesOfMap,
+    stated: ImportMap,
+    convention: WrenchConvention | None = None,
 ) -> tuple[Measurements, list[str], list[str]]:
     """Read the samples of a series and reduce them to rows.
 
     Args:
         table: with all columns that `necessary` names, and those of `added_columns`.
+        convention: of the samples' wrenches; None: the contract's.
 
     Returns:
         the rows, what was assumed for them, and what the user has to look at.
@@ -87,6 +98,8 @@ def series_rows(
     by_load = not table.has("support")
     if by_load:
         samples = dataclasses.replace(samples, support=supports(samples, weight))
+    if convention is not None:
+        samples = rewritten(samples, contact_frames(nominal, samples), convention)
     window = series.window or usual_window(manifest.sensors.encoder_resolution)
     out = reduced(samples, weight, window, series.step or window / OVERLAP)
     rows = out.measurements

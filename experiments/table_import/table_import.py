@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +35,7 @@ from tulip_testbed.identification.conventions.audit_conventions import (
     can_be_audited,
     convention_table,
 )
+from tulip_testbed.identification.conventions.wrench_convention import WrenchConvention
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.measurements import Measurements, read_measurements, write_measurements
 from tulip_testbed.measurements.cells import PLATES
@@ -139,6 +140,7 @@ class _Import:
         self.problems: list[str] = []
         self.missing: list[str] = []
         self.conventions: tuple[StatedConvention, ...] = ()
+        self.convention = WrenchConvention()
         self.added: dict[str, np.ndarray] = {}  # columns that the table lacks
         self.series = series_of(table, stated)
 
@@ -374,7 +376,7 @@ class _Import:
         if not can_be_audited(measurements):
             return measurements
         found = audit_conventions(measurements, nominal_robot(self.robot))
-        self.conventions = found.stated
+        self.conventions, self.convention = found.stated, found.convention
         self.problems += found.problems
         self.assumed += [found.doubt] if found.doubt and found.doubt not in found.problems else []
         return found.applied
@@ -389,6 +391,9 @@ class _Import:
         try:
             rows, assumed, problems = series_rows(mapped, manifest, nominal, series, self.stated)
             measurements = self._audited(rows)
+            if self.convention != WrenchConvention():  # a mean in axes that turn is no wrench in any axes
+                turned, *_ = series_rows(mapped, manifest, nominal, series, self.stated, self.convention)
+                measurements = replace(turned, conventions=measurements.conventions)
             write_measurements(folder, measurements)
         except InputError as error:
             self.missing.append(str(error))

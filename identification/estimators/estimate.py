@@ -88,6 +88,7 @@ class Estimate:
         data_share: share of each parameter's prior variance that the data removed, 0 (all CAD) to 1, (p,).
             direction_shares: the same of independent directions, the best known first, (p,). None: the
             postures determine all parameters, and CAD takes no part.
+        cad_scales: of the prior's s.d. of masses and centres of mass, see `CadPrior`.
     """
 
     numbers: Numbers
@@ -106,6 +107,7 @@ class Estimate:
     standard: StandardEstimate | None = None
     data_share: Array | None = None
     direction_shares: Array | None = None
+    cad_scales: tuple[float, float] | None = None
 
     @computed_field
     @property

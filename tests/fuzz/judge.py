@@ -38,6 +38,7 @@ MAY_BE_NULL = (
     "standard",
     "data_share",
     "direction_shares",
+    "cad_scales",
     "unseen",
     "made",
     "rig",
