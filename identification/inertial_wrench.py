@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 
 from tulip_testbed.identification.base_parameters import standard_parameters
@@ -31,18 +32,55 @@ def link_wrenches(nominal: Nominal, measurements: Measurements) -> tuple[np.ndar
 
     See `needed_wrench`.
     """
+    regressor, centers = _regressor(nominal, measurements)
+    return np.einsum("mlik,lk->mli", regressor, inertial_parameters(nominal.robot.model)), centers
+
+
+def wrench_regressor(nominal: Nominal, measurements: Measurements) -> np.ndarray:
+    """Compute the regressor of `needed_wrench`, (m, 6, n_links, 10), for `inertial_parameters`.
+
+    Atkeson, An and Hollerbach 1986.
+    """
+    return _regressor(nominal, measurements)[0].swapaxes(1, 2)
+
+
+def inertial_parameters(model: mujoco.MjModel) -> np.ndarray:
+    """Return mass, first moments and inertia about the origin of each link's frame, (n_links, 10).
+
+    The order is m, m c_x, m c_y, m c_z, xx, xy, yy, xz, yz, zz [kg, kg m, kg m2]; links as in the MJCF file.
+    """
+    standard = standard_parameters(model)
+    principal = rotation_matrices(model.body_iquat[1:])
+    about_center = principal * model.body_inertia[1:, None] @ principal.mT
+    return np.column_stack([standard, moved_inertia(standard, about_center)])
+
+
+def moved_inertia(standard: np.ndarray, about_center: np.ndarray) -> np.ndarray:
+    """Return the elements of inertias about the origin, (n, 6), of those about the centre of mass, (n, 3, 3).
+
+    Args:
+        standard: (n, 4) [kg, kg m].
+    """
+    mass, moment = standard[:, :1], standard[:, 1:]
+    center = np.divide(moment, mass, out=np.zeros_like(moment), where=mass > 0)
+    cross = _crossing(center)
+    whole = about_center - mass[..., None] * cross @ cross
+    return whole[:, [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
+
+
+def _regressor(nominal: Nominal, measurements: Measurements) -> tuple[np.ndarray, np.ndarray]:
     m, robot = measurements, nominal.robot
     rates, accelerations = (
         np.zeros_like(m.joint_angles) if values is None else values
         for values in (m.joint_rates, m.joint_accelerations)
     )
     side, count = base_foot(m.support), len(nominal.parameters.tree.links)
-    wrenches, centers = np.empty((len(m), count, 6)), np.empty((len(m), count, 3))
+    regressor, centers = np.empty((len(m), count, 6, 10)), np.empty((len(m), count, 3))
     for k, foot in enumerate((robot.stance_foot, robot.swing_foot)):
         rows = side == k
         motion = m.joint_angles[rows], rates[rows], accelerations[rows]
-        wrenches[rows], centers[rows] = _balance(nominal, foot, nominal.points[k], motion, m.gravity)
-    return wrenches, centers
+        regressor[rows], centers[rows] = _of_foot(nominal, foot, nominal.points[k], motion, m.gravity)
+    return regressor, centers
 
 
 def beyond_weight(nominal: Nominal, measurements: Measurements) -> np.ndarray:
@@ -75,20 +113,20 @@ def _within(measurements: Measurements, at: float) -> Measurements:
     return replace(m, joint_angles=angles, joint_rates=rates + half * at * faster)
 
 
-def _balance(
+def _of_foot(
     nominal: Nominal,
     foot: str,
     sole: np.ndarray,
     motion: tuple[np.ndarray, np.ndarray, np.ndarray],
     gravity: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the rates of momentum of all links, with the foot accelerated upward in place of gravity.
+    """Compute `wrench_regressor` and centres of mass, with the foot accelerated upward in place of gravity.
 
     Args:
         sole: sole point in the foot's frame, (3,) [m].
         motion: angles, rates and accelerations of the joints, (m, n_joints) each.
     """
-    tree, model = nominal.parameters.tree, nominal.robot.model
+    tree = nominal.parameters.tree
     angles, rates, accelerations = motion
     base = tree.frame(foot)
     rotations = link_rotations(tree, base, angles)
@@ -107,18 +145,33 @@ def _balance(
         turning[:, new], turning_faster[:, new] = w, dw
         faster[:, new] = pivot - _swept(w, dw, rotations[:, new] @ step.anchor_new)
     links = np.array(tree.frame_of_link)
-    standard, turn = standard_parameters(model), rotations[:, links]
+    turn, place, pull = rotations[:, links], positions[:, links], faster[:, links]
     w, dw = turning[:, links], turning_faster[:, links]
-    principal = rotation_matrices(model.body_iquat[1:])
-    own = principal * model.body_inertia[1:, None] @ principal.mT
-    inertia = turn @ own @ turn.mT
-    mass = standard[:, :1]
-    arm = (turn @ model.body_ipos[1:, :, None])[..., 0]
-    force = mass * (faster[:, links] + _swept(w, dw, arm))
-    spin = (inertia @ w[..., None])[..., 0]
-    center = positions[:, links] + arm
-    moment = np.cross(center, force) + np.cross(w, spin) + (inertia @ dw[..., None])[..., 0]
-    return np.concatenate([force, moment], axis=2), center
+    out = np.zeros((*place.shape[:2], 6, 10))
+    swept = _crossing(dw) + _crossing(w) @ _crossing(w)
+    out[..., :3, 0] = pull
+    out[..., :3, 1:4] = swept @ turn
+    out[..., 3:, 0] = np.cross(place, pull)
+    out[..., 3:, 1:4] = (_crossing(place) @ swept - _crossing(pull)) @ turn
+    # In the link's axes I dw + w x I w is linear in the six elements of I.
+    own, faster_own = (np.einsum("mlij,mli->mlj", turn, v) for v in (w, dw))
+    out[..., 3:, 4:] = turn @ (_elements(faster_own) + _crossing(own) @ _elements(own))
+    model = nominal.robot.model
+    center = place + (turn @ model.body_ipos[1:, :, None])[..., 0]
+    return out, center
+
+
+def _crossing(vectors: np.ndarray) -> np.ndarray:
+    """Return the matrices of the cross product by vectors, (..., 3) -> (..., 3, 3)."""
+    return np.cross(vectors[..., None, :], np.eye(3)).mT
+
+
+def _elements(vectors: np.ndarray) -> np.ndarray:
+    """Return I v as a linear function of I's elements xx, xy, yy, xz, yz, zz, (..., 3) -> (..., 3, 6)."""
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    o = np.zeros_like(x)
+    rows = [[x, y, o, z, o, o], [o, x, y, o, z, o], [o, o, o, x, y, z]]
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
 def _swept(turning: np.ndarray, turning_faster: np.ndarray, arm: np.ndarray) -> np.ndarray:
