@@ -19,6 +19,7 @@ from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.linear_model import nuisances, weighed_precision, without_noise
 from tulip_testbed.calibration.linear_problem import LinearProblem
 from tulip_testbed.calibration.member_columns import member_columns
+from tulip_testbed.calibration.reml import LikelihoodFit
 from tulip_testbed.identification.joint_loads import UNSEEN
 from tulip_testbed.identification.load_rates import PLATES, load_rates
 from tulip_testbed.identification.noise_structure import NoiseStructure, Weights, groups
@@ -148,17 +149,20 @@ def linearised(
         tilt = tilt if has_direction(clean) else tilt[..., :0]
         motion = tilt[..., :0]
         if clean.moves:
-            motion = slope[..., at["shift"].start : at["push"].stop] @ clean.motion[..., None]
+            motion = slope[..., at["shift"].start : at["push"].stop] @ clean.motion.by_cad[..., None]
         parts = (pushed * SYSTEMATIC * UNSEEN, tilt, motion)
         covariance = _covariance(reach, parts, unsure, noise, clean)
     else:
         covariance = _with_unsure(covariance, slope @ _unsure(state.smooth, families, phi))
-    reach, weights = covariance.reach, covariance.structure.weights(np.log(state.scales))
+    reach, structure = covariance.reach, covariance.structure
+    if (in_time := clean.in_time) is not None:
+        structure = replace(structure, shared=in_time(structure.shared), free=in_time(structure.free))
+    weights = structure.weights(np.log(state.scales))
 
     left = residuals(clean, theta)
     unexplained = left.copy()
     unexplained[:, : ROWS["F"].stop] += by_weight(clean) * state.nu[-1]
-    pull = weights(used * unexplained[..., None])[..., 0]
+    pull = weighted_in_time(clean, weights, used * unexplained[..., None])[..., 0]
     scaled = scaled_noise(noise, state.scales)
     smooth = without_noise(clean, pull, reach, scaled)
     at_loads = slope.take(yields.field, axis=2)
@@ -200,9 +204,27 @@ def linearised(
         doubt=_doubt(clean),
         excess=mixing.T @ excess @ mixing,
         about=state.deviates,
+        in_time=clean.in_time,
         known=tuple(k for k, j in enumerate(owner) if _spread_is_known(families[j], cad is not None)),
     )
     return problem, Linearised(smooth, covariance)
+
+
+def weighted_in_time(observed: Observation, weights: Weights, columns: np.ndarray) -> np.ndarray:
+    """Return V^-1 times columns, (m, 11, n), by the weights of rows that are uncorrelated in time."""
+    if (in_time := observed.in_time) is None:
+        return weights(columns)
+    return in_time.back(weights(in_time(columns)))
+
+
+def own_noise(observed: Observation, problem: LinearProblem, fitted: LikelihoodFit) -> np.ndarray:
+    """Return the noise of each row itself as far as the residuals show it, of s.d. 1, (m, 11)."""
+    structure = problem.noise
+    left = (problem.whole @ np.append(-fitted.estimate, 1.0))[..., None]
+    pull = structure.weights(np.log(fitted.scales))(left)
+    own = structure.fixed + np.tensordot(fitted.scales[: len(structure.own)] ** 2, structure.own, axes=1)
+    noise = np.linalg.solve(np.linalg.cholesky(own), own @ pull)[..., 0]
+    return np.where(residuals_in_use(observed), noise, 0.0)
 
 
 def _by_sharing(

@@ -30,12 +30,14 @@ from tulip_testbed.calibration.linearisation import (
     at_sizes,
     linearised,
     mixing_of,
+    own_noise,
     sources_of,
     split_members,
 )
 from tulip_testbed.calibration.member_removal import members_removed
 from tulip_testbed.calibration.reml import LikelihoodFit, fit, given
 from tulip_testbed.effects.instance import EffectInstance, removed
+from tulip_testbed.identification.noise_in_time import noise_in_time_of
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import moved_by, packed
 from tulip_testbed.identification.residual_noise import noise_of, with_cell_noise
@@ -133,7 +135,8 @@ def as_log_shows(
 ) -> tuple[Observation, SelfCalibration | None]:
     """Return a moving record with what some of its rows show of inertial forces and of soft soles.
 
-    Also return the calibration of those rows that says so; None: the record does not move.
+    Also return the calibration of those rows that says so; None: the record does not move. Of plates, which
+    show all forces, it is shown how long their noise lasts.
 
     Contact sensors may not show the inertial forces: their signals are filtered, or a soft foot rocks in
     place of the body. Whichever has more evidence is taken; an estimate that does not come to rest has none
@@ -145,6 +148,8 @@ def as_log_shows(
     """
     if not observed.moves:
         return observed, None
+    if not observed.in_feet:
+        return _with_lasting_noise(observed, tolerances, rows)
     for one in (observed, _on_hard_soles(observed)):
         both = (one, without_inertia(one))
         tried = [self_calibrate(o if rows is None else o.take(rows), tolerances) for o in both]
@@ -152,6 +157,20 @@ def as_log_shows(
         if not _tips_over(tried[best]):
             break
     return both[best], tried[best]
+
+
+def _with_lasting_noise(
+    observed: Observation, tolerances: Mapping[str, float] | None, rows: np.ndarray | None
+) -> tuple[Observation, SelfCalibration]:
+    some = observed if rows is None else observed.take(rows)
+    first = self_calibrate(some, tolerances)
+    noise = own_noise(some, first.problem, first.solved)
+    lasting = noise_in_time_of(noise, some.measurements.time, some.stance)
+    if not lasting.share:
+        return observed, first
+    return observed.changed(noise_in_time=lasting), self_calibrate(
+        some.changed(noise_in_time=lasting), tolerances, start=first
+    )
 
 
 def _tips_over(calibration: SelfCalibration) -> bool:
@@ -168,9 +187,13 @@ def _on_hard_soles(observed: Observation) -> Observation:
 
 def without_inertia(observed: Observation) -> Observation:
     """Return a moving record as if its contact sensors did not show the inertial forces."""
-    shift, lift, push = np.split(observed.motion, [2, 3], axis=1)
+    shift, lift, push = np.split(observed.motion.by_cad, [2, 3], axis=1)
+    motion = observed.motion
     return observed.changed(
-        shift=observed.shift - shift, lift=observed.lift - lift[:, 0], push=observed.push - push
+        shift=observed.shift - shift,
+        lift=observed.lift - lift[:, 0],
+        push=observed.push - push,
+        motion=replace(motion, slope=0 * motion.slope, unknown=motion.unknown[..., :0]),
     )
 
 

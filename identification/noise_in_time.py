@@ -1,0 +1,113 @@
+"""Noise of a moving record that lasts: a stationary process of every segment, beside white noise.
+
+The noise of two rows has the correlation (1 - s) [same row] + s exp(-|t - t'| / T): a share s of its variance
+lasts for a time T (an Ornstein-Uhlenbeck process). Rows times the inverse of a root of that matrix are
+uncorrelated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+SHARES = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98)
+SECONDS = 0.5 * 2.0 ** np.arange(9)  # s
+LEAST_GAIN = 3.0  # of ln of the likelihood, from which noise lasts
+MOST_ROWS = 240  # of a segment that are looked at together, for the sake of time and memory
+
+
+@dataclass(frozen=True)
+class NoiseInTime:
+    """How the noise of rows is correlated in time.
+
+    Attributes:
+        share: of its variance that lasts, 0 to 1. seconds: for how long [s].
+    """
+
+    share: float = 0.0
+    seconds: float = 1.0
+
+    def correlation(self, time: np.ndarray) -> np.ndarray:
+        """Return the correlation of rows at these times, (n, n)."""
+        lasts = np.exp(-np.abs(time[:, None] - time) / self.seconds)
+        return self.share * lasts + (1 - self.share) * np.eye(len(time))
+
+
+WHITE = NoiseInTime()
+
+
+@dataclass(frozen=True, eq=False)
+class Decorrelation:
+    """Linear combinations of rows whose noise is uncorrelated in time.
+
+    Attributes:
+        blocks: numbers of the rows that belong together, and a lower triangular matrix, (n,) and (n, n).
+    """
+
+    blocks: tuple[tuple[np.ndarray, np.ndarray], ...]
+
+    def __call__(self, values: np.ndarray) -> np.ndarray:
+        """Return the combinations of values, (m, ...)."""
+        return self._times(values, False)
+
+    def back(self, values: np.ndarray) -> np.ndarray:
+        """Return values times the transpose, (m, ...)."""
+        return self._times(values, True)
+
+    def _times(self, values: np.ndarray, transposed: bool) -> np.ndarray:
+        out = np.empty_like(values)
+        for rows, factor in self.blocks:
+            out[rows] = np.tensordot(factor.T if transposed else factor, values[rows], axes=1)
+        return out
+
+
+def decorrelation(time: np.ndarray, segment: np.ndarray, lasting: NoiseInTime) -> Decorrelation | None:
+    """Return what makes rows uncorrelated; None: they are.
+
+    Args:
+        time, segment: of every row, (m,) [s] and numbers.
+    """
+    if not lasting.share:
+        return None
+    each = ((rows, lasting.correlation(time[rows])) for rows in _together(time, segment))
+    return Decorrelation(tuple((rows, np.linalg.inv(np.linalg.cholesky(one))) for rows, one in each))
+
+
+def noise_in_time_of(noise: np.ndarray, time: np.ndarray, segment: np.ndarray) -> NoiseInTime:
+    """Return the correlation by the largest likelihood of noise with s.d. 1, (m, k) of k independent kinds.
+
+    Args:
+        time, segment: see `decorrelation`.
+    """
+    used = noise[:, noise.any(axis=0)]
+    together = list(_together(time, segment))
+
+    def likelihood(lasting: NoiseInTime) -> float:
+        square, volume = 0.0, 0.0
+        for rows in together:
+            root = np.linalg.cholesky(lasting.correlation(time[rows]))
+            square += float((np.linalg.solve(root, used[rows]) ** 2).sum())
+            volume += float(np.log(np.diag(root)).sum())
+        return -used.shape[1] * volume - 0.5 * used.size * np.log(square / used.size)
+
+    tried = {
+        one: likelihood(one) for one in (NoiseInTime(s, t) for s in SHARES[1:] for t in SECONDS.tolist())
+    }
+    best = max(tried, key=lambda one: tried[one])
+    return best if tried[best] > likelihood(WHITE) + LEAST_GAIN else WHITE
+
+
+def effective_rows(time: np.ndarray, segment: np.ndarray, lasting: NoiseInTime) -> float:
+    """Return how many uncorrelated rows tell as much about a constant of a segment."""
+    each = (lasting.correlation(time[rows]) for rows in _together(time, segment))
+    return sum(float(np.linalg.solve(one, np.ones(len(one))).sum()) for one in each)
+
+
+def _together(time: np.ndarray, segment: np.ndarray) -> Iterator[np.ndarray]:
+    """Yield the rows of each segment, a long one in pieces."""
+    for number in np.unique(segment):
+        rows = np.flatnonzero(segment == number)
+        rows = rows[np.argsort(time[rows], kind="stable")]
+        yield from np.array_split(rows, -(-len(rows) // MOST_ROWS))
