@@ -22,6 +22,7 @@ from tulip_testbed.calibration.member_columns import member_columns
 from tulip_testbed.calibration.reml import LikelihoodFit
 from tulip_testbed.identification.joint_loads import UNSEEN
 from tulip_testbed.identification.load_rates import PLATES, load_rates
+from tulip_testbed.identification.noise_in_time import Decorrelation
 from tulip_testbed.identification.noise_structure import NoiseStructure, Weights, groups
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import (
@@ -191,7 +192,7 @@ def linearised(
     if cad is not None:
         information[:p, :p] = cad.precision_root.T @ cad.precision_root
     excess = np.zeros((len(phi), len(phi)))
-    each = _excess(at_loads, yields.rate, reach[..., at["cells"].start :], scaled, weights)
+    each = _excess(at_loads, yields.rate, reach[..., at["cells"].start :], scaled, weights, clean.in_time)
     np.add.at(excess, (yields.member[:, None], yields.member), each)
     whole = np.concatenate([base, members, output[..., None]], axis=2)
     whole *= used
@@ -221,7 +222,7 @@ def own_noise(observed: Observation, problem: LinearProblem, fitted: LikelihoodF
     """Return the noise of each row itself as far as the residuals show it, of s.d. 1, (m, 11)."""
     structure = problem.noise
     left = (problem.whole @ np.append(-fitted.estimate, 1.0))[..., None]
-    pull = structure.weights(np.log(fitted.scales))(left)
+    pull = weighted_in_time(observed, problem.decorrelated().noise.weights(np.log(fitted.scales)), left)
     own = structure.fixed + np.tensordot(fitted.scales[: len(structure.own)] ** 2, structure.own, axes=1)
     noise = np.linalg.solve(np.linalg.cholesky(own), own @ pull)[..., 0]
     return np.where(residuals_in_use(observed), noise, 0.0)
@@ -300,7 +301,12 @@ def yielding(observed: Observation, families: Families, phi: np.ndarray) -> np.n
 
 
 def _excess(
-    slope: np.ndarray, rate: np.ndarray, reach: np.ndarray, noise: Noise, weights: Weights
+    slope: np.ndarray,
+    rate: np.ndarray,
+    reach: np.ndarray,
+    noise: Noise,
+    weights: Weights,
+    in_time: Decorrelation | None,
 ) -> np.ndarray:
     """Compute what the noise of cells and plates adds to the information about the compliances, (c, c).
 
@@ -312,6 +318,8 @@ def _excess(
         slope: derivative of the residuals by the fields that yield, (m, 11, c).
         rate: derivative of these by the readings of the contacts and of plates, (m, c, 2 k + 6).
         reach: derivative of the residuals by the same readings, (m, 11, 2 k + 6).
+        weights: of rows that are uncorrelated in time. in_time: what makes them so. It makes the noise of
+            the cells so too; the errors of plates last.
     """
     placement = weights.structure.placement
     count = rate.shape[2] - PLATES
@@ -321,13 +329,15 @@ def _excess(
     spread = rate[..., :count] @ left @ rate[..., :count].mT
     out = (spread * (slope.mT @ precision @ slope)).sum(axis=0)
     # What a plate's error changes, the postures of a placement share.
+    last = (lambda values: values) if in_time is None else in_time
+    by_plates = last(by_plates)
     left = _left(noise.plates, placement.sums(by_plates.mT @ weights(by_plates)))[placement.number]
     m, rows, size = slope.shape
     pushed, spread = (
         (slope[:, :, None] * part.mT[:, None]).reshape(m, rows, PLATES * size)
         for part in (rate[..., count:], rate[..., count:] @ left)
     )
-    pushed, spread = (part.reshape(m * rows, PLATES, size) for part in (weights(pushed), spread))
+    pushed, spread = (part.reshape(m * rows, PLATES, size) for part in (weights(last(pushed)), last(spread)))
     return out + (pushed.transpose(1, 2, 0) @ spread.transpose(1, 0, 2)).sum(axis=0)
 
 

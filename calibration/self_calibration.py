@@ -37,7 +37,7 @@ from tulip_testbed.calibration.linearisation import (
 from tulip_testbed.calibration.member_removal import members_removed
 from tulip_testbed.calibration.reml import LikelihoodFit, fit, given
 from tulip_testbed.effects.instance import EffectInstance, removed
-from tulip_testbed.identification.noise_in_time import noise_in_time_of
+from tulip_testbed.identification.noise_in_time import WHITE, noise_in_time_of
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import moved_by, packed
 from tulip_testbed.identification.residual_noise import noise_of, with_cell_noise
@@ -162,15 +162,15 @@ def as_log_shows(
 def _with_lasting_noise(
     observed: Observation, tolerances: Mapping[str, float] | None, rows: np.ndarray | None
 ) -> tuple[Observation, SelfCalibration]:
-    some = observed if rows is None else observed.take(rows)
+    white = observed.changed(noise_in_time=WHITE)
+    some = white if rows is None else white.take(rows)
     first = self_calibrate(some, tolerances)
-    noise = own_noise(some, first.problem, first.solved)
-    lasting = noise_in_time_of(noise, some.measurements.time, some.stance)
-    if not lasting.share:
-        return observed, first
-    return observed.changed(noise_in_time=lasting), self_calibrate(
-        some.changed(noise_in_time=lasting), tolerances, start=first
-    )
+    noise, m = own_noise(some, first.problem, first.solved), some.measurements
+    lasting = noise_in_time_of(noise, m.time, some.stance, float(m.window[0]))
+    if lasting == WHITE:
+        return white, first
+    some = some.changed(noise_in_time=lasting)
+    return white.changed(noise_in_time=lasting), self_calibrate(some, tolerances, start=first)
 
 
 def _tips_over(calibration: SelfCalibration) -> bool:

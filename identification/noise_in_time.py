@@ -1,8 +1,9 @@
 """Noise of a moving record that lasts: a stationary process of every segment, beside white noise.
 
-The noise of two rows has the correlation (1 - s) [same row] + s exp(-|t - t'| / T): a share s of its variance
-lasts for a time T (an Ornstein-Uhlenbeck process). Rows times the inverse of a root of that matrix are
-uncorrelated.
+The noise of samples has two parts: one that is white, and one with the correlation exp(-|t - t'| / T), an
+Ornstein-Uhlenbeck process. A row is the mean of a window in which a sample weighs (1 - u^2)^2; the
+correlation of two rows is the mean over both windows. Of a row's variance the share s lasts. Rows times the
+inverse of a root of the matrix of correlations are uncorrelated.
 """
 
 from __future__ import annotations
@@ -16,6 +17,10 @@ SHARES = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98)
 SECONDS = 0.5 * 2.0 ** np.arange(9)  # s
 LEAST_GAIN = 3.0  # of ln of the likelihood, from which noise lasts
 MOST_ROWS = 240  # of a segment that are looked at together, for the sake of time and memory
+_PLACES = np.linspace(-1.0, 1.0, 81)
+_WEIGHTS = (1 - _PLACES**2) ** 2
+LAGS = np.linspace(-2.0, 2.0, 161)  # of two samples, each in its window, in half windows
+OFTEN = np.convolve(_WEIGHTS, _WEIGHTS)  # how much pairs of samples with these lags weigh
 
 
 @dataclass(frozen=True)
@@ -29,10 +34,14 @@ class NoiseInTime:
     share: float = 0.0
     seconds: float = 1.0
 
-    def correlation(self, time: np.ndarray) -> np.ndarray:
-        """Return the correlation of rows at these times, (n, n)."""
-        lasts = np.exp(-np.abs(time[:, None] - time) / self.seconds)
-        return self.share * lasts + (1 - self.share) * np.eye(len(time))
+    def correlation(self, time: np.ndarray, window: float) -> np.ndarray:
+        """Return the correlation of rows at these times, means over windows of this length, (n, n)."""
+        apart = np.round(np.abs(time[:, None] - time), 6)  # s
+        lag, number = np.unique(apart, return_inverse=True)
+        white = np.interp(2 * lag / window, LAGS, OFTEN / OFTEN.max(), right=0.0)
+        lasting = np.exp(-np.abs(np.append(0.0, lag)[:, None] + window / 2 * LAGS) / self.seconds) @ OFTEN
+        each = self.share * lasting[1:] / lasting[0] + (1 - self.share) * white
+        return each[number.reshape(apart.shape)]
 
 
 WHITE = NoiseInTime()
@@ -63,23 +72,23 @@ class Decorrelation:
         return out
 
 
-def decorrelation(time: np.ndarray, segment: np.ndarray, lasting: NoiseInTime) -> Decorrelation | None:
-    """Return what makes rows uncorrelated; None: they are.
+def decorrelation(
+    time: np.ndarray, segment: np.ndarray, window: float, lasting: NoiseInTime
+) -> Decorrelation:
+    """Return what makes rows uncorrelated.
 
     Args:
-        time, segment: of every row, (m,) [s] and numbers.
+        time, segment: of every row, (m,) [s] and numbers. window: length of a row [s].
     """
-    if not lasting.share:
-        return None
-    each = ((rows, lasting.correlation(time[rows])) for rows in _together(time, segment))
+    each = ((rows, lasting.correlation(time[rows], window)) for rows in _together(time, segment))
     return Decorrelation(tuple((rows, np.linalg.inv(np.linalg.cholesky(one))) for rows, one in each))
 
 
-def noise_in_time_of(noise: np.ndarray, time: np.ndarray, segment: np.ndarray) -> NoiseInTime:
+def noise_in_time_of(noise: np.ndarray, time: np.ndarray, segment: np.ndarray, window: float) -> NoiseInTime:
     """Return the correlation by the largest likelihood of noise with s.d. 1, (m, k) of k independent kinds.
 
     Args:
-        time, segment: see `decorrelation`.
+        time, segment, window: see `decorrelation`.
     """
     used = noise[:, noise.any(axis=0)]
     together = list(_together(time, segment))
@@ -87,7 +96,7 @@ def noise_in_time_of(noise: np.ndarray, time: np.ndarray, segment: np.ndarray) -
     def likelihood(lasting: NoiseInTime) -> float:
         square, volume = 0.0, 0.0
         for rows in together:
-            root = np.linalg.cholesky(lasting.correlation(time[rows]))
+            root = np.linalg.cholesky(lasting.correlation(time[rows], window))
             square += float((np.linalg.solve(root, used[rows]) ** 2).sum())
             volume += float(np.log(np.diag(root)).sum())
         return -used.shape[1] * volume - 0.5 * used.size * np.log(square / used.size)
@@ -99,9 +108,9 @@ def noise_in_time_of(noise: np.ndarray, time: np.ndarray, segment: np.ndarray) -
     return best if tried[best] > likelihood(WHITE) + LEAST_GAIN else WHITE
 
 
-def effective_rows(time: np.ndarray, segment: np.ndarray, lasting: NoiseInTime) -> float:
+def effective_rows(time: np.ndarray, segment: np.ndarray, window: float, lasting: NoiseInTime) -> float:
     """Return how many uncorrelated rows tell as much about a constant of a segment."""
-    each = (lasting.correlation(time[rows]) for rows in _together(time, segment))
+    each = (lasting.correlation(time[rows], window) for rows in _together(time, segment))
     return sum(float(np.linalg.solve(one, np.ones(len(one))).sum()) for one in each)
 
 

@@ -21,7 +21,7 @@ from tulip_testbed.identification.contact_readings import ContactReadings, of_ce
 from tulip_testbed.identification.inertial_wrench import HELD, BeyondWeight, beyond_weight
 from tulip_testbed.identification.joint_loads import Loads, joint_loads, servo_stiffness
 from tulip_testbed.identification.kinematics import Tree
-from tulip_testbed.identification.noise_in_time import WHITE, Decorrelation, NoiseInTime, decorrelation
+from tulip_testbed.identification.noise_in_time import Decorrelation, NoiseInTime, decorrelation
 from tulip_testbed.identification.nominal import Nominal, PostureGeometry
 from tulip_testbed.measurements import Measurements, as_joined
 from tulip_testbed.sim.scene import plate_masses
@@ -60,7 +60,7 @@ class Observation:
             cells the twist of a board holds no information. A tared cell without load reads minus its share
             of the board's weight; if the empty board rocked when it was tared, nothing.
         motion: what motion adds to shift, lift and push, see `BeyondWeight`; nothing if the robot is held.
-        noise_in_time: how the noise of rows is correlated in time.
+        noise_in_time: how the noise of rows is correlated in time; None: it is not.
         cad: what CAD says about the base parameters; None: the postures determine them.
     """
 
@@ -86,7 +86,7 @@ class Observation:
     time_fraction: np.ndarray
     on_four_cells: np.ndarray
     motion: BeyondWeight = HELD
-    noise_in_time: NoiseInTime = WHITE
+    noise_in_time: NoiseInTime | None = None
     cad: CadPrior | None = None
 
     def __len__(self) -> int:
@@ -122,8 +122,11 @@ class Observation:
 
     @cached_property
     def in_time(self) -> Decorrelation | None:
-        """Return what makes the noise of rows uncorrelated in time; None: it is."""
-        return decorrelation(self.measurements.time, self.stance, self.noise_in_time)
+        """Return what makes the noise of rows uncorrelated in time; None: it is, in holds and logs."""
+        if self.noise_in_time is None:
+            return None
+        m = self.measurements
+        return decorrelation(m.time, self.stance, float(m.window[0]), self.noise_in_time)
 
     @cached_property
     def geometry(self) -> PostureGeometry:
