@@ -224,7 +224,8 @@ def without_noise(observed: Observation, pull: np.ndarray, reach: np.ndarray, no
     errors = np.zeros((len(observed), packed(observed).shape[1]))
     plates = fields(observed)["plates"]
     readings = slice(0, plates.stop)
-    errors[:, readings] = variance * (reach.mT @ pull[..., None])[..., 0]
+    of_rows = pull if observed.in_time is None else observed.in_time.correlated(pull)
+    errors[:, readings] = variance * (reach.mT @ of_rows[..., None])[..., 0]
     for placement in np.unique(observed.measurements.placement):
         inside = observed.measurements.placement == placement
         together = np.einsum("mrk,mr->k", reach[inside][..., plates], pull[inside])

@@ -223,6 +223,7 @@ def own_noise(observed: Observation, problem: LinearProblem, fitted: LikelihoodF
     structure = problem.noise
     left = (problem.whole @ np.append(-fitted.estimate, 1.0))[..., None]
     pull = weighted_in_time(observed, problem.decorrelated().noise.weights(np.log(fitted.scales)), left)
+    pull = pull if observed.in_time is None else observed.in_time.correlated(pull)
     own = structure.fixed + np.tensordot(fitted.scales[: len(structure.own)] ** 2, structure.own, axes=1)
     noise = np.linalg.solve(np.linalg.cholesky(own), own @ pull)[..., 0]
     return np.where(residuals_in_use(observed), noise, 0.0)

@@ -52,23 +52,28 @@ class Decorrelation:
     """Linear combinations of rows whose noise is uncorrelated in time.
 
     Attributes:
-        blocks: numbers of the rows that belong together, and a lower triangular matrix, (n,) and (n, n).
+        blocks: numbers of the rows that belong together, (n,), their correlation and the lower triangular
+            matrix that makes them uncorrelated, (n, n) each.
     """
 
-    blocks: tuple[tuple[np.ndarray, np.ndarray], ...]
+    blocks: tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
         """Return the combinations of values, (m, ...)."""
-        return self._times(values, False)
+        return self._times(values, [factor for _, _, factor in self.blocks])
 
     def back(self, values: np.ndarray) -> np.ndarray:
         """Return values times the transpose, (m, ...)."""
-        return self._times(values, True)
+        return self._times(values, [factor.T for _, _, factor in self.blocks])
 
-    def _times(self, values: np.ndarray, transposed: bool) -> np.ndarray:
+    def correlated(self, values: np.ndarray) -> np.ndarray:
+        """Return values times the correlation, (m, ...)."""
+        return self._times(values, [correlation for _, correlation, _ in self.blocks])
+
+    def _times(self, values: np.ndarray, matrices: list[np.ndarray]) -> np.ndarray:
         out = np.empty_like(values)
-        for rows, factor in self.blocks:
-            out[rows] = np.tensordot(factor.T if transposed else factor, values[rows], axes=1)
+        for (rows, _, _), matrix in zip(self.blocks, matrices, strict=True):
+            out[rows] = np.tensordot(matrix, values[rows], axes=1)
         return out
 
 
@@ -81,7 +86,7 @@ def decorrelation(
         time, segment: of every row, (m,) [s] and numbers. window: length of a row [s].
     """
     each = ((rows, lasting.correlation(time[rows], window)) for rows in _together(time, segment))
-    return Decorrelation(tuple((rows, np.linalg.inv(np.linalg.cholesky(one))) for rows, one in each))
+    return Decorrelation(tuple((rows, one, np.linalg.inv(np.linalg.cholesky(one))) for rows, one in each))
 
 
 def noise_in_time_of(noise: np.ndarray, time: np.ndarray, segment: np.ndarray, window: float) -> NoiseInTime:
