@@ -45,6 +45,7 @@ from tulip_testbed.identification.residual_noise import noise_of, with_cell_nois
 ROUNDS = 12
 NEARLY_TIPPED = 0.8  # of the compliance with which a robot would tip over
 WORSE = 10.0  # ln of the evidence, by which the last linearisation may lie below the best
+LASTING_ROUNDS = 4
 STANDS = 0.25  # s.e. by which nothing moves any more: the next step would move it by about a fifth of that
 
 
@@ -162,15 +163,18 @@ def as_log_shows(
 def _with_lasting_noise(
     observed: Observation, tolerances: Mapping[str, float] | None, rows: np.ndarray | None
 ) -> tuple[Observation, SelfCalibration]:
-    white = observed.changed(noise_in_time=WHITE)
-    some = white if rows is None else white.take(rows)
-    first = self_calibrate(some, tolerances)
-    noise, m = own_noise(some, first.problem, first.solved), some.measurements
-    lasting = noise_in_time_of(noise, m.time, some.stance, float(m.window[0]))
-    if lasting == WHITE:
-        return white, first
-    some = some.changed(noise_in_time=lasting)
-    return white.changed(noise_in_time=lasting), self_calibrate(some, tolerances, start=first)
+    """Find how long the noise lasts: first as if it did not, which leaves a part of it to the families."""
+    some, lasting, found = observed if rows is None else observed.take(rows), WHITE, None
+    m = some.measurements
+    for _ in range(LASTING_ROUNDS):
+        some = some.changed(noise_in_time=lasting)
+        found = self_calibrate(some, tolerances, start=found)
+        noise = own_noise(some, found.problem, found.solved)
+        lasting = noise_in_time_of(noise, m.time, some.stance, float(m.window[0]))
+        if lasting == some.noise_in_time:
+            break
+    assert found is not None
+    return observed.changed(noise_in_time=some.noise_in_time), found
 
 
 def _tips_over(calibration: SelfCalibration) -> bool:
