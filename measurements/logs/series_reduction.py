@@ -90,8 +90,8 @@ def reduced(
 
     Returns:
         the rows, none if every window was dropped. Every row is a posture; s.d. are those of the samples
-        about a cubic polynomial. Placements are those of the samples if plates are recorded; without plates, a
-        placement begins with a segment, where the support changes, and after four seconds.
+        about a cubic polynomial. Placements are those of the samples if plates are recorded; without
+        plates, a placement begins with a segment, where the support changes, and after four seconds.
     """
     time = samples.time
     found = []  # start, first and last sample
@@ -116,11 +116,13 @@ def reduced(
     return Reduced(_rows(samples, windows, window), dict(dropped))
 
 
-def reduced_motion(samples: Measurements, window: float | None = None) -> Measurements:
+def reduced_motion(
+    samples: Measurements, window: float | None = None, source: str = "motion"
+) -> Measurements:
     """Reduce the samples of a motion to rows, see `reduced`.
 
     Args:
-        window: None: `usual_window` of the encoders [s].
+        window: None: `usual_window` of the encoders [s]. source: of the samples, for messages.
     """
     weighed, window = samples.weighed_mass, window or usual_window(samples.sensors.encoder_resolution)
     weight = weighed[0] * samples.gravity if weighed else float(np.median(_loads(samples).sum(axis=1)))
@@ -128,7 +130,7 @@ def reduced_motion(samples: Measurements, window: float | None = None) -> Measur
     if not len(rows):
         causes = "; ".join(f"{count} {cause}" for cause, count in dropped.items())
         raise InputError(
-            f"motion: found no window of {window:g} s that gives a row ({causes or 'segments are shorter'})"
+            f"{source}: found no window of {window:g} s that gives a row ({causes or 'segments are shorter'})"
         )
     return rows
 
