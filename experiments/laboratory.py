@@ -35,6 +35,7 @@ from tulip_testbed.identification.base_parameters import (
 )
 from tulip_testbed.measurements import Experiment, Measurements, PosturePlan
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
+from tulip_testbed.sim.dynamics.moving_run import run_motion
 from tulip_testbed.sim.outcome import Outcome, Truth
 from tulip_testbed.sim.plan_folder import check_fits
 from tulip_testbed.sim.procedure import header_of
@@ -178,8 +179,8 @@ class Laboratory:
         Args:
             plan: postures to measure.
             seed: of everything random.
-            engine: "dynamics": hold every posture in the full dynamics, half a minute; "statics": solve its
-                equilibrium, a second.
+            engine: "dynamics": hold every posture, or move, in the full dynamics, half a minute; "statics":
+                solve the equilibrium of every posture, a second; not of a plan that moves.
             workers: processes; None: one per core. Results do not depend on it.
             progress: called with the number of tries each time a placement is done.
 
@@ -190,14 +191,19 @@ class Laboratory:
         at_least("seed", seed, 0)
         self.check(plan, engine)
         warn_of_robot(self.robot)
-        if engine == "statics":
+        samples = None
+        if plan.motion is not None:
+            moved = run_motion(self.rig, plan, seed, count, progress)
+            outcome, samples = moved, moved.samples
+        elif engine == "statics":
             (outcome,) = run_statics(solve_plan(self.rig, plan), [np.random.SeedSequence(seed)])
         else:
             outcome = run_dynamics(self.rig, plan, seed, count, progress)
         measured = outcome.measurements
         if self.experiment is not None:
             measured = replace(measured, experiments=(self.experiment,))
-        return Run(self, plan, seed, engine, measured, outcome.truth)
+            samples = samples and replace(samples, experiments=(self.experiment,))
+        return Run(self, plan, seed, engine, measured, outcome.truth, samples)
 
     def check(self, plan: PosturePlan, engine: str) -> None:
         """Refuse a plan that this laboratory cannot measure.
@@ -207,6 +213,11 @@ class Laboratory:
         """
         look_up("engine", engine, ENGINES, "engine")
         check_fits("plan", plan, self.robot)
+        if plan.motion is not None and engine != "dynamics":
+            raise InputError(
+                f"engine: found '{engine}' with a plan that moves, expected 'dynamics': {engine} knows only "
+                "postures at rest"
+            )
         check_scene(self._plain)
         self.check_effects(plan, engine)
 
@@ -241,6 +252,8 @@ class Run:
         laboratory, plan, seed, engine: how it was made.
         measurements: the data contract; without the truth.
         truth: what only the simulation knows.
+        samples: of a plan that moves, of which the measurements are the rows; `posture` is the segment's
+            number. None: postures were held.
     """
 
     laboratory: Laboratory
@@ -249,6 +262,7 @@ class Run:
     engine: str
     measurements: Measurements
     truth: Truth
+    samples: Measurements | None = None
 
     @property
     def outcome(self) -> Outcome:
@@ -265,6 +279,8 @@ class Run:
 
 
 def tries(laboratory: Laboratory, plan: PosturePlan) -> int:
-    """Count the postures that will be held, repeats included."""
+    """Count the postures that will be held, repeats included, or the segments of a motion."""
+    if plan.motion is not None:
+        return len(plan.motion.segments)
     repeats = laboratory.rig.protocol.repeats if plan.postures == len(plan) else 0
     return len(plan) + min(repeats, len(plan))

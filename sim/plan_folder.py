@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,16 +13,26 @@ from pydantic import BaseModel, ValidationError
 
 from tulip_testbed.base.errors import InputError, listed, shortened
 from tulip_testbed.base.files import new_folder, sha256, write_text
-from tulip_testbed.base.table_files import read_json, software, write_json, write_table
+from tulip_testbed.base.table_files import (
+    TableFile,
+    read_json,
+    software,
+    write_json,
+    write_parquet,
+    write_table,
+)
 from tulip_testbed.base.validation_message import validation_message
 from tulip_testbed.measurements.bounds import MOST_ANGLE, MOST_LENGTH, Version
 from tulip_testbed.measurements.checked_table import checked_table
 from tulip_testbed.measurements.contract import SUPPORTS
 from tulip_testbed.measurements.data import PosturePlan, base_foot
 from tulip_testbed.measurements.folder_kind import check_kind
+from tulip_testbed.measurements.motion_table import MOST_SAMPLES, MOTION, SEGMENT, check_segments
+from tulip_testbed.measurements.trajectory import RATE, Trajectory
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.robot import Robot, joint_names
 
+UNEVEN = 0.01  # of the time between samples
 MOST_SWING = 0.01  # m or rad, between the swing foot as planned and by the joint angles
 MOST_TORQUE = MOST_NUMBER = 1e5  # N m, of a drive; of any array
 
@@ -54,7 +65,9 @@ def write_plan(folder: Path, plan: PosturePlan, beside: Mapping[str, str] | None
         columns |= {f"torque.{joint}": plan.torques[:, k] for k, joint in enumerate(plan.joints)}
     columns |= {f"swing.{axis}": plan.swing_pose[:, k] for k, axis in enumerate(("x", "y", "yaw"))}
     with new_folder(folder) as working:
-        paths = write_table(working, "postures", columns)
+        paths = list(write_table(working, "postures", columns).values())
+        if plan.motion is not None:
+            paths.append(write_parquet(working, MOTION, _columns_of(plan.motion, plan.joints)))
         for name, text in (beside or {}).items():
             write_text(working / name, text)
         write_json(
@@ -65,7 +78,7 @@ def write_plan(folder: Path, plan: PosturePlan, beside: Mapping[str, str] | None
                 "robot": plan.robot,
                 "made": plan.made,
                 "software": software(),
-                "tables": {path.name: sha256(path) for path in paths.values()},
+                "tables": {path.name: sha256(path) for path in paths},
             },
         )
 
@@ -99,7 +112,59 @@ def read_plan(folder: Path, robot: Robot) -> PosturePlan:
         torques=torques,
     )
     check_postures(table.path, plan, robot)
-    return plan
+    if not any(name.startswith(f"{MOTION}.") for name in manifest.tables):
+        return plan
+    table = checked_table(folder, MOTION, manifest.tables, MOST_SAMPLES, "")
+    moving = replace(plan, motion=_motion_in(table, joints))
+    check_motion(table.path, moving, robot)
+    return moving
+
+
+def _columns_of(motion: Trajectory, joints: tuple[str, ...]) -> dict[str, np.ndarray]:
+    columns = {name: getattr(motion, name) for name in ("time", SEGMENT, "placement", "support")}
+    for prefix, values in (("q", motion.joint_angles), ("torque", motion.torques)):
+        if values is not None:
+            columns |= {f"{prefix}.{joint}": values[:, k] for k, joint in enumerate(joints)}
+    return columns
+
+
+def _motion_in(table: TableFile, joints: tuple[str, ...]) -> Trajectory:
+    fed = any(table.has(f"torque.{joint}") for joint in joints)
+    return Trajectory(
+        time=table.numbers("time"),
+        segment=table.integers(SEGMENT),
+        placement=table.integers("placement"),
+        support=table.texts("support", SUPPORTS),
+        joint_angles=table.matrix("q", joints, False, -MOST_ANGLE, MOST_ANGLE),
+        torques=table.matrix("torque", joints, False, -MOST_TORQUE, MOST_TORQUE) if fed else None,
+    )
+
+
+def check_motion(path: Path | str, plan: PosturePlan, robot: Robot) -> None:
+    """Refuse a motion that no laboratory could follow.
+
+    A segment is one motion at 100 Hz within the joints' ranges, on a placement and support of the plan.
+    """
+    motion = plan.motion
+    assert motion is not None
+    check_segments(path, motion.time, motion.segment, motion.placement, motion.support)
+    check_limits(path, plan.joints, motion.joint_angles, robot.model)
+    stances = set(zip(plan.placement.tolist(), plan.support.tolist(), strict=True))
+    for rows in motion.segments:
+        stance = int(motion.placement[rows.start]), str(motion.support[rows.start])
+        if stance not in stances:
+            raise InputError(
+                f"{path}: row {rows.start + 1}: found placement {stance[0]} with support '{stance[1]}', "
+                "expected those of a posture of the plan"
+            )
+        steps = np.diff(motion.time[rows])
+        if not len(steps) or np.abs(steps * RATE - 1).max() > UNEVEN:
+            row = rows.start + 1 + (int(np.abs(steps - 1 / RATE).argmax()) if len(steps) else 0)
+            raise InputError(
+                f"{path}: column 'time', row {row}: found a sample "
+                + (f"{steps[row - rows.start - 1]:.4g} s before the next" if len(steps) else "alone")
+                + f", expected one each {1 / RATE:g} s in a segment"
+            )
 
 
 def check_model(where: Path | str, made_with: str | None, expected: str | None, robot: Robot) -> None:
@@ -135,13 +200,15 @@ def check_fits(where: str, plan: PosturePlan, robot: Robot) -> None:
             row = bad.argmax() + 1
             raise InputError(f"{where}: row {row}: found {name} beyond {MOST_NUMBER:g} or not finite")
     check_postures(where, plan, robot)
+    if plan.motion is not None:
+        check_motion(f"{where}: motion", plan, robot)
 
 
 def check_postures(path: Path | str, plan: PosturePlan, robot: Robot) -> None:
     """Refuse postures out of range, two base frames in a placement, a swing foot elsewhere, and numbers of
     different postures.
     """
-    check_limits(path, plan, robot.model)
+    check_limits(path, plan.joints, plan.joint_angles, robot.model)
     check_support(path, plan)
     check_swing(path, plan, robot)
     check_repeats(path, plan)
@@ -193,11 +260,13 @@ def check_repeats(path: Path | str, plan: PosturePlan) -> None:
         )
 
 
-def check_limits(path: Path | str, plan: PosturePlan, model: mujoco.MjModel) -> None:
-    """Refuse a plan that leaves a joint's range by more than a rounding error."""
-    for k, joint in enumerate(plan.joints):
+def check_limits(
+    path: Path | str, joints: tuple[str, ...], joint_angles: np.ndarray, model: mujoco.MjModel
+) -> None:
+    """Refuse angles, (m, n_joints) [rad], that leave a joint's range by more than a rounding error."""
+    for k, joint in enumerate(joints):
         low, high = model.joint(joint).range
-        angles = plan.joint_angles[:, k]
+        angles = joint_angles[:, k]
         outside = (angles < low - 1e-9) | (angles > high + 1e-9)
         if model.joint(joint).limited[0] and outside.any():
             row = int(outside.argmax())
