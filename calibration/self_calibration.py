@@ -37,7 +37,7 @@ from tulip_testbed.calibration.linearisation import (
 from tulip_testbed.calibration.member_removal import members_removed
 from tulip_testbed.calibration.reml import LikelihoodFit, fit, given
 from tulip_testbed.effects.instance import EffectInstance, removed
-from tulip_testbed.identification.noise_in_time import WHITE, noise_in_time_of
+from tulip_testbed.identification.noise_in_time import NoiseInTime, noise_in_time_of
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import moved_by, packed
 from tulip_testbed.identification.residual_noise import noise_of, with_cell_noise
@@ -45,7 +45,7 @@ from tulip_testbed.identification.residual_noise import noise_of, with_cell_nois
 ROUNDS = 12
 NEARLY_TIPPED = 0.8  # of the compliance with which a robot would tip over
 WORSE = 10.0  # ln of the evidence, by which the last linearisation may lie below the best
-LASTING_ROUNDS = 4
+LASTING, LASTING_ROUNDS = NoiseInTime(0.9, 4.0), 4
 STANDS = 0.25  # s.e. by which nothing moves any more: the next step would move it by about a fifth of that
 
 
@@ -163,8 +163,8 @@ def as_log_shows(
 def _with_lasting_noise(
     observed: Observation, tolerances: Mapping[str, float] | None, rows: np.ndarray | None
 ) -> tuple[Observation, SelfCalibration]:
-    """Find how long the noise lasts: first as if it did not, which leaves a part of it to the families."""
-    some, lasting, found = observed if rows is None else observed.take(rows), WHITE, None
+    """Find how long the noise lasts, beginning with noise that lasts: otherwise families would explain it."""
+    some, lasting, found = observed if rows is None else observed.take(rows), LASTING, None
     m = some.measurements
     for _ in range(LASTING_ROUNDS):
         some = some.changed(noise_in_time=lasting)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 SHARES = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98)
-SECONDS = 0.5 * 2.0 ** np.arange(9)  # s
+SECONDS = 0.5 * 2.0 ** (np.arange(17) / 2)  # s
 LEAST_GAIN = 3.0  # of ln of the likelihood, from which noise lasts
 MOST_ROWS = 240  # of a segment that are looked at together, for the sake of time and memory
 _PLACES = np.linspace(-1.0, 1.0, 81)

@@ -126,7 +126,7 @@ def reduced_motion(
     """
     weighed, window = samples.weighed_mass, window or usual_window(samples.sensors.encoder_resolution)
     weight = weighed[0] * samples.gravity if weighed else float(np.median(_loads(samples).sum(axis=1)))
-    rows, dropped = reduced(samples, weight, window, window / OVERLAP)
+    rows, dropped = reduced(samples, weight, window, window)
     if not len(rows):
         causes = "; ".join(f"{count} {cause}" for cause, count in dropped.items())
         raise InputError(
