@@ -46,6 +46,9 @@ ROUNDS = 12
 NEARLY_TIPPED = 0.8  # of the compliance with which a robot would tip over
 WORSE = 10.0  # ln of the evidence, by which the last linearisation may lie below the best
 LASTING, LASTING_ROUNDS = NoiseInTime(0.9, 4.0), 4
+# Rounds of a moving record with spreads of one tolerance. Noise is removed from the columns by the scales found
+# so far; wrong ones leave some of it, and thousands of rows make it evidence for a wide family.
+SETTLING = 4
 STANDS = 0.25  # s.e. by which nothing moves any more: the next step would move it by about a fifth of that
 
 
@@ -104,6 +107,8 @@ def self_calibrate(
         problem, linear = latest = linearised(state, families, noise)
         noisy = count == 0 and start is None
         # At first the columns hold the readings' noise: they could explain it with no noise at all.
+        if count < SETTLING and start is None and clean.in_time is not None:
+            problem = replace(problem, known=tuple(range(len(problem.sizes))))
         solved = given(problem, scales, spreads) if noisy else fit(problem, (scales, spreads))
         smooth = linear.smooth
         del problem, linear
