@@ -37,7 +37,7 @@ from tulip_testbed.calibration.linearisation import (
 from tulip_testbed.calibration.member_removal import members_removed
 from tulip_testbed.calibration.reml import LikelihoodFit, fit, given
 from tulip_testbed.effects.instance import EffectInstance, removed
-from tulip_testbed.identification.noise_in_time import NoiseInTime, noise_in_time_of
+from tulip_testbed.identification.noise_in_time import NoiseInTime, apart, noise_in_time_of
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import moved_by, packed
 from tulip_testbed.identification.residual_noise import noise_of, with_cell_noise
@@ -46,9 +46,10 @@ ROUNDS = 12
 NEARLY_TIPPED = 0.8  # of the compliance with which a robot would tip over
 WORSE = 10.0  # ln of the evidence, by which the last linearisation may lie below the best
 LASTING, LASTING_ROUNDS = NoiseInTime(0.9, 4.0), 4
-# Rounds of a moving record with spreads of one tolerance. Noise is removed from the columns by the scales found
-# so far; wrong ones leave some of it, and thousands of rows make it evidence for a wide family.
+# Rounds of a moving record with spreads of one tolerance. Noise is removed from the columns by the scales
+# found so far; wrong ones leave some of it, and thousands of rows make it evidence for a wide family.
 SETTLING = 4
+INDEPENDENT = 2.0  # times, that noise lasts, between rows whose noise counts as independent
 STANDS = 0.25  # s.e. by which nothing moves any more: the next step would move it by about a fifth of that
 
 
@@ -180,6 +181,14 @@ def _with_lasting_noise(
             break
     assert found is not None
     return observed.changed(noise_in_time=some.noise_in_time), found
+
+
+def with_independent_rows(observed: Observation) -> Observation:
+    """Return those rows of a moving record between which its noise has changed, as if they were held."""
+    lasting, m = observed.noise_in_time, observed.measurements
+    assert lasting is not None
+    rows = apart(m.time, observed.stance, INDEPENDENT * lasting.seconds if lasting.share else 0.0)
+    return observed.take(rows).changed(noise_in_time=None)
 
 
 def _tips_over(calibration: SelfCalibration) -> bool:

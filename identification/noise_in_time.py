@@ -119,6 +119,18 @@ def effective_rows(time: np.ndarray, segment: np.ndarray, window: float, lasting
     return sum(float(np.linalg.solve(one, np.ones(len(one))).sum()) for one in each)
 
 
+def apart(time: np.ndarray, segment: np.ndarray, seconds: float) -> np.ndarray:
+    """Return rows of each segment that are at least so far apart, in order, (k,)."""
+    out = []
+    for number in np.unique(segment):
+        last = -np.inf
+        for row in np.flatnonzero(segment == number).tolist():
+            if time[row] - last >= seconds - 1e-6:
+                out.append(row)
+                last = time[row]
+    return np.array(out, int)
+
+
 def _together(time: np.ndarray, segment: np.ndarray) -> Iterator[np.ndarray]:
     """Yield the rows of each segment, a long one in pieces."""
     for number in np.unique(segment):
