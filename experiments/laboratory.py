@@ -48,6 +48,7 @@ from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
 
 ENGINES = ("dynamics", "statics")
+FROM_POSTURE_TO_POSTURE = ("cell-hysteresis", "lag", "unsettled")
 ROBOT_STREAM = 2**32 - 2  # spawn key of a single experiment's robot: no placement has this number
 
 
@@ -230,6 +231,11 @@ class Laboratory:
         placements, contacts = np.unique(plan.placement).tolist(), header_of(self.rig).contacts
         for effect in (*self.known, *self.hidden):
             where = str(effect)
+            if plan.motion is not None and effect.effect.name in FROM_POSTURE_TO_POSTURE:
+                raise InputError(
+                    f"{where}: found an effect that acts from one posture to the next, in a plan that moves; "
+                    "expected a plan of postures that are held"
+                )
             check_laboratory(effect, engine == "statics", where)
             check_instrument(effect.effect, contacts, where)
             check_instance(effect, self.robot, placements, where)
