@@ -188,8 +188,8 @@ def samples_in(manifest: Manifest, folder: Path, likely: bool = True) -> Measure
     table.require(required_columns(tuple(manifest.joints), manifest.contacts, manifest.constant_joints or {}))
     table.require(["time"])
     samples = rows_in(manifest, table, where)
-    check_contract(samples, table.path, where, likely)
     check_segments(table.path, samples.time, samples.posture, samples.placement, samples.support)
+    check_contract(samples, table.path, where, likely)
     return samples
 
 
