@@ -73,7 +73,7 @@ def test_every_segment_is_one_motion_on_one_placement(planned, moved):
 
 def test_a_longer_budget_is_a_slower_motion():
     few = tt.plans.random
-    few = few.take(few.placement == 1)
+    few = few.take(np.flatnonzero(few.placement == 1)[:3])
     fast = tt.plan_motion(few)
     slow = tt.plan_motion(few, minutes=2 * fast.minutes)
     assert slow.minutes == pytest.approx(2 * fast.minutes, rel=0.01)
@@ -95,6 +95,7 @@ def test_a_plan_folder_keeps_the_motion(tmp_path, robot, planned):
 def test_a_measurement_folder_keeps_samples_and_is_read_as_rows(tmp_path, moved):
     write_motion(tmp_path / "data", moved.samples)
     samples, rows = read_samples(tmp_path / "data"), tt.read_measurements(tmp_path / "data")
+    assert samples is not None
     np.testing.assert_array_equal(samples.posture, moved.samples.posture)
     for name in ("time", "window", "joint_angles", "joint_rates", "cell_forces", "plate_poses", "placement"):
         np.testing.assert_array_equal(getattr(rows, name), getattr(moved.measurements, name))
@@ -162,18 +163,14 @@ def test_what_cannot_move_is_refused(tmp_path, robot, planned):
 @pytest.mark.slow
 def test_results_do_not_depend_on_workers(robot, planned):
     one, two = (tt.Laboratory(robot).run(planned.plan, seed=3, workers=count) for count in (1, 2))
-    np.testing.assert_array_equal(one.samples.cell_forces, two.samples.cell_forces)
-    np.testing.assert_array_equal(one.measurements.joint_angles, two.measurements.joint_angles)
+    np.testing.assert_array_equal(one.measurements.to_frame(), two.measurements.to_frame())
 
 
 @pytest.mark.slow
 def test_a_foot_that_lifts_costs_its_samples(robot, planned):
     """A link that is 3 mm longer than the plan knows lifts a corner of its foot."""
-    run = (
-        tt.Laboratory(robot, sensors=EXACT)
-        .with_effects("link-length:right_upper_leg=0.003")
-        .run(planned.plan)
-    )
-    assert run.truth.dropped
-    assert len(run.samples) < len(planned.plan.motion)
+    laboratory = tt.Laboratory(robot, sensors=EXACT).with_effects("link-length:right_upper_leg=0.003")
+    run = laboratory.run(planned.plan)
+    assert run.samples is not None
+    assert 0 < len(run.samples) < len(planned.plan.motion)
     assert all("lost" in reason or "lifted" in reason for _, reason in run.truth.dropped)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from tulip_testbed.identification.base_parameters import common_support
-from tulip_testbed.identification.center_of_pressure import contact_pressure
-from tulip_testbed.identification.inertial_wrench import beyond_weight
+from tulip_testbed.identification.center_of_pressure import center_of_pressure, contact_pressure
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
+from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.preflight.finding import Finding, few, skipped
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.data import feet_in_contact
@@ -99,8 +99,8 @@ def lag(m: Measurements, nominal: Nominal) -> Finding:
     slope = nominal.parameters.slope_along(nominal.value, m.joint_angles, m.support)
     place = nominal.center_of_mass(m.joint_angles, m.support)
     speed, faster = (np.einsum("mak,mk->ma", slope, v) for v in (m.joint_rates, m.joint_accelerations))
-    added = beyond_weight(nominal, m)
-    added = added[:, :2] - (m.top_height[0] if m.on_plates else 0.0) * added[:, 3:]
+    observed = observe(m, nominal)
+    added = observed.shift - observed.depth * observed.push  # by motion, below the boards
     time = m.time if np.isfinite(m.time).all() else np.arange(len(m)) * np.nanmedian(m.window)
     steps = np.diff(time)
     for rows in runs(np.cumsum(np.append(False, steps > LATE * np.median(steps)))):
@@ -110,8 +110,10 @@ def lag(m: Measurements, nominal: Nominal) -> Finding:
     columns[..., 0] = -speed
     for axis in range(2):
         columns[:, axis, 1 + axis], columns[:, axis, 3 + axis] = place[:, axis], faster[:, axis]
-    # The centre of pressure of wrench sensors is that without the part of motion.
-    off = contact_pressure(m, nominal).center - place - (added if m.contacts is None else 0.0)
+    if m.contacts is None:
+        off = center_of_pressure(m) - place - added
+    else:  # without the part of motion
+        off = contact_pressure(m, nominal).center - place
     both = np.concatenate([columns, off[..., None]], axis=2)
     _, number = np.unique(m.placement, return_inverse=True)
     means = np.array([both[number == k].mean(axis=0) for k in range(number.max() + 1)])
