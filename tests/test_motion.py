@@ -38,7 +38,7 @@ def checks(run_or_folder) -> dict:
 
 
 def test_forces_of_the_ground_are_those_that_the_motion_needs(robot, moved):
-    """MuJoCo's contacts against our inverse dynamics of the encoders' readings, in windows of half a second."""
+    """MuJoCo against our inverse dynamics of the encoders' readings, in windows of half a second."""
     m = moved.measurements
     assert 0.45 < np.abs(m.joint_rates).max() <= 0.5
     wrench, depth = (

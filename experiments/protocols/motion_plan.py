@@ -136,7 +136,7 @@ def moving_plan(
 
 
 def _causes(left_out: Counter[str]) -> str:
-    return "; ".join(f"{count}: {cause}" for cause, count in left_out.items()) or "one posture a placement"
+    return "; ".join(f"{count}: {cause}" for cause, count in left_out.items()) or "one posture per placement"
 
 
 def _trajectory(

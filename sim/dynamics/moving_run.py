@@ -38,7 +38,7 @@ SLIP = 1e-3  # m, of a foot on its plate in a motion, beyond which the recorded 
 
 
 class _Segment(NamedTuple):
-    """What the sensors read in a segment.
+    """Readings of the sensors in a segment.
 
     Attributes:
         number: place in the trajectory. command: (k, n_joints) [rad]. readings: see `read_sensors`, (k, ...).
