@@ -10,7 +10,7 @@ from tests.test_refusals import refuse
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.inertial_wrench import needed_wrench
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.measurements import read_samples, write_motion
+from tulip_testbed.measurements import read_samples
 from tulip_testbed.measurements.logs.series_reduction import reduced_motion
 from tulip_testbed.measurements.trajectory import runs
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
@@ -93,7 +93,7 @@ def test_a_plan_folder_keeps_the_motion(tmp_path, robot, planned):
 
 
 def test_a_measurement_folder_keeps_samples_and_is_read_as_rows(tmp_path, moved):
-    write_motion(tmp_path / "data", moved.samples)
+    tt.write_measurements(tmp_path / "data", moved)
     samples, rows = read_samples(tmp_path / "data"), tt.read_measurements(tmp_path / "data")
     assert samples is not None
     np.testing.assert_array_equal(samples.posture, moved.samples.posture)
