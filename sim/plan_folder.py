@@ -25,7 +25,7 @@ from tulip_testbed.base.validation_message import validation_message
 from tulip_testbed.measurements.bounds import MOST_ANGLE, MOST_LENGTH, Version
 from tulip_testbed.measurements.checked_table import checked_table
 from tulip_testbed.measurements.contract import SUPPORTS
-from tulip_testbed.measurements.data import PosturePlan, base_foot
+from tulip_testbed.measurements.data import PosturePlan, base_foot, wrong_arrays
 from tulip_testbed.measurements.folder_kind import check_kind
 from tulip_testbed.measurements.motion_table import MOST_SAMPLES, MOTION, SEGMENT, check_segments
 from tulip_testbed.measurements.trajectory import RATE, Trajectory
@@ -147,6 +147,10 @@ def check_motion(path: Path | str, plan: PosturePlan, robot: Robot) -> None:
     """
     motion = plan.motion
     assert motion is not None
+    rows, joints = np.shape(motion.time), (*np.shape(motion.time), len(plan.joints))
+    shapes = dict.fromkeys(("time", "segment", "placement", "support"), rows)
+    if wrong := wrong_arrays(motion, shapes | dict.fromkeys(("joint_angles", "torques"), joints)):
+        raise InputError(f"{path}: {wrong}")
     check_segments(path, motion.time, motion.segment, motion.placement, motion.support)
     check_limits(path, plan.joints, motion.joint_angles, robot.model)
     stances = set(zip(plan.placement.tolist(), plan.support.tolist(), strict=True))
@@ -159,11 +163,10 @@ def check_motion(path: Path | str, plan: PosturePlan, robot: Robot) -> None:
             )
         steps = np.diff(motion.time[rows])
         if not len(steps) or np.abs(steps * RATE - 1).max() > UNEVEN:
-            row = rows.start + 1 + (int(np.abs(steps - 1 / RATE).argmax()) if len(steps) else 0)
+            seen = f"from {steps.min():.4g} to {steps.max():.4g} s" if len(steps) else "none"
             raise InputError(
-                f"{path}: column 'time', row {row}: found a sample "
-                + (f"{steps[row - rows.start - 1]:.4g} s before the next" if len(steps) else "alone")
-                + f", expected one each {1 / RATE:g} s in a segment"
+                f"{path}: column 'time', segment {motion.segment[rows.start]}: found steps {seen}, "
+                f"expected one each {1 / RATE:g} s in a segment"
             )
 
 

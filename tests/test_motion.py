@@ -151,6 +151,8 @@ def test_what_cannot_move_is_refused(tmp_path, robot, planned):
     refuse("made for another robot", tt.simulate, lab, other, out=out)
     assert not out.exists()
     motion = plan.motion
+    short = replace(plan, motion=replace(motion, joint_angles=motion.joint_angles[:, 1:]))
+    refuse("plan: motion: joint_angles: found float64", lab.run, short)
     lone = replace(plan, motion=replace(motion, placement=motion.placement + 100))
     refuse("plan: motion: row 1: found placement 101 with support 'double'", lab.run, lone)
     skipping = replace(plan, motion=replace(motion, time=2 * motion.time))
