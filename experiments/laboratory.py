@@ -276,11 +276,13 @@ class Run:
         return Outcome(self.measurements, self.truth)
 
     def __repr__(self) -> str:
-        used = self.plan.postures - len(self.truth.dropped)
+        used = f"{self.plan.postures - len(self.truth.dropped)} of {self.plan.postures} postures"
+        if self.samples is not None:
+            used = f"{len(self.samples)} samples"
         hidden = ", ".join(map(str, self.laboratory.hidden)) or "none"
         return (
-            f"Run: {used} of {self.plan.postures} postures of {self.laboratory.robot.name} measured in "
-            f"{self.engine}, sensors '{self.laboratory.sensors}', seed {self.seed}, hidden effects: {hidden}"
+            f"Run: {used} of {self.laboratory.robot.name} measured in {self.engine}, sensors "
+            f"'{self.laboratory.sensors}', seed {self.seed}, hidden effects: {hidden}"
         )
 
 
