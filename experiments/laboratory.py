@@ -48,6 +48,7 @@ from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
 
 ENGINES = ("dynamics", "statics")
+FROM_POSTURE_TO_POSTURE = ("cell-hysteresis", "lag", "unsettled")
 ROBOT_STREAM = 2**32 - 2  # spawn key of a single experiment's robot: no placement has this number
 
 
@@ -230,6 +231,11 @@ class Laboratory:
         placements, contacts = np.unique(plan.placement).tolist(), header_of(self.rig).contacts
         for effect in (*self.known, *self.hidden):
             where = str(effect)
+            if plan.motion is not None and effect.effect.name in FROM_POSTURE_TO_POSTURE:
+                raise InputError(
+                    f"{where}: found an effect that acts from one posture to the next, in a plan that moves; "
+                    "expected a plan of postures that are held"
+                )
             check_laboratory(effect, engine == "statics", where)
             check_instrument(effect.effect, contacts, where)
             check_instance(effect, self.robot, placements, where)
@@ -270,11 +276,13 @@ class Run:
         return Outcome(self.measurements, self.truth)
 
     def __repr__(self) -> str:
-        used = self.plan.postures - len(self.truth.dropped)
+        used = f"{self.plan.postures - len(self.truth.dropped)} of {self.plan.postures} postures"
+        if self.samples is not None:
+            used = f"{len(self.samples)} samples"
         hidden = ", ".join(map(str, self.laboratory.hidden)) or "none"
         return (
-            f"Run: {used} of {self.plan.postures} postures of {self.laboratory.robot.name} measured in "
-            f"{self.engine}, sensors '{self.laboratory.sensors}', seed {self.seed}, hidden effects: {hidden}"
+            f"Run: {used} of {self.laboratory.robot.name} measured in {self.engine}, sensors "
+            f"'{self.laboratory.sensors}', seed {self.seed}, hidden effects: {hidden}"
         )
 
 

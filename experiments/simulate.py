@@ -51,7 +51,7 @@ class Simulation(Result):
     def tables(self) -> list[Table | str]:
         """Return how many postures could be used, and the folder."""
         if self.seconds is not None:
-            cut = [f"  cut {one.posture}: {one.reason or 'not told'}" for one in self.dropped]
+            cut = [f"  segment {one.posture} was cut: {one.reason or 'not told'}" for one in self.dropped]
             measured = f"{self.segments} segments, {self.seconds / 60:.1f} min, are {self.rows} rows."
             return [measured, *cut, f"Measurement folder: {self.measurements}"]
         reasons = [posture.reason for posture in self.dropped]

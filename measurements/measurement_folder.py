@@ -185,11 +185,11 @@ def read_samples(folder: Path, likely: bool = True) -> Measurements | None:
 def samples_in(manifest: Manifest, folder: Path, likely: bool = True) -> Measurements:
     """Check the samples of a folder against its manifest and return them."""
     table, where = motion_table(manifest, folder), folder / "manifest.json"
-    table.require(required_columns(tuple(manifest.joints), manifest.contacts, manifest.constant_joints or {}))
-    table.require(["time"])
+    constant = manifest.constant_joints or {}
+    table.require((*required_columns(tuple(manifest.joints), manifest.contacts, constant), "time"))
     samples = rows_in(manifest, table, where)
-    check_contract(samples, table.path, where, likely)
     check_segments(table.path, samples.time, samples.posture, samples.placement, samples.support)
+    check_contract(samples, table.path, where, likely)
     return samples
 
 
@@ -198,10 +198,9 @@ def motion_table(manifest: Manifest, folder: Path) -> MappedTable:
     table = checked_table(folder, MOTION, manifest.tables, MOST_SAMPLES)
     mapping = dict(manifest.mapping or {})
     segment = mapping.pop(SEGMENT, MappingEntry(column=SEGMENT))
-    table.require([] if segment.column != SEGMENT else [SEGMENT])
-    known = known_columns(manifest)
+    table.require([segment.column])
     mapping["posture"] = segment
-    return mapped_table(table, mapping, known, manifest.gravity, folder / "manifest.json")
+    return mapped_table(table, mapping, known_columns(manifest), manifest.gravity, folder / "manifest.json")
 
 
 def measurements_in(manifest: Manifest, table: TableFile, where: Path, likely: bool = True) -> Measurements:

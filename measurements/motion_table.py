@@ -38,7 +38,7 @@ def check_segments(
     def refuse(rows: np.ndarray, name: str, values: np.ndarray, expected: str) -> None:
         if rows.any():
             row = int(rows.argmax())
-            found = f"{values[row]} after {values[row - 1]}" if row else f"{values[row]}"
+            found = f"{values[row]} after {values[row - 1]}" if within[row] else f"{values[row]}"
             raise InputError(f"{where}: column '{name}', row {row + 1}: found {found}, expected {expected}")
 
     within = np.append(False, segment[1:] == segment[:-1])
@@ -47,7 +47,11 @@ def check_segments(
     again = np.zeros(len(segment), bool)
     again[np.delete(begins, first)] = True
     refuse(again, SEGMENT, segment, "the rows of a segment one after the other")
-    refuse(~np.isfinite(time), "time", time, "a finite number")
+    if not np.isfinite(time).all():
+        row = int(np.isfinite(time).argmin())
+        raise InputError(
+            f"{where}: column 'time', row {row + 1}: found {time[row]}, expected a finite number"
+        )
     backward = within & np.append(False, np.diff(time) <= 0)
     refuse(backward, "time", time, "a time that increases within a segment")
     for name, values in (("placement", placement), ("support", support)):

@@ -25,7 +25,7 @@ from tulip_testbed.base.validation_message import validation_message
 from tulip_testbed.measurements.bounds import MOST_ANGLE, MOST_LENGTH, Version
 from tulip_testbed.measurements.checked_table import checked_table
 from tulip_testbed.measurements.contract import SUPPORTS
-from tulip_testbed.measurements.data import PosturePlan, base_foot
+from tulip_testbed.measurements.data import PosturePlan, base_foot, wrong_arrays
 from tulip_testbed.measurements.folder_kind import check_kind
 from tulip_testbed.measurements.motion_table import MOST_SAMPLES, MOTION, SEGMENT, check_segments
 from tulip_testbed.measurements.trajectory import RATE, Trajectory
@@ -60,14 +60,13 @@ def write_plan(folder: Path, plan: PosturePlan, beside: Mapping[str, str] | None
         beside: texts of further files, by name.
     """
     columns = {"posture": plan.posture, "placement": plan.placement, "support": plan.support}
-    columns |= {f"q.{joint}": plan.joint_angles[:, k] for k, joint in enumerate(plan.joints)}
-    if plan.torques is not None:
-        columns |= {f"torque.{joint}": plan.torques[:, k] for k, joint in enumerate(plan.joints)}
+    columns |= _of_joints(plan, plan.joints)
     columns |= {f"swing.{axis}": plan.swing_pose[:, k] for k, axis in enumerate(("x", "y", "yaw"))}
     with new_folder(folder) as working:
         paths = list(write_table(working, "postures", columns).values())
         if plan.motion is not None:
-            paths.append(write_parquet(working, MOTION, _columns_of(plan.motion, plan.joints)))
+            motion = {name: getattr(plan.motion, name) for name in ("time", SEGMENT, "placement", "support")}
+            paths.append(write_parquet(working, MOTION, motion | _of_joints(plan.motion, plan.joints)))
         for name, text in (beside or {}).items():
             write_text(working / name, text)
         write_json(
@@ -97,47 +96,47 @@ def read_plan(folder: Path, robot: Robot) -> PosturePlan:
     joints = joint_names(robot.model)
     swing = [table.numbers(f"swing.{axis}", False, -MOST_LENGTH, MOST_LENGTH) for axis in ("x", "y")]
     swing.append(table.numbers("swing.yaw", False, -MOST_ANGLE, MOST_ANGLE))
-    torques = None
-    if any(table.has(f"torque.{joint}") for joint in joints):
-        torques = table.matrix("torque", joints, False, -MOST_TORQUE, MOST_TORQUE)
     plan = PosturePlan(
         joints=joints,
-        joint_angles=table.matrix("q", joints, False, -MOST_ANGLE, MOST_ANGLE),
         posture=table.integers("posture"),
         placement=table.integers("placement"),
         support=table.texts("support", SUPPORTS),
         swing_pose=np.column_stack(swing),
         robot=manifest.robot.model_dump(),
         made=manifest.made,
-        torques=torques,
+        **_read_joints(table, joints),
     )
     check_postures(table.path, plan, robot)
     if not any(name.startswith(f"{MOTION}.") for name in manifest.tables):
         return plan
     table = checked_table(folder, MOTION, manifest.tables, MOST_SAMPLES, "")
-    moving = replace(plan, motion=_motion_in(table, joints))
-    check_motion(table.path, moving, robot)
-    return moving
-
-
-def _columns_of(motion: Trajectory, joints: tuple[str, ...]) -> dict[str, np.ndarray]:
-    columns = {name: getattr(motion, name) for name in ("time", SEGMENT, "placement", "support")}
-    for prefix, values in (("q", motion.joint_angles), ("torque", motion.torques)):
-        if values is not None:
-            columns |= {f"{prefix}.{joint}": values[:, k] for k, joint in enumerate(joints)}
-    return columns
-
-
-def _motion_in(table: TableFile, joints: tuple[str, ...]) -> Trajectory:
-    fed = any(table.has(f"torque.{joint}") for joint in joints)
-    return Trajectory(
+    motion = Trajectory(
         time=table.numbers("time"),
         segment=table.integers(SEGMENT),
         placement=table.integers("placement"),
         support=table.texts("support", SUPPORTS),
-        joint_angles=table.matrix("q", joints, False, -MOST_ANGLE, MOST_ANGLE),
-        torques=table.matrix("torque", joints, False, -MOST_TORQUE, MOST_TORQUE) if fed else None,
+        **_read_joints(table, joints),
     )
+    moving = replace(plan, motion=motion)
+    check_motion(table.path, moving, robot)
+    return moving
+
+
+def _of_joints(rows: PosturePlan | Trajectory, joints: tuple[str, ...]) -> dict[str, np.ndarray]:
+    tables = {"q": rows.joint_angles} | ({} if rows.torques is None else {"torque": rows.torques})
+    return {
+        f"{prefix}.{joint}": values[:, k]
+        for prefix, values in tables.items()
+        for k, joint in enumerate(joints)
+    }
+
+
+def _read_joints(table: TableFile, joints: tuple[str, ...]) -> dict[str, Any]:
+    fed = any(table.has(f"torque.{joint}") for joint in joints)
+    return {
+        "joint_angles": table.matrix("q", joints, False, -MOST_ANGLE, MOST_ANGLE),
+        "torques": table.matrix("torque", joints, False, -MOST_TORQUE, MOST_TORQUE) if fed else None,
+    }
 
 
 def check_motion(path: Path | str, plan: PosturePlan, robot: Robot) -> None:
@@ -147,6 +146,10 @@ def check_motion(path: Path | str, plan: PosturePlan, robot: Robot) -> None:
     """
     motion = plan.motion
     assert motion is not None
+    rows, joints = np.shape(motion.time), (*np.shape(motion.time), len(plan.joints))
+    shapes = dict.fromkeys(("time", "segment", "placement", "support"), rows)
+    if wrong := wrong_arrays(motion, shapes | dict.fromkeys(("joint_angles", "torques"), joints)):
+        raise InputError(f"{path}: {wrong}")
     check_segments(path, motion.time, motion.segment, motion.placement, motion.support)
     check_limits(path, plan.joints, motion.joint_angles, robot.model)
     stances = set(zip(plan.placement.tolist(), plan.support.tolist(), strict=True))
@@ -159,11 +162,10 @@ def check_motion(path: Path | str, plan: PosturePlan, robot: Robot) -> None:
             )
         steps = np.diff(motion.time[rows])
         if not len(steps) or np.abs(steps * RATE - 1).max() > UNEVEN:
-            row = rows.start + 1 + (int(np.abs(steps - 1 / RATE).argmax()) if len(steps) else 0)
+            seen = f"from {steps.min():.4g} to {steps.max():.4g} s" if len(steps) else "none"
             raise InputError(
-                f"{path}: column 'time', row {row}: found a sample "
-                + (f"{steps[row - rows.start - 1]:.4g} s before the next" if len(steps) else "alone")
-                + f", expected one each {1 / RATE:g} s in a segment"
+                f"{path}: column 'time', segment {motion.segment[rows.start]}: found steps {seen}, "
+                f"expected one each {1 / RATE:g} s in a segment"
             )
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from tulip_testbed.identification.base_parameters import common_support
-from tulip_testbed.identification.center_of_pressure import contact_pressure
+from tulip_testbed.identification.center_of_pressure import center_of_pressure, contact_pressure
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
+from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.preflight.finding import Finding, few, skipped
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.data import feet_in_contact
@@ -88,9 +89,9 @@ def _saturation(m: Measurements) -> Finding:
 def lag(m: Measurements, nominal: Nominal) -> Finding:
     """Estimate by how much the contact sensors are behind the encoders.
 
-    In a window the mean of a late centre of pressure is that of the centre of mass less the lag times its
-    speed. Gains and accelerations are estimated too, and a constant of every placement. The standard error is
-    that of a jackknife over blocks of 4 s.
+    In a window the mean of a late centre of pressure is that of the present one, by CAD, less the lag times
+    its speed. A part of the centre of mass and of its acceleration is estimated too, and a constant of every
+    placement. The standard error is that of a jackknife over blocks of 4 s.
     """
     if m.joint_rates is None or m.joint_accelerations is None:
         return skipped("lag of contacts", "the robot is held")
@@ -98,16 +99,25 @@ def lag(m: Measurements, nominal: Nominal) -> Finding:
     slope = nominal.parameters.slope_along(nominal.value, m.joint_angles, m.support)
     place = nominal.center_of_mass(m.joint_angles, m.support)
     speed, faster = (np.einsum("mak,mk->ma", slope, v) for v in (m.joint_rates, m.joint_accelerations))
+    observed = observe(m, nominal)
+    added = observed.shift - observed.depth * observed.push  # by motion, below the boards
+    time = m.time if np.isfinite(m.time).all() else np.arange(len(m)) * np.nanmedian(m.window)
+    steps = np.diff(time)
+    for rows in runs(np.cumsum(np.append(False, steps > LATE * np.median(steps)))):
+        if rows.stop - rows.start > 1:
+            speed[rows] += np.gradient(added[rows], time[rows], axis=0)
     columns = np.zeros((len(m), 2, 5))
     columns[..., 0] = -speed
     for axis in range(2):
         columns[:, axis, 1 + axis], columns[:, axis, 3 + axis] = place[:, axis], faster[:, axis]
-    off = contact_pressure(m, nominal).center - place
+    if m.contacts is None:
+        off = center_of_pressure(m) - place - added
+    else:  # without the part of motion
+        off = contact_pressure(m, nominal).center - place
     both = np.concatenate([columns, off[..., None]], axis=2)
     _, number = np.unique(m.placement, return_inverse=True)
     means = np.array([both[number == k].mean(axis=0) for k in range(number.max() + 1)])
     both = both - means[number]
-    time = m.time if np.isfinite(m.time).all() else np.arange(len(m)) * np.nanmedian(m.window)
     _, block = np.unique(np.floor(time / BLOCK), return_inverse=True)
     squares = np.zeros((block.max() + 1, 6, 6))
     np.add.at(squares, block, both.mT @ both)

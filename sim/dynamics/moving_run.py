@@ -38,7 +38,7 @@ SLIP = 1e-3  # m, of a foot on its plate in a motion, beyond which the recorded 
 
 
 class _Segment(NamedTuple):
-    """What the sensors read in a segment.
+    """Readings of the sensors in a segment.
 
     Attributes:
         number: place in the trajectory. command: (k, n_joints) [rad]. readings: see `read_sensors`, (k, ...).
@@ -97,9 +97,8 @@ def run_motion(
         segments += some
         progress(len(some))
     segments.sort(key=lambda segment: segment.number)
-    truth = replace(truth_of(rig), zeros=zeros)
-    dropped = [(int(motion.segment[first[one.number]]), one.reason) for one in segments if one.reason]
-    truth = replace(truth, dropped=tuple(dropped))
+    dropped = tuple((int(motion.segment[first[one.number]]), one.reason) for one in segments if one.reason)
+    truth = replace(truth_of(rig), zeros=zeros, dropped=dropped)
     samples = _samples(rig, motion, time, segments, weigh(rig, truth.mass, shared))
     return MovingOutcome(reduced_motion(samples), truth, samples)
 
@@ -192,10 +191,9 @@ def _follow(
             fault = stand.fault(SLIP) or ""
             good.append(not fault)
             reason = reason or fault
-            if data.warning.number.any() or stand.tipped(stand.chain.base_pose(planned, stand.base)):
-                unstable = data.warning.number.any()
-                reason = "MuJoCo warned of an unstable simulation" if unstable else "tipped"
-                good[-1] = False
+            unstable = "MuJoCo warned of an unstable simulation" * bool(data.warning.number.any())
+            if unstable or stand.tipped(stand.chain.base_pose(planned, stand.base)):
+                reason, good[-1] = unstable or "tipped", False
                 break
     return [np.array(each) for each in zip(*states, strict=True)], np.array(good), reason
 
@@ -234,9 +232,8 @@ def _samples(
     readings = {
         key: np.concatenate([one.readings[key][run] for one, run in used]) for key in used[0][0].readings
     }
-    each = replace(rig, protocol=replace(rig.protocol, window=1 / RATE))
     return make_measurements(
-        each,
+        replace(rig, protocol=replace(rig.protocol, window=1 / RATE)),
         header_of(rig),
         readings,
         weighed,

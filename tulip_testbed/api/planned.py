@@ -127,10 +127,11 @@ def plan_motion(
     out: str | Path | None = None,
     progress: Progress = silent,
 ) -> MotionPlan:
-    """Join the postures of a plan by motions, to measure while the robot moves.
+    """Join the postures of a plan by slow motions.
 
-    On every placement the robot goes from posture to posture on its own feet, inside the margins of sole,
-    zero-moment point, torque and link distances. Motions that would need a hoist are left out and counted.
+    Such a plan is measured while the robot moves. On every placement it goes from posture to posture on its
+    own feet, inside the margins of sole, zero-moment point, torque and link distances. Motions that would
+    need a hoist are left out and counted.
 
     Args:
         plan: postures, or their folder, or the name of a shipped plan.
