@@ -108,11 +108,24 @@ def _check_values(path: Path, value: Any, keys: tuple[Any, ...]) -> None:
 
 def write_table(folder: Path, name: str, columns: Columns) -> dict[str, Path]:
     """Write NAME.parquet and NAME.csv with the same columns."""
-    table = pa.Table.from_arrays([_arrow(value) for value in columns.values()], list(columns))
-    paths = {suffix: folder / f"{name}.{suffix}" for suffix in ("parquet", "csv")}
+    table, paths = _table_of(columns), {suffix: folder / f"{name}.{suffix}" for suffix in ("parquet", "csv")}
     pyarrow.parquet.write_table(table, paths["parquet"])
     pyarrow.csv.write_csv(table, paths["csv"])
     return paths
+
+
+def write_parquet(folder: Path, name: str, columns: Columns) -> Path:
+    """Write NAME.parquet alone, small, as for a long table that nobody reads by eye."""
+    path = folder / f"{name}.parquet"
+    smooth = [name for name, values in columns.items() if values.dtype.kind == "f"]
+    others = [name for name in columns if name not in smooth]
+    options = {"compression": "zstd", "use_byte_stream_split": smooth, "use_dictionary": others}
+    pyarrow.parquet.write_table(_table_of(columns), path, **options)
+    return path
+
+
+def _table_of(columns: Columns) -> pa.Table:
+    return pa.Table.from_arrays([_arrow(value) for value in columns.values()], list(columns))
 
 
 def _arrow(values: np.ndarray) -> pa.Array:

@@ -14,6 +14,7 @@ from numbers import Real
 import numpy as np
 
 from tulip_testbed.base.errors import InputError, look_up, shortened
+from tulip_testbed.calibration.motion_families import INERTIA, LAG, directions
 from tulip_testbed.effects.catalogue import NamedEffect, catalogue, targets_in
 from tulip_testbed.effects.instance import MOST_PRIORS, EffectInstance
 from tulip_testbed.identification.observation import Observation
@@ -57,6 +58,8 @@ TOLERANCES: dict[str, tuple[float, float]] = {
     # most 5.5 mm: a coefficient's map leaves 0.54 of it over the plate. Suggested: 3 mm, of good plates 0.3.
     "plate-map": (0.0, 0.0),
     "cell-side-force": (0.0, 0.0),  # likewise
+    "inertia": (1.0, 1.0),  # of CAD's uncertainty, of a robot that moves
+    "contact-lag": (0.01, 0.002),  # s, of plates under a robot that moves; assumed
 }
 EXACT = dict.fromkeys(TOLERANCES, 0.0)  # tolerances of a laboratory without ordinary imperfections
 OF_PLATES = (
@@ -201,7 +204,7 @@ def check_tolerances(given: Mapping[str, float], where: str = "tolerances") -> N
     """
     for name, value in given.items():
         look_up("family", name, TOLERANCES, where)
-        parameter = catalogue()[name].parameters[0]
+        parameter = {**catalogue(), INERTIA.name: INERTIA, LAG.name: LAG}[name].parameters[0]
         most = MOST_PRIORS * parameter.prior
         plausible = isinstance(value, Real) and not isinstance(value, bool) and 0 <= value <= most
         if not plausible or 0 < value < LEAST_DEVIATION:
@@ -293,7 +296,17 @@ def families_in(
             replace(family, tolerance=min(family.tolerance, upright)) if family.name == SOLE else family
             for family in families
         )
-    if observed.moves:  # a short record, of sensors as they come, without a correction by a matrix
+    if observed.moves:
+        shown = ((INERTIA, directions(observed)), (LAG, ("",) if not observed.in_feet else ()))
+        families = (
+            *families,
+            *(
+                Family(effect, tolerances.value[effect.name], targets)
+                for effect, targets in shown
+                if targets and tolerances.value.get(effect.name)
+            ),
+        )
+    if observed.moves and observed.in_feet:  # a short record, of sensors without a correction by a matrix
         families = tuple(
             replace(family, tolerance=UNCORRECTED * family.tolerance) if family.name == CROSSTALK else family
             for family in families

@@ -16,8 +16,8 @@ from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import (
     ROWS,
     SIZE,
+    by_base_parameters,
     by_weight,
-    center,
     fields,
     packed,
     residuals,
@@ -157,8 +157,9 @@ def first_parameters(observed: Observation) -> np.ndarray:
     """Return base parameters to begin with, (p,) [m]: CAD where it is needed, or else least squares."""
     if observed.cad is not None:
         return observed.cad.center
-    regressor = observed.geometry.regressor
-    return np.linalg.lstsq(regressor.reshape(2 * len(observed), -1), center(observed).ravel(), rcond=None)[0]
+    regressor = -by_base_parameters(observed)[:, ROWS["A"]]
+    flat, cad = regressor.reshape(2 * len(observed), -1), observed.nominal.value
+    return cad + np.linalg.lstsq(flat, residuals(observed, cad)[:, ROWS["A"]].ravel(), rcond=None)[0]
 
 
 def _round(
@@ -223,7 +224,8 @@ def without_noise(observed: Observation, pull: np.ndarray, reach: np.ndarray, no
     errors = np.zeros((len(observed), packed(observed).shape[1]))
     plates = fields(observed)["plates"]
     readings = slice(0, plates.stop)
-    errors[:, readings] = variance * (reach.mT @ pull[..., None])[..., 0]
+    of_rows = pull if observed.in_time is None else observed.in_time.correlated(pull)
+    errors[:, readings] = variance * (reach.mT @ of_rows[..., None])[..., 0]
     for placement in np.unique(observed.measurements.placement):
         inside = observed.measurements.placement == placement
         together = np.einsum("mrk,mr->k", reach[inside][..., plates], pull[inside])
@@ -239,13 +241,11 @@ def nuisances(observed: Observation, channels: str) -> np.ndarray:
 
     Whitened residuals do not hold the swing foot's pose in each stance.
     """
-    regressor = observed.geometry.regressor
-    out = np.zeros((len(observed), SIZE, regressor.shape[2] + 1))
-    weight = by_weight(observed)
-    if "A" in channels:
-        out[:, ROWS["A"], :-1], out[:, ROWS["A"], -1] = -regressor, weight[:, :2]
-    if "F" in channels:
-        out[:, ROWS["F"], -1] = weight[:, 2:]
+    weight = np.zeros((len(observed), SIZE, 1))
+    weight[:, : ROWS["F"].stop, 0] = by_weight(observed)
+    out = np.concatenate([by_base_parameters(observed), weight], axis=2)
+    for channel in set(ROWS).difference(channels):
+        out[:, ROWS[channel]] = 0.0
     return out
 
 

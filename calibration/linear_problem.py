@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from tulip_testbed.identification.noise_in_time import Decorrelation
 from tulip_testbed.identification.noise_structure import NoiseStructure
 
 
@@ -24,6 +25,7 @@ class LinearProblem:
         doubt: s.d. of ln sigma about zero, (k,).
         excess: what the noise in the columns adds to G' V_0^-1 G on average, (q, q).
         about: members at which y was linearised, (q,); there the noise of the columns has no effect.
+        in_time: what makes the noise of postures uncorrelated; None: it is. `noise` is that of its result.
         known: numbers of the families whose spread is known, tau = 1.
     """
 
@@ -36,6 +38,7 @@ class LinearProblem:
     excess: np.ndarray
     about: np.ndarray
     known: tuple[int, ...] = ()
+    in_time: Decorrelation | None = None
 
     @property
     def columns(self) -> np.ndarray:
@@ -58,12 +61,23 @@ class LinearProblem:
         ends = np.cumsum([0, *self.sizes]).tolist()
         return [slice(a, b) for a, b in pairwise(ends)]
 
+    def decorrelated(self) -> LinearProblem:
+        """Return the same problem with noise that is uncorrelated in time."""
+        if self.in_time is None:
+            return self
+        noise = replace(
+            self.noise, shared=self.in_time(self.noise.shared), free=self.in_time(self.noise.free)
+        )
+        return replace(self, whole=self.in_time(self.whole), noise=noise, in_time=None)
+
     def in_use(self) -> tuple[LinearProblem, np.ndarray]:
         """Return the problem without the residuals that no posture uses and members that no residual shows.
 
         Returns:
             the problem, and which unknowns it has, (p + q,) bool. Members of an unknown spread all stay.
         """
+        if self.in_time is not None:
+            return self.decorrelated().in_use()
         used = self.whole.any(axis=(0, 2)) | self.noise.varies()
         whole = self.whole if used.all() else np.compress(used, self.whole, axis=1)
         own = np.repeat(~np.isin(np.arange(len(self.sizes)), self.known), self.sizes)

@@ -19,8 +19,10 @@ from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.linear_model import nuisances, weighed_precision, without_noise
 from tulip_testbed.calibration.linear_problem import LinearProblem
 from tulip_testbed.calibration.member_columns import member_columns
+from tulip_testbed.calibration.reml import LikelihoodFit
 from tulip_testbed.identification.joint_loads import UNSEEN
 from tulip_testbed.identification.load_rates import PLATES, load_rates
+from tulip_testbed.identification.noise_in_time import Decorrelation
 from tulip_testbed.identification.noise_structure import NoiseStructure, Weights, groups
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import (
@@ -148,17 +150,20 @@ def linearised(
         tilt = tilt if has_direction(clean) else tilt[..., :0]
         motion = tilt[..., :0]
         if clean.moves:
-            motion = slope[..., at["shift"].start : at["push"].stop] @ clean.motion[..., None]
+            motion = slope[..., at["shift"].start : at["push"].stop] @ clean.motion.by_cad[..., None]
         parts = (pushed * SYSTEMATIC * UNSEEN, tilt, motion)
         covariance = _covariance(reach, parts, unsure, noise, clean)
     else:
         covariance = _with_unsure(covariance, slope @ _unsure(state.smooth, families, phi))
-    reach, weights = covariance.reach, covariance.structure.weights(np.log(state.scales))
+    reach, structure = covariance.reach, covariance.structure
+    if (in_time := clean.in_time) is not None:
+        structure = replace(structure, shared=in_time(structure.shared), free=in_time(structure.free))
+    weights = structure.weights(np.log(state.scales))
 
     left = residuals(clean, theta)
     unexplained = left.copy()
     unexplained[:, : ROWS["F"].stop] += by_weight(clean) * state.nu[-1]
-    pull = weights(used * unexplained[..., None])[..., 0]
+    pull = weighted_in_time(clean, weights, used * unexplained[..., None])[..., 0]
     scaled = scaled_noise(noise, state.scales)
     smooth = without_noise(clean, pull, reach, scaled)
     at_loads = slope.take(yields.field, axis=2)
@@ -187,7 +192,7 @@ def linearised(
     if cad is not None:
         information[:p, :p] = cad.precision_root.T @ cad.precision_root
     excess = np.zeros((len(phi), len(phi)))
-    each = _excess(at_loads, yields.rate, reach[..., at["cells"].start :], scaled, weights)
+    each = _excess(at_loads, yields.rate, reach[..., at["cells"].start :], scaled, weights, clean.in_time)
     np.add.at(excess, (yields.member[:, None], yields.member), each)
     whole = np.concatenate([base, members, output[..., None]], axis=2)
     whole *= used
@@ -200,9 +205,28 @@ def linearised(
         doubt=_doubt(clean),
         excess=mixing.T @ excess @ mixing,
         about=state.deviates,
+        in_time=clean.in_time,
         known=tuple(k for k, j in enumerate(owner) if _spread_is_known(families[j], cad is not None)),
     )
     return problem, Linearised(smooth, covariance)
+
+
+def weighted_in_time(observed: Observation, weights: Weights, columns: np.ndarray) -> np.ndarray:
+    """Return V^-1 times columns, (m, 11, n), by the weights of rows that are uncorrelated in time."""
+    if (in_time := observed.in_time) is None:
+        return weights(columns)
+    return in_time.back(weights(in_time(columns)))
+
+
+def own_noise(observed: Observation, problem: LinearProblem, fitted: LikelihoodFit) -> np.ndarray:
+    """Return the noise of each row itself as far as the residuals show it, of s.d. 1, (m, 11)."""
+    structure = problem.noise
+    left = (problem.whole @ np.append(-fitted.estimate, 1.0))[..., None]
+    pull = weighted_in_time(observed, problem.decorrelated().noise.weights(np.log(fitted.scales)), left)
+    pull = pull if observed.in_time is None else observed.in_time.correlated(pull)
+    own = structure.fixed + np.tensordot(fitted.scales[: len(structure.own)] ** 2, structure.own, axes=1)
+    noise = np.linalg.solve(np.linalg.cholesky(own), own @ pull)[..., 0]
+    return np.where(residuals_in_use(observed), noise, 0.0)
 
 
 def _by_sharing(
@@ -278,7 +302,12 @@ def yielding(observed: Observation, families: Families, phi: np.ndarray) -> np.n
 
 
 def _excess(
-    slope: np.ndarray, rate: np.ndarray, reach: np.ndarray, noise: Noise, weights: Weights
+    slope: np.ndarray,
+    rate: np.ndarray,
+    reach: np.ndarray,
+    noise: Noise,
+    weights: Weights,
+    in_time: Decorrelation | None,
 ) -> np.ndarray:
     """Compute what the noise of cells and plates adds to the information about the compliances, (c, c).
 
@@ -290,6 +319,8 @@ def _excess(
         slope: derivative of the residuals by the fields that yield, (m, 11, c).
         rate: derivative of these by the readings of the contacts and of plates, (m, c, 2 k + 6).
         reach: derivative of the residuals by the same readings, (m, 11, 2 k + 6).
+        weights: of rows that are uncorrelated in time. in_time: what makes them so. It makes the noise of
+            the cells so too; the errors of plates last.
     """
     placement = weights.structure.placement
     count = rate.shape[2] - PLATES
@@ -299,13 +330,15 @@ def _excess(
     spread = rate[..., :count] @ left @ rate[..., :count].mT
     out = (spread * (slope.mT @ precision @ slope)).sum(axis=0)
     # What a plate's error changes, the postures of a placement share.
+    last = (lambda values: values) if in_time is None else in_time
+    by_plates = last(by_plates)
     left = _left(noise.plates, placement.sums(by_plates.mT @ weights(by_plates)))[placement.number]
     m, rows, size = slope.shape
     pushed, spread = (
         (slope[:, :, None] * part.mT[:, None]).reshape(m, rows, PLATES * size)
         for part in (rate[..., count:], rate[..., count:] @ left)
     )
-    pushed, spread = (part.reshape(m * rows, PLATES, size) for part in (weights(pushed), spread))
+    pushed, spread = (part.reshape(m * rows, PLATES, size) for part in (weights(last(pushed)), last(spread)))
     return out + (pushed.transpose(1, 2, 0) @ spread.transpose(1, 0, 2)).sum(axis=0)
 
 

@@ -186,6 +186,7 @@ def parts_of_variance(problem: LinearProblem, fitted: LikelihoodFit) -> np.ndarr
     They are due to known information, fixed noise, each sigma_k and each tau_f. Without `excess` their sum is
     that covariance.
     """
+    problem = problem.decorrelated()
     weights, p = problem.noise.weights(np.log(fitted.scales)), problem.flat
     # C Z' V_0^-1 K_k V_0^-1 Z C times sigma_k^2, in the rows of nu.
     of_nu = fitted.conditional[:p]

@@ -30,12 +30,14 @@ from tulip_testbed.calibration.linearisation import (
     at_sizes,
     linearised,
     mixing_of,
+    own_noise,
     sources_of,
     split_members,
 )
 from tulip_testbed.calibration.member_removal import members_removed
 from tulip_testbed.calibration.reml import LikelihoodFit, fit, given
 from tulip_testbed.effects.instance import EffectInstance, removed
+from tulip_testbed.identification.noise_in_time import NoiseInTime, apart, noise_in_time_of
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import moved_by, packed
 from tulip_testbed.identification.residual_noise import noise_of, with_cell_noise
@@ -43,6 +45,11 @@ from tulip_testbed.identification.residual_noise import noise_of, with_cell_nois
 ROUNDS = 12
 NEARLY_TIPPED = 0.8  # of the compliance with which a robot would tip over
 WORSE = 10.0  # ln of the evidence, by which the last linearisation may lie below the best
+LASTING, LASTING_ROUNDS = NoiseInTime(0.9, 4.0), 4
+# Rounds of a moving record with spreads of one tolerance. Noise is removed from the columns by the scales
+# found so far; wrong ones leave some of it, and thousands of rows make it evidence for a wide family.
+SETTLING = 4
+INDEPENDENT = 2.0  # times, that noise lasts, between rows whose noise counts as independent
 STANDS = 0.25  # s.e. by which nothing moves any more: the next step would move it by about a fifth of that
 
 
@@ -103,6 +110,8 @@ def self_calibrate(
         problem, linear = latest = linearised(state, families, noise)
         noisy = count == 0 and start is None
         # At first the columns hold the readings' noise: they could explain it with no noise at all.
+        if count < SETTLING and start is None and clean.in_time is not None:
+            problem = replace(problem, known=tuple(range(len(problem.sizes))))
         solved = given(problem, scales, spreads) if noisy else fit(problem, (scales, spreads))
         smooth = linear.smooth
         del problem, linear
@@ -140,7 +149,8 @@ def as_log_shows(
 ) -> tuple[Observation, SelfCalibration | None]:
     """Return a moving record with what some of its rows show of inertial forces and of soft soles.
 
-    Also return the calibration of those rows that says so; None: the record does not move.
+    Also return the calibration of those rows that says so; None: the record does not move. Of plates, which
+    show all forces, it is shown how long their noise lasts.
 
     Contact sensors may not show the inertial forces: their signals are filtered, or a soft foot rocks in
     place of the body. Whichever has more evidence is taken; an estimate that does not come to rest has none
@@ -152,6 +162,8 @@ def as_log_shows(
     """
     if not observed.moves:
         return observed, None
+    if not observed.in_feet:
+        return _with_lasting_noise(observed, tolerances, rows)
     for one in (observed, _on_hard_soles(observed)):
         both = (one, without_inertia(one))
         tried = [self_calibrate(o if rows is None else o.take(rows), tolerances) for o in both]
@@ -159,6 +171,31 @@ def as_log_shows(
         if not _tips_over(tried[best]):
             break
     return both[best], tried[best]
+
+
+def _with_lasting_noise(
+    observed: Observation, tolerances: Mapping[str, float] | None, rows: np.ndarray | None
+) -> tuple[Observation, SelfCalibration]:
+    """Find how long the noise lasts, beginning with noise that lasts: otherwise families would explain it."""
+    some, lasting, found = observed if rows is None else observed.take(rows), LASTING, None
+    m = some.measurements
+    for _ in range(LASTING_ROUNDS):
+        some = some.changed(noise_in_time=lasting)
+        found = self_calibrate(some, tolerances, start=found)
+        noise = own_noise(some, found.problem, found.solved)
+        lasting = noise_in_time_of(noise, m.time, some.stance, float(m.window[0]))
+        if lasting == some.noise_in_time:
+            break
+    assert found is not None
+    return observed.changed(noise_in_time=some.noise_in_time), found
+
+
+def with_independent_rows(observed: Observation) -> Observation:
+    """Return those rows of a moving record between which its noise has changed, as if they were held."""
+    lasting, m = observed.noise_in_time, observed.measurements
+    assert lasting is not None
+    rows = apart(m.time, observed.stance, INDEPENDENT * lasting.seconds if lasting.share else 0.0)
+    return observed.take(rows).changed(noise_in_time=None)
 
 
 def _tips_over(calibration: SelfCalibration) -> bool:
@@ -175,9 +212,13 @@ def _on_hard_soles(observed: Observation) -> Observation:
 
 def without_inertia(observed: Observation) -> Observation:
     """Return a moving record as if its contact sensors did not show the inertial forces."""
-    shift, lift, push = np.split(observed.motion, [2, 3], axis=1)
+    shift, lift, push = np.split(observed.motion.by_cad, [2, 3], axis=1)
+    motion = observed.motion
     return observed.changed(
-        shift=observed.shift - shift, lift=observed.lift - lift[:, 0], push=observed.push - push
+        shift=observed.shift - shift,
+        lift=observed.lift - lift[:, 0],
+        push=observed.push - push,
+        motion=replace(motion, slope=0 * motion.slope, unknown=motion.unknown[..., :0]),
     )
 
 

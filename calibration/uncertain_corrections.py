@@ -45,6 +45,8 @@ def with_uncertain_corrections(calibration: SelfCalibration, changes: np.ndarray
     if not changes.any():
         return calibration
     problem, solved = calibration.problem, calibration.solved
+    changes = changes if problem.in_time is None else problem.in_time(changes)
+    problem = problem.decorrelated()
     weighted = problem.noise.weights(np.log(solved.scales))(changes)
     width = problem.whole.shape[2] - 1
     pull = problem.whole[..., :-1].reshape(-1, width).T @ weighted.reshape(-1, changes.shape[2])

@@ -14,7 +14,7 @@ from scipy.special import ndtri
 from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.calibration.calibration_result import CalibratedFamily, SelfCalibration
 from tulip_testbed.calibration.families import TOLERANCES, Family
-from tulip_testbed.calibration.self_calibration import as_log_shows, usual_tolerances
+from tulip_testbed.calibration.self_calibration import as_log_shows, usual_tolerances, with_independent_rows
 from tulip_testbed.discovery.candidate_search import DECISIVE, CandidateSearch, first_calibration
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.detectability import Undetectable, undetectable
@@ -177,6 +177,8 @@ def discover(
         check_placements(measurements)
     try:
         observed, found = as_log_shows(observed, tolerances)
+        if observed.noise_in_time is not None:
+            observed, found = with_independent_rows(observed), None
         search = CandidateSearch.of(observed, tolerances, effects)
         first = calibration or found or first_calibration(search.observed, tolerances)
         return _discover(search, first, seed, through_laboratory, hold_out, progress)

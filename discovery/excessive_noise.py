@@ -21,7 +21,7 @@ SEVERAL = 3.0  # times its sheet, beyond which noise is a finding, with 97.5 % c
 def excessive_noise(calibration: SelfCalibration) -> list[str]:
     """Say which sources of noise scatter more than `SEVERAL` times what a data sheet states, and where."""
     observed, solved = calibration.observed, calibration.solved
-    if observed.moves:  # a log has no data sheet of its windows' means
+    if observed.moves and observed.in_feet:  # a log has no data sheet of its windows' means
         return []
     names, sheet, at = sources_of(observed), observed.measurements.sensors, fields(observed)
     plates = at["plates"].start

@@ -21,10 +21,11 @@ from tulip_testbed.effects.removal import without
 from tulip_testbed.experiments.example import compact_json, example_manifest, example_row
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.preflight import RESULTS, Finding, preflight, worst_of
+from tulip_testbed.identification.preflight.motion_checks import lag, samples_of
 from tulip_testbed.identification.preflight.plate_checks import plate_poses
 from tulip_testbed.identification.preflight.units import units
 from tulip_testbed.identification.regressor import check_robot
-from tulip_testbed.measurements import Measurements, Series, read_measurements, read_series
+from tulip_testbed.measurements import Measurements, Series, read_measurements, read_samples, read_series
 from tulip_testbed.measurements.folder_kind import check_kind
 from tulip_testbed.measurements.measurement_folder import MAY_LACK, read_manifest
 from tulip_testbed.measurements.survey import complaints
@@ -134,8 +135,8 @@ def check_folder(folder: Path, robot: Robot, corrections: Sequence[EffectInstanc
             example_manifest=example_manifest(robot),
             example_row=example_row(robot),
         )
-    measurements = read_measurements(folder, likely=False)
-    return check_measurements(measurements, robot, corrections, read_series(folder), str(folder))
+    measurements, samples = read_measurements(folder, likely=False), read_samples(folder, likely=False)
+    return check_measurements(measurements, robot, corrections, read_series(folder), str(folder), samples)
 
 
 def check_measurements(
@@ -144,16 +145,19 @@ def check_measurements(
     corrections: Sequence[EffectInstance] = (),
     series: Series | None = None,
     source: str = "measurements",
+    samples: Measurements | None = None,
 ) -> Preflight:
     """Check measurements for faults.
 
     Args:
         corrections: see `check_folder`. series: raw readings within the windows, if there are any.
+        samples: of which the measurements are the rows, of a robot that moves.
     """
     check_tolerances(measurements.tolerances, f"{source}: key 'tolerances'")
     nominal = nominal_robot(robot)
     if not corrections:
         findings = preflight(measurements, nominal, series, partial(usual_changes, measurements, nominal))
+        findings += _of_motion(measurements, nominal, samples)
         return preflight_of(measurements, nominal, findings)
     check_robot(nominal.parameters, measurements, robot, source)
     corrected, _ = without(measurements, nominal, corrections)
@@ -161,7 +165,16 @@ def check_measurements(
     # Of the records of the plates: corrected ones hold what moves the centre of pressure otherwise.
     recorded = plate_poses(measurements)
     findings = [recorded if finding.name == recorded.name else finding for finding in findings]
+    findings += _of_motion(corrected, nominal, samples)
     return preflight_of(corrected, nominal, findings)
+
+
+def _of_motion(rows: Measurements, nominal: Nominal, samples: Measurements | None) -> list[Finding]:
+    """Run the checks of a robot that moves; none of one that is held or another one."""
+    if rows.joint_rates is None or rows.joints != nominal.parameters.tree.joints:
+        return []
+    of_samples = [] if samples is None else samples_of(samples, float(rows.window[0]))
+    return [*of_samples, lag(rows, nominal)]
 
 
 def _wrong_tolerances(folder: Path) -> list[str]:

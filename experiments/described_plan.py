@@ -33,6 +33,7 @@ from tulip_testbed.identification.statistics import (
 )
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.measurements.data import feet_in_contact
+from tulip_testbed.measurements.trajectory import Trajectory
 from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot
@@ -146,6 +147,7 @@ class DescribedPlan(Result):
         pairs = [(pair["a"], pair["b"], pair["rho"]) for pair in self.correlations]
         return [
             self._head(),
+            *([] if self.plan.motion is None else [_moving(self.plan, self.plan.motion)]),
             f"{self.well_identified} of {len(parameters.names)} parameters would be well identified "
             f"(relative standard error below {WELL_IDENTIFIED:.0f} %), preset {self.preset}, sigma "
             f"{self.sigma_mm:.2f} mm.",
@@ -194,6 +196,15 @@ class DescribedPlan(Result):
         ]
         title = f"Predicted standard errors, preset {self.preset}, if every posture can be held"
         return Table(title, columns, rows, "-: the nominal value is near zero.")
+
+
+def _moving(plan: PosturePlan, motion: Trajectory) -> str:
+    """Say that a plan moves, and how."""
+    joint, speed = motion.fastest
+    return (
+        f"The robot moves: {len(motion.segments)} segments, {motion.seconds / 60:.1f} min, at most "
+        f"{speed:.2f} rad/s ({plan.joints[joint]}). The numbers below are of the postures if they were held."
+    )
 
 
 def describe_plan(

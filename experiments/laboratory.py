@@ -35,6 +35,7 @@ from tulip_testbed.identification.base_parameters import (
 )
 from tulip_testbed.measurements import Experiment, Measurements, PosturePlan
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
+from tulip_testbed.sim.dynamics.moving_run import run_motion
 from tulip_testbed.sim.outcome import Outcome, Truth
 from tulip_testbed.sim.plan_folder import check_fits
 from tulip_testbed.sim.procedure import header_of
@@ -47,6 +48,7 @@ from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
 
 ENGINES = ("dynamics", "statics")
+FROM_POSTURE_TO_POSTURE = ("cell-hysteresis", "lag", "unsettled")
 ROBOT_STREAM = 2**32 - 2  # spawn key of a single experiment's robot: no placement has this number
 
 
@@ -178,8 +180,8 @@ class Laboratory:
         Args:
             plan: postures to measure.
             seed: of everything random.
-            engine: "dynamics": hold every posture in the full dynamics, half a minute; "statics": solve its
-                equilibrium, a second.
+            engine: "dynamics": hold every posture, or move, in the full dynamics, half a minute; "statics":
+                solve the equilibrium of every posture, a second; not of a plan that moves.
             workers: processes; None: one per core. Results do not depend on it.
             progress: called with the number of tries each time a placement is done.
 
@@ -190,14 +192,19 @@ class Laboratory:
         at_least("seed", seed, 0)
         self.check(plan, engine)
         warn_of_robot(self.robot)
-        if engine == "statics":
+        samples = None
+        if plan.motion is not None:
+            moved = run_motion(self.rig, plan, seed, count, progress)
+            outcome, samples = moved, moved.samples
+        elif engine == "statics":
             (outcome,) = run_statics(solve_plan(self.rig, plan), [np.random.SeedSequence(seed)])
         else:
             outcome = run_dynamics(self.rig, plan, seed, count, progress)
         measured = outcome.measurements
         if self.experiment is not None:
             measured = replace(measured, experiments=(self.experiment,))
-        return Run(self, plan, seed, engine, measured, outcome.truth)
+            samples = samples and replace(samples, experiments=(self.experiment,))
+        return Run(self, plan, seed, engine, measured, outcome.truth, samples)
 
     def check(self, plan: PosturePlan, engine: str) -> None:
         """Refuse a plan that this laboratory cannot measure.
@@ -207,6 +214,11 @@ class Laboratory:
         """
         look_up("engine", engine, ENGINES, "engine")
         check_fits("plan", plan, self.robot)
+        if plan.motion is not None and engine != "dynamics":
+            raise InputError(
+                f"engine: found '{engine}' with a plan that moves, expected 'dynamics': {engine} knows only "
+                "postures at rest"
+            )
         check_scene(self._plain)
         self.check_effects(plan, engine)
 
@@ -219,6 +231,11 @@ class Laboratory:
         placements, contacts = np.unique(plan.placement).tolist(), header_of(self.rig).contacts
         for effect in (*self.known, *self.hidden):
             where = str(effect)
+            if plan.motion is not None and effect.effect.name in FROM_POSTURE_TO_POSTURE:
+                raise InputError(
+                    f"{where}: found an effect that acts from one posture to the next, in a plan that moves; "
+                    "expected a plan of postures that are held"
+                )
             check_laboratory(effect, engine == "statics", where)
             check_instrument(effect.effect, contacts, where)
             check_instance(effect, self.robot, placements, where)
@@ -241,6 +258,8 @@ class Run:
         laboratory, plan, seed, engine: how it was made.
         measurements: the data contract; without the truth.
         truth: what only the simulation knows.
+        samples: of a plan that moves, of which the measurements are the rows; `posture` is the segment's
+            number. None: postures were held.
     """
 
     laboratory: Laboratory
@@ -249,6 +268,7 @@ class Run:
     engine: str
     measurements: Measurements
     truth: Truth
+    samples: Measurements | None = None
 
     @property
     def outcome(self) -> Outcome:
@@ -256,15 +276,19 @@ class Run:
         return Outcome(self.measurements, self.truth)
 
     def __repr__(self) -> str:
-        used = self.plan.postures - len(self.truth.dropped)
+        used = f"{self.plan.postures - len(self.truth.dropped)} of {self.plan.postures} postures"
+        if self.samples is not None:
+            used = f"{len(self.samples)} samples"
         hidden = ", ".join(map(str, self.laboratory.hidden)) or "none"
         return (
-            f"Run: {used} of {self.plan.postures} postures of {self.laboratory.robot.name} measured in "
-            f"{self.engine}, sensors '{self.laboratory.sensors}', seed {self.seed}, hidden effects: {hidden}"
+            f"Run: {used} of {self.laboratory.robot.name} measured in {self.engine}, sensors "
+            f"'{self.laboratory.sensors}', seed {self.seed}, hidden effects: {hidden}"
         )
 
 
 def tries(laboratory: Laboratory, plan: PosturePlan) -> int:
-    """Count the postures that will be held, repeats included."""
+    """Count the postures that will be held, repeats included, or the segments of a motion."""
+    if plan.motion is not None:
+        return len(plan.motion.segments)
     repeats = laboratory.rig.protocol.repeats if plan.postures == len(plan) else 0
     return len(plan) + min(repeats, len(plan))

@@ -27,6 +27,7 @@ from tulip_testbed.experiments.truth_record import (
 )
 from tulip_testbed.experiments.usable_plan import plan_for
 from tulip_testbed.measurements import PosturePlan
+from tulip_testbed.measurements.trajectory import runs
 from tulip_testbed.sim.procedure import header_of
 
 
@@ -36,15 +37,23 @@ class Simulation(Result):
 
     Attributes:
         measurements: folder. postures_planned, rows: how many there are.
+        dropped: postures that could not be measured, or segments of which not all could.
+        segments, seconds: how many motions were measured, and their time; None: postures were held.
     """
 
     measurements: str
     postures_planned: int
     rows: int
     dropped: tuple[DroppedPosture, ...]
+    segments: int | None = None
+    seconds: float | None = None
 
     def tables(self) -> list[Table | str]:
         """Return how many postures could be used, and the folder."""
+        if self.seconds is not None:
+            cut = [f"  segment {one.posture} was cut: {one.reason or 'not told'}" for one in self.dropped]
+            measured = f"{self.segments} segments, {self.seconds / 60:.1f} min, are {self.rows} rows."
+            return [measured, *cut, f"Measurement folder: {self.measurements}"]
         reasons = [posture.reason for posture in self.dropped]
         usable = usable_postures(self.postures_planned, self.rows, reasons)
         return [*usable, f"Measurement folder: {self.measurements}"]
@@ -108,8 +117,12 @@ def simulate(
             f"{seed} draws, expected one that can; give another seed"
         ) from None
     write_experiment(out, truth, run)
-    dropped = (DroppedPosture(posture, None if secret else why) for posture, why in run.truth.dropped)
-    return Simulation(str(out), run.plan.postures, len(run.measurements), tuple(dropped))
+    dropped = tuple(DroppedPosture(number, None if secret else why) for number, why in run.truth.dropped)
+    made_of = (str(out), run.plan.postures, len(run.measurements), dropped)
+    if run.samples is None:
+        return Simulation(*made_of)
+    segments = runs(run.samples.posture)
+    return Simulation(*made_of, len(segments), sum(float(np.ptp(run.samples.time[s])) for s in segments))
 
 
 def _disturbed(

@@ -19,7 +19,7 @@ from tulip_testbed.effects.true_robot import true_model
 from tulip_testbed.experiments.laboratory import Run
 from tulip_testbed.experiments.run_file import Configuration, configuration_of
 from tulip_testbed.identification.base_parameters import base_parameters, common_support
-from tulip_testbed.measurements import Measurements, write_measurements
+from tulip_testbed.measurements import Measurements, write_measurements, write_motion
 from tulip_testbed.sim.outcome import Truth
 
 
@@ -97,7 +97,10 @@ def write_experiment(out: Path, truth: Path | None, run: Run) -> None:
     if truth is not None:  # a new file: else another process's would be lost
         write_text(truth, json_text(SimulatedTruth.of(run).to_json()), new=True)
     try:
-        write_measurements(out, run.measurements)
+        if run.samples is None:
+            write_measurements(out, run.measurements)
+        else:
+            write_motion(out, run.samples)
     except BaseException as error:
         # An interruption may come when the folder is there; else the name is another process's.
         if truth is not None and (isinstance(error, InputError) or not present(out)):

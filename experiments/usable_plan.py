@@ -128,6 +128,7 @@ def joined(plans: list[PosturePlan]) -> PosturePlan:
         support=stacked("support"),
         swing_pose=stacked("swing_pose"),
         torques=None if all(plan.torques is None for plan in plans) else stacked("feed_forward"),
+        motion=None,
     )
 
 

@@ -168,9 +168,16 @@ def held_balance(truth: Truth, rig: Rig, whole: bool) -> list[Check]:
 
 
 def planned_correlations(run: Run, parameters: BaseParameters) -> np.ndarray:
-    """Compute the correlations (eq. 15) that the planned angles of the measured postures predict, (p, p)."""
+    """Compute the correlations (eq. 15) that the planned angles of the measured postures predict, (p, p).
+
+    Those of a motion are the commanded angles of its rows.
+    """
+    m = run.measurements
+    if run.plan.motion is not None:
+        assert m.command is not None
+        return correlations_at(parameters, m.command, m.support)
     row = {int(number): k for k, number in enumerate(run.plan.posture)}
-    rows = [row[int(number)] for number in run.measurements.posture]
+    rows = [row[int(number)] for number in m.posture]
     return correlations_at(parameters, run.plan.joint_angles[rows], run.plan.support[rows])
 
 

@@ -82,10 +82,10 @@ def contact_pressure(measurements: Measurements, nominal: Nominal) -> ContactPre
     The moments of wrench sensors are divided by the weighed weight, if there is one: it has less noise. The
     inertial part by CAD is taken off.
     """
-    if measurements.contacts is None:
-        shares = load_shares(measurements)
-        return ContactPressure(center_of_pressure(measurements), shares, total_mass(measurements))
     observed = observe(measurements, nominal)
+    if measurements.contacts is None:
+        center = center_of_pressure(measurements) - observed.shift
+        return ContactPressure(center, load_shares(measurements), total_mass(measurements))
     forces = carried(observed)
     down = (forces.reshape(len(observed), 2, -1) * observed.contacts.bears).sum(axis=2)
     total = down.sum(axis=1)

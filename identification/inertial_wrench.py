@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
+import mujoco
 import numpy as np
 
 from tulip_testbed.identification.base_parameters import standard_parameters
+from tulip_testbed.identification.cad_prior import CENTER_SD, MASS_SD
 from tulip_testbed.identification.kinematics import frame_positions, link_rotations, walk
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.measurements import Measurements
@@ -14,6 +16,9 @@ from tulip_testbed.measurements.data import base_foot
 from tulip_testbed.sim.robot import rotation_matrices
 
 # Gauss's rule for means over a row's window, whose weight is 15/16 (1 - u^2)^2: places u and weights.
+INERTIA_SD = 0.3  # relative, of the second moments of a link's density about its centre; assumed
+LENGTH = 1.0  # m: a force counts as a shift of the centre of pressure by it over the weight
+MOST_DIRECTIONS, LEAST_SHIFT = 12, 1e-5  # of inertial parameters that the base parameters leave open; m
 QUADRATURE = ((-(3**-0.5), 3 / 14), (0.0, 4 / 7), (3**-0.5, 3 / 14))
 
 
@@ -31,38 +36,164 @@ def link_wrenches(nominal: Nominal, measurements: Measurements) -> tuple[np.ndar
 
     See `needed_wrench`.
     """
+    regressor, centers = _regressor(nominal, measurements)
+    return np.einsum("mlik,lk->mli", regressor, inertial_parameters(nominal.robot.model)), centers
+
+
+def wrench_regressor(nominal: Nominal, measurements: Measurements) -> np.ndarray:
+    """Compute the regressor of `needed_wrench`, (m, 6, n_links, 10), for `inertial_parameters`.
+
+    Atkeson, An and Hollerbach 1986.
+    """
+    return _regressor(nominal, measurements)[0].swapaxes(1, 2)
+
+
+def inertial_parameters(model: mujoco.MjModel) -> np.ndarray:
+    """Return mass, first moments and inertia about the origin of each link's frame, (n_links, 10).
+
+    The order is m, m c_x, m c_y, m c_z, xx, xy, yy, xz, yz, zz [kg, kg m, kg m2]; links as in the MJCF file.
+    """
+    standard = standard_parameters(model)
+    principal = rotation_matrices(model.body_iquat[1:])
+    about_center = principal * model.body_inertia[1:, None] @ principal.mT
+    return np.column_stack([standard, moved_inertia(standard, about_center)])
+
+
+def moved_inertia(standard: np.ndarray, about_center: np.ndarray) -> np.ndarray:
+    """Return the elements of inertias about the origin, (n, 6), of those about the centre of mass, (n, 3, 3).
+
+    Args:
+        standard: (n, 4) [kg, kg m].
+    """
+    mass, moment = standard[:, :1], standard[:, 1:]
+    center = np.divide(moment, mass, out=np.zeros_like(moment), where=mass > 0)
+    cross = _crossing(center)
+    whole = about_center - mass[..., None] * cross @ cross
+    return whole[:, [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
+
+
+def _regressor(nominal: Nominal, measurements: Measurements) -> tuple[np.ndarray, np.ndarray]:
     m, robot = measurements, nominal.robot
     rates, accelerations = (
         np.zeros_like(m.joint_angles) if values is None else values
         for values in (m.joint_rates, m.joint_accelerations)
     )
     side, count = base_foot(m.support), len(nominal.parameters.tree.links)
-    wrenches, centers = np.empty((len(m), count, 6)), np.empty((len(m), count, 3))
+    regressor, centers = np.empty((len(m), count, 6, 10)), np.empty((len(m), count, 3))
     for k, foot in enumerate((robot.stance_foot, robot.swing_foot)):
         rows = side == k
         motion = m.joint_angles[rows], rates[rows], accelerations[rows]
-        wrenches[rows], centers[rows] = _balance(nominal, foot, nominal.points[k], motion, m.gravity)
-    return wrenches, centers
+        regressor[rows], centers[rows] = _of_foot(nominal, foot, nominal.points[k], motion, m.gravity)
+    return regressor, centers
 
 
-def beyond_weight(nominal: Nominal, measurements: Measurements) -> np.ndarray:
-    """Compute what motion adds by CAD: shift of the centre of pressure, vertical and horizontal force.
+@dataclass(frozen=True, eq=False)
+class BeyondWeight:
+    """What motion adds to the robot's weight: shift of the centre of pressure, vertical and horizontal force.
+
+    The five numbers are side by side [m, m, N, -, -], the horizontal force over the weight.
+
+    Attributes:
+        by_cad: by the nominal inertial parameters, (m, 5).
+        slope: derivative by the base parameters, (m, 5, p) [1/m]. Of the inertial parameters that lead to
+            the same base parameters it takes those that are nearest to CAD.
+        unknown: change by independent deviates of s.d. 1 of what the base parameters leave open of the
+            inertial parameters, (m, 5, k), the largest first.
+        directions: the inertial parameters' change by these deviates, (10 n_links, k).
+    """
+
+    by_cad: np.ndarray
+    slope: np.ndarray
+    unknown: np.ndarray
+    directions: np.ndarray
+
+    def take(self, rows: np.ndarray) -> BeyondWeight:
+        """Return some rows."""
+        return replace(self, by_cad=self.by_cad[rows], slope=self.slope[rows], unknown=self.unknown[rows])
+
+
+HELD = BeyondWeight(np.zeros((0, 5)), np.zeros((0, 5, 0)), np.zeros((0, 5, 0)), np.zeros((0, 0)))
+
+
+def beyond_weight(nominal: Nominal, measurements: Measurements) -> BeyondWeight:
+    """Compute what motion adds to the robot's weight; nothing for a robot that is held.
 
     The mean over a row's window is not that of the mean posture: the postures between count too.
-
-    Returns:
-        side by side, (m, 5) [m, m, N, -, -], the horizontal force over the weight; (0, 5) for a robot that is
-        held.
     """
     if measurements.joint_rates is None and measurements.joint_accelerations is None:
-        return np.zeros((0, 5))
+        return HELD
     held = replace(measurements, joint_rates=None, joint_accelerations=None)
-    each = [share * needed_wrench(nominal, _within(measurements, at)) for at, share in QUADRATURE]
-    moving = np.sum(each, axis=0)
-    still = needed_wrench(nominal, held)
-    after, before = (np.column_stack([-w[:, 4], w[:, 3]]) / w[:, 2:3] for w in (moving, still))
-    added = moving - still
-    return np.column_stack([after - before, added[:, 2], added[:, :2] / still[:, 2:3]])
+    still, moving = wrench_regressor(nominal, held), np.zeros(())
+    for at, share in QUADRATURE:
+        moving = moving + share * wrench_regressor(nominal, _within(measurements, at))
+    cad = inertial_parameters(nominal.robot.model)
+    (after, by_after), (before, by_before) = (_pressure(w, cad) for w in (moving, still))
+    added, weight = moving - still, nominal.mass * measurements.gravity
+    each = np.concatenate([by_after - by_before, added[:, 2:3], added[:, :2] / weight], axis=1)
+    by_all = each.reshape(*each.shape[:2], -1)  # (m, 5, 10 n_links)
+    forces = added.reshape(*added.shape[:2], -1) @ cad.ravel()
+    by_cad = np.column_stack([after - before, forces[:, 2], forces[:, :2] / weight])
+    known, rest = _given_base_parameters(nominal, cad)
+    # Of the directions that are left, those in which the forces change most.
+    shift = by_all @ rest * np.array([1.0, 1.0, LENGTH / weight, LENGTH, LENGTH])[:, None]
+    flat = shift.reshape(-1, rest.shape[1])
+    squares, turn = np.linalg.eigh(flat.T @ flat / len(measurements))
+    most = squares[::-1][:MOST_DIRECTIONS] > LEAST_SHIFT**2
+    directions = rest @ turn[:, ::-1][:, :MOST_DIRECTIONS][:, most]
+    return BeyondWeight(by_cad, by_all @ known, by_all @ directions, directions)
+
+
+def _pressure(regressor: np.ndarray, cad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the centre of pressure by CAD, (m, 2) [m], and its derivative, (m, 2, n_links, 10)."""
+    wrench = np.einsum("milk,lk->mi", regressor, cad)
+    down = wrench[:, 2]
+    center = np.column_stack([-wrench[:, 4], wrench[:, 3]]) / down[:, None]
+    moments = np.stack([-regressor[:, 4], regressor[:, 3]], axis=1)
+    slope = moments - center[:, :, None, None] * regressor[:, 2][:, None]
+    return center, slope / down[:, None, None, None]
+
+
+def _given_base_parameters(nominal: Nominal, cad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return how inertial parameters follow from base parameters, and what is left of CAD's doubt.
+
+    Returns:
+        the most likely inertial parameters by base parameters of a robot of known mass, (10 n, p) [kg, ...],
+        and the others' change by independent deviates of s.d. 1, (10 n, 10 n).
+    """
+    spread = _doubt(nominal.robot.model, cad)
+    parameters, n = nominal.parameters, len(cad)
+    shows = np.zeros((len(parameters.names) + 1, n, 10))
+    shows[:-1, :, :4] = parameters.from_standard.reshape(-1, n, 4) / nominal.mass
+    shows[-1, :, 0] = 1.0
+    seen = shows.reshape(len(shows), -1) @ spread
+    gain = spread @ np.linalg.pinv(seen, rcond=1e-9)
+    return gain[:, :-1], spread - gain @ seen
+
+
+def _doubt(model: mujoco.MjModel, cad: np.ndarray) -> np.ndarray:
+    """Return the change of all inertial parameters by CAD's independent errors of s.d. 1, (10 n, 10 n).
+
+    A link's mass takes its moments along; its centre moves; its density's second moments about the centre
+    are uncertain in its principal axes, and those axes too.
+    """
+    n = len(cad)
+    out = np.zeros((n, 10, n, 10))
+    each, mass = np.arange(n), cad[:, 0]
+    out[each, :, each, 0] = MASS_SD * cad
+    standard, none = cad[:, :4], np.zeros((n, 3, 3))
+    for axis in range(3):
+        step = np.zeros((n, 4))
+        step[:, 1 + axis] = CENTER_SD * mass
+        moved = [moved_inertia(standard + sign * step, none) for sign in (1, -1)]
+        out[each, :, each, 1 + axis] = np.column_stack([step, (moved[0] - moved[1]) / 2])
+    principal, moment = rotation_matrices(model.body_iquat[1:]), model.body_inertia[1:]
+    radii = np.sqrt(np.maximum(moment.sum(axis=1, keepdims=True) / 2 - moment, 0.0))  # times root of mass
+    for k, (a, b) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
+        second = np.zeros((n, 3, 3))
+        second[:, a, b] = second[:, b, a] = INERTIA_SD * radii[:, a] * radii[:, b]
+        inertia = np.trace(second, axis1=1, axis2=2)[:, None, None] * np.eye(3) - second
+        out[each, 4:, each, 4 + k] = moved_inertia(0 * standard, principal @ inertia @ principal.mT)
+    return out.reshape(10 * n, 10 * n)
 
 
 def _within(measurements: Measurements, at: float) -> Measurements:
@@ -75,20 +206,20 @@ def _within(measurements: Measurements, at: float) -> Measurements:
     return replace(m, joint_angles=angles, joint_rates=rates + half * at * faster)
 
 
-def _balance(
+def _of_foot(
     nominal: Nominal,
     foot: str,
     sole: np.ndarray,
     motion: tuple[np.ndarray, np.ndarray, np.ndarray],
     gravity: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the rates of momentum of all links, with the foot accelerated upward in place of gravity.
+    """Compute `wrench_regressor` and centres of mass, with the foot accelerated upward in place of gravity.
 
     Args:
         sole: sole point in the foot's frame, (3,) [m].
         motion: angles, rates and accelerations of the joints, (m, n_joints) each.
     """
-    tree, model = nominal.parameters.tree, nominal.robot.model
+    tree = nominal.parameters.tree
     angles, rates, accelerations = motion
     base = tree.frame(foot)
     rotations = link_rotations(tree, base, angles)
@@ -107,18 +238,33 @@ def _balance(
         turning[:, new], turning_faster[:, new] = w, dw
         faster[:, new] = pivot - _swept(w, dw, rotations[:, new] @ step.anchor_new)
     links = np.array(tree.frame_of_link)
-    standard, turn = standard_parameters(model), rotations[:, links]
+    turn, place, pull = rotations[:, links], positions[:, links], faster[:, links]
     w, dw = turning[:, links], turning_faster[:, links]
-    principal = rotation_matrices(model.body_iquat[1:])
-    own = principal * model.body_inertia[1:, None] @ principal.mT
-    inertia = turn @ own @ turn.mT
-    mass = standard[:, :1]
-    arm = (turn @ model.body_ipos[1:, :, None])[..., 0]
-    force = mass * (faster[:, links] + _swept(w, dw, arm))
-    spin = (inertia @ w[..., None])[..., 0]
-    center = positions[:, links] + arm
-    moment = np.cross(center, force) + np.cross(w, spin) + (inertia @ dw[..., None])[..., 0]
-    return np.concatenate([force, moment], axis=2), center
+    out = np.zeros((*place.shape[:2], 6, 10))
+    swept = _crossing(dw) + _crossing(w) @ _crossing(w)
+    out[..., :3, 0] = pull
+    out[..., :3, 1:4] = swept @ turn
+    out[..., 3:, 0] = np.cross(place, pull)
+    out[..., 3:, 1:4] = (_crossing(place) @ swept - _crossing(pull)) @ turn
+    # In the link's axes I dw + w x I w is linear in the six elements of I.
+    own, faster_own = (np.einsum("mlij,mli->mlj", turn, v) for v in (w, dw))
+    out[..., 3:, 4:] = turn @ (_elements(faster_own) + _crossing(own) @ _elements(own))
+    model = nominal.robot.model
+    center = place + (turn @ model.body_ipos[1:, :, None])[..., 0]
+    return out, center
+
+
+def _crossing(vectors: np.ndarray) -> np.ndarray:
+    """Return the matrices of the cross product by vectors, (..., 3) -> (..., 3, 3)."""
+    return np.cross(vectors[..., None, :], np.eye(3)).mT
+
+
+def _elements(vectors: np.ndarray) -> np.ndarray:
+    """Return I v as a linear function of I's elements xx, xy, yy, xz, yz, zz, (..., 3) -> (..., 3, 6)."""
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    o = np.zeros_like(x)
+    rows = [[x, y, o, z, o, o], [o, x, y, o, z, o], [o, o, o, x, y, z]]
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
 def _swept(turning: np.ndarray, turning_faster: np.ndarray, arm: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ robot enter.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -18,9 +18,10 @@ from tulip_testbed.identification.ballast import Ballast, ballast_of, known_weig
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.cad_prior import CadPrior
 from tulip_testbed.identification.contact_readings import ContactReadings, of_cells, of_wrenches
-from tulip_testbed.identification.inertial_wrench import beyond_weight
+from tulip_testbed.identification.inertial_wrench import HELD, BeyondWeight, beyond_weight
 from tulip_testbed.identification.joint_loads import Loads, joint_loads, servo_stiffness
 from tulip_testbed.identification.kinematics import Tree
+from tulip_testbed.identification.noise_in_time import Decorrelation, NoiseInTime, decorrelation
 from tulip_testbed.identification.nominal import Nominal, PostureGeometry
 from tulip_testbed.measurements import Measurements, as_joined
 from tulip_testbed.sim.scene import plate_masses
@@ -58,7 +59,8 @@ class Observation:
         on_four_cells: whether all cells of the right and the left plate are loaded, (m, 2) bool. On three
             cells the twist of a board holds no information. A tared cell without load reads minus its share
             of the board's weight; if the empty board rocked when it was tared, nothing.
-        motion: what motion adds by CAD to shift, lift and push, (m, 5); (0, 5) of a robot that is held.
+        motion: what motion adds to shift, lift and push, see `BeyondWeight`; nothing if the robot is held.
+        noise_in_time: how the noise of rows is correlated in time; None: it is not.
         cad: what CAD says about the base parameters; None: the postures determine them.
     """
 
@@ -83,7 +85,8 @@ class Observation:
     cell_sd: float
     time_fraction: np.ndarray
     on_four_cells: np.ndarray
-    motion: np.ndarray = field(default_factory=lambda: np.zeros((0, 5)))
+    motion: BeyondWeight = HELD
+    noise_in_time: NoiseInTime | None = None
     cad: CadPrior | None = None
 
     def __len__(self) -> int:
@@ -92,7 +95,7 @@ class Observation:
     @property
     def moves(self) -> bool:
         """Return whether rates or accelerations of the joints were measured."""
-        return len(self.motion) > 0
+        return len(self.motion.by_cad) > 0
 
     @cached_property
     def weight(self) -> float:
@@ -116,6 +119,14 @@ class Observation:
         number = np.empty(len(time), int)
         number[order] = np.append(0, np.cumsum(~same | (gap > LONG_GAP * usual) | (gap < 0)))
         return number
+
+    @cached_property
+    def in_time(self) -> Decorrelation | None:
+        """Return what makes the noise of rows uncorrelated in time; None: it is, in holds and logs."""
+        if self.noise_in_time is None:
+            return None
+        m = self.measurements
+        return decorrelation(m.time, self.stance, float(m.window[0]), self.noise_in_time)
 
     @cached_property
     def geometry(self) -> PostureGeometry:
@@ -250,6 +261,8 @@ class Observation:
             and f.name not in ("cells", "standard", "board_share", "servo_gain", "servo_stiffness")
             and len(getattr(self, f.name)) == count
         }
+        if self.moves:
+            kept["motion"] = self.motion.take(rows)
         return replace(self, measurements=replace(m, **cut), contacts=self.contacts.take(rows), **kept)
 
     def changed(self, **fields: Any) -> Observation:
@@ -270,7 +283,7 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
     measurements, m = as_joined(measurements), len(measurements)
     contacts = contact_readings(measurements, nominal)
     motion = beyond_weight(nominal, measurements)
-    added = motion if len(motion) else np.zeros((m, 5))
+    added = motion.by_cad if len(motion.by_cad) else np.zeros((m, 5))
     share = np.array(plate_masses(nominal.robot)) * measurements.gravity / 4
     gain = servo_stiffness(nominal.robot, measurements.gains)
     margin = max(LEAST_LOAD, 4 * (measurements.sensors.cell_sd or 0.0))

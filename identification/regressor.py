@@ -143,7 +143,7 @@ def with_cad_where_needed(observed: Observation, data: Regression) -> Observatio
         InputError: they determine no more than a single posture does.
     """
     few, free = len(data.matrix) <= data.matrix.shape[1], undetermined_directions(data.matrix, data.blur)
-    if not few and not len(free) and not observed.moves:
+    if not few and not len(free) and not (observed.moves and observed.in_feet):
         return observed
     known = data.matrix.shape[1] - len(free)
     if known <= SINGLE:
@@ -189,8 +189,12 @@ def regression(
     nominal = nominal_robot(robot, parameters.support)
     if parameters.tree is not nominal.parameters.tree:
         nominal = replace(nominal, parameters=parameters)
+    observed = observe(measurements, nominal)
     pressure = contact_pressure(measurements, nominal)
     output, known_slope = pressure.center, None
+    if observed.moves:
+        faster = observed.motion.slope[:, :2]
+        matrix, output = matrix + faster.reshape(matrix.shape), output + faster @ nominal.value
     if parameters.on_swing_foot(support).any():
         known = nominal.geometry(angles, support)
         output, known_slope = output - known.stance_sole[:, :2], known.stance_sole_slope[:, :2]
@@ -199,7 +203,6 @@ def regression(
     if measurements.contacts is None:
         cells, levers = cell_noise(measurements, fitted), placement_levers(measurements)
     else:
-        observed = observe(measurements, nominal)
         by = center_slopes(observed)
         cells, levers = wrench_noise(observed, by["cells"], fitted), by["plates"]
         sheet = replace(sheet, cell_sd=1.0)  # readings are scaled to it

@@ -117,6 +117,26 @@ def residuals(observed: Observation, theta: np.ndarray) -> np.ndarray:
     out[:, 5] = pose[:, 2] - observed.swing_rise
     out[:, 6:8] = pose[:, 3:5] - observed.swing_tilt
     out[:, ANCHORED] = pose[:, [0, 1, 5]]
+    if observed.moves:
+        out += in_motion(observed, observed.motion.slope) @ (theta - observed.nominal.value)
+    return out
+
+
+def by_base_parameters(observed: Observation) -> np.ndarray:
+    """Differentiate the residuals by the base parameters, (m, 11, p)."""
+    regressor = observed.geometry.regressor
+    out = np.zeros((len(observed), SIZE, regressor.shape[2]))
+    out[:, ROWS["A"]] = -regressor
+    return out + in_motion(observed, observed.motion.slope) if observed.moves else out
+
+
+def in_motion(observed: Observation, change: np.ndarray) -> np.ndarray:
+    """Return the change of the residuals by that of what motion adds, (m, 5, k) -> (m, 11, k)."""
+    out = np.zeros((len(observed), SIZE, change.shape[2]))
+    out[:, ROWS["A"]] = -change[:, :2]
+    out[:, ROWS["F"]] = -change[:, 2:3]
+    if has_direction(observed):
+        out[:, ROWS["T"]] = -change[:, 3:]
     return out
 
 

@@ -5,7 +5,12 @@ from tulip_testbed.measurements.data import Measurements, PosturePlan
 from tulip_testbed.measurements.header import MeasurementHeader, SensorSheet
 from tulip_testbed.measurements.joined import as_joined, joined, read_experiments
 from tulip_testbed.measurements.manipulations import Experiment
-from tulip_testbed.measurements.measurement_folder import read_measurements, write_measurements
+from tulip_testbed.measurements.measurement_folder import (
+    read_measurements,
+    read_samples,
+    write_measurements,
+    write_motion,
+)
 from tulip_testbed.measurements.series import Series, read_series
 
 __all__ = [
@@ -21,6 +26,8 @@ __all__ = [
     "lay_boards",
     "read_experiments",
     "read_measurements",
+    "read_samples",
     "read_series",
     "write_measurements",
+    "write_motion",
 ]

@@ -11,6 +11,7 @@ from tulip_testbed.base.errors import InputError, listed, look_up
 from tulip_testbed.measurements.cells import CELLS, PLATES
 from tulip_testbed.measurements.contacts import COP, cops_of_wrenches
 from tulip_testbed.measurements.header import MeasurementHeader
+from tulip_testbed.measurements.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +29,7 @@ class PosturePlan:
         made: settings that made the plan (objective, seed, ranges, margins, software).
         torques: feed-forward torques of the drives, (m, n_joints) [N m], with which the servos hold the
             posture without sag and share the load between the feet as planned; None: no feed-forward.
+        motion: between the postures, of a plan that moves; None: it is held at every posture.
     """
 
     joints: tuple[str, ...]
@@ -39,6 +41,7 @@ class PosturePlan:
     robot: dict[str, str]
     made: dict[str, Any] = field(default_factory=dict)
     torques: np.ndarray | None = None
+    motion: Trajectory | None = None
 
     def __len__(self) -> int:
         return len(self.posture)
@@ -71,10 +74,12 @@ class PosturePlan:
         return len(np.unique(self.posture))
 
     def take(self, rows: np.ndarray) -> PosturePlan:
-        """Select postures by a mask or by indices in any order."""
+        """Select postures by a mask or by indices in any order, without a motion."""
         names = ("joint_angles", "posture", "placement", "support", "swing_pose")
         torques = None if self.torques is None else self.torques[rows]
-        return replace(self, torques=torques, **{name: getattr(self, name)[rows] for name in names})
+        return replace(
+            self, torques=torques, motion=None, **{name: getattr(self, name)[rows] for name in names}
+        )
 
 
 OF_ROWS = (  # fields of `Measurements` with a value for every row

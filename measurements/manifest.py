@@ -16,7 +16,9 @@ from tulip_testbed.measurements.cells import CORNERS, PLATES
 from tulip_testbed.measurements.column_mapping import MappingEntry
 from tulip_testbed.measurements.contact_entries import Pair, entries_of
 from tulip_testbed.measurements.data import Measurements
+from tulip_testbed.measurements.motion_table import LEAST_RATE, MOST_RATE
 
+MOST_WINDOW = 10.0  # s, to which samples of a motion are reduced
 OPTIONAL = (
     "gains",
     "tolerances",
@@ -27,6 +29,14 @@ OPTIONAL = (
 
 class _Strict(BaseModel):
     model_config = ConfigDict(extra="allow")
+
+
+class MotionEntry(BaseModel):
+    """How a robot that moves was sampled [Hz], and the windows to which the samples are reduced [s]."""
+
+    model_config = ConfigDict(extra="forbid")
+    window: Annotated[float, Strict(), Field(gt=0, le=MOST_WINDOW, allow_inf_nan=False)]
+    rate: Annotated[float, Strict(), Field(ge=LEAST_RATE, le=MOST_RATE, allow_inf_nan=False)]
 
 
 class RobotEntry(_Strict):
@@ -104,6 +114,7 @@ class Manifest(_Strict):
     constant_joints: dict[str, ConstantEntry] | None = None
     conventions: list[ConventionEntry] | None = None
     mapping: dict[str, MappingEntry] | None = None
+    motion: MotionEntry | None = None
     session: str | None = None
     manipulations: list[str] | None = None
     created: str | None = None
@@ -206,4 +217,4 @@ def unset_keys(measurements: Measurements) -> set[str]:
     """Name the keys of a manifest that measurements do not need."""
     empty = {name for name in OPTIONAL if not getattr(measurements, name)}
     empty |= {name for name in ("session", "manipulations") if not _experiment_keys(measurements).get(name)}
-    return empty | {"mapping", "contacts" if measurements.contacts is None else "plates"}
+    return empty | {"mapping", "motion", "contacts" if measurements.contacts is None else "plates"}

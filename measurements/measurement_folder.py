@@ -13,11 +13,11 @@ from pydantic import ValidationError
 
 from tulip_testbed.base.errors import IncompleteError, InputError, close_to, look_up, shortened, warn
 from tulip_testbed.base.files import new_folder, present, sha256, write_text
-from tulip_testbed.base.table_files import TableFile, read_json, write_json, write_table
+from tulip_testbed.base.table_files import TableFile, read_json, write_json, write_parquet, write_table
 from tulip_testbed.base.validation_message import validation_message
 from tulip_testbed.measurements.cells import CELLS, CORNERS
 from tulip_testbed.measurements.checked_table import checked_table, tables_beside
-from tulip_testbed.measurements.column_mapping import MappedTable, mapped_table
+from tulip_testbed.measurements.column_mapping import MappedTable, MappingEntry, mapped_table
 from tulip_testbed.measurements.contact_columns import (
     Entries,
     pose_columns,
@@ -29,14 +29,23 @@ from tulip_testbed.measurements.contract import SUPPORTS, WHOLE, check_contract
 from tulip_testbed.measurements.data import OF_JOINTS, Measurements
 from tulip_testbed.measurements.folder_kind import check_kind
 from tulip_testbed.measurements.header import MeasurementHeader, SensorSheet
+from tulip_testbed.measurements.logs.series_reduction import reduced_motion, usual_window
 from tulip_testbed.measurements.manifest import (
     ConstantEntry,
     Manifest,
+    MotionEntry,
     manifest_from,
     manifest_of,
     unset_keys,
 )
 from tulip_testbed.measurements.manipulations import Experiment, arrangement_of
+from tulip_testbed.measurements.motion_table import (
+    MOST_SAMPLES,
+    MOTION,
+    SEGMENT,
+    check_segments,
+    motion_columns,
+)
 from tulip_testbed.measurements.stated_convention import StatedConvention
 
 MAY_LACK = (
@@ -89,6 +98,25 @@ def write_measurements(folder: Path, measurements: Measurements, likely: bool = 
         write_json(working / "manifest.json", _without_unused(manifest))
 
 
+def write_motion(folder: Path, samples: Measurements) -> None:
+    """Write a measurement folder of a robot that moves, which appears whole or not at all.
+
+    Args:
+        samples: one row a sample, whose `posture` is the number of its segment.
+    """
+    check_contract(samples)
+    check_segments("samples", samples.time, samples.posture, samples.placement, samples.support)
+    window = usual_window(samples.sensors.encoder_resolution)
+    steps = np.diff(samples.time)[np.diff(samples.posture) == 0]
+    rate = float(np.round(1 / np.median(steps), 6))
+    with new_folder(folder) as working:
+        path = write_parquet(working, MOTION, motion_columns(samples))
+        manifest = manifest_of(samples, {path.name: sha256(path)})
+        manifest = manifest.model_copy(update={"motion": MotionEntry(window=window, rate=rate)})
+        content = manifest.model_dump(exclude=unset_keys(samples) - {"motion"})
+        write_json(working / "manifest.json", _without_unused(content))
+
+
 def write_start(folder: Path, empty: Measurements) -> None:
     """Write a new folder that measurements are to be appended to: a manifest, and a table without rows.
 
@@ -124,10 +152,55 @@ def read_measurements(folder: Path, likely: bool = True) -> Measurements:
     folder = Path(folder)
     try:
         manifest = read_manifest(folder)
+        if moves(folder):
+            samples = samples_in(manifest, folder, likely)
+            window = None if manifest.motion is None else manifest.motion.window
+            return reduced_motion(samples, window, str(folder))
         table = checked_table(folder, "postures", manifest.tables)
         return measurements_in(manifest, table, folder / "manifest.json", likely)
     except IncompleteError as error:
         raise InputError(f"{error}; `check` lists all that is missing or wrong") from None
+
+
+def moves(folder: Path) -> bool:
+    """Return whether a measurement folder holds samples of a motion in place of postures.
+
+    Raises:
+        InputError: it holds both.
+    """
+    motion, postures = (
+        [path for path in (folder / f"{name}.{suffix}" for suffix in ("parquet", "csv")) if present(path)]
+        for name in (MOTION, "postures")
+    )
+    if motion and postures:
+        raise InputError(f"{folder}: found {motion[0].name} and {postures[0].name}, expected one of them")
+    return bool(motion)
+
+
+def read_samples(folder: Path, likely: bool = True) -> Measurements | None:
+    """Read and check the samples of a measurement folder, as `write_motion` takes them; None: it has none."""
+    return samples_in(read_manifest(folder), folder, likely) if moves(folder) else None
+
+
+def samples_in(manifest: Manifest, folder: Path, likely: bool = True) -> Measurements:
+    """Check the samples of a folder against its manifest and return them."""
+    table, where = motion_table(manifest, folder), folder / "manifest.json"
+    constant = manifest.constant_joints or {}
+    table.require((*required_columns(tuple(manifest.joints), manifest.contacts, constant), "time"))
+    samples = rows_in(manifest, table, where)
+    check_segments(table.path, samples.time, samples.posture, samples.placement, samples.support)
+    check_contract(samples, table.path, where, likely)
+    return samples
+
+
+def motion_table(manifest: Manifest, folder: Path) -> MappedTable:
+    """Return the table of samples of a folder, whose segments are read as postures."""
+    table = checked_table(folder, MOTION, manifest.tables, MOST_SAMPLES)
+    mapping = dict(manifest.mapping or {})
+    segment = mapping.pop(SEGMENT, MappingEntry(column=SEGMENT))
+    table.require([segment.column])
+    mapping["posture"] = segment
+    return mapped_table(table, mapping, known_columns(manifest), manifest.gravity, folder / "manifest.json")
 
 
 def measurements_in(manifest: Manifest, table: TableFile, where: Path, likely: bool = True) -> Measurements:

@@ -16,7 +16,14 @@ from tulip_testbed.measurements.checked_table import checked_table
 from tulip_testbed.measurements.column_mapping import MappedTable, mapped_table
 from tulip_testbed.measurements.contract import SUPPORTS, WHOLE
 from tulip_testbed.measurements.manifest import Manifest, manifest_from
-from tulip_testbed.measurements.measurement_folder import MAY_LACK, known_columns, required_columns
+from tulip_testbed.measurements.measurement_folder import (
+    MAY_LACK,
+    known_columns,
+    motion_table,
+    moves,
+    read_samples,
+    required_columns,
+)
 
 
 def complaints(folder: Path, joints: tuple[str, ...]) -> dict[str, list[str]]:
@@ -38,6 +45,10 @@ def complaints(folder: Path, joints: tuple[str, ...]) -> dict[str, list[str]]:
     tables: list[MappedTable] = []
 
     def read() -> None:
+        if moves(folder):
+            if known is not None:
+                tables.append(motion_table(known, folder))
+            return
         table = checked_table(folder, "postures", hashes)
         if known is None:
             tables.append(MappedTable(table, {}, 1.0))
@@ -46,10 +57,10 @@ def complaints(folder: Path, joints: tuple[str, ...]) -> dict[str, list[str]]:
             tables.append(mapped_table(table, mapping, known_columns(known), known.gravity, where))
 
     within = _collect(read)
-    return {
-        "manifest": about,
-        "table": within + [t for table in tables for t in _table_complaints(table, joints, known)],
-    }
+    within += [text for table in tables for text in _table_complaints(table, joints, known)]
+    if not (about or within):
+        within = _collect(lambda: read_samples(folder, likely=False))
+    return {"manifest": about, "table": within}
 
 
 def _manifest_complaints(where: Path, manifest: dict[str, Any]) -> list[str]:

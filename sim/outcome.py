@@ -81,6 +81,17 @@ class Outcome:
         return f"Outcome: {self.measurements}; {self.truth}"
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class MovingOutcome(Outcome):
+    """Measurements and truth of a robot that moved.
+
+    Attributes:
+        samples: of which the measurements are the rows, one each 10 ms; `posture` is the segment's number.
+    """
+
+    samples: Measurements
+
+
 def dropped_postures(attempts: tuple[Attempt, ...]) -> tuple[tuple[int, str], ...]:
     """List the postures without a successful attempt, with the reason of the first attempt."""
     used = {a.posture for a in attempts if a.held is not None}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,16 +13,26 @@ from pydantic import BaseModel, ValidationError
 
 from tulip_testbed.base.errors import InputError, listed, shortened
 from tulip_testbed.base.files import new_folder, sha256, write_text
-from tulip_testbed.base.table_files import read_json, software, write_json, write_table
+from tulip_testbed.base.table_files import (
+    TableFile,
+    read_json,
+    software,
+    write_json,
+    write_parquet,
+    write_table,
+)
 from tulip_testbed.base.validation_message import validation_message
 from tulip_testbed.measurements.bounds import MOST_ANGLE, MOST_LENGTH, Version
 from tulip_testbed.measurements.checked_table import checked_table
 from tulip_testbed.measurements.contract import SUPPORTS
-from tulip_testbed.measurements.data import PosturePlan, base_foot
+from tulip_testbed.measurements.data import PosturePlan, base_foot, wrong_arrays
 from tulip_testbed.measurements.folder_kind import check_kind
+from tulip_testbed.measurements.motion_table import MOST_SAMPLES, MOTION, SEGMENT, check_segments
+from tulip_testbed.measurements.trajectory import RATE, Trajectory
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.robot import Robot, joint_names
 
+UNEVEN = 0.01  # of the time between samples
 MOST_SWING = 0.01  # m or rad, between the swing foot as planned and by the joint angles
 MOST_TORQUE = MOST_NUMBER = 1e5  # N m, of a drive; of any array
 
@@ -49,12 +60,13 @@ def write_plan(folder: Path, plan: PosturePlan, beside: Mapping[str, str] | None
         beside: texts of further files, by name.
     """
     columns = {"posture": plan.posture, "placement": plan.placement, "support": plan.support}
-    columns |= {f"q.{joint}": plan.joint_angles[:, k] for k, joint in enumerate(plan.joints)}
-    if plan.torques is not None:
-        columns |= {f"torque.{joint}": plan.torques[:, k] for k, joint in enumerate(plan.joints)}
+    columns |= _of_joints(plan, plan.joints)
     columns |= {f"swing.{axis}": plan.swing_pose[:, k] for k, axis in enumerate(("x", "y", "yaw"))}
     with new_folder(folder) as working:
-        paths = write_table(working, "postures", columns)
+        paths = list(write_table(working, "postures", columns).values())
+        if plan.motion is not None:
+            motion = {name: getattr(plan.motion, name) for name in ("time", SEGMENT, "placement", "support")}
+            paths.append(write_parquet(working, MOTION, motion | _of_joints(plan.motion, plan.joints)))
         for name, text in (beside or {}).items():
             write_text(working / name, text)
         write_json(
@@ -65,7 +77,7 @@ def write_plan(folder: Path, plan: PosturePlan, beside: Mapping[str, str] | None
                 "robot": plan.robot,
                 "made": plan.made,
                 "software": software(),
-                "tables": {path.name: sha256(path) for path in paths.values()},
+                "tables": {path.name: sha256(path) for path in paths},
             },
         )
 
@@ -84,22 +96,77 @@ def read_plan(folder: Path, robot: Robot) -> PosturePlan:
     joints = joint_names(robot.model)
     swing = [table.numbers(f"swing.{axis}", False, -MOST_LENGTH, MOST_LENGTH) for axis in ("x", "y")]
     swing.append(table.numbers("swing.yaw", False, -MOST_ANGLE, MOST_ANGLE))
-    torques = None
-    if any(table.has(f"torque.{joint}") for joint in joints):
-        torques = table.matrix("torque", joints, False, -MOST_TORQUE, MOST_TORQUE)
     plan = PosturePlan(
         joints=joints,
-        joint_angles=table.matrix("q", joints, False, -MOST_ANGLE, MOST_ANGLE),
         posture=table.integers("posture"),
         placement=table.integers("placement"),
         support=table.texts("support", SUPPORTS),
         swing_pose=np.column_stack(swing),
         robot=manifest.robot.model_dump(),
         made=manifest.made,
-        torques=torques,
+        **_read_joints(table, joints),
     )
     check_postures(table.path, plan, robot)
-    return plan
+    if not any(name.startswith(f"{MOTION}.") for name in manifest.tables):
+        return plan
+    table = checked_table(folder, MOTION, manifest.tables, MOST_SAMPLES, "")
+    motion = Trajectory(
+        time=table.numbers("time"),
+        segment=table.integers(SEGMENT),
+        placement=table.integers("placement"),
+        support=table.texts("support", SUPPORTS),
+        **_read_joints(table, joints),
+    )
+    moving = replace(plan, motion=motion)
+    check_motion(table.path, moving, robot)
+    return moving
+
+
+def _of_joints(rows: PosturePlan | Trajectory, joints: tuple[str, ...]) -> dict[str, np.ndarray]:
+    tables = {"q": rows.joint_angles} | ({} if rows.torques is None else {"torque": rows.torques})
+    return {
+        f"{prefix}.{joint}": values[:, k]
+        for prefix, values in tables.items()
+        for k, joint in enumerate(joints)
+    }
+
+
+def _read_joints(table: TableFile, joints: tuple[str, ...]) -> dict[str, Any]:
+    fed = any(table.has(f"torque.{joint}") for joint in joints)
+    return {
+        "joint_angles": table.matrix("q", joints, False, -MOST_ANGLE, MOST_ANGLE),
+        "torques": table.matrix("torque", joints, False, -MOST_TORQUE, MOST_TORQUE) if fed else None,
+    }
+
+
+def check_motion(path: Path | str, plan: PosturePlan, robot: Robot) -> None:
+    """Refuse a motion that no laboratory could follow.
+
+    A segment is one motion at 100 Hz within the joints' ranges, on a placement and support of the plan.
+    """
+    motion = plan.motion
+    assert motion is not None
+    rows, joints = np.shape(motion.time), (*np.shape(motion.time), len(plan.joints))
+    shapes = dict.fromkeys(("time", "segment", "placement", "support"), rows)
+    if wrong := wrong_arrays(motion, shapes | dict.fromkeys(("joint_angles", "torques"), joints)):
+        raise InputError(f"{path}: {wrong}")
+    check_segments(path, motion.time, motion.segment, motion.placement, motion.support)
+    check_limits(path, plan.joints, motion.joint_angles, robot.model)
+    stances = set(zip(plan.placement.tolist(), plan.support.tolist(), strict=True))
+    for rows in motion.segments:
+        stance = int(motion.placement[rows.start]), str(motion.support[rows.start])
+        if stance not in stances:
+            raise InputError(
+                f"{path}: row {rows.start + 1}: found placement {stance[0]} with support '{stance[1]}', "
+                "expected those of a posture of the plan"
+            )
+        steps = np.diff(motion.time[rows])
+        if not len(steps) or np.abs(steps * RATE - 1).max() > UNEVEN:
+            seen = f"from {steps.min():.4g} to {steps.max():.4g} s" if len(steps) else "none"
+            raise InputError(
+                f"{path}: column 'time', segment {motion.segment[rows.start]}: found steps {seen}, "
+                f"expected one each {1 / RATE:g} s in a segment"
+            )
 
 
 def check_model(where: Path | str, made_with: str | None, expected: str | None, robot: Robot) -> None:
@@ -135,13 +202,15 @@ def check_fits(where: str, plan: PosturePlan, robot: Robot) -> None:
             row = bad.argmax() + 1
             raise InputError(f"{where}: row {row}: found {name} beyond {MOST_NUMBER:g} or not finite")
     check_postures(where, plan, robot)
+    if plan.motion is not None:
+        check_motion(f"{where}: motion", plan, robot)
 
 
 def check_postures(path: Path | str, plan: PosturePlan, robot: Robot) -> None:
     """Refuse postures out of range, two base frames in a placement, a swing foot elsewhere, and numbers of
     different postures.
     """
-    check_limits(path, plan, robot.model)
+    check_limits(path, plan.joints, plan.joint_angles, robot.model)
     check_support(path, plan)
     check_swing(path, plan, robot)
     check_repeats(path, plan)
@@ -193,11 +262,13 @@ def check_repeats(path: Path | str, plan: PosturePlan) -> None:
         )
 
 
-def check_limits(path: Path | str, plan: PosturePlan, model: mujoco.MjModel) -> None:
-    """Refuse a plan that leaves a joint's range by more than a rounding error."""
-    for k, joint in enumerate(plan.joints):
+def check_limits(
+    path: Path | str, joints: tuple[str, ...], joint_angles: np.ndarray, model: mujoco.MjModel
+) -> None:
+    """Refuse angles, (m, n_joints) [rad], that leave a joint's range by more than a rounding error."""
+    for k, joint in enumerate(joints):
         low, high = model.joint(joint).range
-        angles = plan.joint_angles[:, k]
+        angles = joint_angles[:, k]
         outside = (angles < low - 1e-9) | (angles > high + 1e-9)
         if model.joint(joint).limited[0] and outside.any():
             row = int(outside.argmax())

@@ -16,6 +16,9 @@ Six = tuple[float, float, float, float, float, float]
 Sampling = Callable[..., tuple[np.ndarray, np.ndarray]]
 
 
+# s, assumed: the shortest motion from one posture to the next, at whose end the error is another one.
+CHANGING = 2.0
+
 ANKLE, SOLE, PLATE = PLACES = ("ankle", "sole", "plate")
 
 
@@ -76,7 +79,8 @@ class Sensors:
     """Data-sheet figures of the laboratory's sensors; all errors have zero mean.
 
     "repeatability" is drawn once per posture, so that averaging does not reduce it; "noise" is drawn per
-    sample; "resolution" rounds every sample.
+    sample; "resolution" rounds every sample. While the robot moves, what is drawn once per posture changes
+    as a stationary first-order process.
 
     Attributes:
         encoder_repeatability, encoder_noise, encoder_resolution: joint-side encoders [rad].
@@ -88,6 +92,9 @@ class Sensors:
         mark_sd: s.d. of the recorded pose of the right plate, whose foot stands on a mark [m, m, rad].
         weighed_mass_sd: s.d. of the scale that weighs the whole robot [kg].
         cell_gain: true gain of single cells by name; 1 if not named.
+        changing_time: correlation time of "repeatability" while the robot moves [s].
+        contact_lag: of the cells or wrench sensors behind the encoders [s].
+        contact_filter: time constant of their first-order filter [s]; 0: none.
         wrench: wrench sensors; with them the plates' cells are not read, nor, if they are in the feet, the
             plates' poses. None: cells.
     """
@@ -106,6 +113,9 @@ class Sensors:
     mark_sd: Pose = (0.0, 0.0, 0.0)
     weighed_mass_sd: float = 0.0
     cell_gain: dict[str, float] = field(default_factory=dict)
+    changing_time: float = CHANGING
+    contact_lag: float = 0.0
+    contact_filter: float = 0.0
     wrench: WrenchSensors | None = None
 
     @property
@@ -152,12 +162,17 @@ MINI45 = WrenchSensors(
     resolution=(0.25, 0.25, 0.25, 1 / 188, 1 / 188, 1 / 376),
     zero_sd=UNTARED,
 )
-# A preset is a set of variance components without systematic effects.
+# Of the contact sensors while the robot moves [s]. An amplifier and its bus: a millisecond each, assumed. A
+# board that reports by radio every 10 ms: the mean over a report is 5 ms late, its transport 10 ms, assumed.
+WIRED = {"contact_lag": 0.001, "contact_filter": 0.001}
+BY_RADIO = {"contact_lag": 0.010, "contact_filter": 0.005}
+# A preset is a set of variance components without systematic effects; its lag is the same in all runs.
 PRESETS: dict[str, Sensors] = {
     "ideal": Sensors(),
     # Research-grade plates and a placement jig: CoP residual below 0.5 mm per axis.
     "force-plate": Sensors(
         **FINE_ENCODERS,
+        **WIRED,
         cell_repeatability=0.1,
         cell_noise=0.3,
         cell_resolution=0.01,
@@ -167,6 +182,7 @@ PRESETS: dict[str, Sensors] = {
     # Wii balance boards: CoP residual sigma of 4.16 mm per axis, as in the paper.
     "wii": Sensors(
         **COARSE_ENCODERS,
+        **BY_RADIO,
         cell_repeatability=1.43,
         cell_noise=1.5,
         cell_resolution=0.1,
@@ -177,20 +193,23 @@ PRESETS: dict[str, Sensors] = {
     "foot-ideal": Sensors(wrench=WrenchSensors(zero_sd=UNTARED)),
     "foot-ft": Sensors(
         **FINE_ENCODERS,
+        **WIRED,
         weighed_mass_sd=0.005,
         wrench=replace(MINI45, below_mass_sd=0.02, below_center_sd=0.002),
     ),
     # The same sensor below the foot.
-    "sole-ft": Sensors(**FINE_ENCODERS, weighed_mass_sd=0.005, wrench=replace(MINI45, place=SOLE)),
+    "sole-ft": Sensors(**FINE_ENCODERS, **WIRED, weighed_mass_sd=0.005, wrench=replace(MINI45, place=SOLE)),
     # The same again, of which only what the centre of pressure needs is read.
     "sole-3axis": Sensors(
         **FINE_ENCODERS,
+        **WIRED,
         weighed_mass_sd=0.005,
         wrench=replace(MINI45, place=SOLE).only(VERTICAL),
     ),
     # Six-axis plates of AMTI's Optima kind, tared.
     "plate-ft": Sensors(
         **FINE_ENCODERS,
+        **WIRED,
         **BY_JIG,
         weighed_mass_sd=0.005,
         wrench=WrenchSensors(
@@ -203,6 +222,7 @@ PRESETS: dict[str, Sensors] = {
     # Balance boards that hand over a centre of pressure and the vertical force: Bartlett et al. (2014).
     "plate-cop": Sensors(
         **COARSE_ENCODERS,
+        **BY_RADIO,
         **BY_TAPE,
         weighed_mass_sd=0.02,
         wrench=WrenchSensors(

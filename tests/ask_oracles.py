@@ -3,7 +3,8 @@
 Two supports each. "right": the left foot is free, any joint angles will do. "double": both soles
 stand level, so the angles are planned postures. Per support: Pinocchio's centre of mass and its
 static regressor in the base frame (under the stance foot), per link of the MJCF file; and from the
-x and y rows of all postures FIGAROH's rank and mapping from standard to base parameters.
+x and y rows of all postures FIGAROH's rank and mapping from standard to base parameters. Of robots that
+move with the right foot at rest: Pinocchio's regressor of joint torques, its root rows alone.
 
 Of this project only the robots' files, the planned angles and the height of the sole go in.
 """
@@ -101,6 +102,34 @@ class Oracle:
             blocks.append(block)
         return com, np.hstack(blocks)
 
+    def root_rows(self, angles: np.ndarray, rates: np.ndarray, accelerations: np.ndarray) -> np.ndarray:
+        """Wrench of the ground about the sole in the stance foot's axes by ten parameters a link, (6, 10 n).
+
+        The root lies and moves so that the foot rests on level ground.
+        """
+        q, v, a = self._configuration(angles), np.zeros(self.pin.nv), np.zeros(self.pin.nv)
+        pin.framesForwardKinematics(self.pin, self.data, q)
+        q[3:7] = pin.Quaternion(self.data.oMf[self.stance].rotation.T).coeffs()
+        speeds = np.array(self.columns) - 1
+        v[speeds], a[speeds] = rates, accelerations
+        pin.forwardKinematics(self.pin, self.data, q, v, 0 * v)
+        jacobian = pin.computeFrameJacobian(self.pin, self.data, q, self.stance, pin.LOCAL)
+        v[:6] = -np.linalg.solve(jacobian[:, :6], jacobian @ v)
+        pin.forwardKinematics(self.pin, self.data, q, v, a)
+        drift = pin.getFrameAcceleration(self.pin, self.data, self.stance, pin.LOCAL).vector
+        a[:6] = -np.linalg.solve(jacobian[:, :6], drift)
+        of_joints = pin.computeJointTorqueRegressor(self.pin, self.data, q, v, a)[:6]
+        pin.framesForwardKinematics(self.pin, self.data, q)
+        root, foot = self.data.oMi[1], self.data.oMf[self.stance]
+        into_foot = (pin.SE3(foot.rotation, foot.act(self.sole)).inverse() * root).toDualActionMatrix()
+        blocks = []
+        for frame in (self.pin.frames[i] for i in self.frames):
+            first = 10 * (frame.parentJoint - 1)
+            place = frame.placement.homogeneous
+            into_joint = np.column_stack([_parameters(place @ _pseudo(e) @ place.T) for e in np.eye(10)])
+            blocks.append(into_foot @ of_joints[:, first : first + 10] @ into_joint)
+        return np.hstack(blocks)
+
     def figaroh(self, stacked: np.ndarray) -> np.ndarray:
         """FIGAROH's mapping from all standard parameters to base parameters, (rank, 4 n_links)."""
         names = [f"{link}.{quantity}" for link in self.links for quantity in ("m", "mx", "my", "mz")]
@@ -109,6 +138,21 @@ class Oracle:
             build_regressor_reduced(stacked, unseen), observed
         )
         return QRDecomposer.expand_mapping_matrix_to_full(found.M, observed, names)
+
+
+def _pseudo(parameters: np.ndarray) -> np.ndarray:
+    """Pseudo-inertia (Wensing, Kim and Slotine 2018), (4, 4), which a change of frames T turns to T J T'."""
+    mass, moment = parameters[0], parameters[1:4]
+    xx, xy, yy, xz, yz, zz = parameters[4:]
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    second = np.trace(inertia) / 2 * np.eye(3) - inertia
+    return np.block([[second, moment[:, None]], [moment, mass]])
+
+
+def _parameters(pseudo: np.ndarray) -> np.ndarray:
+    """The ten parameters of a pseudo-inertia, (10,)."""
+    inertia = np.trace(pseudo[:3, :3]) * np.eye(3) - pseudo[:3, :3]
+    return np.concatenate([[pseudo[3, 3]], pseudo[:3, 3], inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
 
 
 def answers(robot: Robot) -> dict[str, Any]:
@@ -130,7 +174,11 @@ def answers(robot: Robot) -> dict[str, Any]:
             f"{support}.regressor": regressor[:KEPT, :2],
             f"{support}.mapping": oracle.figaroh(regressor[:, :2].reshape(-1, regressor.shape[2])),
         }
-    return found
+    angles = postures["right"][:KEPT]
+    rng = np.random.default_rng(SEED + 1)
+    rates, accelerations = rng.standard_normal(angles.shape), 5 * rng.standard_normal(angles.shape)
+    rows = [oracle.root_rows(*motion) for motion in zip(angles, rates, accelerations, strict=True)]
+    return found | {"rates": rates, "accelerations": accelerations, "root_rows": np.array(rows)}
 
 
 def main() -> None:

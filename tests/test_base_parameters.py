@@ -11,8 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import subspace_angles
 
+from tests.moving_robots import moving
 from tulip_testbed.identification.base_parameters import _frame_matrix, base_parameters, standard_parameters
+from tulip_testbed.identification.inertial_wrench import wrench_regressor
 from tulip_testbed.identification.kinematics import frame_positions, link_rotations, tree_of
+from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.measurements.cells import CORNERS
 from tulip_testbed.sim.robot import Robot, sole_point
@@ -192,6 +195,20 @@ def case(request, robot, foreign):
 def test_oracle_read_the_same_robot(case):
     assert tuple(case.oracle["links"]) == case.parameters["right"].tree.links
     assert case.oracle["mass"] == pytest.approx(case.standard[:, 0].sum(), abs=1e-12)
+
+
+def test_the_regressor_of_the_wrench_is_that_of_pinocchio(case):
+    m = moving(case.robot, np.random.default_rng(0), len(case.oracle["rates"]))
+    m = dataclasses.replace(
+        m,
+        support=np.full(len(m), "right"),
+        joint_angles=case.oracle["right.angles"],
+        joint_rates=case.oracle["rates"],
+        joint_accelerations=case.oracle["accelerations"],
+    )
+    ours = wrench_regressor(nominal_robot(case.robot), m).reshape(len(m), 6, -1)
+    theirs = case.oracle["root_rows"]
+    assert np.abs(ours - theirs).max() < 1e-9 * np.abs(theirs).max()
 
 
 @pytest.mark.parametrize("support", SUPPORTS)

@@ -93,7 +93,7 @@ def test_what_motion_adds_is_a_mean_over_the_window(imported, bowing):
     m = reduced(samples(imported, bowing, time), WEIGHT, window=1.0).measurements
     nominal = nominal_robot(bowing)
     still = needed_wrench(nominal, dataclasses.replace(m, joint_rates=None, joint_accelerations=None))
-    found = -still[:, 4] / still[:, 2] + beyond_weight(nominal, m)[:, 0]
+    found = -still[:, 4] / still[:, 2] + beyond_weight(nominal, m).by_cad[:, 0]
     at_mean = needed(bowing, *moved(m)[1:])
     wrenches = moved(m)[0]
     measured = -wrenches[:, 4] / wrenches[:, 2]

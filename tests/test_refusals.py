@@ -83,10 +83,10 @@ def change_keys(document, change: str) -> None:
                 place[each] = json.loads(value)
 
 
-def change_folder(folder, changes) -> None:
+def change_folder(folder, changes, file="postures.csv") -> None:
     """Change keys of the manifest and columns of the table."""
     manifest = json.loads((folder / "manifest.json").read_text())
-    lines = [line for line in (folder / "postures.csv").read_text().splitlines() if line[0] != "#"]
+    lines = [line for line in (folder / file).read_text().splitlines() if line[0] != "#"]
     names, *table = [line.split(",") for line in lines]
     names = [name.strip('"') for name in names]
     for change in changes:
@@ -104,13 +104,30 @@ def change_folder(folder, changes) -> None:
             continue
         change_keys(manifest, change)
     (folder / "manifest.json").write_text(json.dumps(manifest))
-    (folder / "postures.csv").write_text("\n".join(",".join(cells) for cells in [names, *table]) + "\n")
+    (folder / file).write_text("\n".join(",".join(cells) for cells in [names, *table]) + "\n")
 
 
 @rows("measurements")
 def test_a_measurement_folder_is_refused(tmp_path, changes, words):
     folder = shutil.copytree(EXAMPLE, tmp_path / "data")
     change_folder(folder, changes)
+    refuse(words, read_measurements, folder)
+
+
+@rows("motion")
+def test_samples_of_a_motion_are_refused(tmp_path, changes, words):
+    folder = shutil.copytree(EXAMPLE, tmp_path / "data")
+    lines = [line for line in (folder / "postures.csv").read_text().splitlines() if line[0] != "#"]
+    names = [name.strip('"') for name in lines[0].split(",")]
+    first = dict(zip(names, lines[1].split(","), strict=True))
+    samples = [first | {"segment": "1", "time": f"{k / 100:g}"} for k in range(100)]
+    kept = [name for name in (*names, "segment", "time") if name not in ("posture", "window", "samples")]
+    kept = list(dict.fromkeys(kept))
+    (folder / "postures.csv").unlink()
+    table = [",".join(kept), *(",".join(one[name] for name in kept) for one in samples)]
+    (folder / "motion.csv").write_text("\n".join(table) + "\n")
+    assert len(read_measurements(folder)) == 2
+    change_folder(folder, changes, "motion.csv")
     refuse(words, read_measurements, folder)
 
 

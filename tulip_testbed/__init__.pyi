@@ -18,6 +18,7 @@ from .api.planned import describe_plan as describe_plan
 from .api.planned import draw_plan as draw_plan
 from .api.planned import list_effects as list_effects
 from .api.planned import optimize_plan as optimize_plan
+from .api.planned import plan_motion as plan_motion
 from .api.planned import protocol as protocol
 from .api.planned import tolerance as tolerance
 from .api.planned import watch as watch
@@ -42,6 +43,7 @@ from .experiments.laboratory import Run as Run
 from .experiments.montecarlo.montecarlo_run import MonteCarlo as MonteCarlo
 from .experiments.predict import Prediction as Prediction
 from .experiments.proposed_experiment import Proposals as Proposals
+from .experiments.protocols.motion_plan import MotionPlan as MotionPlan
 from .experiments.protocols.protocol_run import LaboratoryProtocol as LaboratoryProtocol
 from .experiments.robot_report import RobotReport as RobotReport
 from .experiments.table_import.table_import import ImportedTable as ImportedTable

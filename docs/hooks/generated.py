@@ -31,6 +31,8 @@ UNITS = {
     "encoder": "rad",
     "motor": "rad",
     "cell": "N",
+    "changing_time": "s",
+    "contact": "s",
     "sample_rate": "Hz",
     "placement_sd": "m, m, rad",
     "mark_sd": "m, m, rad",

@@ -19,6 +19,7 @@ from tulip_testbed.experiments.validate import held_balance
 from tulip_testbed.identification.base_parameters import common_support, standard_parameters
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
+from tulip_testbed.sim.dynamics.moving_run import run_motion
 from tulip_testbed.sim.outcome import Outcome
 from tulip_testbed.sim.random_robots import draw_robot, edit_of
 from tulip_testbed.sim.rig import Rig
@@ -152,8 +153,11 @@ def _solved(
 
 
 def _held(rig: Rig, plan: PosturePlan, stream: np.random.SeedSequence) -> Outcome:
-    """Carry out an experiment in the full dynamics; refuse holds out of balance: the run counts as failed."""
+    """Hold or move in the full dynamics; refuse holds out of balance: the run counts as failed."""
     seed = int.from_bytes(stream.generate_state(4, np.uint32).tobytes(), "little")
+    if plan.motion is not None:
+        moved = run_motion(rig, plan, seed)
+        return Outcome(moved.measurements, moved.truth)
     outcome = run_dynamics(rig, plan, seed)
     for check in held_balance(outcome.truth, rig, whole=False):
         if check.result == "fail":

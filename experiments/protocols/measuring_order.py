@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import scipy
@@ -10,6 +10,8 @@ from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
+from tulip_testbed.base.progress import Progress, silent
+from tulip_testbed.experiments.protocols.motion import FREE, HOIST, LIFT, MotionPlanner
 from tulip_testbed.experiments.usable_plan import planned_parameters
 from tulip_testbed.identification.feasibility import place_polygon
 from tulip_testbed.identification.regressor import stacked_regressor
@@ -22,6 +24,7 @@ from tulip_testbed.sim.scene import boards_under, nominal_plates
 SAME = 1e-9  # m, s, between nodes that are one
 SEPARATED = 1.15  # inflation of a drift's standard error that is small enough
 ROUNDS = (1, 2, 3)
+HOISTED = 10.0  # s more than the motion itself, to take the load off the robot: prefers free motions
 REFUSED = 1e4  # s, more than every motion: the robot would have to be lifted
 
 
@@ -100,6 +103,30 @@ def order_of_placement(
     position = {int(number): k for k, number in enumerate(plan.posture[ordered])}
     ordered = np.roll(ordered, -position[int(plan.posture[again[0]])])
     return np.concatenate([ordered, again])
+
+
+def stances_in_order(
+    planner: MotionPlanner, placements: Sequence[int], progress: Progress = silent
+) -> list[np.ndarray]:
+    """Order the rows of every support on every placement.
+
+    Args:
+        placements: their numbers, in order.
+    """
+
+    def way(start: int, end: int) -> float:
+        duration, kind = planner.way(start, end)
+        return {FREE: duration, HOIST: duration + HOISTED, LIFT: REFUSED}[kind]
+
+    plan, stances = planner.plan, []
+    with progress("placements", len(placements), 0) as advance:
+        for number in placements:
+            there = np.flatnonzero(plan.placement == number)
+            for support in dict.fromkeys(plan.support[there].tolist()):
+                some = there[plan.support[there] == support]
+                stances.append(order_of_placement(plan, some, way, planner.least_duration))
+            advance(1)
+    return stances
 
 
 def order_of_placements(robot: Robot, plan: PosturePlan) -> list[int]:

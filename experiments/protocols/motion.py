@@ -218,6 +218,22 @@ class MotionPlanner:
         legs, kind = self._legs(start, end)
         return sum(leg.duration for leg in legs), kind
 
+    def lacks(self, start: int, end: int) -> str:
+        """Return what keeps the motion between two rows from being free; "" if nothing does."""
+        legs, _ = self._legs(start, end)
+        return ", ".join(dict.fromkeys(name for leg in legs for name in leg.lacks))
+
+    def angles(self, start: int, end: int, rate: float, slower: float) -> np.ndarray:
+        """Return the joint angles on the way between two rows, without the first, (k, n) [rad].
+
+        Args:
+            rate: of the instants [Hz]. slower: factor of the durations.
+        """
+        legs, _ = self._legs(start, end)
+        counts = [int(np.ceil(slower * leg.duration * rate)) for leg in legs]
+        parts = (leg.path(np.arange(1, n + 1) / n) for leg, n in zip(legs, counts, strict=True))
+        return np.concatenate(list(parts))
+
     def motion(self, start: int, end: int) -> Motion:
         """Return the motion between two rows of one placement and support."""
         legs, kind = self._legs(start, end)
@@ -237,7 +253,6 @@ class MotionPlanner:
             torques.append(loads.torques[first:])
             before += leg.duration
         room = {name: min(leg.room[name] for leg in legs) for name in legs[0].room}
-        lacking = {name: None for leg in legs for name in leg.lacks}
         return Motion(
             start=int(plan.posture[start]),
             end=int(plan.posture[end]),
@@ -250,7 +265,7 @@ class MotionPlanner:
             accelerations=np.concatenate(accelerations),
             torques=np.concatenate(torques),
             room=room,
-            reason=", ".join(lacking),
+            reason=self.lacks(start, end),
         )
 
     def _legs(self, start: int, end: int) -> tuple[list[_Leg], str]:

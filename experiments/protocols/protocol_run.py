@@ -16,11 +16,10 @@ from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.defaults import REPEATS, SPEED
 from tulip_testbed.experiments.protocols.measuring_order import (
-    REFUSED,
     drift_inflation,
     marks_moved,
-    order_of_placement,
     order_of_placements,
+    stances_in_order,
 )
 from tulip_testbed.experiments.protocols.motion import FREE, HOIST, LIFT, Motion, MotionPlanner
 from tulip_testbed.identification.link_clearances import clearances_at
@@ -36,7 +35,6 @@ from tulip_testbed.sim.scene import boards_under
 from tulip_testbed.sim.sensors import PRESETS
 
 SLOWEST, FASTEST = 1e-2, 10.0  # rad/s
-HOISTED = 10.0  # s more than the motion itself, to take the load off the robot: prefers free motions
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -159,20 +157,8 @@ def protocol_of(
     count = min(repeats, len(plan) // 5)
     extended = with_repeats(plan, count, 0) if plan.postures == len(plan) and count else plan
     planner = MotionPlanner(robot, extended, speed)
-
-    def way(start: int, end: int) -> float:
-        duration, kind = planner.way(start, end)
-        return {FREE: duration, HOIST: duration + HOISTED, LIFT: REFUSED}[kind]
-
-    rows: list[int] = []
-    with progress("placements", len(np.unique(extended.placement)), 0) as advance:
-        for number in order_of_placements(robot, extended):
-            there = np.flatnonzero(extended.placement == number)
-            for support in dict.fromkeys(extended.support[there].tolist()):
-                some = there[extended.support[there] == support]
-                rows += order_of_placement(extended, some, way, planner.least_duration).tolist()
-            advance(1)
-    ordered, motions = _with_motions(planner, extended, np.array(rows))
+    stances = stances_in_order(planner, order_of_placements(robot, extended), progress)
+    ordered, motions = _with_motions(planner, extended, np.concatenate(stances))
     return LaboratoryProtocol(
         robot=robot,
         given=extended,

@@ -133,7 +133,7 @@ def series_rows(
 
 def added_columns(count: int, series: SeriesOfMap) -> dict[str, np.ndarray]:
     """Return the columns that every sample is given."""
-    columns = {"posture": np.arange(count), "placement": np.ones(count, int)}
+    columns = {"posture": np.ones(count, int), "placement": np.ones(count, int)}
     if series.rate is not None:
         columns["time"] = np.arange(count) / series.rate
     if series.support is not None:

@@ -9,7 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.measurements.data import Measurements, feet_in_contact
+from tulip_testbed.measurements.trajectory import runs
 
 WINDOW = 0.5  # s, of a row
 # By encoders of 0.088 deg at 100 Hz the acceleration of a centre of mass at 0.6 m has noise of 0.4 mm of the
@@ -43,13 +45,14 @@ class _Window(NamedTuple):
     Attributes:
         start: [s]. inside: the samples' rows.
         weights: of the n samples for mean value, rate and acceleration, (3, n).
-        residual: maps the samples to their deviations from a polynomial, (n, n).
+        powers, solve: of a polynomial's coefficients, samples at them, (n, 4), and their inverse, (4, n).
     """
 
     start: float
     inside: slice
     weights: np.ndarray
-    residual: np.ndarray
+    powers: np.ndarray
+    solve: np.ndarray
 
 
 def usual_window(encoder_resolution: float | None) -> float:
@@ -80,19 +83,26 @@ def reduced(
     weights of the acceleration are those of Savitzky and Golay for a cubic polynomial, here with any clock.
 
     Args:
-        samples: one row a sample, in the order of their times. weight: of the robot [N].
+        samples: one row a sample, in the order of their times within a segment, whose number is `posture`.
+            No window reaches beyond a segment's end.
+        weight: of the robot [N].
         window, step: length of a window, and from one to the next [s].
 
     Returns:
-        the rows, none if every window was dropped. Every row is a posture; a placement begins where the
-        support changes, and after four seconds; s.d. are those of the samples about a cubic polynomial.
+        the rows, none if every window was dropped. Every row is a posture; s.d. are those of the samples
+        about a cubic polynomial. Placements are those of the samples if plates are recorded; without
+        plates, a placement begins with a segment, where the support changes, and after four seconds.
     """
     time = samples.time
-    starts = np.arange(time[0], time[-1] - window + 1e-9, step)
-    first, last = np.searchsorted(time, starts - 1e-9), np.searchsorted(time, starts + window - 1e-9)
+    found = []  # start, first and last sample
+    for rows in runs(samples.posture):
+        there = time[rows]
+        starts = np.arange(there[0], there[-1] - window + 1e-9, step)
+        ends = [rows.start + np.searchsorted(there, starts + shift - 1e-9) for shift in (0.0, window)]
+        found += list(zip(starts.tolist(), *(end.tolist() for end in ends), strict=True))
     carried, loaded = feet_in_contact(samples.support), _loads(samples) >= LIFTED * weight
     dropped, windows = Counter[str](), []
-    for start, a, b in zip(starts, first, last, strict=True):
+    for start, a, b in found:
         inside = slice(a, b)
         edges = np.concatenate([[start], time[inside], [start + window]])
         if b - a < LEAST_SAMPLES or np.diff(edges).max() > GAP * window:
@@ -104,6 +114,25 @@ def reduced(
         else:
             windows.append(_Window(start, inside, *_weights(time[inside] - start - window / 2, window)))
     return Reduced(_rows(samples, windows, window), dict(dropped))
+
+
+def reduced_motion(
+    samples: Measurements, window: float | None = None, source: str = "motion"
+) -> Measurements:
+    """Reduce the samples of a motion to rows, see `reduced`.
+
+    Args:
+        window: None: `usual_window` of the encoders [s]. source: of the samples, for messages.
+    """
+    weighed, window = samples.weighed_mass, window or usual_window(samples.sensors.encoder_resolution)
+    weight = weighed[0] * samples.gravity if weighed else float(np.median(_loads(samples).sum(axis=1)))
+    rows, dropped = reduced(samples, weight, window, window)
+    if not len(rows):
+        causes = "; ".join(f"{count} {cause}" for cause, count in dropped.items())
+        raise InputError(
+            f"{source}: found no window of {window:g} s that gives a row ({causes or 'segments are shorter'})"
+        )
+    return rows
 
 
 def _rows(samples: Measurements, windows: list[_Window], window: float) -> Measurements:
@@ -118,7 +147,8 @@ def _rows(samples: Measurements, windows: list[_Window], window: float) -> Measu
         return one.weights[0] @ values
 
     def spread(one: _Window, values: np.ndarray) -> np.ndarray:
-        return np.linalg.norm(one.residual @ values, axis=0) / np.sqrt(len(values) - DEGREE - 1)
+        off = values - one.powers @ (one.solve @ values)
+        return np.linalg.norm(off, axis=0) / np.sqrt(len(values) - DEGREE - 1)
 
     first = samples.take(np.array([one.inside.start for one in windows], int))
     readings: dict[str, Any] = {name: each(name, mean) for name in FILTERED}
@@ -126,11 +156,12 @@ def _rows(samples: Measurements, windows: list[_Window], window: float) -> Measu
     constant = [samples.joints.index(joint) for joint in samples.constant_joints]
     readings["joint_angles"][:, constant] = first.joint_angles[:, constant]  # to the last digit
     time = np.array([one.start for one in windows])
-    changed = np.append(False, first.support[1:] != first.support[:-1])[: len(windows)]
+    changed = (first.support[1:] != first.support[:-1]) | (first.posture[1:] != first.posture[:-1])
+    blocks = _blocks(np.append(False, changed)[: len(windows)], time)
     return dataclasses.replace(
         first,
         posture=np.arange(1, len(windows) + 1),
-        placement=_blocks(changed, time),
+        placement=first.placement if samples.on_plates else blocks,
         time=time,
         window=np.full(len(windows), window),
         samples=np.array([one.weights.shape[1] for one in windows], float),
@@ -150,8 +181,11 @@ def _blocks(changed: np.ndarray, time: np.ndarray) -> np.ndarray:
     return np.array(out, int)
 
 
-def _weights(time: np.ndarray, window: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return weights and residual, see `_Window`, of samples at times from the middle of a window, (n,) [s].
+def _weights(time: np.ndarray, window: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return weights, powers and their inverse, see `_Window`, of samples.
+
+    Args:
+        time: from the middle of the window, (n,) [s].
 
     With u = 2 time / window the weight is k(u) = (1 - u^2)^2. By parts, the mean rate is that of -k' times
     the value, the mean acceleration that of k'' times the value. The sums over samples are corrected so that
@@ -163,7 +197,7 @@ def _weights(time: np.ndarray, window: float) -> tuple[np.ndarray, np.ndarray]:
     raw = np.gradient(u) * np.array([(1 - u**2) ** 2, 4 * u * (1 - u**2), 12 * u**2 - 4]) / (16 / 15)
     solve = np.linalg.pinv(powers)
     weights = (raw + (MOMENTS - raw @ powers) @ solve) / half ** np.arange(3)[:, None]
-    return weights, np.eye(len(time)) - powers @ solve
+    return weights, powers, solve
 
 
 def _loads(m: Measurements) -> np.ndarray:

@@ -55,20 +55,21 @@ def run_dynamics(
     sensors = rig.sensors.wrench
     zeros = None if sensors is None else draw_zeros(sensors, shared)
     attempts = tuple(_try_all(rig, plan, repeats, zeros, streams, workers, progress))
-    model, nominal = Stand(rig, np.zeros((2, 3))).model, rig.robot.model
-    links = [model.body(nominal.body(k).name).id for k in range(1, nominal.nbody)]
-    mass = model.body_mass[links]
-    truth = Truth(
-        mass=float(model.body_subtreemass[links[0]]),
-        standard=np.column_stack([mass, mass[:, None] * model.body_ipos[links]]),
-        dropped=dropped_postures(attempts),
-        attempts=attempts,
-    )
+    truth = dataclasses.replace(truth_of(rig), dropped=dropped_postures(attempts), attempts=attempts)
     if sensors is not None:
         truth = dataclasses.replace(
             truth, wrenches=np.array([held.wrenches for held in truth.held]), zeros=zeros
         )
     return Outcome(_measurements(rig, plan, attempts, truth.mass, shared), truth)
+
+
+def truth_of(rig: Rig) -> Truth:
+    """Return mass and standard parameters of the robot that stands in a laboratory."""
+    model, nominal = Stand(rig, np.zeros((2, 3))).model, rig.robot.model
+    links = [model.body(nominal.body(k).name).id for k in range(1, nominal.nbody)]
+    mass = model.body_mass[links]
+    standard = np.column_stack([mass, mass[:, None] * model.body_ipos[links]])
+    return Truth(mass=float(model.body_subtreemass[links[0]]), standard=standard, dropped=())
 
 
 def _try_all(

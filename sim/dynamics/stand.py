@@ -170,8 +170,13 @@ class Stand:
         displacements = np.linalg.norm((self._corners() - self.marked_corners)[:, :2], axis=1)
         return float(displacements[np.repeat(self.foot_contact, 4)].max())
 
-    def fault(self) -> str | None:
-        """Return why a settled posture cannot be used, or None."""
+    def fault(self, slip_limit: float | None = None) -> str | None:
+        """Return why a posture cannot be used, or None.
+
+        Args:
+            slip_limit: in place of the protocol's [m].
+        """
+        limit = self.protocol.slip_limit if slip_limit is None else slip_limit
         for event, names, gaps in (
             ("lost sole corner", self.sole_names, self._sole_gaps()),
             ("lifted cell", CELLS, self._cell_gaps()),
@@ -179,8 +184,8 @@ class Stand:
             gaps = np.where(np.repeat(self.foot_contact, 4), gaps, 0.0)
             if gaps.max() > self.protocol.lift_limit:
                 return f"{event} {names[int(gaps.argmax())]}"
-        if self.drift() > self.protocol.slip_limit:
-            return f"slipped {1e3 * self.drift():.2f} mm"
+        if (drift := self.drift()) > limit:
+            return f"slipped {1e3 * drift:.2f} mm"
         return None
 
     def _corners(self) -> np.ndarray:

@@ -23,7 +23,7 @@ from tulip_testbed.experiments.table_import.import_map import read_map
 from tulip_testbed.experiments.table_import.table_import import ImportedTable
 from tulip_testbed.experiments.table_import.table_import import import_table as _import_table
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN, plan_for
-from tulip_testbed.measurements import Measurements, PosturePlan, joined
+from tulip_testbed.measurements import Measurements, PosturePlan, joined, write_motion
 from tulip_testbed.measurements import read_measurements as _read_measurements
 from tulip_testbed.measurements import write_measurements as _write_measurements
 from tulip_testbed.measurements.contract import check_contract
@@ -109,13 +109,22 @@ def read_measurements(folder: str | Path) -> Measurements:
 
 
 @checked
-def write_measurements(folder: str | Path, measurements: Measurements) -> None:
+def write_measurements(folder: str | Path, measurements: Measurements | Run) -> None:
     """Write a measurement folder, which appears whole or not at all.
+
+    Args:
+        folder: the new folder.
+        measurements: or a run; that of a plan that moves is written as its samples.
 
     Raises:
         InputError: measurements that no folder can hold; the folder exists or cannot be written.
     """
-    _write_measurements(Path(folder), measurements)
+    if isinstance(measurements, Measurements):
+        _write_measurements(Path(folder), measurements)
+    elif measurements.samples is None:
+        _write_measurements(Path(folder), measurements.measurements)
+    else:
+        write_motion(Path(folder), measurements.samples)
 
 
 @checked

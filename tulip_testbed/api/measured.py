@@ -32,6 +32,7 @@ from tulip_testbed.experiments.export.identified_run import identified_run
 from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.identify import identify as _identify
 from tulip_testbed.experiments.identify import warn_of_contradiction, warn_of_unrest
+from tulip_testbed.experiments.laboratory import Run
 from tulip_testbed.experiments.predict import Prediction
 from tulip_testbed.experiments.predict import predict as _predict
 from tulip_testbed.experiments.proposed_experiment import Proposals
@@ -68,7 +69,8 @@ def check(
     known = corrections_of(corrections, robot)
     if isinstance(measurements, str | Path):
         return check_folder(Path(measurements), robot, known)
-    return check_measurements(measurements_of(measurements, likely=False), robot, known)
+    samples = measurements.samples if isinstance(measurements, Run) else None
+    return check_measurements(measurements_of(measurements, likely=False), robot, known, samples=samples)
 
 
 @checked

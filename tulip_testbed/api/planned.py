@@ -20,12 +20,13 @@ from tulip_testbed.experiments.atlases.effect_atlas import atlas as _atlas
 from tulip_testbed.experiments.atlases.planned_experiment import Planned, planned
 from tulip_testbed.experiments.atlases.tolerance import Tolerance
 from tulip_testbed.experiments.atlases.tolerance import tolerance as _tolerance
-from tulip_testbed.experiments.defaults import DEFAULT_SEED, REPEATS, SPEED
+from tulip_testbed.experiments.defaults import DEFAULT_SEED, MOTION_SPEED, REPEATS, SPEED
 from tulip_testbed.experiments.described_plan import DescribedPlan
 from tulip_testbed.experiments.described_plan import describe_plan as _describe_plan
 from tulip_testbed.experiments.effect_list import EffectList
 from tulip_testbed.experiments.effect_list import list_effects as _list_effects
 from tulip_testbed.experiments.planning_run import CHOSEN, PlanSettings, check_out, search_plan, set_up_search
+from tulip_testbed.experiments.protocols.motion_plan import MotionPlan, moving_plan
 from tulip_testbed.experiments.protocols.protocol_run import LaboratoryProtocol, protocol_of
 from tulip_testbed.experiments.usable_plan import check_plan, random_plan
 from tulip_testbed.experiments.watching.watch_day import Watch
@@ -113,6 +114,47 @@ def describe_plan(
     if missing := write_pictures(place, robot, given):
         warn(f"no postures.png: {missing}")
     return replace(described, notes=(f"Pictures: {place}",), complete=missing is None)
+
+
+@checked
+@one_blas_thread
+def plan_motion(
+    plan: PlanSource | None = None,
+    robot: Robot | None = None,
+    *,
+    minutes: float | None = None,
+    speed: float = MOTION_SPEED,
+    out: str | Path | None = None,
+    progress: Progress = silent,
+) -> MotionPlan:
+    """Join the postures of a plan by slow motions.
+
+    Such a plan is measured while the robot moves. On every placement it goes from posture to posture on its
+    own feet, inside the margins of sole, zero-moment point, torque and link distances. Motions that would
+    need a hoist are left out and counted.
+
+    Args:
+        plan: postures, or their folder, or the name of a shipped plan.
+        robot: the nominal robot; TULip if None.
+        minutes: of motion: it is slower than `speed` where that fills them; None: as fast as `speed` allows.
+        speed: most of the fastest joint [rad/s].
+        out: the new plan folder.
+
+    Returns:
+        segments, time, fastest joint and margins; its `plan` can be simulated.
+
+    Raises:
+        InputError: a plan that does not fit the robot or between whose postures nothing moves freely, a
+            setting out of range, or a folder that exists.
+    """
+    robot, place = robot or load_robot(), None if out is None else Path(out)
+    if place is not None:
+        check_new(place)
+    made = moving_plan(robot, plan_of(plan, robot), minutes, speed, progress)
+    if place is None:
+        return made
+    write_plan(place, made.plan)
+    return replace(made, notes=(*made.notes, f"Plan folder: {place}"))
 
 
 @checked

@@ -81,6 +81,13 @@ COMMANDS: dict[str, Command] = {
     "plan optimal": Command(
         "optimize_plan", ("tulip plan optimal --out plans/best --seed 3 --objective condition",)
     ),
+    "plan motion": Command(
+        "plan_motion",
+        (
+            "tulip plan motion optimal --out plans/moving",
+            "tulip plan motion random --minutes 20 --out plans/slow",
+        ),
+    ),
     "plan next": Command("next_experiment", ("tulip plan next runs/found --out plans/next",), saved=True),
     "plan show": Command("describe_plan", ("tulip plan show plans/best --draw pictures/best",)),
     "protocol": Command("protocol", ("tulip protocol optimal --sensors wii --out monday",)),

@@ -1,0 +1,60 @@
+"""Ordinary imperfections that only a robot that moves shows: inertial parameters, and clocks that differ."""
+
+from __future__ import annotations
+
+from typing import NoReturn
+
+from tulip_testbed.effects.effect import Effect, Parameter, Physics
+from tulip_testbed.effects.lasting import Values
+from tulip_testbed.effects.targets import WHOLE, Targets
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.sim.rig import Rig
+
+
+def directions(observed: Observation) -> tuple[str, ...]:
+    """Number the directions of inertial parameters that this motion shows, from 1."""
+    return tuple(str(1 + k) for k in range(observed.motion.unknown.shape[2]))
+
+
+def _without_inertia(observed: Observation, target: str, values: Values) -> Observation:
+    added = values[0] * observed.motion.unknown[..., int(target) - 1]
+    return observed.changed(
+        shift=observed.shift + added[:, :2],
+        lift=observed.lift + added[:, 2],
+        push=observed.push + added[:, 3:],
+    )
+
+
+def _without_lag(observed: Observation, target: str, values: Values) -> Observation:
+    """Return the joint angles of the time at which the contacts were read."""
+    rates = observed.measurements.joint_rates
+    assert rates is not None
+    return observed.changed(joint_angles=observed.joint_angles - values[0] * rates)
+
+
+def _injected(rig: Rig, target: str, values: Values) -> NoReturn:
+    raise NotImplementedError("random robots have other inertias, presets have a lag")
+
+
+# Independent directions in the space of all links' inertial parameters, those first that change the contact
+# forces of this motion most.
+INERTIA = Effect(
+    "inertia",
+    "inertial parameters differ from CAD where the base parameters leave them open",
+    (Parameter("deviation", "", prior=1.0),),
+    Physics(_injected, _without_inertia),
+    "direction {target} of the inertial parameters lies {0} of CAD's uncertainty off",
+    Targets("DIRECTION", lambda robot, placements: ()),
+    statics=False,
+    searched=False,
+)
+LAG = Effect(
+    "contact-lag",
+    "the contact sensors are read later than the encoders",
+    (Parameter("lag", "s", prior=0.01),),
+    Physics(_injected, _without_lag),
+    "the contact sensors lag {0} behind the encoders",
+    WHOLE,
+    statics=False,
+    searched=False,
+)

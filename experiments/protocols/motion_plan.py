@@ -1,0 +1,153 @@
+"""A plan that moves: free motions between the postures of every placement, at a speed that fits a budget."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import numpy as np
+
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.progress import Progress, silent
+from tulip_testbed.base.result import Outside, Result
+from tulip_testbed.base.table import Table
+from tulip_testbed.experiments.defaults import MOTION_SPEED
+from tulip_testbed.experiments.protocols.measuring_order import stances_in_order
+from tulip_testbed.experiments.protocols.motion import FREE, MotionPlanner
+from tulip_testbed.experiments.protocols.protocol_run import FASTEST, SLOWEST
+from tulip_testbed.identification.feasibility import stability_margin, support_polygon
+from tulip_testbed.measurements import PosturePlan
+from tulip_testbed.measurements.data import feet_in_contact
+from tulip_testbed.measurements.trajectory import RATE, Trajectory
+from tulip_testbed.sim.plan_folder import check_fits
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.robot_check import check_scene, warn_of_robot
+
+MOST_MINUTES = 60.0  # of 64 MB, a file
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MotionPlan(Result):
+    """A plan that moves.
+
+    Attributes:
+        segments: how many motions without interruption there are. samples: of all of them.
+        minutes: time of motion. limit: of the fastest joint, as it was asked for [rad/s].
+        fastest_joint, fastest: and its speed [rad/s].
+        zmp_margin: least margin of the zero-moment point inside the support polygon [m].
+        left_out: how many motions between postures, by what keeps the robot from making them on its feet.
+        plan: the postures, with their motion.
+        notes: where the plan is, and what became of the budget.
+    """
+
+    segments: int
+    samples: int
+    minutes: float
+    limit: float
+    fastest_joint: str
+    fastest: float
+    zmp_margin: float
+    left_out: dict[str, int]
+    plan: Annotated[PosturePlan, Outside()]
+    notes: tuple[str, ...] = ()
+
+    def tables(self) -> list[Table | str]:
+        """Return a summary, and where the plan is."""
+        rows = {
+            "segments": f"{self.segments}",
+            "time of motion": f"{self.minutes:.1f} min ({self.samples} samples)",
+            "fastest joint": f"{self.fastest_joint}, {self.fastest:.2f} rad/s (at most {self.limit:g})",
+            "least margin of the zero-moment point": f"{1e3 * self.zmp_margin:.0f} mm",
+        }
+        rows |= {f"motions left out: {cause}": f"{count}" for cause, count in self.left_out.items()}
+        table = Table("Motion", (Column("what"), Column("value")), [list(row) for row in rows.items()])
+        return [table, *self.notes]
+
+
+def moving_plan(
+    robot: Robot,
+    plan: PosturePlan,
+    minutes: float | None = None,
+    speed: float = MOTION_SPEED,
+    progress: Progress = silent,
+) -> MotionPlan:
+    """Join the postures of every placement by free motions; see `tulip_testbed.plan_motion`."""
+    bounds = {"speed": (speed, SLOWEST, FASTEST), "minutes": (minutes, 0.0, MOST_MINUTES)}
+    for name, (value, low, high) in bounds.items():
+        if value is not None and not low < value <= high:
+            raise InputError(f"{name}: found {value:g}, expected more than {low:g} and at most {high:g}")
+    check_fits("plan", plan, robot)
+    check_scene(preset_rig("ideal", robot))
+    warn_of_robot(robot)
+    _, first = np.unique(np.column_stack([plan.placement, plan.posture]), axis=0, return_index=True)
+    plan = plan.take(np.sort(first))  # in motion nothing is repeated
+    planner = MotionPlanner(robot, plan, speed)
+    stances = stances_in_order(planner, list(dict.fromkeys(plan.placement.tolist())), progress)
+    ways: list[list[tuple[int, int]]] = []
+    left_out = Counter[str]()
+    for rows in stances:
+        ways.append([])
+        for start, end in zip(rows[:-1].tolist(), rows[1:].tolist(), strict=True):
+            if planner.way(start, end)[1] == FREE:
+                ways[-1].append((start, end))
+            else:
+                left_out[planner.lacks(start, end)] += 1
+                ways.append([])
+    ways = [way for way in ways if way]
+    if not ways:
+        causes = "; ".join(f"{count}: {cause}" for cause, count in left_out.items())
+        raise InputError(
+            "plan: found no motion that the robot can make on its own feet "
+            f"({causes or 'one posture per placement'}), expected one"
+        )
+    at_limit = sum(planner.way(*step)[0] for way in ways for step in way) / 60
+    slower = 1.0 if minutes is None else max(1.0, minutes / at_limit)
+    motion, margin = _trajectory(planner, ways, slower)
+    joint, fastest = motion.fastest
+    made = plan.made | {"motion": {"speed": speed, "minutes": motion.seconds / 60}}
+    moving = replace(plan.take(np.concatenate(stances)), made=made, motion=motion)
+    notes = ()
+    if minutes is not None:
+        needed = f"At {speed:g} rad/s the motions take {at_limit:.1f} min"
+        notes = (f"{needed}; they are {slower:.1f} times slower.",)
+        if at_limit > minutes:
+            notes = (f"{needed}, more than {minutes:g}.",)
+    return MotionPlan(
+        segments=len(motion.segments),
+        samples=len(motion),
+        minutes=motion.seconds / 60,
+        limit=speed,
+        fastest_joint=plan.joints[joint],
+        fastest=fastest,
+        zmp_margin=margin,
+        left_out=dict(left_out),
+        plan=moving,
+        notes=notes,
+    )
+
+
+def _trajectory(
+    planner: MotionPlanner, ways: list[list[tuple[int, int]]], slower: float
+) -> tuple[Trajectory, float]:
+    """Return the trajectory of motions between rows, and the least margin of the zero-moment point [m].
+
+    Args:
+        ways: of every segment. slower: factor of the durations at the limit of the speed.
+    """
+    plan, parts, now, least = planner.plan, [], 0.0, np.inf
+    for number, way in enumerate(ways, 1):
+        row = way[0][0]
+        there = [planner.angles(start, end, RATE, slower) for start, end in way]
+        angles = np.concatenate([plan.joint_angles[[row]], *there])
+        time = now + np.arange(len(angles)) / RATE
+        support = str(plan.support[row])
+        loads = planner.loads.at(time, angles, support)
+        soles = loads.soles[0, feet_in_contact(np.array([support]))[0], :, :2]
+        least = min(least, float(stability_margin(loads.zmp, support_polygon(soles))))
+        numbers = np.full((2, len(time)), [[number], [plan.placement[row]]])
+        parts.append((time, *numbers, np.full(len(time), support), angles, loads.torques))
+        now = float(time[-1]) + 1 / RATE
+    return Trajectory(*(np.concatenate(column) for column in zip(*parts, strict=True))), least

@@ -1,0 +1,139 @@
+"""Noise of a moving record that lasts: a stationary process of every segment, beside white noise.
+
+The noise of samples has two parts: one that is white, and one with the correlation exp(-|t - t'| / T), an
+Ornstein-Uhlenbeck process. A row is the mean of a window in which a sample weighs (1 - u^2)^2; the
+correlation of two rows is the mean over both windows. Of a row's variance the share s lasts. Rows times the
+inverse of a root of the matrix of correlations are uncorrelated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+SHARES = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98)
+SECONDS = 0.5 * 2.0 ** (np.arange(17) / 2)  # s
+LEAST_GAIN = 3.0  # of ln of the likelihood, from which noise lasts
+MOST_ROWS = 240  # of a segment that are looked at together, for the sake of time and memory
+_PLACES = np.linspace(-1.0, 1.0, 81)
+_WEIGHTS = (1 - _PLACES**2) ** 2
+LAGS = np.linspace(-2.0, 2.0, 161)  # of two samples, each in its window, in half windows
+OFTEN = np.convolve(_WEIGHTS, _WEIGHTS)  # how much pairs of samples with these lags weigh
+
+
+@dataclass(frozen=True)
+class NoiseInTime:
+    """How the noise of rows is correlated in time.
+
+    Attributes:
+        share: of its variance that lasts, 0 to 1. seconds: for how long [s].
+    """
+
+    share: float = 0.0
+    seconds: float = 1.0
+
+    def correlation(self, time: np.ndarray, window: float) -> np.ndarray:
+        """Return the correlation of rows at these times, means over windows of this length, (n, n)."""
+        apart = np.round(np.abs(time[:, None] - time), 6)  # s
+        lag, number = np.unique(apart, return_inverse=True)
+        white = np.interp(2 * lag / window, LAGS, OFTEN / OFTEN.max(), right=0.0)
+        lasting = np.exp(-np.abs(np.append(0.0, lag)[:, None] + window / 2 * LAGS) / self.seconds) @ OFTEN
+        each = self.share * lasting[1:] / lasting[0] + (1 - self.share) * white
+        return each[number.reshape(apart.shape)]
+
+
+WHITE = NoiseInTime()
+
+
+@dataclass(frozen=True, eq=False)
+class Decorrelation:
+    """Linear combinations of rows whose noise is uncorrelated in time.
+
+    Attributes:
+        blocks: numbers of the rows that belong together, (n,), their correlation and the lower triangular
+            matrix that makes them uncorrelated, (n, n) each.
+    """
+
+    blocks: tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]
+
+    def __call__(self, values: np.ndarray) -> np.ndarray:
+        """Return the combinations of values, (m, ...)."""
+        return self._times(values, [factor for _, _, factor in self.blocks])
+
+    def back(self, values: np.ndarray) -> np.ndarray:
+        """Return values times the transpose, (m, ...)."""
+        return self._times(values, [factor.T for _, _, factor in self.blocks])
+
+    def correlated(self, values: np.ndarray) -> np.ndarray:
+        """Return values times the correlation, (m, ...)."""
+        return self._times(values, [correlation for _, correlation, _ in self.blocks])
+
+    def _times(self, values: np.ndarray, matrices: list[np.ndarray]) -> np.ndarray:
+        out = np.empty_like(values)
+        for (rows, _, _), matrix in zip(self.blocks, matrices, strict=True):
+            out[rows] = np.tensordot(matrix, values[rows], axes=1)
+        return out
+
+
+def decorrelation(
+    time: np.ndarray, segment: np.ndarray, window: float, lasting: NoiseInTime
+) -> Decorrelation:
+    """Return what makes rows uncorrelated.
+
+    Args:
+        time, segment: of every row, (m,) [s] and numbers. window: length of a row [s].
+    """
+    each = ((rows, lasting.correlation(time[rows], window)) for rows in _together(time, segment))
+    return Decorrelation(tuple((rows, one, np.linalg.inv(np.linalg.cholesky(one))) for rows, one in each))
+
+
+def noise_in_time_of(noise: np.ndarray, time: np.ndarray, segment: np.ndarray, window: float) -> NoiseInTime:
+    """Return the correlation by the largest likelihood of noise with s.d. 1, (m, k) of k independent kinds.
+
+    Args:
+        time, segment, window: see `decorrelation`.
+    """
+    used = noise[:, noise.any(axis=0)]
+    together = list(_together(time, segment))
+
+    def likelihood(lasting: NoiseInTime) -> float:
+        square, volume = 0.0, 0.0
+        for rows in together:
+            root = np.linalg.cholesky(lasting.correlation(time[rows], window))
+            square += float((np.linalg.solve(root, used[rows]) ** 2).sum())
+            volume += float(np.log(np.diag(root)).sum())
+        return -used.shape[1] * volume - 0.5 * used.size * np.log(square / used.size)
+
+    tried = {
+        one: likelihood(one) for one in (NoiseInTime(s, t) for s in SHARES[1:] for t in SECONDS.tolist())
+    }
+    best = max(tried, key=lambda one: tried[one])
+    return best if tried[best] > likelihood(WHITE) + LEAST_GAIN else WHITE
+
+
+def effective_rows(time: np.ndarray, segment: np.ndarray, window: float, lasting: NoiseInTime) -> float:
+    """Return how many uncorrelated rows tell as much about a constant of a segment."""
+    each = (lasting.correlation(time[rows], window) for rows in _together(time, segment))
+    return sum(float(np.linalg.solve(one, np.ones(len(one))).sum()) for one in each)
+
+
+def apart(time: np.ndarray, segment: np.ndarray, seconds: float) -> np.ndarray:
+    """Return rows of each segment that are at least so far apart, in order, (k,)."""
+    out = []
+    for number in np.unique(segment):
+        last = -np.inf
+        for row in np.flatnonzero(segment == number).tolist():
+            if time[row] - last >= seconds - 1e-6:
+                out.append(row)
+                last = time[row]
+    return np.array(out, int)
+
+
+def _together(time: np.ndarray, segment: np.ndarray) -> Iterator[np.ndarray]:
+    """Yield the rows of each segment, a long one in pieces."""
+    for number in np.unique(segment):
+        rows = np.flatnonzero(segment == number)
+        rows = rows[np.argsort(time[rows], kind="stable")]
+        yield from np.array_split(rows, -(-len(rows) // MOST_ROWS))

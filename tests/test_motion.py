@@ -1,0 +1,178 @@
+"""A robot that is measured while it moves: plan, laboratory, folders and checks."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import tulip_testbed as tt
+from tests.test_refusals import refuse
+from tulip_testbed.identification.center_of_pressure import center_of_pressure
+from tulip_testbed.identification.inertial_wrench import needed_wrench
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.measurements import read_samples
+from tulip_testbed.measurements.logs.series_reduction import reduced_motion
+from tulip_testbed.measurements.trajectory import runs
+from tulip_testbed.sim.plan_folder import read_plan, write_plan
+from tulip_testbed.sim.sensors import Sensors
+from tulip_testbed.sim.series_readings import delayed, sample_series
+
+EXACT = "ideal"
+
+
+@pytest.fixture(scope="module")
+def planned(once):
+    few = tt.plans.random
+    return once("motion-plan", lambda: tt.plan_motion(few.take(np.isin(few.placement, [1, 3, 4])), speed=0.5))
+
+
+@pytest.fixture(scope="module")
+def moved(robot, planned, once):
+    return once(
+        "motion-run", lambda: tt.Laboratory(robot, sensors=EXACT).run(planned.plan, seed=2, workers=1)
+    )
+
+
+def checks(run_or_folder) -> dict:
+    return {check.name: check for check in tt.check(run_or_folder).checks}
+
+
+def test_forces_of_the_ground_are_those_that_the_motion_needs(robot, moved):
+    """MuJoCo against our inverse dynamics of the encoders' readings, in windows of half a second."""
+    m = moved.measurements
+    assert 0.45 < np.abs(m.joint_rates).max() <= 0.5
+    wrench, depth = (
+        needed_wrench(nominal_robot(robot), m),
+        m.top_height[0],
+    )  # cells are below the boards' tops
+    moments = np.column_stack([-wrench[:, 4], wrench[:, 3]]) - depth * wrench[:, :2]
+    off = center_of_pressure(m) - moments / wrench[:, 2:3]
+    assert np.sqrt((off**2).mean(axis=0)).max() < 1e-4
+    assert np.abs(m.cell_forces.sum(axis=1) - wrench[:, 2]).max() < 0.1
+
+
+def test_without_inertia_they_are_not(robot, moved):
+    still = replace(moved.measurements, joint_rates=None, joint_accelerations=None)
+    off = center_of_pressure(still) - nominal_robot(robot).center_of_mass(still.joint_angles)
+    assert np.sqrt((off**2).mean(axis=0)).min() > 1e-3
+
+
+def test_every_segment_is_one_motion_on_one_placement(planned, moved):
+    motion = planned.plan.motion
+    assert planned.segments == len(motion.segments) >= 3
+    assert planned.fastest <= planned.limit + 1e-6
+    assert planned.minutes == pytest.approx(len(motion) / 6000, rel=0.01)
+    for rows in motion.segments:
+        there = planned.plan.placement == motion.placement[rows.start]
+        ends = motion.joint_angles[[rows.start, rows.stop - 1]]
+        assert all((np.abs(planned.plan.joint_angles[there] - end).max(axis=1) < 1e-9).any() for end in ends)
+    assert not moved.truth.dropped
+    assert len(moved.samples) == len(motion)
+    assert set(moved.measurements.placement) == set(motion.placement)
+
+
+def test_a_longer_budget_is_a_slower_motion():
+    few = tt.plans.random
+    few = few.take(np.flatnonzero(few.placement == 1)[:3])
+    fast = tt.plan_motion(few)
+    slow = tt.plan_motion(few, minutes=2 * fast.minutes)
+    assert slow.minutes == pytest.approx(2 * fast.minutes, rel=0.01)
+    assert slow.fastest == pytest.approx(fast.fastest / 2, rel=0.02)
+    assert "2.0 times slower" in slow.notes[0]
+    short = tt.plan_motion(few, minutes=fast.minutes / 2)
+    assert short.minutes == fast.minutes
+    assert f"more than {fast.minutes / 2:g}" in short.notes[0]
+
+
+def test_a_plan_folder_keeps_the_motion(tmp_path, robot, planned):
+    write_plan(tmp_path / "plan", planned.plan)
+    again = read_plan(tmp_path / "plan", robot).motion
+    for name, values in vars(planned.plan.motion).items():
+        np.testing.assert_array_equal(values, getattr(again, name))
+    assert "The robot moves: 3 segments" in str(tt.describe_plan(tmp_path / "plan"))
+
+
+def test_a_measurement_folder_keeps_samples_and_is_read_as_rows(tmp_path, moved):
+    tt.write_measurements(tmp_path / "data", moved)
+    samples, rows = read_samples(tmp_path / "data"), tt.read_measurements(tmp_path / "data")
+    assert samples is not None
+    np.testing.assert_array_equal(samples.posture, moved.samples.posture)
+    for name in ("time", "window", "joint_angles", "joint_rates", "cell_forces", "plate_poses", "placement"):
+        np.testing.assert_array_equal(getattr(rows, name), getattr(moved.measurements, name))
+    ends = {one.start: moved.samples.time[one.stop - 1] for one in runs(moved.samples.posture)}
+    begins = moved.samples.time[list(ends)]
+    last = np.array(list(ends.values()))[np.searchsorted(begins, rows.time, side="right") - 1]
+    assert (rows.time + rows.window <= last + 1e-6).all()  # no window crosses a segment's end
+    assert checks(tmp_path / "data")["sampling"].result == "pass"
+
+
+def test_check_tells_late_contacts(moved):
+    assert checks(moved)["lag of contacts"].result == "pass"
+    s, slow = moved.samples, Sensors(contact_lag=0.02, contact_filter=0.02)
+    late = np.concatenate([delayed(slow, s.cell_forces[rows], 0.01) for rows in runs(s.posture)])
+    rows = reduced_motion(replace(s, cell_forces=late))
+    found = {one.name: one for one in tt.check(rows).checks}["lag of contacts"]
+    assert found.result == "warn"
+    assert abs(float(found.seen.split()[0]) - 40) <= 3  # ms
+
+
+def test_check_tells_gaps_short_segments_and_clipped_cells(moved):
+    s = moved.samples
+    kept = np.arange(len(s)) % 10 > 0
+    assert checks(replace(moved, samples=s.take(kept)))["sampling"].result == "fail"
+    segment = np.where(np.arange(len(s)) < 30, 99, s.posture)
+    short = checks(replace(moved, samples=replace(s, posture=segment)))["segments"]
+    assert short.result == "warn"
+    assert "segment 99" in short.where
+    most = np.quantile(s.cell_forces[:, 2], 0.9)
+    clipped = replace(s, cell_forces=np.minimum(s.cell_forces, np.where(np.arange(8) == 2, most, np.inf)))
+    assert "cell.right.rear_right" in checks(replace(moved, samples=clipped))["saturation"].where
+    assert checks(moved)["saturation"].result == "pass"
+
+
+def test_slow_errors_keep_the_sheet_s_deviation_and_lag_is_exact():
+    rng = np.random.default_rng(5)
+    read, _ = sample_series(np.zeros((400, 500)), 2.0, 0.0, 0.0, 1, rng, 0.01, 2.0)
+    assert np.std(read) == pytest.approx(2.0, rel=0.05)
+    assert (read[:200] * read[200:]).mean() / 4 == pytest.approx(np.exp(-1), abs=0.1)  # 2 s later
+    ramp = np.arange(300)[:, None] * 0.01
+    late = delayed(Sensors(contact_lag=0.013, contact_filter=0.02), ramp, 0.01)
+    np.testing.assert_allclose(late[100:], ramp[100:] - 0.033, atol=1e-6)
+
+
+def test_what_cannot_move_is_refused(tmp_path, robot, planned):
+    lab, plan = tt.Laboratory(robot), planned.plan
+    refuse("found 'statics' with a plan that moves", lab.run, plan, engine="statics")
+    refuse("acts from one posture to the next", lab.with_effects("cell-hysteresis=0.01").run, plan)
+    other = replace(plan, robot={"model": "other.xml", "sha256": "00"})
+    refuse("made for another robot than TULip", lab.run, other)
+    refuse("made for another robot than TULip", tt.plan_motion, other)
+    out = tmp_path / "data"
+    refuse("made for another robot", tt.simulate, lab, other, out=out)
+    assert not out.exists()
+    motion = plan.motion
+    short = replace(plan, motion=replace(motion, joint_angles=motion.joint_angles[:, 1:]))
+    refuse("plan: motion: joint_angles: found float64", lab.run, short)
+    lone = replace(plan, motion=replace(motion, placement=motion.placement + 100))
+    refuse("plan: motion: row 1: found placement 101 with support 'double'", lab.run, lone)
+    skipping = replace(plan, motion=replace(motion, time=2 * motion.time))
+    refuse("expected one each 0.01 s in a segment", lab.run, skipping)
+    refuse("minutes: found -1, expected more than 0", tt.plan_motion, plan, minutes=-1.0)
+    single = plan.take(np.unique(plan.placement, return_index=True)[1])
+    refuse("found no motion that the robot can make on its own feet", tt.plan_motion, single)
+
+
+@pytest.mark.slow
+def test_results_do_not_depend_on_workers(robot, planned):
+    one, two = (tt.Laboratory(robot).run(planned.plan, seed=3, workers=count) for count in (1, 2))
+    np.testing.assert_array_equal(one.measurements.to_frame(), two.measurements.to_frame())
+
+
+@pytest.mark.slow
+def test_a_foot_that_lifts_costs_its_samples(robot, planned):
+    """A link that is 3 mm longer than the plan knows lifts a corner of its foot."""
+    laboratory = tt.Laboratory(robot, sensors=EXACT).with_effects("link-length:right_upper_leg=0.003")
+    run = laboratory.run(planned.plan)
+    assert run.samples is not None
+    assert 0 < len(run.samples) < len(planned.plan.motion)
+    assert all("lost" in reason or "lifted" in reason for _, reason in run.truth.dropped)
