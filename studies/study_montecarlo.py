@@ -24,7 +24,7 @@ from tulip_testbed.experiments.montecarlo.coverage import ParameterCoverage
 from tulip_testbed.experiments.montecarlo.laboratory_runs import Source, source_of
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, montecarlo_file
 from tulip_testbed.experiments.montecarlo.montecarlo_result import Settings as RunSettings
-from tulip_testbed.experiments.montecarlo.montecarlo_run import collect, computed_by
+from tulip_testbed.experiments.montecarlo.montecarlo_run import collect
 from tulip_testbed.experiments.montecarlo.run_columns import Layout, RunChunks, RunJob, layout_of, read_runs
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.estimators import MIXED_MODEL
@@ -102,8 +102,8 @@ def carry_out(arm: Arm, seed: int, settings: Settings) -> tuple[MonteCarlo, Path
         inner = source_of(laboratory, plan, arm.spread, arm.engine)
         wrong = inner if arm.sheet == 1 else partial(with_sheet, inner, arm.sheet)
         job = RunJob(wrong, robot, parameters, layout, arm.estimator, seed)
-        with computed_by(settings.workers, None), progress(arm.name, runs) as advance:
-            collect(chunks, job, advance)
+        with progress(arm.name, runs) as advance:
+            collect(chunks, job, advance, settings.workers)
     document = montecarlo_file(laboratory, plan, asked)
     return MonteCarlo.of(read_runs(chunks, layout), layout, document, plan=plan, robot=robot), place, layout
 

@@ -198,7 +198,7 @@ def repeated(robot, plan, tmp_path_factory) -> tuple[MonteCarlo, Path]:
     """A Monte Carlo in memory, and its folder."""
     folder = tmp_path_factory.mktemp("repeated") / "runs"
     settings = Settings(30, SEED, "mixed-model", None, imperfections=0)
-    return montecarlo(Laboratory(robot, "wii"), plan, settings, RunPlace(folder, 1, None)), folder
+    return montecarlo(Laboratory(robot, "wii"), plan, settings, RunPlace(folder, 1)), folder
 
 
 def test_a_monte_carlo_in_memory_is_the_one_in_its_folder(repeated, robot):
