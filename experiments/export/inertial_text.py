@@ -1,4 +1,4 @@
-"""Replace inertias and places in the text of an MJCF or a URDF; every other byte stays as it is."""
+"""Replace inertias in the text of an MJCF or a URDF; every other byte stays as it is."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from tulip_testbed.identification.pseudo_inertia import central
 ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # of MJCF's fullinertia
 INDENT = b"  "
 TAG = re.compile(rb"""(?:[^"'>]|"[^"]*"|'[^']*')*>""")  # quoted values may hold a '>'
-POSITION = re.compile(rb"""(\spos\s*=\s*)("[^"]*"|'[^']*')""")
 
 
 @dataclass
@@ -60,32 +59,6 @@ def with_inertias(content: bytes, pseudo: Mapping[str, np.ndarray], where: Path)
             changes.append((element.after - 2, element.after, closing))
         else:
             changes.append((element.after, element.after, _new_line(content, element.start) + text))
-    return _changed(content, changes)
-
-
-def with_places(content: bytes, places: Mapping[str, tuple[np.ndarray, np.ndarray]], where: Path) -> bytes:
-    """Return an MJCF with the places of some bodies in their parents replaced.
-
-    Args:
-        places: old and new place of bodies by name, (3,) [m] each.
-
-    Raises:
-        InputError: the file does not hold the old place as the body's `pos`, for example within a <frame>.
-    """
-    changes = []
-    _, elements = _elements(content, where)
-    for name, (old, new) in places.items():
-        element = elements.get(name)
-        tag = b"" if element is None else content[element.start : element.after]
-        position = POSITION.search(tag)
-        values = [] if position is None else position[2][1:-1].split()
-        if element is None or position is None or not np.allclose(np.array(values, float), old, atol=1e-12):
-            raise InputError(
-                f'{where}: found no <body name={quoteattr(shortened(name))} pos="{joined(old)}">, expected '
-                "its place in the body itself: write what a <frame> adds into it"
-            )
-        start = element.start + position.start(2)
-        changes.append((start, start + len(position[2]), f'"{joined(new)}"'.encode()))
     return _changed(content, changes)
 
 
