@@ -200,7 +200,7 @@ def atlas(
         robot: the nominal robot; TULip if None.
         sensors: of the laboratory: "wii", "force-plate" or "ideal".
         seed: of everything random.
-        out: new folder for a page, atlas.json, bias.csv and a heat map.
+        out: new folder for a page and atlas.json.
 
     Raises:
         InputError: a plan that would not identify the robot, or that statics does not know; a folder that
