@@ -82,7 +82,7 @@ class DescribedPlan(Result):
         wall_s: time of the search [s].
         plan: the postures. whole: these, after those that were measured before.
         finished: whether a search came to its end.
-        notes: where plan and pictures are. complete: whether all pictures could be drawn.
+        notes: where the plan is.
     """
 
     source: Annotated[str | None, Field(alias="plan")]
@@ -111,12 +111,11 @@ class DescribedPlan(Result):
     robot: Annotated[Robot, Outside()]
     finished: Annotated[bool, Outside()] = True
     notes: Annotated[tuple[str, ...], Outside()] = ()
-    complete: Annotated[bool, Outside()] = True
 
     @property
     def exit_code(self) -> int:
-        """Return 130 of an interrupted search, 2 if a picture is missing, or else 0."""
-        return (0 if self.complete else 2) if self.finished else 130
+        """Return 130 of an interrupted search, or else 0."""
+        return 0 if self.finished else 130
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON document, without what only a search has where there was none."""

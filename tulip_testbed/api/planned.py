@@ -11,7 +11,7 @@ import numpy as np
 
 from tulip_testbed.api.inputs import Measured, PlanSource, load_robot, measurements_of, plan_name, plan_of
 from tulip_testbed.base.arguments import checked
-from tulip_testbed.base.errors import InputError, look_up, warn
+from tulip_testbed.base.errors import InputError, look_up
 from tulip_testbed.base.files import check_new
 from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.threads import one_blas_thread
@@ -82,7 +82,6 @@ def describe_plan(
     robot: Robot | None = None,
     *,
     after: Measured | None = None,
-    draw: str | Path | None = None,
     sensors: str = "wii",
 ) -> DescribedPlan:
     """Describe a plan and the standard errors that it promises.
@@ -91,26 +90,16 @@ def describe_plan(
         plan: postures, or their folder, or the name of a shipped plan.
         robot: the nominal robot; TULip if None.
         after: measurements, together with which the plan is described.
-        draw: new folder for the pictures support-polygons.svg and postures.png.
         sensors: whose noise the standard errors are predicted for: "wii" or "force-plate".
 
     Raises:
-        InputError: postures that do not identify the robot, or a folder that exists.
+        InputError: postures that do not identify the robot.
     """
-    robot, place = robot or load_robot(), None if draw is None else Path(draw)
+    robot = robot or load_robot()
     _check_noisy(sensors)
-    if place is not None:
-        check_new(place)
     given = plan_of(plan, robot)
     earlier = None if after is None else measurements_of(after, robot)
-    described = _describe_plan(robot, given, plan_name(plan), sensors, earlier)
-    if place is None:
-        return described
-    from tulip_testbed.drawings import write_pictures
-
-    if missing := write_pictures(place, robot, given):
-        warn(f"no postures.png: {missing}")
-    return replace(described, notes=(f"Pictures: {place}",), complete=missing is None)
+    return _describe_plan(robot, given, plan_name(plan), sensors, earlier)
 
 
 @checked

@@ -82,7 +82,7 @@ COMMANDS: dict[str, Command] = {
         "optimize_plan", ("tulip plan optimal --out plans/best --seed 3 --objective condition",)
     ),
     "plan next": Command("next_experiment", ("tulip plan next runs/found --out plans/next",), saved=True),
-    "plan show": Command("describe_plan", ("tulip plan show plans/best --draw pictures/best",)),
+    "plan show": Command("describe_plan", ("tulip plan show plans/best",)),
     "protocol": Command("protocol", ("tulip protocol optimal --sensors wii --out monday",)),
     "watch": Command(
         "watch",
