@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import time
-import urllib.request
 from pathlib import Path
 
 import mujoco
@@ -20,7 +19,6 @@ import tulip_testbed as tt
 from tests.drawing import draws_with
 from tests.looking import headless_viewer
 from tests.test_preflight import raw_series, write_series
-from tests.watched import measured_day, model_of, play
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
@@ -29,13 +27,12 @@ from tulip_testbed.identification.feasibility import stability_margin
 from tulip_testbed.measurements import read_measurements, read_series, write_measurements
 from tulip_testbed.polygons import inset, nearest_on
 from tulip_testbed.viewer import balance_series as balance
-from tulip_testbed.viewer import layout, watch_view, window
+from tulip_testbed.viewer import layout, window
 from tulip_testbed.viewer import montecarlo_view as montecarlo
 from tulip_testbed.viewer import postures_view as postures
 from tulip_testbed.viewer.robot_view import undrawn
 from tulip_testbed.viewer.subject import measured, planned, validated
 from tulip_testbed.viewer.time_series import sampled
-from tulip_testbed.viewer.window import END
 
 MOST_SECONDS, MOST_BYTES = 20, 60e6  # of a view of 150 postures
 
@@ -272,38 +269,3 @@ def test_links_that_nothing_shows_are_told():
         </worldbody></mujoco>"""
     )
     assert undrawn(model) == ["bare"]
-
-
-@pytest.fixture(scope="module")
-def verdicts(robot, plan):
-    rows = measured_day(robot, plan).take(np.arange(3))
-    return play(model_of(robot, plan, rows), rows)[1]
-
-
-def test_every_posture_is_logged(verdicts, plan, nominal, tmp_path):
-    path, recording = tmp_path / "day.rrd", rr.RecordingStream("tulip")
-    recording.save(path)
-    watch_view.begin(recording, plan, nominal)
-    sizes = []
-    for row, verdict in enumerate(verdicts, 1):
-        watch_view.log_verdict(recording, plan, nominal, verdict, row)
-        recording.flush()
-        sizes.append(path.stat().st_size)
-    recording.disconnect()
-    content = path.read_bytes()
-    assert END in content[-2 * len(END) :]
-    assert sizes == sorted(set(sizes))
-    for entity in (b"/misfit/A", b"/misfit/C", b"/verdicts", b"/world/robot/torso"):
-        assert entity in content
-
-
-@pytest.mark.slow
-def test_the_day_is_served_to_this_machine(verdicts, plan, robot):
-    told = []
-    with watch_view.served_watch(plan, robot, told.append) as log:
-        for verdict in verdicts:
-            log(verdict)
-        (address,) = told
-        assert address.startswith("http://127.0.0.1:")
-        with urllib.request.urlopen(address.partition("?")[0], timeout=20) as page:
-            assert b"rerun" in page.read().lower()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -277,7 +276,6 @@ def watch(
     targets: Targets | None = None,
     once: bool = False,
     rows: Iterable[bytes] | None = None,
-    view: bool = False,
 ) -> Watch:
     """Check postures while they are measured, and say when to stop.
 
@@ -293,7 +291,6 @@ def watch(
         targets: standard errors at which to stop, by base parameter or "all" [m].
         once: judge the rows that are there and end.
         rows: lines of a CSV after their header, in place of the folder's postures.csv.
-        view: also show the day in rerun, in a browser of this machine.
 
     Returns:
         an iterator of what came of every row, as soon as it is there; `verdict` says what it shows, which
@@ -303,10 +300,6 @@ def watch(
         InputError: another robot's folder or plan, sensors other than plates on four cells, a state of
             another day; while rows arrive, a table whose header changes or that becomes shorter.
     """
-    robot, shown = robot or load_robot(), None
-    planned, place = plan_of(plan, robot), None if out is None else Path(out)
-    if view:
-        from tulip_testbed.viewer.watch_view import served_watch  # rerun takes half a second to load
-
-        shown = partial(served_watch, planned, robot)
-    return Watch(Path(folder), planned, robot, place, targets, once, rows, shown)
+    robot = robot or load_robot()
+    place = None if out is None else Path(out)
+    return Watch(Path(folder), plan_of(plan, robot), robot, place, targets, once, rows)
