@@ -19,8 +19,8 @@ import tulip_testbed as tt
 from tests.drawing import draws_with
 from tests.looking import headless_viewer
 from tests.test_preflight import raw_series, write_series
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
-from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.identification.feasibility import stability_margin
@@ -28,7 +28,6 @@ from tulip_testbed.measurements import read_measurements, read_series, write_mea
 from tulip_testbed.polygons import inset, nearest_on
 from tulip_testbed.viewer import balance_series as balance
 from tulip_testbed.viewer import layout, window
-from tulip_testbed.viewer import montecarlo_view as montecarlo
 from tulip_testbed.viewer import postures_view as postures
 from tulip_testbed.viewer.robot_view import undrawn
 from tulip_testbed.viewer.subject import measured, planned, validated
@@ -83,18 +82,6 @@ def test_rerun_draws_every_view_of_a_run(run_folder, robot, tmp_path, monkeypatc
     not_blank(tmp_path / "run.png")
 
 
-@pytest.mark.slow
-@draws_with("vulkan")
-def test_rerun_draws_every_view_of_a_montecarlo(coverage, robot, tmp_path, monkeypatch):
-    saved = MonteCarlo.load(coverage, robot)
-    monkeypatch.setattr(montecarlo, "laid_out", side_by_side)
-    window.save(tmp_path / "m.rrd", "m", lambda recording: montecarlo.log_montecarlo(recording, saved))
-    found = look(tmp_path / "m.rrd", {"parameter": 3, "posture": 5}, tmp_path / "m.png")
-    assert len(found) == 9
-    assert not any(found.values()), found
-    not_blank(tmp_path / "m.png")
-
-
 def test_a_view_of_150_postures_is_small_and_soon_there(wii, tmp_path, capsys):
     run = tmp_path / "run"
     wii.save(run)
@@ -106,14 +93,9 @@ def test_a_view_of_150_postures_is_small_and_soon_there(wii, tmp_path, capsys):
         assert "View: " in capsys.readouterr().out
 
 
-def test_clouds_are_those_of_the_runs(coverage, robot):
-    """The mass that the folder recorded is that of the measurements made anew."""
-    saved = MonteCarlo.load(coverage, robot)
-    clouds, note = montecarlo.cop_clouds(saved)
-    assert "40 runs" in note
-    assert len(clouds) > 100
-    # Repeats give a posture two points in a run.
-    assert sum(map(len, clouds.values())) == saved.every_run["rows"].sum()
+def test_a_monte_carlo_has_a_page_and_no_view(coverage, tmp_path):
+    with pytest.raises(InputError, match="found a Monte Carlo, which `report` shows"):
+        tt.view(coverage, save=tmp_path / "m.rrd")
 
 
 def test_residual_and_truth_are_the_runs_own(run_folder, moved_wii, robot):

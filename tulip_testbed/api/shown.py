@@ -42,7 +42,7 @@ def view(
     The view shows postures, forces and errors.
 
     Args:
-        shown: a run, a validation, a discovery, a Monte Carlo, measurements, a plan, or the folder of any.
+        shown: a run, a validation, a discovery, measurements, a plan, or the folder of any.
         robot: of measurements or a plan, TULip if None; a run knows its own.
         save: write the view as this file (.rrd) instead of showing it, for where there is no screen.
         serve: serve it to a browser of this machine (127.0.0.1) alone.
