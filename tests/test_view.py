@@ -18,20 +18,18 @@ from PIL import Image
 import tulip_testbed as tt
 from tests.drawing import draws_with
 from tests.looking import headless_viewer
-from tests.test_preflight import raw_series, write_series
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.identification.feasibility import stability_margin
-from tulip_testbed.measurements import read_measurements, read_series, write_measurements
+from tulip_testbed.measurements import write_measurements
 from tulip_testbed.polygons import inset, nearest_on
 from tulip_testbed.viewer import balance_series as balance
 from tulip_testbed.viewer import layout, window
 from tulip_testbed.viewer import postures_view as postures
 from tulip_testbed.viewer.robot_view import undrawn
 from tulip_testbed.viewer.subject import measured, planned, validated
-from tulip_testbed.viewer.time_series import sampled
 
 MOST_SECONDS, MOST_BYTES = 20, 60e6  # of a view of 150 postures
 
@@ -131,42 +129,6 @@ def test_inner_polygon_keeps_its_distance(plan, robot):
 def test_x_is_up_and_y_is_left_from_above():
     assert balance.from_above(np.array([1.0, 0.0])).tolist() == [-0.0, -1000.0]
     assert balance.from_above(np.array([0.0, 1.0])).tolist() == [-1000.0, -0.0]
-
-
-@pytest.fixture(scope="module")
-def with_series(wii, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("series") / "data"
-    part = wii.measurements.take(wii.measurements.placement <= 6)
-    write_measurements(folder, part)
-    write_series(folder, raw_series(part, np.random.default_rng(104)), part.joints)
-    return folder
-
-
-@draws_with("vulkan")
-def test_a_series_has_a_time_line_of_its_own(with_series, robot, tmp_path):
-    assert main(["view", str(with_series), "--save", str(tmp_path / "s.rrd")]) == 0
-    with headless_viewer(tmp_path / "s.rrd") as viewer:
-        (recording,) = [r for r in viewer.get_state().recordings if r.timelines]
-        assert {line.name: line.time_type for line in recording.timelines} == {
-            "posture": "sequence",
-            "time": "duration",
-        }
-        viewer.set_time("time", duration=100.0)
-        time.sleep(1.5)
-        assert not any(view.reports for view in viewer.get_state().views)
-
-
-def test_samples_belong_to_the_row_that_began_before_them(with_series, robot):
-    subject = measured(read_measurements(with_series), robot, read_series(with_series))
-    dense, t = sampled(subject, 500)
-    assert 250 < len(t) <= 500
-    assert (np.diff(t) >= 0).all()
-    assert dense.measurements is not None
-    assert dense.cop is not None
-    assert subject.cop is not None
-    begun, length = dense.measurements.time, dense.measurements.window
-    assert ((t >= begun - 1e-9) & (t <= begun + length + 1e-9)).all()
-    assert np.abs(dense.cop - subject.cop[0]).max() < 1.0
 
 
 def test_postures_that_say_nothing_are_shown_without_an_estimate(wii, robot, tmp_path):

@@ -10,7 +10,7 @@ from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
 from tulip_testbed.experiments.run_file import kind_of
 from tulip_testbed.experiments.saved_runs import RunResult, read_run
-from tulip_testbed.measurements import Measurements, PosturePlan, read_measurements, read_series
+from tulip_testbed.measurements import Measurements, PosturePlan, read_measurements
 from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.shipped import plan_folder
@@ -26,19 +26,19 @@ def view_of(shown: RunResult | PosturePlan | Measurements | Path, robot: Robot) 
     Args:
         shown: a run, a plan, measurements, or the folder of any (or the name of a shipped plan).
     """
-    title, series, source = "", None, "measurements"
+    title, source = "", "measurements"
     if isinstance(shown, Path):
         folder = plan_folder(shown)
         kind = kind_of(folder)
         title, source = f"{folder.resolve().name} ({kind})", str(folder)
         if kind == "measurement":
-            shown, series = read_measurements(folder), read_series(folder)
+            shown = read_measurements(folder)
         else:
             shown = read_plan(folder, robot) if kind == "plan" else read_run(folder, robot)
     if isinstance(shown, PosturePlan):
         return title or "plan", partial(log_postures, subject=planned(shown, robot))
     if isinstance(shown, Measurements):
-        return title or source, partial(log_postures, subject=measured(shown, robot, series, source))
+        return title or source, partial(log_postures, subject=measured(shown, robot, source))
     if isinstance(shown, MonteCarlo):
         raise InputError(
             f"{shown.folder or 'shown'}: found a Monte Carlo, which `report` shows; expected a plan, "
