@@ -10,7 +10,7 @@ import numpy as np
 
 from tulip_testbed.api.inputs import Measured, PlanSource, load_robot, measurements_of, plan_name, plan_of
 from tulip_testbed.base.arguments import checked
-from tulip_testbed.base.errors import InputError, look_up
+from tulip_testbed.base.errors import look_up
 from tulip_testbed.base.files import check_new
 from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.threads import one_blas_thread
@@ -22,7 +22,7 @@ from tulip_testbed.experiments.described_plan import DescribedPlan
 from tulip_testbed.experiments.described_plan import describe_plan as _describe_plan
 from tulip_testbed.experiments.effect_list import EffectList
 from tulip_testbed.experiments.effect_list import list_effects as _list_effects
-from tulip_testbed.experiments.planning_run import CHOSEN, PlanSettings, check_out, search_plan, set_up_search
+from tulip_testbed.experiments.planning_run import PlanSettings, check_out, search_plan, set_up_search
 from tulip_testbed.experiments.protocols.protocol_run import LaboratoryProtocol, protocol_of
 from tulip_testbed.experiments.usable_plan import check_plan, random_plan
 from tulip_testbed.experiments.watching.watch_day import Watch
@@ -111,7 +111,6 @@ def optimize_plan(
     placements: int = 10,
     postures_per_placement: int = 5,
     hops: int = HOPS,
-    table1: bool = False,
     after: Measured | None = None,
     right: int = 0,
     left: int = 0,
@@ -132,7 +131,6 @@ def optimize_plan(
         placements: foot placements.
         postures_per_placement: postures on each placement.
         hops: exchanges of a placement's postures; a minute for the default.
-        table1: the paper's six trials (seeds 101 to 106); joins the best three.
         after: measurements: find postures that add most to them.
         right: postures on the right foot, optimised together with the others.
         left: postures on the left foot, optimised together with the others.
@@ -150,18 +148,11 @@ def optimize_plan(
     _check_noisy(sensors)
     if place is not None:
         check_out(place)
-    if table1 and after is not None:
-        raise InputError("after, table1: found both, expected one of them")
-    if table1 and (right or left):
-        raise InputError(
-            "right, left, table1: found postures on one foot in the paper's trials, expected none"
-        )
     robot = robot or load_robot()
     size = (placements, postures_per_placement, hops)
     settings = PlanSettings(seed, objective, *size, repeats, right, left)
     earlier = None if after is None else measurements_of(after, robot)
-    search = set_up_search(robot, settings, earlier, CHOSEN if table1 else 1)
-    return search_plan(search, place, sensors, table1, progress)
+    return search_plan(set_up_search(robot, settings, earlier), place, sensors, progress)
 
 
 def _check_noisy(sensors: str) -> None:
