@@ -121,19 +121,18 @@ def extremes(rows: list[ParameterCoverage]) -> list[str]:
 
 
 def compare(arms: list[tuple[Path, Layout]]) -> Iterator[str]:
-    """Test by Kolmogorov and Smirnov whether any estimate, sigma, condition number or count of rows differs.
+    """Test by Kolmogorov and Smirnov whether any estimate, standard error or count of rows differs.
 
     Yields:
-        lines of the three closest columns and of three that matter, then the result of all tests.
+        lines of the three closest columns and of the rows, then the result of all tests.
     """
     tables = [pyarrow.dataset.dataset(place).to_table().to_pandas() for place, _ in arms]
     columns = [f"full.value.{n}" for n in arms[0][1].numbers]
-    columns += [f"full.se.{n}" for n in arms[0][1].numbers]
-    columns += ["full.sigma", "full.condition_number", "full.residual_mean", "full.residual_max", "rows"]
+    columns += [*(f"full.se.{n}" for n in arms[0][1].numbers), "rows"]
     chances = {name: ks_2samp(*(table[name] for table in tables)).pvalue for name in columns}
     least = sorted(chances, key=lambda name: chances[name])[:3]
     limit = LEVEL / len(columns)
-    for name in [*least, "full.sigma", "full.condition_number", "rows"]:
+    for name in [*least, "rows"]:
         means = (f"{t[name].mean():.5g} +- {t[name].std():.2g}" for t in tables)
         yield row(name, *means, f"{chances[name]:.3g}")
     differ = [name for name, chance in chances.items() if chance < limit]

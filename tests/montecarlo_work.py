@@ -15,7 +15,7 @@ from tulip_testbed.experiments.montecarlo.montecarlo_run import collect
 from tulip_testbed.experiments.montecarlo.run_columns import Layout, RunChunks, numbers_of, read_runs
 from tulip_testbed.identification.estimators import Estimate
 
-LAYOUT = Layout(("a.x", "b.x", "c.x"), {"full": (1, 2, 3), "simplified": (1, 3)}, ((1, 3),))
+LAYOUT = Layout(("a.x", "b.x", "c.x"), {"full": (1, 2, 3), "simplified": (1, 3)})
 TRUTH = np.array([0.1, 0.0, -0.3])
 ROWS = 20
 
