@@ -1,8 +1,8 @@
 """Views: written, opened in rerun itself, looked at."""
 
-import re
 import resource
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -154,20 +154,12 @@ def test_a_robot_of_meshes_and_one_of_two_hinges_a_body_are_drawn(foreign, tmp_p
     "how",
     [signal.SIGHUP, *(pytest.param(one, marks=pytest.mark.slow) for one in (signal.SIGTERM, signal.SIGKILL))],
 )
-def test_serving_is_for_this_machine_alone_and_ends_with_its_terminal(run_folder, how):
-    command = [
-        sys.executable,
-        "-c",
-        "from tulip_testbed.cli.entry import run; run()",
-        "view",
-        str(run_folder),
-        "--serve",
-    ]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        line = process.stdout.readline()
-        ports = [int(port) for port in re.findall(r"127\.0\.0\.1(?::|%3A)(\d+)", line)]
-        assert len(ports) == 2
+def test_the_viewer_listens_to_this_machine_alone_and_ends_with_its_terminal(run_folder, tmp_path, how):
+    """Without a screen: the viewer's own server in the place of its window."""
+    assert main(["view", str(run_folder), "--save", str(tmp_path / "v.rrd")]) == 0
+    ports = [free_port(), free_port()]
+    command = [sys.executable, "-c", WITHOUT_WINDOW, str(tmp_path), *map(str, ports)]
+    with subprocess.Popen(command) as process:
         listening = {}
         until = time.monotonic() + 20
         while len(listening) < 2 and time.monotonic() < until:
@@ -179,6 +171,23 @@ def test_serving_is_for_this_machine_alone_and_ends_with_its_terminal(run_folder
     while any(port in ports for port, _ in _listening()):
         assert time.monotonic() < until
         time.sleep(0.1)
+
+
+WITHOUT_WINDOW = """
+import sys, time
+from pathlib import Path
+from tulip_testbed.viewer import window
+place, data, page = Path(sys.argv[1]), *sys.argv[2:]
+options = (*window.LOCAL[:2], "--serve-web", "--port", data, "--web-viewer-port", page)
+with window._viewer(place, place / "v.rrd", options):
+    time.sleep(60)
+"""
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
 
 
 def _listening() -> list[tuple[int, str]]:

@@ -1,15 +1,13 @@
-"""Where a recording goes: into a file, a window, or a page of this machine's browser."""
+"""Where a recording goes: into a file or a window."""
 
 from __future__ import annotations
 
 import atexit
 import os
 import signal
-import socket
 import subprocess
 import sys
-import urllib.parse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -23,10 +21,9 @@ Log = Callable[[rr.RecordingStream], None]
 APPLICATION = "tulip"
 END = b"RRF2FOOT"  # of a whole recording
 ENDINGS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-LOCAL = ("--bind", "127.0.0.1")  # rerun's own default is every address of the machine
-OTHERWISE = "`save=FILE.rrd` writes the view without a window, `serve=True` shows it in a browser"
+LOCAL = ("--bind", "127.0.0.1", "--port", "auto")  # rerun's own default is every address of the machine
+OTHERWISE = "`save=FILE.rrd` writes the view; `rerun FILE.rrd --serve-web --bind 127.0.0.1` serves it"
 SCRATCH = "tulip-view"
-SOURCE = "rerun+http://127.0.0.1:{}/proxy"  # of the data, by the port
 # `rerun` starts the viewer as a child of its own, all in one process group, which ends with this process.
 VIEWER = """
 import sys
@@ -71,39 +68,16 @@ def open_window(title: str, log: Log) -> Callable[[], None]:
         a function that waits until the window is closed.
     """
     check_display()
-    viewer, said = _opened(title, log, "--port", "auto")
+    kept = ExitStack()
+    scratch = kept.enter_context(scratch_folder(SCRATCH))
+    viewer, said = kept.enter_context(_viewer(scratch, _record(scratch, title, log)))
+    atexit.register(kept.close)
 
     def closed() -> None:
         if viewer.wait() != 0:
             raise InputError(f"viewer: {_fault(said.read_text(errors='replace'))}; {OTHERWISE}")
 
     return closed
-
-
-def open_page(title: str, log: Log) -> tuple[str, Callable[[], None]]:
-    """Serve the view to browsers of this machine until this process ends.
-
-    Returns:
-        the address, and a function that waits for the end of the server.
-    """
-    data, page = _free_port(), _free_port()
-    source = urllib.parse.quote(SOURCE.format(data), safe="")
-    viewer, said = _opened(title, log, "--serve-web", "--port", str(data), "--web-viewer-port", str(page))
-
-    def closed() -> None:
-        viewer.wait()
-        raise InputError(f"viewer: {_fault(said.read_text(errors='replace'))}")
-
-    return f"http://127.0.0.1:{page}?url={source}", closed
-
-
-def _opened(title: str, log: Log, *options: str) -> tuple[subprocess.Popen[bytes], Path]:
-    """Run the viewer with a recording until this process ends; return it and its log file."""
-    kept = ExitStack()
-    scratch = kept.enter_context(scratch_folder(SCRATCH))
-    opened = kept.enter_context(_viewer(scratch, _record(scratch, title, log), *options))
-    atexit.register(kept.close)
-    return opened
 
 
 def _record(folder: Path, title: str, log: Log) -> Path:
@@ -122,12 +96,14 @@ def _record(folder: Path, title: str, log: Log) -> Path:
 
 
 @contextmanager
-def _viewer(folder: Path, recording: Path, *options: str) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
+def _viewer(
+    folder: Path, recording: Path, options: Sequence[str] = LOCAL
+) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
     """Run the viewer with a recording open; yield it and its log file, and end it with the block."""
     said = folder / "viewer.log"
     with said.open("wb") as log:
         viewer = subprocess.Popen(
-            [sys.executable, "-c", VIEWER, str(os.getpid()), *LOCAL, *options, str(recording)],
+            [sys.executable, "-c", VIEWER, str(os.getpid()), *options, str(recording)],
             stdout=log,
             stderr=log,
             start_new_session=True,
@@ -154,9 +130,3 @@ def _fault(said: str) -> str:
             return fault
     lines = [line for line in said.splitlines() if line.strip()] or ["it said nothing"]
     return f"ended with: {lines[-1].strip()[:200]}"
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
