@@ -216,6 +216,8 @@ def test_any_result_in_memory_has_a_page_and_a_view(static, discovered, repeated
         page = write_page(tmp_path / f"{kind}.html", alone)
         assert page.title == f"TULip: {kind}"
         assert page.verdict == result.verdict
+        if kind == "Monte Carlo":
+            continue
         title, log = view_of(alone, alone.robot)
         assert title == f"TULip ({kind})"
         assert window.save(tmp_path / f"{kind}.rrd", title, log) > 1e5
