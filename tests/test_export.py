@@ -18,7 +18,7 @@ import tulip_testbed as tt
 from tests.published_robot import write_published
 from tulip_testbed.base.errors import InputError, InputWarning
 from tulip_testbed.experiments.export.export_model import Export, export_model
-from tulip_testbed.experiments.export.inertial_text import inertial_spans, with_inertias
+from tulip_testbed.experiments.export.inertial_text import _elements, with_inertias
 from tulip_testbed.experiments.export.published_links import published_links
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
@@ -61,6 +61,12 @@ def imagined(found, robot, standard, error=1e-4):
     )
     mass = float(standard[:, 0].sum()), 0.01
     return dataclasses.replace(found, measurements=rows, parameters=parameters, full=full, mass=mass)
+
+
+def inertial_spans(content, path):
+    """Start and end of every <inertial> of a body or link, in bytes."""
+    _, elements = _elements(content, path)
+    return sorted(part.inertial for part in elements.values() if part.inertial is not None)
 
 
 def outside(content, path):

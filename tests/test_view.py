@@ -24,10 +24,10 @@ from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.identification.feasibility import stability_margin
 from tulip_testbed.measurements import write_measurements
-from tulip_testbed.polygons import inset, nearest_on
 from tulip_testbed.viewer import balance_series as balance
 from tulip_testbed.viewer import layout, window
 from tulip_testbed.viewer import postures_view as postures
+from tulip_testbed.viewer.balance_series import inset, nearest_on
 from tulip_testbed.viewer.robot_view import undrawn
 from tulip_testbed.viewer.subject import measured, planned, validated
 

@@ -62,12 +62,6 @@ def with_inertias(content: bytes, pseudo: Mapping[str, np.ndarray], where: Path)
     return _changed(content, changes)
 
 
-def inertial_spans(content: bytes, where: Path) -> list[tuple[int, int]]:
-    """Return start and end of every <inertial> of a body or link, in bytes."""
-    _, elements = _elements(content, where)
-    return sorted(part.inertial for part in elements.values() if part.inertial is not None)
-
-
 def inertial_xml(pseudo: np.ndarray, kind: str) -> bytes:
     """Return the <inertial> of a body of an MJCF ("body") or of a link of a URDF ("link")."""
     mass, center, inertia = central(pseudo)
