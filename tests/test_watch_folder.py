@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -102,13 +105,9 @@ def test_a_line_that_lacks_a_column_is_told_and_passed_over(folder, plan, robot)
     first, second, third = judged(path, plan, robot)
     assert (first.verdict.verdict, second.verdict, third.verdict.verdict) == (OK, None, OK)
     assert all(words in second.problem for words in ("line 3: found", "a column vanished"))
+    header = next(line for line in (path / "postures.csv").read_bytes().splitlines(True) if line[:1] != b"#")
     assert tt.watch(path, robot, plan=plan, once=True).exit_code == 0  # before the first row
-
-
-def test_a_table_without_any_readable_row_is_a_failure(folder, plan, robot):
-    path, _ = folder
-    grow(path, "1,2\n3,4\n")
-    unreadable = tt.watch(path, robot, plan=plan, once=True)
+    unreadable = tt.watch(path, robot, plan=plan, once=True, rows=[header, b"1,2\n", b"3,4\n"])
     assert [one.verdict for one in unreadable] == [None, None]
     assert unreadable.exit_code == 1
 
@@ -180,10 +179,14 @@ def test_targets_are_in_millimetres():
     assert read_targets(["all=2", "torso.x=0.5"]) == {"all": 2e-3, "torso.x": 5e-4}
 
 
-def test_rows_as_lines_of_json(folder, day, capsys):
+def test_lines_of_a_stream_as_lines_of_json(folder, day, capsys, monkeypatch):
     path, lines = folder
-    grow(path, "".join(lines[:3]) + lines[3].rstrip())
-    assert main(["watch", str(path), "--plan", "random", "--once", "--json"]) == 0
+    header = (path / "postures.csv").read_text()
+
+    arriving = [header, *lines[:3], lines[3].rstrip()]
+    stdin = SimpleNamespace(buffer=io.BytesIO("".join(arriving).encode()))
+    monkeypatch.setattr(sys, "stdin", stdin)
+    assert main(["watch", str(path), "--plan", "random", "--stdin", "--json"]) == 0
     out, err = capsys.readouterr()
     told = [json.loads(line) for line in out.splitlines()]
     assert err == ""
@@ -191,6 +194,17 @@ def test_rows_as_lines_of_json(folder, day, capsys):
     errors = told[0].pop("standard_errors")
     assert told[0] == {"posture": 1, "verdict": OK, "findings": [], "next": 2, "stop": None}
     assert len(errors) == 25
+
+
+def test_a_stream_that_begins_again_is_not_judged_twice(folder, plan, robot, day, tmp_path):
+    path, lines = folder
+    header = (path / "postures.csv").read_text().encode()
+    whole = [header, *(one.encode() for one in lines[:6])]
+    with pytest.raises(InputError, match="rows: found str, expected lines of bytes"):
+        list(tt.watch(path, robot, plan=plan, rows=cast("list[bytes]", ["posture\n"])))
+    first = list(tt.watch(path, robot, plan=plan, out=tmp_path / "state", rows=whole[:4]))
+    then = list(tt.watch(path, robot, plan=plan, out=tmp_path / "state", rows=whole))
+    assert [one.verdict and one.verdict.posture for one in first + then] == day.posture[:6].tolist()
 
 
 def test_the_lines_that_a_person_sees(folder, capsys):
@@ -225,11 +239,28 @@ def test_killed_and_started_again_it_goes_on(folder, day, tmp_path):
     assert len(told) <= ROWS + 1
 
 
-def test_no_row(folder, capsys):
+def test_a_stream_without_times_goes_on(folder, plan, robot, tmp_path):
+    path, lines = folder
+    header = (path / "postures.csv").read_text()
+    at = [name.strip('"') for name in header.strip().split(",")].index("time")
+
+    def rows(count: int) -> list[bytes]:
+        cut = [one.rstrip("\n").split(",") for one in (header, *lines[:count])]
+        return [",".join(one[:at] + one[at + 1 :]).encode() + b"\n" for one in cut]
+
+    state = tmp_path / "day.state"
+    assert [one.line for one in judged(path, plan, robot, out=state, rows=rows(2))] == [2, 3]
+    assert [one.line for one in judged(path, plan, robot, out=state, rows=rows(3))] == [4]
+
+
+def test_no_row_and_a_closed_standard_input(folder, capsys, monkeypatch):
     path, _ = folder
     watch = ["watch", str(path), "--plan", "mixed", "--json"]
     assert main([*watch, "--once"]) == 0
     assert capsys.readouterr() == ("", "No row has arrived.\n")
+    monkeypatch.setattr(sys, "stdin", None)
+    assert main([*watch, "--stdin"]) == 2
+    assert "standard input is closed" in capsys.readouterr().err
 
 
 def test_a_line_without_end_is_refused(tmp_path):
@@ -252,12 +283,13 @@ def test_a_second_watch_of_one_state_is_refused(folder, plan, robot, tmp_path):
     assert sorted(one.name for one in tmp_path.iterdir()) == ["lab", "state"]
 
 
-def test_lines_that_end_with_a_carriage_return_alone_are_refused(folder, plan, robot):
+@pytest.mark.parametrize("stream", [False, True])
+def test_lines_that_end_with_a_carriage_return_alone_are_refused(folder, plan, robot, stream):
     path, lines = folder
     table = path / "postures.csv"
     content = (table.read_text() + lines[0]).replace("\n", "\r").encode()
     table.write_bytes(content)
     with pytest.raises(InputError, match=r"line 1: found a carriage return \(CR\) within the line"):
-        judged(path, plan, robot)
+        judged(path, plan, robot, rows=[content] if stream else None)
     table.write_bytes(content.replace(b"\r", b"\r\n"))
     assert len(judged(path, plan, robot)) == 1

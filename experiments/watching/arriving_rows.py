@@ -1,4 +1,4 @@
-"""Rows of a measurement folder's table while it grows.
+"""Rows of a measurement folder's table while they arrive: in a file that grows, or as lines of a stream.
 
 A watch keeps the bytes of all lines that it has read; nothing before their end may change.
 """
@@ -72,7 +72,7 @@ def new_lines(path: Path, read: bytes, once: bool = False) -> list[bytes]:
         )
     lines = list(io.BytesIO(content))
     for number, line in enumerate(lines, line_number(read)):
-        _check_line(path, number, line)
+        check_line(path, number, line)
     if lines and not lines[-1].endswith(b"\n"):
         whole = len(_names(lines[-1])) == len(_names(header)) > 1 and len(content) < MOST_AT_ONCE
         lines = lines if once and whole else lines[:-1]
@@ -84,8 +84,10 @@ def _is_prepared(line: bytes) -> bool:
     return is_row(line) and 2 * values.count("") > len(values)
 
 
-def _check_line(path: Path, number: int, line: bytes) -> None:
+def check_line(path: Path, number: int, line: bytes) -> None:
     """Refuse what is no line of a table."""
+    if not isinstance(line, bytes):
+        raise InputError(f"rows: found {type(line).__name__}, expected lines of bytes")
     if len(line) > MOST_LINE:
         raise InputError(f"{path}: line {number}: found more than {MOST_LINE} bytes, expected a row")
     if b"\r" in text_of(line):

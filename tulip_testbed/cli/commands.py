@@ -88,7 +88,7 @@ COMMANDS: dict[str, Command] = {
         "watch",
         (
             "tulip watch lab/monday --plan random --out runs/monday.state --targets all=2",
-            "tulip watch lab/monday --plan plans/next --json",
+            "logger | tulip watch lab/monday --plan plans/next --stdin --json",
         ),
     ),
     "robot": Command(
