@@ -1,6 +1,7 @@
-"""A discovery's view and page: opened in rerun and Chromium, held against its JSON."""
+"""A discovery's view, page and comparison: opened in rerun and Chromium, held against its JSON."""
 
 import dataclasses
+import json
 import re
 import shutil
 from html import unescape
@@ -18,6 +19,7 @@ from tulip_testbed.cli.main import main
 from tulip_testbed.discovery.experiment_information import Explanation
 from tulip_testbed.discovery.patterns import Pattern
 from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.experiments.comparison import compare
 from tulip_testbed.experiments.discovery_curves import residual_curves
 from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.proposed_experiment import ExpectedResult, ProposedExperiment
@@ -143,6 +145,27 @@ def test_a_hostile_target_stays_text(saved):
     story = ("<script>alert(2)</script>", *saved.story[1:])
     run = dataclasses.replace(saved, explanations=explanations, story=story)
     assert "<script>alert" not in html(discovery_page(run))
+
+
+def test_two_discoveries_side_by_side(discovered_folder, saved, tmp_path, capsys):
+    assert main(["report", str(discovered_folder), str(discovered_folder), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["verdict"] == ["named", "named"]
+    values = {check["name"]: check["value"] for check in document["checks"]}
+    assert values["gap C, before"] == [saved.heldout.before["C"]] * 2
+    assert len(document["models"]["full"]) == 25
+    assert main(["report", str(discovered_folder), str(discovered_folder)]) == 0
+    assert "Gap and evidence" in capsys.readouterr().out
+
+
+def test_one_label_in_two_gaps_is_compared_twice(saved):
+    (best,) = saved.explanations
+    second = dataclasses.replace(best, gap=2, log_bayes_factor=5.0)
+    run = dataclasses.replace(saved, explanations=(best, second))
+    values = {check["name"]: check["value"] for check in compare(run, run).checks}
+    label = best.instance.label
+    assert values[f"ln BF {label}"] == [best.log_bayes_factor] * 2
+    assert values[f"ln BF {label} (gap 2)"] == [5.0] * 2
 
 
 @pytest.mark.parametrize(

@@ -192,6 +192,8 @@ def test_a_prediction_is_reported_with_all_models_in_memory_and_from_its_documen
     for one in predicted.models:
         assert f"{one.name} in y {one.rms_mm.y:.2f} mm" in page
     assert predicted.verdict in page
+    with pytest.raises(tt.InputError, match="expected two runs"):
+        tt.report(predicted, other=tmp_path / "found.json")
 
 
 def test_a_moving_record_has_cad_as_prior_even_where_its_rows_have_full_rank(imported, bowing):

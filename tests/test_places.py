@@ -103,6 +103,7 @@ discover NAME
 plan show NAME
 view NAME
 report NAME --out a.html
+report NAME NAME
 identify data --corrections NAME
 simulate --out NAME
 simulate --out data --truth NAME

@@ -141,3 +141,21 @@ def test_an_unfinished_montecarlo_is_not_reported(coverage, tmp_path, capsys):
     (tmp_path / "part" / "runs" / "chunk-000001.parquet").unlink()
     message = refused(capsys, "report", tmp_path / "part", "--out", tmp_path / "x.html")
     assert "holds 25 of 40 runs" in message
+
+
+def test_two_runs_side_by_side(run_folder, coverage, ideal, tmp_path, capsys):
+    ideal.save(tmp_path / "ideal")
+    assert main(["report", str(run_folder), str(tmp_path / "ideal"), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["settings"]["configuration.preset"] == ["wii", "ideal"]
+    assert document["settings"]["configuration.seed"] == [102, 101]
+    assert not any(name.startswith("outputs") for name in document["settings"])
+    row = document["models"]["full"][9]
+    reports = [json.loads((f / "result.json").read_text()) for f in (run_folder, tmp_path / "ideal")]
+    assert row["estimate"] == [report["identification"]["full"]["value"][9] for report in reports]
+    assert main(["report", str(run_folder), str(run_folder)]) == 0
+    assert "none" in capsys.readouterr().out
+    assert main(["report", str(coverage), str(coverage)]) == 0
+    capsys.readouterr()
+    message = refused(capsys, "report", run_folder, coverage)
+    assert "found a validation and a Monte Carlo, expected two of a kind" in message

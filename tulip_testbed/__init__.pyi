@@ -30,6 +30,7 @@ from .base.errors import InputWarning as InputWarning
 from .effects.instance import EffectInstance as EffectInstance
 from .experiments.atlases.atlas_result import Atlas as Atlas
 from .experiments.check_folder import Preflight as Preflight
+from .experiments.comparison import Comparison as Comparison
 from .experiments.described_plan import DescribedPlan as DescribedPlan
 from .experiments.discovery_result import Discovered as Discovered
 from .experiments.export.exported_model import ExportedModel as ExportedModel

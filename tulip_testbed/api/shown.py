@@ -9,6 +9,7 @@ from tulip_testbed.base.arguments import checked
 from tulip_testbed.base.errors import listed, warn
 from tulip_testbed.base.files import check_new
 from tulip_testbed.base.threads import one_blas_thread
+from tulip_testbed.experiments.comparison import Comparison, compare
 from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.laboratory import Run
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
@@ -84,27 +85,40 @@ def _warn_of_bare_links(robot: Robot) -> None:
 @checked
 def report(
     shown: Reported,
-    out: str | Path,
+    out: str | Path | None = None,
+    other: Reported | None = None,
     robot: RunRobot = None,
-) -> WrittenReport:
+) -> WrittenReport | Comparison:
     """Write a run as one HTML page that needs no network.
 
-    The page shows the verdict, tables, figures and settings.
+    The page shows the verdict, tables, figures and settings. With another run the settings and the results of
+    both are compared instead; both must be of one robot.
 
     Args:
         shown: a run, which is identified and compared with its truth; a validation, a discovery, a Monte
             Carlo, or the folder of any; a prediction, or the JSON file of one.
         out: the page, a new file (.html).
+        other: a second run, to compare.
         robot: that the folder's run was made with; None: the copy there, or else TULip.
 
     Raises:
-        InputError: the file exists, cannot be written or has another ending; a run that cannot be identified.
+        InputError: the file exists, cannot be written or has another ending; a run that cannot be identified;
+            runs that cannot be compared.
     """
-    check_new(Path(out), ENDING)
-    run = _reported(shown, robot)
+    if (out is None) == (other is None):
+        found = "neither" if out is None else "both"
+        raise InputError(f"out, other: found {found}, expected a page to write or a run to compare with")
+    if out is not None:
+        check_new(Path(out), ENDING)
+    runs = [_reported(one, robot) for one in (shown, other) if one is not None]
+    if out is None:
+        compared = [one for one in runs if not isinstance(one, Prediction)]
+        if len(compared) < len(runs):
+            raise InputError("shown, other: found a prediction, expected two runs to compare")
+        return compare(*compared)
     from tulip_testbed.pages.run_page import write_page  # loads slowly
 
-    page = write_page(Path(out), run)
+    page = write_page(Path(out), runs[0])
     return WrittenReport(str(out), Path(out).stat().st_size, tuple(page.missing))
 
 

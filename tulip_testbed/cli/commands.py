@@ -102,5 +102,7 @@ COMMANDS: dict[str, Command] = {
     "atlas": Command("atlas", ("tulip atlas --sensors force-plate --out atlas",)),
     "atlas effects": Command("list_effects", ("tulip atlas effects encoder-offset",)),
     "view": Command("view", ("tulip view runs/first",)),
-    "report": Command("report", ("tulip report runs/first --out first.html",)),
+    "report": Command(
+        "report", ("tulip report runs/first --out first.html", "tulip report runs/first runs/second")
+    ),
 }

@@ -52,6 +52,9 @@ KINDS: dict[str, Any] = {
     "Exportable": RUN,
     "Proposable": RUN,
     "Reported": RUN,
+    "Reported | None": Annotated[
+        Path | None, tyro.conf.arg(metavar="[RUN]", help="a second run, to compare")
+    ],
     "RunRobot": Annotated[Path | None, tyro.conf.arg(metavar="FILE", help="robot; the run's if left out")],
     "Planned": PlanFolder,
     "PlanSource": Annotated[

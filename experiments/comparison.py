@@ -1,0 +1,205 @@
+"""Two runs side by side: what was set otherwise and what came out otherwise."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.document import flattened
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.result import Result
+from tulip_testbed.base.table import Cell, Table
+from tulip_testbed.experiments.discovery_result import Discovered
+from tulip_testbed.experiments.discovery_tables import CHANNEL_NAMES
+from tulip_testbed.experiments.identification_result import MODELS
+from tulip_testbed.experiments.saved_runs import RunResult
+from tulip_testbed.experiments.validation_result import Validation
+from tulip_testbed.identification.estimators import Estimate
+
+NOT_SETTINGS = ("outputs",)  # hashes of results: they differ whenever the results do
+SHOWN = {
+    "estimate": Column("estimate", "mm", ".2f", 1e3),
+    "standard_error": Column("s.e.", "mm", ".2f", 1e3),
+    "truth": Column("truth", "mm", ".2f", 1e3),
+    "before": Column("before", "mm", ".2f", 1e3),
+    "after": Column("after", "mm", ".2f", 1e3),
+    "bias": Column("bias", "mm", "+.3f", 1e3),
+    "standard_error_ratio": Column("found over stated s.e.", "", ".3f"),
+    "coverage95": Column("coverage of 95 %", "%", ".1f", 100),
+}
+MONTE_CARLO = ("bias", "standard_error", "standard_error_ratio", "coverage95")
+
+
+@dataclass(frozen=True, repr=False)
+class Comparison(Result):
+    """Two runs side by side; lists hold the first run's value, then the second's.
+
+    Attributes:
+        runs: their folders. verdict: of each. settings: those that differ.
+        checks: of both; of two discoveries gap and evidence. models: parameters by model.
+    """
+
+    runs: tuple[str, str]
+    verdict: tuple[str, str]
+    settings: dict[str, list[Any]]
+    checks: list[dict[str, Any]]
+    models: dict[str, list[dict[str, Any]]]
+
+    def tables(self) -> list[Table | str]:
+        """Return the verdicts, and what differs."""
+        runs = zip("AB", self.runs, self.verdict, strict=True)
+        settings = [[name, *values] for name, values in self.settings.items()] or [["none", "", ""]]
+        a, b = (Column(f"value {run}", format=".4g") for run in "AB")
+        checks = Table(
+            "Gap and evidence", (Column("quantity"), a, b), [[c["name"], *c["value"]] for c in self.checks]
+        )
+        if any(result for check in self.checks for result in check["result"]):
+            rows = []
+            for check in self.checks:
+                (first, second), values = (Cell(r, mark=r or "") for r in check["result"]), check["value"]
+                rows.append([check["name"], first, values[0], second, values[1]])
+            columns = (Column("check"), Column("result A"), a, Column("result B"), b)
+            checks = Table("Checks", columns, rows)
+        return [
+            *(f"{run}: {name}, verdict {verdict}" for run, name, verdict in runs),
+            Table("Settings that differ", (Column("setting"), Column("A"), Column("B")), settings),
+            checks,
+            *(model_difference_table(model, rows) for model, rows in self.models.items() if rows),
+        ]
+
+
+def compare(first: RunResult, second: RunResult) -> Comparison:
+    """Compare the settings and the results of two runs."""
+    both = [_models(first), _models(second)]
+    _check_alike(first, second, both)
+    return Comparison(
+        runs=(_name(first), _name(second)),
+        verdict=(first.verdict, second.verdict),
+        settings=differences(first.document.plain(), second.document.plain()),
+        checks=_checks(_judged(first), _judged(second)),
+        models={
+            model: [
+                {"number": a["number"], "name": a["name"]}
+                | {quantity: [a[quantity], b[quantity]] for quantity in a if quantity in SHOWN}
+                for a, b in zip(both[0][model], both[1][model], strict=True)
+            ]
+            for model in both[0]
+        },
+    )
+
+
+def differences(first: dict[str, Any], second: dict[str, Any]) -> dict[str, list[Any]]:
+    """Return the settings that are not the same in both documents, by name."""
+    flat = [flattened({k: v for k, v in d.items() if k not in NOT_SETTINGS}) for d in (first, second)]
+    names = dict.fromkeys([*flat[0], *flat[1]])
+    return {
+        name: [flat[0].get(name), flat[1].get(name)]
+        for name in names
+        if flat[0].get(name) != flat[1].get(name)
+    }
+
+
+def model_difference_table(model: str, rows: list[dict[str, Any]]) -> Table:
+    """Return the parameters of a model in both runs."""
+    quantities = [name for name in rows[0] if name not in ("number", "name")]
+    columns = (
+        Column("no.", format="d"),
+        Column("parameter"),
+        *(
+            dataclasses.replace(SHOWN[name], name=f"{SHOWN[name].name} {run}")
+            for name in quantities
+            for run in "AB"
+        ),
+    )
+    lines = [[row["number"], row["name"], *(v for name in quantities for v in row[name])] for row in rows]
+    return Table(f"{model.capitalize()} model", columns, lines)
+
+
+def _name(run: RunResult) -> str:
+    return "in memory" if run.folder is None else str(run.folder)
+
+
+def _check_alike(first: RunResult, second: RunResult, models: list[dict[str, list[dict[str, Any]]]]) -> None:
+    """Refuse what has no common measure."""
+    where = f"{_name(first)}, {_name(second)}: cannot be compared"
+    if first.kind != second.kind:
+        raise InputError(f"{where}: found a {first.kind} and a {second.kind}, expected two of a kind")
+    for model in dict.fromkeys([*models[0], *models[1]]):
+        names = [[row["name"] for row in of.get(model, [])] for of in models]
+        if names[0] != names[1]:
+            raise InputError(
+                f"{where}: found {len(names[0])} and {len(names[1])} parameters of the {model} model with "
+                "other names, expected the same ones (the same support)"
+            )
+
+
+def _models(run: RunResult) -> dict[str, list[dict[str, Any]]]:
+    """Return the rows of parameters of each model, with the quantities that are compared."""
+    if isinstance(run, Validation):
+        estimates = [getattr(run.identification, model) for model in MODELS]
+        return {
+            model: _rows(
+                estimate,
+                estimate=estimate.value,
+                standard_error=estimate.standard_error,
+                truth=run.truth[estimate.numbers - 1],
+            )
+            for model, estimate in zip(MODELS, estimates, strict=True)
+        }
+    if isinstance(run, Discovered):
+        before = run.before.full
+        after = None if run.after is None else run.after.full
+        return {
+            "full": _rows(
+                before,
+                before=before.value,
+                after=np.full(len(before.names), None) if after is None else after.value,
+                standard_error=(after or before).clustered_standard_error,
+            )
+        }
+    document = run.to_json()
+    parts = {"full": document["parameters"], "simplified": document["simplified"]["parameters"]}
+    return {
+        model: [{name: row.get(name) for name in ("number", "name", *MONTE_CARLO)} for row in rows]
+        for model, rows in parts.items()
+    }
+
+
+def _rows(model: Estimate, /, **quantities: np.ndarray) -> list[dict[str, Any]]:
+    columns = {"number": model.numbers.tolist(), "name": model.names}
+    columns |= {name: values.tolist() for name, values in quantities.items()}
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+def _judged(run: RunResult) -> list[dict[str, Any]]:
+    """Return a run's checks; of a discovery the gap by channel, its explanations and their sizes."""
+    if not isinstance(run, Discovered):
+        return run.to_json()["checks"]
+    sides = {"before": run.heldout.before, "after": run.heldout.after}
+    values = {
+        f"gap {'all' if channel == 'AFTC' else channel}, {side}": by_channel[channel]
+        for channel in CHANNEL_NAMES
+        for side, by_channel in sides.items()
+        if channel in by_channel
+    }
+    values |= {f"gap mm, {side}": run.heldout.millimetres[k] for k, side in enumerate(sides)}
+    for one in run.explanations:
+        effect = one.instance
+        name = effect.label if one.gap == 1 else f"{effect.label} (gap {one.gap})"
+        values[f"ln BF {name}"] = one.log_bayes_factor
+        for parameter, value in zip(effect.effect.parameters, effect.values, strict=True):
+            values[f"{name} {parameter.heading}"] = value
+    return [{"name": name, "result": None, "value": value} for name, value in values.items()]
+
+
+def _checks(first: list[dict[str, Any]], second: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    of = [{check["name"]: check for check in checks} for checks in (first, second)]
+    return [
+        {"name": name}
+        | {key: [checks.get(name, {}).get(key) for checks in of] for key in ("result", "value")}
+        for name in dict.fromkeys([*of[0], *of[1]])
+    ]
