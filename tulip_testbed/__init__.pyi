@@ -19,6 +19,7 @@ from .api.planned import draw_plan as draw_plan
 from .api.planned import list_effects as list_effects
 from .api.planned import optimize_plan as optimize_plan
 from .api.planned import protocol as protocol
+from .api.planned import tolerance as tolerance
 from .api.planned import watch as watch
 from .api.shown import report as report
 from .api.shown import view as view
@@ -29,6 +30,7 @@ from .base.errors import InputError as InputError
 from .base.errors import InputWarning as InputWarning
 from .effects.instance import EffectInstance as EffectInstance
 from .experiments.atlases.atlas_result import Atlas as Atlas
+from .experiments.atlases.tolerance import Tolerance as Tolerance
 from .experiments.check_folder import Preflight as Preflight
 from .experiments.comparison import Comparison as Comparison
 from .experiments.described_plan import DescribedPlan as DescribedPlan

@@ -16,7 +16,9 @@ from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.experiments.atlases.atlas_result import Atlas
 from tulip_testbed.experiments.atlases.effect_atlas import atlas as _atlas
-from tulip_testbed.experiments.atlases.planned_experiment import planned
+from tulip_testbed.experiments.atlases.planned_experiment import Planned, planned
+from tulip_testbed.experiments.atlases.tolerance import Tolerance
+from tulip_testbed.experiments.atlases.tolerance import tolerance as _tolerance
 from tulip_testbed.experiments.defaults import DEFAULT_SEED, REPEATS, SPEED
 from tulip_testbed.experiments.described_plan import DescribedPlan
 from tulip_testbed.experiments.described_plan import describe_plan as _describe_plan
@@ -187,16 +189,46 @@ def atlas(
     """
     if out is not None:
         check_new(Path(out))
-    robot = robot or load_robot()
-    given = plan_of(plan, robot)
-    check_plan(robot, given, plan_name(plan))
-    found = _atlas(planned(given, sensors, robot, seed), np.random.default_rng(seed))
+    found = _atlas(_planned(plan, robot, sensors, seed), np.random.default_rng(seed))
     if out is None:
         return found
     from tulip_testbed.pages.atlas_page import write_atlas  # plotly loads slowly
 
     write_atlas(Path(out), found)
     return replace(found, folder=Path(out))
+
+
+@checked
+@one_blas_thread
+def tolerance(
+    plan: PlanSource | None = None,
+    robot: Robot | None = None,
+    *,
+    sensors: str = "wii",
+    seed: int = DEFAULT_SEED,
+    progress: Progress = silent,
+) -> Tolerance:
+    """Compute how accurately a laboratory must be set up.
+
+    Errors of plates, floor, encoders and cells bias the parameters; the biases are predicted and simulated.
+
+    Args:
+        plan: postures, or their folder, or the name of a shipped plan.
+        robot: the nominal robot; TULip if None.
+        sensors: of the laboratory: "wii", "force-plate" or "ideal".
+        seed: of everything random.
+
+    Raises:
+        InputError: a plan that would not identify the robot, or that statics does not know.
+    """
+    return _tolerance(_planned(plan, robot, sensors, seed), progress)
+
+
+def _planned(plan: PlanSource | None, robot: Robot | None, sensors: str, seed: int) -> Planned:
+    robot = robot or load_robot()
+    given = plan_of(plan, robot)
+    check_plan(robot, given, plan_name(plan))
+    return planned(given, sensors, robot, seed)
 
 
 @checked

@@ -101,6 +101,7 @@ COMMANDS: dict[str, Command] = {
     "export": Command("export_model", ("tulip export runs/first --out identified.xml",)),
     "atlas": Command("atlas", ("tulip atlas --sensors force-plate --out atlas",)),
     "atlas effects": Command("list_effects", ("tulip atlas effects encoder-offset",)),
+    "atlas tolerance": Command("tolerance", ("tulip atlas tolerance --sensors force-plate",)),
     "view": Command("view", ("tulip view runs/first",)),
     "report": Command(
         "report", ("tulip report runs/first --out first.html", "tulip report runs/first runs/second")
