@@ -14,9 +14,10 @@ from scipy.linalg import block_diag
 
 from tulip_testbed.base.errors import InputError, listed, shortened, warn
 from tulip_testbed.base.files import check_new, present, read_bytes, write_bytes
-from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.effects.instance import EffectInstance, injected
+from tulip_testbed.effects.true_robot import true_model
 from tulip_testbed.experiments.export.exported_model import ExportedModel, TotalMass, exported_links
-from tulip_testbed.experiments.export.inertial_text import with_inertias
+from tulip_testbed.experiments.export.inertial_text import with_inertias, with_places
 from tulip_testbed.experiments.export.published_links import PublishedLinks, published_links
 from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.robot_import.skeleton import LEAST_MASS
@@ -38,8 +39,10 @@ from tulip_testbed.identification.pseudo_inertia import (
     standard_of,
 )
 from tulip_testbed.sim.mjcf_files import mjcf_files
+from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, check_unchanged, load_spec, rotation_matrices
 
+LENGTH = "link-length"
 ENDINGS = (".xml", ".urdf")
 EXACT = 1e-9  # m: how far the base parameters of the file may be from the stated ones
 OVERRULING = {  # settings of an MJCF's <compiler> that change inertias, and what leaves them alone
@@ -61,12 +64,13 @@ class Export:
         path: of the model, .xml or .urdf.
         source: the published file of which `tulip robot` made the robot: its inertias are replaced instead
             of those of the prepared robot; None: the robot's own MJCF.
-        adopted: effects that the laboratory is known to have.
+        adopted: effects that the laboratory is known to have. lengths: put its link lengths into the file.
     """
 
     path: Path
     source: Path | None = None
     adopted: tuple[EffectInstance, ...] = ()
+    lengths: bool = False
 
 
 def export_model(
@@ -83,7 +87,8 @@ def export_model(
             inertias.
     """
     _check(identification, robot, export)
-    parameters = base_parameters(robot, support=identification.parameters.support)
+    model = _lengthened(robot, export)
+    parameters = base_parameters(robot, model, identification.parameters.support)
     links, full = parameters.tree.links, identification.full
     source = None if export.source is None else published_links(export.source, robot)
     cad = pseudo_inertias(robot.model)
@@ -103,9 +108,12 @@ def export_model(
     slope[:-1, -1] = full.value
     known = slope @ block_diag(full.covariance, mass_error**2) @ slope.T
     shares = data_shares(consistent.pseudo, target.from_standard, known)
-    content, notes = _content(robot, export, source, parameters, consistent)
-    if export.adopted:
-        notes = (*notes, f"Adopted, but not in the file: {listed(map(str, export.adopted))}")
+    content, notes = _content(robot, model, export, source, parameters, consistent)
+    left_out = [
+        str(effect) for effect in export.adopted if effect.effect.name != LENGTH or not export.lengths
+    ]
+    if left_out:
+        notes = (*notes, f"Adopted, but not in the file: {listed(left_out)}")
     if consistent.misfit:
         notes = (
             "No physically consistent robot has the base parameters; the exported one is the nearest, "
@@ -159,12 +167,28 @@ def _check(identification: Identification, robot: Robot, export: Export) -> None
         )
 
 
+def _lengthened(robot: Robot, export: Export) -> mujoco.MjModel:
+    """Return the robot's model, on request with the link lengths that were adopted.
+
+    Raises:
+        InputError: there are none, or they shall go into a published file.
+    """
+    if not export.lengths:
+        return robot.model
+    lengths = [effect for effect in export.adopted if effect.effect.name == LENGTH]
+    if not lengths or export.source is not None:
+        wrong = "a source" if lengths else f"no adopted {LENGTH}"
+        raise InputError(f"lengths: found {wrong}, expected {LENGTH} effects and the robot's own file")
+    return true_model(injected(preset_rig("ideal", robot), lengths))
+
+
 def _kind(source: Path) -> str:
     return ".urdf" if b"<robot" in read_bytes(source)[:4096] else ".xml"
 
 
 def _content(
     robot: Robot,
+    model: mujoco.MjModel,
     export: Export,
     source: PublishedLinks | None,
     parameters: BaseParameters,
@@ -183,6 +207,12 @@ def _content(
         links = zip(parameters.tree.links, consistent.pseudo, strict=True)
         heavy = {name: pseudo for name, pseudo in links if pseudo[3, 3] > 0}
         content = with_inertias(read_bytes(robot.model_file), heavy, robot.model_file)
+        places = {}  # old and new, of bodies that were moved; where the robot stands is no length
+        for k in np.flatnonzero(robot.model.body_parentid > 0):
+            name, old = robot.model.body(k).name, robot.model.body_pos[k]
+            if np.abs(model.body(name).pos - old).max() > 1e-12:
+                places[name] = old, model.body(name).pos
+        content = with_places(content, places, robot.model_file)
         with tempfile.TemporaryDirectory() as scratch:  # a copy of the robot's files
             folder = Path(scratch)
             for name in robot.hashes:
@@ -190,8 +220,9 @@ def _content(
                     write_bytes(folder / name, read_bytes(robot.folder / name))
             place = folder / robot.model_file.relative_to(robot.folder)
             write_bytes(place, content)
-            read = pseudo_inertias(load_spec(place, folder).compile())
-        notes = _missing_files(robot.model_file, export.path)
+            model = load_spec(place, folder).compile()
+        parameters = base_parameters(robot, model, parameters.support)
+        read, notes = pseudo_inertias(model), _missing_files(robot.model_file, export.path)
     apart = float(np.abs(parameters.values(standard_of(read)) - consistent.value).max())
     if not apart <= EXACT:
         raise InputError(
@@ -199,7 +230,7 @@ def _content(
             "stated ones; a setting of the file overrules its inertias (<compiler>: boundmass, "
             "balanceinertia)"
         )
-    read, wanted = _rigid(read, robot.model), _rigid(consistent.pseudo, robot.model)
+    read, wanted = _rigid(read, model), _rigid(consistent.pseudo, model)
     off = np.zeros(len(wanted))
     for k in np.flatnonzero(wanted[:, 3, 3] > LEAST_MASS):
         inverse = np.linalg.inv(np.linalg.cholesky(wanted[k]))

@@ -1,4 +1,4 @@
-"""Replace inertias in the text of an MJCF or a URDF; every other byte stays as it is."""
+"""Replace inertias and places in the text of an MJCF or a URDF; every other byte stays as it is."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from tulip_testbed.identification.pseudo_inertia import central
 ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # of MJCF's fullinertia
 INDENT = b"  "
 TAG = re.compile(rb"""(?:[^"'>]|"[^"]*"|'[^']*')*>""")  # quoted values may hold a '>'
+POSITION = re.compile(rb"""(\spos\s*=\s*)("[^"]*"|'[^']*')""")
 
 
 @dataclass
@@ -60,6 +61,38 @@ def with_inertias(content: bytes, pseudo: Mapping[str, np.ndarray], where: Path)
         else:
             changes.append((element.after, element.after, _new_line(content, element.start) + text))
     return _changed(content, changes)
+
+
+def with_places(content: bytes, places: Mapping[str, tuple[np.ndarray, np.ndarray]], where: Path) -> bytes:
+    """Return an MJCF with the places of some bodies in their parents replaced.
+
+    Args:
+        places: old and new place of bodies by name, (3,) [m] each.
+
+    Raises:
+        InputError: the file does not hold the old place as the body's `pos`, for example within a <frame>.
+    """
+    changes = []
+    _, elements = _elements(content, where)
+    for name, (old, new) in places.items():
+        element = elements.get(name)
+        tag = b"" if element is None else content[element.start : element.after]
+        position = POSITION.search(tag)
+        values = [] if position is None else position[2][1:-1].split()
+        if element is None or position is None or not np.allclose(np.array(values, float), old, atol=1e-12):
+            raise InputError(
+                f'{where}: found no <body name={quoteattr(shortened(name))} pos="{joined(old)}">, expected '
+                "its place in the body itself: write what a <frame> adds into it"
+            )
+        start = element.start + position.start(2)
+        changes.append((start, start + len(position[2]), f'"{joined(new)}"'.encode()))
+    return _changed(content, changes)
+
+
+def inertial_spans(content: bytes, where: Path) -> list[tuple[int, int]]:
+    """Return start and end of every <inertial> of a body or link, in bytes."""
+    _, elements = _elements(content, where)
+    return sorted(part.inertial for part in elements.values() if part.inertial is not None)
 
 
 def inertial_xml(pseudo: np.ndarray, kind: str) -> bytes:
