@@ -27,6 +27,7 @@ from tulip_testbed.identification.center_of_pressure import contact_pressure
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.pseudo_inertia import pseudo_inertia, pseudo_inertias
 from tulip_testbed.sim.random_robots import draw_robot
+from tulip_testbed.sim.robot import joint_names
 
 SEED = 4218  # development seeds are 0 to 99
 
@@ -63,10 +64,18 @@ def imagined(found, robot, standard, error=1e-4):
     return dataclasses.replace(found, measurements=rows, parameters=parameters, full=full, mass=mass)
 
 
-def inertial_spans(content, path):
-    """Start and end of every <inertial> of a body or link, in bytes."""
-    _, elements = _elements(content, path)
-    return sorted(part.inertial for part in elements.values() if part.inertial is not None)
+def center_of_mass(model, angles):
+    """Centre of mass from the first hinge in the axes of the link above it, by MuJoCo's own kinematics."""
+    data = mujoco.MjData(model)
+    for name, angle in angles.items():
+        data.qpos[int(model.joint(name).qposadr[0])] = angle
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mass, place = model.body_mass, data.xipos
+    whole = mass @ place / mass.sum()
+    joint = model.joint(next(iter(angles))).id
+    above = int(model.body_parentid[model.jnt_bodyid[joint]])
+    return data.xmat[above].reshape(3, 3).T @ (whole - data.xanchor[joint])
 
 
 def outside(content, path):
@@ -119,6 +128,28 @@ def test_the_document(exported, found, robot):
     text = repr(exported)
     assert "standard errors from those of the estimate" in text
     assert "right_lower_leg" in text
+
+
+@pytest.mark.parametrize("name", ["tulip", "humanoid", pytest.param("humanoid_CMU", marks=pytest.mark.slow)])
+def test_urdf_of_an_mjcf(name, robot, foreign, found, tmp_path):
+    """MuJoCo moves the centre of mass of the URDF as that of the exported MJCF."""
+    described = robot if name == "tulip" else foreign[name]
+    rng = np.random.default_rng(2)
+    wanted = imagined(found, described, draw_robot(described.model, 0.1, rng))
+    for ending in ("xml", "urdf"):
+        made = export_model(wanted, described, Export(tmp_path / f"a.{ending}"))
+    spec = mujoco.MjSpec.from_file(str(tmp_path / "a.urdf"))
+    spec.compiler.fusestatic = False
+    models = mujoco.MjModel.from_xml_path(str(tmp_path / "a.xml")), spec.compile()
+    assert models[1].body_mass.sum() == pytest.approx(models[0].body_mass.sum(), abs=1e-6)
+    for _ in range(10):
+        angles = dict(zip(joint_names(described.model), rng.uniform(-1, 1, 100), strict=False))
+        one, other = (center_of_mass(model, angles) for model in models)
+        assert np.abs(one - other).max() < 1e-9 + 1e-6 * (models[1].nbody > models[0].nbody)
+    read = published_links(tmp_path / "a.urdf", described)
+    sums = read.by_link(described.model.nbody - 1)
+    again = wanted.parameters.values(sums[:, 3, [3, 0, 1, 2]])
+    assert np.abs(again - made.base_parameters).max() < 1e-9
 
 
 @pytest.fixture(scope="module")
@@ -232,9 +263,11 @@ def test_adopted_lengths_on_request(run, found, robot, tmp_path):
         .with_known("link-length:right_lower_leg=0.004", "encoder-offset:right_knee=0.01")
         .known
     )
-    made = export_model(found, robot, Export(tmp_path / "a.xml", adopted=known, lengths=True))
-    assert any("right_knee" in note and "not in the file" in note for note in made.notes)
-    assert not any("lower_leg" in note for note in made.notes)
+    for ending in ("xml", "urdf"):
+        export = Export(tmp_path / f"a.{ending}", adopted=known, lengths=True)
+        made = export_model(found, robot, export)
+        assert any("right_knee" in note and "not in the file" in note for note in made.notes)
+        assert not any("lower_leg" in note for note in made.notes)
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "a.xml"))
     moved = model.body_pos - robot.model.body_pos
     longer = np.zeros_like(moved)
@@ -247,6 +280,9 @@ def test_adopted_lengths_on_request(run, found, robot, tmp_path):
     changed = [(a, b) for a, b in zip(one, other, strict=True) if a != b]
     assert len(changed) == 1
     assert b'<body name="right_ankle" pos="' in changed[0][1]
+    urdf = (tmp_path / "a.urdf").read_text()
+    place = model.body("right_ankle").pos.tolist()
+    assert f'<origin xyz="{" ".join(map(repr, place))}"' in urdf
 
 
 def test_a_place_within_a_frame_is_refused(tmp_path):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
@@ -19,6 +19,7 @@ from tulip_testbed.effects.true_robot import true_model
 from tulip_testbed.experiments.export.exported_model import ExportedModel, TotalMass, exported_links
 from tulip_testbed.experiments.export.inertial_text import with_inertias, with_places
 from tulip_testbed.experiments.export.published_links import PublishedLinks, published_links
+from tulip_testbed.experiments.export.written_urdf import written_urdf
 from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.robot_import.skeleton import LEAST_MASS
 from tulip_testbed.experiments.robot_import.urdf import find_mesh
@@ -94,6 +95,8 @@ def export_model(
     cad = pseudo_inertias(robot.model)
     if source is not None:
         cad = source.by_link(robot.model.nbody - 1)
+    elif export.path.suffix.lower() == ".urdf":
+        cad[cad[:, 3, 3] <= LEAST_MASS] = 0.0  # which stands for none, where a file needs a mass
     reference = solid(cad)
     ellipsoids = bounding_ellipsoids(robot.visual_model, reference)
     mass, mass_error = weighed or identification.mass
@@ -155,11 +158,6 @@ def _check(identification: Identification, robot: Robot, export: Export) -> None
         raise InputError(
             f"found an estimate of {count} of {len(parameters.names)} base parameters, expected all"
         )
-    if export.source is None and export.path.suffix.lower() != ".xml":
-        raise InputError(
-            f"{export.path}: found a URDF without the `source` of which the robot was made, expected an MJCF "
-            "(.xml)"
-        )
     if export.source is not None and _kind(export.source) != export.path.suffix.lower():
         raise InputError(
             f"{export.path}: found the ending '{export.path.suffix}', expected {_kind(export.source)}, that "
@@ -201,6 +199,13 @@ def _content(
         content = with_inertias(read_bytes(export.source), source.changed(consistent.pseudo), export.source)
         read = _published(content, export, robot)
         notes = _missing_files(export.source, export.path)
+    elif export.path.suffix.lower() == ".urdf":
+        content = written_urdf(robot, model, consistent.pseudo)
+        read = _published(content, export, replace(robot, model=model))
+        notes = (
+            "The URDF is generated from the robot's MJCF: links, hinges, limits and inertias, without "
+            "shapes and motors.",
+        )
     else:
         check_unchanged(robot, robot.model_file)
         _check_compiler(robot.model_file)

@@ -264,7 +264,7 @@ def export_model(
         run: an identification, a validation or a discovery, or the folder of a validation, a discovery or
             measurements.
         robot: the nominal robot, whose masses are CAD's; TULip if None.
-        out: new model file: .xml, or with a URDF as source .urdf.
+        out: new model file, .xml or .urdf.
         source: published MJCF or URDF of which the robot was made: its inertias are replaced instead.
         lengths: put the link lengths that a discovery or a folder adopted into the file.
 
