@@ -9,7 +9,7 @@ DRAW ?= possible
 SHARED := --numprocesses auto --maxprocesses 4 --dist worksteal --durations 10 --draw $(DRAW)
 STUDIES := $(subst _,-,$(patsubst studies/study_%.py,study-%,$(wildcard studies/study_*.py)))
 
-.PHONY: setup validate demo test test-slow test-all test-without-drivers durations test-docs lint docs bench oracle studies $(STUDIES) study-plan teaching pictures constraints clean
+.PHONY: setup validate demo test test-slow test-all test-without-drivers durations test-docs lint docs bench oracle studies $(STUDIES) teaching pictures constraints clean
 
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
 	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)
@@ -74,9 +74,6 @@ studies: setup  ## list the studies, each with the page that it is for and its t
 
 $(STUDIES): study-%: setup  ## make the tables of one study (`make studies` lists them)
 	$(BIN)/python -m studies $*
-
-study-plan: setup  ## docs/studies/planning.md's Table I: six trials of optimal postures
-	$(BIN)/tulip plan optimal --table1 --out runs/plan-$$(date +%Y%m%d-%H%M%S)
 
 teaching: setup  ## docs/pictures: the signatures of all effects (a minute)
 	MUJOCO_GL=disable $(BIN)/python -m studies.teaching

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
@@ -51,18 +51,6 @@ PROMISES = (
 )
 
 
-@dataclass(frozen=True)
-class Trial:
-    """A search of Table I: condition numbers of 50 postures, random and optimal, with the paper's."""
-
-    seed: int
-    initial_condition_number: float
-    condition_number: float
-    paper_initial: float
-    paper: float
-    cpu_s: float
-
-
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class DescribedPlan(Result):
     """A plan with what it promises.
@@ -79,11 +67,10 @@ class DescribedPlan(Result):
         correlations: `a`, `b`, `rho` of high ones (eq. 15). margins: see `margins_of`.
         clearances: see `clearances_of`. made: how the plan was made.
         objective, initial_condition_number, ...: of a search: what it made small, and its figures.
-        trials, chosen: of the paper's six searches; the seeds of those that were joined.
         wall_s: time of the search [s].
         plan: the postures. whole: these, after those that were measured before.
         finished: whether a search came to its end.
-        notes: where plan and pictures are. complete: whether all pictures could be drawn.
+        notes: where the plan is.
     """
 
     source: Annotated[str | None, Field(alias="plan")]
@@ -104,20 +91,17 @@ class DescribedPlan(Result):
     measured_objective: Figure = math.nan
     initial_objective: Figure = math.nan
     final_objective: Figure = math.nan
-    trials: list[Trial] = field(default_factory=list)
-    chosen: list[int] = field(default_factory=list)
     wall_s: Figure = math.nan
     plan: Annotated[PosturePlan, Outside()]
     whole: Annotated[PosturePlan, Outside()]
     robot: Annotated[Robot, Outside()]
     finished: Annotated[bool, Outside()] = True
     notes: Annotated[tuple[str, ...], Outside()] = ()
-    complete: Annotated[bool, Outside()] = True
 
     @property
     def exit_code(self) -> int:
-        """Return 130 of an interrupted search, 2 if a picture is missing, or else 0."""
-        return (0 if self.complete else 2) if self.finished else 130
+        """Return 130 of an interrupted search, or else 0."""
+        return 0 if self.finished else 130
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON document, without what only a search has where there was none."""
@@ -132,17 +116,7 @@ class DescribedPlan(Result):
         return {name: document[name] for name in PROMISES}
 
     def tables(self) -> list[Table | str]:
-        """Return the trials, or the figures of the plan, and where it is."""
-        if self.trials:
-            columns = (
-                *(Column(name, format="d") for name in ("trial", "seed")),
-                *(Column(n, format=".1f") for n in ("random", "optimal", "paper: random", "paper: optimal")),
-                Column("CPU time", "s", ".1f"),
-            )
-            rows = [[k, *dataclasses.astuple(trial)] for k, trial in enumerate(self.trials, 1)]
-            note = "The paper does not publish its ranges, so only the orders of magnitude compare."
-            title = "Condition numbers of 50 postures, random and optimal (Table I)"
-            return [Table(title, columns, rows, note), *self.notes]
+        """Return the figures of the plan, and where it is."""
         parameters = planned_parameters(self.robot, self.whole)
         pairs = [(pair["a"], pair["b"], pair["rho"]) for pair in self.correlations]
         return [

@@ -19,8 +19,8 @@ from tulip_testbed.base.machine import machine
 from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.resumable import ResumableFolder
 from tulip_testbed.base.table_files import MOST_ROWS, read_json, software
-from tulip_testbed.experiments.described_plan import SEARCHED, DescribedPlan, Trial, describe_plan
-from tulip_testbed.experiments.usable_plan import as_plan, enough, joined_trials, plan_hash
+from tulip_testbed.experiments.described_plan import SEARCHED, DescribedPlan, describe_plan
+from tulip_testbed.experiments.usable_plan import as_plan, enough, plan_hash
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.planning.optimal_plan import (
     SearchTask,
@@ -38,15 +38,6 @@ from tulip_testbed.sim.robot_check import check_scene, warn_of_robot
 from tulip_testbed.sim.scene import nominal_plates
 
 SIGMA_MM = 4.16  # the paper's residual per axis (eq. 14)
-TABLE1 = {  # the paper's trials by our seeds; margins were chosen on seeds below 100
-    101: (647.4, 337.5),
-    102: (732.1, 405.1),
-    103: (925.8, 352.6),
-    104: (714.1, 314.7),
-    105: (733.6, 406.9),
-    106: (689.1, 394.4),
-}
-CHOSEN = 3  # of the trials, as in the paper
 
 
 @dataclass(frozen=True)
@@ -94,14 +85,11 @@ class PlanSearch:
         return ResumableFolder(state_folder(out), "search.json", made_with, "search", "states")
 
 
-def set_up_search(
-    robot: Robot, settings: PlanSettings, measured: Measurements | None = None, trials: int = 1
-) -> PlanSearch:
+def set_up_search(robot: Robot, settings: PlanSettings, measured: Measurements | None = None) -> PlanSearch:
     """Check what a plan is to be, before the work.
 
     Args:
         measured: what was measured before: the plan is to tell most next.
-        trials: plans that will be joined.
     """
     for name, least in (
         *(("seed", 0), ("placements", 1), ("postures_per_placement", 1), ("hops", 0)),
@@ -112,7 +100,7 @@ def set_up_search(
         at_most(name, getattr(settings, name), MOST_ROWS)
     placements, per = settings.placements, settings.postures_per_placement
     at_most("placements, postures_per_placement", placements * per, MOST_ROWS)
-    if settings.repeats > (most := trials * placements * per):
+    if settings.repeats > (most := placements * per):
         raise InputError(f"repeats: found {settings.repeats}, expected at most the plan's {most} postures")
     if (counts := settings.on_one_foot) and measured is not None:
         raise InputError("right, left: found postures on one foot after measurements, expected none")
@@ -129,62 +117,43 @@ def set_up_search(
 
 
 def search_plan(
-    search: PlanSearch, out: Path | None, sensors: str, table1: bool = False, progress: Progress = silent
+    search: PlanSearch, out: Path | None, sensors: str, progress: Progress = silent
 ) -> DescribedPlan:
     """Search for a plan, or go on with an interrupted search.
 
     Args:
         out: new plan folder; the states of an interrupted search are next to it.
         sensors: that the description is for.
-        table1: search from six random starts as the paper, and join the best three plans.
 
     Raises:
         InputError: a state that this search did not leave; a place that cannot be written.
         KeyboardInterrupt: before there was any plan.
     """
     with _states_of(search, out) as states:
-        return _search(search, out, states, sensors, table1, progress)
+        return _search(search, out, states, sensors, progress)
 
 
 def _search(
-    search: PlanSearch, out: Path | None, states: Path | None, sensors: str, table1: bool, progress: Progress
+    search: PlanSearch, out: Path | None, states: Path | None, sensors: str, progress: Progress
 ) -> DescribedPlan:
-    began, finished, trials, plans = time.perf_counter(), True, [], []
-    task, wanted = search.task, search.settings
+    began, task, wanted = time.perf_counter(), search.task, search.settings
     robot = task.problem.robot
-    for seed in TABLE1 if table1 else [wanted.seed]:
-        started = time.process_time()
-        plan, finished = _carry_out(replace(task, seed=seed), states, progress)
-        plans.append(plan)
-        if not finished:
-            break
-        if table1:
-            condition = describe_plan(robot, plan, None, sensors).condition_number
-            first = plan.made["initial_condition_number"]
-            trials.append(Trial(seed, first, condition, *TABLE1[seed], time.process_time() - started))
-    chosen: list[int] = []
-    if finished and table1:
-        order = np.argsort([trial.condition_number for trial in trials], kind="stable")[:CHOSEN].tolist()
-        plan, chosen = joined_trials([plans[k] for k in order]), [trials[k].seed for k in order]
+    plan, finished = _carry_out(task, states, progress)
     if finished and wanted.repeats:
         plan = with_repeats(plan, wanted.repeats, wanted.seed)
     described = describe_plan(robot, plan, None if out is None else str(out), sensors, task.measured)
     if not finished:
-        best = "" if table1 else "this is the best plan so far, and "
-        warn(f"interrupted; {best}the same call goes on")
-    kept = out is not None and states is not None and (finished or not table1)
-    if kept:
+        warn("interrupted; this is the best plan so far, and the same call goes on")
+    if out is not None and states is not None:
         _keep_plan(out, replace(plan, made=plan.made | {"described": described.promises()}), states)
         for state in states.glob("seed-*.json") if finished else ():
             state.unlink()
     return replace(
         described,
         **{name: plan.made[name] for name in SEARCHED if name in plan.made},
-        trials=trials,
-        chosen=chosen,
         wall_s=time.perf_counter() - began,
         finished=finished,
-        notes=(f"Plan folder: {out}",) if kept else (),
+        notes=() if out is None else (f"Plan folder: {out}",),
     )
 
 

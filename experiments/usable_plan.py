@@ -132,22 +132,6 @@ def joined(plans: list[PosturePlan]) -> PosturePlan:
     )
 
 
-def joined_trials(plans: list[PosturePlan]) -> PosturePlan:
-    """Join several trials into one plan; placements and postures are numbered consecutively."""
-    shift = np.cumsum([0, *(int(p.placement.max()) for p in plans[:-1])])
-    plan = joined(plans)
-    return replace(
-        plan,
-        posture=np.arange(1, len(plan) + 1),
-        placement=np.concatenate([p.placement + s for p, s in zip(plans, shift, strict=True)]),
-        made={
-            "objective": plan.made["objective"],
-            "command": "tulip plan optimal --table1",
-            "trials": [p.made for p in plans],
-        },
-    )
-
-
 def plan_hash(plan: PosturePlan) -> str:
     """Hash everything that a plan asks for, which is in its arrays, in hexadecimal."""
     digest = hashlib.sha256()

@@ -53,8 +53,8 @@ def one(seed: int) -> tuple[float, float, float, float, float]:
     truth = compile_spec(spec, "true robot")
     found = tt.identify(outcome.measurements, robot)
     with tempfile.TemporaryDirectory() as folder:
-        made = tt.export_model(found, robot, out=Path(folder) / "robot.xml", samples=0)
-        exported = mujoco.MjModel.from_xml_path(str(made.files[0]))
+        made = tt.export_model(found, robot, out=Path(folder) / "robot.xml")
+        exported = mujoco.MjModel.from_xml_path(made.file)
     plan = random_plan(robot, PLACEMENTS, POSTURES, seed)
     true = pressure(truth, robot, plan.joint_angles)
     rms = [

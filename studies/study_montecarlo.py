@@ -24,7 +24,7 @@ from tulip_testbed.experiments.montecarlo.coverage import ParameterCoverage
 from tulip_testbed.experiments.montecarlo.laboratory_runs import Source, source_of
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, montecarlo_file
 from tulip_testbed.experiments.montecarlo.montecarlo_result import Settings as RunSettings
-from tulip_testbed.experiments.montecarlo.montecarlo_run import collect, computed_by
+from tulip_testbed.experiments.montecarlo.montecarlo_run import collect
 from tulip_testbed.experiments.montecarlo.run_columns import Layout, RunChunks, RunJob, layout_of, read_runs
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.estimators import MIXED_MODEL
@@ -102,8 +102,8 @@ def carry_out(arm: Arm, seed: int, settings: Settings) -> tuple[MonteCarlo, Path
         inner = source_of(laboratory, plan, arm.spread, arm.engine)
         wrong = inner if arm.sheet == 1 else partial(with_sheet, inner, arm.sheet)
         job = RunJob(wrong, robot, parameters, layout, arm.estimator, seed)
-        with computed_by(settings.workers, None), progress(arm.name, runs) as advance:
-            collect(chunks, job, advance)
+        with progress(arm.name, runs) as advance:
+            collect(chunks, job, advance, settings.workers)
     document = montecarlo_file(laboratory, plan, asked)
     return MonteCarlo.of(read_runs(chunks, layout), layout, document, plan=plan, robot=robot), place, layout
 
@@ -121,19 +121,18 @@ def extremes(rows: list[ParameterCoverage]) -> list[str]:
 
 
 def compare(arms: list[tuple[Path, Layout]]) -> Iterator[str]:
-    """Test by Kolmogorov and Smirnov whether any estimate, sigma, condition number or count of rows differs.
+    """Test by Kolmogorov and Smirnov whether any estimate, standard error or count of rows differs.
 
     Yields:
-        lines of the three closest columns and of three that matter, then the result of all tests.
+        lines of the three closest columns and of the rows, then the result of all tests.
     """
     tables = [pyarrow.dataset.dataset(place).to_table().to_pandas() for place, _ in arms]
     columns = [f"full.value.{n}" for n in arms[0][1].numbers]
-    columns += [f"full.se.{n}" for n in arms[0][1].numbers]
-    columns += ["full.sigma", "full.condition_number", "full.residual_mean", "full.residual_max", "rows"]
+    columns += [*(f"full.se.{n}" for n in arms[0][1].numbers), "rows"]
     chances = {name: ks_2samp(*(table[name] for table in tables)).pvalue for name in columns}
     least = sorted(chances, key=lambda name: chances[name])[:3]
     limit = LEVEL / len(columns)
-    for name in [*least, "full.sigma", "full.condition_number", "rows"]:
+    for name in [*least, "rows"]:
         means = (f"{t[name].mean():.5g} +- {t[name].std():.2g}" for t in tables)
         yield row(name, *means, f"{chances[name]:.3g}")
     differ = [name for name, chance in chances.items() if chance < limit]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +11,11 @@ import numpy as np
 from tulip_testbed.base.table_files import Columns
 from tulip_testbed.experiments.montecarlo.laboratory_runs import stream_of
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, MonteCarloFile, Settings
-from tulip_testbed.experiments.montecarlo.montecarlo_run import collect, computed_by
+from tulip_testbed.experiments.montecarlo.montecarlo_run import collect
 from tulip_testbed.experiments.montecarlo.run_columns import Layout, RunChunks, numbers_of, read_runs
 from tulip_testbed.identification.estimators import Estimate
 
-LAYOUT = Layout(("a.x", "b.x", "c.x"), {"full": (1, 2, 3), "simplified": (1, 3)}, ((1, 3),))
+LAYOUT = Layout(("a.x", "b.x", "c.x"), {"full": (1, 2, 3), "simplified": (1, 3)})
 TRUTH = np.array([0.1, 0.0, -0.3])
 ROWS = 20
 
@@ -25,14 +25,13 @@ class Regressions:
     """Least squares on `ROWS` data points; reports `factor` times its standard error, adds `shift` of them.
 
     Attributes:
-        failing: runs that fail. unhashable: as the real work is.
+        failing: runs that fail.
     """
 
     seed: int = 1
     factor: float = 1.0
     shift: float = 0.0
     failing: tuple[int, ...] = ()
-    unhashable: dict[str, float] = field(default_factory=dict)
 
     def __call__(self, runs: Sequence[int]) -> Columns:
         records = [self.record(run) for run in runs]
@@ -73,13 +72,10 @@ class Regressions:
         )
 
 
-def run_regressions(
-    folder: Path, runs: int, size: int, work: Regressions, workers: int = 1, address: str | None = None
-) -> RunChunks:
+def run_regressions(folder: Path, runs: int, size: int, work: Regressions, workers: int = 1) -> RunChunks:
     """Carry out what is missing in a folder of chunks."""
     chunks = RunChunks(folder, runs, size)
-    with computed_by(workers, address):
-        collect(chunks, work, lambda count: None)
+    collect(chunks, work, lambda count: None, workers)
     return chunks
 
 

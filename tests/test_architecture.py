@@ -171,7 +171,7 @@ def test_a_library_has_one_room(library, owners):
             assert re.fullmatch(rf"{NAME}\.{owners}", module), module
 
 
-DRAW = {"headless_viewer", "browse", "browser", "look", "contact_sheet"}
+DRAW = {"headless_viewer", "browse", "browser", "look", "standing_picture"}
 
 
 @pytest.mark.parametrize("program", PACKAGES)

@@ -1,6 +1,5 @@
 """The runs of a Monte Carlo: the same bits wherever and however often they are computed, or one message."""
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ from tests import dying_work
 from tests.montecarlo_work import LAYOUT, Regressions, bytes_of, run_regressions
 from tests.test_refusals import refuse, rows
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.experiments.montecarlo.montecarlo_run import collect, computed_by
+from tulip_testbed.experiments.montecarlo.montecarlo_run import collect
 from tulip_testbed.experiments.montecarlo.run_columns import RunChunks, read_runs
 
 RUNS, SIZE = 23, 5
@@ -27,23 +26,6 @@ def undisturbed(tmp_path_factory) -> RunChunks:
 def test_two_workers_write_the_same_bytes(undisturbed, tmp_path):
     assert bytes_of(run_regressions(tmp_path, RUNS, SIZE, Regressions(), 2)) == bytes_of(undisturbed)
     assert sorted(p.name for p in tmp_path.iterdir())[-1] == "chunk-000004.parquet"
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("default")  # distributed's own, while its processes come and go
-def test_a_dask_cluster_writes_the_same_bytes(undisturbed, tmp_path):
-    distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
-    ) as cluster:
-        done = run_regressions(tmp_path, RUNS, SIZE, Regressions(), address=cluster.scheduler_address)
-    assert bytes_of(done) == bytes_of(undisturbed)
-
-
-def test_without_dask_the_extra_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(InputError, match=r"tulip-testbed\[cluster\]"), computed_by(1, "tcp://127.0.0.1:9"):
-        pass
 
 
 @pytest.mark.parametrize("size", [1, 7, RUNS])
@@ -80,8 +62,8 @@ def test_a_full_disk_leaves_what_was_written(undisturbed, tmp_path, monkeypatch)
 
 def test_a_worker_that_dies_is_told(tmp_path):
     message = "a worker process ended by SIGKILL.*, as the system does when memory runs out"
-    with computed_by(2, None), pytest.raises(InputError, match=message):
-        collect(RunChunks(tmp_path, 4, 1), dying_work.die, lambda count: None)
+    with pytest.raises(InputError, match=message):
+        collect(RunChunks(tmp_path, 4, 1), dying_work.die, lambda count: None, 2)
 
 
 def test_without_a_folder_nothing_is_said_to_stay(monkeypatch, robot, plan):

@@ -14,7 +14,6 @@ import pyarrow.parquet
 import pytest
 
 import tulip_testbed as tt
-from tests.test_cli import refused
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.machine import machine
 from tulip_testbed.experiments.laboratory import Laboratory
@@ -90,17 +89,6 @@ def test_interrupted_and_killed_it_ends_as_if_undisturbed(small, tmp_path):
     assert other.returncode == 2
     assert "settings.seed is 107 there and 108 here" in " ".join(other.stderr.split())
     assert pyarrow.parquet.read_table(whole / "runs").column("run").to_pylist() == list(range(RUNS))
-
-
-@pytest.mark.filterwarnings("default")  # distributed's own
-def test_an_unreachable_cluster_leaves_nothing(small, tmp_path, capsys, monkeypatch):
-    pytest.importorskip("distributed")
-    monkeypatch.setattr("tulip_testbed.experiments.montecarlo.montecarlo_run.PATIENCE", 1)
-    options = ("--out", tmp_path / "run", "--runs", 5, "--scheduler", "tcp://127.0.0.1:9")
-    began = time.perf_counter()
-    assert "no Dask scheduler within 1 s" in refused(capsys, "montecarlo", small, *options)
-    assert time.perf_counter() - began < 10
-    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize("engine", ["statics", pytest.param("dynamics", marks=pytest.mark.slow)])

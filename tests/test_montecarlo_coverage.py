@@ -8,11 +8,7 @@ from scipy.stats import binom, f, t
 from tests.montecarlo_work import LAYOUT, TRUTH, Regressions, result_of, run_regressions
 from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.montecarlo.coverage import (
-    BINS,
-    QUANTILES,
-    Distribution,
     Errors,
-    distribution,
     model_errors,
     summarise_errors,
 )
@@ -63,46 +59,12 @@ def test_errors_and_stated_errors(table):
         mean = np.sqrt((stated**2).mean(axis=0))
         np.testing.assert_allclose([row.standard_error for row in rows], mean, rtol=1e-12)
         np.testing.assert_allclose(result.errors_mm[model], 1e3 * error, rtol=1e-12)
-        for level in (50, 90, 95):
-            limit = t.ppf((1 + level / 100) / 2, runs[f"{model}.dof.1"][0])
-            held = (np.abs(error / stated) <= limit).mean(axis=0)
-            assert [getattr(row, f"coverage{level}") for row in rows] == held.tolist()
+        limit = t.ppf(0.975, runs[f"{model}.dof.1"][0])
+        held = (np.abs(error / stated) <= limit).mean(axis=0)
+        assert [row.coverage95 for row in rows] == held.tolist()
         statistic = runs[f"{model}.chi_square"] / len(numbers)
         beyond = (statistic > f.ppf(0.95, len(numbers), 20 - len(numbers))).mean()
         assert result.models[model].beyond_95.share == beyond
-
-
-def test_distributions(table):
-    runs, result = table
-    spreads = {
-        "rows": (1, result.rows),
-        "full.sigma": (1e3, result.sigma_mm),
-        "full.chi_square": (1, result.chi_square),
-        "simplified.condition_number": (1, result.simplified.condition_number),
-        "full.correlation.1.3": (1, result.correlations["1,3"]),
-    }
-    for name, (scale, spread) in spreads.items():
-        is_described(spread, scale * runs[name].astype(float))
-
-
-def is_described(spread: Distribution, values: np.ndarray):
-    assert spread.mean == pytest.approx(values.mean(), rel=1e-12)
-    assert spread.sd == pytest.approx(values.std(ddof=1), rel=1e-9, abs=1e-12)
-    assert (spread.min, spread.max) == pytest.approx((values.min(), values.max()), rel=1e-12)
-    # A quantile is off by at most a bin, and the bins' own quantiles lie between neighbouring values.
-    room = 1.001 * np.ptp(values) / BINS + 1e-15
-    at = np.array([spread.quantile05, spread.quantile50, spread.quantile95])
-    assert (at >= np.quantile(values, QUANTILES, method="lower") - room).all()
-    assert (at <= np.quantile(values, QUANTILES, method="higher") + room).all()
-
-
-def test_a_distribution_of_many_runs_of_none_and_of_a_constant():
-    values = 5.0 * np.random.default_rng(108).normal(size=20_000) + 100.0
-    is_described(distribution(values), values)
-    assert np.isnan(distribution(np.empty(0)).mean)
-    constant = distribution(np.ones(4))
-    assert constant.sd == 0
-    assert constant.quantile50 == pytest.approx(1.0, abs=1e-3)
 
 
 def test_the_figures_do_not_depend_on_the_chunks(table, tmp_path):
@@ -133,7 +95,6 @@ def test_a_true_estimator_is_shown_to_be_right(tmp_path):
     assert (result.verdict, result.shown, result.exit_code) == ("pass", True, 0)
     assert result.parameters[0].standard_error_ratio == pytest.approx(1.0, abs=0.07)
     assert result.parameters[2].coverage95 == pytest.approx(0.95, abs=0.015)
-    assert result.correlations["1,3"].mean == pytest.approx(0.0, abs=0.03)
 
 
 @pytest.mark.parametrize("runs", [1, 2])
@@ -190,7 +151,7 @@ def outcomes(factor: float, size: int, runs: int, seed: int) -> list[list[Covera
 def test_what_only_a_prior_knows_is_no_error_of_the_estimator():
     """Hand-worked: theta = y - 2 phi, y of s.d. 1, phi unknown with a prior of s.d. 1.5; phi is really 3."""
     rng, runs = np.random.default_rng(116), 4000
-    layout = Layout(("a", "b"), {"full": (1, 2)}, ())
+    layout = Layout(("a", "b"), {"full": (1, 2)})
     rows = []
     for theta in 0.7 + rng.standard_normal((runs, 2)):
         unseen = Unseen(("tilt",), np.zeros(1), np.array([[-2.0], [0.0]]), np.eye(2))

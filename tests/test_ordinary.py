@@ -183,7 +183,7 @@ def test_a_monte_carlo_does_not_depend_on_workers_and_records_its_setting(robot,
     laboratory, part = Laboratory(robot, "wii"), plan.take(plan.placement <= 5)
     settings = Settings(3, SEED, "self-calibrating", None, "statics", 0.5)
     for workers in (1, 2):
-        found = montecarlo(laboratory, part, settings, RunPlace(tmp_path / f"{workers}", workers, None))
+        found = montecarlo(laboratory, part, settings, RunPlace(tmp_path / f"{workers}", workers))
         assert found.imperfections == 0.5
     one, two = (
         {p.name: p.read_bytes() for p in (tmp_path / name).rglob("*") if p.is_file()} for name in "12"

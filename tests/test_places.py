@@ -110,7 +110,6 @@ simulate --out data --truth NAME
 validate --out NAME
 montecarlo --runs 10 --out NAME
 robot NAME
-plan show --draw NAME
 view NAME --save a.rrd
 """
 

@@ -14,10 +14,8 @@ from PIL import Image
 from tests.drawing import draws_with
 from tests.test_cli import refused
 from tests.test_refusals import change_keys, refuse, rows
-from tulip_testbed import drawings, rendering
-from tulip_testbed.base.errors import InputError
+from tulip_testbed import rendering
 from tulip_testbed.cli.main import main
-from tulip_testbed.drawings import contact_sheet
 from tulip_testbed.experiments import planning_run as planning
 from tulip_testbed.experiments.described_plan import DescribedPlan
 from tulip_testbed.experiments.planning_run import PlanSettings, set_up_search, state_folder
@@ -137,30 +135,7 @@ def test_the_next_postures_and_their_description(data, tmp_path, capsys):
 
 
 @draws_with("opengl")
-def test_postures_are_rendered(robot, plan):
-    sheet = contact_sheet(robot, plan.take(np.array([0, 1, 7])))
-    image = np.asarray(Image.open(io.BytesIO(sheet)))
-    assert image.shape == (224, 3 * 168, 3)
-    for k in range(3):  # the robot is orange
-        red, _, blue = image[:, k * 168 : (k + 1) * 168].astype(int).transpose(2, 0, 1)
-        assert ((red > 150) & (blue < 80)).sum() > 100
-
-
-def test_without_opengl_the_polygons_are_left(plan, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(rendering, "PLATFORMS", ())
-    assert main(["plan", "show", "--draw", str(tmp_path / "pictures")]) == 2
-    assert "no postures.png: rendering: neither EGL nor OSMesa draws" in " ".join(
-        capsys.readouterr().err.split()
-    )
-    assert [path.name for path in (tmp_path / "pictures").iterdir()] == ["support-polygons.svg"]
-
-
-def test_pictures_that_cannot_be_written_are_not_published_in_part(robot, plan, tmp_path, monkeypatch):
-    def full(path, content):
-        raise InputError(f"{path}: cannot write (No space left on device)")
-
-    monkeypatch.setattr(drawings, "contact_sheet", lambda robot, plan: b"picture")
-    monkeypatch.setattr(drawings, "write_bytes", full)
-    with pytest.raises(InputError, match="No space left"):
-        drawings.write_pictures(tmp_path / "pictures", robot, plan)
-    assert not any(tmp_path.iterdir())
+def test_the_standing_robot_is_rendered(robot):
+    image = np.asarray(Image.open(io.BytesIO(rendering.standing_picture(robot)))).astype(int)
+    assert image.shape == (640, 480, 3)
+    assert ((image[..., 0] > 150) & (image[..., 2] < 80)).sum() > 1_000  # the robot is orange

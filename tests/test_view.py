@@ -1,12 +1,11 @@
 """Views: written, opened in rerun itself, looked at."""
 
-import re
 import resource
 import signal
+import socket
 import subprocess
 import sys
 import time
-import urllib.request
 from pathlib import Path
 
 import mujoco
@@ -19,23 +18,18 @@ from PIL import Image
 import tulip_testbed as tt
 from tests.drawing import draws_with
 from tests.looking import headless_viewer
-from tests.test_preflight import raw_series, write_series
-from tests.watched import measured_day, model_of, play
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
-from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.identification.feasibility import stability_margin
-from tulip_testbed.measurements import read_measurements, read_series, write_measurements
-from tulip_testbed.polygons import inset, nearest_on
+from tulip_testbed.measurements import write_measurements
 from tulip_testbed.viewer import balance_series as balance
-from tulip_testbed.viewer import layout, watch_view, window
-from tulip_testbed.viewer import montecarlo_view as montecarlo
+from tulip_testbed.viewer import layout, window
 from tulip_testbed.viewer import postures_view as postures
+from tulip_testbed.viewer.balance_series import inset, nearest_on
 from tulip_testbed.viewer.robot_view import undrawn
 from tulip_testbed.viewer.subject import measured, planned, validated
-from tulip_testbed.viewer.time_series import sampled
-from tulip_testbed.viewer.window import END
 
 MOST_SECONDS, MOST_BYTES = 20, 60e6  # of a view of 150 postures
 
@@ -86,18 +80,6 @@ def test_rerun_draws_every_view_of_a_run(run_folder, robot, tmp_path, monkeypatc
     not_blank(tmp_path / "run.png")
 
 
-@pytest.mark.slow
-@draws_with("vulkan")
-def test_rerun_draws_every_view_of_a_montecarlo(coverage, robot, tmp_path, monkeypatch):
-    saved = MonteCarlo.load(coverage, robot)
-    monkeypatch.setattr(montecarlo, "laid_out", side_by_side)
-    window.save(tmp_path / "m.rrd", "m", lambda recording: montecarlo.log_montecarlo(recording, saved))
-    found = look(tmp_path / "m.rrd", {"parameter": 3, "posture": 5}, tmp_path / "m.png")
-    assert len(found) == 9
-    assert not any(found.values()), found
-    not_blank(tmp_path / "m.png")
-
-
 def test_a_view_of_150_postures_is_small_and_soon_there(wii, tmp_path, capsys):
     run = tmp_path / "run"
     wii.save(run)
@@ -109,14 +91,9 @@ def test_a_view_of_150_postures_is_small_and_soon_there(wii, tmp_path, capsys):
         assert "View: " in capsys.readouterr().out
 
 
-def test_clouds_are_those_of_the_runs(coverage, robot):
-    """The mass that the folder recorded is that of the measurements made anew."""
-    saved = MonteCarlo.load(coverage, robot)
-    clouds, note = montecarlo.cop_clouds(saved)
-    assert "40 runs" in note
-    assert len(clouds) > 100
-    # Repeats give a posture two points in a run.
-    assert sum(map(len, clouds.values())) == saved.every_run["rows"].sum()
+def test_a_monte_carlo_has_a_page_and_no_view(coverage, tmp_path):
+    with pytest.raises(InputError, match="found a Monte Carlo, which `report` shows"):
+        tt.view(coverage, save=tmp_path / "m.rrd")
 
 
 def test_residual_and_truth_are_the_runs_own(run_folder, moved_wii, robot):
@@ -154,42 +131,6 @@ def test_x_is_up_and_y_is_left_from_above():
     assert balance.from_above(np.array([0.0, 1.0])).tolist() == [-1000.0, -0.0]
 
 
-@pytest.fixture(scope="module")
-def with_series(wii, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("series") / "data"
-    part = wii.measurements.take(wii.measurements.placement <= 6)
-    write_measurements(folder, part)
-    write_series(folder, raw_series(part, np.random.default_rng(104)), part.joints)
-    return folder
-
-
-@draws_with("vulkan")
-def test_a_series_has_a_time_line_of_its_own(with_series, robot, tmp_path):
-    assert main(["view", str(with_series), "--save", str(tmp_path / "s.rrd")]) == 0
-    with headless_viewer(tmp_path / "s.rrd") as viewer:
-        (recording,) = [r for r in viewer.get_state().recordings if r.timelines]
-        assert {line.name: line.time_type for line in recording.timelines} == {
-            "posture": "sequence",
-            "time": "duration",
-        }
-        viewer.set_time("time", duration=100.0)
-        time.sleep(1.5)
-        assert not any(view.reports for view in viewer.get_state().views)
-
-
-def test_samples_belong_to_the_row_that_began_before_them(with_series, robot):
-    subject = measured(read_measurements(with_series), robot, read_series(with_series))
-    dense, t = sampled(subject, 500)
-    assert 250 < len(t) <= 500
-    assert (np.diff(t) >= 0).all()
-    assert dense.measurements is not None
-    assert dense.cop is not None
-    assert subject.cop is not None
-    begun, length = dense.measurements.time, dense.measurements.window
-    assert ((t >= begun - 1e-9) & (t <= begun + length + 1e-9)).all()
-    assert np.abs(dense.cop - subject.cop[0]).max() < 1.0
-
-
 def test_postures_that_say_nothing_are_shown_without_an_estimate(wii, robot, tmp_path):
     part = wii.measurements.take(np.arange(1))
     write_measurements(tmp_path / "data", part)
@@ -213,20 +154,12 @@ def test_a_robot_of_meshes_and_one_of_two_hinges_a_body_are_drawn(foreign, tmp_p
     "how",
     [signal.SIGHUP, *(pytest.param(one, marks=pytest.mark.slow) for one in (signal.SIGTERM, signal.SIGKILL))],
 )
-def test_serving_is_for_this_machine_alone_and_ends_with_its_terminal(run_folder, how):
-    command = [
-        sys.executable,
-        "-c",
-        "from tulip_testbed.cli.entry import run; run()",
-        "view",
-        str(run_folder),
-        "--serve",
-    ]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        line = process.stdout.readline()
-        ports = [int(port) for port in re.findall(r"127\.0\.0\.1(?::|%3A)(\d+)", line)]
-        assert len(ports) == 2
+def test_the_viewer_listens_to_this_machine_alone_and_ends_with_its_terminal(run_folder, tmp_path, how):
+    """Without a screen: the viewer's own server in the place of its window."""
+    assert main(["view", str(run_folder), "--save", str(tmp_path / "v.rrd")]) == 0
+    ports = [free_port(), free_port()]
+    command = [sys.executable, "-c", WITHOUT_WINDOW, str(tmp_path), *map(str, ports)]
+    with subprocess.Popen(command) as process:
         listening = {}
         until = time.monotonic() + 20
         while len(listening) < 2 and time.monotonic() < until:
@@ -238,6 +171,23 @@ def test_serving_is_for_this_machine_alone_and_ends_with_its_terminal(run_folder
     while any(port in ports for port, _ in _listening()):
         assert time.monotonic() < until
         time.sleep(0.1)
+
+
+WITHOUT_WINDOW = """
+import sys, time
+from pathlib import Path
+from tulip_testbed.viewer import window
+place, data, page = Path(sys.argv[1]), *sys.argv[2:]
+options = (*window.LOCAL[:2], "--serve-web", "--port", data, "--web-viewer-port", page)
+with window._viewer(place, place / "v.rrd", options):
+    time.sleep(60)
+"""
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
 
 
 def _listening() -> list[tuple[int, str]]:
@@ -272,38 +222,3 @@ def test_links_that_nothing_shows_are_told():
         </worldbody></mujoco>"""
     )
     assert undrawn(model) == ["bare"]
-
-
-@pytest.fixture(scope="module")
-def verdicts(robot, plan):
-    rows = measured_day(robot, plan).take(np.arange(3))
-    return play(model_of(robot, plan, rows), rows)[1]
-
-
-def test_every_posture_is_logged(verdicts, plan, nominal, tmp_path):
-    path, recording = tmp_path / "day.rrd", rr.RecordingStream("tulip")
-    recording.save(path)
-    watch_view.begin(recording, plan, nominal)
-    sizes = []
-    for row, verdict in enumerate(verdicts, 1):
-        watch_view.log_verdict(recording, plan, nominal, verdict, row)
-        recording.flush()
-        sizes.append(path.stat().st_size)
-    recording.disconnect()
-    content = path.read_bytes()
-    assert END in content[-2 * len(END) :]
-    assert sizes == sorted(set(sizes))
-    for entity in (b"/misfit/A", b"/misfit/C", b"/verdicts", b"/world/robot/torso"):
-        assert entity in content
-
-
-@pytest.mark.slow
-def test_the_day_is_served_to_this_machine(verdicts, plan, robot):
-    told = []
-    with watch_view.served_watch(plan, robot, told.append) as log:
-        for verdict in verdicts:
-            log(verdict)
-        (address,) = told
-        assert address.startswith("http://127.0.0.1:")
-        with urllib.request.urlopen(address.partition("?")[0], timeout=20) as page:
-            assert b"rerun" in page.read().lower()

@@ -17,11 +17,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from tulip_testbed.base.errors import InputError, shortened
+from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.measurements.data import base_foot
+from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.scene import boards_under
 
+PORTRAIT = (480, 640)  # pixels
 PLATFORMS = ("egl", "osmesa")
 MOST_WAIT = 600  # s
 SIDE, ABOVE = 145.0, -14.0  # deg, where the camera stands
@@ -79,6 +84,21 @@ def rendered(
     )
 
 
+def standing_picture(robot: Robot) -> bytes:
+    """Draw the keyframe `stand` on the plates; a PNG.
+
+    Raises:
+        InputError: nothing draws here.
+    """
+    angles = robot.model.key("stand").qpos[7:][None]
+    pose = nominal_robot(robot).swing_sole(angles)[:, [0, 1, 5]]
+    boards = boards_under(preset_rig("ideal", robot), np.stack([np.zeros_like(pose), pose], axis=1))
+    image = rendered(robot, angles, np.array(["double"]), boards, *PORTRAIT)[0]
+    out = io.BytesIO()
+    Image.fromarray(image).save(out, "png")
+    return out.getvalue()
+
+
 def draw(
     robot: Robot,
     joint_angles: np.ndarray,
@@ -91,7 +111,6 @@ def draw(
     import mujoco
 
     from tulip_testbed.sim.dynamics.stand import Stand
-    from tulip_testbed.sim.rig import preset_rig
 
     rig = replace(preset_rig("ideal", robot), edit=lit)
     images = np.empty((len(joint_angles), height, width, 3), dtype=np.uint8)

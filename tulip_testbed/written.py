@@ -1,4 +1,4 @@
-"""Results of a page or a view: a file, or an address that a browser opens."""
+"""Results of a page or a view: a file, or a window."""
 
 from __future__ import annotations
 
@@ -35,25 +35,22 @@ class OpenView(Result):
     """A view that was written, or that is open.
 
     Attributes:
-        view: its file. bytes: its size. address: that serves it. closed: waits until the viewer is closed.
+        view: its file. bytes: its size. closed: waits until the viewer is closed.
     """
 
     view: str | None = None
     bytes: int | None = None
-    address: str | None = None
     closed: Callable[[], None] = lambda: None
 
     def tables(self) -> list[Table | str]:
-        """Return the file or the address; a window says enough itself."""
-        if self.address is not None:
-            return [f"Open {self.address} in a browser; Ctrl-C ends it."]
+        """Return the file; a window says enough itself."""
         if self.view is None or self.bytes is None:
             return []
         return [f"View: {self.view} ({self.bytes / MEGABYTE:.1f} MB); open it by `rerun {self.view}`"]
 
     def to_json(self) -> dict[str, Any]:
-        """Return the file with its size, or the address."""
-        document = {"view": self.view, "bytes": self.bytes, "address": self.address}
+        """Return the file with its size."""
+        document = {"view": self.view, "bytes": self.bytes}
         return {key: value for key, value in document.items() if value is not None}
 
     def wait(self) -> None:

@@ -37,15 +37,8 @@ def groups(angle: np.ndarray) -> list[list[int]]:
     """Candidates any two of which are closer than `ISOLABLE`, by complete linkage; the largest first."""
     if len(angle) < 2:
         return []
-    label = scipy.cluster.hierarchy.fcluster(_tree(angle), ISOLABLE, "distance")
+    near = scipy.spatial.distance.squareform(angle, checks=False)
+    tree = scipy.cluster.hierarchy.linkage(near, "complete")
+    label = scipy.cluster.hierarchy.fcluster(tree, ISOLABLE, "distance")
     alike = [np.flatnonzero(label == number).tolist() for number in np.unique(label)]
     return sorted((group for group in alike if len(group) > 1), key=lambda group: (-len(group), group))
-
-
-def order(angle: np.ndarray) -> np.ndarray:
-    """Candidates with those that look alike side by side, (n,)."""
-    return scipy.cluster.hierarchy.leaves_list(_tree(angle)) if len(angle) > 1 else np.arange(len(angle))
-
-
-def _tree(angle: np.ndarray) -> np.ndarray:
-    return scipy.cluster.hierarchy.linkage(scipy.spatial.distance.squareform(angle, checks=False), "complete")

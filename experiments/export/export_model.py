@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import io
 import os
 import tempfile
 import xml.etree.ElementTree as ET
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,15 +12,13 @@ import mujoco
 import numpy as np
 from scipy.linalg import block_diag
 
-from tulip_testbed.base.errors import InputError, at_least, at_most, listed, shortened, warn
+from tulip_testbed.base.errors import InputError, listed, shortened, warn
 from tulip_testbed.base.files import check_new, present, read_bytes, write_bytes
 from tulip_testbed.effects.instance import EffectInstance, injected
 from tulip_testbed.effects.true_robot import true_model
-from tulip_testbed.experiments.defaults import SAMPLES
 from tulip_testbed.experiments.export.exported_model import ExportedModel, TotalMass, exported_links
 from tulip_testbed.experiments.export.inertial_text import with_inertias, with_places
 from tulip_testbed.experiments.export.published_links import PublishedLinks, published_links
-from tulip_testbed.experiments.export.robot_samples import robot_samples
 from tulip_testbed.experiments.export.written_urdf import written_urdf
 from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.robot_import.skeleton import LEAST_MASS
@@ -58,27 +54,22 @@ OVERRULING = {  # settings of an MJCF's <compiler> that change inertias, and wha
     "settotalmass": "-1",
 }
 ALIKE = 1e-6  # of a pseudo-inertia, in its own metric
-MOST_SAMPLES = 100_000
 LEVEL = 1e-3  # of chi-square: estimate and CAD that are farther apart contradict each other
 
 
 @dataclass(frozen=True)
 class Export:
-    """The files to be written.
+    """The file to be written.
 
     Attributes:
         path: of the model, .xml or .urdf.
         source: the published file of which `tulip robot` made the robot: its inertias are replaced instead
             of those of the prepared robot; None: the robot's own MJCF.
-        samples: number of random robots, written next to the model; 0: none.
-        seed: of the samples.
         adopted: effects that the laboratory is known to have. lengths: put its link lengths into the file.
     """
 
     path: Path
     source: Path | None = None
-    samples: int = SAMPLES
-    seed: int = 1
     adopted: tuple[EffectInstance, ...] = ()
     lengths: bool = False
 
@@ -93,17 +84,13 @@ def export_model(
         weighed: mass of the robot on a scale and its standard error [kg]; None: that of the identification.
 
     Raises:
-        InputError: files that exist, of another ending or of another robot; a file whose settings overrule
-            its inertias.
+        InputError: a file that exists, of another ending or of another robot, or whose settings overrule its
+            inertias.
     """
     _check(identification, robot, export)
     model = _lengthened(robot, export)
     parameters = base_parameters(robot, model, identification.parameters.support)
     links, full = parameters.tree.links, identification.full
-    paths = [export.path]
-    if export.samples:
-        paths.append(export.path.with_name(f"{export.path.stem}-samples.npz"))
-        check_new(paths[1])
     source = None if export.source is None else published_links(export.source, robot)
     cad = pseudo_inertias(robot.model)
     if source is not None:
@@ -142,21 +129,10 @@ def export_model(
         constant=identification.constant,
         misfit_in_standard_errors=float(np.sqrt(away @ np.linalg.solve(full.covariance, away))),
         total_mass=TotalMass(float(mass), "weighed" if weighed else "by the measured forces"),
-        files=tuple(map(str, paths)),
+        file=str(export.path),
         notes=notes,
     )
-    contents = [content]
-    if export.samples:
-        rng, archive = np.random.default_rng(export.seed), io.BytesIO()
-        drawn = robot_samples(robot.model, cad, ellipsoids, target, mass_error, export.samples, rng)
-        names = {"links": np.array(links), "parameters": np.array(full.names)}
-        np.savez_compressed(archive, **names, **drawn)  # pyrefly: ignore[bad-argument-type]
-        contents.append(archive.getvalue())
-    with ExitStack() as undo:  # both files or none
-        for path, whole in zip(paths, contents, strict=True):
-            write_bytes(path, whole, new=True)
-            undo.callback(path.unlink, missing_ok=True)
-        undo.pop_all()
+    write_bytes(export.path, content, new=True)
     if consistent.misfit:
         warn(f"{export.path}: {notes[0]}")
     if chi2_sf(result.misfit_in_standard_errors**2, len(full.value)) < LEVEL:
@@ -171,9 +147,6 @@ def _check(identification: Identification, robot: Robot, export: Export) -> None
             f"{export.path}: found a name that ends in '{export.path.suffix}', expected {listed(ENDINGS)}"
         )
     check_new(export.path)
-    at_least("samples", export.samples, 0)
-    at_most("samples", export.samples, MOST_SAMPLES)
-    at_least("seed", export.seed, 0)
     parameters = base_parameters(robot, support=identification.parameters.support)
     known, count = identification.parameters, len(identification.full.numbers)
     if known.tree.links != parameters.tree.links or known.names != parameters.names:

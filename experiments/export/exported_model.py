@@ -1,4 +1,4 @@
-"""What `tulip export` tells: what changed in the links, how much of it is data, which files were written."""
+"""What `tulip export` tells: what changed in the links, how much of it is data, which file was written."""
 
 from __future__ import annotations
 
@@ -47,13 +47,13 @@ class TotalMass:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ExportedModel(Result):
-    """A consistent robot and the files that hold it.
+    """A consistent robot and the file that holds it.
 
     Attributes:
         links: before and after. base_parameters: of the file, (p,) [m].
         constant: error of the centre of pressure on the data, which the file does not have.
         misfit_in_standard_errors: between the base parameters of the file and the estimate.
-        files: that were written, the model first.
+        file: that was written.
         notes: sentences on what the user has to know.
     """
 
@@ -62,11 +62,11 @@ class ExportedModel(Result):
     constant: ConstantError
     misfit_in_standard_errors: float
     total_mass: TotalMass
-    files: tuple[str, ...]
+    file: str
     notes: tuple[str, ...]
 
     def tables(self) -> list[Table | str]:
-        """Return what changed in every link, the total mass, the misfit and the files."""
+        """Return what changed in every link, the total mass, the misfit and the file."""
         columns = [
             Column("link"),
             Column("mass, CAD", "kg", ".3f"),
@@ -96,7 +96,7 @@ class ExportedModel(Result):
             str(self.constant),
             self.misfit_line,
             *self.notes,
-            *(f"Written: {path}" for path in self.files),
+            f"Written: {self.file}",
         ]
 
     @property

@@ -13,9 +13,7 @@ from tulip_testbed.base.table_files import Columns
 from tulip_testbed.experiments.montecarlo.run_columns import errors_of, matrix
 from tulip_testbed.identification.distributions import chi2_ppf, f_ppf, t_ppf
 
-LEVELS = (0.5, 0.9, 0.95)  # of the intervals whose coverage is counted
-QUANTILES = (0.05, 0.5, 0.95)
-BINS = 1000  # of a range; a quantile is linear within a bin
+COVERED = 0.95  # level of the intervals whose coverage is counted
 WHOLE_LEVEL = 0.05  # share of runs whose errors together should exceed what is stated
 CONFIDENCE = 0.95  # of the intervals beside every single figure; the verdict's are wider
 Interval = Annotated[list[Figure], Field(min_length=2, max_length=2)]
@@ -31,10 +29,6 @@ class Coverage:
     empirical_standard_error: Figure
     standard_error_ratio: Figure
     standard_error_ratio_interval: Interval
-    coverage50: Figure
-    coverage50_interval: Interval
-    coverage90: Figure
-    coverage90_interval: Interval
     coverage95: Figure
     coverage95_interval: Interval
 
@@ -55,36 +49,16 @@ class Share:
     interval: Interval
 
 
-@dataclass(frozen=True)
-class Distribution:
-    """Distribution of a quantity over the runs."""
-
-    mean: Figure
-    sd: Figure
-    min: Figure
-    max: Figure
-    quantile05: Figure
-    quantile50: Figure
-    quantile95: Figure
-
-
 @dataclass(frozen=True, kw_only=True)
 class ModelCoverage:
     """The errors of a model's parameters; a robot without a simplified model has no rows of it.
 
     Attributes:
         beyond_95: share of the runs whose errors together exceed 95 % of F; None: no run, or one parameter.
-        condition_number, sigma_mm, ...: how they vary over the runs; residuals in mm (eqs 12 and 14).
     """
 
     parameters: list[ParameterCoverage]
     beyond_95: Share | None = None
-    condition_number: Distribution | None = None
-    sigma_mm: Distribution | None = None
-    residual_mean_mm: Distribution | None = None
-    residual_sd_mm: Distribution | None = None
-    residual_max_mm: Distribution | None = None
-    chi_square: Distribution | None = None
 
 
 @dataclass(frozen=True)
@@ -104,7 +78,7 @@ class Errors:
         bias: mean error, (p,) [m].
         sd: of the errors, (p,) [m].
         standard_error: root of the mean reported variance, (p,) [m].
-        covered: runs whose interval held the truth, by `LEVELS`, (3, p).
+        covered: runs whose 95 % interval held the truth, (p,).
         exceeded: runs whose errors together lie beyond the 1 - `WHOLE_LEVEL` quantile; None: one parameter.
         residual_dof: mean degrees of freedom of the residual's variance.
     """
@@ -145,9 +119,9 @@ class Errors:
         factors = np.sqrt((self.count - 1) / chi2_ppf([1 - tail, tail], self.count - 1))
         return Estimates(ratio, factors[:, None] * ratio)
 
-    def coverage(self, level: float, confidence: float) -> Estimates:
-        """Return the share of the runs whose interval of a level, one of `LEVELS`, held the truth."""
-        return share(self.covered[LEVELS.index(level)], self.count, confidence)
+    def coverage(self, confidence: float) -> Estimates:
+        """Return the share of the runs whose 95 % interval held the truth."""
+        return share(self.covered, self.count, confidence)
 
 
 def share(counts: np.ndarray, count: int, confidence: float) -> Estimates:
@@ -172,14 +146,13 @@ def summarise_errors(
     """
     count = len(error)
     none = np.full(error.shape[1], np.nan)
-    covered = [(np.abs(error) <= t_ppf((1 + level) / 2, dof) * stated).sum(axis=0) for level in LEVELS]
     return Errors(
         numbers=np.array(numbers),
         count=count,
         bias=error.mean(axis=0) if count else none,
         sd=error.std(axis=0, ddof=1) if count > 1 else none,
         standard_error=np.sqrt((stated**2).mean(axis=0)) if count else none,
-        covered=np.array(covered),
+        covered=(np.abs(error) <= t_ppf((1 + COVERED) / 2, dof) * stated).sum(axis=0),
     )
 
 
@@ -199,25 +172,6 @@ def model_errors(runs: Columns, model: str, numbers: tuple[int, ...], given: boo
     return replace(errors, exceeded=exceeded, residual_dof=float(below.mean()) if errors.count else np.nan)
 
 
-def distribution(values: np.ndarray, scale: float = 1.0) -> Distribution:
-    """Describe how a quantity varies over the runs, in multiples of a unit."""
-    if not len(values):
-        return Distribution(*[np.nan] * 7)
-    sd = values.std(ddof=1) if len(values) > 1 else np.nan
-    figures = np.array([values.mean(), sd, values.min(), values.max(), *quantiles(values)])
-    return Distribution(*(scale * figures).tolist())
-
-
-def quantiles(values: np.ndarray) -> np.ndarray:
-    """Return the quantiles at `QUANTILES` of a histogram with `BINS` bins, off by a bin at most."""
-    if not np.isfinite(values).all():
-        return np.full(len(QUANTILES), np.nan)
-    low, high = float(values.min()), float(values.max())
-    place = (BINS * (values - low) / ((high - low) or 1.0)).clip(0, BINS - 1).astype(int)
-    below = np.concatenate([[0], np.cumsum(np.bincount(place, minlength=BINS))]) / len(values)
-    return np.interp(QUANTILES, below, np.linspace(low, high, BINS + 1))
-
-
 def coverage_of(errors: Errors) -> list[dict[str, Any]]:
     """Return the figures of every parameter by their names in `Coverage`."""
     ratio = errors.standard_error_ratio(CONFIDENCE)
@@ -229,29 +183,22 @@ def coverage_of(errors: Errors) -> list[dict[str, Any]]:
         "standard_error_ratio": ratio.value,
         "standard_error_ratio_interval": ratio.interval.T,
     }
-    for level in LEVELS:
-        held, name = errors.coverage(level, CONFIDENCE), f"coverage{100 * level:.0f}"
-        figures |= {name: held.value, f"{name}_interval": held.interval.T}
+    held = errors.coverage(CONFIDENCE)
+    figures |= {"coverage95": held.value, "coverage95_interval": held.interval.T}
     columns = [column.tolist() for column in figures.values()]
     return [dict(zip(figures, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
-def model_coverage(runs: Columns, model: str, errors: Errors, names: tuple[str, ...]) -> dict[str, Any]:
+def model_coverage(errors: Errors, names: tuple[str, ...]) -> dict[str, Any]:
     """Return the fields of `ModelCoverage`.
 
     Args:
-        runs: the identified ones. names: of all base parameters.
+        names: of all base parameters.
     """
     rows = zip(errors.numbers.tolist(), coverage_of(errors), strict=True)
     beyond = None
     if errors.exceeded is not None and errors.count:
         exceeded = share(np.array([errors.exceeded]), errors.count, CONFIDENCE)
         beyond = Share(float(exceeded.value[0]), exceeded.interval[:, 0].tolist())
-    residuals = ("sigma", "residual_mean", "residual_sd", "residual_max")
-    return {
-        "parameters": [ParameterCoverage(number=n, name=names[n - 1], **row) for n, row in rows],
-        "beyond_95": beyond,
-        "condition_number": distribution(runs[f"{model}.condition_number"]),
-        **{f"{name}_mm": distribution(runs[f"{model}.{name}"], 1e3) for name in residuals},
-        "chi_square": distribution(runs[f"{model}.chi_square"]),
-    }
+    parameters = [ParameterCoverage(number=n, name=names[n - 1], **row) for n, row in rows]
+    return {"parameters": parameters, "beyond_95": beyond}

@@ -12,17 +12,10 @@ from tulip_testbed.experiments.montecarlo.coverage_verdict import BIAS, COVERAGE
 
 LEGEND = (
     "bias: mean error; its s.e.: by the number of runs; stated s.e.: by the estimator; found s.e.: s.d. of "
-    "the errors over the runs; coverage: share of the runs whose 50, 90 and 95 % intervals hold the truth. "
+    "the errors over the runs; coverage: share of the runs whose 95 % intervals hold the truth. "
     "Intervals are of 95 % for every single number; those of the checks are wider, since they hold for all "
     "at once."
 )
-SPREADS = {
-    "condition_number": ("condition number", ""),
-    "sigma_mm": ("residual sigma per axis (eq. 14)", "mm"),
-    "residual_mean_mm": ("residual norm (eq. 12), mean", "mm"),
-    "residual_sd_mm": ("residual norm (eq. 12), s.d.", "mm"),
-    "residual_max_mm": ("residual norm (eq. 12), max", "mm"),
-}
 
 
 def coverage_table(model: str, rows: list[dict[str, Any]]) -> Table:
@@ -40,46 +33,17 @@ def coverage_table(model: str, rows: list[dict[str, Any]]) -> Table:
         Column("found s.e.", "mm", ".3f", 1e3, extra=True),
         Column("found over stated", "", ".3f"),
         Column("its interval", "", ".2f", extra=True),
-        Column("coverage of 50 %", "%", ".1f", 100, extra=True),
-        Column("coverage of 90 %", "%", ".1f", 100, extra=True),
         Column("coverage of 95 %", "%", ".1f", 100),
         Column("its 95 % interval", "%", ".1f", 100, extra=True),
     )
     names = (
         *("number", "name", "bias", "bias_mc_error", "standard_error", "empirical_standard_error"),
         *("standard_error_ratio", "standard_error_ratio_interval"),
-        *("coverage50", "coverage90", "coverage95", "coverage95_interval"),
+        *("coverage95", "coverage95_interval"),
     )
     path = _path(model, "parameters")
     lines = [[Cell(row[name], f"{path}.{k}.{name}") for name in names] for k, row in enumerate(rows)]
     return Table(f"{model.capitalize()} model", columns, lines)
-
-
-def spread_table(report: dict[str, Any]) -> Table:
-    """Return how condition number, residuals and correlations vary over the runs."""
-    columns = (
-        Column("model"),
-        Column("quantity"),
-        Column("unit"),
-        *(Column(name, format=".4g") for name in ("mean", "s.d.", "5 %", "median", "95 %")),
-    )
-    spreads = [
-        (model, *SPREADS[name], figures[name], _path(model, name))
-        for model, figures in (("full", report), ("simplified", report["simplified"]))
-        for name in SPREADS
-        if figures["parameters"]
-    ]
-    spreads += [
-        ("full", f"correlation ({pair.replace(',', ', ')})", "", spread, f"correlations.{pair}")
-        for pair, spread in report["correlations"].items()
-    ]
-    spreads.append(("", "rows measured", "", report["rows"], "rows"))
-    names = ("mean", "sd", "quantile05", "quantile50", "quantile95")
-    rows = [
-        [model, quantity, unit, *(Cell(spread[name], f"{path}.{name}") for name in names)]
-        for model, quantity, unit, spread, path in spreads
-    ]
-    return Table("Variation over the runs", columns, rows)
 
 
 def coverage_check_table(checks: list[dict[str, Any]]) -> Table:

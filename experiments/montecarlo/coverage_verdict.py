@@ -118,7 +118,7 @@ def _model_checks(name: str, errors: Errors, confidence: float) -> list[Coverage
     held: list[tuple[str, Callable[[float], Estimates], tuple[float, float]]] = [
         ("bias over s.e.", errors.relative_bias, BIAS),
         ("empirical over reported s.e.", errors.standard_error_ratio, RATIO),
-        ("coverage of 95 % intervals", partial(errors.coverage, 0.95), COVERAGE),
+        ("coverage of 95 % intervals", errors.coverage, COVERAGE),
     ]
     done = [_held(f"{name}: {what}", at, confidence, b, errors.numbers, source) for what, at, b in held]
     if errors.exceeded is not None:

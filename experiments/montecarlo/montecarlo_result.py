@@ -21,11 +21,9 @@ from tulip_testbed.experiments.identification_result import ESTIMATORS
 from tulip_testbed.experiments.laboratory import ENGINES, Laboratory
 from tulip_testbed.experiments.montecarlo.coverage import (
     Coverage,
-    Distribution,
     Errors,
     ModelCoverage,
     coverage_of,
-    distribution,
     model_coverage,
     model_errors,
     summarise_errors,
@@ -35,7 +33,6 @@ from tulip_testbed.experiments.montecarlo.coverage_tables import (
     coverage_check_table,
     coverage_lines,
     coverage_table,
-    spread_table,
 )
 from tulip_testbed.experiments.montecarlo.coverage_verdict import CoverageCheck, checks, shown, verdict
 from tulip_testbed.experiments.montecarlo.run_columns import (
@@ -122,8 +119,7 @@ class MonteCarlo(Result, ModelCoverage):
 
     Attributes:
         runs: how many. estimator, imperfections: see `Settings`.
-        correlations: of pairs of parameters, by "A,B". total_mass: its errors [kg].
-        rows, dropped: measured rows and postures without one, over the runs.
+        total_mass: its errors [kg].
         identified: how many runs could be. failures: how many could not, by reason.
         verdict: "pass", "fail" if any check fails, or "inconclusive" if the runs are too few for a pass.
         shown: whether there are enough runs to show that all checks hold.
@@ -136,11 +132,8 @@ class MonteCarlo(Result, ModelCoverage):
     runs: int
     estimator: str
     imperfections: float
-    correlations: dict[str, Distribution]
     simplified: ModelCoverage
     total_mass: Coverage
-    rows: Distribution
-    dropped: Distribution
     identified: int
     failures: dict[str, int]
     checks: list[CoverageCheck]
@@ -197,14 +190,13 @@ class MonteCarlo(Result, ModelCoverage):
         return f"Right: {right}.", self.usable, f"Next: {following}."
 
     def tables(self) -> list[Table | str]:
-        """Return the parameters, how residuals vary, the checks and the verdict."""
+        """Return the parameters, the checks and the verdict."""
         report = self.to_json()
         models = {"full": report["parameters"], "simplified": report["simplified"]["parameters"]}
         return [
             *(coverage_table(model, rows) for model, rows in models.items() if rows),
             LEGEND,
             "",
-            spread_table(report),
             *coverage_lines(report),
             "",
             coverage_check_table(report["checks"]),
@@ -260,9 +252,7 @@ class MonteCarlo(Result, ModelCoverage):
         """
         settings, runs = document.settings, identified(every_run)
         models = {model: model_errors(runs, model, numbers) for model, numbers in layout.models.items()}
-        coverage = {
-            model: model_coverage(runs, model, errors, layout.names) for model, errors in models.items()
-        }
+        coverage = {model: model_coverage(errors, layout.names) for model, errors in models.items()}
         error = matrix(runs, ["mass"]) - matrix(runs, ["true_mass"])
         (mass,) = coverage_of(summarise_errors(error, matrix(runs, ["mass_se"]), matrix(runs, ["mass_dof"])))
         left_out = {
@@ -280,13 +270,8 @@ class MonteCarlo(Result, ModelCoverage):
             estimator=settings.estimator,
             imperfections=float(settings.imperfections),
             **coverage["full"],
-            correlations={
-                f"{a},{b}": distribution(runs[f"full.correlation.{a}.{b}"]) for a, b in layout.pairs
-            },
             simplified=ModelCoverage(**coverage.get("simplified", {"parameters": []})),
             total_mass=Coverage(**mass),
-            rows=distribution(runs["rows"].astype(float)),
-            dropped=distribution(runs["dropped"].astype(float)),
             identified=models["full"].count,
             failures=dict(Counter(str(reason) for reason in every_run["failure"] if reason)),
             checks=done,

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -39,37 +38,18 @@ from tulip_testbed.experiments.usable_plan import identifiable_regressor
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.robot_check import warn_of_robot
 
-PATIENCE = 10  # s, for a scheduler that does not answer and for its first worker
-
 Work = Callable[[Sequence[int]], Any]
 
 
-@contextmanager
-def computed_by(workers: int, address: str | None) -> Iterator[None]:
-    """Send everything that `collect` is given inside of the block to these processes.
-
-    Args:
-        workers: processes of this machine, if there is no address.
-        address: of a Dask scheduler.
-    """
-    with ExitStack() as stack:
-        if address is None:
-            mine = {"n_jobs": workers, "inner_max_num_threads": 1, **watched()}
-            stack.enter_context(joblib.parallel_config("loky", **mine))
-        else:
-            client = stack.enter_context(_client(address))
-            stack.enter_context(joblib.parallel_config("dask", client=client))
-        yield
-
-
-def collect(chunks: RunChunks, work: Work, advance: Callable[[int], None]) -> None:
+def collect(chunks: RunChunks, work: Work, advance: Callable[[int], None], workers: int) -> None:
     """Compute every missing chunk and write each as soon as it is there.
 
     Args:
         work: from run numbers to their columns.
         advance: called with the number of runs of each chunk that was written.
+        workers: processes of this machine.
     """
-    results = _compute(work, (chunks.runs_of(index) for index in chunks.missing()))
+    results = _compute(work, (chunks.runs_of(index) for index in chunks.missing()), workers)
     try:
         for columns in results:
             advance(chunks.write(columns))
@@ -77,41 +57,13 @@ def collect(chunks: RunChunks, work: Work, advance: Callable[[int], None]) -> No
         results.close()
 
 
-def _client(address: str) -> Any:
-    try:
-        from distributed import Client
-    except ModuleNotFoundError:
-        raise InputError(
-            "scheduler: Dask is not installed; install the extra: pip install 'tulip-testbed[cluster]'"
-        ) from None
-    if not re.fullmatch(r"(tcp|tls|ws|wss|ucx)://.+:\d+", address):
-        raise InputError(
-            f"scheduler: found '{address}', expected the scheduler's, such as tcp://10.0.0.5:8786"
-        )
-    try:
-        client = Client(address, timeout=PATIENCE, set_as_default=False)
-    except (OSError, ValueError) as error:
-        what = " ".join(str(error).split())[:200] or type(error).__name__
-        raise InputError(f"scheduler {address}: no Dask scheduler within {PATIENCE} s ({what})") from None
-    try:
-        client.wait_for_workers(1, timeout=PATIENCE)
-    except TimeoutError:
-        client.close()
-        raise InputError(
-            f"scheduler {address}: the scheduler has no worker (waited {PATIENCE} s); "
-            f"start one: dask worker {address}"
-        ) from None
-    return client
-
-
-def _compute(work: Work, chunks: Iterable[Sequence[int]]) -> Generator[Any]:
+def _compute(work: Work, chunks: Iterable[Sequence[int]], workers: int) -> Generator[Any]:
     """Yield the work's results in the order in which they come."""
-    parallel = joblib.Parallel(return_as="generator_unordered", batch_size=1)
+    limits = {"n_jobs": workers, "inner_max_num_threads": 1, **watched()}
     try:
-        # As an argument the work is sent to a cluster once, and need not be hashable: joblib's Dask backend
-        # hashes functions, and waits forever where that fails.
-        with deaf_to_interruptions():
-            results = parallel(joblib.delayed(_carry_out)(work, chunk) for chunk in chunks)
+        with joblib.parallel_config("loky", **limits), deaf_to_interruptions():
+            parallel = joblib.Parallel(return_as="generator_unordered", batch_size=1)
+            results = parallel(joblib.delayed(work)(chunk) for chunk in chunks)
         yield from results
     except BrokenProcessPool as error:
         codes = re.search(r"exit codes of the workers are \{(.*?)\}", str(error))
@@ -119,14 +71,6 @@ def _compute(work: Work, chunks: Iterable[Sequence[int]]) -> Generator[Any]:
             raise InputError(f"a worker process failed ({shortened(error, 200)})") from None
         memory = ", as the system does when memory runs out" if "SIGKILL" in codes[1] else ""
         raise InputError(f"a worker process ended by {codes[1]}{memory}") from None
-    except Exception as error:
-        if type(error).__module__.split(".")[0] != "distributed":
-            raise
-        raise InputError(f"the cluster failed ({' '.join(str(error).split())[:200]})") from None
-
-
-def _carry_out(work: Work, chunk: Sequence[int]) -> Any:
-    return work(chunk)
 
 
 @dataclass(frozen=True)
@@ -135,14 +79,12 @@ class RunPlace:
 
     Attributes:
         folder: of the results.
-        workers: processes of this machine, if there is no address.
-        address: of a Dask scheduler.
+        workers: processes of this machine.
         stays: whether the folder outlives the work; otherwise nobody can go on in it.
     """
 
     folder: Path
     workers: int
-    address: str | None
     stays: bool = True
 
 
@@ -180,18 +122,17 @@ def montecarlo(
     raise_runs(place.folder, document)
     kept = run_folder(place.folder, document)
     if not kept.begun() or chunks.missing():
-        with computed_by(place.workers, place.address):
-            job = RunJob(
-                source_of(laboratory, plan, settings.robot_spread, settings.engine, settings.imperfections),
-                robot,
-                parameters,
-                layout,
-                settings.estimator,
-                settings.seed,
-                laboratory.known,
-            )
-            with kept.opened(partial(begin, plan=plan, robot=robot)):
-                _collect_missing(chunks, job, place, progress)
+        job = RunJob(
+            source_of(laboratory, plan, settings.robot_spread, settings.engine, settings.imperfections),
+            robot,
+            parameters,
+            layout,
+            settings.estimator,
+            settings.seed,
+            laboratory.known,
+        )
+        with kept.opened(partial(begin, plan=plan, robot=robot)):
+            _collect_missing(chunks, job, place, progress)
     folder = place.folder if place.stays else None
     result = MonteCarlo.of(read_runs(chunks, layout), layout, document, plan=plan, robot=robot, folder=folder)
     write_json(place.folder / REPORT_FILE, result.to_json())
@@ -231,7 +172,7 @@ def _collect_missing(chunks: RunChunks, job: Work, place: RunPlace, progress: Pr
     """Compute the missing chunks; an interruption says what stays."""
     try:
         with progress("runs", chunks.runs, chunks.done()) as advance:
-            collect(chunks, job, advance)
+            collect(chunks, job, advance, place.workers)
     except (InputError, KeyboardInterrupt) as error:
         stays = "nothing was kept"
         if place.stays:

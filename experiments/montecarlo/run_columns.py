@@ -16,17 +16,14 @@ from tulip_testbed.base.table_files import MOST_UNPACKED, Columns
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.montecarlo.laboratory_runs import OrdinaryOutcome, Source, stream_of
-from tulip_testbed.identification.base_parameters import BaseParameters, renumbered, simplified_numbers
+from tulip_testbed.identification.base_parameters import BaseParameters, simplified_numbers
 from tulip_testbed.identification.estimators import Estimate
-from tulip_testbed.identification.statistics import correlations, residual_norms, standard_errors
+from tulip_testbed.identification.statistics import standard_errors
 from tulip_testbed.sim.outcome import Outcome
 from tulip_testbed.sim.robot import Robot
 
 TEXT = "failure"  # the column of texts; all others hold numbers
-SCALARS = (
-    *("sigma", "condition_number", "residual_mean", "residual_sd", "residual_max"),
-    *("chi_square", "residual_dof"),
-)
+SCALARS = ("chi_square", "residual_dof")
 # Of a parameter: the estimate and its s.e.; both if imperfections that the data do not show were known.
 QUANTITIES = ("value", "se", "dof", "given", "given_se")
 NOT_NEGATIVE = (*SCALARS, "se", "dof", "given_se", "rows", "dropped")
@@ -120,12 +117,10 @@ class Layout:
     Attributes:
         names: of all base parameters, numbered from 1.
         models: numbers of the parameters that each model estimates.
-        pairs: of the full model's parameters, whose correlation is recorded.
     """
 
     names: tuple[str, ...]
     models: dict[str, tuple[int, ...]]
-    pairs: tuple[tuple[int, int], ...]
 
     @property
     def numbers(self) -> range:
@@ -137,7 +132,6 @@ class Layout:
         for model, numbers in self.models.items():
             names += [f"{model}.{what}.{n}" for what in QUANTITIES for n in numbers]
             names += [f"{model}.{scalar}" for scalar in SCALARS]
-        names += [f"full.correlation.{a}.{b}" for a, b in self.pairs]
         return [*names, "mass", "mass_se", "mass_dof", "true_mass"]
 
 
@@ -195,9 +189,7 @@ def layout_of(robot: Robot, parameters: BaseParameters) -> Layout:
     models = {"full": tuple(range(1, len(parameters.names) + 1))}
     if "simplified" in robot.settings:
         models["simplified"] = tuple(simplified_numbers(robot, parameters))
-    described = (renumbered(robot, parameters, e["pair"]) for e in robot.settings.get("correlated", []))
-    pairs = tuple((int(a), int(b)) for a, b in described)
-    return Layout(parameters.names, models, pairs)
+    return Layout(parameters.names, models)
 
 
 @dataclass(frozen=True)
@@ -286,15 +278,8 @@ def numbers_of(
         }
         for what, values in of_parameters.items():
             record |= {f"{model}.{what}.{n}": float(v) for n, v in zip(estimate.numbers, values, strict=True)}
-        norms = residual_norms(estimate.residual)
-        scalars = (
-            *(estimate.sigma, estimate.condition_number, norms.mean, norms.sd, norms.max),
-            *(chi_square(given - truth[estimate.numbers - 1], covariance), estimate.dof),
-        )
+        scalars = chi_square(given - truth[estimate.numbers - 1], covariance), estimate.dof
         record |= {f"{model}.{name}": float(v) for name, v in zip(SCALARS, scalars, strict=True)}
-    if layout.pairs:
-        rho, place = correlations(models["full"].covariance), layout.models["full"].index
-        record |= {f"full.correlation.{a}.{b}": float(rho[place(a), place(b)]) for a, b in layout.pairs}
     names = ("mass", "mass_se", "mass_dof", "true_mass")
     return record | {name: float(value) for name, value in zip(names, mass, strict=True)}
 

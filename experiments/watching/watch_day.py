@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import atexit
 import io
 import itertools
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -68,9 +67,6 @@ class Arrival:
     problem: str = ""
 
 
-View = Callable[[Callable[[str], None]], AbstractContextManager[Callable[[Verdict], None]]]
-
-
 class Watch(Result):
     """A day that is being watched: an iterator of what comes of every row, as soon as it is there.
 
@@ -80,7 +76,6 @@ class Watch(Result):
 
     Attributes:
         latest: arrivals of the last rows.
-        address: where a browser sees the day; None: nowhere.
     """
 
     def __init__(
@@ -92,9 +87,8 @@ class Watch(Result):
         targets: Mapping[str, float] | None = None,
         once: bool = False,
         rows: Iterable[bytes] | None = None,
-        view: View | None = None,
     ) -> None:
-        """Begin to watch; a view opens at once, everything else is looked at when the first row is asked for.
+        """Begin to watch; everything is looked at when the first row is asked for.
 
         Args:
             folder: measurement folder; nothing is written into it.
@@ -102,20 +96,13 @@ class Watch(Result):
             targets: standard errors that are wanted, by base parameter or "all" [m].
             once: judge the rows that are there and end, rather than wait for more.
             rows: lines of a CSV after their header, in place of the folder's table.
-            view: called with a function that takes the address; yields the function to call with verdicts.
         """
         self.folder, self.plan, self.robot = folder, plan, robot
         self._out, self._targets, self._once, self._rows = out, targets or {}, once, rows
         self.latest: deque[Arrival] = deque(maxlen=LATEST)
         self._last: Verdict | None = None
         self._read = bytearray()
-        self._arrivals, self._opened = self._judged(), ExitStack()
-        addresses: list[str] = []
-        self._log = None
-        if view is not None:
-            self._log = self._opened.enter_context(view(addresses.append))
-            atexit.register(self._opened.close)
-        self.address = next(iter(addresses), None)
+        self._arrivals = self._judged()
 
     def __iter__(self) -> Iterator[Arrival]:
         return self
@@ -125,8 +112,6 @@ class Watch(Result):
         self.latest.append(arrival)
         if arrival.verdict is not None:
             self._last = arrival.verdict
-            if self._log is not None:
-                self._log(arrival.verdict)
         return arrival
 
     @property
@@ -201,10 +186,10 @@ class Watch(Result):
         """Yield what comes of every row; those of a kept state are judged again first, in silence."""
         out, where = self._out, self.folder / "manifest.json"
         path = self.folder / TABLE if self._rows is None else Path("standard input")
-        with self._opened:
+        with ExitStack() as stack:
             if out is not None:
                 check_state_file(out)
-                self._opened.enter_context(alone_on(out))
+                stack.enter_context(alone_on(out))
             manifest = read_manifest(self.folder)
             model = self._model(manifest, where)
             targets = _targets_of(model, self._targets)

@@ -12,7 +12,6 @@ from tulip_testbed.base.arguments import checked
 from tulip_testbed.base.errors import InputError, warn
 from tulip_testbed.base.files import check_new
 from tulip_testbed.base.threads import one_blas_thread
-from tulip_testbed.drawings import standing_picture
 from tulip_testbed.effects.instance import EffectInstance, Effects, check_different, instances_of
 from tulip_testbed.experiments.check_folder import warn_of_faults
 from tulip_testbed.experiments.description import described_robot
@@ -27,6 +26,7 @@ from tulip_testbed.measurements import Measurements, PosturePlan, joined, write_
 from tulip_testbed.measurements import read_measurements as _read_measurements
 from tulip_testbed.measurements import write_measurements as _write_measurements
 from tulip_testbed.measurements.contract import check_contract
+from tulip_testbed.rendering import standing_picture
 from tulip_testbed.sim.plan_folder import check_fits
 from tulip_testbed.sim.robot import PUBLISHED, Robot
 from tulip_testbed.sim.shipped import TULIP

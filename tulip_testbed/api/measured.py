@@ -22,7 +22,7 @@ from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.threads import one_blas_thread, processes
 from tulip_testbed.effects.instance import EffectInstance, Effects
 from tulip_testbed.experiments.check_folder import Preflight, check_folder, check_measurements
-from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, DEFAULT_SEED, SAMPLES
+from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR
 from tulip_testbed.experiments.discovering import discover_effects
 from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.export.export_model import Export
@@ -254,8 +254,6 @@ def export_model(
     *,
     out: str | Path,
     source: str | Path | None = None,
-    samples: int = SAMPLES,
-    seed: int = DEFAULT_SEED,
     lengths: bool = False,
 ) -> ExportedModel:
     """Write the identified robot as a model file (MJCF or URDF).
@@ -270,9 +268,6 @@ def export_model(
         robot: the nominal robot, whose masses are CAD's; TULip if None.
         out: new model file, .xml or .urdf.
         source: published MJCF or URDF of which the robot was made: its inertias are replaced instead.
-        samples: random robots that the measurements allow, written next to the model as NAME-samples.npz; 0:
-            none.
-        seed: of the samples.
         lengths: put the link lengths that a discovery or a folder adopted into the file.
 
     Returns:
@@ -292,4 +287,4 @@ def export_model(
         identification, adopted = identified_run(run, robot)
         weighed = identification.measurements.weighed_mass
     place = None if source is None else Path(source)
-    return _export_model(identification, robot, Export(file, place, samples, seed, adopted, lengths), weighed)
+    return _export_model(identification, robot, Export(file, place, adopted, lengths), weighed)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from tulip_testbed.api.inputs import Measured, PlanSource, load_robot, measurements_of, plan_name, plan_of
 from tulip_testbed.base.arguments import checked
-from tulip_testbed.base.errors import InputError, look_up, warn
+from tulip_testbed.base.errors import look_up
 from tulip_testbed.base.files import check_new
 from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.threads import one_blas_thread
@@ -25,7 +24,7 @@ from tulip_testbed.experiments.described_plan import DescribedPlan
 from tulip_testbed.experiments.described_plan import describe_plan as _describe_plan
 from tulip_testbed.experiments.effect_list import EffectList
 from tulip_testbed.experiments.effect_list import list_effects as _list_effects
-from tulip_testbed.experiments.planning_run import CHOSEN, PlanSettings, check_out, search_plan, set_up_search
+from tulip_testbed.experiments.planning_run import PlanSettings, check_out, search_plan, set_up_search
 from tulip_testbed.experiments.protocols.motion_plan import MotionPlan, moving_plan
 from tulip_testbed.experiments.protocols.protocol_run import LaboratoryProtocol, protocol_of
 from tulip_testbed.experiments.usable_plan import check_plan, random_plan
@@ -85,7 +84,6 @@ def describe_plan(
     robot: Robot | None = None,
     *,
     after: Measured | None = None,
-    draw: str | Path | None = None,
     sensors: str = "wii",
 ) -> DescribedPlan:
     """Describe a plan and the standard errors that it promises.
@@ -94,26 +92,16 @@ def describe_plan(
         plan: postures, or their folder, or the name of a shipped plan.
         robot: the nominal robot; TULip if None.
         after: measurements, together with which the plan is described.
-        draw: new folder for the pictures support-polygons.svg and postures.png.
         sensors: whose noise the standard errors are predicted for: "wii" or "force-plate".
 
     Raises:
-        InputError: postures that do not identify the robot, or a folder that exists.
+        InputError: postures that do not identify the robot.
     """
-    robot, place = robot or load_robot(), None if draw is None else Path(draw)
+    robot = robot or load_robot()
     _check_noisy(sensors)
-    if place is not None:
-        check_new(place)
     given = plan_of(plan, robot)
     earlier = None if after is None else measurements_of(after, robot)
-    described = _describe_plan(robot, given, plan_name(plan), sensors, earlier)
-    if place is None:
-        return described
-    from tulip_testbed.drawings import write_pictures
-
-    if missing := write_pictures(place, robot, given):
-        warn(f"no postures.png: {missing}")
-    return replace(described, notes=(f"Pictures: {place}",), complete=missing is None)
+    return _describe_plan(robot, given, plan_name(plan), sensors, earlier)
 
 
 @checked
@@ -167,7 +155,6 @@ def optimize_plan(
     placements: int = 10,
     postures_per_placement: int = 5,
     hops: int = HOPS,
-    table1: bool = False,
     after: Measured | None = None,
     right: int = 0,
     left: int = 0,
@@ -188,7 +175,6 @@ def optimize_plan(
         placements: foot placements.
         postures_per_placement: postures on each placement.
         hops: exchanges of a placement's postures; a minute for the default.
-        table1: the paper's six trials (seeds 101 to 106); joins the best three.
         after: measurements: find postures that add most to them.
         right: postures on the right foot, optimised together with the others.
         left: postures on the left foot, optimised together with the others.
@@ -206,18 +192,11 @@ def optimize_plan(
     _check_noisy(sensors)
     if place is not None:
         check_out(place)
-    if table1 and after is not None:
-        raise InputError("after, table1: found both, expected one of them")
-    if table1 and (right or left):
-        raise InputError(
-            "right, left, table1: found postures on one foot in the paper's trials, expected none"
-        )
     robot = robot or load_robot()
     size = (placements, postures_per_placement, hops)
     settings = PlanSettings(seed, objective, *size, repeats, right, left)
     earlier = None if after is None else measurements_of(after, robot)
-    search = set_up_search(robot, settings, earlier, CHOSEN if table1 else 1)
-    return search_plan(search, place, sensors, table1, progress)
+    return search_plan(set_up_search(robot, settings, earlier), place, sensors, progress)
 
 
 def _check_noisy(sensors: str) -> None:
@@ -244,7 +223,7 @@ def atlas(
         robot: the nominal robot; TULip if None.
         sensors: of the laboratory: "wii", "force-plate" or "ideal".
         seed: of everything random.
-        out: new folder for a page, atlas.json, bias.csv and a heat map.
+        out: new folder for a page and atlas.json.
 
     Raises:
         InputError: a plan that would not identify the robot, or that statics does not know; a folder that
@@ -362,7 +341,6 @@ def watch(
     targets: Targets | None = None,
     once: bool = False,
     rows: Iterable[bytes] | None = None,
-    view: bool = False,
 ) -> Watch:
     """Check postures while they are measured, and say when to stop.
 
@@ -378,7 +356,6 @@ def watch(
         targets: standard errors at which to stop, by base parameter or "all" [m].
         once: judge the rows that are there and end.
         rows: lines of a CSV after their header, in place of the folder's postures.csv.
-        view: also show the day in rerun, in a browser of this machine.
 
     Returns:
         an iterator of what came of every row, as soon as it is there; `verdict` says what it shows, which
@@ -388,10 +365,6 @@ def watch(
         InputError: another robot's folder or plan, sensors other than plates on four cells, a state of
             another day; while rows arrive, a table whose header changes or that becomes shorter.
     """
-    robot, shown = robot or load_robot(), None
-    planned, place = plan_of(plan, robot), None if out is None else Path(out)
-    if view:
-        from tulip_testbed.viewer.watch_view import served_watch  # rerun takes half a second to load
-
-        shown = partial(served_watch, planned, robot)
-    return Watch(Path(folder), planned, robot, place, targets, once, rows, shown)
+    robot = robot or load_robot()
+    place = None if out is None else Path(out)
+    return Watch(Path(folder), plan_of(plan, robot), robot, place, targets, once, rows)

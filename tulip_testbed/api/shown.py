@@ -6,7 +6,8 @@ from pathlib import Path
 
 from tulip_testbed.api.inputs import load_robot, measurements_of, plan_of
 from tulip_testbed.base.arguments import checked
-from tulip_testbed.base.errors import InputError, listed, warn
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.errors import listed, warn
 from tulip_testbed.base.files import check_new
 from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.experiments.comparison import Comparison, compare
@@ -35,17 +36,15 @@ def view(
     robot: RunRobot = None,
     *,
     save: str | Path | None = None,
-    serve: bool = False,
 ) -> OpenView:
     """Show a plan, measurements or a run in rerun.
 
     The view shows postures, forces and errors.
 
     Args:
-        shown: a run, a validation, a discovery, a Monte Carlo, measurements, a plan, or the folder of any.
+        shown: a run, a validation, a discovery, measurements, a plan, or the folder of any.
         robot: of measurements or a plan, TULip if None; a run knows its own.
         save: write the view as this file (.rrd) instead of showing it, for where there is no screen.
-        serve: serve it to a browser of this machine (127.0.0.1) alone.
 
     Raises:
         InputError: no screen and no file; a file that exists, cannot be written or has another ending; what
@@ -55,8 +54,6 @@ def view(
     from tulip_testbed.viewer import window  # rerun takes half a second to load
     from tulip_testbed.viewer.run_view import view_of
 
-    if save is not None and serve:
-        raise InputError("save, serve: found both, expected one of them")
     if save is not None:
         check_new(Path(save), RECORDING)
     robot = robot or _robot_of(shown)
@@ -68,14 +65,11 @@ def view(
         title, log = view_of(measurements_of(shown), robot)
     else:
         title, log = view_of(_judged(shown), robot)
-    if save is None and not serve:
+    if save is None:
         window.check_display()
     _warn_of_bare_links(robot)
     if save is not None:
         return OpenView(view=str(save), bytes=window.save(Path(save), title, log))
-    if serve:
-        address, closed = window.open_page(title, log)
-        return OpenView(address=address, closed=closed)
     return OpenView(closed=window.open_window(title, log))
 
 

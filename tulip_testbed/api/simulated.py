@@ -127,7 +127,6 @@ def monte_carlo(
     engine: str = "statics",
     workers: int | None = None,
     out: str | Path | None = None,
-    scheduler: str | None = None,
     imperfections: float = ORDINARY,
     progress: Progress = silent,
 ) -> MonteCarlo:
@@ -148,7 +147,6 @@ def monte_carlo(
         engine: "statics", or "dynamics": about a minute a run.
         workers: processes; None: one per core. Results do not depend on it.
         out: run folder, new or with a part of these runs; None: a temporary one.
-        scheduler: address of a Dask scheduler, "tcp://HOST:PORT"; None: processes of this machine.
         imperfections: scale of ordinary imperfections of all families, which are drawn and hidden in the
             laboratory of each run; 1: spreads of 0.1 to 1 tolerance; 0: an exact laboratory.
         progress: shows how far the work is.
@@ -159,5 +157,5 @@ def monte_carlo(
     settings = Settings(runs, seed, estimator, robot_spread, engine, imperfections)
     with tempfile.TemporaryDirectory() as scratch:
         kept = Path(scratch) / "runs" if out is None else Path(out)
-        place = RunPlace(kept, processes(workers), scheduler, out is not None)
+        place = RunPlace(kept, processes(workers), out is not None)
         return montecarlo(laboratory, plan, settings, place, progress)

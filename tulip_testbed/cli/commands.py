@@ -89,7 +89,7 @@ COMMANDS: dict[str, Command] = {
         ),
     ),
     "plan next": Command("next_experiment", ("tulip plan next runs/found --out plans/next",), saved=True),
-    "plan show": Command("describe_plan", ("tulip plan show plans/best --draw pictures/best",)),
+    "plan show": Command("describe_plan", ("tulip plan show plans/best",)),
     "protocol": Command("protocol", ("tulip protocol optimal --sensors wii --out monday",)),
     "watch": Command(
         "watch",

@@ -236,8 +236,6 @@ def _follow(watch: Any, as_json: bool) -> None:
     """Show what arrives while it arrives."""
     from tulip_testbed.cli.terminal import live_table, print_json, say, show
 
-    if watch.address is not None:
-        say(watch.address)
     with nullcontext() if as_json else live_table() as update:
         for arrival in watch:
             verdict = arrival.verdict

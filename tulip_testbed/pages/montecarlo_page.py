@@ -8,7 +8,6 @@ from tulip_testbed.experiments.montecarlo.coverage_tables import (
     coverage_check_table,
     coverage_lines,
     coverage_table,
-    spread_table,
 )
 from tulip_testbed.experiments.montecarlo.coverage_verdict import BIAS, COVERAGE, RATIO
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
@@ -36,7 +35,7 @@ def montecarlo_page(run: MonteCarlo) -> Page:
         Section("Checks", tables=(coverage_check_table(content["checks"]),)),
         Section("Coverage", (LEGEND, *coverage_lines(content)), (), figures[:3]),
         Section("Errors", figures=figures[3:]),
-        Section("Parameters", tables=(*tables, spread_table(content))),
+        Section("Parameters", tables=tables),
         Section("Postures", pictures=planned_pictures(run.robot, run.plan, missing)),
         how_it_was_made(run.document),
     )

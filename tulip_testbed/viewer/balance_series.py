@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import rerun as rr
+from scipy.spatial import HalfspaceIntersection, QhullError
 
 from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL, POLYGON, RESIDUAL, TRUTH
-from tulip_testbed.identification.feasibility import place_polygon
-from tulip_testbed.polygons import inset, nearest_on
+from tulip_testbed.identification.feasibility import place_polygon, support_polygon
 from tulip_testbed.standing import soles_in_base
 from tulip_testbed.viewer.canvas import CIRCLE, Canvas, Colour, flat, log_label, styled
 from tulip_testbed.viewer.subject import Subject
@@ -126,3 +126,27 @@ def _points(canvas: Canvas, name: str, points: np.ndarray, colour: str, label: s
     ground = np.column_stack([points, np.full(len(points), 2 * ABOVE_GROUND)])
     canvas.rows(f"world/balance/{name}", rr.Points3D, styled(colour, 0.008, **named), positions=ground)
     canvas.rows(f"above/{name}", rr.Points2D, flat(colour, 3.5, **named), positions=from_above(points))
+
+
+def inset(polygon: np.ndarray, distance: float) -> np.ndarray | None:
+    """Return the convex polygon of points at least `distance` [m] inside its edges; None: there are none."""
+    edges = np.roll(polygon, -1, axis=0) - polygon
+    outward = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
+    offset = distance - (outward * polygon).sum(axis=1)
+    middle = polygon.mean(axis=0)
+    if (outward @ middle + offset >= 0).any():
+        return None
+    try:
+        return support_polygon(
+            HalfspaceIntersection(np.column_stack([outward, offset]), middle).intersections
+        )
+    except QhullError:
+        return None
+
+
+def nearest_on(point: np.ndarray, polygon: np.ndarray) -> np.ndarray:
+    """Return the point of a polygon's edges that is nearest, (2,) [m]."""
+    edges = np.roll(polygon, -1, axis=0) - polygon
+    along = ((point - polygon) * edges).sum(axis=1) / (edges**2).sum(axis=1)
+    feet = polygon + np.clip(along, 0, 1)[:, None] * edges
+    return feet[np.argmin(np.linalg.norm(feet - point, axis=1))]

@@ -14,7 +14,6 @@ from tulip_testbed.viewer.plates_view import log_plates, log_subject_loads
 from tulip_testbed.viewer.plots import curves, log_curves, log_text
 from tulip_testbed.viewer.robot_view import log_geometry, log_masses, log_motion, log_skeleton
 from tulip_testbed.viewer.subject import Subject
-from tulip_testbed.viewer.time_series import log_series
 
 
 def log_postures(recording: rr.RecordingStream, subject: Subject) -> None:
@@ -27,8 +26,6 @@ def log_postures(recording: rr.RecordingStream, subject: Subject) -> None:
     for name, lines in curves(subject).items():
         log_curves(canvas, name, lines)
     log_text(canvas, subject)
-    if subject.series is not None:
-        log_series(recording, subject)
     recording.send_blueprint(laid_out(posture_views(subject)))
 
 

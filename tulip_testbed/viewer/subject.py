@@ -14,7 +14,7 @@ from tulip_testbed.identification.center_of_pressure import contact_pressure
 from tulip_testbed.identification.feasibility import stability_margin, support_polygon
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.observation import observe
-from tulip_testbed.measurements import Measurements, PlateGeometry, PosturePlan, Series
+from tulip_testbed.measurements import Measurements, PlateGeometry, PosturePlan
 from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.pages.words import NO_TRUE_COM
 from tulip_testbed.sim.plan_folder import check_model
@@ -63,7 +63,6 @@ class Subject:
     foot_loads: np.ndarray | None = None
     load_points: np.ndarray | None = None
     cop: np.ndarray | None = None
-    series: Series | None = None
     measurements: Measurements | None = None
     true_masses: dict[str, np.ndarray] = field(default_factory=dict)
     verdict: str = ""
@@ -113,17 +112,16 @@ def planned(plan: PosturePlan, robot: Robot) -> Subject:
 def measured(
     measurements: Measurements,
     robot: Robot,
-    series: Series | None = None,
     source: str = "measurements",
 ) -> Subject:
     """Return the subject of measurements, with the estimate if the data allow one.
 
     Args:
-        series: raw readings of the same postures, if there are any. source: for messages.
+        source: for messages.
     """
     model = measurements.robot
     check_model(f"{source}: manifest.json", model["model"], model["sha256"], robot)
-    subject = replace(of_measurements(measurements, robot, source), series=series)
+    subject = of_measurements(measurements, robot, source)
     try:
         own = identify(measurements, robot, source)
     except InputError as error:

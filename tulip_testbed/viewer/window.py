@@ -1,17 +1,14 @@
-"""Where a recording goes: into a file, a window, or a page of this machine's browser."""
+"""Where a recording goes: into a file or a window."""
 
 from __future__ import annotations
 
 import atexit
 import os
 import signal
-import socket
 import subprocess
 import sys
-import time
-import urllib.parse
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import rerun as rr
@@ -24,11 +21,9 @@ Log = Callable[[rr.RecordingStream], None]
 APPLICATION = "tulip"
 END = b"RRF2FOOT"  # of a whole recording
 ENDINGS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-LOCAL = ("--bind", "127.0.0.1")  # rerun's own default is every address of the machine
-OTHERWISE = "`save=FILE.rrd` writes the view without a window, `serve=True` shows it in a browser"
+LOCAL = ("--bind", "127.0.0.1", "--port", "auto")  # rerun's own default is every address of the machine
+OTHERWISE = "`save=FILE.rrd` writes the view; `rerun FILE.rrd --serve-web --bind 127.0.0.1` serves it"
 SCRATCH = "tulip-view"
-SOURCE = "rerun+http://127.0.0.1:{}/proxy"  # of the data, by the port
-START = 30.0  # s, in which a server has to open its port
 # `rerun` starts the viewer as a child of its own, all in one process group, which ends with this process.
 VIEWER = """
 import sys
@@ -73,79 +68,16 @@ def open_window(title: str, log: Log) -> Callable[[], None]:
         a function that waits until the window is closed.
     """
     check_display()
-    viewer, said = _opened(title, log, "--port", "auto")
+    kept = ExitStack()
+    scratch = kept.enter_context(scratch_folder(SCRATCH))
+    viewer, said = kept.enter_context(_viewer(scratch, _record(scratch, title, log)))
+    atexit.register(kept.close)
 
     def closed() -> None:
         if viewer.wait() != 0:
             raise InputError(f"viewer: {_fault(said.read_text(errors='replace'))}; {OTHERWISE}")
 
     return closed
-
-
-def open_page(title: str, log: Log) -> tuple[str, Callable[[], None]]:
-    """Serve the view to browsers of this machine until this process ends.
-
-    Returns:
-        the address, and a function that waits for the end of the server.
-    """
-    _, address, options = _served()
-    viewer, said = _opened(title, log, *options)
-
-    def closed() -> None:
-        viewer.wait()
-        raise InputError(f"viewer: {_fault(said.read_text(errors='replace'))}")
-
-    return address, closed
-
-
-def _served() -> tuple[int, str, tuple[str, ...]]:
-    """Choose free ports of this machine: the data's, the page's address, and rerun's options for both."""
-    data, page = _free_port(), _free_port()
-    source = urllib.parse.quote(SOURCE.format(data), safe="")
-    options = ("--serve-web", "--port", str(data), "--web-viewer-port", str(page))
-    return data, f"http://127.0.0.1:{page}?url={source}", options
-
-
-def _opened(title: str, log: Log, *options: str) -> tuple[subprocess.Popen[bytes], Path]:
-    """Run the viewer with a recording until this process ends; return it and its log file."""
-    kept = ExitStack()
-    scratch = kept.enter_context(scratch_folder(SCRATCH))
-    opened = kept.enter_context(_viewer(scratch, _record(scratch, title, log), *options))
-    atexit.register(kept.close)
-    return opened
-
-
-@contextmanager
-def serve_live(title: str, announce: Callable[[str], None]) -> Iterator[rr.RecordingStream]:
-    """Serve a view that grows to browsers of this machine while the context lasts.
-
-    Args:
-        announce: called with the address.
-
-    Yields:
-        The recording.
-    """
-    data, address, options = _served()
-    with scratch_folder(SCRATCH) as scratch, _viewer(scratch, None, *options) as (viewer, said):
-        _wait_for(data, viewer, said)
-        recording = rr.RecordingStream(APPLICATION)
-        recording.connect_grpc(SOURCE.format(data))
-        recording.send_recording_name(title)
-        announce(address)
-        try:
-            yield recording
-        finally:
-            recording.disconnect()
-
-
-def _wait_for(port: int, viewer: subprocess.Popen[bytes], said: Path) -> None:
-    """Wait until a port of this machine is open."""
-    until = time.monotonic() + START
-    while viewer.poll() is None and time.monotonic() < until:
-        with suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1.0):
-            return
-        time.sleep(0.1)
-    raise InputError(f"viewer: {_fault(said.read_text(errors='replace'))}")
 
 
 def _record(folder: Path, title: str, log: Log) -> Path:
@@ -165,13 +97,13 @@ def _record(folder: Path, title: str, log: Log) -> Path:
 
 @contextmanager
 def _viewer(
-    folder: Path, recording: Path | None, *options: str
+    folder: Path, recording: Path, options: Sequence[str] = LOCAL
 ) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
     """Run the viewer with a recording open; yield it and its log file, and end it with the block."""
-    said, shown = folder / "viewer.log", [] if recording is None else [str(recording)]
+    said = folder / "viewer.log"
     with said.open("wb") as log:
         viewer = subprocess.Popen(
-            [sys.executable, "-c", VIEWER, str(os.getpid()), *LOCAL, *options, *shown],
+            [sys.executable, "-c", VIEWER, str(os.getpid()), *options, str(recording)],
             stdout=log,
             stderr=log,
             start_new_session=True,
@@ -198,9 +130,3 @@ def _fault(said: str) -> str:
             return fault
     lines = [line for line in said.splitlines() if line.strip()] or ["it said nothing"]
     return f"ended with: {lines[-1].strip()[:200]}"
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
