@@ -6,8 +6,7 @@ from pathlib import Path
 
 from tulip_testbed.api.inputs import load_robot, measurements_of, plan_of
 from tulip_testbed.base.arguments import checked
-from tulip_testbed.base.errors import InputError
-from tulip_testbed.base.errors import listed, warn
+from tulip_testbed.base.errors import InputError, listed, warn
 from tulip_testbed.base.files import check_new
 from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.experiments.comparison import Comparison, compare
