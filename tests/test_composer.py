@@ -75,7 +75,7 @@ def assert_same(step, stand: Stand) -> None:
 @pytest.mark.parametrize(
     "changes",
     [
-        {},
+        pytest.param({}, marks=pytest.mark.slow),
         {"edit": heavier},
         {"drives": Drives(0.013, 0.0021), "compliance": Compliance(1.3e-6, 1.7e-4, 3.3e-7)},
     ],

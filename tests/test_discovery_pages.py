@@ -112,7 +112,13 @@ def other(saved, verdict, robot):
     return dataclasses.replace(saved, **changes)
 
 
-@pytest.mark.parametrize("verdict", ["none", "calibrated", "named", "described", "ambiguous", "unknown"])
+@pytest.mark.parametrize(
+    "verdict",
+    [
+        *("named", "described", "ambiguous", "unknown"),
+        *(pytest.param(verdict, marks=pytest.mark.slow) for verdict in ("none", "calibrated")),
+    ],
+)
 def test_every_verdict_has_its_page_and_its_view(saved, verdict, robot, tmp_path):
     run = other(saved, verdict, robot)
     page = discovery_page(run)

@@ -52,7 +52,7 @@ LABORATORIES = [
     "soft soles",
     "soft cells",
 ]
-QUICK = ("pulled by ropes", "soft cells")
+QUICK = ("soft cells",)
 LEVEL = 0.01
 
 

@@ -1,14 +1,12 @@
 """The least-squares core and the estimators against certified values, statsmodels and repetition."""
 
-import csv
+import importlib
 from pathlib import Path
 
 import numpy as np
 import pytest
-import statsmodels.api as sm
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from statsmodels.regression.mixed_linear_model import VCSpec
 
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification import variance_components
@@ -23,32 +21,6 @@ from tulip_testbed.identification.statistics import (
     standard_errors,
 )
 from tulip_testbed.identification.variance_components import fit_components
-
-# NIST StRD Longley: estimate and standard deviation of b0 to b6, residual s.d.
-LONGLEY = [
-    (-3482258.63459582, 890420.383607373),
-    (15.0618722713733, 84.9149257747669),
-    (-0.358191792925910e-01, 0.334910077722432e-01),
-    (-2.02022980381683, 0.488399681651699),
-    (-1.03322686717359, 0.214274163161675),
-    (-0.511041056535807e-01, 0.226073200069370),
-    (1829.15146461355, 455.478499142212),
-]
-LONGLEY_SIGMA = 304.854073561965
-
-
-def test_longley_certified_values():
-    with (Path(__file__).parent / "data" / "longley.csv").open() as file:
-        table = np.array([[float(v) for v in row.values()] for row in csv.DictReader(file)])
-    output = table[:, 0]
-    matrix = np.column_stack([np.ones(len(table)), table[:, 1:]])
-    value, c = solve_least_squares(matrix, output)
-    residual = output - matrix @ value
-    sigma = np.sqrt(residual @ residual / (16 - 7))
-    for k, (certified, deviation) in enumerate(LONGLEY):
-        assert value[k] == pytest.approx(certified, rel=1e-8)
-        assert sigma * np.sqrt(c[k, k]) == pytest.approx(deviation, rel=1e-8)
-    assert sigma == pytest.approx(LONGLEY_SIGMA, rel=1e-8)
 
 
 def test_rank_deficiency_names_the_parameters():
@@ -216,14 +188,20 @@ def plates(data, plate):
     return design.reshape(len(data.output), 2 * size)
 
 
-def test_least_squares_is_that_of_statsmodels():
+@pytest.fixture(scope="module")
+def sm():
+    """Import statsmodels where it is needed: that takes a second in every process."""
+    return importlib.import_module("statsmodels.api")
+
+
+def test_least_squares_is_that_of_statsmodels(sm):
     data = made(0)
     found, theirs = estimate_by(data, "least-squares"), sm.OLS(data.output, data.matrix).fit()
     assert found.value == pytest.approx(theirs.params, rel=1e-9, abs=1e-12)
     assert found.covariance == pytest.approx(theirs.cov_params(), rel=1e-8, abs=1e-14)
 
 
-def test_huber_is_that_of_statsmodels_and_shrugs_off_outliers():
+def test_huber_is_that_of_statsmodels_and_shrugs_off_outliers(sm):
     """Their H1 covariance has Huber's small-sample factor K squared on top."""
     data = made(1, outliers=6)
     found = estimate_by(data, "robust")
@@ -236,7 +214,7 @@ def test_huber_is_that_of_statsmodels_and_shrugs_off_outliers():
     assert np.abs(found.value).max() < 0.5 * plain
 
 
-def test_generalised_least_squares_is_that_of_statsmodels():
+def test_generalised_least_squares_is_that_of_statsmodels(sm):
     data = made(2)
     found, fit = estimate_by(data, "placement"), fit_components(data, None)
     size = fit.scale[0] * estimate_by(data, "least-squares").sigma
@@ -248,7 +226,7 @@ def test_generalised_least_squares_is_that_of_statsmodels():
     assert found.covariance == pytest.approx(theirs.normalized_cov_params, rel=1e-6, abs=1e-12)
 
 
-def test_restricted_maximum_likelihood_is_that_of_statsmodels(monkeypatch):
+def test_restricted_maximum_likelihood_is_that_of_statsmodels(monkeypatch, sm):
     """With no belief in any data sheet. Their standard errors allow a little for the variances' own errors:
     1 %."""
     monkeypatch.setattr(variance_components, "NO_PRIOR", 1e4)
@@ -258,7 +236,7 @@ def test_restricted_maximum_likelihood_is_that_of_statsmodels(monkeypatch):
     rows = [np.flatnonzero(groups == g) for g in range(30)]
     columns = [[2 * g, 2 * g + 1] for g in range(30)]
     mats = [[plates(data, plate)[r][:, c] for r, c in zip(rows, columns, strict=True)] for plate in (0, 1)]
-    spec = VCSpec(["right", "left"], [[["x", "y"]] * 30] * 2, mats)
+    spec = sm.regression.mixed_linear_model.VCSpec(["right", "left"], [[["x", "y"]] * 30] * 2, mats)
     model = sm.MixedLM(data.output, data.matrix, groups, exog_vc=spec)
     theirs = model.fit(reml=True, method=["bfgs", "powell"])
     assert np.square(found.placement_sd) == pytest.approx(theirs.vcomp, rel=2e-3)

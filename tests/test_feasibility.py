@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from tests.holding import check_standing
 from tests.scaled_robot import write_scaled_robot
 from tulip_testbed.base.errors import InputError
+from tulip_testbed.identification import postures
 from tulip_testbed.identification.feasibility import (
     boards_fit,
     foot_clearance,
@@ -133,9 +134,10 @@ def test_progress_counts_every_posture(robot, plate):
     assert sum(observed) == 6
 
 
-def test_impossible_ranges_say_what_blocks(robot, plate):
+def test_impossible_ranges_say_what_blocks(robot, plate, monkeypatch):
+    monkeypatch.setattr(postures, "ATTEMPTS", 300)
     ranges = dataclasses.replace(planning_ranges(robot), least_height=0.8)
-    with pytest.raises(InputError, match=r"admit no posture: 3000 tries, none feasible; blocked by .*\("):
+    with pytest.raises(InputError, match=r"admit no posture: 300 tries, none feasible; blocked by .*\("):
         random_postures(robot, plate, 1, 1, 0, ranges)
 
 

@@ -131,21 +131,25 @@ def test_a_fault_moves_with_the_turned_plate_in_the_readings(lab, few):
     assert turned == pytest.approx(by_hand, rel=1e-12)
 
 
+QUICK = [
+    ("cell-gain:left.front_right=0.05", LEFT),
+    ("tilt=0.01,0.02", "robot turned by 180 deg"),
+    ("encoder-offset:right_knee=0.01", "encoder re-zeroed: right_knee"),
+    ("tether=5,2", MASS),
+]
+SLOW = [
+    ("cell-tare:right.rear_left=2", "plates exchanged"),
+    ("tether=3,-2", CABLE),
+    ("encoder-slip:left_knee=0.01,0.5", "plates moved"),
+    ("creep:left.rear_left=0.02,0.3", LEFT),
+    ("cell-side-force:left=0.05,0.03", LEFT),
+    ("rocking:left.rear_left=0.0003", LEFT),
+    ("payload-step:torso=0.5,0.5", MASS),
+]
+
+
 @pytest.mark.parametrize(
-    ("effect", "manipulation"),
-    [
-        ("cell-gain:left.front_right=0.05", LEFT),
-        ("cell-tare:right.rear_left=2", "plates exchanged"),
-        ("tether=3,-2", CABLE),
-        ("tilt=0.01,0.02", "robot turned by 180 deg"),
-        ("encoder-offset:right_knee=0.01", "encoder re-zeroed: right_knee"),
-        ("encoder-slip:left_knee=0.01,0.5", "plates moved"),
-        ("creep:left.rear_left=0.02,0.3", LEFT),
-        ("cell-side-force:left=0.05,0.03", LEFT),
-        ("rocking:left.rear_left=0.0003", LEFT),
-        ("tether=5,2", MASS),
-        ("payload-step:torso=0.5,0.5", MASS),
-    ],
+    ("effect", "manipulation"), [*QUICK, *(pytest.param(*case, marks=pytest.mark.slow) for case in SLOW)]
 )
 def test_an_effect_is_removed_from_both_experiments(nominal, lab, few, effect, manipulation):
     """Removal of the joint effect leaves what each experiment leaves by itself."""

@@ -90,7 +90,7 @@ def test_removal_is_minus_injection(text, field, robot, nominal, noiseless, few)
 @pytest.mark.parametrize(
     "text",
     [
-        "law:force:right_lower_leg/nothing/constant=3,-2,4",
+        pytest.param("law:force:right_lower_leg/nothing/constant=3,-2,4", marks=pytest.mark.slow),
         pytest.param("law:force:torso/time/step=2,3,-4,0.5", marks=pytest.mark.slow),
         "law:force:torso/time/linear=2,3,-4",
     ],

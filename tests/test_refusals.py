@@ -9,6 +9,7 @@ import json
 import re
 import shutil
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -198,10 +199,14 @@ def names(robot, run):
     def composed(preset="ideal", **options):
         return laboratory_environment(preset_rig(preset, robot), **(standing | options))
 
-    def stepped(action, actuation="angles"):
+    @cache
+    def started(actuation):
         environment = composed(actuation=actuation)
         environment.reset()
-        environment.step(action)
+        return environment
+
+    def stepped(action, actuation="angles"):
+        started(actuation).step(action)
 
     feet = tt.Laboratory(robot, sensors="foot-ft").run(tt.plans.random, seed=2, engine="statics").measurements
     own = {

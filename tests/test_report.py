@@ -105,6 +105,7 @@ def test_every_picture_has_words(page):
     assert "http://" not in re.sub(r"<script>.*?</script>", "", text, flags=re.S)
 
 
+@pytest.mark.slow  # as those of a plan: test_plan_command.py
 @draws_with("opengl")
 def test_postures_are_drawn(moved_wii, monkeypatch):
     monkeypatch.setattr(pictures, "rendered", rendering.rendered)

@@ -286,7 +286,6 @@ def test_an_estimate_that_does_not_come_to_rest_is_warned_of(ordinary, robot):
     """Cells without noise by their sheet: nothing explains the noise that the readings have."""
     measured = ordinary[0].measurements
     sharp = dataclasses.replace(measured, sensors=dataclasses.replace(measured.sensors, cell_sd=0.0))
-    warn_of_unrest(identify(measured, robot), "rested")  # a warning would be an error here
     with pytest.warns(InputWarning, match="restless: the estimate did not come to rest"):
         warn_of_unrest(identify(sharp, robot), "restless")
 

@@ -36,7 +36,7 @@ from tulip_testbed.viewer.subject import planned
 STANCE = np.array([0.0, -0.35, -0.3, 0.5, -0.2, 0.05, 0.0, 0.1, -0.6, 1.0, -0.3, 0.0])
 OVER = np.array([0.03, 0.0])  # m, where the centre of mass is to be, in the frame of the foot that carries
 LIFTED = 0.1  # m, of the other foot at least
-COUNT, MORE = 6, 20
+COUNT, MORE = 4, 20
 # The mirror swaps the legs, and what turns about x or z changes its sign.
 MIRROR = np.array([-1.0, -1.0, 1.0, 1.0, 1.0, -1.0])
 ACROSS = np.array([1.0, -1.0])
@@ -47,7 +47,7 @@ FEET = {"right": "right_foot", "left": "left_foot"}
 
 @pytest.fixture(scope="module")
 def balanced(model, plan) -> PosturePlan:
-    """Twenty postures on the right foot, in five placements, by MuJoCo alone."""
+    """Twenty postures on the right foot, in ten placements, by MuJoCo alone."""
     low, high = np.transpose([model.joint(name).range for name in plan.joints])
     rng, angles, poses = np.random.default_rng(23), [], []
     while len(angles) < MORE:
@@ -75,7 +75,7 @@ def balanced(model, plan) -> PosturePlan:
 
 @pytest.fixture(scope="module")
 def on(balanced) -> dict[str, PosturePlan]:
-    """Six of them, and their mirror images on the left foot."""
+    """Four of them, and their mirror images on the left foot."""
     right = balanced.take(np.arange(COUNT))
     first, second = np.hsplit(right.joint_angles, 2)
     left = dataclasses.replace(
