@@ -11,7 +11,8 @@ import pytest
 
 import tulip_testbed as tt
 from studies.study_check import FAULTS, HEALTHY
-from tulip_testbed.base.errors import InputError, InputWarning
+from tests.test_refusals import refuse
+from tulip_testbed.base.errors import InputWarning
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.check_folder import check_folder, warn_of_faults
 from tulip_testbed.identification.preflight import preflight
@@ -205,8 +206,7 @@ def test_what_computes_with_measurements_warns_of_faults(precise, robot, monkeyp
         monkeypatch.setattr(f"tulip_testbed.api.measured.{work}", lambda *a, **k: None)
     wrong = FAULTS["one encoder's sign wrong"](precise, np.random.default_rng(0))
     failed = [check.name for check in tt.check(wrong, robot).checks if check.result == "fail"]
-    with pytest.raises(InputError, match=r"found gross faults.*'legs close'"):
-        tt.discover(wrong, robot)
+    refuse("found gross faults ... 'legs close'", tt.discover, wrong, robot)
     for call in (partial(tt.discover, anyway=True), tt.predict, warn_of_faults):
         with pytest.warns(InputWarning, match=f"found faults in .*{failed[-1]}"):
             call(wrong, robot)

@@ -9,7 +9,7 @@ from scipy.stats import binom
 from scipy.stats import t as t_distribution
 
 from tests.synthetic import WII
-from tulip_testbed.base.errors import InputError
+from tests.test_refusals import refuse
 from tulip_testbed.identification import distributions as d
 from tulip_testbed.identification.degrees_of_freedom import of_f_test, satterthwaite
 from tulip_testbed.identification.distributions import f_ppf
@@ -93,8 +93,7 @@ def test_what_the_postures_do_not_show_is_refused(bench, name):
     data = bench.draw(np.random.default_rng(6), **WII)
     matrix = data.matrix.copy()
     matrix[:, 12] = matrix[:, 11]
-    with pytest.raises(InputError, match="not determined"):
-        estimate_by(dataclasses.replace(data, matrix=matrix), name)
+    refuse("not determined", estimate_by, dataclasses.replace(data, matrix=matrix), name)
 
 
 def calibrated(bench, name, runs, first, **errors):

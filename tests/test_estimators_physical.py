@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import linprog
 
 from tests.synthetic import WII
-from tulip_testbed.base.errors import InputError
+from tests.test_refusals import refuse
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
 from tulip_testbed.identification.estimators import MIXED_MODEL, estimate_by
 from tulip_testbed.identification.estimators.consistent import corner_parameters
@@ -137,8 +137,7 @@ def test_a_feasible_estimate_is_left_alone(bench):
 @pytest.mark.parametrize("name", ["prior", "consistent"])
 def test_knowledge_of_the_robot_needs_a_robot(bench, name):
     data = bench.draw(np.random.default_rng(136), **WII)
-    with pytest.raises(InputError, match="found no robot"):
-        estimate_by(dataclasses.replace(data, robot=None), name)
+    refuse("found no robot", estimate_by, dataclasses.replace(data, robot=None), name)
 
 
 def test_boxes_hold_the_centres_of_mass(model, foreign):

@@ -9,6 +9,7 @@ import pytest
 
 import tulip_testbed as tt
 from tests.effect_changes import first
+from tests.test_refusals import refuse
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.discovery.experiment_information import (
@@ -120,8 +121,7 @@ def test_only_gaps_with_several_explanations_are_doubtful(robot):
 def test_nothing_to_settle_is_said(robot, lab, small):
     with pytest.raises(InputError, match="expected one to settle"):
         rank_experiments(lab.run(small, engine="statics").measurements, robot, [])
-    with pytest.raises(InputError, match="found the verdict named"):
-        write_experiment_plan(Path("anywhere"), Proposals("named", (), 2, ""))
+    refuse("found the verdict named", write_experiment_plan, Path("anywhere"), Proposals("named", (), 2, ""))
 
 
 def test_the_plan_folder_holds_postures_manipulations_and_steps(robot, lab, ranked, tmp_path):

@@ -162,6 +162,5 @@ def test_pictures_that_cannot_be_written_are_not_published_in_part(robot, plan, 
 
     monkeypatch.setattr(drawings, "contact_sheet", lambda robot, plan: b"picture")
     monkeypatch.setattr(drawings, "write_bytes", full)
-    with pytest.raises(InputError, match="No space left"):
-        drawings.write_pictures(tmp_path / "pictures", robot, plan)
+    refuse("No space left", drawings.write_pictures, tmp_path / "pictures", robot, plan)
     assert not any(tmp_path.iterdir())

@@ -11,7 +11,7 @@ import pytest
 from scipy.stats import t as t_distribution
 
 import tulip_testbed as tt
-from tests.test_refusals import change_keys
+from tests.test_refusals import change_keys, refuse
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.description import described_robot
@@ -144,10 +144,11 @@ def test_a_table_of_the_paper_without_rows_is_refused(lines, robot, tmp_path):
     folder = shutil.copytree(robot.folder, tmp_path / "robot")
     header = (folder / "table2.csv").read_text().splitlines(keepends=True)[:lines]
     (folder / "table2.csv").write_text("".join(header))
-    with pytest.raises(
-        InputError, match=r"table2.csv: found no row, expected numbers in the columns number, full_mm,"
-    ):
-        described_robot(folder / robot.path.name)
+    refuse(
+        "table2.csv: found no row, expected numbers in the columns number, full_mm,",
+        described_robot,
+        folder / robot.path.name,
+    )
 
 
 def test_clustered_errors_have_a_column_where_they_differ(wii):
@@ -169,5 +170,4 @@ def test_an_edited_result_is_refused_when_it_is_read(run, robot, tmp_path):
         file.write_text(json.dumps(document))
         with pytest.raises(InputError, match=r"found values that do not fit together|key"):
             tt.Identification.load(tmp_path / "fit", robot)
-    with pytest.raises(InputError, match="robot: found none, expected it behind the folder"):
-        tt.Identification.load(tmp_path / "fit")
+    refuse("robot: found none, expected it behind the folder", tt.Identification.load, tmp_path / "fit")

@@ -13,6 +13,7 @@ from tests.effect_changes import measured
 from tests.fuzz.documents import json_values, places
 from tests.rigs import write_rig
 from tests.test_cli import refused
+from tests.test_refusals import refuse
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.effects.instance import EffectInstance, injected
@@ -114,13 +115,10 @@ def test_any_value_anywhere_is_read_or_refused(data, rig, robot):
 
 def test_a_rig_needs_all_of_its_files(rig, robot, tmp_path):
     (rig / DIFF).unlink()
-    with pytest.raises(InputError, match=r"diff\.txt"):
-        read_rig(rig, robot)
+    refuse("diff.txt", read_rig, rig, robot)
     (rig / RIG_FILE).unlink()
-    with pytest.raises(InputError, match=f"found no {RIG_FILE}, expected a rig folder"):
-        read_rig(rig, robot)
-    with pytest.raises(InputError, match="no such rig folder"):
-        read_rig(tmp_path / "none", robot)
+    refuse(f"found no {RIG_FILE}, expected a rig folder", read_rig, rig, robot)
+    refuse("no such rig folder", read_rig, tmp_path / "none", robot)
 
 
 def test_a_rig_of_a_placement_that_is_not_there(robot, plan, tmp_path):
@@ -128,11 +126,9 @@ def test_a_rig_of_a_placement_that_is_not_there(robot, plan, tmp_path):
     write_rig(tmp_path / "rig", robot, [blunder])
     assert read_rig(tmp_path / "rig", robot) == (blunder,)
     few = plan.take(plan.placement <= 2)
-    with pytest.raises(InputError, match="unknown target '7'; valid: 1, 2"):
-        Laboratory(robot).with_known(blunder).run(few)
+    refuse("unknown target '7'; valid: 1, 2", Laboratory(robot).with_known(blunder).run, few)
     (run,) = run_statics(solve_plan(preset_rig("wii", robot), few), [np.random.SeedSequence(SEED)])
-    with pytest.raises(InputError, match="unknown target '7'; valid: 1, 2"):
-        identify(run.measurements, robot, adopted=[blunder])
+    refuse("unknown target '7'; valid: 1, 2", identify, run.measurements, robot, adopted=[blunder])
 
 
 def test_a_monte_carlo_in_the_adopted_laboratory_is_freed_of_it(rig, robot, tmp_path, capsys):

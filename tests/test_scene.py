@@ -13,7 +13,7 @@ import pytest
 import tulip_testbed as tt
 from studies.study_equilibrium import compare, without_friction
 from tests.edited_files import change_texts
-from tulip_testbed.base.errors import InputError
+from tests.test_refusals import refuse
 from tulip_testbed.identification.joint_loads import servo_stiffness
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.planning.problem import planning_problem
@@ -135,10 +135,12 @@ def test_planner_laboratory_and_identification_know_one_limit(edited_tulip, robo
 
 @pytest.mark.parametrize("motor", ["<motor", '<position kp="9" ctrlrange="-1 1"', '<muscle ctrlrange="0 1"'])
 def test_no_torque_limit_is_refused(motor):
-    with pytest.raises(
-        InputError, match=r"model 'arm': actuator 'm': found no torque limit, expected forcerange"
-    ):
-        add_servos(one_joint(motor), Controller())
+    refuse(
+        "model 'arm': actuator 'm': found no torque limit, expected forcerange",
+        add_servos,
+        one_joint(motor),
+        Controller(),
+    )
 
 
 def test_an_edit_that_statics_does_not_have_is_refused_by_it(robot, two):
@@ -146,8 +148,7 @@ def test_an_edit_that_statics_does_not_have_is_refused_by_it(robot, two):
         spec.body("torso").gravcomp = 0.5
 
     rig = dataclasses.replace(preset_rig("ideal", robot), edit=floating)
-    with pytest.raises(tt.InputError, match="static equilibrium: found gravcomp in body 'torso'"):
-        solve_plan(rig, two)
+    refuse("static equilibrium: found gravcomp in body 'torso'", solve_plan, rig, two)
 
 
 REF = 0.5  # rad
@@ -210,8 +211,7 @@ def test_a_robot_is_what_its_files_held_when_it_was_loaded(own):
     assert copy.deepcopy(robot) is robot
     with pytest.raises(tt.InputError, match=r"tulip\.xml was changed while the robot was in use"):
         tt.Laboratory(robot).run(tt.plans.random, engine="statics")
-    with pytest.raises(tt.InputError, match="a file of the robot was changed"):
-        pickle.loads(pickle.dumps(robot))
+    refuse("a file of the robot was changed", pickle.loads, pickle.dumps(robot))
 
 
 def test_an_included_file_and_another_working_directory(own, tmp_path, monkeypatch):
@@ -238,10 +238,7 @@ def test_an_mjcf_may_lie_beside_the_folder_of_its_meshes_but_not_outside_the_rob
     edit(path, "<asset>", '<asset><mesh name="a" file="a.obj"/>')
     edit(folder / "tulip.toml", '"tulip.xml"', '"mjcf/tulip.xml"')
     assert tt.load_robot(own).visual_model.nmesh == 1
-    with pytest.raises(
-        tt.InputError, match=r"attribute 'meshdir': found '../meshes', expected a path inside"
-    ):
-        load_spec(path)
+    refuse("attribute 'meshdir': found '../meshes', expected a path inside", load_spec, path)
     edit(path, "../meshes", "../../meshes")
     with pytest.raises(tt.InputError, match=r"line \d+, <compiler>, attribute 'meshdir'"):
         tt.load_robot(own)
@@ -250,10 +247,12 @@ def test_an_mjcf_may_lie_beside_the_folder_of_its_meshes_but_not_outside_the_rob
 def test_a_crash_and_an_endless_compilation_are_survived(own, monkeypatch):
     path = own.with_name("tulip.xml")
     monkeypatch.setattr(sandbox, "CHILD", "import os; os.abort()")
-    with pytest.raises(
-        tt.InputError, match=r"tulip.xml: broken MJCF: MuJoCo crashed while compiling it \(SIGABRT\)"
-    ):
-        sandbox.try_to_compile(path, {path: {path: "crash"}})
+    refuse(
+        "tulip.xml: broken MJCF: MuJoCo crashed while compiling it (SIGABRT)",
+        sandbox.try_to_compile,
+        path,
+        {path: {path: "crash"}},
+    )
     monkeypatch.setattr(sandbox, "CHILD", sandbox.CHILD.replace("os.abort()", "os.kill(os.getpid(), 24)"))
     with pytest.raises(tt.InputError, match="MuJoCo did not compile it within 20 s of processor time"):
         sandbox.try_to_compile(path, {path: {path: "endless"}})

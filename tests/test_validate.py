@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from tulip_testbed.base.errors import InputError
+from tests.test_refusals import refuse
 from tulip_testbed.effects.true_robot import true_base_parameters, true_model
 from tulip_testbed.experiments.checks import within
 from tulip_testbed.experiments.identify import identify
@@ -108,8 +108,7 @@ def test_run_folder_holds_everything_and_is_not_overwritten(wii, robot, tmp_path
     measured = read_measurements(folder / "measurements")
     again = identify(measured, robot, estimator=MIXED_MODEL)
     assert again.full.value == pytest.approx(wii.identification.full.value, abs=1e-15)
-    with pytest.raises(InputError, match="exists already"):
-        wii.save(folder)
+    refuse("exists already", wii.save, folder)
     assert [p.name for p in tmp_path.iterdir()] == ["run"]
 
 

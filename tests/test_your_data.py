@@ -10,6 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from tests.test_measurements import edit_manifest
+from tests.test_refusals import refuse
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.spreadsheet import plain_csv
 from tulip_testbed.cli.main import main
@@ -54,8 +55,7 @@ def test_the_guide_lists_the_columns_that_may_be_left_out(folder):
 def test_two_tables_without_hashes_are_refused(folder, tmp_path):
     write_measurements(tmp_path / "whole", read_measurements(folder))
     edit_manifest(tmp_path / "whole", lambda m: m.pop("tables"))
-    with pytest.raises(InputError, match=r"found together with postures\.csv and without a sha256"):
-        read_measurements(tmp_path / "whole")
+    refuse("found together with postures.csv and without a sha256", read_measurements, tmp_path / "whole")
 
 
 PATH = Path("postures.csv")
