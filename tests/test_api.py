@@ -114,14 +114,6 @@ def test_no_error_of_the_library_names_a_flag():
                 assert not re.search(r"(?<![\w-])--[a-z]", raised), f"{path}: {raised[:120]}"
 
 
-def test_a_notebook_and_the_command_line_give_the_same_bits(run, tmp_path, capsys):
-    tt.write_measurements(tmp_path / "data", run.measurements)
-    assert main(["identify", str(tmp_path / "data"), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)["full"]["value"]
-    fit = tt.identify(tt.read_measurements(tmp_path / "data"))
-    assert told == fit.full.value.tolist()
-
-
 DOUBTFUL = "cell-gain:right.front_left=3"
 
 
@@ -166,12 +158,12 @@ def test_what_fits_passes_and_numbers_of_numpy_become_plain():
         asked()  # type: ignore[missing-argument]  # as Python says it
 
 
-def test_measurements_come_from_a_folder_or_a_run_too(run, tmp_path):
+def test_measurements_run_folder_and_command_line_give_the_same_bits(run, tmp_path, capsys):
     tt.write_measurements(tmp_path / "data", run.measurements)
-    given = (run.measurements, run, tmp_path / "data")
-    values = [tt.identify(m, estimator="mixed-model").full.value for m in given]
-    assert np.array_equal(values[0], values[1])
-    assert np.array_equal(values[0], values[2])
+    assert main(["identify", str(tmp_path / "data"), "--estimator", "mixed-model", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["full"]["value"]
+    for given in (run.measurements, run, tmp_path / "data"):
+        assert tt.identify(given, estimator="mixed-model").full.value.tolist() == told
     assert tt.check(run).verdict == tt.check(run.measurements).verdict
 
 

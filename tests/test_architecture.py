@@ -145,14 +145,6 @@ def test_only_the_command_line_prints():
             assert not [one for one in calls if isinstance(one, ast.Name) and one.id == "print"], module
 
 
-def test_every_room_is_a_subpackage_of_the_one_name():
-    """setuptools finds the packages of the wheel through these links."""
-    for name in (*FLOW, "assets"):
-        link = ROOT / NAME / name
-        assert link.is_symlink()
-        assert link.resolve() == ROOT / name
-
-
 @pytest.mark.parametrize(
     ("library", "owners"),
     [

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.rigs import write_rig
+from tests.edited_files import write_rig
 from tests.test_cli import refused
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main

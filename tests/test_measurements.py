@@ -137,15 +137,6 @@ def test_every_door_holds_measurements_against_the_contract(measured, robot, tmp
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_preflight_reads_on_to_say_which_unit_was_meant(measured, robot):
-    degrees = changed(measured, joint_angles=np.rad2deg)
-    (units,) = [c for c in tt.check(degrees, robot).to_json()["checks"] if c["name"] == "units"]
-    assert units["result"] == "fail"
-    assert "degrees?" in units["seen"]
-    with pytest.raises(tt.InputError, match="found nan, expected a finite number"):
-        tt.check(changed(measured, joint_angles=put(0, 0, value=np.nan)), robot)
-
-
 @pytest.mark.parametrize(
     ("changes", "check"),
     [

@@ -8,7 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
+from tests.fuzz.changes import one
+from tests.fuzz.documents import STRANGE, json_values, places
 from tests.test_refusals import change_keys, refuse, rows
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import sha256
@@ -129,6 +133,8 @@ def test_a_validation_in_memory_is_the_one_in_its_folder(moved_wii, robot, tmp_p
     assert same(moved_wii, read)
     assert json.loads((tmp_path / "run" / "result.json").read_text()) == moved_wii.to_json()
     assert json.loads((tmp_path / "run" / "truth.json").read_text()) == moved_wii.simulation.to_json()
+    manifest = (tmp_path / "run" / "measurements" / "manifest.json").read_text()
+    assert not [word for word in ("seed", "preset", "truth", "command_sd", "plate_sd") if word in manifest]
     assert same_page(page_of(moved_wii), page_of(read))
     assert np.array_equal(read.identification.full.covariance, moved_wii.identification.full.covariance)
     assert repr(read.identification) == repr(moved_wii.identification)
@@ -237,6 +243,28 @@ def refuse_edited(folder, load, changes, words):
     (folder / name).write_text(json.dumps(document))
     put_right(folder, name)
     refuse(f"{name}: ... {words}", load, folder)
+
+
+@pytest.mark.slow
+@settings(max_examples=200, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(data=st.data())
+def test_any_value_anywhere_in_a_run_is_read_or_refused_in_one_line(data, run_folder, robot, tmp_path):
+    """With matching hashes."""
+    name = data.draw(st.sampled_from(["run.json", "result.json", "truth.json"]))
+    shutil.rmtree(tmp_path / "run", ignore_errors=True)
+    folder = shutil.copytree(run_folder, tmp_path / "run")
+    document = json.loads((folder / name).read_text())
+    inside, key = one(data.draw, places(document))
+    inside[key] = data.draw(st.sampled_from(STRANGE) | json_values)
+    (folder / name).write_text(json.dumps(document))
+    if name != "run.json":
+        put_right(folder, name)
+    message = ""
+    try:
+        page_of(read_run(folder, robot))
+    except InputError as error:
+        message = str(error)
+    assert "\n" not in message
 
 
 @rows("validation")

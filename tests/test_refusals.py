@@ -17,9 +17,8 @@ import pytest
 
 import tulip_testbed as tt
 from tests.contact_folders import EXAMPLE, contacts_of, write_contacts
-from tests.edited_files import BUILT, change_texts
+from tests.edited_files import BUILT, change_texts, write_rig
 from tests.published_robot import mjcf, write_published
-from tests.rigs import write_rig
 from tulip_testbed.calibration.families import read_tolerances
 from tulip_testbed.cli.main import main
 from tulip_testbed.effects.instance import EffectInstance

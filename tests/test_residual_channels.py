@@ -192,9 +192,6 @@ def test_every_effect_is_shown_or_hides_or_shows_weakly(found):
     assert hidden | set(weak) < everything
     assert "encoder-offset:right_knee" in everything - hidden - set(weak)
 
-
-@pytest.mark.slow
-def test_kinds_without_targets_are_those_of_which_no_target_shows(found):
     kinds = by_kind([one.candidate for one in found.discovery.undetectable], found.discovery.observed)
     assert kinds["payload"] == []
     assert kinds["unsettled"] == []

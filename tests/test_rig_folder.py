@@ -1,6 +1,5 @@
 """The rig folder: what was found becomes the laboratory, and nothing broken does."""
 
-import csv
 import dataclasses
 import json
 
@@ -9,10 +8,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from tests.edited_files import write_rig
 from tests.effect_changes import measured
 from tests.fuzz.documents import json_values, places
-from tests.rigs import write_rig
 from tests.test_cli import refused
+from tests.test_measurements import edit_manifest
 from tests.test_refusals import refuse
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
@@ -27,7 +27,7 @@ from tulip_testbed.experiments.rig_folder import (
     read_rig,
 )
 from tulip_testbed.identification.estimators import MIXED_MODEL
-from tulip_testbed.measurements import read_measurements, write_measurements
+from tulip_testbed.measurements import write_measurements
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import load_spec
 from tulip_testbed.sim.statics.solved_plan import solve_plan
@@ -157,8 +157,10 @@ def test_the_command_reads_a_foreign_folder_and_its_rig_is_the_new_nominal(robot
     bare = dataclasses.replace(
         m, command=None, motor=None, sensors=dataclasses.replace(m.sensors, cell_sd=None)
     )
-    write_measurements(tmp_path / "parquet", bare)
-    folder = as_csv(tmp_path / "parquet", tmp_path / "csv")
+    folder = tmp_path / "data"
+    write_measurements(folder, bare)
+    (folder / "postures.parquet").unlink()
+    edit_manifest(folder, lambda manifest: manifest.update(tables=None))
     run = tmp_path / "found"
     assert main(["discover", str(folder), "--out", str(run), "--no-check", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
@@ -176,24 +178,6 @@ def test_the_command_reads_a_foreign_folder_and_its_rig_is_the_new_nominal(robot
     columns = freed["full"]["value"], truth["full"]["value"], truth["full"]["standard_error"]
     for estimate, true, error in zip(*columns, strict=True):
         assert abs(estimate - true) < error
-
-
-def as_csv(source, folder):
-    """The same folder with its table as CSV, hash left out."""
-    measured = read_measurements(source)
-    assert measured
-    import pyarrow.parquet as pq
-
-    folder.mkdir()
-    table = pq.read_table(source / "postures.parquet").to_pylist()
-    with (folder / "postures.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, fieldnames=list(table[0]))
-        writer.writeheader()
-        writer.writerows(table)
-    manifest = json.loads((source / "manifest.json").read_text())
-    manifest["tables"] = None
-    (folder / "manifest.json").write_text(json.dumps(manifest))
-    return folder
 
 
 def test_too_few_placements_are_refused(robot, plan, tmp_path, capsys):

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
-from studies.study_equilibrium import compare, without_friction
+from studies.study_equilibrium import without_friction
 from tests.edited_files import change_texts
+from tests.test_equilibrium import check_rest
 from tests.test_refusals import refuse
 from tulip_testbed.identification.joint_loads import servo_stiffness
 from tulip_testbed.identification.nominal import nominal_robot
@@ -20,7 +21,6 @@ from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.measurements.cells import CORNERS
 from tulip_testbed.sim import sandbox
 from tulip_testbed.sim.control import Controller, add_servos, torque_limit, torque_limits
-from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import joint_names, load_robot, load_spec
@@ -55,9 +55,6 @@ def test_every_physical_number_is_the_same(models):
                 compared += 1
     assert compared > 300
     assert shipped.npair == built.npair == 8
-
-
-def test_names_are_the_same(models):
     counts = {"body": "nbody", "joint": "njnt", "geom": "ngeom", "site": "nsite", "sensor": "nsensor"}
     counts |= {"pair": "npair", "actuator": "nu", "key": "nkey"}
     for kind, count in counts.items():
@@ -175,12 +172,7 @@ def test_a_joint_that_is_drawn_bent_is_the_same_robot(edited_tulip, robot):
     expected = np.zeros(difference.shape[1])
     expected[knee] = REF
     assert np.abs(difference - expected).max() < 1e-6
-    quiet = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=0))
-    compared = compare(solve_plan(quiet, shifted), list(run_dynamics(quiet, shifted, 1).truth.attempts))
-    assert len(compared.held) >= 3
-    assert np.abs(compared.angles).max() < 1e-4
-    assert np.abs(compared.cells).max() < 0.05
-    assert compared.center.max() < 1e-5
+    check_rest(rig, shifted)
     soles = [nominal_robot(one).swing_sole(at.joint_angles) for one, at in ((robot, plan), (bent, shifted))]
     assert np.abs(soles[0] - soles[1]).max() < 1e-9
 

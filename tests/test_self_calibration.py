@@ -137,11 +137,8 @@ def test_a_tolerance_of_zero_leaves_the_family_out(ordinary, nominal):
     assert [one.family.tolerance for one in stated.families] == [0.01]
 
 
-def test_tolerances_are_read():
+def test_tolerances_are_read_or_follow_the_sensors():
     assert read_tolerances(["tilt=0", "cell-tare=0.1"]) == {"tilt": 0.0, "cell-tare": 0.1}
-
-
-def test_tolerances_follow_the_sensors():
     wii = tolerances_of(SensorSheet(cell_sd=1.43, placement_sd=(0.0035, 0.0035, 0.01)))
     assert wii.value["cell-gain"] == 0.01
     assert wii.assumed == "those of preset wii"

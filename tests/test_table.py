@@ -209,12 +209,7 @@ def test_marks_colour_the_terminal_alone():
     screen = StringIO()
     Console(file=screen, force_terminal=True, color_system="standard").print(table)
     assert "\x1b[1;31mfail" in screen.getvalue()
-
-
-def test_an_unknown_mark_is_nothing():
-    table = Table("", (Column("result"),), [[Cell("x", mark='"><script>')]])
-    assert "<td>x</td>" in table.html()
-    assert "x" in table.text()
+    assert "<td>x</td>" in Table("", (Column("result"),), [[Cell("x", mark='"><script>')]]).html()
 
 
 class Found(Shown):

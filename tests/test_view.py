@@ -107,6 +107,7 @@ def test_a_view_of_150_postures_is_small_and_soon_there(wii, tmp_path, capsys):
         assert cpu_seconds() - began < MOST_SECONDS
         assert 1e5 < (tmp_path / f"{name}.rrd").stat().st_size < MOST_BYTES
         assert "View: " in capsys.readouterr().out
+    assert tt.view(wii.plan, save=tmp_path / "own.rrd").view == str(tmp_path / "own.rrd")
 
 
 def test_clouds_are_those_of_the_runs(coverage, robot):
@@ -128,11 +129,6 @@ def test_residual_and_truth_are_the_runs_own(run_folder, moved_wii, robot):
     assert np.abs(subject.com["truth"] - subject.cop).max() < 0.03
     factor = balance.magnification(subject)
     assert 0.02 < factor * np.median(np.linalg.norm(residual, axis=1)) < 0.2
-
-
-def test_a_plan_and_measurements_are_shown_without_naming_the_robot(plan, wii, tmp_path):
-    for k, shown in enumerate((plan, wii.measurements)):
-        assert tt.view(shown, save=tmp_path / f"{k}.rrd").view == str(tmp_path / f"{k}.rrd")
 
 
 def test_inner_polygon_keeps_its_distance(plan, robot):
