@@ -39,6 +39,13 @@ HEAVY = (
 )
 
 
+def told(capsys, *arguments, code=0):
+    """Run a command with `--json`; return its document."""
+    capsys.readouterr()
+    assert main([*map(str, arguments), "--json"]) == code
+    return json.loads(capsys.readouterr().out)
+
+
 def refused(capsys, *arguments):
     """Run, expect exit code 2 and one message; returns it."""
     assert main([str(a) for a in arguments]) == 2
@@ -158,10 +165,8 @@ def test_a_run_remembers_its_robot(edited_tulip, tmp_path):
 
 def test_identify_by_name(wii, tmp_path, capsys):
     write_measurements(tmp_path / "data", wii.measurements)
-    assert main(["identify", str(tmp_path / "data"), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["estimator"] == "self-calibrating"
-    assert main(["identify", str(tmp_path / "data"), "--estimator", "prior", "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    assert told(capsys, "identify", tmp_path / "data")["estimator"] == "self-calibrating"
+    document = told(capsys, "identify", tmp_path / "data", "--estimator", "prior")
     assert document["estimator"] == "prior"
     links = document["full"]["standard"]
     assert links["links"][:2] == ["torso", "right_hip_yaw"]
@@ -178,12 +183,10 @@ def test_model_prints_links_with_their_brackets(capsys):
     assert "319.7 mm m[left_lower_leg]" in out
     assert max(map(len, out.splitlines())) <= PIPE_WIDTH
     assert len(out.splitlines()) < 60
-    assert main(["robot", "--json"]) == 0
-    row = json.loads(capsys.readouterr().out)["base"][18]
+    row = told(capsys, "robot")["base"][18]
     assert row["standard"].count("[") == row["terms"] == 11
     assert row["meaning"] == "z moment of right_upper_leg, 10 masses at 319.7 mm"
-    assert main(["robot", "--json", "--support", "right"]) == 0
-    assert json.loads(capsys.readouterr().out)["counts"]["base"] == 26
+    assert told(capsys, "robot", "--support", "right")["counts"]["base"] == 26
 
 
 @pytest.mark.parametrize("command", NAMES)
@@ -214,10 +217,8 @@ def test_the_parser_repeats_no_control_or_direction_character(capsys):
 
 def test_postures_are_written_and_described(tmp_path, capsys):
     arguments = ["plan", "random", "--placements", "4", "--per-placement", "4", "--seed", "3"]
-    assert main([*arguments, "--out", str(tmp_path / "plan"), "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = told(capsys, *arguments, "--out", tmp_path / "plan")
     assert document["postures"] == 16
-    assert main(["plan", "show", str(tmp_path / "plan"), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["condition_number"] == pytest.approx(
+    assert told(capsys, "plan", "show", tmp_path / "plan")["condition_number"] == pytest.approx(
         document["condition_number"]
     )

@@ -76,9 +76,8 @@ def test_plates_that_scatter_several_times_as_stated_are_a_finding(robot, plan, 
 @pytest.mark.slow
 @pytest.mark.parametrize("preset", ["wii", "force-plate"])
 def test_no_gap_no_name(robot, plan, preset):
-    found = discover(measured(robot, plan, preset), robot)
+    found: Any = discover(measured(robot, plan, preset), robot)
     assert (found.verdict, found.adopted) == ("none", ())
-    assert found.heldout is not None
     assert found.heldout.after["AFTC"] < found.heldout.floor["AFTC"]
     assert "No gap" in story(found, [])[0]
 
@@ -117,8 +116,7 @@ def test_a_hidden_effect_is_named_sized_and_predicts(robot, plan, preset, text):
     hidden, data = hidden_in(robot, plan, preset, text)
     found = discover(data, robot)
     check_named(found, hidden)
-    heldout = found.heldout
-    assert heldout is not None
+    heldout: Any = found.heldout
     assert heldout.after["AFTC"] < min(1.1, heldout.before["AFTC"])
     worse = dataclasses.replace(heldout, after=heldout.after | {"T": 1.2})
     assert "channel T" in " ".join(_reasons(found.selection, found.patterns[0], worse))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.edited_files import write_rig
-from tests.test_cli import refused
+from tests.test_cli import refused, told
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.effects.catalogue import catalogue, effects_on
@@ -30,8 +30,7 @@ def test_all_effects_are_listed(capsys):
     out = capsys.readouterr().out
     assert "encoder-offset:JOINT=OFFSET" in out
     assert all(name in out for name in catalogue())
-    assert main(["atlas", "effects", "--json"]) == 0
-    listed = json.loads(capsys.readouterr().out)["effects"]
+    listed = told(capsys, "atlas", "effects")["effects"]
     assert [effect["name"] for effect in listed] == list(catalogue())
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
@@ -40,8 +42,7 @@ def test_a_tilt_turns_about_x_then_about_y(noiseless):
     """A level table's leg shortened: gravity in the floor's axes."""
     spec = mujoco.MjSpec()
     spec.option.gravity = [0.0, 0.0, -1.0]
-    edit = catalogue()["tilt"].inject(noiseless, "", (0.1, 0.2)).edit
-    assert edit is not None
+    edit: Any = catalogue()["tilt"].inject(noiseless, "", (0.1, 0.2)).edit
     edit(spec)
     a, b = 0.1, 0.2
     about_x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
@@ -109,8 +110,7 @@ def test_what_is_changed_after_a_step_is_changed_before_and_after(noiseless):
     assert [start for start, _ in stages(rig)] == [0.0, 0.3, 0.6]
     assert {one.compliance.sole_tilt for _, one in stages(rig)} == {1e-4}
     spec = load_scene(rig.robot)
-    edit = stages(rig)[2][1].edit
-    assert edit is not None
+    edit: Any = stages(rig)[2][1].edit
     edit(spec)
     plain = load_scene(rig.robot)
     for link in ("torso", "right_hip"):

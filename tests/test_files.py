@@ -154,11 +154,11 @@ def test_an_exception_or_a_taken_name_leaves_nothing(tmp_path):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda path: None, "cannot read .No such file"),
+        (lambda path: None, "cannot read (No such file"),
         (lambda path: path.mkdir(), "found a folder, expected a file"),
         (os.mkfifo, "found a named pipe, expected a file"),
         (lambda path: path.symlink_to("/dev/zero"), "found a device, expected a file"),
-        (lambda path: path.symlink_to(path.name), "cannot read .Too many levels of symbolic links"),
+        (lambda path: path.symlink_to(path.name), "cannot read (Too many levels of symbolic links"),
         (lambda path: path.write_bytes(b"x" * 11), "found more than 10 bytes"),
         (lambda path: path.write_bytes(b"ab\xff"), "byte 2: not UTF-8 text"),
     ],

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -181,8 +182,7 @@ def keys_of(m):
 
 def test_a_known_mass_is_part_of_the_model(robot, nominal, lab, few):
     """The loaded robot is simulated as a robot with another torso; its own parameters are found again."""
-    loaded = joined([measured(lab, few), measured(lab, few, MASS, seed=4)])
-    assert loaded.weighed_mass is not None
+    loaded: Any = joined([measured(lab, few), measured(lab, few, MASS, seed=4)])
     assert loaded.weighed_mass[0] == pytest.approx(robot.model.body_mass.sum(), abs=1e-6)
     observed = observe(loaded, nominal)
     found = residuals(observed, nominal.value)

@@ -3,6 +3,7 @@
 import dataclasses
 import inspect
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -114,8 +115,7 @@ def test_a_validation_in_an_ordinary_laboratory(validated, plan, robot, tmp_path
     assert Validation.load(tmp_path / "run", robot).imperfections == 1.0
     again = drawn(Laboratory(robot, "wii"), 1.0, single_stream(SEED))
     assert [str(i) for i in again.hidden] == [str(i) for i in hidden]
-    plain = validated.least_squares
-    assert plain is not None
+    plain: Any = validated.least_squares
     assert plain.estimator == "least-squares"
     text = "\n".join(map(str, validated.tables()))
     assert "least" in text
@@ -150,16 +150,14 @@ def test_the_mass_comes_from_the_calibration(validated):
 
 
 def test_the_data_distinguish_more_than_the_estimate_is_sure_of(validated, nominal):
-    found = validated.identification.calibration
-    assert found is not None
+    found: Any = validated.identification.calibration
     extra = found.covariance - found.unseen.covariance
     assert extra == pytest.approx(extra.T)
     assert np.linalg.eigvalsh(extra).min() > -1e-12 * np.linalg.eigvalsh(extra).max()
     assert np.linalg.eigvalsh(found.data_covariance).min() > 0
     assert (np.diag(extra) > 0.01 * np.diag(found.covariance)).any()
     exact = self_calibrate(
-        observe(validated.measurements, nominal),
-        dict.fromkeys([f.family.name for f in found.families], 0),
+        observe(validated.measurements, nominal), dict.fromkeys([f.family.name for f in found.families], 0)
     )
     assert exact.unseen.labels == ()
     assert (exact.data_covariance == exact.covariance).all()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -151,9 +152,8 @@ def test_postures_on_one_foot_keep_their_margins_and_show_26_parameters(robot, o
     margins = single_support_margins(one_foot, one.joint_angles, one.swing_pose)
     assert min(values.min() for values in margins.values()) >= 0
     assert set(margins) >= {"stability margin", "torques", "swing foot lifted", "cell load"}
-    said = describe_plan(robot, with_one_foot, "plan", "wii")
+    said: Any = describe_plan(robot, with_one_foot, "plan", "wii")
     assert len(said.predicted_standard_error_mm) == 26
-    assert said.margins is not None
     assert said.margins["right foot: stability margin"]["value"] >= 0
     found = measured(robot, with_one_foot)
     assert "right" in set(found.support)

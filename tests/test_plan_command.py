@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from tests.drawing import draws_with
-from tests.test_cli import refused
+from tests.test_cli import refused, told
 from tests.test_refusals import change_keys, refuse, rows
 from tulip_testbed import drawings, rendering
 from tulip_testbed.base.errors import InputError
@@ -125,12 +125,10 @@ def test_killed_when_its_first_plan_was_put_aside_it_leaves_nothing_hidden(inter
 def test_the_next_postures_and_their_description(data, tmp_path, capsys):
     out = tmp_path / "next"
     options = ("--after", str(data), "--placements", "1", "--hops", "2", "--seed", "311")
-    assert main(["plan", "optimal", "--out", str(out), *options, "--repeats", "1", "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = told(capsys, "plan", "optimal", "--out", out, *options, "--repeats", "1")
     assert said["postures"] == 6
     assert said["final_objective"] < said["measured_objective"]
-    assert main(["plan", "show", str(out), "--after", str(data), "--json"]) == 0
-    again = json.loads(capsys.readouterr().out)
+    again = told(capsys, "plan", "show", out, "--after", data)
     for key in ("condition_number", "predicted_standard_error_mm", "margins", "correlations"):
         assert again[key] == said[key]
         assert again["made"]["described"][key] == said[key]

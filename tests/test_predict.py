@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 
 import numpy as np
 import pytest
 
 import tulip_testbed as tt
-from tulip_testbed.cli.main import main
+from tests.test_cli import told
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of
 from tulip_testbed.experiments.posture_splits import by_blocks, by_halves, clusters, stated
 from tulip_testbed.experiments.predict import (
@@ -192,8 +191,7 @@ def test_stated_parts_and_what_is_wrong_with_them(heavier, robot):
 def test_few_postures_are_scored_with_cad_as_prior(heavier, robot, tmp_path, capsys):
     few = heavier.take(np.flatnonzero(heavier.placement <= np.unique(heavier.placement)[2]))
     write_measurements(tmp_path / "few", few)
-    assert main(["predict", str(tmp_path / "few"), "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = told(capsys, "predict", tmp_path / "few")
     assert {CAD, CONSTANT, IDENTIFIED} <= {one["name"] for one in document["models"]}
     for one in document["models"]:
         assert one["low95"]["x"] <= one["rms_mm"]["x"] <= one["high95"]["x"]

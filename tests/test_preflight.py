@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -90,8 +91,7 @@ def test_a_shift_is_the_added_column_of_generalised_least_squares(wii, nominal):
     measured = wii.measurements
     noise = reading_noise(measured, nominal)
     data = regression(nominal.parameters, measured, nominal.robot)
-    best = fit(measured, data, noise)
-    assert best is not None
+    best: Any = fit(measured, data, noise)
     weight = np.linalg.inv(dense_covariance(noise))
     # One posture alone; all of a placement, in directions that differ from posture to posture.
     inside = np.flatnonzero(measured.placement == measured.placement[40])
@@ -226,8 +226,7 @@ def test_series_is_read_whole_and_its_hash_is_checked(part, tmp_path):
     assert read_series(folder) is None
     series = raw_series(part, np.random.default_rng(120))
     write_series(folder, series, part.joints)
-    again = read_series(folder)
-    assert again is not None
+    again: Any = read_series(folder)
     assert np.array_equal(again.readings, series.readings)
     measured = read_measurements(folder)
     assert series_agrees(measured, again).result == "pass"

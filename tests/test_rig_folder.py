@@ -11,21 +11,14 @@ from hypothesis import strategies as st
 from tests.edited_files import write_rig
 from tests.effect_changes import measured
 from tests.fuzz.documents import json_values, places
-from tests.test_cli import refused
+from tests.test_cli import refused, told
 from tests.test_measurements import edit_manifest
 from tests.test_refusals import refuse
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.cli.main import main
 from tulip_testbed.effects.instance import EffectInstance, injected
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.experiments.rig_folder import (
-    CHANGED,
-    DIFF,
-    NOMINAL,
-    RIG_FILE,
-    read_rig,
-)
+from tulip_testbed.experiments.rig_folder import CHANGED, DIFF, NOMINAL, RIG_FILE, read_rig
 from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.measurements import write_measurements
 from tulip_testbed.sim.rig import preset_rig
@@ -137,8 +130,7 @@ def test_a_monte_carlo_in_the_adopted_laboratory_is_freed_of_it(rig, robot, tmp_
         out = tmp_path / f"run{len(more)}"
         run = ["montecarlo", "--sensors", "force-plate", "--runs", "4", "--workers", "1", "--seed", "232"]
         run += ["--estimator", MIXED_MODEL, "--imperfections", "0"]
-        assert main([*run, "--out", str(out), "--json", *more]) == 3
-        report = json.loads(capsys.readouterr().out)
+        report = told(capsys, *run, "--out", out, *more, code=3)
         assert report["verdict"] == "inconclusive"
         numbers.append(report["sigma_mm"]["mean"])
     assert numbers[1] == pytest.approx(numbers[0], rel=0.1)
@@ -162,19 +154,16 @@ def test_the_command_reads_a_foreign_folder_and_its_rig_is_the_new_nominal(robot
     (folder / "postures.parquet").unlink()
     edit_manifest(folder, lambda manifest: manifest.update(tables=None))
     run = tmp_path / "found"
-    assert main(["discover", str(folder), "--out", str(run), "--no-check", "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = told(capsys, "discover", folder, "--out", run, "--no-check")
     assert document["verdict"] == "named"
     (effect,) = document["adopted"]
     assert (effect["name"], effect["target"]) == hidden[:2]
     assert set(document["heldout"]["before"]) == {"A", "F", "T", "C", "AFTC"}
     assert document == json.loads((run / "result.json").read_text())
-    assert main(["identify", str(folder), "--corrections", document["rig"], "--json"]) == 0
-    freed = json.loads(capsys.readouterr().out)
+    freed = told(capsys, "identify", folder, "--corrections", document["rig"])
     plain = tmp_path / "plain"
     write_measurements(plain, dataclasses.replace(measured(robot, plan, "wii"), command=None, motor=None))
-    assert main(["identify", str(plain), "--json"]) == 0
-    truth = json.loads(capsys.readouterr().out)
+    truth = told(capsys, "identify", plain)
     columns = freed["full"]["value"], truth["full"]["value"], truth["full"]["standard_error"]
     for estimate, true, error in zip(*columns, strict=True):
         assert abs(estimate - true) < error

@@ -16,14 +16,7 @@ from rich.console import Console
 from tulip_testbed.base.column import Column
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.table import STYLES, Cell, Shown, Table, shown_columns
-from tulip_testbed.cli.terminal import (
-    PIPE_WIDTH,
-    print_json,
-    refuse,
-    say,
-    show,
-    show_whole,
-)
+from tulip_testbed.cli.terminal import PIPE_WIDTH, print_json, refuse, say, show, show_whole
 
 HOSTILE = (
     "knee[left]",

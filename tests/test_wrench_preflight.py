@@ -84,9 +84,7 @@ def test_vertical_channels_have_no_horizontal_forces(standing, robot):
     places = [WRENCH.index(channel) for channel in VERTICAL]
     m = with_contacts(
         dataclasses.replace(
-            standing,
-            wrenches=standing.wrenches[..., places],
-            wrenches_sd=standing.wrenches_sd[..., places],
+            standing, wrenches=standing.wrenches[..., places], wrenches_sd=standing.wrenches_sd[..., places]
         ),
         channels=VERTICAL,
         covariance=None,

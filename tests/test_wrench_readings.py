@@ -264,12 +264,6 @@ def test_what_hangs_below_is_stated_of_the_nominal_foot(robot, mixed_few):
     np.testing.assert_allclose(run.measurements.contacts.below_sd, [[0.012, 0.002, 0.002, 0.002]] * 2)
 
 
-def test_a_tared_sensor_has_no_zeros(robot, plan):
-    (run,) = statics(changed_rig(robot, "foot-ft", zero_sd=(0.0,) * 6), plan.take(np.arange(2)))
-    assert not run.measurements.contacts.zero_sd.any()
-    np.testing.assert_allclose(run.measurements.wrenches, run.truth.wrenches, atol=1e-9)
-
-
 def test_the_sensors_do_not_change_how_the_robot_stands(robot, plan):
     one = plan.take(np.arange(1))
     plates, feet = (run_dynamics(preset_rig(name, robot), one, 5).truth for name in ("ideal", "foot-ideal"))
