@@ -154,7 +154,8 @@ def _search(
     robot = task.problem.robot
     for seed in TABLE1 if table1 else [wanted.seed]:
         started = time.process_time()
-        plan, finished = _carry_out(replace(task, seed=seed), states, progress)
+        own = task if seed == task.seed else replace(task, seed=seed)  # whose start may be known
+        plan, finished = _carry_out(own, states, progress)
         plans.append(plan)
         if not finished:
             break

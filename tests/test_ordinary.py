@@ -179,7 +179,7 @@ def test_a_plan_that_weakens_a_correlation_is_not_judged():
 
 def test_a_monte_carlo_does_not_depend_on_workers_and_records_its_setting(robot, plan, tmp_path):
     laboratory, part = Laboratory(robot, "wii"), plan.take(plan.placement <= 5)
-    settings = Settings(3, SEED, "self-calibrating", None, "statics", 0.5)
+    settings = Settings(2, SEED, "self-calibrating", None, "statics", 0.5)
     for workers in (1, 2):
         found = montecarlo(laboratory, part, settings, RunPlace(tmp_path / f"{workers}", workers, None))
         assert found.imperfections == 0.5

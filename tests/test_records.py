@@ -246,7 +246,8 @@ def refuse_edited(folder, load, changes, words):
 
 
 @pytest.mark.slow
-@settings(max_examples=200, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@pytest.mark.filterwarnings("ignore")  # of arithmetic on strange numbers
+@settings(max_examples=100, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_any_value_anywhere_in_a_run_is_read_or_refused_in_one_line(data, run_folder, robot, tmp_path):
     """With matching hashes."""
