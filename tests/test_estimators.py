@@ -72,6 +72,7 @@ def repeat(seed, placement_sd, runs=150):
     return np.mean(plain, axis=0) / spread, np.mean(clustered, axis=0) / spread
 
 
+@pytest.mark.slow
 def test_clustered_standard_errors_are_calibrated_where_eq_14_is_not():
     """150 repetitions: a ratio's own s.d. is 0.058; bounds at 3.5 s.d. over 8 ratios (0.4 %)."""
     plain, clustered = repeat(seed=5, placement_sd=3.0)

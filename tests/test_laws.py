@@ -85,11 +85,12 @@ def test_removal_is_minus_injection(text, field, robot, nominal, noiseless, few)
     assert np.abs(left).max() < 1e-4 * wrong
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "text",
     [
-        pytest.param("law:force:right_lower_leg/nothing/constant=3,-2,4", marks=pytest.mark.slow),
-        pytest.param("law:force:torso/time/step=2,3,-4,0.5", marks=pytest.mark.slow),
+        "law:force:right_lower_leg/nothing/constant=3,-2,4",
+        "law:force:torso/time/step=2,3,-4,0.5",
         "law:force:torso/time/linear=2,3,-4",
     ],
 )

@@ -43,7 +43,7 @@ def humanoid(foreign):
 
 @pytest.fixture(scope="module")
 def random_plan(humanoid):
-    return random_postures(humanoid, nominal_plates(humanoid)[0], 3, 5, 411)
+    return random_postures(humanoid, nominal_plates(humanoid)[0], 4, 5, 411)
 
 
 @pytest.fixture(scope="module")

@@ -173,7 +173,8 @@ def test_what_blocks_postures_on_one_foot_is_named(robot, plate, optimal):
         feasible_pool(problem, optimal.swing_pose[-1], 2, np.random.default_rng(SEED), times=1)
 
 
-@pytest.mark.parametrize("preset", ["wii", pytest.param("force-plate", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("preset", ["wii", "force-plate"])
 def test_predicted_standard_errors_are_what_the_estimator_reports(robot, plan, preset):
     taken = measured(robot, plan, preset)
     said = describe_plan(robot, as_plan(robot, taken), "plan", preset)

@@ -73,6 +73,7 @@ def test_a_robot_unlike_its_cad_is_predicted_better_by_identification(predicted)
     assert predicted.verdict.startswith("Identified beats CAD: yes. ")
 
 
+@pytest.mark.slow
 def test_a_robot_like_its_cad_is_predicted_no_better_by_identification(laboratory, robot):
     found = tt.predict(measured(laboratory, None), robot)
     assert found.beats_cad is not True
@@ -208,6 +209,7 @@ def test_unknown_zeros_of_sensors_in_the_feet_are_no_merit_of_identification(rob
         assert total(found, IDENTIFIED) == pytest.approx(total(found, CAD), rel=0.03)
 
 
+@pytest.mark.slow
 def test_a_stated_effect_is_part_of_the_model_with_corrections_alone(laboratory, robot):
     """Two cells whose cables are exchanged: no family can make up for it."""
     swapped = "swapped-cells:right=front_left,rear_right"

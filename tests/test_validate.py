@@ -30,6 +30,7 @@ def test_noise_free_truth_is_recovered_within_1_mm(ideal):
     assert ideal.verdict == "pass"
 
 
+@pytest.mark.slow
 def test_the_error_shrinks_as_settling_is_tightened(robot, plan):
     """Same postures, clamps let go at once, two gates; CoP against the CoM of the same moment."""
     part = plan.take(plan.placement <= 2)
