@@ -26,6 +26,7 @@ from tulip_testbed.discovery.next_experiment import (
     rank_experiments,
     within_limits,
 )
+from tulip_testbed.discovery.story import story
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.proposed_experiment import Proposals, read_experiment, write_experiment_plan
@@ -172,6 +173,7 @@ def test_two_cells_tares_are_settled_by_turning_the_plate(lab, tmp_path):
     tt.write_measurements(data[0], run.measurements)
     found = tt.discover(data[0], check=False)
     assert found.verdict == "ambiguous"
+    assert "measure the quantity in question directly" in " ".join(story(found.discovery, []))
     proposals = tt.next_experiment(found, plan=tt.plans.random)
     proposals.save(tmp_path / "plan")
     assert tt.next_experiment(found).best.words in found.story[-2]  # by the measured postures
