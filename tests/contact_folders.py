@@ -37,13 +37,7 @@ def readings(m: Measurements) -> dict[str, np.ndarray]:
 
 
 def write_contacts(
-    folder: Path,
-    plates: Measurements,
-    contacts: Any,
-    columns: Any = None,
-    drop=(),
-    poses=True,
-    **keys: Any,
+    folder: Path, plates: Measurements, contacts: Any, columns: Any = None, drop=(), poses=True, **keys: Any
 ) -> Path:
     """Write the example with other contacts, and with columns more than those of `readings`."""
     folder.mkdir(exist_ok=True)

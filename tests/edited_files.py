@@ -1,9 +1,11 @@
-"""Change texts in the files of a robot."""
+"""Write rig folders, and change texts in files."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
+
+from tulip_testbed.experiments.rig_folder import rig_files
 
 BUILT = 'tulip.toml: scene = "scene_plates.xml" => plate = "plate.xml"'  # the scene is built
 
@@ -17,3 +19,10 @@ def change_texts(folder: Path, changes: Iterable[str]) -> None:
         text = (folder / file).read_text()
         assert old in text, change
         (folder / file).write_text(text.replace(old, new.removeprefix(" "), 1))
+
+
+def write_rig(folder: Path, robot, effects) -> None:
+    """Write a rig folder as a discovery writes it."""
+    folder.mkdir()
+    for name, text in rig_files(robot, effects).items():
+        (folder / name).write_text(text)

@@ -109,13 +109,7 @@ KINDS = {
             *stated_wrench("log.foot.wrench.right"),
         ],
     ),
-    "log": (
-        write_dumper,
-        [
-            *("q.ankle=legs.1:rad:1", "q.hip=legs.2:rad:1"),
-            *stated_wrench("feet.right"),
-        ],
-    ),
+    "log": (write_dumper, [*("q.ankle=legs.1:rad:1", "q.hip=legs.2:rad:1"), *stated_wrench("feet.right")]),
     "log.mcap": (write_ros, []),
 }
 

@@ -1,7 +1,6 @@
 """The door: what a notebook calls, and what is refused there before any work."""
 
 import inspect
-import json
 import pickle
 import re
 import shutil
@@ -20,9 +19,10 @@ import tulip_testbed as tt
 from tests.documented import blocks
 from tests.drawing import draws_with
 from tests.test_architecture import FLOW
+from tests.test_cli import told
+from tests.test_refusals import refuse
 from tulip_testbed.base.arguments import checked
 from tulip_testbed.base.errors import InputError, InputWarning, choices, listed, look_up
-from tulip_testbed.cli.main import main
 from tulip_testbed.sim import robot as robot_module
 
 ROOT = Path(__file__).parent.parent
@@ -113,14 +113,6 @@ def test_no_error_of_the_library_names_a_flag():
                 assert not re.search(r"(?<![\w-])--[a-z]", raised), f"{path}: {raised[:120]}"
 
 
-def test_a_notebook_and_the_command_line_give_the_same_bits(run, tmp_path, capsys):
-    tt.write_measurements(tmp_path / "data", run.measurements)
-    assert main(["identify", str(tmp_path / "data"), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)["full"]["value"]
-    fit = tt.identify(tt.read_measurements(tmp_path / "data"))
-    assert told == fit.full.value.tolist()
-
-
 DOUBTFUL = "cell-gain:right.front_left=3"
 
 
@@ -144,17 +136,16 @@ def chosen(engine: Literal["statics", "dynamics"], pair: tuple[float, float] | N
         (asked, ("10",), "count: found the str '10', expected a whole number"),
         (asked, (1, "2"), "size: found the str '2', expected a number or None"),
         (asked, (1, 2, {}), "names: found dict, expected a list of them or a text"),
-        (asked, (1, 2, ["a", None]), r"names\[1\]: found None, expected a text or a number"),
+        (asked, (1, 2, ["a", None]), "names[1]: found None, expected a text or a number"),
         (asked, (1, 2, "a", True, 0), "more: found the int 0, expected True or False"),
         (chosen, ("static",), "engine: found the str 'static', expected 'statics' or 'dynamics'"),
         (chosen, ("statics", 3), "pair: found the int 3, expected a tuple of them or None"),
-        (chosen, ("statics", (1.0, "2")), r"pair\[1\]: found the str '2', expected a number"),
-        (chosen, ("statics", (1.0,)), r"pair\[1\]: found tuple, expected more values"),
+        (chosen, ("statics", (1.0, "2")), "pair[1]: found the str '2', expected a number"),
+        (chosen, ("statics", (1.0,)), "pair[1]: found tuple, expected more values"),
     ],
 )
 def test_an_argument_of_another_type_is_refused(call, given, message):
-    with pytest.raises(InputError, match=f"^{message}$"):
-        call(*given)
+    refuse(f"{message}", call, *given)
 
 
 def test_what_fits_passes_and_numbers_of_numpy_become_plain():
@@ -166,12 +157,11 @@ def test_what_fits_passes_and_numbers_of_numpy_become_plain():
         asked()  # type: ignore[missing-argument]  # as Python says it
 
 
-def test_measurements_come_from_a_folder_or_a_run_too(run, tmp_path):
+def test_measurements_run_folder_and_command_line_give_the_same_bits(run, tmp_path, capsys):
     tt.write_measurements(tmp_path / "data", run.measurements)
-    given = (run.measurements, run, tmp_path / "data")
-    values = [tt.identify(m, estimator="mixed-model").full.value for m in given]
-    assert np.array_equal(values[0], values[1])
-    assert np.array_equal(values[0], values[2])
+    values = told(capsys, "identify", tmp_path / "data", "--estimator", "mixed-model")["full"]["value"]
+    for given in (run.measurements, run, tmp_path / "data"):
+        assert tt.identify(given, estimator="mixed-model").full.value.tolist() == values
     assert tt.check(run).verdict == tt.check(run.measurements).verdict
 
 

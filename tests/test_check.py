@@ -11,7 +11,9 @@ import pytest
 
 import tulip_testbed as tt
 from studies.study_check import FAULTS, HEALTHY
-from tulip_testbed.base.errors import InputError, InputWarning
+from tests.test_cli import told
+from tests.test_refusals import refuse
+from tulip_testbed.base.errors import InputWarning
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.check_folder import check_folder, warn_of_faults
 from tulip_testbed.identification.preflight import preflight
@@ -24,7 +26,7 @@ def found(measurements, nominal):
 
 
 def results(measurements, nominal):
-    return {finding.name: finding.result for finding in preflight(measurements, nominal)}
+    return {name: finding.result for name, finding in found(measurements, nominal).items()}
 
 
 @pytest.mark.parametrize("variant", HEALTHY)
@@ -56,7 +58,6 @@ def test_a_check_without_power_does_not_pass(wii, nominal):
 
 
 CAUGHT_BY = {
-    "fault": "check",
     "one cell's gain 10 % high": "weight balance",
     "one cell's tare off by 5 N": "weight balance",
     "one cell drifts by 5 N": "drift",
@@ -117,10 +118,7 @@ def test_words_say_what_where_and_what_to_do(precise, nominal):
     ("changes", "seen"),
     [
         (lambda m: {"cells": 1e3 * m.cells}, "plates.right.cells.front_left lies 216.5 .* millimetres?"),
-        (
-            lambda m: {"plate_poses": m.plate_poses * [1e3, 1e3, 1]},
-            "plate.right.x reads up to .* millim",
-        ),
+        (lambda m: {"plate_poses": m.plate_poses * [1e3, 1e3, 1]}, "plate.right.x reads up to .* millim"),
         (lambda m: {"weighed_mass": (23e3, 20.0)}, "'weighed_mass' is 23000 where .* grams?"),
         (lambda m: {"weighed_mass": (225.6, 0.2)}, "'weighed_mass' is 225.6 where .* newtons?"),
         (lambda m: {"cell_forces": m.cell_forces / 9.81 * 1e3}, "the cells sum to .* grams?"),
@@ -151,14 +149,12 @@ def test_command_line_passes_fails_and_cannot_read(precise, tmp_path, capsys):
     assert main(["check", str(tmp_path / "good")]) == 0
     assert "Verdict: pass" in capsys.readouterr().out
     write_measurements(tmp_path / "bad", FAULTS["forces in kilograms"](precise, np.random.default_rng(0)))
-    assert main(["check", str(tmp_path / "bad"), "--json"]) == 1
-    document = json.loads(capsys.readouterr().out)
+    document = told(capsys, "check", tmp_path / "bad", code=1)
     assert document["verdict"] == "fail"
     assert document["counts"]["fail"] == 1
     assert set(document["checks"][0]) == {"name", "result", "seen", "expected", "where", "advice", "p_value"}
     (tmp_path / "empty").mkdir()
-    assert main(["check", str(tmp_path / "empty"), "--json"]) == 2
-    assert json.loads(capsys.readouterr().out)["verdict"] == "could not read"
+    assert told(capsys, "check", tmp_path / "empty", code=2)["verdict"] == "could not read"
 
 
 def test_an_incomplete_folder_hears_everything_at_once(robot, tmp_path, capsys):
@@ -197,16 +193,12 @@ def test_the_printed_example_can_be_read(robot, tmp_path):
     assert checks["feet on plates"] == "pass"
 
 
-# --- warnings of identify and discover ------------------------------------------------------------
-
-
 def test_what_computes_with_measurements_warns_of_faults(precise, robot, monkeypatch):
     for work in ("discover_effects", "_predict"):
         monkeypatch.setattr(f"tulip_testbed.api.measured.{work}", lambda *a, **k: None)
     wrong = FAULTS["one encoder's sign wrong"](precise, np.random.default_rng(0))
     failed = [check.name for check in tt.check(wrong, robot).checks if check.result == "fail"]
-    with pytest.raises(InputError, match=r"found gross faults.*'legs close'"):
-        tt.discover(wrong, robot)
+    refuse("found gross faults ... 'legs close'", tt.discover, wrong, robot)
     for call in (partial(tt.discover, anyway=True), tt.predict, warn_of_faults):
         with pytest.warns(InputWarning, match=f"found faults in .*{failed[-1]}"):
             call(wrong, robot)

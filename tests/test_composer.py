@@ -75,8 +75,8 @@ def assert_same(step, stand: Stand) -> None:
 @pytest.mark.parametrize(
     "changes",
     [
-        {},
-        {"edit": heavier},
+        pytest.param({}, marks=pytest.mark.slow),
+        pytest.param({"edit": heavier}, marks=pytest.mark.slow),
         {"drives": Drives(0.013, 0.0021), "compliance": Compliance(1.3e-6, 1.7e-4, 3.3e-7)},
     ],
     ids=["shipped", "edited", "springs"],
@@ -189,6 +189,7 @@ def rest(rig, stand):
     return environment.physics.data.qpos.copy()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sensors", SENSORS.values(), ids=SENSORS)
 def test_readings_have_the_spread_that_averaged_sd_predicts(rig, stand, rest, sensors):
     """40 episodes at rest, each channel the mean of 30 samples, against the true mean.

@@ -68,7 +68,9 @@ def check(cad, wanted, found):
     assert found.standard[:, 0].sum() == pytest.approx(wanted.mass, rel=1e-11)
 
 
-def random_robots_have_a_consistent_one(cads, seed):
+@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.integers(0, 2**32 - 1))
+def test_random_robots_have_a_consistent_one(cads, seed):
     rng = np.random.default_rng(seed)
     cad = cads[rng.integers(len(cads))]
     wanted = target(cad, draw_robot(cad.robot.model, 0.2, rng))
@@ -76,19 +78,6 @@ def random_robots_have_a_consistent_one(cads, seed):
     assert found.misfit == 0
     assert np.array_equal(found.value, wanted.value)
     check(cad, wanted, found)
-
-
-@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.integers(0, 2**32 - 1))
-def test_random_robots(cads, seed):
-    random_robots_have_a_consistent_one(cads, seed)
-
-
-@pytest.mark.slow
-@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.integers(0, 2**32 - 1))
-def test_two_hundred_random_robots(cads, seed):
-    random_robots_have_a_consistent_one(cads, seed)
 
 
 def test_the_estimate_of_cad_gives_cad(cad):

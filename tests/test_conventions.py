@@ -107,9 +107,14 @@ def readings(m: Measurements) -> np.ndarray:
 @pytest.mark.parametrize(
     "convention",
     [
-        WrenchConvention(),
-        pytest.param(WrenchConvention(PREPARED, ON_GROUND), marks=pytest.mark.slow),
-        pytest.param(WrenchConvention(PUBLISHED), marks=pytest.mark.slow),
+        *(
+            pytest.param(one, marks=pytest.mark.slow)
+            for one in (
+                WrenchConvention(),
+                WrenchConvention(PREPARED, ON_GROUND),
+                WrenchConvention(PUBLISHED),
+            )
+        ),
         WrenchConvention(PREPARED, ON_ROBOT, PREPARED, MOMENTS),
         WrenchConvention(WORLD, ON_GROUND, yaw=YAW),
     ],

@@ -17,7 +17,7 @@ from tests.effect_changes import measured
 from tulip_testbed.base import budget
 from tulip_testbed.base.budget import Budget
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.calibration.families import EXACT, TOLERANCES
+from tulip_testbed.calibration.families import TOLERANCES
 from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.calibration.ordinary_laboratory import ordinary_members
 from tulip_testbed.calibration.self_calibration import self_calibrate
@@ -25,10 +25,8 @@ from tulip_testbed.discovery.candidates import Fitted, candidates, standing_out
 from tulip_testbed.discovery.discover import _reasons, discover, stands_out
 from tulip_testbed.discovery.effect_intervals import TIME_GAIN
 from tulip_testbed.discovery.excessive_noise import excessive_noise
-from tulip_testbed.discovery.next_experiment import doubts_of, rank_experiments
 from tulip_testbed.discovery.patterns import patterns
-from tulip_testbed.discovery.story import WORTHWHILE, story
-from tulip_testbed.discovery.unusual_members import _usual_spread
+from tulip_testbed.discovery.story import story
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.instance import EffectInstance, check_instances
 from tulip_testbed.experiments.laboratory import Laboratory
@@ -75,20 +73,11 @@ def test_plates_that_scatter_several_times_as_stated_are_a_finding(robot, plan, 
     assert len(found) == len(sources)
 
 
-def test_members_that_stand_out_do_not_hide_one_another():
-    rng = np.random.default_rng(SEED)
-    members = np.append(rng.normal(0.0, 0.8, (200, 10)), np.tile([5.8, -6.2], (200, 1)), axis=1)
-    spreads = [_usual_spread(each, np.full(12, 0.3)) for each in members]
-    assert 0.7 < np.median(spreads) < 0.9
-    assert np.quantile(spreads, 0.95) < 1.5
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("preset", ["wii", "force-plate"])
 def test_no_gap_no_name(robot, plan, preset):
-    found = discover(measured(robot, plan, preset), robot)
+    found: Any = discover(measured(robot, plan, preset), robot)
     assert (found.verdict, found.adopted) == ("none", ())
-    assert found.heldout is not None
     assert found.heldout.after["AFTC"] < found.heldout.floor["AFTC"]
     assert "No gap" in story(found, [])[0]
 
@@ -120,9 +109,6 @@ def check_named(found, hidden):
     [
         ("wii", "encoder-offset:left_ankle_roll=0.012"),
         ("force-plate", "joint-compliance:right_ankle_roll=0.0008"),
-        ("wii", "sole-compliance=0.0008"),
-        ("wii", "cell-gain:left.rear_left=0.12"),
-        ("force-plate", "thermal-gain-drift=-0.01"),
         ("force-plate", "swapped-cells:right=front_left,rear_right"),
     ],
 )
@@ -130,8 +116,7 @@ def test_a_hidden_effect_is_named_sized_and_predicts(robot, plan, preset, text):
     hidden, data = hidden_in(robot, plan, preset, text)
     found = discover(data, robot)
     check_named(found, hidden)
-    heldout = found.heldout
-    assert heldout is not None
+    heldout: Any = found.heldout
     assert heldout.after["AFTC"] < min(1.1, heldout.before["AFTC"])
     worse = dataclasses.replace(heldout, after=heldout.after | {"T": 1.2})
     assert "channel T" in " ".join(_reasons(found.selection, found.patterns[0], worse))
@@ -149,6 +134,9 @@ OTHER_SEED = 7501  # no development seed
         # A change lies between two postures; at the end one is beyond the last time that a search tries.
         ("wii", "encoder-slip:right_knee=0.004,0.47", SEED),
         ("force-plate", "encoder-slip:left_ankle_pitch=0.0028,0.9", SEED),
+        ("wii", "sole-compliance=0.0008", SEED),
+        ("wii", "cell-gain:left.rear_left=0.12", SEED),
+        ("force-plate", "thermal-gain-drift=-0.01", SEED),
         ("force-plate", "encoder-gain:left_knee=0.01 & cell-gain:right.front_left=0.02", SEED),
         ("force-plate", "link-length:left_lower_leg=0.006 & link-length:right_ankle=0.005", SEED),
         # Which one is off is no question: a drift of all gains, 15 tolerances large.
@@ -235,22 +223,6 @@ def test_without_times_a_lost_posture_may_mean_a_foot_put_down_anew(robot, plan,
     timed, timeless = (observe(one, nominal).stance for one in (kept, without))
     assert timed.tolist() == timeless.tolist()
     assert len(np.unique(timeless)) == 3
-
-
-@pytest.mark.slow
-def test_twins_are_not_named_and_an_experiment_is_proposed(robot, plan):
-    tare = measured(robot, plan, "wii", ("cell-tare", "left.rear_left", (4.0,)))
-    found = discover(tare, robot, tolerances=EXACT)
-    assert found.verdict == "ambiguous"
-    assert found.adopted == ()
-    labels = {one.label for one in found.equivalents[0]}
-    assert {"cell-tare:left.rear_left", "cell-tare:left.front_right"} <= labels
-    doubts = doubts_of(found.verdict, found.explanations)
-    ranking = rank_experiments(tare, robot, doubts)
-    assert ranking[0].settled > WORTHWHILE
-    (advice,) = [line for line in story(found, ranking) if line.startswith("To separate them")]
-    assert f"({ranking[0].words})" in advice
-    assert "measure the quantity in question directly" in " ".join(story(found, []))
 
 
 @pytest.mark.slow

@@ -1,7 +1,6 @@
 """A discovery's view, page and comparison: opened in rerun and Chromium, held against its JSON."""
 
 import dataclasses
-import json
 import re
 import shutil
 from html import unescape
@@ -11,6 +10,7 @@ import pytest
 
 from tests.drawing import draws_with
 from tests.looking import browse
+from tests.test_cli import told
 from tests.test_records import put_right
 from tests.test_report import told_by
 from tests.test_view import cpu_seconds, look, not_blank
@@ -112,7 +112,13 @@ def other(saved, verdict, robot):
     return dataclasses.replace(saved, **changes)
 
 
-@pytest.mark.parametrize("verdict", ["none", "calibrated", "named", "described", "ambiguous", "unknown"])
+@pytest.mark.parametrize(
+    "verdict",
+    [
+        *("named", "described", "ambiguous", "unknown"),
+        *(pytest.param(verdict, marks=pytest.mark.slow) for verdict in ("none", "calibrated")),
+    ],
+)
 def test_every_verdict_has_its_page_and_its_view(saved, verdict, robot, tmp_path):
     run = other(saved, verdict, robot)
     page = discovery_page(run)
@@ -148,8 +154,7 @@ def test_a_hostile_target_stays_text(saved):
 
 
 def test_two_discoveries_side_by_side(discovered_folder, saved, tmp_path, capsys):
-    assert main(["report", str(discovered_folder), str(discovered_folder), "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = told(capsys, "report", discovered_folder, discovered_folder)
     assert document["verdict"] == ["named", "named"]
     values = {check["name"]: check["value"] for check in document["checks"]}
     assert values["gap C, before"] == [saved.heldout.before["C"]] * 2

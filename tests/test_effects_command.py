@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.rigs import write_rig
-from tests.test_cli import refused
+from tests.edited_files import write_rig
+from tests.test_cli import refused, told
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.effects.catalogue import catalogue, effects_on
@@ -30,8 +30,7 @@ def test_all_effects_are_listed(capsys):
     out = capsys.readouterr().out
     assert "encoder-offset:JOINT=OFFSET" in out
     assert all(name in out for name in catalogue())
-    assert main(["atlas", "effects", "--json"]) == 0
-    listed = json.loads(capsys.readouterr().out)["effects"]
+    listed = told(capsys, "atlas", "effects")["effects"]
     assert [effect["name"] for effect in listed] == list(catalogue())
 
 
@@ -131,7 +130,8 @@ def test_a_rig_is_the_new_nominal_laboratory(tmp_path, robot, capsys):
     capsys.readouterr()
     documents = []
     for arguments in (["plain"], ["hidden", "--corrections", str(tmp_path / "rig")]):
-        assert main(["identify", str(tmp_path / arguments[0]), *arguments[1:], "--json"]) == 0
+        quick = ["--estimator", "mixed-model", "--json"]
+        assert main(["identify", str(tmp_path / arguments[0]), *arguments[1:], *quick]) == 0
         documents.append(json.loads(capsys.readouterr().out))
     estimates = [document["full"]["value"] for document in documents]
     assert estimates[1] == pytest.approx(estimates[0], abs=1e-9)

@@ -31,12 +31,12 @@ PLANNED = ["humanoid", pytest.param("humanoid_CMU", marks=pytest.mark.slow)]  # 
 
 @pytest.fixture(scope="module")
 def plan_of(foreign):
-    """Plan ten placements of five postures each for a robot, once."""
+    """Plan eight placements of five postures each for a robot, once."""
 
     @cache
     def made(name):
         robot = foreign[name]
-        return random_postures(robot, nominal_plates(robot)[0], 10, 5, 110)
+        return random_postures(robot, nominal_plates(robot)[0], 8, 5, 110)
 
     return made
 
@@ -105,7 +105,7 @@ def test_planned_postures_stand_on_both_soles_and_move_every_joint(name, foreign
         angles = plan.joint_angles[:, names.index(joint)]
         assert low <= angles.min() < angles.max() <= high
         assert np.ptp(angles) > 0.5 * (high - low)
-    # So every base parameter shows: 50 postures are 100 rows for 34 and 75 columns.
+    # So every base parameter shows: 40 postures are 80 rows for 34 and 75 columns.
     assert np.linalg.cond(stacked_regressor(base_parameters(robot), plan.joint_angles)) < 1e4
 
 
@@ -189,7 +189,10 @@ def test_half_edges_of_a_solid_box():
     np.testing.assert_allclose(found, [[0.1, 0.2, 0.3], [0.05, 0.05, 0.2]], rtol=1e-6)
 
 
-def test_the_scene_becomes_the_robot(robot, model):
+@pytest.mark.parametrize("name", ["tulip", *NAMES])
+def test_the_scene_becomes_the_robot(name, robot, foreign):
+    robot = robot if name == "tulip" else foreign[name]
+    model = robot.model
     standard = draw_robot(model, SPREAD, np.random.default_rng(123))
     scene = scene_of(preset_rig("ideal", robot), model, standard)
     links = [scene.body(model.body(k).name).id for k in range(1, model.nbody)]
@@ -208,15 +211,6 @@ def test_the_edit_of_the_nominal_robot_changes_nothing(robot, model):
     plain = compile_spec(laboratory_scene(rig, np.zeros((2, 3))), "scene")
     for name in ("body_mass", "body_ipos", "body_iquat", "body_inertia"):
         np.testing.assert_allclose(getattr(same, name), getattr(plain, name), rtol=1e-12, atol=1e-15)
-
-
-def test_robots_that_nobody_here_wrote(foreign):
-    for robot in foreign.values():
-        model = mujoco.MjSpec.from_file(str(robot.model_file)).compile()
-        standard = draw_robot(model, SPREAD, np.random.default_rng(124))
-        scene = scene_of(preset_rig("ideal", robot), model, standard)
-        links = [scene.body(model.body(k).name).id for k in range(1, model.nbody)]
-        np.testing.assert_allclose(scene.body_mass[links], standard[:, 0], rtol=1e-9)
 
 
 def test_the_simplified_model_no_longer_holds(robots, parameters, robot):

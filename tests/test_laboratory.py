@@ -52,7 +52,7 @@ def test_gravity_sag_is_there_and_follows_the_torque(ideal):
 
 
 def test_results_do_not_depend_on_workers(robot, plan):
-    part = plan.take(plan.placement <= 2)
+    part = plan.take(np.flatnonzero(plan.placement <= 2)[[0, 1, 5, 6]])
     rig = preset_rig("wii", robot)
     rig = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=2))
     first, second = (run_dynamics(rig, part, 3, workers) for workers in (1, 2))

@@ -89,8 +89,7 @@ def test_gains_and_tolerances_are_read_and_written_back(folder, tmp_path, key, v
     assert getattr(read_measurements(folder), key) == {}
     wrong: Any = {key: {next(iter(values)): float("nan")}}
     broken = dataclasses.replace(measured, **wrong)
-    with pytest.raises(InputError, match=rf"measurements: key '{key}\..*': found nan"):
-        write_measurements(tmp_path / "broken", broken)
+    refuse(f"measurements: key '{key}. ... ': found nan", write_measurements, tmp_path / "broken", broken)
 
 
 @pytest.fixture(scope="module")
@@ -134,18 +133,8 @@ def test_every_door_holds_measurements_against_the_contract(measured, robot, tmp
         lambda: tt.optimize_plan(robot, after=wrong),
         lambda: tt.view(wrong, robot, save=tmp_path / "view.rrd"),
     ):
-        with pytest.raises(tt.InputError, match=r"^measurements: column 'q\."):
-            call()
+        refuse("measurements: column 'q.", call)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_the_preflight_reads_on_to_say_which_unit_was_meant(measured, robot):
-    degrees = changed(measured, joint_angles=np.rad2deg)
-    (units,) = [c for c in tt.check(degrees, robot).to_json()["checks"] if c["name"] == "units"]
-    assert units["result"] == "fail"
-    assert "degrees?" in units["seen"]
-    with pytest.raises(tt.InputError, match="found nan, expected a finite number"):
-        tt.check(changed(measured, joint_angles=put(0, 0, value=np.nan)), robot)
 
 
 @pytest.mark.parametrize(
@@ -178,11 +167,10 @@ def test_measurements_are_made_from_arrays_in_memory(measured, robot):
     for wrong, message in (
         ({"joint_angels": 0}, "unknown field 'joint_angels'; did you mean 'joint_angles'"),
         ({"cell_forces": None}, "found no cell_forces, expected values of every row"),
-        ({"placement": [1, 2]}, r"placement: found int64 \(2,\), expected an array of whole num"),
+        ({"placement": [1, 2]}, "placement: found int64 (2,), expected an array of whole num"),
         ({"plate_poses": [[1], [1, 2]]}, "found no array of numbers"),
     ):
-        with pytest.raises(tt.InputError, match=f"^measurements: {message}"):
-            Measurements.from_arrays(m.header, **(rows | wrong))
+        refuse(f"measurements: {message}", Measurements.from_arrays, m.header, **rows | wrong)
 
 
 def test_the_shipped_plan_cannot_be_changed():

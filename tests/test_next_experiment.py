@@ -3,12 +3,14 @@
 import dataclasses
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import tulip_testbed as tt
 from tests.effect_changes import first
+from tests.test_refusals import refuse
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.discovery.experiment_information import (
@@ -25,6 +27,7 @@ from tulip_testbed.discovery.next_experiment import (
     rank_experiments,
     within_limits,
 )
+from tulip_testbed.discovery.story import story
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.proposed_experiment import Proposals, read_experiment, write_experiment_plan
@@ -120,8 +123,7 @@ def test_only_gaps_with_several_explanations_are_doubtful(robot):
 def test_nothing_to_settle_is_said(robot, lab, small):
     with pytest.raises(InputError, match="expected one to settle"):
         rank_experiments(lab.run(small, engine="statics").measurements, robot, [])
-    with pytest.raises(InputError, match="found the verdict named"):
-        write_experiment_plan(Path("anywhere"), Proposals("named", (), 2, ""))
+    refuse("found the verdict named", write_experiment_plan, Path("anywhere"), Proposals("named", (), 2, ""))
 
 
 def test_the_plan_folder_holds_postures_manipulations_and_steps(robot, lab, ranked, tmp_path):
@@ -172,6 +174,8 @@ def test_two_cells_tares_are_settled_by_turning_the_plate(lab, tmp_path):
     tt.write_measurements(data[0], run.measurements)
     found = tt.discover(data[0], check=False)
     assert found.verdict == "ambiguous"
+    without: Any = found.discovery
+    assert "measure the quantity in question directly" in " ".join(story(without, []))
     proposals = tt.next_experiment(found, plan=tt.plans.random)
     proposals.save(tmp_path / "plan")
     assert tt.next_experiment(found).best.words in found.story[-2]  # by the measured postures

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import resource
 import signal
@@ -169,39 +168,3 @@ def test_below_a_folder_that_may_not_be_searched_a_run_has_the_robot_of_the_repo
 
     monkeypatch.setattr(Path, "glob", shut)
     assert robot_of(tmp_path / "run") == TULIP
-
-
-@pytest.mark.slow
-def test_of_two_processes_with_the_same_names_the_winner_keeps_its_truth(tmp_path):
-    """Both find the names free; the gate lets them write at once."""
-    code = """
-import os, sys, time
-from pathlib import Path
-import tulip_testbed as tt
-from tulip_testbed.experiments.truth_record import check_places, write_experiment
-seed = int(sys.argv[1])
-check_places(Path("data"), Path("truth.json"))
-run = tt.Laboratory().run(tt.plans.random, seed=seed, engine="statics")
-Path(f"ready{seed}").touch()
-while not Path("go").exists():
-    time.sleep(0.0005)
-try:
-    write_experiment(Path("data"), Path("truth.json"), run)
-except tt.InputError as error:
-    sys.exit(str(error))
-"""
-    processes = [
-        subprocess.Popen([sys.executable, "-c", code, str(seed)], cwd=tmp_path, stderr=subprocess.PIPE)
-        for seed in (1, 2)
-    ]
-    while not all((tmp_path / f"ready{seed}").exists() for seed in (1, 2)):
-        assert all(process.poll() is None for process in processes)
-    (tmp_path / "go").touch()
-    said = [process.communicate()[1].decode() for process in processes]
-    won = [process.returncode == 0 for process in processes]
-    assert sorted(won) == [False, True], said
-    assert "exists already; give a new name" in said[won.index(False)]
-    truth = json.loads((tmp_path / "truth.json").read_text())
-    assert truth["configuration"]["seed"] == 1 + won.index(True)
-    assert len(tt.read_measurements(tmp_path / "data")) > 100
-    assert not list(tmp_path.glob(".*"))

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from tests.drawing import draws_with
-from tests.test_cli import refused
+from tests.test_cli import refused, told
 from tests.test_refusals import change_keys, refuse, rows
 from tulip_testbed import rendering
 from tulip_testbed.cli.main import main
@@ -20,6 +20,7 @@ from tulip_testbed.experiments import planning_run as planning
 from tulip_testbed.experiments.described_plan import DescribedPlan
 from tulip_testbed.experiments.planning_run import PlanSettings, set_up_search, state_folder
 from tulip_testbed.measurements import write_measurements
+from tulip_testbed.rendering import ABOVE, EDGE, SIDE, least_distance
 from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.statics.solved_plan import solve_plan
@@ -122,12 +123,10 @@ def test_killed_when_its_first_plan_was_put_aside_it_leaves_nothing_hidden(inter
 def test_the_next_postures_and_their_description(data, tmp_path, capsys):
     out = tmp_path / "next"
     options = ("--after", str(data), "--placements", "1", "--hops", "2", "--seed", "311")
-    assert main(["plan", "optimal", "--out", str(out), *options, "--repeats", "1", "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = told(capsys, "plan", "optimal", "--out", out, *options, "--repeats", "1")
     assert said["postures"] == 6
     assert said["final_objective"] < said["measured_objective"]
-    assert main(["plan", "show", str(out), "--after", str(data), "--json"]) == 0
-    again = json.loads(capsys.readouterr().out)
+    again = told(capsys, "plan", "show", out, "--after", data)
     for key in ("condition_number", "predicted_standard_error_mm", "margins", "correlations"):
         assert again[key] == said[key]
         assert again["made"]["described"][key] == said[key]
@@ -139,3 +138,29 @@ def test_the_standing_robot_is_rendered(robot):
     image = np.asarray(Image.open(io.BytesIO(rendering.standing_picture(robot)))).astype(int)
     assert image.shape == (640, 480, 3)
     assert ((image[..., 0] > 150) & (image[..., 2] < 80)).sum() > 1_000  # the robot is orange
+
+
+FOVY = 45.0  # deg
+
+
+@pytest.mark.parametrize("ratio", [0.75, 1.6])
+def test_every_point_is_in_the_picture_and_the_camera_no_farther_than_needed(ratio):
+    """By angles seen from the camera, not by the formula of the distance."""
+    rng = np.random.default_rng(3)
+    points, target = rng.uniform([-0.4, -0.9, 0.0], [0.4, 0.9, 2.2], (40, 3)), np.array([0.0, 0.1, 0.6])
+    distance = least_distance(points, target, FOVY, ratio)
+    side, up = np.radians([SIDE, ABOVE])
+
+    def largest(distance):
+        """Of all points, the angle from the picture's middle over that of its edge."""
+        # MuJoCo's azimuth turns about z and its elevation tilts upwards: the camera looks from behind there.
+        turn = np.array([[np.cos(side), -np.sin(side), 0], [np.sin(side), np.cos(side), 0], [0, 0, 1]])
+        tilt = np.array([[np.cos(up), 0, -np.sin(up)], [0, 1, 0], [np.sin(up), 0, np.cos(up)]])
+        seen = (points - target) @ turn @ tilt + [distance, 0, 0]
+        assert (seen[:, 0] > 0).all()
+        wide = 2 * np.arctan(ratio * np.tan(np.radians(FOVY) / 2))
+        across, above = np.arctan2(seen[:, 1], seen[:, 0]), np.arctan2(seen[:, 2], seen[:, 0])
+        return max(np.abs(across).max() / (wide / 2), np.abs(above).max() / (np.radians(FOVY) / 2))
+
+    assert largest(distance) < 1
+    assert largest(distance / EDGE) == pytest.approx(1)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 
 import numpy as np
 import pytest
 
 import tulip_testbed as tt
-from tulip_testbed.cli.main import main
+from tests.test_cli import told
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of
 from tulip_testbed.experiments.posture_splits import by_blocks, by_halves, clusters, stated
 from tulip_testbed.experiments.predict import (
@@ -74,6 +73,7 @@ def test_a_robot_unlike_its_cad_is_predicted_better_by_identification(predicted)
     assert predicted.verdict.startswith("Identified beats CAD: yes. ")
 
 
+@pytest.mark.slow
 def test_a_robot_like_its_cad_is_predicted_no_better_by_identification(laboratory, robot):
     found = tt.predict(measured(laboratory, None), robot)
     assert found.beats_cad is not True
@@ -178,10 +178,12 @@ def test_an_exported_model_is_scored_as_it_is(robot, tmp_path):
     lab = tt.Laboratory(robot, "force-plate", random_robot=(0.1, 5))
     first, new = (lab.run(tt.plans.random, seed=seed, engine="statics").measurements for seed in (5, 6))
     tt.export_model(tt.identify(first, robot), robot, out=tmp_path / "robot.xml")
-    found = tt.predict(new, robot, exported=tmp_path / "robot.xml")
-    assert total(found, "exported") < 0.5 * total(found, CAD)
-    again = tt.predict(new, robot, exported=robot.model_file)
-    assert rms(score(again, "exported")) == pytest.approx(rms(score(again, CAD)))
+    found, again = (
+        tt.predict(new, robot, exported=path, test=["placement:1-10"])
+        for path in (tmp_path / "robot.xml", robot.model_file)
+    )
+    assert total(found, "exported", "stated") < 0.5 * total(found, CAD, "stated")
+    assert rms(score(again, "exported", "stated")) == pytest.approx(rms(score(again, CAD, "stated")))
 
 
 def test_stated_parts_and_what_is_wrong_with_them(heavier, robot):
@@ -205,14 +207,14 @@ def test_stated_parts_and_what_is_wrong_with_them(heavier, robot):
 def test_few_postures_are_scored_with_cad_as_prior(heavier, robot, tmp_path, capsys):
     few = heavier.take(np.flatnonzero(heavier.placement <= np.unique(heavier.placement)[2]))
     write_measurements(tmp_path / "few", few)
-    assert main(["predict", str(tmp_path / "few"), "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = told(capsys, "predict", tmp_path / "few")
     assert {CAD, CONSTANT, IDENTIFIED} <= {one["name"] for one in document["models"]}
     for one in document["models"]:
         assert one["low95"]["x"] <= one["rms_mm"]["x"] <= one["high95"]["x"]
 
 
-@pytest.mark.parametrize("spread", [None, pytest.param(0.2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("spread", [None, 0.2])
 def test_unknown_zeros_of_sensors_in_the_feet_are_no_merit_of_identification(robot, spread):
     """In double support zeros imitate parameters: CAD gets them too."""
     found = tt.predict(measured(tt.Laboratory(robot, sensors="foot-ft"), spread), robot)
@@ -222,6 +224,7 @@ def test_unknown_zeros_of_sensors_in_the_feet_are_no_merit_of_identification(rob
         assert total(found, IDENTIFIED) == pytest.approx(total(found, CAD), rel=0.03)
 
 
+@pytest.mark.slow
 def test_a_stated_effect_is_part_of_the_model_with_corrections_alone(laboratory, robot):
     """Two cells whose cables are exchanged: no family can make up for it."""
     swapped = "swapped-cells:right=front_left,rear_right"

@@ -45,7 +45,7 @@ def test_trajectories_are_messages_of_ros(folder):
     files = sorted((path / "trajectories").glob("*.yaml"))
     assert len(files) == sum(motion is not None for motion in small_protocol.motions)
     for file in files:
-        message = yaml.safe_load(file.read_text())
+        message = yaml.load(file.read_text(), yaml.CSafeLoader)
         assert list(message) == ["header", "joint_names", "points"]
         assert message["joint_names"] == list(small_protocol.plan.joints)
         stamps = [p["time_from_start"] for p in message["points"]]

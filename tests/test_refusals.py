@@ -9,6 +9,7 @@ import json
 import re
 import shutil
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +17,8 @@ import pytest
 
 import tulip_testbed as tt
 from tests.contact_folders import EXAMPLE, contacts_of, write_contacts
-from tests.edited_files import BUILT, change_texts
+from tests.edited_files import BUILT, change_texts, write_rig
 from tests.published_robot import mjcf, write_published
-from tests.rigs import write_rig
 from tulip_testbed.calibration.families import read_tolerances
 from tulip_testbed.cli.main import main
 from tulip_testbed.effects.instance import EffectInstance
@@ -215,10 +215,14 @@ def names(robot, run):
     def composed(preset="ideal", **options):
         return laboratory_environment(preset_rig(preset, robot), **(standing | options))
 
-    def stepped(action, actuation="angles"):
+    @cache
+    def started(actuation):
         environment = composed(actuation=actuation)
         environment.reset()
-        environment.step(action)
+        return environment
+
+    def stepped(action, actuation="angles"):
+        started(actuation).step(action)
 
     feet = tt.Laboratory(robot, sensors="foot-ft").run(tt.plans.random, seed=2, engine="statics").measurements
     own = {

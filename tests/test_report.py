@@ -14,7 +14,7 @@ from plotly.offline import get_plotlyjs_version
 
 from tests.drawing import draws_with
 from tests.looking import browse, browser
-from tests.test_cli import refused
+from tests.test_cli import refused, told
 from tests.test_view import cpu_seconds, not_blank
 from tulip_testbed import rendering
 from tulip_testbed.base.document import flattened
@@ -105,6 +105,7 @@ def test_every_picture_has_words(page):
     assert "http://" not in re.sub(r"<script>.*?</script>", "", text, flags=re.S)
 
 
+@pytest.mark.slow  # as those of a plan: test_plan_command.py
 @draws_with("opengl")
 def test_postures_are_drawn(moved_wii, monkeypatch):
     monkeypatch.setattr(pictures, "rendered", rendering.rendered)
@@ -145,8 +146,7 @@ def test_an_unfinished_montecarlo_is_not_reported(coverage, tmp_path, capsys):
 
 def test_two_runs_side_by_side(run_folder, coverage, ideal, tmp_path, capsys):
     ideal.save(tmp_path / "ideal")
-    assert main(["report", str(run_folder), str(tmp_path / "ideal"), "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = told(capsys, "report", run_folder, tmp_path / "ideal")
     assert document["settings"]["configuration.preset"] == ["wii", "ideal"]
     assert document["settings"]["configuration.seed"] == [102, 101]
     assert not any(name.startswith("outputs") for name in document["settings"])

@@ -64,7 +64,8 @@ def test_the_slopes_of_the_residuals_are_their_differences(solved_plan, nominal)
             np.testing.assert_allclose(slope[..., k], (ahead - behind) / (2 * step), atol=2e-5)
 
 
-@pytest.mark.parametrize("preset", ["force-plate", pytest.param("wii", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("preset", ["force-plate", "wii"])
 def test_noise_alone_is_what_the_noise_model_says_and_patterns_in_it_are_rare(solved_plan, nominal, preset):
     """Chi-square over 25 experiments of some 1,400 degrees of freedom; 99.9 % bounds. A least p of a pattern
     below 0.1 in more than 9 of them has a probability below 0.1 %."""
@@ -191,9 +192,6 @@ def test_every_effect_is_shown_or_hides_or_shows_weakly(found):
     assert hidden | set(weak) < everything
     assert "encoder-offset:right_knee" in everything - hidden - set(weak)
 
-
-@pytest.mark.slow
-def test_kinds_without_targets_are_those_of_which_no_target_shows(found):
     kinds = by_kind([one.candidate for one in found.discovery.undetectable], found.discovery.observed)
     assert kinds["payload"] == []
     assert kinds["unsettled"] == []

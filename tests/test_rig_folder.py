@@ -1,6 +1,5 @@
 """The rig folder: what was found becomes the laboratory, and nothing broken does."""
 
-import csv
 import dataclasses
 import json
 
@@ -9,24 +8,19 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from tests.edited_files import write_rig
 from tests.effect_changes import measured
 from tests.fuzz.documents import json_values, places
-from tests.rigs import write_rig
-from tests.test_cli import refused
+from tests.test_cli import refused, told
+from tests.test_measurements import edit_manifest
+from tests.test_refusals import refuse
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.cli.main import main
 from tulip_testbed.effects.instance import EffectInstance, injected
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.experiments.rig_folder import (
-    CHANGED,
-    DIFF,
-    NOMINAL,
-    RIG_FILE,
-    read_rig,
-)
+from tulip_testbed.experiments.rig_folder import CHANGED, DIFF, NOMINAL, RIG_FILE, read_rig
 from tulip_testbed.identification.estimators import MIXED_MODEL
-from tulip_testbed.measurements import read_measurements, write_measurements
+from tulip_testbed.measurements import write_measurements
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import load_spec
 from tulip_testbed.sim.statics.solved_plan import solve_plan
@@ -114,13 +108,10 @@ def test_any_value_anywhere_is_read_or_refused(data, rig, robot):
 
 def test_a_rig_needs_all_of_its_files(rig, robot, tmp_path):
     (rig / DIFF).unlink()
-    with pytest.raises(InputError, match=r"diff\.txt"):
-        read_rig(rig, robot)
+    refuse("diff.txt", read_rig, rig, robot)
     (rig / RIG_FILE).unlink()
-    with pytest.raises(InputError, match=f"found no {RIG_FILE}, expected a rig folder"):
-        read_rig(rig, robot)
-    with pytest.raises(InputError, match="no such rig folder"):
-        read_rig(tmp_path / "none", robot)
+    refuse(f"found no {RIG_FILE}, expected a rig folder", read_rig, rig, robot)
+    refuse("no such rig folder", read_rig, tmp_path / "none", robot)
 
 
 def test_a_rig_of_a_placement_that_is_not_there(robot, plan, tmp_path):
@@ -128,11 +119,9 @@ def test_a_rig_of_a_placement_that_is_not_there(robot, plan, tmp_path):
     write_rig(tmp_path / "rig", robot, [blunder])
     assert read_rig(tmp_path / "rig", robot) == (blunder,)
     few = plan.take(plan.placement <= 2)
-    with pytest.raises(InputError, match="unknown target '7'; valid: 1, 2"):
-        Laboratory(robot).with_known(blunder).run(few)
+    refuse("unknown target '7'; valid: 1, 2", Laboratory(robot).with_known(blunder).run, few)
     (run,) = run_statics(solve_plan(preset_rig("wii", robot), few), [np.random.SeedSequence(SEED)])
-    with pytest.raises(InputError, match="unknown target '7'; valid: 1, 2"):
-        identify(run.measurements, robot, adopted=[blunder])
+    refuse("unknown target '7'; valid: 1, 2", identify, run.measurements, robot, adopted=[blunder])
 
 
 def test_a_monte_carlo_in_the_adopted_laboratory_is_freed_of_it(rig, robot, tmp_path, capsys):
@@ -141,8 +130,7 @@ def test_a_monte_carlo_in_the_adopted_laboratory_is_freed_of_it(rig, robot, tmp_
         out = tmp_path / f"run{len(more)}"
         run = ["montecarlo", "--sensors", "force-plate", "--runs", "4", "--workers", "1", "--seed", "232"]
         run += ["--estimator", MIXED_MODEL, "--imperfections", "0"]
-        assert main([*run, "--out", str(out), "--json", *more]) == 3
-        report = json.loads(capsys.readouterr().out)
+        report = told(capsys, *run, "--out", out, *more, code=3)
         assert report["verdict"] == "inconclusive"
         numbers.append(report["sigma_mm"]["mean"])
     assert numbers[1] == pytest.approx(numbers[0], rel=0.1)
@@ -161,43 +149,24 @@ def test_the_command_reads_a_foreign_folder_and_its_rig_is_the_new_nominal(robot
     bare = dataclasses.replace(
         m, command=None, motor=None, sensors=dataclasses.replace(m.sensors, cell_sd=None)
     )
-    write_measurements(tmp_path / "parquet", bare)
-    folder = as_csv(tmp_path / "parquet", tmp_path / "csv")
+    folder = tmp_path / "data"
+    write_measurements(folder, bare)
+    (folder / "postures.parquet").unlink()
+    edit_manifest(folder, lambda manifest: manifest.update(tables=None))
     run = tmp_path / "found"
-    assert main(["discover", str(folder), "--out", str(run), "--no-check", "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = told(capsys, "discover", folder, "--out", run, "--no-check")
     assert document["verdict"] == "named"
     (effect,) = document["adopted"]
     assert (effect["name"], effect["target"]) == hidden[:2]
     assert set(document["heldout"]["before"]) == {"A", "F", "T", "C", "AFTC"}
     assert document == json.loads((run / "result.json").read_text())
-    assert main(["identify", str(folder), "--corrections", document["rig"], "--json"]) == 0
-    freed = json.loads(capsys.readouterr().out)
+    freed = told(capsys, "identify", folder, "--corrections", document["rig"])
     plain = tmp_path / "plain"
     write_measurements(plain, dataclasses.replace(measured(robot, plan, "wii"), command=None, motor=None))
-    assert main(["identify", str(plain), "--json"]) == 0
-    truth = json.loads(capsys.readouterr().out)
+    truth = told(capsys, "identify", plain)
     columns = freed["full"]["value"], truth["full"]["value"], truth["full"]["standard_error"]
     for estimate, true, error in zip(*columns, strict=True):
         assert abs(estimate - true) < error
-
-
-def as_csv(source, folder):
-    """The same folder with its table as CSV, hash left out."""
-    measured = read_measurements(source)
-    assert measured
-    import pyarrow.parquet as pq
-
-    folder.mkdir()
-    table = pq.read_table(source / "postures.parquet").to_pylist()
-    with (folder / "postures.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, fieldnames=list(table[0]))
-        writer.writeheader()
-        writer.writerows(table)
-    manifest = json.loads((source / "manifest.json").read_text())
-    manifest["tables"] = None
-    (folder / "manifest.json").write_text(json.dumps(manifest))
-    return folder
 
 
 def test_too_few_placements_are_refused(robot, plan, tmp_path, capsys):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import warnings
 
 import mujoco
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
+from tests.test_cli import told
 from tulip_testbed.base.errors import InputError, InputWarning
 from tulip_testbed.cli.main import main
 from tulip_testbed.effects.targets import LEG_LINKS, LINKS
@@ -64,9 +64,6 @@ def without_keyframe(text: str) -> str:
     return text[start:end]
 
 
-# --- frames without mass -----------------------------------------------------------------------
-
-
 @pytest.fixture
 def pair_of_robots(edited_tulip):
     """TULip, and TULip with an IMU's frame at its right shank."""
@@ -101,9 +98,6 @@ def test_a_frame_without_mass_is_no_target_and_draws_no_numbers(pair_of_robots):
     assert np.array_equal(drawn[0], np.delete(drawn[1], names[1].index("imu"), axis=0))
 
 
-# --- the laboratory's own options --------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     "texts",
     [
@@ -132,9 +126,6 @@ def test_a_scene_written_by_hand_keeps_its_time_step_and_takes_the_solver(edited
     assert spec.option.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
     assert (spec.option.iterations, spec.option.tolerance) == (100, 1e-12)
     assert spec.option.solver == mujoco.mjtSolver.mjSOL_NEWTON
-
-
-# --- the verdict on imbalance ------------------------------------------------------------------
 
 
 def test_an_imbalance_fails_the_verdict(robot, two):
@@ -177,9 +168,6 @@ def test_a_collision_of_limbs_in_a_scene_written_by_hand_fails_the_verdict(edite
     run = tt.Laboratory(robot, "ideal").run(planned(plan, robot, 1).take(np.arange(2)), 1, "dynamics", 1)
     (check,) = balance_checks(run)
     assert check.result == "fail"
-
-
-# --- findings on a robot -----------------------------------------------------------------------
 
 
 def test_tulip_and_the_humanoids_lack_nothing(robot, foreign):
@@ -234,13 +222,11 @@ def test_findings_are_warned_of_once(edited_tulip, plan):
 
 def test_the_command_shows_them(edited_tulip, capsys):
     robot = edited_tulip(SOFT_DRIVE)
-    assert main(["robot", str(robot.path), "--json"]) == 0
-    findings = json.loads(capsys.readouterr().out)["findings"]
+    findings = told(capsys, "robot", robot.path)["findings"]
     assert [finding["name"] for finding in findings] == ["armature", "friction"]
     assert main(["robot", str(robot.path)]) == 0
     assert "Items that this robot lacks for the laboratory" in capsys.readouterr().out
-    assert main(["robot", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["findings"] == []
+    assert told(capsys, "robot")["findings"] == []
 
 
 def test_a_meshed_humanoids_arms_get_what_they_lack(meshed):
@@ -249,9 +235,6 @@ def test_a_meshed_humanoids_arms_get_what_they_lack(meshed):
     stand = Stand(preset_rig("ideal", meshed), POSES)
     dof = int(stand.model.joint("left_elbow").dofadr[0])
     assert stand.model.dof_armature[dof] == pytest.approx(10 * LEAST_ARMATURE)
-
-
-# --- names, folders, another robot -------------------------------------------------------------
 
 
 def test_a_free_joint_without_a_name_takes_its_bodys(edited_tulip, plan, robot):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from studies.study_equilibrium import compare, without_friction
-from tulip_testbed.base.errors import InputError
+from tests.test_refusals import refuse
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.validate import validate
@@ -34,7 +34,7 @@ from tulip_testbed.viewer.subject import planned
 STANCE = np.array([0.0, -0.35, -0.3, 0.5, -0.2, 0.05, 0.0, 0.1, -0.6, 1.0, -0.3, 0.0])
 OVER = np.array([0.03, 0.0])  # m, where the centre of mass is to be, in the frame of the foot that carries
 LIFTED = 0.1  # m, of the other foot at least
-COUNT, MORE = 6, 20
+COUNT, MORE = 4, 20
 # The mirror swaps the legs, and what turns about x or z changes its sign.
 MIRROR = np.array([-1.0, -1.0, 1.0, 1.0, 1.0, -1.0])
 ACROSS = np.array([1.0, -1.0])
@@ -45,7 +45,7 @@ FEET = {"right": "right_foot", "left": "left_foot"}
 
 @pytest.fixture(scope="module")
 def balanced(model, plan) -> PosturePlan:
-    """Twenty postures on the right foot, in five placements, by MuJoCo alone."""
+    """Twenty postures on the right foot, in ten placements, by MuJoCo alone."""
     low, high = np.transpose([model.joint(name).range for name in plan.joints])
     rng, angles, poses = np.random.default_rng(23), [], []
     while len(angles) < MORE:
@@ -73,7 +73,7 @@ def balanced(model, plan) -> PosturePlan:
 
 @pytest.fixture(scope="module")
 def on(balanced) -> dict[str, PosturePlan]:
-    """Six of them, and their mirror images on the left foot."""
+    """Four of them, and their mirror images on the left foot."""
     right = balanced.take(np.arange(COUNT))
     first, second = np.hsplit(right.joint_angles, 2)
     left = dataclasses.replace(
@@ -174,8 +174,7 @@ def test_two_base_frames_in_a_placement_are_refused(robot, quiet, plan, on, tmp_
         lambda: run_dynamics(quiet, mixed, 1),
         lambda: read_plan(tmp_path / "mixed", robot),
     ):
-        with pytest.raises(InputError, match=f"row {COUNT + 1}: found 'left' after 'right' in placement 2"):
-            call()
+        refuse(f"row {COUNT + 1}: found 'left' after 'right' in placement 2", call)
     write_plan(tmp_path / "apart", apart)
     three = joined(plan.take(plan.placement <= 2), read_plan(tmp_path / "apart", robot))
     assert set(statics(quiet, three).support) == {"double", "right", "left"}

@@ -116,6 +116,7 @@ def test_side_forces_and_tilt_are_those_of_the_simulation(robot, twelve):
     assert np.mean(left < 0.01 * change) > 0.95  # in the others the board stands on three cells
 
 
+@pytest.mark.slow
 def test_clear_effects_are_no_ordinary_members_and_on_different_targets(robot, twelve):
     case = Case(TWO, "force-plate", ("encoder-offset", "encoder-offset"))
     built, truth = draw_trial(case, robot, twelve, 3, np.random.default_rng(3))

@@ -16,14 +16,7 @@ from rich.console import Console
 from tulip_testbed.base.column import Column
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.table import STYLES, Cell, Shown, Table, shown_columns
-from tulip_testbed.cli.terminal import (
-    PIPE_WIDTH,
-    print_json,
-    refuse,
-    say,
-    show,
-    show_whole,
-)
+from tulip_testbed.cli.terminal import PIPE_WIDTH, print_json, refuse, say, show, show_whole
 
 HOSTILE = (
     "knee[left]",
@@ -209,12 +202,7 @@ def test_marks_colour_the_terminal_alone():
     screen = StringIO()
     Console(file=screen, force_terminal=True, color_system="standard").print(table)
     assert "\x1b[1;31mfail" in screen.getvalue()
-
-
-def test_an_unknown_mark_is_nothing():
-    table = Table("", (Column("result"),), [[Cell("x", mark='"><script>')]])
-    assert "<td>x</td>" in table.html()
-    assert "x" in table.text()
+    assert "<td>x</td>" in Table("", (Column("result"),), [[Cell("x", mark='"><script>')]]).html()
 
 
 class Found(Shown):

@@ -1,12 +1,10 @@
 """The whole job: truth recovered, errors as stated, and a bad laboratory found out."""
 
 import dataclasses
-import json
 
 import numpy as np
 import pytest
 
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.effects.true_robot import true_base_parameters, true_model
 from tulip_testbed.experiments.checks import within
 from tulip_testbed.experiments.identify import identify
@@ -15,7 +13,6 @@ from tulip_testbed.experiments.validate import evaluate
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.estimators import MIXED_MODEL
-from tulip_testbed.measurements import read_measurements
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.rig import preset_rig
 
@@ -33,15 +30,16 @@ def test_noise_free_truth_is_recovered_within_1_mm(ideal):
     assert ideal.verdict == "pass"
 
 
+@pytest.mark.slow
 def test_the_error_shrinks_as_settling_is_tightened(robot, plan):
     """Same postures, clamps let go at once, two gates; CoP against the CoM of the same moment."""
-    part = plan.take(plan.placement <= 4)
+    part = plan.take(plan.placement <= 2)
     errors = []
     for speed, force, calm in ((1.0, 100.0, 0.02), (2e-5, 3e-4, 0.5)):
         rig = preset_rig("ideal", robot)
         gate = {"speed_gate": speed, "force_gate": force, "calm_time": calm, "repeats": 0, "rest_time": 0.04}
         rig = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, **gate))
-        experiment = run_dynamics(rig, part, 1, 2)
+        experiment = run_dynamics(rig, part, 1)
         lying = np.array([attempt.true_plates for attempt in experiment.truth.measured])
         placed = dataclasses.replace(experiment.measurements, plate_poses=lying)
         truth = np.array([held.com for held in experiment.truth.held])
@@ -89,28 +87,6 @@ def test_truth_of_an_edited_robot_has_its_masses_and_lengths(robot, plan):
     assert 25 * after[22] - 23 * before[22] == pytest.approx(2.3 * 0.01)
     # The stance leg's: 2 kg more above.
     assert 25 * after[18] - 23 * before[18] == pytest.approx(-2.0 * 0.3197)
-
-
-def test_run_folder_holds_everything_and_is_not_overwritten(wii, robot, tmp_path):
-    folder = tmp_path / "run"
-    wii.save(folder)
-    record = json.loads((folder / "run.json").read_text())
-    assert record["configuration"]["seed"] == 102
-    assert record["software"]["mujoco"]
-    assert {
-        "result.json",
-        "truth.json",
-        "measurements/manifest.json",
-    } <= set(record["outputs"])
-    manifest = (folder / "measurements" / "manifest.json").read_text()
-    for secret in ("seed", "preset", "truth", "command_sd", "plate_sd"):
-        assert secret not in manifest
-    measured = read_measurements(folder / "measurements")
-    again = identify(measured, robot, estimator=MIXED_MODEL)
-    assert again.full.value == pytest.approx(wii.identification.full.value, abs=1e-15)
-    with pytest.raises(InputError, match="exists already"):
-        wii.save(folder)
-    assert [p.name for p in tmp_path.iterdir()] == ["run"]
 
 
 def test_a_check_can_fail():

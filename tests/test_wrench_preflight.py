@@ -19,7 +19,7 @@ FEET_NOISE = np.diag([1.0, 1.0, 1.0, 0.05, 0.05, 0.05]) ** 2
 @pytest.fixture(scope="module")
 def standing(robot, plan):
     """Readings of sensors in the feet, at the ankle, whose zeros are taken off."""
-    run: Any = tt.Laboratory(robot, "foot-ideal").run(plan.take(plan.placement <= 6), 1, "statics")
+    run: Any = tt.Laboratory(robot, "foot-ideal").run(plan.take(plan.placement <= 4), 1, "statics")
     m = run.measurements
     contacts = dataclasses.replace(m.contacts, covariance=FEET_NOISE, zero_sd=np.zeros((2, 6)))
     return dataclasses.replace(m, contacts=contacts, wrenches=m.wrenches - run.truth.zeros)
@@ -84,9 +84,7 @@ def test_vertical_channels_have_no_horizontal_forces(standing, robot):
     places = [WRENCH.index(channel) for channel in VERTICAL]
     m = with_contacts(
         dataclasses.replace(
-            standing,
-            wrenches=standing.wrenches[..., places],
-            wrenches_sd=standing.wrenches_sd[..., places],
+            standing, wrenches=standing.wrenches[..., places], wrenches_sd=standing.wrenches_sd[..., places]
         ),
         channels=VERTICAL,
         covariance=None,

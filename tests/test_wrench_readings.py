@@ -157,9 +157,9 @@ def test_the_dynamics_sum_up_mujocos_contacts(robot, plan, name, sticks):
         np.testing.assert_allclose(stand.wrenches()[side], expected, atol=2e-3 if name == "foot-ft" else 1e-6)
 
 
-QUICK = [("foot-ft", "heavy foot"), ("plate-ft", "soft soles"), ("sole-ft", "as it is")]
+QUICK = [("foot-ft", "heavy foot"), ("plate-ft", "soft soles")]
 SLOW = [("foot-ft", kind) for kind in ("as it is", "soft soles", "flexible drives", "pulled by ropes")]
-SLOW += [("plate-ft", "as it is"), ("sole-ft", "soft soles")]
+SLOW += [("plate-ft", "as it is"), ("sole-ft", "as it is"), ("sole-ft", "soft soles")]
 
 
 @pytest.mark.parametrize(
@@ -262,12 +262,6 @@ def test_what_hangs_below_is_stated_of_the_nominal_foot(robot, mixed_few):
         np.testing.assert_allclose(np.linalg.norm(hanging, axis=1), mass * GRAVITY, atol=1e-9)
     np.testing.assert_allclose(run.measurements.contacts.below[:, 0], 0.6)
     np.testing.assert_allclose(run.measurements.contacts.below_sd, [[0.012, 0.002, 0.002, 0.002]] * 2)
-
-
-def test_a_tared_sensor_has_no_zeros(robot, plan):
-    (run,) = statics(changed_rig(robot, "foot-ft", zero_sd=(0.0,) * 6), plan.take(np.arange(2)))
-    assert not run.measurements.contacts.zero_sd.any()
-    np.testing.assert_allclose(run.measurements.wrenches, run.truth.wrenches, atol=1e-9)
 
 
 def test_the_sensors_do_not_change_how_the_robot_stands(robot, plan):

@@ -168,8 +168,7 @@ def test_a_sensor_misreads_by_definition_and_is_corrected(text, run, robot):
     true = np.tile([*FORCE, *MOMENT], (3, 2, 1))
     m = dataclasses.replace(rows, wrenches=true, time=np.array([100.0, 200.0, 300.0]))
     assert isinstance(mechanism, Misreading)
-    wrong = mechanism.apply(m, robot, found.target, values)
-    assert wrong.wrenches is not None
+    wrong: Any = mechanism.apply(m, robot, found.target, values)
     np.testing.assert_allclose(wrong.wrenches[:, 1], BY_HAND[text], atol=1e-12)
     np.testing.assert_array_equal(wrong.wrenches[:, 0], true[:, 0])
     nominal = nominal_robot(robot)
@@ -187,8 +186,7 @@ def test_a_six_axis_plate_has_a_map_too(robot):
     m = dataclasses.replace(m, wrenches=np.tile([1.0, 2, 100, 2, -4, 5], (3, 2, 1)))
     effect, values = catalogue()["plate-map"], (0.01, 0.0, 0.0, 0.0, 0.02, 0.0)
     assert isinstance(effect.mechanism, Misreading)
-    wrong = effect.mechanism.apply(m, robot, "right", values)
-    assert wrong.wrenches is not None
+    wrong: Any = effect.mechanism.apply(m, robot, "right", values)
     np.testing.assert_allclose(wrong.wrenches[:, 0], [[1, 2, 100, 2.04, -4.04, 5]] * 3, atol=1e-12)
     nominal = nominal_robot(robot)
     again = effect.remove(observe(wrong, nominal), "right", values)

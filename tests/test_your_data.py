@@ -1,6 +1,5 @@
 """Hand-written folders and spreadsheets: the guide does what it says, CSV of any spelling is read."""
 
-import re
 import shutil
 from pathlib import Path
 
@@ -9,19 +8,17 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from tests.documented import blocks
 from tests.test_measurements import edit_manifest
+from tests.test_refusals import refuse
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.spreadsheet import plain_csv
 from tulip_testbed.cli.main import main
 from tulip_testbed.measurements import read_measurements, write_measurements
 
 ROOT = Path(__file__).parent.parent
-GUIDE = (ROOT / "docs" / "how-to" / "your-data.md").read_text()
+PAGE = "docs/how-to/your-data.md"
 EXAMPLE = ROOT / "docs" / "how-to" / "your-data"
-
-
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"```{language}\n(.*?)```", GUIDE, flags=re.DOTALL)
 
 
 @pytest.fixture
@@ -31,8 +28,8 @@ def folder(tmp_path):
 
 
 def test_the_guide_shows_the_example_folder():
-    assert blocks("json") == [(EXAMPLE / "manifest.json").read_text()]
-    assert (EXAMPLE / "postures.csv").read_text().startswith(blocks("csv")[0])
+    assert blocks(PAGE, "json") == [(EXAMPLE / "manifest.json").read_text()]
+    assert (EXAMPLE / "postures.csv").read_text().startswith(blocks(PAGE, "csv")[0])
 
 
 def test_the_guide_lists_the_columns_that_may_be_left_out(folder):
@@ -54,8 +51,7 @@ def test_the_guide_lists_the_columns_that_may_be_left_out(folder):
 def test_two_tables_without_hashes_are_refused(folder, tmp_path):
     write_measurements(tmp_path / "whole", read_measurements(folder))
     edit_manifest(tmp_path / "whole", lambda m: m.pop("tables"))
-    with pytest.raises(InputError, match=r"found together with postures\.csv and without a sha256"):
-        read_measurements(tmp_path / "whole")
+    refuse("found together with postures.csv and without a sha256", read_measurements, tmp_path / "whole")
 
 
 PATH = Path("postures.csv")

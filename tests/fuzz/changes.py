@@ -64,9 +64,6 @@ def drawn(use: Callable[[Draw], Any], examples: int, stream: str) -> list:
     return found
 
 
-# --- files -------------------------------------------------------------------------------------
-
-
 def content(make: Make, expected: Expected, *files: str) -> Change:
     """Give one of the files another content; the manifest then lists the table's new hash."""
 
@@ -129,9 +126,6 @@ def flipped(old: str | bytes, draw: Draw, low: int = 0) -> list:
     for at, bits in draw(st.dictionaries(where, st.integers(1, 255), min_size=1, max_size=8)).items():
         changed[at] ^= bits
     return [bytes(changed)]
-
-
-# --- names and tables --------------------------------------------------------------------------
 
 
 def stands(kind: str, *files: str) -> Change:

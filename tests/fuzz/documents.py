@@ -72,24 +72,9 @@ def places(document: Any) -> Iterator[tuple[Any, Any]]:
             yield from places(document[key])
 
 
-def value(news: Callable[[Any, Any], Any], *types: type) -> Callable[[Any, Draw], None]:
-    """Give one of the values of these types another one, out of what is made of it and of the document."""
-
-    def edit(document: Any, draw: Draw) -> None:
-        inside, key = one(draw, leaves(document, *types))
-        inside[key] = one(draw, news(inside[key], document))
-
-    return edit
-
-
-def key(change: Callable[[dict, Any, Draw], Any]) -> Callable[[Any, Draw], None]:
-    """Change one of the keys of one of the objects."""
-
-    def edit(document: Any, draw: Draw) -> None:
-        inside, name = one(draw, [pair for pair in places(document) if isinstance(pair[0], dict)])
-        change(inside, name, draw)
-
-    return edit
+def drop_a_key(document: dict, draw: Draw) -> None:
+    inside, name = one(draw, [pair for pair in places(document) if isinstance(pair[0], dict)])
+    del inside[name]
 
 
 def strange_value(document: dict, draw: Draw) -> None:
@@ -97,63 +82,9 @@ def strange_value(document: dict, draw: Draw) -> None:
     inside[key] = draw(st.sampled_from(STRANGE) | json_values)
 
 
-# --- edits that any document bears -------------------------------------------------------------
-
 HOSTILE = (
     *("[bold red]x[/]", "[/]", "[link=file:///etc/passwd]x[/link]", "<script>alert(1)</script>", "</td>&lt;"),
     *("\x1b[2J\x1b[31mx", "\x9b31m", "\u202eabc\u202c", "\u2066x", "a\nb", "a\rb", "a\tb", "\x00"),
     "\x7f\x08",
     *("\"'`", "{{ 7 * 7 }}", "%s{0}", "${HOME}", "\u200b", "\ufeffx", "e\u0301", "x" * 5_000, " ", ""),
 )
-ODD = (0, -1, -0.0, 1e-300, -1e300, 1e300, 1e150, 2**53 + 1, 10**250, 10.0**10, -(10**12), 10**13, 0.5, True)
-NO_NUMBERS = ("NaN", "Infinity", "-Infinity", "1e400", "-1e999", "1" + "0" * 400)
-FACTORS = (0.5, 0.9, 1.001, 1.1, 2.0, 10.0, -1.0)
-MARK = 123456789.125  # stands where a text goes that is no JSON
-
-
-def leaves(document: Any, *types: type) -> list[tuple[Any, Any]]:
-    """Return the containers and keys of the values of these types, or of all values."""
-    return [(inside, key) for inside, key in places(document) if not types or type(inside[key]) in types]
-
-
-def no_number(text: str, draw: Draw) -> list:
-    """Put what JSON does not call a finite number in the place of one."""
-    document = json.loads(text)
-    inside, key = one(draw, leaves(document, int, float))
-    inside[key] = MARK
-    return [json.dumps(document).replace(repr(MARK), no) for no in NO_NUMBERS]
-
-
-drop_a_key = key(lambda inside, name, draw: inside.pop(name))
-
-
-def a_key_more(inside: dict, name: Any, draw: Draw) -> None:
-    new = one(draw, ("note", name.upper(), f" {name}", f"{name}.x", *HOSTILE))
-    inside[new] = one(draw, (inside[name], *STRANGE))
-
-
-def other_lengths(old: list, document: Any) -> tuple[list, ...]:
-    return [], old[:-1], old[1:], [*old, *old[-1:]], [*old, None], [*old, []], old * 40, [old]
-
-
-def other_numbers(old: Any, document: Any) -> list:
-    return [old + round(f) if type(old) is int else (old or 1e-3) * f for f in FACTORS]
-
-
-def other_texts(old: str, document: Any) -> list[str]:
-    return ["nose", old.upper(), old + " ", *dict.fromkeys(inner[at] for inner, at in leaves(document, str))]
-
-
-EDITS: dict[str, Callable[[Any, Draw], None]] = {
-    "another type": value(lambda old, document: [new for new in STRANGE if type(new) is not type(old)]),
-    "a strange value": strange_value,
-    "a key less": drop_a_key,
-    "a key more": key(a_key_more),
-    "a list of another length": value(other_lengths, list),
-    "a list in another order": value(lambda old, document: [old[::-1], old[1:] + old[:1]], list),
-    "an odd number": value(lambda old, document: ODD, int, float),
-    "another number": value(other_numbers, int, float),
-    "another text": value(other_texts, str),
-    "a hostile text": value(lambda old, document: HOSTILE, str),
-    "a hostile key": key(lambda inside, name, draw: inside.update({one(draw, HOSTILE): inside.pop(name)})),
-}

@@ -20,8 +20,6 @@ SEVERAL = ("q_command.", "motor.")  # that all may lack, but not one of them alo
 CANCELLING: dict[str, Callable] = {"cell.right": lambda v: 0 * v + 100, "cell.left": lambda v: 0 * v - 99.8}
 JSON, CSV, PARQUET = ("manifest.json", "plan.json"), "postures.csv", "postures.parquet"
 
-# --- tables ------------------------------------------------------------------------------------
-
 
 def names(t: pa.Table, *prefixes: str) -> list[str]:
     return [name for name in t.column_names if name.startswith(prefixes)]
@@ -116,9 +114,6 @@ def long_texts(t: pa.Table, draw: Draw) -> pa.Table:
     return whole({"support": lambda v: texts})(pa.concat_tables([t] * 300)[:9_000], draw)
 
 
-# --- texts -------------------------------------------------------------------------------------
-
-
 def fine_csv(text: str, draw: Draw) -> list:
     header, _, body = text.partition("\n")
     german = header.replace(",", ";") + "\n" + body.replace(",", ";").replace(".", ",")
@@ -152,8 +147,6 @@ def degenerate(corners: dict[str, list[float]]) -> list:
     lines = [{name: [a * k, b * k] for k, name in enumerate(corners)} for a, b in ((0, 0), (0.1, 0.2))]
     return lines + [{name: [s * x, s * y] for name, (x, y) in corners.items()} for s in (1e200, 1e-200)]
 
-
-# --- kinds -------------------------------------------------------------------------------------
 
 MANY = 10_000_000
 JOINTS = ("q.right_ankle_roll", "q.left_ankle_roll", "q.right_knee", "q.left_hip_pitch")

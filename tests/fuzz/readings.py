@@ -24,25 +24,14 @@ def result(target: str, document: Any) -> dict[str, Any]:
     if target == "robot":
         masses = {row["link"]: row["mass"] for row in document["standard"]}
         return {"masses": [masses[link] for link in sorted(masses)], "total": document["total_mass"]}
-    if target == "measurements":
-        estimates = document["full"]["value"]
-        return {"postures": document["postures"], "estimates": estimates, "mass": document["mass"][0]}
-    rows = document["models"]["full"]
-    checks = [c for c in document["checks"] if c["result"][0] is not None or c["value"][0] is not None]
-    return {name: [row[name][0] for row in rows] for name in ("estimate", "standard_error", "truth")} | {
-        "verdict": document["verdict"][0],
-        "numbers": [row["number"] for row in rows],
-        "checks": {c["name"]: [c["result"][0], c["value"][0]] for c in checks},
-        "how many checks": len(checks),
-    }
+    estimates = document["full"]["value"]
+    return {"postures": document["postures"], "estimates": estimates, "mass": document["mass"][0]}
 
 
 def reading(target: str, folder: Path) -> dict[str, Any]:
     """Return the same, read and computed another way: the XML's masses, ordinary least squares, ..."""
     if target == "robot":
         return _masses(folder)
-    if target == "run":
-        return _validation(json.loads((folder / "result.json").read_text("utf-8-sig")))
     return _planned(folder) if target == "plan" else _identification(folder)
 
 
@@ -50,19 +39,6 @@ def _masses(folder: Path) -> dict[str, Any]:
     bodies = {str(body.get("name")): body for body in ET.parse(folder / "tulip.xml").iter("body")}
     masses = [float(bodies[link].findall("inertial")[-1].get("mass", "nan")) for link in sorted(bodies)]
     return {"masses": masses, "total": sum(masses)}
-
-
-def _validation(report: Any) -> dict[str, Any]:
-    full, truth = report["identification"]["full"], report["truth"]
-    return {
-        "estimate": full["value"],
-        "standard_error": [variance[k] ** 0.5 for k, variance in enumerate(full["covariance"])],
-        "truth": [truth[number - 1] for number in full["numbers"]],
-        "verdict": "fail" if any(c["result"] == "fail" for c in report["checks"]) else "pass",
-        "numbers": full["numbers"],
-        "checks": {c["name"]: [c["result"], c["value"]] for c in report["checks"]},
-        "how many checks": len(report["checks"]),
-    }
 
 
 def _read_table(folder: Path) -> tuple[pd.DataFrame, dict[str, np.ndarray], np.ndarray]:

@@ -39,7 +39,6 @@ STRANGE_XML = (
     *STRANGE_NUMBERS,
 )
 
-# --- a text => others to put in its place ------------------------------------------------------
 
 WRONG_TOML = """
 name = => name = 1\\nname = | x = 1\\nname =
@@ -92,7 +91,6 @@ diaginertia="0.25 0.23 0.075" => diaginertia="1 1 100"
 LIMITS = """
 ctrlrange="-25.4 25.4" forcerange="-25.4 25.4" => ctrlrange="-25.4 25.4" | forcerange="-25.4 25.4"
 """
-# --- a text to put in before the end -----------------------------------------------------------
 
 END = "</mujoco>"
 ENDLESS = (  # small to write, too large to compile
@@ -121,9 +119,6 @@ def before_the_end(*texts: str) -> Make:
 def wrong_mjcf(text: str, draw: Draw) -> list:
     types = "<!DOCTYPE m SYSTEM 'file:///etc/passwd'>", f"<!DOCTYPE m [<!ENTITY e0 'x'>{BOMB}]>"
     return [text.replace(END, ""), text.replace("mujoco", "robot"), *(t + text for t in types)]
-
-
-# --- edits that are made -----------------------------------------------------------------------
 
 
 def lines(*values: str) -> Make:
@@ -195,8 +190,6 @@ def includes_that_are_fine(folder: Path, draw: Draw) -> Expected:
     (folder / "parts" / "more.xml").write_text("<mujocoinclude><custom/></mujocoinclude>")
     return content(before_the_end('<include file="parts/more.xml"/>'), SAME, ROBOT)(folder, draw)
 
-
-# --- kinds -------------------------------------------------------------------------------------
 
 TREE_EDITS = ("drop", "repeat", "rename", "forget", "strange", "number")
 LOOP = {

@@ -6,21 +6,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from tests.fuzz import records
 from tests.fuzz.changes import Change
 from tests.fuzz.folders import MEASUREMENT_KINDS, PLAN_KINDS
 from tests.fuzz.robots import ROBOT_KINDS
-from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.experiments.validate import judge
-from tulip_testbed.sim.plan_folder import read_plan
-from tulip_testbed.sim.robot import load_robot
 from tulip_testbed.sim.shipped import ASSETS
 
 KINDS: dict[str, dict[str, Change]] = {
     "measurements": MEASUREMENT_KINDS,
     "plan": PLAN_KINDS,
     "robot": ROBOT_KINDS,
-    "run": records.RUN_KINDS,
 }
 Tulip = Callable[[list[str]], Any]
 
@@ -53,19 +47,12 @@ class Intact:
         how = ["--engine", "statics", "--workers", "1"]
         self.tulip(["simulate", str(self("plan")), *how, "--out", str(path)])
 
-    def _run(self, path: Path) -> None:
-        robot = load_robot()
-        run = Laboratory(robot, "wii").run(read_plan(self("plan"), robot), 1, "statics")
-        judge(run).save(path)
 
-
-def command(target: str, folder: Path, intact: Intact) -> list[str]:
+def command(target: str, folder: Path) -> list[str]:
     """Return the command that reads an input."""
     base = str(folder)
     if target == "robot":
         return ["robot", f"{base}/tulip.toml", "--json"]
     if target == "plan":
         return ["plan", "show", base, "--json"]
-    if target == "run":
-        return ["report", base, str(intact(target)), "--json"]
     return ["identify", base, "--estimator", "least-squares", "--json"]  # an independent reading solves eq. 8
