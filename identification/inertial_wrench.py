@@ -89,9 +89,10 @@ def _regressor(nominal: Nominal, measurements: Measurements) -> tuple[np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class BeyondWeight:
-    """What motion adds to the robot's weight: shift of the centre of pressure, vertical and horizontal force.
+    """Forces of motion beyond the weight: shift of the centre of pressure, vertical and horizontal force.
 
-    The five numbers are side by side [m, m, N, -, -], the horizontal force over the weight.
+    The five numbers are side by side [m, m, N, -, -], the horizontal force over the weight. The centre of
+    pressure is that in the plane to which the contacts' readings refer.
 
     Attributes:
         by_cad: by the nominal inertial parameters, (m, 5).
@@ -133,6 +134,9 @@ def beyond_weight(nominal: Nominal, measurements: Measurements) -> BeyondWeight:
     by_all = each.reshape(*each.shape[:2], -1)  # (m, 5, 10 n_links)
     forces = added.reshape(*added.shape[:2], -1) @ cad.ravel()
     by_cad = np.column_stack([after - before, forces[:, 2], forces[:, :2] / weight])
+    depth = _depth(measurements)  # a horizontal force acts on cells below the soles with a lever
+    for values in (by_all, by_cad):
+        values[:, :2] -= depth * values[:, 3:]
     known, rest = _given_base_parameters(nominal, cad)
     # Of the directions that are left, those in which the forces change most.
     shift = by_all @ rest * np.array([1.0, 1.0, LENGTH / weight, LENGTH, LENGTH])[:, None]
@@ -141,6 +145,14 @@ def beyond_weight(nominal: Nominal, measurements: Measurements) -> BeyondWeight:
     most = squares[::-1][:MOST_DIRECTIONS] > LEAST_SHIFT**2
     directions = rest @ turn[:, ::-1][:, :MOST_DIRECTIONS][:, most]
     return BeyondWeight(by_cad, by_all @ known, by_all @ directions, directions)
+
+
+def _depth(measurements: Measurements) -> float:
+    """Return how far below the soles the plane lies to which the readings of plates refer [m]."""
+    contacts = measurements.contacts
+    if contacts is None:
+        return float(measurements.top_height[0])
+    return 0.0 if contacts.mount == "foot" else contacts.depth
 
 
 def _pressure(regressor: np.ndarray, cad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

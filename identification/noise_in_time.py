@@ -1,4 +1,4 @@
-"""Noise of a moving record that lasts: a stationary process of every segment, beside white noise.
+"""Noise of a moving record that lasts: a stationary process of every segment, and white noise.
 
 The noise of samples has two parts: one that is white, and one with the correlation exp(-|t - t'| / T), an
 Ornstein-Uhlenbeck process. A row is the mean of a window in which a sample weighs (1 - u^2)^2; the

@@ -26,7 +26,8 @@ def rms(values):
 
 def slow_motion(robot, rng, count):
     m = moving(robot, rng, count)
-    slower = {"joint_rates": 0.3 * m.joint_rates, "joint_accelerations": 0.1 * m.joint_accelerations}
+    rates, accelerations = np.array(m.joint_rates), np.array(m.joint_accelerations)
+    slower = {"joint_rates": 0.3 * rates, "joint_accelerations": 0.1 * accelerations}
     return dataclasses.replace(m, window=np.full(len(m), WINDOW), **slower)
 
 
