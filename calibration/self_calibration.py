@@ -179,12 +179,12 @@ def _with_lasting_noise(
     """Find how long the noise lasts, beginning with noise that lasts: otherwise families would explain it."""
     some, lasting, found = observed if rows is None else observed.take(rows), LASTING, None
     m = some.measurements
-    for _ in range(LASTING_ROUNDS):
+    for count in range(LASTING_ROUNDS):
         some = some.changed(noise_in_time=lasting)
-        found = self_calibrate(some, tolerances, start=found)
+        found = self_calibrate(some, tolerances, start=found, rounds=ROUNDS if count else SETTLING)
         noise = own_noise(some, found.problem, found.solved)
         lasting = noise_in_time_of(noise, m.time, some.stance, float(m.window[0]))
-        if lasting == some.noise_in_time:
+        if count and lasting == some.noise_in_time:
             break
     assert found is not None
     return observed.changed(noise_in_time=some.noise_in_time), found
