@@ -181,7 +181,7 @@ def _with_lasting_noise(
     m = some.measurements
     for count in range(LASTING_ROUNDS):
         some = some.changed(noise_in_time=lasting)
-        found = self_calibrate(some, tolerances, start=found, rounds=ROUNDS if count else SETTLING)
+        found = self_calibrate(some, tolerances, start=found)
         noise = own_noise(some, found.problem, found.solved)
         lasting = noise_in_time_of(noise, m.time, some.stance, float(m.window[0]))
         if count and lasting == some.noise_in_time:

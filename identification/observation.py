@@ -28,6 +28,7 @@ from tulip_testbed.sim.scene import plate_masses
 
 LONG_GAP = 1.5  # of the median time between a placement's postures
 LEAST_LOAD = 0.5  # N
+ROCKING = 4.0  # times the usual s.d. of a board's cells within a row: more is no noise
 
 
 @dataclass(frozen=True)
@@ -312,7 +313,10 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
         on_four_cells=(
             _each(
                 measurements,
-                lambda rows: _on_four_cells(contacts.values[rows].reshape(-1, 2, 4), margin, share),
+                lambda rows: (
+                    _on_four_cells(contacts.values[rows].reshape(-1, 2, 4), margin, share)
+                    & (not len(motion.by_cad) or _steady(measurements.cell_forces_sd[rows].reshape(-1, 2, 4)))
+                ),
             )
             if measurements.contacts is None
             else np.zeros((m, 2), bool)
@@ -361,6 +365,19 @@ def _on_four_cells(forces: np.ndarray, margin: float, share: np.ndarray) -> np.n
     one_of_two = np.stack([idle[..., k] | idle[..., k + 2] for k in (0, 1)], axis=-1) | ~loaded[..., None]
     rocks = loaded.any(axis=0) & one_of_two.all(axis=0).any(axis=-1)
     return (forces.min(axis=2) > margin - share) & ~rocks
+
+
+def _steady(spread: np.ndarray) -> np.ndarray:
+    """Return on which boards no cell lifted or landed within a row's window, (m, 2) bool.
+
+    There the board rocks over its diagonal at once. A row without samples is no witness.
+
+    Args:
+        spread: s.d. of each cell's samples, (m, 2, 4) [N].
+    """
+    most = spread.max(axis=2)
+    usual = np.nanmedian(most, axis=0) if np.isfinite(most).any() else np.inf
+    return ~(most > ROCKING * usual)
 
 
 def fraction_of_time(time: np.ndarray) -> np.ndarray:

@@ -17,6 +17,9 @@ WINDOW = 0.5  # s, of a row
 # By encoders of 0.088 deg at 100 Hz the acceleration of a centre of mass at 0.6 m has noise of 0.4 mm of the
 # centre of pressure in such windows, as much as there is of it, and of 0.1 mm in windows twice as long.
 COARSE = np.radians(0.05)  # resolution of encoders from which windows are twice as long; assumed
+# Of a motion. Its noise lasts for seconds, so that more rows say little more, and of a thousand the estimate
+# was led away: what is left of the noise in the columns of families adds up.
+MOST_ROWS = 600
 OVERLAP = 2  # windows at a time: the ends of a window have little weight
 BLOCK = 4.0  # s, of a placement: slow errors are common to it, and predictions leave whole blocks out
 DEGREE = 3  # of polynomials for which the weights are exact
@@ -126,7 +129,8 @@ def reduced_motion(
     """
     weighed, window = samples.weighed_mass, window or usual_window(samples.sensors.encoder_resolution)
     weight = weighed[0] * samples.gravity if weighed else float(np.median(_loads(samples).sum(axis=1)))
-    rows, dropped = reduced(samples, weight, window, window)
+    seconds = sum(float(np.ptp(samples.time[rows])) for rows in runs(samples.posture))
+    rows, dropped = reduced(samples, weight, window, max(window, seconds / MOST_ROWS))
     if not len(rows):
         causes = "; ".join(f"{count} {cause}" for cause, count in dropped.items())
         raise InputError(
