@@ -180,7 +180,7 @@ def discover(
     try:
         observed, found = as_log_shows(observed, tolerances)
         if observed.noise_in_time is not None:
-            observed, found = with_independent_rows(observed), None
+            observed, found, calibration = with_independent_rows(observed), None, None
         search = CandidateSearch.of(observed, tolerances, effects)
         first = calibration or found or first_calibration(search.observed, tolerances)
         return _discover(search, first, seed, through_laboratory, hold_out, progress)
