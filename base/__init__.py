@@ -1,1 +1,1 @@
-"""What any program needs: errors, files, tables, numbers in words, threads and workers; knows no robot."""
+"""Errors, files, tables, numbers in words, threads and workers, for any program; knows no robot."""

@@ -1,4 +1,4 @@
-"""How long work says how far it is; who calls it decides whether anybody sees it."""
+"""How long work says how far it is; who calls it decides whether it is shown."""
 
 from __future__ import annotations
 

@@ -94,7 +94,7 @@ Place = Annotated[Path | None, Kept("", _nothing, lambda folder, *context: folde
 
 
 class Documented:
-    """A frozen dataclass that is a JSON document: its fields, but those kept beside it, are the keys."""
+    """A frozen dataclass that is a JSON document: its fields, but those kept next to it, are the keys."""
 
     __pydantic_config__ = ConfigDict(strict=True, arbitrary_types_allowed=True)
 
@@ -104,7 +104,7 @@ class Documented:
 
     @classmethod
     def from_json(cls, document: Mapping[str, Any], where: str = "document") -> Self:
-        """Read a JSON document; what is kept beside it is None."""
+        """Read a JSON document; what is kept next to it is None."""
         try:
             return _adapter(cls).validate_json(json.dumps(document))
         except ValidationError as error:
@@ -121,10 +121,10 @@ class Documented:
 
 
 class Result(Documented, Shown):
-    """What a workflow returns: a frozen dataclass whose fields are the JSON document.
+    """The result of a workflow: a frozen dataclass whose fields are the JSON document.
 
     `--json` prints the document, and a run folder holds it. Fields marked as `Kept` are no part of it; the
-    folder holds them beside it.
+    folder holds them next to it.
     """
 
     def tables(self) -> list[Table | str]:
@@ -153,7 +153,7 @@ class Result(Documented, Shown):
             self.write_into(working)
 
     def write_into(self, folder: Path) -> None:
-        """Write the document and all that is kept beside it into a folder."""
+        """Write the document and all that is kept next to it into a folder."""
         self.write(folder / RESULT_FILE)
         for field, kept in _kept(type(self)).items():
             if (value := getattr(self, field)) is not None:
@@ -164,7 +164,7 @@ class Result(Documented, Shown):
         """Read a folder.
 
         Args:
-            context: passed on to the readers of what is kept beside the document, such as the robot.
+            context: passed on to the readers of what is kept next to the document, such as the robot.
 
         Raises:
             InputError: a file that is missing or not what was written.

@@ -23,7 +23,7 @@ FREE = "machine"  # its last digits differ, its random numbers do not: another o
 def alone_on(path: Path) -> Iterator[None]:
     """Keep other processes from a file or a folder, until the end or until this process is killed.
 
-    The hidden file .NAME.lock beside it is locked; a killed process leaves that file, but not the lock.
+    The hidden file .NAME.lock next to it is locked; a killed process leaves that file, but not the lock.
     """
     from filelock import FileLock, Timeout  # a twentieth of a second, needed by long runs alone
 
@@ -48,7 +48,7 @@ def alone_on(path: Path) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class ResumableFolder:
-    """A folder of finished pieces of work, beside the document of all that they depend on.
+    """A folder of finished pieces of work, next to the document of all that they depend on.
 
     Attributes:
         folder: its place. file: name of the document in it.
@@ -88,7 +88,7 @@ class ResumableFolder:
         """Make the folder, unless it is begun, and keep other processes out of it.
 
         Args:
-            fill: called with a new folder, for what lies beside the pieces.
+            fill: called with a new folder, for what lies next to the pieces.
         """
         if not self.begun():
             with new_folder(self.folder) as working:

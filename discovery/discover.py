@@ -32,6 +32,7 @@ from tulip_testbed.discovery.selection import LEVEL, Selection, select, select_w
 from tulip_testbed.discovery.unusual_members import STANDS_OUT, SURE, too_wide
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.effects.motion_effects import MOTION_EFFECTS
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import Observation, observe
@@ -101,7 +102,8 @@ class Discovery:
     @property
     def corrections(self) -> tuple[EffectInstance, ...]:
         """Return what the new nominal laboratory has: effects, and imperfections that are not zero."""
-        return self.adopted + tuple(member for member in self.calibrated if clear_of_zero(member))
+        found = self.adopted + tuple(member for member in self.calibrated if clear_of_zero(member))
+        return tuple(one for one in found if one.effect not in MOTION_EFFECTS)
 
     @cached_property
     def explanations(self) -> tuple[Explanation, ...]:
@@ -178,7 +180,7 @@ def discover(
     try:
         observed, found = as_log_shows(observed, tolerances)
         if observed.noise_in_time is not None:
-            observed, found = with_independent_rows(observed), None
+            observed, found, calibration = with_independent_rows(observed), None, None
         search = CandidateSearch.of(observed, tolerances, effects)
         first = calibration or found or first_calibration(search.observed, tolerances)
         return _discover(search, first, seed, through_laboratory, hold_out, progress)

@@ -18,6 +18,7 @@ from tulip_testbed.base.table import Table
 from tulip_testbed.effects import cell, encoder, foot, joint, link, plate, surroundings, wrench
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.lasting import split_target, targets_over
+from tulip_testbed.effects.motion_effects import MOTION_EFFECTS
 from tulip_testbed.effects.targets import WRENCH_CHANNELS, WRENCH_PAIRS
 from tulip_testbed.measurements.contacts import Contacts
 from tulip_testbed.measurements.manipulations import Experiment
@@ -78,6 +79,12 @@ def catalogue() -> Catalogue:
     return Catalogue(sorted(effects, key=lambda effect: effect.name))
 
 
+@cache
+def every_effect() -> Catalogue:
+    """Return the catalogue with the effects that are estimated but cannot be simulated."""
+    return Catalogue((*catalogue().values(), *MOTION_EFFECTS))
+
+
 def explanation(name: str) -> str:
     """Return the physics of an effect of the catalogue.
 
@@ -88,12 +95,12 @@ def explanation(name: str) -> str:
 
 
 def _by_name(name: str) -> Effect:
-    return catalogue()[name]
+    return every_effect()[name]
 
 
 def _pickled(effect: Effect) -> tuple[Callable[..., Effect], tuple[Any, ...]]:
     """Pickle an effect of the catalogue by its name: its targets are functions without one."""
-    if catalogue().get(effect.name) is effect:
+    if every_effect().get(effect.name) is effect:
         return _by_name, (effect.name,)
     return Effect, tuple(getattr(effect, field.name) for field in fields(effect))
 
@@ -159,6 +166,6 @@ def targets_in(
 # An effect of the catalogue in a document, which holds its name.
 NamedEffect = Annotated[
     Effect,
-    PlainValidator(lambda name: catalogue()[str(name)]),
+    PlainValidator(lambda name: every_effect()[str(name)]),
     PlainSerializer(lambda effect: effect.name),
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,7 +14,7 @@ from typing_extensions import TypedDict
 from tulip_testbed.base.arguments import expect
 from tulip_testbed.base.errors import InputError, listed, look_up, shortened, warn
 from tulip_testbed.base.numbers import number
-from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.catalogue import catalogue, every_effect
 from tulip_testbed.effects.effect import Effect, Parameter, Values
 from tulip_testbed.effects.lasting import arranged, check_everywhere, split_target
 from tulip_testbed.effects.laws import LAW, law_effect
@@ -48,15 +48,19 @@ class EffectDocument(TypedDict):
     parameters: list[ParameterDocument]
 
 
-def effect_named(name: str, target: str, where: str) -> Effect:
+def effect_named(name: str, target: str, where: str, among: Mapping[str, Effect] | None = None) -> Effect:
     """Return an effect of the catalogue, or the one that the grammar of laws makes of its target.
+
+    Args:
+        among: effects by name; None: the catalogue.
 
     Raises:
         InputError: with the names that are close and those that are valid.
     """
     if name == LAW:
         return law_effect(target, where)
-    return catalogue()[look_up("effect", name, [*catalogue(), LAW], where)]
+    among = catalogue() if among is None else among
+    return among[look_up("effect", name, [*among, LAW], where)]
 
 
 def effect_label(name: str, target: str | None) -> str:
@@ -187,7 +191,7 @@ class EffectInstance:
             InputError: with what is wrong and what is valid.
         """
         target = document["target"] or ""
-        effect = effect_named(document["name"], target, "effects")
+        effect = effect_named(document["name"], target, "effects", every_effect())
         parameters = document["parameters"]
         expected = [(parameter.name, parameter.unit) for parameter in effect.parameters]
         written = [(parameter["name"], parameter["unit"]) for parameter in parameters]

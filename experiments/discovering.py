@@ -16,6 +16,7 @@ from tulip_testbed.discovery.dynamics_check import DynamicsCheck, check_in_dynam
 from tulip_testbed.discovery.experiment_information import Explanation
 from tulip_testbed.discovery.story import story
 from tulip_testbed.effects.lasting import everywhere
+from tulip_testbed.effects.motion_effects import MOTION_EFFECTS
 from tulip_testbed.experiments.discovery_result import PARTS, Discovered, DiscoveryConfiguration
 from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.identify import identify
@@ -65,9 +66,10 @@ def discover_effects(
     if discovery.adopted:
         after = identify(measurements, robot, source, adopted=discovery.adopted, tolerances=tolerances)
     checked = None
-    if check and any(not effect.effect.misreads for effect in discovery.adopted):
+    simulated = tuple(one for one in discovery.adopted if one.effect not in MOTION_EFFECTS)
+    if check and any(not one.effect.misreads for one in simulated):
         with progress("the adopted model in full dynamics", 80, 0) as advance:
-            checked = check_in_dynamics(discovery, discovery.adopted, workers, advance)
+            checked = check_in_dynamics(discovery, simulated, workers, advance)
     inputs = DiscoveryConfiguration(measurements=source, robot=robot.path.name, seed=seed, no_check=not check)
     document = made_by("discover", inputs, robot)
     return _told(discovery, measurements, robot, before, after, checked, document)

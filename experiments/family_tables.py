@@ -44,7 +44,7 @@ def calibration_report(
             members.append([labels[k], value])
     there = {one.family.name for one in found.families}
     usual = [name for name, tolerances in TOLERANCES.items() if any(tolerances) and name not in there]
-    exact = [name for name in usual if acts_on(catalogue()[name], contacts)]
+    exact = [name for name in usual if name in catalogue() and acts_on(catalogue()[name], contacts)]
     said = {
         "Small by what the data say of the family as a whole": small,
         "Known by their tolerance only": unseen,

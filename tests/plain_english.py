@@ -13,6 +13,8 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 PHRASES = Path(__file__).with_suffix(".txt")
 ROOMS = (
+    "base",
+    "measurements",
     "sim",
     "identification",
     "effects",

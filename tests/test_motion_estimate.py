@@ -1,11 +1,14 @@
 """The estimate from a robot that moves: forces of motion, inertial parameters, noise that lasts."""
 
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
 
 from tests.moving_robots import moving, random_robot
+from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.effects.motion_effects import INERTIA, LAG
 from tulip_testbed.identification import inertial_wrench
 from tulip_testbed.identification.inertial_wrench import beyond_weight, inertial_parameters
 from tulip_testbed.identification.noise_in_time import (
@@ -96,3 +99,9 @@ def test_rows_become_uncorrelated():
     assert found.back(unit) == pytest.approx(found(unit).T, abs=0)
     assert effective_rows(time, segment, STEP, WHITE) == pytest.approx(len(time))
     assert effective_rows(time, segment, WINDOW, NoiseInTime(1.0 - 1e-9, 1e6)) == pytest.approx(6, rel=1e-3)
+
+
+@pytest.mark.parametrize("found", [EffectInstance(INERTIA, "3", (0.5,)), EffectInstance(LAG, "", (0.015,))])
+def test_effects_of_motion_are_read_and_pickled_by_their_names(found):
+    assert EffectInstance.from_document(found.document()) == found
+    assert pickle.loads(pickle.dumps(found)) == found

@@ -82,7 +82,7 @@ def reduced(
 
     The mean rate and the mean acceleration follow from the angles alone, without a derivative, since the
     weights fall to zero at both ends of a window (modulating functions). The equation of motion holds between
-    such means, whatever the frequency of the motion; with the values of a fitted polynomial it would not. The
+    such means, at any frequency of the motion; with the values of a fitted polynomial it would not. The
     weights of the acceleration are those of Savitzky and Golay for a cubic polynomial, here with any clock.
 
     Args:

@@ -1,4 +1,4 @@
-"""Ordinary imperfections that only a robot that moves shows: inertial parameters, and clocks that differ."""
+"""Effects that only a robot that moves shows: inertial parameters, and clocks that differ."""
 
 from __future__ import annotations
 
@@ -58,3 +58,4 @@ LAG = Effect(
     statics=False,
     searched=False,
 )
+MOTION_EFFECTS = (INERTIA, LAG)
