@@ -1,5 +1,6 @@
 """A robot that is measured while it moves: plan, laboratory, folders and checks."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -128,6 +129,24 @@ def test_check_tells_gaps_short_segments_and_clipped_cells(moved):
     clipped = replace(s, cell_forces=np.minimum(s.cell_forces, np.where(np.arange(8) == 2, most, np.inf)))
     assert "cell.right.rear_right" in checks(replace(moved, samples=clipped))["saturation"].where
     assert checks(moved)["saturation"].result == "pass"
+    assert checks(moved)["feet loaded"].result == "pass"
+    off = np.where((s.time > 1)[:, None] & (np.arange(8) < 4), 0.0, s.cell_forces)
+    lifted = checks(replace(moved, samples=replace(s, cell_forces=off)))["feet loaded"]
+    assert lifted.result == "warn"
+    assert "segment 1: " in lifted.where
+
+
+def test_check_accepts_one_foot_a_single_window_and_a_clock_that_jumps(moved):
+    s = moved.samples
+    right = replace(s, support=np.full(len(s), "right"))
+    rows = reduced_motion(right)
+    assert checks(replace(moved, samples=right, measurements=rows))["saturation"].result == "pass"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        one = {check.name: check for check in tt.check(moved.measurements.take([0])).checks}
+    assert one["lag of contacts"].result == "not evaluated"
+    jump = replace(s, time=s.time + 1e12 * (s.posture == s.posture[0]) * (s.time > 2))
+    assert len(reduced_motion(jump)) >= len(moved.measurements) - 2
 
 
 def test_slow_errors_keep_the_sheet_s_deviation_and_lag_is_exact():
