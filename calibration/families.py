@@ -14,9 +14,9 @@ from numbers import Real
 import numpy as np
 
 from tulip_testbed.base.errors import InputError, look_up, shortened
-from tulip_testbed.calibration.motion_families import INERTIA, LAG, directions
-from tulip_testbed.effects.catalogue import NamedEffect, catalogue, targets_in
+from tulip_testbed.effects.catalogue import NamedEffect, catalogue, effect_of_family, targets_in
 from tulip_testbed.effects.instance import MOST_PRIORS, EffectInstance
+from tulip_testbed.effects.motion import INERTIA, LAG, directions
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.measurements import SensorSheet
 from tulip_testbed.measurements.bounds import LEAST_DEVIATION
@@ -204,7 +204,7 @@ def check_tolerances(given: Mapping[str, float], where: str = "tolerances") -> N
     """
     for name, value in given.items():
         look_up("family", name, TOLERANCES, where)
-        parameter = {**catalogue(), INERTIA.name: INERTIA, LAG.name: LAG}[name].parameters[0]
+        parameter = effect_of_family(name).parameters[0]
         most = MOST_PRIORS * parameter.prior
         plausible = isinstance(value, Real) and not isinstance(value, bool) and 0 <= value <= most
         if not plausible or 0 < value < LEAST_DEVIATION:

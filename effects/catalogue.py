@@ -18,6 +18,7 @@ from tulip_testbed.base.table import Table
 from tulip_testbed.effects import cell, encoder, foot, joint, link, plate, surroundings, wrench
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.lasting import split_target, targets_over
+from tulip_testbed.effects.motion import OF_MOTION
 from tulip_testbed.effects.targets import WRENCH_CHANNELS, WRENCH_PAIRS
 from tulip_testbed.measurements.contacts import Contacts
 from tulip_testbed.measurements.manipulations import Experiment
@@ -87,14 +88,15 @@ def explanation(name: str) -> str:
     return cleandoc(catalogue()[name].explanation)
 
 
-def _by_name(name: str) -> Effect:
-    return catalogue()[name]
+def effect_of_family(name: str) -> Effect:
+    """Return an effect of the catalogue, or one that only the ordinary imperfections of a motion have."""
+    return OF_MOTION.get(name) or catalogue()[name]
 
 
 def _pickled(effect: Effect) -> tuple[Callable[..., Effect], tuple[Any, ...]]:
     """Pickle an effect of the catalogue by its name: its targets are functions without one."""
-    if catalogue().get(effect.name) is effect:
-        return _by_name, (effect.name,)
+    if effect is (OF_MOTION.get(effect.name) or catalogue().get(effect.name)):
+        return effect_of_family, (effect.name,)
     return Effect, tuple(getattr(effect, field.name) for field in fields(effect))
 
 
@@ -156,9 +158,9 @@ def targets_in(
     return tuple(target for target in targets if read.issuperset(split_target(target)[0].split(".")[1:]))
 
 
-# An effect of the catalogue in a document, which holds its name.
+# The effect of a family in a document, which holds its name.
 NamedEffect = Annotated[
     Effect,
-    PlainValidator(lambda name: catalogue()[str(name)]),
+    PlainValidator(lambda name: effect_of_family(str(name))),
     PlainSerializer(lambda effect: effect.name),
 ]

@@ -9,7 +9,8 @@ import numpy as np
 from tulip_testbed.base.table import Cell, Column, Table
 from tulip_testbed.calibration.calibration_result import CalibratedFamily, SelfCalibration
 from tulip_testbed.calibration.families import TOLERANCES
-from tulip_testbed.effects.catalogue import acts_on, catalogue
+from tulip_testbed.effects.catalogue import acts_on, effect_of_family
+from tulip_testbed.effects.motion import OF_MOTION
 from tulip_testbed.measurements.contacts import Contacts
 
 SPREAD = "Spread: estimated s.d. of the members, with its 95 % interval; 1 is usual."
@@ -43,8 +44,9 @@ def calibration_report(
             value = parameters[k % len(parameters)].text(float(one.value[k]), (low, high))
             members.append([labels[k], value])
     there = {one.family.name for one in found.families}
+    there |= set() if found.observed.moves else set(OF_MOTION)
     usual = [name for name, tolerances in TOLERANCES.items() if any(tolerances) and name not in there]
-    exact = [name for name in usual if acts_on(catalogue()[name], contacts)]
+    exact = [name for name in usual if acts_on(effect_of_family(name), contacts)]
     said = {
         "Small by what the data say of the family as a whole": small,
         "Known by their tolerance only": unseen,

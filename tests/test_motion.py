@@ -1,13 +1,17 @@
 """A robot that is measured while it moves: plan, laboratory, folders and checks."""
 
+import pickle
 import warnings
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 
 import tulip_testbed as tt
 from tests.test_refusals import refuse
+from tulip_testbed.calibration.families import Family
+from tulip_testbed.effects.motion import OF_MOTION
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.inertial_wrench import needed_wrench
 from tulip_testbed.identification.nominal import nominal_robot
@@ -105,6 +109,7 @@ def test_a_measurement_folder_keeps_samples_and_is_read_as_rows(tmp_path, moved)
     last = np.array(list(ends.values()))[np.searchsorted(begins, rows.time, side="right") - 1]
     assert (rows.time + rows.window <= last + 1e-6).all()  # no window crosses a segment's end
     assert checks(tmp_path / "data")["sampling"].result == "pass"
+    refuse("found samples of a motion", lambda: list(tt.watch(tmp_path / "data", plan="random", once=True)))
 
 
 def test_check_tells_late_contacts(moved):
@@ -147,6 +152,20 @@ def test_check_accepts_one_foot_a_single_window_and_a_clock_that_jumps(moved):
     assert one["lag of contacts"].result == "not evaluated"
     jump = replace(s, time=s.time + 1e12 * (s.posture == s.posture[0]) * (s.time > 2))
     assert len(reduced_motion(jump)) >= len(moved.measurements) - 2
+
+
+def test_families_of_a_motion_can_be_written_and_sent():
+    documents = TypeAdapter(Family)
+    for effect in OF_MOTION.values():
+        assert documents.validate_json(documents.dump_json(Family(effect, 1.0, ("1",)))).effect is effect
+        assert pickle.loads(pickle.dumps(effect)) is effect
+
+
+def test_what_moves_and_what_is_held_is_told_in_full(moved):
+    held = tt.identify("docs/how-to/your-data", tolerances={"tilt": 0})
+    assert "Taken as exact: tilt." in str(held)
+    exact = tt.identify(moved.measurements.take(np.arange(40)), tolerances={"inertia": 0})
+    assert "Taken as exact: inertia." in str(exact)
 
 
 def test_slow_errors_keep_the_sheet_s_deviation_and_lag_is_exact():

@@ -71,8 +71,8 @@ def _feet(m: Measurements) -> Finding:
     return Finding(
         "feet loaded",
         "warn" if lost.mean() > MISSED else "pass",
-        f"a foot that stands carries less than {100 * LIFTED:g} % of the weight in {100 * lost.mean():.2g} % of the samples",
-        f"at most {100 * MISSED:g} %",
+        f"in {100 * lost.mean():.2g} % of the samples a foot that stands carries hardly anything",
+        f"at most {100 * MISSED:g} % with less than {100 * LIFTED:g} % of the weight",
         "; ".join(few([text for text in where if not text.endswith(": 0")])),
         "Such windows give no rows: look for a foot that lifted, or for a support that is stated wrongly.",
     )

@@ -138,7 +138,8 @@ def reduced_motion(
 
 def unloaded(samples: Measurements) -> np.ndarray:
     """Return in which samples a foot that stands carries hardly anything, (n,)."""
-    return (feet_in_contact(samples.support) & (_loads(samples) < LIFTED * _weight(samples))).any(axis=1)
+    lost = feet_in_contact(samples.support) & (_loads(samples) < LIFTED * _weight(samples))
+    return np.any(lost, axis=1)
 
 
 def _weight(samples: Measurements) -> float:

@@ -58,3 +58,4 @@ LAG = Effect(
     statics=False,
     searched=False,
 )
+OF_MOTION = {one.name: one for one in (INERTIA, LAG)}
