@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import rerun as rr
 from pydantic import TypeAdapter
 
 import tulip_testbed as tt
@@ -21,6 +22,8 @@ from tulip_testbed.measurements.trajectory import runs
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.sensors import Sensors
 from tulip_testbed.sim.series_readings import delayed, sample_series
+from tulip_testbed.viewer.postures_view import log_standing
+from tulip_testbed.viewer.subject import of_measurements
 
 EXACT = "ideal"
 
@@ -166,6 +169,15 @@ def test_what_moves_and_what_is_held_is_told_in_full(moved):
     assert "Taken as exact: tilt." in str(held)
     exact = tt.identify(moved.measurements.take(np.arange(40)), tolerances={"inertia": 0})
     assert "Taken as exact: inertia." in str(exact)
+
+
+def test_a_view_plays_a_motion_in_its_time(moved, robot):
+    m = moved.measurements.take(np.arange(5))
+    canvas = log_standing(rr.RecordingStream("motion"), of_measurements(m, robot))
+    assert canvas.index.timeline_name() == "time"
+    held = replace(m, joint_rates=None, joint_accelerations=None)
+    canvas = log_standing(rr.RecordingStream("held"), of_measurements(held, robot))
+    assert canvas.index.timeline_name() == "posture"
 
 
 def test_slow_errors_keep_the_sheet_s_deviation_and_lag_is_exact():
