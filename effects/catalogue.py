@@ -163,7 +163,7 @@ def targets_in(
     return tuple(target for target in targets if read.issuperset(split_target(target)[0].split(".")[1:]))
 
 
-# An effect of the catalogue in a document, which holds its name.
+# The effect of a family in a document, which holds its name.
 NamedEffect = Annotated[
     Effect,
     PlainValidator(lambda name: every_effect()[str(name)]),

@@ -1,12 +1,18 @@
 """A robot that is measured while it moves: plan, laboratory, folders and checks."""
 
+import pickle
+import warnings
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import rerun as rr
+from pydantic import TypeAdapter
 
 import tulip_testbed as tt
 from tests.test_refusals import refuse
+from tulip_testbed.calibration.families import Family
+from tulip_testbed.effects.motion_effects import MOTION_EFFECTS
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.inertial_wrench import needed_wrench
 from tulip_testbed.identification.nominal import nominal_robot
@@ -16,6 +22,8 @@ from tulip_testbed.measurements.trajectory import runs
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.sensors import Sensors
 from tulip_testbed.sim.series_readings import delayed, sample_series
+from tulip_testbed.viewer.postures_view import log_standing
+from tulip_testbed.viewer.subject import of_measurements
 
 EXACT = "ideal"
 
@@ -104,6 +112,7 @@ def test_a_measurement_folder_keeps_samples_and_is_read_as_rows(tmp_path, moved)
     last = np.array(list(ends.values()))[np.searchsorted(begins, rows.time, side="right") - 1]
     assert (rows.time + rows.window <= last + 1e-6).all()  # no window crosses a segment's end
     assert checks(tmp_path / "data")["sampling"].result == "pass"
+    refuse("found samples of a motion", lambda: list(tt.watch(tmp_path / "data", plan="random", once=True)))
 
 
 def test_check_tells_late_contacts(moved):
@@ -128,6 +137,45 @@ def test_check_tells_gaps_short_segments_and_clipped_cells(moved):
     clipped = replace(s, cell_forces=np.minimum(s.cell_forces, np.where(np.arange(8) == 2, most, np.inf)))
     assert "cell.right.rear_right" in checks(replace(moved, samples=clipped))["saturation"].where
     assert checks(moved)["saturation"].result == "pass"
+    assert checks(moved)["feet loaded"].result == "pass"
+    off = np.where((s.time > 1)[:, None] & (np.arange(8) < 4), 0.0, s.cell_forces)
+    lifted = checks(replace(moved, samples=replace(s, cell_forces=off)))["feet loaded"]
+    assert lifted.result == "warn"
+    assert "segment 1: " in lifted.where
+
+
+def test_check_accepts_one_foot_a_single_window_and_a_clock_that_jumps(moved):
+    s = moved.samples
+    right = replace(s, support=np.full(len(s), "right"))
+    rows = reduced_motion(right)
+    assert checks(replace(moved, samples=right, measurements=rows))["saturation"].result == "pass"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        one = {check.name: check for check in tt.check(moved.measurements.take([0])).checks}
+    assert one["lag of contacts"].result == "not evaluated"
+    jump = replace(s, time=s.time + 1e12 * (s.posture == s.posture[0]) * (s.time > 2))
+    assert len(reduced_motion(jump)) >= len(moved.measurements) - 2
+
+
+def test_families_of_a_motion_can_be_written_and_sent():
+    documents = TypeAdapter(Family)
+    for effect in MOTION_EFFECTS:
+        assert documents.validate_json(documents.dump_json(Family(effect, 1.0, ("1",)))).effect is effect
+        assert pickle.loads(pickle.dumps(effect)) is effect
+
+
+def test_families_of_a_motion_are_not_told_of_holds():
+    held = tt.identify("docs/how-to/your-data", tolerances={"tilt": 0})
+    assert "Taken as exact: tilt." in str(held)
+
+
+def test_a_view_plays_a_motion_in_its_time(moved, robot):
+    m = moved.measurements.take(np.arange(5))
+    canvas = log_standing(rr.RecordingStream("motion"), of_measurements(m, robot))
+    assert canvas.index.timeline_name() == "time"
+    held = replace(m, joint_rates=None, joint_accelerations=None)
+    canvas = log_standing(rr.RecordingStream("held"), of_measurements(held, robot))
+    assert canvas.index.timeline_name() == "posture"
 
 
 def test_slow_errors_keep_the_sheet_s_deviation_and_lag_is_exact():

@@ -18,7 +18,7 @@ from tulip_testbed.base.files import check_new, check_outside, opened, present, 
 from tulip_testbed.base.table_files import TableFile
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.manifest import Manifest
-from tulip_testbed.measurements.measurement_folder import measurements_in
+from tulip_testbed.measurements.measurement_folder import measurements_in, moves
 
 TABLE = "postures.csv"
 FORMAT = b"tulip-watch-5"
@@ -52,6 +52,11 @@ def new_lines(path: Path, read: bytes, once: bool = False) -> list[bytes]:
     if not present(path):
         if read:
             raise InputError(f"{path}: found no file any more, expected the one that was read so far")
+        if moves(path.parent):
+            raise InputError(
+                f"{path.parent}: found samples of a motion, expected held postures; `check` takes a "
+                "whole motion"
+            )
         return []
     header = header_of(read)
     with opened(path) as file:

@@ -11,6 +11,7 @@ from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.preflight.finding import Finding, few, skipped
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.data import feet_in_contact
+from tulip_testbed.measurements.logs.series_reduction import LIFTED, unloaded
 from tulip_testbed.measurements.trajectory import runs
 
 LATE = 1.5  # steps of the clock, from which on a sample is missed
@@ -26,7 +27,7 @@ def samples_of(samples: Measurements, window: float) -> list[Finding]:
     Args:
         window: to which they are reduced [s].
     """
-    return [_sampling(samples), _segments(samples, window), _saturation(samples)]
+    return [_sampling(samples), _segments(samples, window), _feet(samples), _saturation(samples)]
 
 
 def _sampling(m: Measurements) -> Finding:
@@ -63,6 +64,20 @@ def _segments(m: Measurements, window: float) -> Finding:
     )
 
 
+def _feet(m: Measurements) -> Finding:
+    """Find samples in which a foot that stands lifted; windows with such a sample give no row."""
+    lost = unloaded(m)
+    where = [f"segment {m.posture[rows.start]}: {lost[rows].sum()}" for rows in runs(m.posture)]
+    return Finding(
+        "feet loaded",
+        "warn" if lost.mean() > MISSED else "pass",
+        f"in {100 * lost.mean():.2g} % of the samples a foot that stands carries hardly anything",
+        f"at most {100 * MISSED:g} % with less than {100 * LIFTED:g} % of the weight",
+        "; ".join(few([text for text in where if not text.endswith(": 0")])),
+        "Such windows give no rows: look for a foot that lifted, or for a support that is stated wrongly.",
+    )
+
+
 def _saturation(m: Measurements) -> Finding:
     """Find contact channels that stay at their largest or smallest reading, of feet that stand."""
     stands = feet_in_contact(m.support)
@@ -74,7 +89,7 @@ def _saturation(m: Measurements) -> Finding:
         values = readings[stands[:, side], side, channel]
         for end in (values.max(initial=-np.inf), values.min(initial=np.inf)):
             at_end = [one.stop - one.start for one in runs(values == end) if values[one.start] == end]
-            if np.ptp(values) > 0 and max(at_end) >= CLIPPED:
+            if max(at_end, default=0) >= CLIPPED and np.ptp(values) > 0:
                 worst.append((max(at_end), f"{name}: {max(at_end)} samples at {end:g}"))
     return Finding(
         "saturation",
@@ -101,6 +116,8 @@ def lag(m: Measurements, nominal: Nominal) -> Finding:
     speed, faster = (np.einsum("mak,mk->ma", slope, v) for v in (m.joint_rates, m.joint_accelerations))
     observed = observe(m, nominal)
     added = observed.shift - observed.depth * observed.push  # by motion, below the boards
+    if len(m) < 2:
+        return skipped("lag of contacts", "the motion is too short")
     time = m.time if np.isfinite(m.time).all() else np.arange(len(m)) * np.nanmedian(m.window)
     steps = np.diff(time)
     for rows in runs(np.cumsum(np.append(False, steps > LATE * np.median(steps)))):

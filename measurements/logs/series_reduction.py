@@ -100,7 +100,9 @@ def reduced(
     found = []  # start, first and last sample
     for rows in runs(samples.posture):
         there = time[rows]
-        starts = np.arange(there[0], there[-1] - window + 1e-9, step)
+        # Only those that begin near a sample: a clock that jumps would make billions.
+        number = np.unique(np.floor((there - there[0]) / step))
+        starts = there[0] + step * number[there[0] + step * number <= there[-1] - window + 1e-9]
         ends = [rows.start + np.searchsorted(there, starts + shift - 1e-9) for shift in (0.0, window)]
         found += list(zip(starts.tolist(), *(end.tolist() for end in ends), strict=True))
     carried, loaded = feet_in_contact(samples.support), _loads(samples) >= LIFTED * weight
@@ -127,16 +129,27 @@ def reduced_motion(
     Args:
         window: None: `usual_window` of the encoders [s]. source: of the samples, for messages.
     """
-    weighed, window = samples.weighed_mass, window or usual_window(samples.sensors.encoder_resolution)
-    weight = weighed[0] * samples.gravity if weighed else float(np.median(_loads(samples).sum(axis=1)))
-    seconds = sum(float(np.ptp(samples.time[rows])) for rows in runs(samples.posture))
-    rows, dropped = reduced(samples, weight, window, max(window, seconds / MOST_ROWS))
+    window = window or usual_window(samples.sensors.encoder_resolution)
+    steps = [np.minimum(np.diff(samples.time[rows]), window) for rows in runs(samples.posture)]
+    seconds = float(np.concatenate(steps).sum())
+    rows, dropped = reduced(samples, _weight(samples), window, max(window, seconds / MOST_ROWS))
     if not len(rows):
         causes = "; ".join(f"{count} {cause}" for cause, count in dropped.items())
         raise InputError(
             f"{source}: found no window of {window:g} s that gives a row ({causes or 'segments are shorter'})"
         )
     return rows
+
+
+def unloaded(samples: Measurements) -> np.ndarray:
+    """Return in which samples a foot that stands carries hardly anything, (n,)."""
+    lost = feet_in_contact(samples.support) & (_loads(samples) < LIFTED * _weight(samples))
+    return np.any(lost, axis=1)
+
+
+def _weight(samples: Measurements) -> float:
+    weighed = samples.weighed_mass
+    return weighed[0] * samples.gravity if weighed else float(np.median(_loads(samples).sum(axis=1)))
 
 
 def _rows(samples: Measurements, windows: list[_Window], window: float) -> Measurements:

@@ -40,7 +40,7 @@ def posture_views(subject: Subject) -> Views:
     return Views([*space_views(subject)], ground, curve_views, text)
 
 
-def laid_out(views: Views) -> rrb.Blueprint:
+def laid_out(views: Views, timeline: str = "posture") -> rrb.Blueprint:
     """Arrange the robot large, the curves below it, the ground and the numbers on the right."""
     beside = [*views.ground, *views.text]
     shares = [1.1, *[0.8] * (len(views.ground) - 1), 1.6]
@@ -49,7 +49,8 @@ def laid_out(views: Views) -> rrb.Blueprint:
             rrb.Vertical(rrb.Tabs(*views.space), rrb.Tabs(*views.curves), row_shares=[2.2, 1]),
             rrb.Vertical(*beside, row_shares=shares),
             column_shares=[1.7, 1],
-        )
+        ),
+        timeline,
     )
 
 

@@ -26,7 +26,7 @@ def log_postures(recording: rr.RecordingStream, subject: Subject) -> None:
     for name, lines in curves(subject).items():
         log_curves(canvas, name, lines)
     log_text(canvas, subject)
-    recording.send_blueprint(laid_out(posture_views(subject)))
+    recording.send_blueprint(laid_out(posture_views(subject), canvas.index.timeline_name()))
 
 
 def log_standing(
@@ -39,13 +39,20 @@ def log_standing(
     """
     recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     log_geometry(recording, "world/robot", subject.nominal.robot.visual_model)
-    numbers = np.arange(1, len(subject) + 1) if sequence is None else sequence
-    canvas = Canvas(recording, rr.TimeColumn("posture", sequence=numbers))
+    canvas = Canvas(recording, _time_line(subject, sequence))
     log_motion(canvas, subject)
     log_plates(canvas, subject)
     log_subject_loads(canvas, subject)
     log_balance(canvas, subject)
     return canvas
+
+
+def _time_line(subject: Subject, sequence: np.ndarray | None) -> rr.TimeColumn:
+    """Return the time of a robot that moves, otherwise the numbers of the rows."""
+    m = subject.measurements
+    if sequence is None and m is not None and m.joint_rates is not None and np.isfinite(m.time).all():
+        return rr.TimeColumn("time", duration=m.time + m.window / 2)
+    return rr.TimeColumn("posture", sequence=np.arange(1, len(subject) + 1) if sequence is None else sequence)
 
 
 def log_links(canvas: Canvas, subject: Subject) -> None:
