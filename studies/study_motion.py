@@ -1,4 +1,4 @@
-"""Measure the intervals of a robot that moves, and what a minute of motion is worth (docs/studies/motion.md; an hour).
+"""Measure the intervals of a robot that moves, and what a minute of motion is worth (docs/studies/motion.md; hours).
 
 Coverage: random robots stand in ordinary laboratories and move in the full dynamics, one plan a speed. Time:
 one laboratory holds postures in statics, another moves through the same ones in the full dynamics.
@@ -26,9 +26,10 @@ from tulip_testbed.identification.noise_in_time import WHITE
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.robot import load_robot
 
-SETTINGS = Settings(seed=500, only=("coverage", "time"))
 PLACEMENTS, POSTURES, PLAN_SEED = 6, 20, 5
-SPEEDS = {"slow": (0.1, 1), "usual": (0.3, 3), "fast": (0.6, 4)}  # rad/s of the fastest joint, runs
+SPEEDS = {"slow": 0.1, "usual": 0.3, "fast": 0.6}  # rad/s of the fastest joint
+SETTINGS = Settings(seed=500, only=(*SPEEDS, "time"))
+RUNS = 20  # of a speed and preset
 CAD = ", inertias of CAD"
 PRESETS = ("wii", "force-plate")
 PAPER = Path(__file__).resolve().parents[1] / "assets" / "tulip_mjcf" / "table2.csv"
@@ -55,7 +56,7 @@ def one(folder: Path, speed: str, sensors: str, seed: int) -> dict:
     place = folder / f"{speed}-{sensors}-{seed}.json"
     if place.exists():
         return json.loads(place.read_text())
-    run = laboratory(sensors, seed).run(moving(SPEEDS[speed][0]), seed=seed, engine="dynamics", workers=1)
+    run = laboratory(sensors, seed).run(moving(SPEEDS[speed]), seed=seed, engine="dynamics", workers=1)
     found: dict = {"minutes": len(run.samples or ()) / 6000, "rows": len(run.measurements)}
     for name, tolerances in {"": None, CAD: {"inertia": 0.0}}.items():
         if name and speed != "fast":
@@ -89,16 +90,15 @@ def coverage(settings: Settings) -> Iterator[str]:
         *("sensors", "speed, rad/s", "motion, min", "runs", "95 % intervals that cover"),
         *("r.m.s. error, s.e.", "chi2/p", "lag, ms (s.e.)", "noise lasts, s"),
     )
-    folder = settings.folder("motion")
-    for sensors, (speed, (limit, runs)) in product(PRESETS, SPEEDS.items()):
-        seeds = [settings.seed + k for k in range(settings.count(runs))]
+    folder, seeds = settings.folder("motion"), [settings.seed + k for k in range(settings.count(RUNS))]
+    for sensors, speed in product(PRESETS, [each for each in SPEEDS if each in settings.only]):
         found = settings.parallel(f"{sensors}, {speed}", one, ((folder, speed, sensors, s) for s in seeds))
         for name in ("", CAD) if speed == "fast" else ("",):
             fits = [each[name] for each in found]
             covered = np.array([fit["covered"] for fit in fits])
             lags = 1e3 * np.array([fit["lag"] for fit in fits])
             yield row(
-                *(sensors + name, limit, f"{found[0]['minutes']:.1f}", len(fits)),
+                *(sensors + name, SPEEDS[speed], f"{found[0]['minutes']:.1f}", len(fits)),
                 share(int(covered.sum()), covered.size),
                 f"{np.sqrt(np.mean(np.square([fit['z'] for fit in fits]))):.2f}",
                 f"{np.mean([fit['chi2'] for fit in fits]):.2f}",
@@ -144,7 +144,7 @@ def equal_time(settings: Settings) -> Iterator[str]:
 
 def study(settings: Settings) -> Iterator[str]:
     """Yield the tables of the parts."""
-    if "coverage" in settings.only:
+    if set(settings.only) & set(SPEEDS):
         yield from coverage(settings)
     if "time" in settings.only:
         yield from equal_time(settings)
