@@ -1,4 +1,4 @@
-"""Measure the intervals of a robot that moves, and what a minute of motion is worth (docs/studies/motion.md; hours).
+"""Measure the intervals of a robot that moves, and standard errors against time (docs/studies/motion.md; hours).
 
 Coverage: random robots stand in ordinary laboratories and move in the full dynamics, one plan a speed. Time:
 one laboratory holds postures in statics, another moves through the same ones in the full dynamics.
