@@ -47,8 +47,7 @@ def moving(speed: float) -> PosturePlan:
 
 def laboratory(sensors: str, seed: int, spread: float = 0.1) -> tt.Laboratory:
     """Return an ordinary laboratory in which a random robot stands."""
-    inside = replace(tt.Laboratory(sensors=sensors), random_robot=(spread, seed))
-    return drawn(inside, 1.0, single_stream(seed))
+    return drawn(tt.Laboratory(sensors=sensors, random_robot=(spread, seed)), 1.0, single_stream(seed))
 
 
 def one(folder: Path, speed: str, sensors: str, seed: int) -> dict:
@@ -135,9 +134,10 @@ def equal_time(settings: Settings) -> Iterator[str]:
                     *(name, placements, f"{robot:.0f}", f"{day:.0f}", len(part)),
                     *(f"{middle:.3f}", f"{ratios.max():.2f}"),
                 )
-            ax.loglog(*zip(*curve, strict=True), "o-", color=colour, label=name)
+            ax.plot(*zip(*curve, strict=True), "o-", color=colour, label=name)
         ax.axhline(1.0, color="black", linestyle="--", linewidth=1.0, label="the paper's standard errors")
         ax.set(xlabel="robot time without placing, min", ylabel="median s.e. over the paper's")
+        ax.set_ylim(0)
         figure.legend(loc="outside upper left", ncols=3)
         save_svg(figure, DOCS / "motion-time.svg")
 
