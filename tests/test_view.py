@@ -41,7 +41,7 @@ def cpu_seconds() -> float:
     return sum(usage.ru_utime + usage.ru_stime for usage in used)
 
 
-def side_by_side(views: layout.Views) -> rrb.Blueprint:
+def side_by_side(views: layout.Views, timeline: str = "posture") -> rrb.Blueprint:
     """All views at once: rerun reports nothing of a view that it does not draw."""
     grid = rrb.Grid(*views.space, *views.ground, *views.curves, *views.text)
     return rrb.Blueprint(grid, rrb.TimePanel(timeline="posture", state="collapsed"))

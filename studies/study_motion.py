@@ -1,0 +1,149 @@
+"""Measure the intervals of a robot that moves, and standard errors against time (docs/studies/motion.md; hours).
+
+Coverage: random robots stand in ordinary laboratories and move in the full dynamics, one plan a speed. Time:
+one laboratory holds postures in statics, another moves through the same ones in the full dynamics.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterator
+from functools import cache
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import t
+
+import tulip_testbed as tt
+from studies.runner import Settings, header, row, share, shipped_plan
+from studies.teaching.style import DOCS, GREY, X, card, save_svg
+from tulip_testbed.experiments.identify import Identification
+from tulip_testbed.experiments.imperfections import drawn, single_stream
+from tulip_testbed.identification.noise_in_time import WHITE
+from tulip_testbed.measurements import PosturePlan
+from tulip_testbed.sim.robot import load_robot
+
+PLACEMENTS, POSTURES, PLAN_SEED = 6, 20, 5
+SPEEDS = {"slow": 0.1, "usual": 0.3, "fast": 0.6}  # rad/s of the fastest joint
+SETTINGS = Settings(seed=500, only=(*SPEEDS, "time"))
+RUNS = 20  # of a speed and preset
+CAD = ", inertias of CAD"
+PRESETS = ("wii", "force-plate")
+PAPER = Path(__file__).resolve().parents[1] / "assets" / "tulip_mjcf" / "table2.csv"
+PAPERS_POSTURES, PLACING, HOLD = 108, 10.0, 1.0  # min
+MOVED, MOVES = 30, 24.0  # placements, and minutes of motion: with the placing the same day
+PARTS = {"holds": (8, 12, 16, 22), "motion": (4, 8, 15, 22, MOVED)}  # first placements
+
+
+@cache
+def moving(speed: float) -> PosturePlan:
+    """Return the plan that random robots follow."""
+    drawn_plan = tt.draw_plan(placements=PLACEMENTS, per_placement=POSTURES, seed=PLAN_SEED).plan
+    return tt.plan_motion(drawn_plan, speed=speed).plan
+
+
+def laboratory(sensors: str, seed: int, spread: float = 0.1) -> tt.Laboratory:
+    """Return an ordinary laboratory in which a random robot stands."""
+    return drawn(tt.Laboratory(sensors=sensors, random_robot=(spread, seed)), 1.0, single_stream(seed))
+
+
+def one(folder: Path, speed: str, sensors: str, seed: int) -> dict:
+    """Return how far estimates lie off in standard errors, with and without the inertias; resume."""
+    place = folder / f"{speed}-{sensors}-{seed}.json"
+    if place.exists():
+        return json.loads(place.read_text())
+    run = laboratory(sensors, seed).run(moving(SPEEDS[speed]), seed=seed, engine="dynamics", workers=1)
+    found: dict = {"minutes": len(run.samples or ()) / 6000, "rows": len(run.measurements)}
+    for name, tolerances in {"": None, CAD: {"inertia": 0.0}}.items():
+        if name and speed != "fast":
+            continue
+        fit = tt.identify(run, tolerances=tolerances)
+        found[name] = off(fit, run.truth.standard)
+    place.write_text(json.dumps(found))
+    return found
+
+
+def off(fit: Identification, standard: np.ndarray) -> dict:
+    """Return the errors of estimates in standard errors, whether their intervals cover, and the noise."""
+    calibration, full = fit.calibration, fit.full
+    assert calibration is not None
+    error, noise = full.value - fit.parameters.values(standard), calibration.observed.noise_in_time or WHITE
+    z = error / np.sqrt(np.diag(full.covariance))
+    lags = [each for each in calibration.families if each.family.name == "contact-lag"]
+    return {
+        "z": z.tolist(),
+        "covered": (np.abs(z) <= t.ppf(0.975, calibration.interval_dof)).tolist(),
+        "chi2": float(error @ np.linalg.solve(full.covariance, error)) / len(error),
+        "lag": [float(lags[0].value[0]), float(lags[0].standard_error[0])],
+        "seconds": noise.seconds if noise.share else 0.0,
+        "share": noise.share,
+    }
+
+
+def coverage(settings: Settings) -> Iterator[str]:
+    """Yield a row an arm."""
+    yield header(
+        *("sensors", "speed, rad/s", "motion, min", "runs", "95 % intervals that cover"),
+        *("r.m.s. error, s.e.", "chi2/p", "lag, ms (s.e.)", "noise lasts, s"),
+    )
+    folder, seeds = settings.folder("motion"), [settings.seed + k for k in range(settings.count(RUNS))]
+    for sensors, speed in product(PRESETS, [each for each in SPEEDS if each in settings.only]):
+        found = settings.parallel(f"{sensors}, {speed}", one, ((folder, speed, sensors, s) for s in seeds))
+        for name in ("", CAD) if speed == "fast" else ("",):
+            fits = [each[name] for each in found]
+            covered = np.array([fit["covered"] for fit in fits])
+            lags = 1e3 * np.array([fit["lag"] for fit in fits])
+            yield row(
+                *(sensors + name, SPEEDS[speed], f"{found[0]['minutes']:.1f}", len(fits)),
+                share(int(covered.sum()), covered.size),
+                f"{np.sqrt(np.mean(np.square([fit['z'] for fit in fits]))):.2f}",
+                f"{np.mean([fit['chi2'] for fit in fits]):.2f}",
+                "; ".join(f"{lag:.1f} ({error:.1f})" for lag, error in lags),
+                "; ".join(f"{fit['seconds']:.1f}" for fit in fits),
+            )
+
+
+def equal_time(settings: Settings) -> Iterator[str]:
+    """Yield a row a number of placements, for holds and for motion; draw them."""
+    with PAPER.open() as file:
+        table = list(csv.DictReader(file))
+    paper = np.array([abs(float(r["full_mm"])) * float(r["full_rel_se_percent"]) / 100 for r in table])
+    plan, inside = shipped_plan(load_robot()), laboratory("wii", settings.seed)
+    motion = tt.plan_motion(plan.take(plan.placement <= MOVED), minutes=MOVES).plan
+    few, seed = plan.take(np.arange(PAPERS_POSTURES)), settings.seed
+    held = inside.run(few, seed=seed, engine="statics").measurements
+    moved = inside.run(motion, seed=seed, engine="dynamics", workers=settings.workers).measurements
+    yield "\n" + header(
+        *("what", "placements", "robot time, min", "laboratory time, min", "rows"),
+        *("median s.e. over the paper's", "largest"),
+    )
+    with card(8.2, 3.2) as (figure, ax):
+        for name, data, colour in (("holds", held, GREY), ("motion", moved, X)):
+            each = HOLD if name == "holds" else float(np.median(np.diff(data.time))) / 60
+            curve = []
+            for placements in PARTS[name]:
+                part = data.take(data.placement <= placements)
+                ratios = 1e3 * np.sqrt(np.diag(tt.identify(part).full.covariance)) / paper
+                robot, middle = each * len(part), float(np.median(ratios))
+                day = robot + PLACING * len(np.unique(part.placement))
+                curve.append((robot, middle))
+                yield row(
+                    *(name, placements, f"{robot:.0f}", f"{day:.0f}", len(part)),
+                    *(f"{middle:.3f}", f"{ratios.max():.2f}"),
+                )
+            ax.plot(*zip(*curve, strict=True), "o-", color=colour, label=name)
+        ax.axhline(1.0, color="black", linestyle="--", linewidth=1.0, label="the paper's standard errors")
+        ax.set(xlabel="robot time without placing, min", ylabel="median s.e. over the paper's")
+        ax.set_ylim(0)
+        figure.legend(loc="outside upper left", ncols=3)
+        save_svg(figure, DOCS / "motion-time.svg")
+
+
+def study(settings: Settings) -> Iterator[str]:
+    """Yield the tables of the parts."""
+    if set(settings.only) & set(SPEEDS):
+        yield from coverage(settings)
+    if "time" in settings.only:
+        yield from equal_time(settings)
