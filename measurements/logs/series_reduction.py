@@ -100,9 +100,11 @@ def reduced(
     found = []  # start, first and last sample
     for rows in runs(samples.posture):
         there = time[rows]
-        # Only those that begin near a sample: a clock that jumps would make billions.
-        number = np.unique(np.floor((there - there[0]) / step))
-        starts = there[0] + step * number[there[0] + step * number <= there[-1] - window + 1e-9]
+        # Of a clock that jumps, only those that begin near a sample: others would be billions.
+        jumps = (there[-1] - there[0]) / step > len(there)
+        near = np.floor((there - there[0]) / step) if jumps else np.arange(len(there))
+        starts = there[0] + step * np.unique(near)
+        starts = starts[starts <= there[-1] - window + 1e-9]
         ends = [rows.start + np.searchsorted(there, starts + shift - 1e-9) for shift in (0.0, window)]
         found += list(zip(starts.tolist(), *(end.tolist() for end in ends), strict=True))
     carried, loaded = feet_in_contact(samples.support), _loads(samples) >= LIFTED * weight
