@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NoReturn
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.effects.effect import Effect, Parameter, Physics
 from tulip_testbed.effects.lasting import Values
 from tulip_testbed.effects.targets import WHOLE, Targets
@@ -33,7 +34,9 @@ def _without_lag(observed: Observation, target: str, values: Values) -> Observat
 
 
 def _injected(rig: Rig, target: str, values: Values) -> NoReturn:
-    raise NotImplementedError("random robots have other inertias, presets have a lag")
+    raise InputError(
+        "effects: found 'inertia' or 'contact-lag' in a laboratory, expected a random robot, or a preset with a lag"
+    )
 
 
 # Independent directions in the space of all links' inertial parameters, those first that change the contact

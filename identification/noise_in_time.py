@@ -113,12 +113,6 @@ def noise_in_time_of(noise: np.ndarray, time: np.ndarray, segment: np.ndarray, w
     return best if tried[best] > likelihood(WHITE) + LEAST_GAIN else WHITE
 
 
-def effective_rows(time: np.ndarray, segment: np.ndarray, window: float, lasting: NoiseInTime) -> float:
-    """Return how many uncorrelated rows tell as much about a constant of a segment."""
-    each = (lasting.correlation(time[rows], window) for rows in _together(time, segment))
-    return sum(float(np.linalg.solve(one, np.ones(len(one))).sum()) for one in each)
-
-
 def apart(time: np.ndarray, segment: np.ndarray, seconds: float) -> np.ndarray:
     """Return rows of each segment that are at least so far apart, in order, (k,)."""
     out = []

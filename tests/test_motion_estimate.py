@@ -15,7 +15,6 @@ from tulip_testbed.identification.noise_in_time import (
     WHITE,
     NoiseInTime,
     decorrelation,
-    effective_rows,
     noise_in_time_of,
 )
 from tulip_testbed.identification.nominal import nominal_robot
@@ -97,8 +96,6 @@ def test_rows_become_uncorrelated():
     whole = (segment[:, None] == segment) * lasting.correlation(time, WINDOW)
     assert found(whole) @ found(unit).T == pytest.approx(unit, abs=1e-9)
     assert found.back(unit) == pytest.approx(found(unit).T, abs=0)
-    assert effective_rows(time, segment, STEP, WHITE) == pytest.approx(len(time))
-    assert effective_rows(time, segment, WINDOW, NoiseInTime(1.0 - 1e-9, 1e6)) == pytest.approx(6, rel=1e-3)
 
 
 @pytest.mark.parametrize("found", [EffectInstance(INERTIA, "3", (0.5,)), EffectInstance(LAG, "", (0.015,))])

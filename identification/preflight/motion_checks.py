@@ -115,7 +115,7 @@ def lag(m: Measurements, nominal: Nominal) -> Finding:
     place = nominal.center_of_mass(m.joint_angles, m.support)
     speed, faster = (np.einsum("mak,mk->ma", slope, v) for v in (m.joint_rates, m.joint_accelerations))
     observed = observe(m, nominal)
-    added = observed.shift - observed.depth * observed.push  # by motion, below the boards
+    added = observed.shift
     if len(m) < 2:
         return skipped("lag of contacts", "the motion is too short")
     time = m.time if np.isfinite(m.time).all() else np.arange(len(m)) * np.nanmedian(m.window)
