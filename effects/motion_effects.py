@@ -35,7 +35,7 @@ def _without_lag(observed: Observation, target: str, values: Values) -> Observat
 
 def _injected(rig: Rig, target: str, values: Values) -> NoReturn:
     raise InputError(
-        "effects: found 'inertia' or 'contact-lag' in a laboratory, expected a random robot, or a preset with a lag"
+        "effects: found 'inertia' or 'contact-lag', expected a random robot or a preset with a lag"
     )
 
 
