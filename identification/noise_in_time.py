@@ -3,7 +3,8 @@
 The noise of samples has two parts: one that is white, and one with the correlation exp(-|t - t'| / T), an
 Ornstein-Uhlenbeck process. A row is the mean of a window in which a sample weighs (1 - u^2)^2; the
 correlation of two rows is the mean over both windows. Of a row's variance the share s lasts. Rows times the
-inverse of a root of the matrix of correlations are uncorrelated.
+inverse of a root of the matrix of correlations are uncorrelated. A residual that some rows do not have is
+decorrelated over the others.
 """
 
 from __future__ import annotations
@@ -52,59 +53,72 @@ class Decorrelation:
     """Linear combinations of rows whose noise is uncorrelated in time.
 
     Attributes:
-        blocks: numbers of the rows that belong together, (n,), their correlation and the lower triangular
-            matrix that makes them uncorrelated, (n, n) each.
+        blocks: numbers of the rows that belong together, (n, 1), and of the residuals that all of them have,
+            (k,), their correlation and the lower triangular matrix that makes them uncorrelated, (n, n) each.
     """
 
-    blocks: tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]
+    blocks: tuple[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], ...]
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
-        """Return the combinations of values, (m, ...)."""
-        return self._times(values, [factor for _, _, factor in self.blocks])
+        """Return the combinations of values, (m, r, ...)."""
+        return self._times(values, [factor for *_, factor in self.blocks])
 
     def back(self, values: np.ndarray) -> np.ndarray:
-        """Return values times the transpose, (m, ...)."""
-        return self._times(values, [factor.T for _, _, factor in self.blocks])
+        """Return values times the transpose, (m, r, ...)."""
+        return self._times(values, [factor.T for *_, factor in self.blocks])
 
     def correlated(self, values: np.ndarray) -> np.ndarray:
-        """Return values times the correlation, (m, ...)."""
-        return self._times(values, [correlation for _, correlation, _ in self.blocks])
+        """Return values times the correlation, (m, r, ...)."""
+        return self._times(values, [correlation for *_, correlation, _ in self.blocks])
 
     def _times(self, values: np.ndarray, matrices: list[np.ndarray]) -> np.ndarray:
-        out = np.empty_like(values)
-        for (rows, _, _), matrix in zip(self.blocks, matrices, strict=True):
-            out[rows] = np.tensordot(matrix, values[rows], axes=1)
+        out = values.copy()
+        for (rows, residuals, *_), matrix in zip(self.blocks, matrices, strict=True):
+            out[rows, residuals] = np.tensordot(matrix, values[rows, residuals], axes=1)
         return out
 
 
 def decorrelation(
-    time: np.ndarray, segment: np.ndarray, window: float, lasting: NoiseInTime
+    time: np.ndarray, segment: np.ndarray, window: float, lasting: NoiseInTime, used: np.ndarray
 ) -> Decorrelation:
     """Return what makes rows uncorrelated.
 
     Args:
         time, segment: of every row, (m,) [s] and numbers. window: length of a row [s].
+        used: which residuals each row has, (m, r) bool.
     """
-    each = ((rows, lasting.correlation(time[rows], window)) for rows in _together(time, segment))
-    return Decorrelation(tuple((rows, one, np.linalg.inv(np.linalg.cholesky(one))) for rows, one in each))
+    blocks = []
+    for together in _together(time, segment):
+        kinds, kind = np.unique(used[together], axis=1, return_inverse=True)
+        for number, having in enumerate(kinds.T):
+            rows, residuals = together[having], np.flatnonzero(kind == number)
+            if len(rows):
+                one = lasting.correlation(time[rows], window)
+                factor = np.linalg.inv(np.linalg.cholesky(one))
+                blocks.append((rows[:, None], residuals, one, factor))
+    return Decorrelation(tuple(blocks))
 
 
 def noise_in_time_of(noise: np.ndarray, time: np.ndarray, segment: np.ndarray, window: float) -> NoiseInTime:
     """Return the correlation by the largest likelihood of noise with s.d. 1, (m, k) of k independent kinds.
 
     Args:
+        noise: zero where a row does not have that kind.
         time, segment, window: see `decorrelation`.
     """
-    used = noise[:, noise.any(axis=0)]
-    together = list(_together(time, segment))
+    pieces = []
+    for rows in _together(time, segment):
+        kinds = noise[rows]
+        pieces.append((rows, kinds[:, kinds.all(axis=0)]))
+    count = sum(kinds.size for _, kinds in pieces)
 
     def likelihood(lasting: NoiseInTime) -> float:
         square, volume = 0.0, 0.0
-        for rows in together:
+        for rows, kinds in pieces:
             root = np.linalg.cholesky(lasting.correlation(time[rows], window))
-            square += float((np.linalg.solve(root, used[rows]) ** 2).sum())
-            volume += float(np.log(np.diag(root)).sum())
-        return -used.shape[1] * volume - 0.5 * used.size * np.log(square / used.size)
+            square += float((np.linalg.solve(root, kinds) ** 2).sum())
+            volume += kinds.shape[1] * float(np.log(np.diag(root)).sum())
+        return -volume - 0.5 * count * np.log(square / count)
 
     tried = {
         one: likelihood(one) for one in (NoiseInTime(s, t) for s in SHARES[1:] for t in SECONDS.tolist())

@@ -28,6 +28,7 @@ from tulip_testbed.sim.scene import plate_masses
 
 LONG_GAP = 1.5  # of the median time between a placement's postures
 LEAST_LOAD = 0.5  # N
+SIZE, TWISTS = 11, slice(3, 5)  # residuals of a posture, see `residual_channels`
 ROCKING = 4.0  # times the usual s.d. of a board's cells within a row: more is no noise
 
 
@@ -126,8 +127,9 @@ class Observation:
         """Return what makes the noise of rows uncorrelated in time; None: it is, in holds and logs."""
         if self.noise_in_time is None:
             return None
-        m = self.measurements
-        return decorrelation(m.time, self.stance, float(m.window[0]), self.noise_in_time)
+        m, used = self.measurements, np.ones((len(self), SIZE), bool)
+        used[:, TWISTS] = self.on_four_cells
+        return decorrelation(m.time, self.stance, float(m.window[0]), self.noise_in_time, used)
 
     @cached_property
     def geometry(self) -> PostureGeometry:

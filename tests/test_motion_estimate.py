@@ -83,19 +83,32 @@ def test_how_long_noise_lasts_is_found(lasting):
     assert abs(np.log2(found.seconds / lasting.seconds)) <= 1
 
 
+def test_how_long_noise_lasts_is_found_from_the_rows_that_have_it():
+    noise, *when = series(np.random.default_rng(405), lasting := NoiseInTime(0.9, 4.0), kinds=4)
+    noise[np.random.default_rng(406).random(len(noise)) < 0.3, 3] = 0.0
+    assert noise_in_time_of(noise, *when) == noise_in_time_of(noise[:, :3], *when)
+    assert noise_in_time_of(noise, *when).share == pytest.approx(lasting.share, abs=0.1)
+
+
 def test_white_noise_does_not_last():
     rng = np.random.default_rng(403)
     assert sum(noise_in_time_of(*series(rng, WHITE)) != WHITE for _ in range(20)) <= 1
 
 
-def test_rows_become_uncorrelated():
+def test_rows_become_uncorrelated_over_the_rows_that_have_a_residual():
     lasting, rng = NoiseInTime(0.8, 4.0), np.random.default_rng(404)
     _, time, segment, _ = series(rng, lasting)
-    found = decorrelation(time, segment, WINDOW, lasting)
-    unit = np.eye(len(time))
+    used = np.ones((len(time), 2), bool)
+    used[:, 1] = rng.random(len(time)) < 0.7
+    found = decorrelation(time, segment, WINDOW, lasting, used)
+    unit = np.repeat(np.eye(len(time))[:, None], 2, axis=1)
     whole = (segment[:, None] == segment) * lasting.correlation(time, WINDOW)
-    assert found(whole) @ found(unit).T == pytest.approx(unit, abs=1e-9)
-    assert found.back(unit) == pytest.approx(found(unit).T, abs=0)
+    for number, having in enumerate(used.T):
+        both = np.outer(having, having)
+        root = found(unit * having[:, None, None])[:, number]
+        assert root @ (both * whole) @ root.T == pytest.approx(np.diag(having.astype(float)), abs=1e-9)
+        assert found.back(unit)[:, number] == pytest.approx(found(unit)[:, number].T, abs=1e-12)
+        assert found.correlated(unit)[:, number][both] == pytest.approx(whole[both], abs=1e-12)
 
 
 @pytest.mark.parametrize("found", [EffectInstance(INERTIA, "3", (0.5,)), EffectInstance(LAG, "", (0.015,))])

@@ -31,6 +31,7 @@ from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.identification.noise_structure import NoiseStructure, groups
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import (
+    TWIST,
     constants_of_stances,
     fields,
     packed,
@@ -208,6 +209,17 @@ def test_noise_reaches_what_yields(found, ordinary, nominal):
         by_reading = (ends[0] - ends[1])[:, free] / (2 * step)
         column = expected[:, free, at["cells"].start + reading]
         assert column == pytest.approx(by_reading, abs=0.03 * np.abs(by_reading).max())
+
+
+def test_no_error_of_cells_is_left_in_the_columns_however_large(ordinary, nominal):
+    # A cell that errs by a hundred s.d. in one row would otherwise ask for other gains in all rows.
+    observed = observe(ordinary[0].measurements, nominal)
+    forces = observed.cell_forces.copy()
+    forces[3, 2] += 100 * 0.1
+    smooth = linear_model(observed.changed(cell_forces=forces), noise_of(observed), "AFT").smoothed
+    twist = smooth.cell_forces.reshape(-1, 2, 4) @ TWIST
+    assert observed.on_four_cells[3, 0]
+    assert twist[observed.on_four_cells] == pytest.approx(0, abs=1e-6)
 
 
 def test_noisy_loads_leave_no_pattern_in_soft_joints(robot, nominal):
