@@ -27,10 +27,16 @@ def _without_inertia(observed: Observation, target: str, values: Values) -> Obse
 
 
 def _without_lag(observed: Observation, target: str, values: Values) -> Observation:
-    """Return the joint angles of the time at which the contacts were read."""
-    rates = observed.measurements.joint_rates
-    assert rates is not None
-    return observed.changed(joint_angles=observed.joint_angles - values[0] * rates)
+    """Return the cells' readings of the time of the joint angles.
+
+    Of other sensors the rates are unknown: the joint angles are moved to the readings' time, which leaves the
+    change of the inertial forces out.
+    """
+    m = observed.measurements
+    if m.cell_rates is not None and m.contacts is None:
+        return observed.changed(cell_forces=observed.cell_forces + values[0] * m.cell_rates)
+    assert m.joint_rates is not None
+    return observed.changed(joint_angles=observed.joint_angles - values[0] * m.joint_rates)
 
 
 def _injected(rig: Rig, target: str, values: Values) -> NoReturn:

@@ -86,7 +86,7 @@ OF_ROWS = (  # fields of `Measurements` with a value for every row
     *("posture", "placement", "support", "time", "window", "samples"),
     *("joint_angles", "joint_angles_sd", "command", "motor", "cell_forces", "cell_forces_sd"),
     *("plate_poses", "wrenches", "wrenches_sd", "speed", "acceleration", "experiment"),
-    *("joint_rates", "joint_accelerations"),
+    *("joint_rates", "joint_accelerations", "cell_rates"),
 )
 OF_JOINTS = {  # fields with a value for every joint, by the prefix of their columns
     "q": "joint_angles",
@@ -101,7 +101,7 @@ OF_KIND = {"iu": "whole numbers", "iuf": "numbers", "U": "texts"}
 UNUSUAL = (np.float16, np.longdouble)  # of three digits, and of no use to linear algebra
 MAY_BE_NONE = (
     *("command", "motor", "torques", "wrenches_sd", "speed", "acceleration"),
-    *("joint_rates", "joint_accelerations"),
+    *("joint_rates", "joint_accelerations", "cell_rates"),
 )
 
 
@@ -126,6 +126,8 @@ class Measurements(MeasurementHeader):
         speed: largest speed of a joint in the window, (m,) [rad/s], or None.
         acceleration: of the robot's base in the window, (m,) [m/s2], or None.
         joint_rates, joint_accelerations: of a robot that moves, (m, n_joints) [rad/s, rad/s2]; None: held.
+        cell_rates: rate of the cells' readings, (m, 8) [N/s], of rows that were reduced in memory; None: no
+            folder of rows holds it.
         experiment: index of every row's experiment, (m,); None: there is at most one.
     """
 
@@ -148,6 +150,7 @@ class Measurements(MeasurementHeader):
     acceleration: np.ndarray | None = None
     joint_rates: np.ndarray | None = None
     joint_accelerations: np.ndarray | None = None
+    cell_rates: np.ndarray | None = None
     experiment: np.ndarray | None = None
 
     @classmethod
@@ -216,7 +219,7 @@ class Measurements(MeasurementHeader):
         shapes = {
             **dict.fromkeys(("posture", "placement", "support", "time", "window", "samples"), rows),
             **dict.fromkeys(OF_JOINTS.values(), joints),
-            **dict.fromkeys(("cell_forces", "cell_forces_sd"), (*rows, cells)),
+            **dict.fromkeys(("cell_forces", "cell_forces_sd", "cell_rates"), (*rows, cells)),
             "plate_poses": (*sides, 3),
             "cells": (len(PLATES), cells // len(PLATES), 2),
             "top_height": (len(PLATES),),

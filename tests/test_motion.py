@@ -12,10 +12,13 @@ from pydantic import TypeAdapter
 import tulip_testbed as tt
 from tests.test_refusals import refuse
 from tulip_testbed.calibration.families import Family
-from tulip_testbed.effects.motion_effects import MOTION_EFFECTS
+from tulip_testbed.effects.instance import EffectInstance, removed
+from tulip_testbed.effects.motion_effects import LAG, MOTION_EFFECTS
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.inertial_wrench import needed_wrench
 from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.observation import observe
+from tulip_testbed.identification.residual_channels import residuals
 from tulip_testbed.measurements import read_samples
 from tulip_testbed.measurements.logs.series_reduction import reduced_motion
 from tulip_testbed.measurements.trajectory import runs
@@ -123,6 +126,17 @@ def test_check_tells_late_contacts(moved):
     found = {one.name: one for one in tt.check(rows).checks}["lag of contacts"]
     assert found.result == "warn"
     assert abs(float(found.seen.split()[0]) - 40) <= 3  # ms
+
+
+def test_what_late_contacts_read_is_known_with_the_inertial_forces(robot, moved):
+    s, nominal = moved.samples, nominal_robot(robot)
+    late = np.concatenate(
+        [delayed(Sensors(contact_lag=0.02), s.cell_forces[r], 0.01) for r in runs(s.posture)]
+    )
+    now, then = (observe(reduced_motion(one), nominal) for one in (s, replace(s, cell_forces=late)))
+    lag = EffectInstance(LAG, "", (0.02,))
+    truth, wrong, right = (residuals(o, nominal.value)[:, :2] for o in (now, then, removed(then, [lag])))
+    assert np.linalg.norm(right - truth) < 0.1 * np.linalg.norm(wrong - truth)
 
 
 def test_check_tells_gaps_short_segments_and_clipped_cells(moved):
