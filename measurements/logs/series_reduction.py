@@ -17,8 +17,8 @@ WINDOW = 0.5  # s, of a row
 # By encoders of 0.088 deg at 100 Hz the acceleration of a centre of mass at 0.6 m has noise of 0.4 mm of the
 # centre of pressure in such windows, as much as there is of it, and of 0.1 mm in windows twice as long.
 COARSE = np.radians(0.05)  # resolution of encoders from which windows are twice as long; assumed
-# Of a motion. Its noise lasts for seconds, so that more rows say little more: of twelve minutes, all 1,480 rows
-# took the standard errors to 0.9 of those of 600, in three times the time.
+# Of a motion. Its noise lasts for seconds, so that more rows say little more: of 12 min, 1,480 rows gave
+# 0.9 of the standard errors of 600, in three times the time.
 MOST_ROWS = 600
 OVERLAP = 2  # windows at a time: the ends of a window have little weight
 BLOCK = 4.0  # s, of a placement: slow errors are common to it, and predictions leave whole blocks out
