@@ -190,8 +190,8 @@ def meshed(tmp_path_factory) -> Robot:
 
 @pytest.fixture(scope="session")
 def ideal(once, robot, plan) -> Validation:
-    """Thirteen placements of the default plan without sensor noise, in the full dynamics."""
-    part, how = plan.take(plan.placement <= 13), {"workers": 1, "imperfections": 0}
+    """Ten placements of the default plan without sensor noise, in the full dynamics."""
+    part, how = plan.take(plan.placement <= 10), {"workers": 1, "imperfections": 0}
     return once("ideal", lambda: validate(Laboratory(robot, "ideal"), part, 101, MIXED_MODEL, **how))
 
 

@@ -58,8 +58,8 @@ def test_results_do_not_depend_on_workers(robot, plan):
     first, second = (run_dynamics(rig, part, 3, workers) for workers in (1, 2))
     for name in ("joint_angles", "cell_forces", "plate_poses", "motor", "time"):
         assert getattr(first.measurements, name).tobytes() == getattr(second.measurements, name).tobytes()
-    other = run_dynamics(rig, part, 4, 1)
-    assert not np.array_equal(first.measurements.cell_forces, other.measurements.cell_forces)
+    other = run_dynamics(rig, part.take([0]), 4, 1)
+    assert not np.array_equal(first.measurements.cell_forces[0], other.measurements.cell_forces[0])
     # Two postures were measured twice, with another reading and another time.
     assert sum(attempt.repeat for attempt in first.truth.attempts) == 2
 
