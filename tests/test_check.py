@@ -219,7 +219,8 @@ def test_a_fault_is_one_line_that_points_to_the_preflight(precise, robot, tmp_pa
 
 def test_a_fault_that_is_corrected_for_is_none(robot):
     lab = tt.Laboratory(robot, sensors="force-plate").with_effects("cell-gain:right.front_left=0.1")
-    measured = lab.run(tt.plans.random, engine="statics").measurements
+    few = tt.plans.random.take(tt.plans.random.placement <= 16)
+    measured = lab.run(few, engine="statics").measurements
     with pytest.warns(InputWarning, match="'weight balance'"):
         tt.identify(measured, robot)
     with warnings.catch_warnings():

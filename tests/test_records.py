@@ -18,9 +18,7 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import sha256
 from tulip_testbed.discovery.dynamics_check import DynamicsCheck
 from tulip_testbed.experiments.discovery_result import Discovered
-from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, Settings
-from tulip_testbed.experiments.montecarlo.montecarlo_run import RunPlace, montecarlo
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
 from tulip_testbed.experiments.run_file import kind_of
 from tulip_testbed.experiments.saved_runs import RunResult, read_run
 from tulip_testbed.experiments.validate import judge
@@ -195,25 +193,9 @@ def test_a_discovery_in_memory_is_the_one_in_its_folder(discovered, robot, tmp_p
     refuse("exists already", discovered.save, tmp_path / "found")
 
 
-@pytest.fixture(scope="module")
-def repeated(robot, plan, tmp_path_factory) -> tuple[MonteCarlo, Path]:
-    """A Monte Carlo in memory, and its folder."""
-    folder = tmp_path_factory.mktemp("repeated") / "runs"
-    settings = Settings(30, SEED, "mixed-model", None, imperfections=0)
-    return montecarlo(Laboratory(robot, "wii"), plan, settings, RunPlace(folder, 1)), folder
-
-
-def test_a_monte_carlo_in_memory_is_the_one_in_its_folder(repeated, robot):
-    memory, folder = repeated
-    read = read_run(folder, robot)
-    assert same(memory, read)
-    assert same_page(page_of(memory), page_of(read))
-    assert isinstance(read, MonteCarlo)
-    assert json.loads((folder / "report.json").read_text()) == read.to_json()
-
-
-def test_any_result_in_memory_has_a_page_and_a_view(static, discovered, repeated, tmp_path):
-    for kind, result in {"validation": static, "discovery": discovered, "Monte Carlo": repeated[0]}.items():
+def test_any_result_in_memory_has_a_page_and_a_view(static, discovered, coverage, robot, tmp_path):
+    repeated = MonteCarlo.load(coverage, robot)
+    for kind, result in {"validation": static, "discovery": discovered, "Monte Carlo": repeated}.items():
         alone = dataclasses.replace(result, folder=None)
         page = write_page(tmp_path / f"{kind}.html", alone)
         assert page.title == f"TULip: {kind}"
