@@ -109,7 +109,7 @@ def set_up_search(robot: Robot, settings: PlanSettings, measured: Measurements |
     rows = np.array(["double", *counts]) if measured is None else measured.support
     support = common_support(rows)
     problem = planning_problem(robot, nominal_plates(robot)[0], support=support)
-    goal = objective_by_name(problem, settings.objective, 1e-3 * SIGMA_MM)
+    goal = objective_by_name(settings.objective, 1e-3 * SIGMA_MM)
     taken = sum(counts.values()) if measured is None else len(measured)
     enough("placements, postures_per_placement", taken + placements * per, problem.parameters)
     seed, hops = settings.seed, settings.hops

@@ -57,7 +57,7 @@ def other(problem):
 
 @pytest.fixture(scope="module")
 def goal(problem):
-    return objectives(problem.nominal, 4.16e-3)["d-optimal"]
+    return objectives(4.16e-3)["d-optimal"]
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +98,7 @@ def mirrored(robot, angles):
 
 def criterion(problem, plan):
     rows = problem.parameters.regressor(plan.joint_angles, plan.support).reshape(-1, len(problem.nominal))
-    return objectives(problem.nominal, 4.16e-3)["d-optimal"].value(rows.T @ rows)
+    return objectives(4.16e-3)["d-optimal"].value(rows.T @ rows)
 
 
 def test_derivatives_on_either_foot_are_central_differences(on_one_foot):

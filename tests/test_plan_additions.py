@@ -73,7 +73,7 @@ def with_one_foot(one_foot, optimal):
 @pytest.mark.slow
 def test_the_next_placements_tell_more_than_random_ones(problem, robot, plate, plan):
     taken = measured(robot, plan.take(plan.placement <= 10))
-    goal = objectives(problem.nominal, SIGMA)["condition"]
+    goal = objectives(SIGMA)["condition"]
     states = []
     found = SearchTask(problem, goal, 2, 5, SEED, 10, measured=taken).run(states.append)
     known = measured_information(problem, taken)

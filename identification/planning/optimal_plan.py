@@ -47,10 +47,10 @@ SPARE = 2  # random placements drawn for each wanted one, since some cannot be r
 GROUPS = {"joint": "joint limits", "torque": "torques"}  # by the first word of a constraint
 
 
-def objective_by_name(problem: PlanningProblem, name: str, sigma: float) -> Objective:
+def objective_by_name(name: str, sigma: float) -> Objective:
     """Return the objective of `OBJECTIVES` with this name."""
     look_up("objective", name, OBJECTIVES, "objective")
-    return objectives(problem.nominal, sigma)[name]
+    return objectives(sigma)[name]
 
 
 @dataclass(frozen=True)
