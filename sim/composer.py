@@ -22,7 +22,7 @@ from dm_env import specs
 from tulip_testbed.base.errors import InputError, listed, look_up, shortened
 from tulip_testbed.measurements import lay_boards
 from tulip_testbed.measurements.cells import CORNERS, PLATES
-from tulip_testbed.sim.control import remove_servos, torque_limits
+from tulip_testbed.sim.control import torque_limits
 from tulip_testbed.sim.dynamics.stand import hoist_damping
 from tulip_testbed.sim.path import ClosedChain, tipped
 from tulip_testbed.sim.plates import cell_addresses, tare
@@ -88,7 +88,8 @@ def laboratory_environment(
         plate_poses = lay_boards(soles, nominal_plates(rig.robot)[0].size, rig.protocol.plate_gap)
     spec = laboratory_scene(rig, _checked(plate_poses, (2, 3), "plate_poses"))
     if actuation == "torques":
-        remove_servos(spec)
+        for actuator in spec.actuators:
+            actuator.set_to_motor()
     model = compile_spec(spec, str(rig.robot.path))
     steps = control_timestep / model.opt.timestep
     if not abs(steps - round(steps)) < 1e-8:

@@ -161,6 +161,17 @@ def model(robot):
 
 
 @pytest.fixture(scope="session")
+def rig(robot):
+    return preset_rig("ideal", robot)
+
+
+@pytest.fixture(scope="session")
+def stand(model):
+    """The asset's standing posture, (n,)."""
+    return model.key("stand").qpos[7:]
+
+
+@pytest.fixture(scope="session")
 def parameters(robot) -> BaseParameters:
     return base_parameters(robot)
 

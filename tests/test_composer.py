@@ -11,22 +11,10 @@ from tulip_testbed.sim.composer import laboratory_environment
 from tulip_testbed.sim.drives import Drives
 from tulip_testbed.sim.dynamics.hold import hold, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
-from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.sensors import PRESETS, Sensors, averaged_sd
 
 POSES = np.array([[0.0301, -0.1552, 0.0113], [0.0322, 0.1553, -0.0207]])
 PERIOD = 20  # physics steps from action to action
-
-
-@pytest.fixture(scope="module")
-def rig(robot):
-    return preset_rig("ideal", robot)
-
-
-@pytest.fixture(scope="module")
-def stand(model):
-    """The asset's standing posture, (n,)."""
-    return model.key("stand").qpos[7:]
 
 
 def heavier(spec: mujoco.MjSpec) -> None:

@@ -22,20 +22,8 @@ from tulip_testbed.sim.robot import sole_corners
 ROOT = Path(__file__).parent.parent
 
 
-@pytest.fixture(scope="module")
-def rig(robot):
-    return preset_rig("ideal", robot)
-
-
-@pytest.fixture(scope="module")
-def stand(model):
-    """The asset's standing posture, (n,)."""
-    return model.key("stand").qpos[7:]
-
-
-def test_an_episode_keeps_its_repeatability_and_a_seed_its_readings(robot, stand):
+def test_an_episode_keeps_its_repeatability_and_a_seed_its_readings(rig, stand):
     """With repeatability as the only error, the error stays through an episode and changes with it."""
-    rig = preset_rig("ideal", robot)
     rig = dataclasses.replace(rig, sensors=dataclasses.replace(rig.sensors, cell_repeatability=1.0))
     options = {"true_cells": {"enabled": True, "update_interval": 10}}
 

@@ -143,9 +143,8 @@ def test_objective_is_recomputed_from_the_plan_file(tmp_path, robot, model, para
     assert again.feed_forward.any()
 
 
-def test_feed_forward_shares_the_load_as_planned(problem, small, robot):
+def test_feed_forward_shares_the_load_as_planned(problem, small, rig):
     """Statics of the laboratory's own scene, without friction and noise: angles and loads are the plan's."""
-    rig = preset_rig("ideal", robot)
     held = solve_plan(rig, small).reference
     assert held.solved.all()
     joints = held.state.angles[:, : small.joint_angles.shape[1]]
