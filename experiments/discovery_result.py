@@ -102,8 +102,7 @@ def _read_rig(folder: Path, robot: Robot) -> dict[str, str]:
     return {path.name: read_text(path) for path in sorted(folder.iterdir())} if is_folder(folder) else {}
 
 
-def _read_made(path: Path, robot: Robot) -> RunFile[DiscoveryConfiguration]:
-    return RunFile[DiscoveryConfiguration].read(path)
+MADE = Kept(RUN_FILE, write_run_file, lambda path, robot: RunFile[DiscoveryConfiguration].read(path))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -162,7 +161,7 @@ class Discovered(SavedRun):
     measurements: Annotated[Measurements, EXPERIMENTS]
     residuals: Annotated[Columns, Kept(RESIDUAL_FILE, _write_residuals, _read_residuals)]
     rig_files: Annotated[dict[str, str], Kept(RIG, _write_rig, _read_rig)]
-    document: Annotated[RunFile[DiscoveryConfiguration], Kept(RUN_FILE, write_run_file, _read_made)]
+    document: Annotated[RunFile[DiscoveryConfiguration], MADE]
     folder: Place = None
     discovery: InMemory[Discovery | None] = None
 

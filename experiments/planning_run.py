@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tulip_testbed.base.errors import InputError, at_least, at_most, warn
+from tulip_testbed.base.errors import InputError, at_least, at_most, look_up, warn
 from tulip_testbed.base.files import check_new, present
 from tulip_testbed.base.machine import machine
 from tulip_testbed.base.progress import Progress, silent
@@ -22,11 +22,8 @@ from tulip_testbed.base.table_files import MOST_ROWS, read_json, software
 from tulip_testbed.experiments.described_plan import SEARCHED, DescribedPlan, describe_plan
 from tulip_testbed.experiments.usable_plan import as_plan, enough, plan_hash
 from tulip_testbed.identification.base_parameters import common_support
-from tulip_testbed.identification.planning.optimal_plan import (
-    SearchTask,
-    objective_by_name,
-    with_repeats,
-)
+from tulip_testbed.identification.planning.objectives import OBJECTIVES, objectives
+from tulip_testbed.identification.planning.optimal_plan import SearchTask, with_repeats
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning.search import SearchState, StateError
 from tulip_testbed.identification.planning.search_defaults import HOPS
@@ -109,7 +106,7 @@ def set_up_search(robot: Robot, settings: PlanSettings, measured: Measurements |
     rows = np.array(["double", *counts]) if measured is None else measured.support
     support = common_support(rows)
     problem = planning_problem(robot, nominal_plates(robot)[0], support=support)
-    goal = objective_by_name(problem, settings.objective, 1e-3 * SIGMA_MM)
+    goal = objectives(1e-3 * SIGMA_MM)[look_up("objective", settings.objective, OBJECTIVES, "objective")]
     taken = sum(counts.values()) if measured is None else len(measured)
     enough("placements, postures_per_placement", taken + placements * per, problem.parameters)
     seed, hops = settings.seed, settings.hops

@@ -129,11 +129,6 @@ def write_run_file(path: Path, made: RunFile[Made]) -> None:
     made.model_copy(update={"outputs": hashes_in(path.parent)}).write(path)
 
 
-def read_made(path: Path, robot: Robot) -> RunFile[Configuration]:
-    """Read the run.json of a run in a laboratory."""
-    return RunFile[Configuration].read(path)
-
-
 class SavedRun(Result):
     """A result whose folder lists all of its files with their hashes in run.json."""
 

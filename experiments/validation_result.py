@@ -32,7 +32,6 @@ from tulip_testbed.experiments.run_file import (
     Configuration,
     RunFile,
     SavedRun,
-    read_made,
     write_run_file,
 )
 from tulip_testbed.experiments.truth_record import DroppedPosture, SimulatedTruth, usable_postures
@@ -42,6 +41,7 @@ from tulip_testbed.sim.robot import Robot
 
 TRUTH_FILE = "truth.json"
 MEASURED = Kept(MEASUREMENT_FOLDER, write_measurements, lambda folder, robot: read_measurements(folder))
+MADE = Kept(RUN_FILE, write_run_file, lambda path, robot: RunFile[Configuration].read(path))
 TRUTH = Kept(TRUTH_FILE, lambda path, truth: truth.write(path), lambda path, robot: SimulatedTruth.read(path))
 
 
@@ -78,7 +78,7 @@ class Validation(SavedRun):
     plan: Annotated[PosturePlan, Kept(PLAN_FOLDER, write_plan, read_plan)]
     measurements: Annotated[Measurements, MEASURED]
     simulation: Annotated[SimulatedTruth, TRUTH]
-    document: Annotated[RunFile[Configuration], Kept(RUN_FILE, write_run_file, read_made)]
+    document: Annotated[RunFile[Configuration], MADE]
     folder: Place = None
 
     def placed_in(self, folder: Path) -> Self:

@@ -91,9 +91,3 @@ def joint_torques(spec: mujoco.MjSpec) -> dict[str, float]:
         if torques := _torques(spec, actuator):
             limits[joint.name] = min([limits.get(joint.name, np.inf), *torques])
     return limits
-
-
-def remove_servos(spec: mujoco.MjSpec) -> None:
-    """Make every servo of `spec` a plain motor again, with a torque [Nm] as its control."""
-    for actuator in spec.actuators:
-        actuator.set_to_motor()

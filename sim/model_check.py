@@ -43,7 +43,7 @@ def check_model(model: mujoco.MjModel, where: str) -> None:
                 )
     free = mujoco.mjtJoint.mjJNT_FREE
     roots = np.flatnonzero(model.body_parentid[1:] == 0) + 1
-    if len(roots) != 1 or [model.jnt_type[j] for j in _joints_of(model, roots[0])] != [free]:
+    if len(roots) != 1 or model.jnt_type[model.jnt_bodyid == roots[0]].tolist() != [free]:
         found = listed(model.body(i).name for i in roots) or "none"
         raise InputError(f"{where}: found root bodies {found}; expected one root body on a free joint")
     if not (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE).any():
@@ -107,11 +107,6 @@ def _within(
         raise InputError(
             f"{where}: '{names[k]}': {quantity}: found {values[k]:g}, expected [{low:g}, {high:g}] {unit}"
         )
-
-
-def _joints_of(model: mujoco.MjModel, body: int) -> range:
-    first = int(model.body_jntadr[body])
-    return range(first, first + int(model.body_jntnum[body]))
 
 
 def check_features(model: mujoco.MjModel, where: str) -> None:

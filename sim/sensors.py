@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -152,8 +153,14 @@ COARSE_ENCODERS = {  # of ordinary ones [rad]
     "motor_noise": 2e-4,
     "motor_resolution": 2 * np.pi / 2000 / 111,
 }
+# Of the contact sensors while the robot moves [s]. An amplifier and its bus: a millisecond each, assumed. A
+# board that reports by radio every 10 ms: the mean over a report is 5 ms late, its transport 10 ms, assumed.
+WIRED = {"contact_lag": 0.001, "contact_filter": 0.001}
+BY_RADIO = {"contact_lag": 0.010, "contact_filter": 0.005}
 BY_JIG = {"placement_sd": (0.0004, 0.0004, 0.001), "mark_sd": (0.0001, 0.0001, 0.0005)}  # m, m, rad
 BY_TAPE = {"placement_sd": (0.0035, 0.0035, 0.01), "mark_sd": (0.001, 0.001, 0.005)}
+CAREFUL: dict[str, Any] = FINE_ENCODERS | WIRED | {"weighed_mass_sd": 0.005}
+ORDINARY: dict[str, Any] = COARSE_ENCODERS | BY_RADIO | BY_TAPE | {"weighed_mass_sd": 0.02}
 # ATI Mini45, calibration SI-580-20, without tare; docs/explanation/laboratory.md says where the figures are
 # from.
 MINI45 = WrenchSensors(
@@ -162,56 +169,24 @@ MINI45 = WrenchSensors(
     resolution=(0.25, 0.25, 0.25, 1 / 188, 1 / 188, 1 / 376),
     zero_sd=UNTARED,
 )
-# Of the contact sensors while the robot moves [s]. An amplifier and its bus: a millisecond each, assumed. A
-# board that reports by radio every 10 ms: the mean over a report is 5 ms late, its transport 10 ms, assumed.
-WIRED = {"contact_lag": 0.001, "contact_filter": 0.001}
-BY_RADIO = {"contact_lag": 0.010, "contact_filter": 0.005}
 # A preset is a set of variance components without systematic effects; its lag is the same in all runs.
 PRESETS: dict[str, Sensors] = {
     "ideal": Sensors(),
     # Research-grade plates and a placement jig: CoP residual below 0.5 mm per axis.
-    "force-plate": Sensors(
-        **FINE_ENCODERS,
-        **WIRED,
-        cell_repeatability=0.1,
-        cell_noise=0.3,
-        cell_resolution=0.01,
-        **BY_JIG,
-        weighed_mass_sd=0.005,
-    ),
+    "force-plate": Sensors(**CAREFUL, **BY_JIG, cell_repeatability=0.1, cell_noise=0.3, cell_resolution=0.01),
     # Wii balance boards: CoP residual sigma of 4.16 mm per axis, as in the paper.
-    "wii": Sensors(
-        **COARSE_ENCODERS,
-        **BY_RADIO,
-        cell_repeatability=1.43,
-        cell_noise=1.5,
-        cell_resolution=0.1,
-        **BY_TAPE,
-        weighed_mass_sd=0.02,
-    ),
+    "wii": Sensors(**ORDINARY, cell_repeatability=1.43, cell_noise=1.5, cell_resolution=0.1),
     # Ankle sensors without errors but for their zeros, which are unknown.
     "foot-ideal": Sensors(wrench=WrenchSensors(zero_sd=UNTARED)),
-    "foot-ft": Sensors(
-        **FINE_ENCODERS,
-        **WIRED,
-        weighed_mass_sd=0.005,
-        wrench=replace(MINI45, below_mass_sd=0.02, below_center_sd=0.002),
-    ),
+    "foot-ft": Sensors(**CAREFUL, wrench=replace(MINI45, below_mass_sd=0.02, below_center_sd=0.002)),
     # The same sensor below the foot.
-    "sole-ft": Sensors(**FINE_ENCODERS, **WIRED, weighed_mass_sd=0.005, wrench=replace(MINI45, place=SOLE)),
+    "sole-ft": Sensors(**CAREFUL, wrench=replace(MINI45, place=SOLE)),
     # The same again, of which only what the centre of pressure needs is read.
-    "sole-3axis": Sensors(
-        **FINE_ENCODERS,
-        **WIRED,
-        weighed_mass_sd=0.005,
-        wrench=replace(MINI45, place=SOLE).only(VERTICAL),
-    ),
+    "sole-3axis": Sensors(**CAREFUL, wrench=replace(MINI45, place=SOLE).only(VERTICAL)),
     # Six-axis plates of AMTI's Optima kind, tared.
     "plate-ft": Sensors(
-        **FINE_ENCODERS,
-        **WIRED,
+        **CAREFUL,
         **BY_JIG,
-        weighed_mass_sd=0.005,
         wrench=WrenchSensors(
             place=PLATE,
             repeatability=(0.1, 0.1, 0.12, 0.024, 0.024, 0.012),
@@ -221,10 +196,7 @@ PRESETS: dict[str, Sensors] = {
     ),
     # Balance boards that hand over a centre of pressure and the vertical force: Bartlett et al. (2014).
     "plate-cop": Sensors(
-        **COARSE_ENCODERS,
-        **BY_RADIO,
-        **BY_TAPE,
-        weighed_mass_sd=0.02,
+        **ORDINARY,
         wrench=WrenchSensors(
             place=PLATE,
             channels=COP,

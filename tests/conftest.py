@@ -161,6 +161,17 @@ def model(robot):
 
 
 @pytest.fixture(scope="session")
+def rig(robot):
+    return preset_rig("ideal", robot)
+
+
+@pytest.fixture(scope="session")
+def stand(model):
+    """The asset's standing posture, (n,)."""
+    return model.key("stand").qpos[7:]
+
+
+@pytest.fixture(scope="session")
 def parameters(robot) -> BaseParameters:
     return base_parameters(robot)
 
@@ -190,8 +201,8 @@ def meshed(tmp_path_factory) -> Robot:
 
 @pytest.fixture(scope="session")
 def ideal(once, robot, plan) -> Validation:
-    """Thirteen placements of the default plan without sensor noise, in the full dynamics."""
-    part, how = plan.take(plan.placement <= 13), {"workers": 1, "imperfections": 0}
+    """Ten placements of the default plan without sensor noise, in the full dynamics."""
+    part, how = plan.take(plan.placement <= 10), {"workers": 1, "imperfections": 0}
     return once("ideal", lambda: validate(Laboratory(robot, "ideal"), part, 101, MIXED_MODEL, **how))
 
 

@@ -43,10 +43,14 @@ MODULES = modules()
 
 
 @cache
+def tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
 def nodes(path: Path) -> list[ast.AST]:
     """Everything in a file that may import or print, wherever it stands."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    return [node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom | ast.Call)]
+    return [node for node in ast.walk(tree(path)) if isinstance(node, ast.Import | ast.ImportFrom | ast.Call)]
 
 
 @cache
@@ -121,7 +125,7 @@ def test_two_modules_do_not_share_a_name():
 def test_two_classes_do_not_share_a_name():
     places: dict[str, list[str]] = {}
     for name, path in MODULES.items():
-        for node in ast.parse(path.read_text()).body:
+        for node in tree(path).body:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 places.setdefault(node.name, []).append(name)
     assert {name: found for name, found in places.items() if len(found) > 1} == {}
@@ -152,8 +156,8 @@ def test_only_the_command_line_prints():
         ("yaml", r"experiments\.protocols\.motion"),
         ("plotly", r"pages\.\w*figures"),
         ("rerun", r"viewer\.\w+"),
-        ("dm_control", r"sim\.composer\.\w+"),
-        ("dm_env", r"sim\.composer\.\w+"),
+        ("dm_control", r"sim\.composer"),
+        ("dm_env", r"sim\.composer"),
         ("tyro", r"cli\.\w+"),
         ("rich", r"(cli\.terminal|base\.table(_layout)?)"),
         ("jinja2", r"pages\.\w+"),
@@ -208,11 +212,11 @@ def test_strings_and_docstrings_are_read_but_no_names(tmp_path, monkeypatch):
     assert all(write.strip() for _, write in plain_english.phrases())
 
 
-MOST = 7 * 60  # s of processor time, half of it on each of two cores
+MOST = 390  # s of processor time, half of it on each of two cores
 STALE = 0.05  # of the tests may be new or gone since the record was made
 
 
-def test_the_default_suite_takes_seven_minutes_of_a_processor_at_most():
+def test_the_default_suite_keeps_to_its_processor_time():
     durations = read_durations()
     assert sum(durations.values()) <= MOST, "make tests cheaper or mark them slow, then `make durations`"
 

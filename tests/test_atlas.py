@@ -228,6 +228,10 @@ def test_commands(small_plan, tmp_path, capsys):
     assert '<input id="search"' in page
     assert json.loads((out / "atlas.json").read_text()) == said
     assert "Infinity" not in (out / "atlas.json").read_text()
+
+
+@pytest.mark.slow
+def test_the_command_tolerance(small_plan, capsys):
     assert main(["atlas", "tolerance", str(small_plan), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert len(said["sources"]) == 28

@@ -208,9 +208,8 @@ def test_a_fault_is_one_line_that_points_to_the_preflight(precise, robot, tmp_pa
     wrong, data = FAULTS["one cell drifts by 5 N"](precise, np.random.default_rng(0)), tmp_path / "data"
     tt.write_measurements(data, wrong)
     found = "found faults in 'weight balance', 'drift'.*check.* says more$"
-    for measured, where in ((wrong, ""), (data, f"{data}: ")):
-        with pytest.warns(InputWarning, match=f"{where}{found}"):
-            tt.identify(measured, robot)
+    with pytest.warns(InputWarning, match=f"^measurements: {found}"):
+        tt.identify(wrong, robot)
     capsys.readouterr()
     for command in (["identify"], ["export", "--out", str(tmp_path / "out.xml")]):
         assert main([*command, str(data)]) == 0
@@ -220,7 +219,8 @@ def test_a_fault_is_one_line_that_points_to_the_preflight(precise, robot, tmp_pa
 
 def test_a_fault_that_is_corrected_for_is_none(robot):
     lab = tt.Laboratory(robot, sensors="force-plate").with_effects("cell-gain:right.front_left=0.1")
-    measured = lab.run(tt.plans.random, engine="statics").measurements
+    few = tt.plans.random.take(tt.plans.random.placement <= 16)
+    measured = lab.run(few, engine="statics").measurements
     with pytest.warns(InputWarning, match="'weight balance'"):
         tt.identify(measured, robot)
     with warnings.catch_warnings():

@@ -11,27 +11,14 @@ from tulip_testbed.sim.composer import laboratory_environment
 from tulip_testbed.sim.drives import Drives
 from tulip_testbed.sim.dynamics.hold import hold, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
-from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import load_robot
 from tulip_testbed.sim.sensors import PRESETS, Sensors, averaged_sd
 
 POSES = np.array([[0.0301, -0.1552, 0.0113], [0.0322, 0.1553, -0.0207]])
 PERIOD = 20  # physics steps from action to action
 
 
-@pytest.fixture(scope="module")
-def rig(robot):
-    return preset_rig("ideal", robot)
-
-
-@pytest.fixture(scope="module")
-def stand(model):
-    """The asset's standing posture, (n,)."""
-    return model.key("stand").qpos[7:]
-
-
 def heavier(spec: mujoco.MjSpec) -> None:
-    """Another robot, with numbers that six digits do not hold, and a strap between its knees."""
+    """Another robot, with a strap between its knees."""
     rng = np.random.default_rng(110)
     for body in spec.bodies:
         if body.mass > 0:
@@ -106,17 +93,12 @@ def test_a_held_posture_reads_the_same(rig, plan):
     held, reason = hold(fast, posture)
     assert held, reason
 
-    def at_rest(physics, random_state):
-        for name in ("qpos", "qvel", "qacc_warmstart", "qfrc_applied"):
+    def at_rest(physics):
+        for name in ("qpos", "qvel", "qacc_warmstart", "qfrc_applied", "xfrc_applied"):
             getattr(physics.data, name)[:] = getattr(fast.data, name)
         physics.model.dof_frictionloss[:] = fast.model.dof_frictionloss
-        for i in np.flatnonzero(fast.data.xfrc_applied.any(axis=1)):
-            name = fast.model.body(i).name
-            part = name if name.endswith("_plate") else "robot"
-            physics.named.data.xfrc_applied[f"{part}/{name}"] = fast.data.xfrc_applied[i]
 
-    environment = laboratory_environment(rig, posture, POSES)
-    environment.add_extra_hook("initialize_episode", at_rest)
+    environment = laboratory_environment(rig, posture, POSES, begin=at_rest)
     environment.reset()
     for _ in range(50):
         step = environment.step(posture)
@@ -200,7 +182,7 @@ def test_readings_have_the_spread_that_averaged_sd_predicts(rig, stand, rest, se
     """
     episodes, samples = 40, 30
 
-    def begin(physics, random_state):
+    def begin(physics):
         physics.data.qpos[:] = rest
 
     kinds = {"joint_encoders": "encoder", "motor_encoders": "motor", "cells": "cell"}
@@ -211,9 +193,9 @@ def test_readings_have_the_spread_that_averaged_sd_predicts(rig, stand, rest, se
         stand,
         control_timestep=0.3,
         seed=111,
+        begin=begin,
         observable_options=dict.fromkeys(kinds, window) | truth,
     )
-    environment.add_extra_hook("initialize_episode", begin)
     errors: dict[str, list[np.ndarray]] = {name: [] for name in kinds}
     for _ in range(episodes):
         environment.reset()
@@ -246,59 +228,3 @@ def test_every_sample_is_rounded_and_cells_have_their_gain(rig, stand):
         assert np.abs(counts).max() > 100
     assert observed["right_plate/cells"] == pytest.approx(observed["right_plate/true_cells"])
     assert observed["left_plate/cells"] == pytest.approx(observed["left_plate/true_cells"] * [1, 1, 2, 1])
-
-
-def test_parts_lose_nothing_of_the_scene(rig, stand):
-    """Elements across parts, and of the arena's own, are all there, with their names."""
-
-    def furnished(spec: mujoco.MjSpec) -> None:
-        heavier(spec)
-        weld = {"type": mujoco.mjtEq.mjEQ_WELD, "objtype": mujoco.mjtObj.mjOBJ_BODY, "active": False}
-        spec.add_equality(name="moored", name1="world", name2="right_foot", **weld)
-        spec.add_equality(name="stuck", name1="left_plate", name2="left_foot", **weld)
-        spec.add_exclude(bodyname1="torso", bodyname2="left_plate")
-        table = spec.worldbody.add_body(name="table", pos=[2, 0, 0])
-        table.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, 0.1, 0.1])
-        table.add_site(name="table")
-        spec.add_sensor(
-            name="table",
-            type=mujoco.mjtSensor.mjSENS_FRAMEPOS,
-            objtype=mujoco.mjtObj.mjOBJ_SITE,
-            objname="table",
-        )
-
-    rig = dataclasses.replace(rig, edit=furnished)
-    environment = laboratory_environment(rig, stand, POSES)
-    whole, parts = Stand(rig, POSES).model, environment.physics.model.ptr
-    for count in ("nq", "nv", "nu", "ngeom", "nsite", "npair", "nexclude", "ntendon", "nwrap", "nsensor"):
-        assert getattr(parts, count) == getattr(whole, count), count
-    assert parts.neq == whole.neq - 2  # the fast path's clamps
-    assert parts.joint("robot/right_knee").range == pytest.approx(whole.joint("right_knee").range)
-    assert parts.body("robot/torso").mass == whole.body("torso").mass
-    assert parts.tendon("robot/strap").name == "robot/strap"
-    assert parts.tendon_stiffness.tolist() == whole.tendon_stiffness.tolist()
-    assert parts.geom("table").bodyid == parts.body("table").id
-    assert [parts.pair(i).name for i in range(8)] == [whole.pair(i).name for i in range(8)]
-    assert parts.equality("moored").id != parts.equality("stuck").id
-
-
-def test_meshes_are_found_beside_the_robot(robot, stand, tmp_path):
-    """One is the torso's, one the floor's; each is loaded once."""
-    for path in robot.path.parent.iterdir():
-        if path.is_file():
-            (tmp_path / path.name).write_bytes(path.read_bytes())
-    (tmp_path / "shape.obj").write_text(
-        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
-    )
-    other = load_robot(tmp_path / robot.path.name)
-
-    def shaped(spec: mujoco.MjSpec) -> None:
-        for body, size in (("torso", 0.1), ("world", 0.2)):
-            mesh = spec.add_mesh(name=f"{body}_shape", file="shape.obj", scale=[size] * 3)
-            kind = {"type": mujoco.mjtGeom.mjGEOM_MESH, "contype": 0, "conaffinity": 0}
-            spec.body(body).add_geom(name=mesh.name, meshname=mesh.name, **kind)
-
-    rig = dataclasses.replace(preset_rig("ideal", other), edit=shaped)
-    environment = laboratory_environment(rig, stand)
-    model = environment.physics.model.ptr
-    assert sorted(model.mesh(i).name for i in range(model.nmesh)) == ["robot/torso_shape", "world_shape"]

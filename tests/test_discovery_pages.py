@@ -51,6 +51,7 @@ def test_what_is_left_is_noise_and_what_was_there_is_not(saved):
     assert ratio["sum of the vertical forces"] < 1.4
 
 
+@pytest.mark.slow
 @draws_with("vulkan")
 def test_rerun_draws_every_view(discovered_folder, saved, tmp_path):
     began = cpu_seconds()
@@ -65,6 +66,7 @@ def test_rerun_draws_every_view(discovered_folder, saved, tmp_path):
     not_blank(tmp_path / "d.png")
 
 
+@pytest.mark.slow
 @draws_with("chromium")
 def test_a_browser_has_nothing_to_complain_of(discovered_folder, tmp_path):
     began = cpu_seconds()

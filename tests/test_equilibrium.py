@@ -57,11 +57,6 @@ LEVEL = 0.01
 
 
 @pytest.fixture(scope="module")
-def rig(robot):
-    return preset_rig("ideal", robot)
-
-
-@pytest.fixture(scope="module")
 def solved_plan(rig, plan):
     return solve_plan(rig, plan)
 

@@ -120,6 +120,7 @@ def test_the_default_is_right_about_its_errors(bench, sheet):
     assert np.abs(bias).max() < 4 / np.sqrt(60)
 
 
+@pytest.mark.slow
 def test_eq_14_is_too_optimistic_where_placements_err(bench):
     """Placement errors dominate: some of least squares' standard errors are far too small (1.35: 3.9 s.d.
     of a ratio from 60 runs), and its intervals fail; the default's hold."""

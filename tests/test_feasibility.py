@@ -202,7 +202,7 @@ def test_margins_of_a_light_robot_are_in_proportion(light):
 def test_a_light_robot_can_be_planned(light):
     problem = planning_problem(light, nominal_plates(light)[0])
     assert problem.weight == pytest.approx(31.0, abs=0.01)
-    goal = objectives(problem.nominal, 4.16e-3)["condition"]
+    goal = objectives(4.16e-3)["condition"]
     plan = SearchTask(problem, goal, 5, 3, 421, hops=0).run()
     assert plan.made["final_objective"] < plan.made["initial_objective"]
     assert all(margin["value"] > -1e-6 for margin in smallest_margins(problem, plan).values())

@@ -205,8 +205,7 @@ def test_the_scene_becomes_the_robot(name, robot, foreign):
     assert (2 * inertia.max(axis=1) <= inertia.sum(axis=1) * (1 + 1e-12)).all()
 
 
-def test_the_edit_of_the_nominal_robot_changes_nothing(robot, model):
-    rig = preset_rig("ideal", robot)
+def test_the_edit_of_the_nominal_robot_changes_nothing(rig, model):
     same = scene_of(rig, model, standard_parameters(model))
     plain = compile_spec(laboratory_scene(rig, np.zeros((2, 3))), "scene")
     for name in ("body_mass", "body_ipos", "body_iquat", "body_inertia"):

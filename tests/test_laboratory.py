@@ -58,14 +58,14 @@ def test_results_do_not_depend_on_workers(robot, plan):
     first, second = (run_dynamics(rig, part, 3, workers) for workers in (1, 2))
     for name in ("joint_angles", "cell_forces", "plate_poses", "motor", "time"):
         assert getattr(first.measurements, name).tobytes() == getattr(second.measurements, name).tobytes()
-    other = run_dynamics(rig, part, 4, 1)
-    assert not np.array_equal(first.measurements.cell_forces, other.measurements.cell_forces)
+    other = run_dynamics(rig, part.take([0]), 4, 1)
+    assert not np.array_equal(first.measurements.cell_forces[0], other.measurements.cell_forces[0])
     # Two postures were measured twice, with another reading and another time.
     assert sum(attempt.repeat for attempt in first.truth.attempts) == 2
 
 
 @pytest.mark.slow
-def test_gated_hold_reads_what_the_full_minute_reads(robot, plan, monkeypatch):
+def test_gated_hold_reads_what_the_full_minute_reads(rig, plan, monkeypatch):
     """20 postures from the same state: means differ by less than 1e-3 of a reading's s.d. (preset wii)."""
     sensors = PRESETS["wii"]
     samples = round(30 * sensors.sample_rate)
@@ -90,7 +90,6 @@ def test_gated_hold_reads_what_the_full_minute_reads(robot, plan, monkeypatch):
         return full
 
     monkeypatch.setattr(laboratory, "hold", hold_twice)
-    rig = preset_rig("ideal", robot)
     rig = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=0))
     run_dynamics(rig, plan.take(plan.placement <= 4), 131)
     held = [(gated, full) for gated, full in pairs if gated is not None and full is not None]
@@ -101,9 +100,8 @@ def test_gated_hold_reads_what_the_full_minute_reads(robot, plan, monkeypatch):
 
 
 @pytest.mark.slow
-def test_feet_and_joints_stay_for_a_minute(robot, plan):
+def test_feet_and_joints_stay_for_a_minute(rig, plan):
     """From release to the end of a whole minute: the last 30 s against the first moment at rest."""
-    rig = preset_rig("ideal", robot)
     stand = Stand(rig, run_placement(rig, plan, 1, frozenset(), np.random.SeedSequence(1))[0].true_plates)
     put_down(stand, plan.joint_angles[0])
     held, _ = hold(stand, plan.joint_angles[0])
@@ -114,9 +112,8 @@ def test_feet_and_joints_stay_for_a_minute(robot, plan):
     assert abs(stand.drift() - drift) < 1e-7
 
 
-def test_internal_forces_depend_on_the_approach(robot, plan):
+def test_internal_forces_depend_on_the_approach(rig, plan):
     """The same command reached from two sides: other torques and load shares, the same statics."""
-    rig = preset_rig("ideal", robot)
     plates = run_placement(rig, plan, 1, frozenset(), np.random.SeedSequence(1))[0].true_plates
     goal, found = plan.joint_angles[0], []
     for start in plan.joint_angles[1:3]:
@@ -172,13 +169,12 @@ def test_the_books_are_closed_where_everything_gives_way(robot, plan):
     assert min(b.dissipated for b in books) > 0
 
 
-def test_the_books_show_a_cell_that_stands_elsewhere_and_a_foreign_force(robot, plan):
+def test_the_books_show_a_cell_that_stands_elsewhere_and_a_foreign_force(rig, plan):
     """10 mm under one cell, and 1 N that nobody accounts for."""
 
     def shift(spec: mujoco.MjSpec) -> None:
         spec.site("right_plate_front_left").pos[0] += 0.01
 
-    rig = preset_rig("ideal", robot)
     plates = run_placement(rig, plan, 1, frozenset(), np.random.SeedSequence(1))[0].true_plates
     stand = Stand(dataclasses.replace(rig, edit=shift), plates)
     put_down(stand, plan.joint_angles[0])
@@ -196,12 +192,11 @@ def test_the_books_show_a_cell_that_stands_elsewhere_and_a_foreign_force(robot, 
     assert balance_of(stand, 0.0).centre > 1e-3
 
 
-def test_a_posture_beyond_the_feet_tips_and_one_pushed_slips(robot, plan):
+def test_a_posture_beyond_the_feet_tips_and_one_pushed_slips(rig, plan):
     def ice(spec: mujoco.MjSpec) -> None:
         for pair in spec.pairs:
             pair.friction[:2] = 0.05
 
-    rig = preset_rig("ideal", robot)
     rig = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=0))
     leaning = plan.take(np.arange(3))
     angles = leaning.joint_angles.copy()

@@ -53,7 +53,7 @@ def problem(humanoid):
 
 @pytest.fixture(scope="module")
 def optimal_plan(problem):
-    goal = objectives(problem.nominal, 4.16e-3)["condition"]
+    goal = objectives(4.16e-3)["condition"]
     return SearchTask(problem, goal, 7, 5, 412, hops=1).run()
 
 

@@ -206,6 +206,7 @@ def test_a_moving_record_has_cad_as_prior_even_where_its_rows_have_full_rank(imp
     assert with_cad_where_needed(observe(still, nominal), data).cad is None
 
 
+@pytest.mark.slow
 def test_the_gain_of_the_sensors_is_in_the_standard_error_of_a_mass_that_nobody_weighed(imported, bowing):
     found = tt.identify(imported, bowing)
     exact = dataclasses.replace(imported, tolerances={**imported.tolerances, "wrench-gain": 0.0})

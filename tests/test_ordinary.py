@@ -21,7 +21,7 @@ from tulip_testbed.experiments.imperfections import drawn, single_stream
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.laboratory_runs import OrdinaryOutcome, source_of, stream_of
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, Settings, montecarlo_file
-from tulip_testbed.experiments.montecarlo.montecarlo_run import RunPlace, montecarlo, run_folder
+from tulip_testbed.experiments.montecarlo.montecarlo_run import montecarlo, run_folder
 from tulip_testbed.experiments.validate import evaluate, judge, validate
 from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.identification.observation import observe
@@ -181,7 +181,7 @@ def test_a_monte_carlo_does_not_depend_on_workers_and_records_its_setting(robot,
     laboratory, part = Laboratory(robot, "wii"), plan.take(plan.placement <= 5)
     settings = Settings(2, SEED, "self-calibrating", None, "statics", 0.5)
     for workers in (1, 2):
-        found = montecarlo(laboratory, part, settings, RunPlace(tmp_path / f"{workers}", workers))
+        found = montecarlo(laboratory, part, settings, tmp_path / f"{workers}", workers)
         assert found.imperfections == 0.5
     one, two = (
         {p.name: p.read_bytes() for p in (tmp_path / name).rglob("*") if p.is_file()} for name in "12"

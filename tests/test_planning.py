@@ -40,7 +40,7 @@ def problem(robot, plate):
 
 @pytest.fixture(scope="module")
 def goal(problem):
-    return objectives(problem.nominal, SIGMA)["condition"]
+    return objectives(SIGMA)["condition"]
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +80,7 @@ def test_derivatives_of_the_objectives(problem, plan, name):
     found = evaluate(problem, design_of(problem, angles, swing), angles)
     rng = np.random.default_rng(5)
     way = rng.standard_normal(found.regressor.shape)
-    for smooth in objectives(problem.nominal, SIGMA)[name].smooth:
+    for smooth in objectives(SIGMA)[name].smooth:
 
         def along(t, smooth=smooth):
             regressor = found.regressor + t * way
@@ -143,9 +143,8 @@ def test_objective_is_recomputed_from_the_plan_file(tmp_path, robot, model, para
     assert again.feed_forward.any()
 
 
-def test_feed_forward_shares_the_load_as_planned(problem, small, robot):
+def test_feed_forward_shares_the_load_as_planned(problem, small, rig):
     """Statics of the laboratory's own scene, without friction and noise: angles and loads are the plan's."""
-    rig = preset_rig("ideal", robot)
     held = solve_plan(rig, small).reference
     assert held.solved.all()
     joints = held.state.angles[:, : small.joint_angles.shape[1]]
@@ -182,6 +181,6 @@ def test_chance_margin_covers_robots_that_differ(problem, plan):
 def test_what_cannot_be_repaired_is_refused_with_its_reason(robot, plate, plan):
     ranges = dataclasses.replace(planning_ranges(robot), least_cell_load=60.0)
     problem = planning_problem(robot, plate, ranges)
-    goal = objectives(problem.nominal, SIGMA)["condition"]
+    goal = objectives(SIGMA)["condition"]
     with pytest.raises(InputError, match=r"cannot be repaired .* expected 1 that can; blocked by cell load"):
         repair_start(problem, goal, plan.joint_angles[:5], plan.swing_pose[:5], 5, 1, "ranges")

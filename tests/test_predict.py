@@ -173,6 +173,7 @@ def test_the_prior_is_as_wide_as_robots_differ_from_cad(robot):
     assert blind[0] == blind[1] == pytest.approx((0.59, 0.59), abs=0.05)
 
 
+@pytest.mark.slow
 def test_an_exported_model_is_scored_as_it_is(robot, tmp_path):
     """Its file gives as good predictions of new postures as the estimate; CAD's file those of CAD."""
     lab = tt.Laboratory(robot, "force-plate", random_robot=(0.1, 5))

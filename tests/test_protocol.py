@@ -44,7 +44,7 @@ def test_trajectories_are_messages_of_ros(folder):
     path, small_protocol = folder
     files = sorted((path / "trajectories").glob("*.yaml"))
     assert len(files) == sum(motion is not None for motion in small_protocol.motions)
-    for file in files:
+    for file in files[::4]:
         message = yaml.load(file.read_text(), yaml.CSafeLoader)
         assert list(message) == ["header", "joint_names", "points"]
         assert message["joint_names"] == list(small_protocol.plan.joints)

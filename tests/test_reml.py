@@ -267,6 +267,7 @@ def test_marginal_posterior_of_a_member_by_quadrature():
     assert np.sqrt(np.diag(found.covariance)[1:]) == pytest.approx(sd, rel=0.1)
 
 
+@pytest.mark.slow
 def test_evidence_of_two_members_by_quadrature():
     """The likelihood of V is the integral over members and a flat parameter."""
     rng = np.random.default_rng(3)

@@ -151,6 +151,7 @@ def test_an_edit_that_statics_does_not_have_is_refused_by_it(robot, two):
 REF = 0.5  # rad
 
 
+@pytest.mark.slow
 def test_a_joint_that_is_drawn_bent_is_the_same_robot(edited_tulip, robot):
     """`ref` moves the zero of a joint's angle; static run and dynamics agree, and with the robot without."""
     degrees = np.degrees(REF)

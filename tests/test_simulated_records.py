@@ -78,6 +78,7 @@ def test_wrenches_in_axes_that_turn_become_the_same_rows(robot, truth, motion, t
     assert rows[1] == pytest.approx(rows[0], abs=0.002)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*identifiable")
 def test_what_a_calibration_leaves_has_no_error_of_the_weight(robot, truth, motion, tmp_path):
     columns = log(robot, replace(truth, frame="sensor", sign=1), motion, np.random.default_rng(3))

@@ -101,8 +101,7 @@ def test_the_readers_mean_what_the_catalogue_says(robot, twelve):
             assert np.abs(getattr(mine, field) - getattr(theirs, field)).max() <= tolerance * change, name
 
 
-def test_side_forces_and_tilt_are_those_of_the_simulation(robot, twelve):
-    rig = preset_rig("ideal", robot)
+def test_side_forces_and_tilt_are_those_of_the_simulation(rig, twelve):
     plain = run_statics(solve_plan(rig, twelve), [np.random.SeedSequence(1)])[0].measurements
     readings = Readings(plain, rig, twelve, 1)
     unbalanced = np.abs(readings.side.sum(axis=1)).max()  # the plates are turned a little

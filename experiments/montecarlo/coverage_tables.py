@@ -41,7 +41,7 @@ def coverage_table(model: str, rows: list[dict[str, Any]]) -> Table:
         *("standard_error_ratio", "standard_error_ratio_interval"),
         *("coverage95", "coverage95_interval"),
     )
-    path = _path(model, "parameters")
+    path = "parameters" if model == "full" else f"{model}.parameters"
     lines = [[Cell(row[name], f"{path}.{k}.{name}") for name in names] for k, row in enumerate(rows)]
     return Table(f"{model.capitalize()} model", columns, lines)
 
@@ -100,8 +100,3 @@ def coverage_lines(report: dict[str, Any]) -> list[str]:
 def _figure(value: float | None, spec: str, scale: float = 1.0) -> str:
     """Format a figure of the report; "-" where the runs are too few for one."""
     return "-" if value is None else number(scale * value, spec)
-
-
-def _path(model: str, name: str) -> str:
-    """Return where a report has something of a model."""
-    return name if model == "full" else f"{model}.{name}"

@@ -6,7 +6,6 @@ import dataclasses
 import re
 from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -73,31 +72,20 @@ def _compute(work: Work, chunks: Iterable[Sequence[int]], workers: int) -> Gener
         raise InputError(f"a worker process ended by {codes[1]}{memory}") from None
 
 
-@dataclass(frozen=True)
-class RunPlace:
-    """Where the work is done.
-
-    Attributes:
-        folder: of the results.
-        workers: processes of this machine.
-        stays: whether the folder outlives the work; otherwise nobody can go on in it.
-    """
-
-    folder: Path
-    workers: int
-    stays: bool = True
-
-
 def montecarlo(
     laboratory: Laboratory,
     plan: PosturePlan,
     settings: Settings,
-    place: RunPlace,
+    folder: Path,
+    workers: int,
+    stays: bool = True,
     progress: Progress = silent,
 ) -> MonteCarlo:
     """Carry out what is missing in the folder and report on all runs.
 
     Args:
+        folder: of the results. workers: processes of this machine.
+        stays: whether the folder outlives the work; otherwise nobody can go on in it.
         progress: called with what is counted, how many there are and how many were there before; gives a
             context that yields what is called with the number of each chunk's runs.
 
@@ -111,16 +99,16 @@ def montecarlo(
             "sensors ideal: found no noise, so no standard errors to judge; valid: wii, force-plate"
         )
     check_imperfections(laboratory, settings.imperfections)
-    processes(place.workers)
+    processes(workers)
     laboratory.check(plan, settings.engine)
     warn_of_robot(laboratory.robot)
     identifiable_regressor("plan", laboratory.robot, plan)
     robot, parameters = laboratory.robot, laboratory.parameters(plan)
     layout = layout_of(robot, parameters)
     document = montecarlo_file(laboratory, plan, settings)
-    chunks = RunChunks(place.folder / CHUNK_FOLDER, settings.runs, settings.chunk)
-    raise_runs(place.folder, document)
-    kept = run_folder(place.folder, document)
+    chunks = RunChunks(folder / CHUNK_FOLDER, settings.runs, settings.chunk)
+    raise_runs(folder, document)
+    kept, kept_in = run_folder(folder, document), folder if stays else None
     if not kept.begun() or chunks.missing():
         job = RunJob(
             source_of(laboratory, plan, settings.robot_spread, settings.engine, settings.imperfections),
@@ -132,10 +120,12 @@ def montecarlo(
             laboratory.known,
         )
         with kept.opened(partial(begin, plan=plan, robot=robot)):
-            _collect_missing(chunks, job, place, progress)
-    folder = place.folder if place.stays else None
-    result = MonteCarlo.of(read_runs(chunks, layout), layout, document, plan=plan, robot=robot, folder=folder)
-    write_json(place.folder / REPORT_FILE, result.to_json())
+            _collect_missing(chunks, job, workers, folder if stays else None, progress)
+    kept_in = folder if stays else None
+    result = MonteCarlo.of(
+        read_runs(chunks, layout), layout, document, plan=plan, robot=robot, folder=kept_in
+    )
+    write_json(folder / REPORT_FILE, result.to_json())
     return result
 
 
@@ -168,15 +158,17 @@ def raise_runs(folder: Path, document: MonteCarloFile) -> None:
         there.model_copy(update={"settings": document.settings}).write(folder / RUN_FILE)
 
 
-def _collect_missing(chunks: RunChunks, job: Work, place: RunPlace, progress: Progress) -> None:
+def _collect_missing(
+    chunks: RunChunks, job: Work, workers: int, folder: Path | None, progress: Progress
+) -> None:
     """Compute the missing chunks; an interruption says what stays."""
     try:
         with progress("runs", chunks.runs, chunks.done()) as advance:
-            collect(chunks, job, advance, place.workers)
+            collect(chunks, job, advance, workers)
     except (InputError, KeyboardInterrupt) as error:
         stays = "nothing was kept"
-        if place.stays:
-            stays = f"{place.folder} holds {chunks.done()} of {chunks.runs} runs; the same command resumes"
+        if folder is not None:
+            stays = f"{folder} holds {chunks.done()} of {chunks.runs} runs; the same command resumes"
         if isinstance(error, KeyboardInterrupt):
             raise KeyboardInterrupt(f"interrupted; {stays}") from None
         raise InputError(f"{error}; {stays}") from None

@@ -134,7 +134,8 @@ def audit_conventions(measurements: Measurements, nominal: Nominal) -> Conventio
 
     One is applied if its likelihood is decisive over all others and its residual is small for the weight.
     """
-    m = _thinned(_usable(measurements))
+    m = _usable(measurements)
+    m = m.take(np.arange(0, len(m), -(-len(m) // MOST_ROWS)))
     need, frames = needed(nominal, m), contact_frames(nominal, m)
     counted = FIRST_COUNTED * len(m)
     best = _tried(m, need, frames, counted)[0]
@@ -196,10 +197,6 @@ def _usable(m: Measurements) -> Measurements:
     assert m.wrenches is not None
     read = np.isfinite(m.wrenches).all(axis=2) | ~feet_in_contact(m.support)
     return m.take(np.flatnonzero(read.all(axis=1) & np.isfinite(m.joint_angles).all(axis=1)))
-
-
-def _thinned(m: Measurements) -> Measurements:
-    return m.take(np.arange(0, len(m), -(-len(m) // MOST_ROWS)))
 
 
 def _tried(m: Measurements, need: NeededWrench, frames: ContactFrames, rows: float) -> list[_Tried]:

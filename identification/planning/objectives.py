@@ -12,12 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tulip_testbed.identification.statistics import WELL_IDENTIFIED
-
 Smooth = Callable[[np.ndarray], tuple[float, np.ndarray]]
 Value = Callable[[np.ndarray], float]
 POWERS = (1, 2, 4, 8, 16)  # of the p-norms, in this order
-SOFTNESS = 0.15  # width in ln(relative standard error) of the smooth count
 PENALTY = 0.1
 SINGULAR = 1e-14  # of the largest eigenvalue
 
@@ -103,38 +100,13 @@ def _worst(power: int) -> Smooth:
     return smooth
 
 
-def _count(nominal: np.ndarray, sigma: float) -> Smooth:
-    """Return minus the smooth number of parameters whose relative standard error is below 15 %."""
-    with np.errstate(divide="ignore"):
-        goal = np.log(WELL_IDENTIFIED / 100 * np.abs(nominal) / sigma)
-
-    def smooth(information: np.ndarray) -> tuple[float, np.ndarray]:
-        values, turn = _eigen(information)
-        inverse = (turn / values) @ turn.T
-        diagonal = np.diag(inverse)
-        soft = 1 / (1 + np.exp(np.clip((np.log(diagonal) / 2 - goal) / SOFTNESS, -300, 300)))
-        weight = soft * (1 - soft) / SOFTNESS / (2 * diagonal)
-        return float(-soft.sum()), -(inverse * weight) @ inverse
-
-    return smooth
-
-
-def objectives(nominal: np.ndarray, sigma: float) -> dict[str, Objective]:
-    """Return the objectives by name.
-
-    Args:
-        nominal: nominal base parameters, (p,) [m].
-        sigma: s.d. of a coordinate of the centre of pressure [m]; only the minimum of `well-identified`
-            depends on it.
-    """
+def objectives(sigma: float) -> dict[str, Objective]:
+    """Return the objectives by name, with the s.d. of a coordinate of the centre of pressure [m]."""
 
     def standard_errors(information: np.ndarray) -> np.ndarray:
         if not np.isfinite(condition_number(information)):
             return np.full(len(information), np.inf)
         return sigma * np.sqrt(np.diag(np.linalg.inv(information)))
-
-    def well_identified(information: np.ndarray) -> float:
-        return -float((standard_errors(information) < WELL_IDENTIFIED / 100 * np.abs(nominal)).sum())
 
     listed = (
         Objective("condition", condition_number, tuple(_condition(p) for p in POWERS)),
@@ -145,12 +117,11 @@ def objectives(nominal: np.ndarray, sigma: float) -> dict[str, Objective]:
             lambda m: float(standard_errors(m).max()),
             tuple(_worst(p) for p in POWERS),
         ),
-        Objective("well-identified", well_identified, (_a_optimal, _count(nominal, sigma))),
     )
     return {objective.name: objective for objective in listed}
 
 
-OBJECTIVES = ("condition", "d-optimal", "a-optimal", "worst-standard-error", "well-identified")
+OBJECTIVES = ("condition", "d-optimal", "a-optimal", "worst-standard-error")
 
 
 def _eigen(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.base.errors import InputError, look_up
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.planning.blocks import information
 from tulip_testbed.identification.planning.constraints import evaluate, inequality_names, quantity_of
-from tulip_testbed.identification.planning.objectives import OBJECTIVES, Objective, given, objectives
+from tulip_testbed.identification.planning.objectives import Objective, given
 from tulip_testbed.identification.planning.one_foot import from_other_foot, single_support_margins
 from tulip_testbed.identification.planning.one_foot_search import (
     POOL,
@@ -45,12 +45,6 @@ PENALTY_AFTER = 1.0
 TURNS, SETTLED = 4, 1e-3  # rounds of improving one kind after the other; gain of one that is the last
 SPARE = 2  # random placements drawn for each wanted one, since some cannot be repaired
 GROUPS = {"joint": "joint limits", "torque": "torques"}  # by the first word of a constraint
-
-
-def objective_by_name(problem: PlanningProblem, name: str, sigma: float) -> Objective:
-    """Return the objective of `OBJECTIVES` with this name."""
-    look_up("objective", name, OBJECTIVES, "objective")
-    return objectives(problem.nominal, sigma)[name]
 
 
 @dataclass(frozen=True)

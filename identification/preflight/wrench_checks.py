@@ -78,7 +78,8 @@ def horizontal_forces(measurements: Measurements, nominal: Nominal) -> Finding:
     limit = DEVIATIONS * float(np.hypot(noise, zero)) if known else UNSTATED_SHARE * weight
     size = np.linalg.norm(total, axis=1)
     worst = int(size.argmax())
-    shift = _height(contacts, nominal) * size[worst] / weight
+    lever = 0.0 if contacts.mount == "ground" else np.abs(contacts.pose[:, 2] - nominal.points[:, 2]).max()
+    shift = float(lever) * size[worst] / weight
     result = "pass" if size[worst] <= limit else "fail" if shift > MOST_SHIFT else "warn"
     low, high = total.min(axis=0), total.max(axis=0)
     seen = (
@@ -118,13 +119,6 @@ def _in_base(m: Measurements, contacts: Contacts, nominal: Nominal) -> np.ndarra
     feet = np.stack([rotations[:, parameters.base], rotations[:, nominal.swing_frame]], axis=1)
     poses = np.array([turned_about(pose[3:]) for pose in contacts.pose])
     return np.einsum("mpab,pbc,mpc->mpa", feet, poses, forces)
-
-
-def _height(contacts: Contacts, nominal: Nominal) -> float:
-    """Return the largest height of a sensor's frame over the sole [m]."""
-    if contacts.mount == "ground":
-        return 0.0
-    return float(np.abs(contacts.pose[:, 2] - nominal.points[:, 2]).max())
 
 
 def conventions(measurements: Measurements, nominal: Nominal) -> Finding:

@@ -45,7 +45,8 @@ class Stand:
         self.qpos = np.array([self.model.joint(name).qposadr[0] for name in joints])
         motors = [motor_joint(self.model, name) for name in joints]
         self.motors = np.array([self.model.joint(motor).qposadr[0] for motor in motors])
-        self.servos = np.array([_servo_of(self.model, motor) for motor in motors])
+        driven = self.model.actuator_trnid[:, 0].tolist()
+        self.servos = np.array([driven.index(self.model.joint(motor).id) for motor in motors])
         self.free = np.flatnonzero(self.model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)[0]
         self.free_qpos = slice(self.model.jnt_qposadr[self.free], self.model.jnt_qposadr[self.free] + 7)
         first = self.model.jnt_dofadr[self.free]
@@ -240,8 +241,3 @@ def _add_clamps(spec: mujoco.MjSpec, feet: tuple[str, str]) -> None:
             name2=foot,
             active=False,
         )
-
-
-def _servo_of(model: mujoco.MjModel, joint: str) -> int:
-    wanted = model.joint(joint).id
-    return next(i for i in range(model.nu) if model.actuator_trnid[i, 0] == wanted)

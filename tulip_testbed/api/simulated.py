@@ -12,7 +12,7 @@ from tulip_testbed.base.threads import one_blas_thread, processes
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, DEFAULT_SEED, ORDINARY
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, Settings
-from tulip_testbed.experiments.montecarlo.montecarlo_run import RunPlace, montecarlo
+from tulip_testbed.experiments.montecarlo.montecarlo_run import montecarlo
 from tulip_testbed.experiments.simulate import Simulation
 from tulip_testbed.experiments.simulate import simulate as _simulate
 from tulip_testbed.experiments.validate import validate as _validate
@@ -157,5 +157,4 @@ def monte_carlo(
     settings = Settings(runs, seed, estimator, robot_spread, engine, imperfections)
     with tempfile.TemporaryDirectory() as scratch:
         kept = Path(scratch) / "runs" if out is None else Path(out)
-        place = RunPlace(kept, processes(workers), out is not None)
-        return montecarlo(laboratory, plan, settings, place, progress)
+        return montecarlo(laboratory, plan, settings, kept, processes(workers), out is not None, progress)

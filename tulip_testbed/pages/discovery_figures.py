@@ -61,15 +61,9 @@ def curve_figure(k: int, curve: Curve, posture: np.ndarray, changed: bool) -> Fi
     if changed:
         sides.append(("after", curve.after[there], AFTER, "diamond"))
     for side, values, colour, symbol in sides:
-        drawn.add_scatter(
-            x=row,
-            y=np.round(values, 5),
-            mode="markers",
-            name=side,
-            marker={"color": colour, "symbol": symbol, "size": 4},
-            customdata=posture,
-            hovertemplate="posture %{customdata}: %{y:.3f} " + curve.unit,
-        )
+        marker = {"color": colour, "symbol": symbol, "size": 4}
+        said = {"customdata": posture, "hovertemplate": "posture %{customdata}: %{y:.3f} " + curve.unit}
+        drawn.add_scatter(x=row, y=np.round(values, 5), mode="markers", name=side, marker=marker, **said)
     drawn.update_xaxes(title="postures in the order of time")
     drawn.update_yaxes(title=curve.unit)
     drawn.update_layout(showlegend=False)
@@ -83,28 +77,13 @@ def curve_figure(k: int, curve: Curve, posture: np.ndarray, changed: bool) -> Fi
 def law_figure(k: int, law: LawCurve) -> Figure:
     """Draw the curve of a law, with the error that the residuals of every posture show."""
     drawn = go.Figure()
-    bars = {
-        "type": "data",
-        "array": np.round(WIDE * law.sd, 5),
-        "thickness": 0.6,
-        "width": 0,
-        "color": _clear(AFTER),
-    }
+    bars = {"array": np.round(WIDE * law.sd, 5), "thickness": 0.6, "width": 0, "color": _clear(AFTER)}
+    dots = {"mode": "markers", "name": "by the residuals", "marker": {"color": BEFORE, "size": 4}}
     drawn.add_scatter(
-        x=np.round(law.at, 4),
-        y=np.round(law.error, 5),
-        error_y=bars,
-        mode="markers",
-        name="by the residuals",
-        marker={"color": BEFORE, "size": 4},
+        x=np.round(law.at, 4), y=np.round(law.error, 5), error_y=bars | {"type": "data"}, **dots
     )
-    drawn.add_scatter(
-        x=np.round(law.x, 4),
-        y=np.round(law.curve, 5),
-        mode="lines",
-        name="law",
-        line={"color": AFTER, "width": 3},
-    )
+    line = {"mode": "lines", "name": "law", "line": {"color": AFTER, "width": 3}}
+    drawn.add_scatter(x=np.round(law.x, 4), y=np.round(law.curve, 5), **line)
     drawn.update_xaxes(title=law.x_unit)
     drawn.update_yaxes(title=law.unit)
     low, high = float(law.curve.min()), float(law.curve.max())
@@ -154,15 +133,8 @@ def evidence_figure(explanations: Sequence[Explanation], runners_up: Sequence[Ex
     which = " (gap {})" if gaps[-1] > gaps[0] else ""
     names = [f"{one.instance.label}{which.format(one.gap)} " for one, _ in rows]
     words = [f"{factor:.1f}, {percent:.0f} %" for factor, percent in zip(factors, share, strict=True)]
-    drawn.add_bar(
-        x=factors,
-        y=names,
-        orientation="h",
-        marker={"color": [colour for _, colour in rows]},
-        text=words,
-        textposition="auto",
-        cliponaxis=False,
-    )
+    style = {"marker": {"color": [colour for _, colour in rows]}, "textposition": "auto"}
+    drawn.add_bar(x=factors, y=names, orientation="h", text=words, cliponaxis=False, **style)
     drawn.update_xaxes(title="ln of the Bayes factor", rangemode="tozero")
     drawn.update_yaxes(autorange="reversed", automargin=True)
     text = "; ".join(f"{name.strip()}: {said}" for name, said in zip(names, words, strict=True))

@@ -9,6 +9,7 @@ import gzip
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
+from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
@@ -18,6 +19,14 @@ from tulip_testbed.identification.feasibility import place_polygon
 
 MODEL_COLOURS = {"full": ESTIMATE, "simplified": POLYGON}
 SYMBOLS = {"full": "circle", "simplified": "diamond"}
+
+
+def of_model(model: str, size: int) -> dict[str, Any]:
+    """Return the style of a model's markers."""
+    return {
+        "mode": "markers",
+        "marker": {"color": MODEL_COLOURS[model], "symbol": SYMBOLS[model], "size": size},
+    }
 
 
 @dataclass(frozen=True)
@@ -81,9 +90,8 @@ def residual_norms(posture: np.ndarray, placement: np.ndarray, norms: dict[str, 
         drawn.add_scatter(
             x=row,
             y=values,
-            mode="markers",
             name=f"{model}, mean {values.mean():.2f} mm",
-            marker={"color": MODEL_COLOURS[model], "symbol": SYMBOLS[model], "size": 7},
+            **of_model(model, 7),
             customdata=hover,
             hovertemplate="posture %{customdata[0]}, placement %{customdata[1]}: %{y:.2f} mm",
         )
@@ -106,13 +114,7 @@ def errors_over_se(z: dict[str, tuple[list[int], np.ndarray]]) -> Figure:
     """
     drawn = go.Figure()
     for model, (numbers, values) in z.items():
-        drawn.add_scatter(
-            x=numbers,
-            y=values,
-            mode="markers",
-            name=model,
-            marker={"color": MODEL_COLOURS[model], "symbol": SYMBOLS[model], "size": 9},
-        )
+        drawn.add_scatter(x=numbers, y=values, name=model, **of_model(model, 9))
     for level in (-2, 2):
         drawn.add_hline(y=level, line={"color": NOMINAL, "dash": "dash", "width": 1})
     drawn.update_xaxes(title="number of the parameter", tickangle=0)
@@ -145,16 +147,10 @@ def correlation_map(matrix: np.ndarray, pairs: list[tuple[list[int], str]]) -> F
             hovertemplate="%{x}, %{y}: %{z:.4f}<extra></extra>",
         )
     )
+    frame = {"type": "rect", "line": {"color": "#000000", "width": 3}}
     for (a, b), _ in pairs:
         for x, y in ((a, b), (b, a)):
-            drawn.add_shape(
-                type="rect",
-                x0=x - 0.5,
-                x1=x + 0.5,
-                y0=y - 0.5,
-                y1=y + 0.5,
-                line={"color": "#000000", "width": 3},
-            )
+            drawn.add_shape(frame, x0=x - 0.5, x1=x + 0.5, y0=y - 0.5, y1=y + 0.5)
     drawn.update_xaxes(tick0=0, dtick=5, constrain="domain")
     drawn.update_yaxes(tick0=0, dtick=5, autorange="reversed", scaleanchor="x", constrain="domain")
     marked = "; ".join(f"{a} and {b}: {matrix[a - 1, b - 1]:.4f}" for (a, b), _ in pairs)
@@ -198,6 +194,11 @@ def support_polygon_figure(
     return replace(figure(f"polygon-{placement}", caption, text, drawn, 300), small=True)
 
 
+def interval_bars(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> dict[str, Any]:
+    """Return the error bars of values with their intervals."""
+    return {"type": "data", "symmetric": False, "array": high - values, "arrayminus": values - low}
+
+
 def with_intervals(
     name: str,
     caption: str,
@@ -212,24 +213,12 @@ def with_intervals(
         rows: number, value, interval by model.
     """
     drawn = go.Figure()
-    for k, (model, of_model) in enumerate(rows.items()):
-        values = np.array([value for _, value, _ in of_model])
-        ends = np.array([interval for _, _, interval in of_model])
-        drawn.add_scatter(
-            x=np.array([number for number, _, _ in of_model]) + 0.25 * k,
-            y=values,
-            mode="markers",
-            name=model,
-            marker={"color": MODEL_COLOURS[model], "symbol": SYMBOLS[model], "size": 8},
-            error_y={
-                "type": "data",
-                "symmetric": False,
-                "array": ends[:, 1] - values,
-                "arrayminus": values - ends[:, 0],
-                "thickness": 1.5,
-                "width": 0,
-            },
-        )
+    for k, (model, found) in enumerate(rows.items()):
+        values = np.array([value for _, value, _ in found])
+        ends = np.array([interval for _, _, interval in found])
+        numbers = np.array([number for number, _, _ in found]) + 0.25 * k
+        bars = interval_bars(values, *ends.T) | {"thickness": 1.5, "width": 0}
+        drawn.add_scatter(x=numbers, y=values, name=model, error_y=bars, **of_model(model, 8))
     drawn.add_hline(y=target, line={"color": NOMINAL, "width": 1})
     for bound in bounds:
         drawn.add_hline(y=bound, line={"color": MEASURED, "dash": "dash", "width": 1})
@@ -246,13 +235,8 @@ def error_boxes(model: str, numbers: Sequence[int], errors_mm: np.ndarray) -> Fi
     """Draw the errors of all runs, (runs, p) [mm], as a box plot for each parameter."""
     drawn = go.Figure()
     for k, number in enumerate(numbers):
-        drawn.add_box(
-            y=np.round(errors_mm[:, k], 4),
-            name=str(number),
-            marker={"color": ESTIMATE, "size": 3},
-            line={"width": 1},
-            showlegend=False,
-        )
+        style = {"marker": {"color": ESTIMATE, "size": 3}, "line": {"width": 1}, "showlegend": False}
+        drawn.add_box(y=np.round(errors_mm[:, k], 4), name=str(number), **style)
     drawn.add_hline(y=0, line={"color": RESIDUAL, "width": 1})
     drawn.update_xaxes(title="number of the parameter")
     drawn.update_yaxes(title="estimate minus truth, mm")
@@ -282,7 +266,7 @@ def error_bars(
             orientation="h",
             name=axis,
             marker={"color": colour},
-            error_x={"type": "data", "symmetric": False, "array": high - values, "arrayminus": values - low},
+            error_x=interval_bars(values, low, high),
         )
         text += [f"{model} in {axis} {value:.2f} mm" for model, (value, _) in of_axis.items()]
     drawn.update_xaxes(title="r.m.s. error, mm", rangemode="tozero")

@@ -1,19 +1,30 @@
-"""The page of any run."""
+"""The page of any run; those of a Monte Carlo and of a prediction are made here."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from tulip_testbed.base.files import check_new, write_bytes
+from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.discovery_result import Discovered
+from tulip_testbed.experiments.montecarlo.coverage import ParameterCoverage
+from tulip_testbed.experiments.montecarlo.coverage_tables import (
+    LEGEND,
+    coverage_check_table,
+    coverage_lines,
+    coverage_table,
+)
+from tulip_testbed.experiments.montecarlo.coverage_verdict import BIAS, COVERAGE, RATIO
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
 from tulip_testbed.experiments.predict import Prediction
 from tulip_testbed.experiments.saved_runs import RunResult
 from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.pages import ENDING
+from tulip_testbed.pages import figures as drawn
 from tulip_testbed.pages.discovery_page import discovery_page
-from tulip_testbed.pages.montecarlo_page import montecarlo_page
-from tulip_testbed.pages.page import Page, html
-from tulip_testbed.pages.prediction_page import prediction_page
+from tulip_testbed.pages.figures import Figure
+from tulip_testbed.pages.page import Page, Section, how_it_was_made, html, imperfections_fact, title_of
+from tulip_testbed.pages.pictures import planned_pictures
 from tulip_testbed.pages.validation_page import validation_page
 
 
@@ -39,3 +50,82 @@ def write_page(path: Path, run: RunResult | Prediction) -> Page:
     page = page_of(run)
     write_bytes(path, html(page).encode(), new=True)
     return page
+
+
+def montecarlo_page(run: MonteCarlo) -> Page:
+    """Make the page of a Monte Carlo."""
+    content = run.to_json()
+    missing: list[str] = []
+    rows = {model: of.parameters for model, of in run.models.items()}
+    places = {"full": content, "simplified": content["simplified"]}
+    tables = tuple(coverage_table(model, places[model]["parameters"]) for model in rows)
+    figures: tuple[Figure, ...] = ()
+    if run.identified > 1:
+        errors = run.errors_mm
+        figures = (
+            *_coverage_figures(rows),
+            *(drawn.error_boxes(m, [row.number for row in rows[m]], errors[m]) for m in rows),
+        )
+    sections = (
+        Section("Checks", tables=(coverage_check_table(content["checks"]),)),
+        Section("Coverage", (LEGEND, *coverage_lines(content)), (), figures[:3]),
+        Section("Errors", figures=figures[3:]),
+        Section("Parameters", tables=tables),
+        Section("Postures", pictures=planned_pictures(run.robot, run.plan, missing)),
+        how_it_was_made(run.document),
+    )
+    facts = (
+        ("sensors", run.document.configuration.preset),
+        ("seed", str(run.document.settings.seed)),
+        ("estimator", run.estimator),
+        *imperfections_fact(run.imperfections),
+        ("runs identified", f"{run.identified} of {run.runs}"),
+        ("postures planned", str(len(run.plan))),
+    )
+    return Page(title_of(run), run.verdict, "\n".join(run.answers), facts, sections, tuple(missing))
+
+
+def _coverage_figures(rows: dict[str, list[ParameterCoverage]]) -> tuple[Figure, ...]:
+    def of(name: str) -> dict[str, list[tuple[int, float, list[float]]]]:
+        return {
+            model: [(row.number, getattr(row, name), getattr(row, f"{name}_interval")) for row in found]
+            for model, found in rows.items()
+        }
+
+    bias = {}
+    for model, found in rows.items():
+        relative = [(row.bias / row.standard_error, row.bias_mc_error / row.standard_error) for row in found]
+        ends = [(middle, [middle - 1.96 * error, middle + 1.96 * error]) for middle, error in relative]
+        bias[model] = [(row.number, *both) for row, both in zip(found, ends, strict=True)]
+    ratio = "Standard error found over stated.", "found over stated", of("standard_error_ratio"), 1, RATIO
+    covered = "Coverage of 95 % intervals.", "coverage", of("coverage95"), 0.95, COVERAGE
+    return (
+        drawn.with_intervals("ratio", *ratio),
+        drawn.with_intervals("coverage", *covered),
+        drawn.with_intervals("bias", "Bias over stated standard error.", "bias over s.e.", bias, 0, BIAS),
+    )
+
+
+def prediction_page(found: Prediction) -> Page:
+    """Make the page of a prediction: how far every model is off on postures that took no part."""
+    shown = found.tables()
+    tables = tuple(one for one in shown if isinstance(one, Table))
+    notes = tuple(one for one in shown if isinstance(one, str) and one != found.verdict)
+    models = list(dict.fromkeys(one.name for one in found.models))
+    figures = []
+    for split in dict.fromkeys(one.split for one in found.models):
+        of_split = [one for one in found.models if one.split == split]
+        rows: dict[str, dict[str, tuple[float, tuple[float | None, float | None]]]] = {}
+        for axis in "xy":
+            ends = [(getattr(one.low95, axis, None), getattr(one.high95, axis, None)) for one in of_split]
+            values = [getattr(one.rms_mm, axis) for one in of_split]
+            rows[axis] = dict(
+                zip((one.name for one in of_split), zip(values, ends, strict=True), strict=True)
+            )
+        figures.append(drawn.error_bars(split, rows))
+    facts = (("models", str(len(models))), ("splits", ", ".join(one.name for one in figures)))
+    sections = (
+        Section("Errors of the models", figures=tuple(figures)),
+        Section(tables[0].title, notes, tables),
+    )
+    return Page("Prediction of the centre of pressure", "", found.verdict, facts, sections)

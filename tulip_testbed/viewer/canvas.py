@@ -89,11 +89,11 @@ def plane_view(origin: str, name: str, x: Sequence[float], y: Sequence[float]) -
     return rrb.Spatial2DView(origin=origin, name=name, background=PALE, visual_bounds=bounds)
 
 
-def blueprint(views: rrb.Horizontal, timeline: str = "posture", fps: float | None = 2.0) -> rrb.Blueprint:
+def blueprint(views: rrb.Horizontal, timeline: str = "posture") -> rrb.Blueprint:
     """Return an arrangement of views above a time line, with rerun's own panels closed."""
     return rrb.Blueprint(
         views,
-        rrb.TimePanel(timeline=timeline, state="collapsed", fps=fps),
+        rrb.TimePanel(timeline=timeline, state="collapsed", fps=2.0),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
     )

@@ -78,12 +78,6 @@ TITLES = {
 }
 
 
-def log_text(canvas: Canvas, subject: Subject) -> None:
-    """Log a page of numbers for every row."""
-    texts = [posture_text(subject, row) for row in range(len(subject))]
-    canvas.rows("text", rr.TextDocument, {"media_type": rr.MediaType.MARKDOWN}, text=texts)
-
-
 def posture_text(subject: Subject, row: int) -> str:
     """Return a posture's numbers as Markdown."""
     lines = [

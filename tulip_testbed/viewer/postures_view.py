@@ -11,7 +11,7 @@ from tulip_testbed.viewer.balance_series import log_balance, log_close_up
 from tulip_testbed.viewer.canvas import Canvas
 from tulip_testbed.viewer.layout import laid_out, posture_views
 from tulip_testbed.viewer.plates_view import log_plates, log_subject_loads
-from tulip_testbed.viewer.plots import curves, log_curves, log_text
+from tulip_testbed.viewer.plots import curves, log_curves, posture_text
 from tulip_testbed.viewer.robot_view import log_geometry, log_masses, log_motion, log_skeleton
 from tulip_testbed.viewer.subject import Subject
 
@@ -25,7 +25,8 @@ def log_postures(recording: rr.RecordingStream, subject: Subject) -> None:
     log_close_up(canvas, subject)
     for name, lines in curves(subject).items():
         log_curves(canvas, name, lines)
-    log_text(canvas, subject)
+    texts = [posture_text(subject, row) for row in range(len(subject))]
+    canvas.rows("text", rr.TextDocument, {"media_type": rr.MediaType.MARKDOWN}, text=texts)
     recording.send_blueprint(laid_out(posture_views(subject), canvas.index.timeline_name()))
 
 
