@@ -9,9 +9,16 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from tulip_testbed.base.numbers import number
 from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL, rgb
 from tulip_testbed.discovery.experiment_information import Explanation
-from tulip_testbed.experiments.discovery_curves import Curve, residual_curves, time_order
+from tulip_testbed.experiments.discovery_curves import (
+    Curve,
+    LawCurve,
+    law_curves,
+    residual_curves,
+    time_order,
+)
 from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.discovery_tables import CHANNEL_NAMES, behind, explanation_table, gap_table
 from tulip_testbed.viewer.balance_series import ABOVE_GROUND, factor_for, from_above
@@ -33,6 +40,8 @@ COLOURS = {"before": MEASURED, "after": ESTIMATE}
 LAYERS = {"before": "as_measured", "after": "corrected"}  # rerun draws in the order of names, the last on top
 DARK = (40, 40, 40)  # of labels
 BAR, STEP = 100.0, 14.0  # pixels: the longest bar, from bar to bar
+WIDTH, HEIGHT = 100.0, 60.0  # pixels of the picture of a law; rerun draws y downwards
+SPACE = 8.0  # pixels around it
 
 
 def log_discovery(recording: rr.RecordingStream, discovery: Discovered) -> None:
@@ -54,6 +63,9 @@ def log_discovery(recording: rr.RecordingStream, discovery: Discovered) -> None:
         _log_plane(canvas, side, values, curves)
     _log_channels(recording, curves, sides(discovery))
     _log_evidence(recording, discovery.explanations)
+    laws = law_curves(discovery)
+    for k, law in enumerate(laws):
+        log_law(recording, k, law)
     log_markdown(recording, discovery_text(discovery, factor))
     others = {"before": "after", "after": "before"}
     space = [
@@ -81,7 +93,9 @@ def log_discovery(recording: rr.RecordingStream, discovery: Discovered) -> None:
         )
         for channel in ("A", "F", "T", "C")
     ]
+    x, y = (-2 * SPACE, WIDTH + 2 * SPACE), (-SPACE, HEIGHT + 2 * SPACE)
     told: list[rrb.View] = [rrb.TextDocumentView(origin="text", name="Verdict")]
+    told += [plane_view(f"law/{k}", law.title, x, y) for k, law in enumerate(laws)]
     if count := len(discovery.explanations):
         name = "Evidence, ln of the Bayes factor"
         told.append(plane_view("evidence", name, (-5, BAR + 5), (-STEP, STEP * count)))
@@ -155,3 +169,27 @@ def discovery_text(discovery: Discovered, factor: int) -> list[str]:
         "x up, y left; circle: 95 % of the noise. Channels: residuals over their noise, lines at -2 and 2; "
         "postures in the order of time.",
     ]
+
+
+def log_law(recording: rr.RecordingStream, k: int, law: LawCurve) -> None:
+    """Log the curve of law k over its range, the postures' errors, and the ends of both scales."""
+    low = np.array([min(law.x.min(), law.at.min()), min(law.curve.min(), law.error.min())])
+    high = np.array([max(law.x.max(), law.at.max()), max(law.curve.max(), law.error.max())])
+    span = np.maximum(high - low, 1e-12)
+
+    def placed(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        part = (np.column_stack([x, y]) - low) / span
+        return np.column_stack([WIDTH * part[:, 0], HEIGHT * (1 - part[:, 1])])
+
+    points = rr.Points2D(placed(law.at, law.error), **flat(MEASURED, 2))
+    recording.log(f"law/{k}/residuals", points, static=True)
+    strip = rr.LineStrips2D([placed(law.x, law.curve)], **flat(ESTIMATE, 2))
+    recording.log(f"law/{k}/curve", strip, static=True)
+    ends = [
+        ([0.0, HEIGHT + SPACE / 2], f"{number(low[0], '.3g')} {law.x_unit}"),
+        ([WIDTH, HEIGHT + SPACE / 2], f"{number(high[0], '.3g')} {law.x_unit}"),
+        ([-SPACE / 2, HEIGHT], f"{number(low[1], '.3g')} {law.unit}"),
+        ([-SPACE / 2, 0.0], f"{number(high[1], '.3g')} {law.unit}"),
+    ]
+    places, labels = zip(*ends, strict=True)
+    log_label(recording, f"law/{k}/scales", places, labels, DARK)
