@@ -7,8 +7,8 @@ robot enter.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -63,6 +63,7 @@ class Observation:
         motion: what motion adds to shift, lift and push, see `BeyondWeight`; nothing if the robot is held.
         noise_in_time: how the noise of rows is correlated in time; None: it is not.
         cad: what CAD says about the base parameters; None: the postures determine them.
+        compliances: sizes by label, about which those of this experiment are estimated; the others: about zero.
     """
 
     nominal: Nominal
@@ -89,6 +90,7 @@ class Observation:
     motion: BeyondWeight = HELD
     noise_in_time: NoiseInTime | None = None
     cad: CadPrior | None = None
+    compliances: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.joint_angles)
