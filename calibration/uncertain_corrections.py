@@ -21,7 +21,9 @@ YIELDING = ("joint-compliance", "sole-compliance")
 
 
 def but_for_compliances(
-    observed: Observation, corrections: Sequence[EffectInstance], tolerances: Mapping[str, float] | None = None
+    observed: Observation,
+    corrections: Sequence[EffectInstance],
+    tolerances: Mapping[str, float] | None = None,
 ) -> Observation:
     """Return an experiment without what is corrected, but for compliances about which a calibration estimates.
 
