@@ -96,7 +96,7 @@ class Family:
         targets: (n,).
         known: s.d. of each number if it is known from elsewhere, so that no spread is estimated; the
             tolerance is then that of the first [SI].
-        about: numbers about which they lie, if not all are zero [SI].
+        about: means of the prior of the numbers, if not all are zero [SI].
     """
 
     effect: NamedEffect
@@ -156,7 +156,7 @@ class Family:
 
     @property
     def center(self) -> np.ndarray:
-        """Return the numbers about which they lie, (n,) [SI]."""
+        """Return the mean of the prior of every number, (n,) [SI]."""
         return np.array(self.about) if self.about else np.zeros(len(self))
 
     def instances(self, values: np.ndarray) -> list[EffectInstance]:
@@ -165,7 +165,7 @@ class Family:
         return [EffectInstance(self.effect, t, tuple(v)) for t, v in zip(self.targets, each, strict=True)]
 
     def lying_about(self, sizes: Mapping[str, tuple[float, ...]]) -> Family:
-        """Return the family with members that lie about sizes, by label; the others lie about zero."""
+        """Return the family with these means of the prior, by label; the others are zero."""
         zero = (0.0,) * len(self.effect.parameters)
         each = [sizes.get(effect_label(self.name, target), zero) for target in self.targets]
         return replace(self, about=sum(each, ())) if any(map(any, each)) else self

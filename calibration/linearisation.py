@@ -438,7 +438,7 @@ def mixing_of(families: Families) -> tuple[np.ndarray, np.ndarray]:
 
 
 def center_of(families: Families) -> np.ndarray:
-    """Return the numbers about which members and sizes lie, (q,) [SI]."""
+    """Return the means of the prior of members and sizes, (q,) [SI]."""
     return np.concatenate([np.zeros(0), *(family.center for family in families)])
 
 

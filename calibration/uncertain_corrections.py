@@ -16,7 +16,6 @@ from tulip_testbed.effects.instance import EffectInstance, effect_label, removed
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import residuals_in_use, sensitivity
 
-
 YIELDING = ("joint-compliance", "sole-compliance")
 
 
@@ -25,9 +24,9 @@ def but_for_compliances(
     corrections: Sequence[EffectInstance],
     tolerances: Mapping[str, float] | None = None,
 ) -> Observation:
-    """Return an experiment without what is corrected, but for compliances about which a calibration estimates.
+    """Return an experiment with effects removed, but for compliances whose families are estimated.
 
-    They pass the noise of the loads on to the residuals, which a calibration has to know.
+    The noise of the loads passes through a compliance into the residuals, so the calibration has to know it.
 
     Args:
         tolerances: see `self_calibrate`.

@@ -64,7 +64,7 @@ class Observation:
         motion: what motion adds to shift, lift and push, see `BeyondWeight`; nothing if the robot is held.
         noise_in_time: how the noise of rows is correlated in time; None: it is not.
         cad: what CAD says about the base parameters; None: the postures determine them.
-        compliances: sizes by label, about which those of this experiment are estimated; the others: about zero.
+        compliances: means of the prior of corrected compliances, by label; those of the others are zero.
     """
 
     nominal: Nominal
@@ -356,7 +356,8 @@ def _on_four_cells(forces: np.ndarray, margin: float, share: np.ndarray) -> np.n
     """Return whether all cells of each plate are loaded, (m, 2) bool.
 
     A board that rocks was tared on two cells, so the one of the others that is in the air reads nothing. That
-    counts only if it is so in nearly all postures: some may have such a reading by chance, or lack it by noise.
+    counts only if it is so in nearly all postures: a board that does not rock may have such readings by
+    chance, and noise may hide one.
 
     Args:
         forces: (m, 2, 4) [N].

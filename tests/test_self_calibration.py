@@ -227,6 +227,7 @@ def test_noisy_loads_leave_no_pattern_in_soft_joints(soft, nominal):
 
 def test_noisy_loads_are_allowed_for_in_a_known_compliance(soft, robot):
     found = identify(soft, robot, adopted=instances_of("sole-compliance=4e-4", robot)).calibration
+    assert found is not None
     for name, true in (("joint-compliance", 2e-4), ("sole-compliance", 0.0)):
         one = next(family for family in found.families if family.family.name == name)
         assert np.abs((one.value - true) / one.standard_error).max() < 3
