@@ -275,6 +275,7 @@ def result_of(
             errors.append(sd[where])
             continue
         moments = np.array([(part**2).sum(axis=1) for part in family.parts])
+        center = family.center
         every = moments * solved.spreads[mine, None] ** 2  # parts of the members' variance
         each = every[:, 0]
         spread = float(np.sqrt(each.sum()) / family.sizes[0])
@@ -283,12 +284,12 @@ def result_of(
         ends = spread * np.exp(HALF_95 * np.array([-1.0, 1.0]) * log_sd)
         out.append(
             CalibratedFamily(
-                family=family,
+                family=replace(family, about=()),
                 spread=spread,
                 spread95=(float(ends[0]), float(ends[1])),
                 value=value[where],
                 standard_error=sd[where],
-                interval95=_intervals(value[where], sd[where], family.positive),
+                interval95=_intervals(value[where] + center, sd[where], family.positive) - center[:, None],
                 determined=known[where] < PRIOR_ONLY * every.sum(axis=0),
             )
         )

@@ -15,7 +15,7 @@ import numpy as np
 
 from tulip_testbed.base.errors import InputError, look_up, shortened
 from tulip_testbed.effects.catalogue import NamedEffect, catalogue, every_effect, targets_in
-from tulip_testbed.effects.instance import MOST_PRIORS, EffectInstance
+from tulip_testbed.effects.instance import MOST_PRIORS, EffectInstance, effect_label
 from tulip_testbed.effects.motion_effects import INERTIA, LAG, directions
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.measurements import SensorSheet
@@ -96,12 +96,14 @@ class Family:
         targets: (n,).
         known: s.d. of each number if it is known from elsewhere, so that no spread is estimated; the
             tolerance is then that of the first [SI].
+        about: means of the prior of the numbers, if not all are zero [SI].
     """
 
     effect: NamedEffect
     tolerance: float
     targets: tuple[str, ...]
     known: tuple[float, ...] = ()
+    about: tuple[float, ...] = ()
 
     @property
     def name(self) -> str:
@@ -152,10 +154,21 @@ class Family:
         usual = np.tile([parameter.prior for parameter in self.effect.parameters], len(self.targets))
         return np.array(self.known) if self.known else self.tolerance * (self.steps / usual)
 
+    @property
+    def center(self) -> np.ndarray:
+        """Return the mean of the prior of every number, (n,) [SI]."""
+        return np.array(self.about) if self.about else np.zeros(len(self))
+
     def instances(self, values: np.ndarray) -> list[EffectInstance]:
         """Return the family's effects with these values, (n,)."""
         each = values.reshape(len(self.targets), -1).tolist()
         return [EffectInstance(self.effect, t, tuple(v)) for t, v in zip(self.targets, each, strict=True)]
+
+    def lying_about(self, sizes: Mapping[str, tuple[float, ...]]) -> Family:
+        """Return the family with these means of the prior, by label; the others are zero."""
+        zero = (0.0,) * len(self.effect.parameters)
+        each = [sizes.get(effect_label(self.name, target), zero) for target in self.targets]
+        return replace(self, about=sum(each, ())) if any(map(any, each)) else self
 
     def single(self, number: int, value: float) -> EffectInstance:
         """Return the effect in which one of the numbers has this value and the others are zero."""

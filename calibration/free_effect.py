@@ -48,6 +48,11 @@ class FreeEffect:
         return np.array([parameters[k].prior for k in self.effect.sizes])
 
     @property
+    def center(self) -> np.ndarray:
+        """Return the mean of the prior of every size, (n,) [SI]."""
+        return np.zeros(len(self))
+
+    @property
     def prior_sd(self) -> np.ndarray:
         """Return the s.d. of the normal distribution in place of the prior at the start, (n,) [SI]."""
         return prior_sd(self.steps, self.sizes)

@@ -129,7 +129,7 @@ def linearised(
     clean, theta = state.clean, state.nu[:-1]
     at, p = fields(clean), len(theta)
     mixing, owner = mixing_of(families)
-    phi = mixing @ state.deviates
+    phi = mixing @ state.deviates + center_of(families)
     used = residuals_in_use(clean)[..., None]
     slope = used * sensitivity(state.smooth, theta)
     # Members at an estimate carry the noise of cells and plates, by their loads, into the residuals.
@@ -181,7 +181,7 @@ def linearised(
     members[..., there] += by_sharing
     cad = clean.cad
     about = np.zeros(p) if cad is None else cad.center
-    output = left + base[..., :p] @ (theta - about) + members @ phi
+    output = left + base[..., :p] @ (theta - about) + members @ (phi - center_of(families))
     parts = [np.concatenate([np.zeros((len(f), 0)), *f.parts], axis=1) for f in families]
     ends = np.cumsum([0, *map(len, families)])
     split = [members[..., a:b] @ part for part, a, b in zip(parts, ends, ends[1:], strict=False)]
@@ -435,6 +435,11 @@ def mixing_of(families: Families) -> tuple[np.ndarray, np.ndarray]:
     rows = [np.concatenate(family.parts, axis=1) for family in families if family.parts]
     owner = [k for k, family in enumerate(families) for _ in family.parts]
     return block_diag(*rows) if rows else np.zeros((0, 0)), np.array(owner, int)
+
+
+def center_of(families: Families) -> np.ndarray:
+    """Return the means of the prior of members and sizes, (q,) [SI]."""
+    return np.concatenate([np.zeros(0), *(family.center for family in families)])
 
 
 def joint_compliance(families: Families, values: np.ndarray, joints: Sequence[str]) -> np.ndarray:

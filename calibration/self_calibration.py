@@ -28,6 +28,7 @@ from tulip_testbed.calibration.linearisation import (
     Linearised,
     ResidualCovariance,
     at_sizes,
+    center_of,
     linearised,
     mixing_of,
     own_noise,
@@ -80,7 +81,7 @@ def self_calibrate(
     observed = with_cell_noise(observed)
     used = usual_tolerances(observed, tolerances)
     families: Families = (
-        *families_in(observed, used, effects),
+        *(one.lying_about(observed.compliances) for one in families_in(observed, used, effects)),
         *map(FreeEffect, effects),
     )
     noise = noise_of(observed)
@@ -89,7 +90,8 @@ def self_calibrate(
     scales, spreads = np.ones(len(sources_of(observed))), np.ones(len(owner))
     phi, variance = _first(families, start)
     if start is None:
-        clean = removed(observed, effects)  # members at zero change nothing
+        known = [one for family in families for one in family.instances(family.center) if family.center.any()]
+        clean = removed(observed, [*effects, *known])  # members at zero change nothing
         smooth, nu = clean, np.append(first_parameters(clean), 0.0)
     else:
         nu, scales, spreads = start.nu, start.solved.scales, _spreads(families, start)
@@ -101,7 +103,8 @@ def self_calibrate(
         smooth = smooth.changed(tree=clean.tree, cells=clean.cells)
     latest: tuple[LinearProblem, Linearised] | None = None
     best: tuple[LinearisationPoint, Families, LikelihoodFit, Observation, float] | None = None
-    along = np.linalg.pinv(mixing_of(families)[0]) @ phi * _lengths(families)
+    center = center_of(families)
+    along = np.linalg.pinv(mixing_of(families)[0]) @ (phi - center) * _lengths(families)
     for count in range(rounds):
         families = tuple(at_sizes(family, part) for family, part in split_members(families, phi))
         both, lengths = block_diag(np.eye(p + 1), mixing_of(families)[0]), _lengths(families)
@@ -121,6 +124,7 @@ def self_calibrate(
             scaled = cad if noisy else cad.rescaled(estimate[:p], solved.conditional[:p, :p])
             observed = observed.changed(cad=scaled)
             estimate[:p] += cad.center
+        estimate[p + 1 :] += center
         moved = float((np.abs(np.append(nu, phi) - estimate) / np.sqrt(np.diag(covariance))).max())
         nu, phi, variance = estimate[: p + 1], estimate[p + 1 :], np.diag(covariance)[p + 1 :]
         along, scales, spreads = solved.estimate[p + 1 :] * lengths, solved.scales, solved.spreads
@@ -272,7 +276,7 @@ def _first(families: Families, start: SelfCalibration | None) -> tuple[np.ndarra
         before = [known.get(label, (0.0, np.nan)) for label in family.labels]
         value, error = np.array(before).reshape(-1, 2).T
         prior = sum(((part**2).sum(axis=1) for part in family.parts), np.zeros(len(family)))
-        sizes.append(family.sizes if isinstance(family, FreeEffect) else value)
+        sizes.append(family.sizes if isinstance(family, FreeEffect) else value + family.center)
         variances.append(np.where(np.isfinite(error), error**2, prior))
     return np.concatenate(sizes), np.concatenate(variances)
 

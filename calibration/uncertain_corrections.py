@@ -2,16 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from tulip_testbed.calibration.calibration_result import HALF_95, SelfCalibration
+from tulip_testbed.calibration.families import families_in
 from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.member_columns import member_columns
-from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.calibration.self_calibration import usual_tolerances
+from tulip_testbed.effects.instance import EffectInstance, effect_label, removed
+from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import residuals_in_use, sensitivity
+
+YIELDING = ("joint-compliance", "sole-compliance")
+
+
+def but_for_compliances(
+    observed: Observation,
+    corrections: Sequence[EffectInstance],
+    tolerances: Mapping[str, float] | None = None,
+) -> Observation:
+    """Return an experiment with effects removed, but for compliances whose families are estimated.
+
+    The noise of the loads passes through a compliance into the residuals, so the calibration has to know it.
+
+    Args:
+        tolerances: see `self_calibrate`.
+    """
+    families = families_in(observed, usual_tolerances(observed, tolerances))
+    members = {effect_label(one.name, t) for one in families if one.name in YIELDING for t in one.targets}
+    others = [one for one in corrections if one.label not in members]
+    compliances = {one.label: one.values for one in corrections if one.label in members}
+    return removed(observed, others).changed(compliances=compliances)
 
 
 def changes_by_corrections(calibration: SelfCalibration, corrections: Sequence[EffectInstance]) -> np.ndarray:

@@ -17,6 +17,7 @@ from tulip_testbed.calibration.calibrated_estimate import (
 from tulip_testbed.calibration.families import check_tolerances
 from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.self_calibration import self_calibrate
+from tulip_testbed.calibration.uncertain_corrections import but_for_compliances
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.removal import without
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR
@@ -126,7 +127,8 @@ def identify(
     kept = simplified_numbers(robot, parameters)
     mass = contact_pressure(measurements, nominal_robot(robot, parameters.support)).mass
     if estimator == SELF_CALIBRATING:
-        observed = observed or observe(measurements, nominal_robot(robot, parameters.support))
+        observed = observe(given, nominal_robot(robot, parameters.support))
+        observed = but_for_compliances(observed, adopted, tolerances)
         free = confounded_directions(observed, data)
         full, simplified, found = calibrated_estimates(observed, data, kept, tolerances, calibrate, adopted)
         check_physical(full, found.mass, robot, source)

@@ -23,7 +23,7 @@ from tulip_testbed.calibration.member_removal import with_estimated_loads
 from tulip_testbed.calibration.self_calibration import least_determined, self_calibrate
 from tulip_testbed.discovery.joint_fit import Data
 from tulip_testbed.discovery.patterns import patterns
-from tulip_testbed.effects.instance import removed
+from tulip_testbed.effects.instance import instances_of, removed
 from tulip_testbed.experiments.identify import identify, warn_of_unrest
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.base_parameters import standard_parameters
@@ -222,14 +222,28 @@ def test_no_error_of_cells_is_left_in_the_columns_however_large(ordinary, nomina
     assert twist[observed.on_four_cells] == pytest.approx(0, abs=1e-6)
 
 
-def test_noisy_loads_leave_no_pattern_in_soft_joints(robot, nominal):
-    """With a coarse sensor the noise of the loads passes into the angles that the compliances correct."""
-    soft = [f"joint-compliance:{joint}=2e-4" for joint in nominal.parameters.tree.joints]
-    laboratory = tt.Laboratory(robot, sensors="wii").with_effects(*soft, "sole-compliance=4e-4")
-    measured = laboratory.run(tt.plans.random, seed=1, engine="statics").measurements
-    found = self_calibrate(observe(measured, nominal))
+@pytest.fixture(scope="module")
+def soft(robot, nominal):
+    """Measurements of soft joints and soles with a coarse sensor."""
+    joints = [f"joint-compliance:{joint}=2e-4" for joint in nominal.parameters.tree.joints]
+    laboratory = tt.Laboratory(robot, sensors="wii").with_effects(*joints, "sole-compliance=4e-4")
+    return laboratory.run(tt.plans.random, seed=1, engine="statics").measurements
+
+
+def test_noisy_loads_leave_no_pattern_in_soft_joints(soft, nominal):
+    """The noise of the loads passes into the angles that the compliances correct."""
+    found = self_calibrate(observe(soft, nominal))
     fit = Data(found.observed, found.noise, found.background()).null
     assert patterns(fit.linear, fit.residual, fit.columns)[0].p > 0.05
+
+
+def test_noisy_loads_are_allowed_for_in_a_known_compliance(soft, robot):
+    found = identify(soft, robot, adopted=instances_of("sole-compliance=4e-4", robot)).calibration
+    assert found is not None
+    for name, true in (("joint-compliance", 2e-4), ("sole-compliance", 0.0)):
+        one = next(family for family in found.families if family.family.name == name)
+        assert np.abs((one.value - true) / one.standard_error).max() < 3
+    assert 0.7 < found.solved.scales[1] < 1.3  # of the cells
 
 
 def test_loads_are_those_of_the_estimated_robot(ordinary, nominal, robot):

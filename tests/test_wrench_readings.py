@@ -6,6 +6,7 @@ Their readings are compared with cells, with MuJoCo's contact forces and weights
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import mujoco
@@ -29,6 +30,7 @@ from tests.wrench_rigs import (
     laboratory,
     statics,
 )
+from tulip_testbed.discovery.candidates import candidates
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.instance import removed
 from tulip_testbed.experiments.identify import identify
@@ -78,6 +80,19 @@ def test_every_sensor_says_what_four_ideal_cells_say(static, robot, name):
     loose = {"sole-3axis": 1e-4, "foot-ft": 2e-3}.get(name, 1e-6)
     np.testing.assert_allclose(force[:, 2], total, rtol=0, atol=loose)
     np.testing.assert_allclose(pressure, center, rtol=0, atol=2e-5 if name == "foot-ft" else 1e-6)
+
+
+def test_on_one_foot_a_gain_is_no_candidate_where_nobody_knows_the_weight(static, robot):
+    """Both scale the vertical force. Two feet distinguish them, since each has a gain of its own."""
+    measured = static["foot-ft"].measurements
+    for support, weighed, searched in (
+        ("right", None, False),
+        ("right", (20.0, 0.01), True),
+        ("double", None, True),
+    ):
+        some = replace(measured.take(measured.support == support), weighed_mass=weighed)
+        every = candidates(observe(some, nominal_robot(robot, "right")))
+        assert any(one.effect.name == "wrench-gain" for one in every) == searched
 
 
 @pytest.mark.parametrize("name", WHOLE)
