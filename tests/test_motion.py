@@ -20,6 +20,8 @@ from tulip_testbed.measurements import read_samples
 from tulip_testbed.measurements.logs.series_reduction import reduced_motion
 from tulip_testbed.measurements.trajectory import runs
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
+from tulip_testbed.sim.procedure import header_of
+from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.sensors import Sensors
 from tulip_testbed.sim.series_readings import delayed, sample_series
 from tulip_testbed.viewer.postures_view import log_standing
@@ -90,6 +92,26 @@ def test_a_longer_budget_is_a_slower_motion():
     short = tt.plan_motion(few, minutes=fast.minutes / 2)
     assert short.minutes == fast.minutes
     assert f"more than {fast.minutes / 2:g}" in short.notes[0]
+
+
+def test_fast_motion_is_named_before_and_after(robot, planned, moved):
+    """The plan's figures are those that the check finds in the record."""
+    rough, fine = (header_of(preset_rig(name, robot)).sensors for name in ("wii", "force-plate"))
+    m = moved.measurements
+    found, fast = (
+        {one.name: one for one in tt.check(replace(m, sensors=sheet)).checks}["inertial part"]
+        for sheet in (rough, fine)
+    )
+    assert (found.result, fast.result) == ("pass", "warn")
+    assert "slower motion" in fast.advice
+    added, share = (float(found.seen.split(before)[1].split()[0]) for before in ("by ", "r.m.s., "))
+    assert added == pytest.approx(planned.inertial_mm, rel=0.15)
+    assert share == pytest.approx(planned.inertial_mm / planned.noise_mm, rel=0.15)
+    assert f"{planned.inertial_mm:.2g} mm r.m.s." in str(planned)
+    few = tt.plans.random.take(np.flatnonzero(tt.plans.random.placement == 1)[:3])
+    assert fast.advice in str(tt.plan_motion(few, robot, sensors="force-plate"))
+    assert fast.advice not in str(tt.plan_motion(few, robot))
+    assert checks(moved)["inertial part"].result == "not evaluated"  # there is no noise
 
 
 def test_a_plan_folder_keeps_the_motion(tmp_path, robot, planned):
