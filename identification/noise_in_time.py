@@ -70,6 +70,11 @@ class Decorrelation:
         """Return values times the correlation, (m, ...)."""
         return self._times(values, [correlation for _, correlation, _ in self.blocks])
 
+    @property
+    def effective_rows(self) -> float:
+        """Return how many rows with independent noise would determine a constant equally well."""
+        return float(sum((factor.sum(axis=1) ** 2).sum() for _, _, factor in self.blocks))
+
     def _times(self, values: np.ndarray, matrices: list[np.ndarray]) -> np.ndarray:
         out = np.empty_like(values)
         for (rows, _, _), matrix in zip(self.blocks, matrices, strict=True):

@@ -114,6 +114,14 @@ def test_fast_motion_is_named_before_and_after(robot, planned, moved):
     assert checks(moved)["inertial part"].result == "not evaluated"  # there is no noise
 
 
+def test_an_identification_says_how_many_rows_count(robot, moved):
+    sheet = header_of(preset_rig("wii", robot)).sensors
+    found = tt.identify(replace(moved.measurements, sensors=sheet), robot)
+    count, rows = found.calibration.effective_rows, len(moved.measurements)
+    assert 1 < count <= rows
+    assert f"{rows} rows determine a constant like {count:.0f} rows" in "\n".join(map(str, found.tables()))
+
+
 def test_a_plan_folder_keeps_the_motion(tmp_path, robot, planned):
     write_plan(tmp_path / "plan", planned.plan)
     again = read_plan(tmp_path / "plan", robot).motion

@@ -98,6 +98,15 @@ def test_rows_become_uncorrelated():
     assert found.back(unit) == pytest.approx(found(unit).T, abs=0)
 
 
+def test_effective_rows_are_those_of_a_continuous_record():
+    """Of a record of L seconds whose noise lasts T, a constant has the information of 1 + L / (2 T) rows."""
+    time, segment, lasts = STEP * np.arange(480), np.repeat([1, 2], 240), 8.0
+    slow = decorrelation(time, segment, WINDOW, NoiseInTime(1.0, lasts))
+    assert slow.effective_rows == pytest.approx(2 * (1 + 240 * STEP / (2 * lasts)), rel=0.03)
+    white = decorrelation(2 * time, segment, WINDOW, WHITE)
+    assert white.effective_rows == pytest.approx(480)
+
+
 @pytest.mark.parametrize("found", [EffectInstance(INERTIA, "3", (0.5,)), EffectInstance(LAG, "", (0.015,))])
 def test_effects_of_motion_are_read_and_pickled_by_their_names(found):
     assert EffectInstance.from_document(found.document()) == found
