@@ -3,6 +3,7 @@
 import pickle
 import warnings
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -142,7 +143,10 @@ def test_a_measurement_folder_keeps_samples_and_is_read_as_rows(tmp_path, moved)
     last = np.array(list(ends.values()))[np.searchsorted(begins, rows.time, side="right") - 1]
     assert (rows.time + rows.window <= last + 1e-6).all()  # no window crosses a segment's end
     assert checks(tmp_path / "data")["sampling"].result == "pass"
-    refuse("found samples of a motion", lambda: list(tt.watch(tmp_path / "data", plan="random", once=True)))
+    tt.write_measurements(tmp_path / "rows", rows)
+    for folder, what in (("data", "samples"), ("rows", "rows")):
+        watch = partial(tt.watch, tmp_path / folder, plan="random", once=True)
+        refuse(f"found {what} of a motion, expected held postures", lambda watch=watch: list(watch()))
 
 
 def test_check_tells_late_contacts(moved):
