@@ -17,6 +17,7 @@ from tulip_testbed.effects.motion_effects import MOTION_EFFECTS
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.inertial_wrench import needed_wrench
 from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.preflight import motion_checks
 from tulip_testbed.measurements import read_samples
 from tulip_testbed.measurements.logs.series_reduction import reduced_motion
 from tulip_testbed.measurements.trajectory import runs
@@ -157,6 +158,22 @@ def test_check_tells_late_contacts(moved):
     found = {one.name: one for one in tt.check(rows).checks}["lag of contacts"]
     assert found.result == "warn"
     assert abs(float(found.seen.split()[0]) - 40) <= 3  # ms
+
+
+@pytest.mark.parametrize("depth", [0.05, 1.0])
+def test_the_lever_of_horizontal_forces_counts_once_in_the_lag(robot, moved, depth, monkeypatch):
+    """On deep plates an error of the lever changes the lag by milliseconds."""
+    nominal, m = nominal_robot(robot), replace(moved.measurements, top_height=np.full(2, depth))
+    wrench, step = needed_wrench(nominal, m), 1e-4 * m.joint_rates
+    ahead, place, behind = (nominal.center_of_mass(m.joint_angles + k * step) for k in (1, 0, -1))
+    moments = np.column_stack([-wrench[:, 4], wrench[:, 3]]) - depth * wrench[:, :2]
+    added = moments / wrench[:, 2:3] - place
+    speed = (ahead - behind) / 2e-4
+    for rows in np.split(np.arange(len(m)), np.flatnonzero(np.diff(m.time) > 0.75) + 1):
+        speed[rows] += np.gradient(added[rows], m.time[rows], axis=0)
+    monkeypatch.setattr(motion_checks, "center_of_pressure", lambda m: place + added - 0.04 * speed)
+    (lag, _) = motion_checks.rows_of(m, nominal)
+    assert lag.seen.startswith("40 ms behind"), lag.seen
 
 
 def test_check_tells_gaps_short_segments_and_clipped_cells(moved):
