@@ -2,6 +2,7 @@
 
 import pickle
 import warnings
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 
@@ -122,6 +123,18 @@ def test_an_identification_says_how_many_rows_count(robot, moved):
     count, rows = found.calibration.effective_rows, len(moved.measurements)
     assert 1 < count <= rows
     assert f"{rows} rows determine a constant like {count:.0f} rows" in "\n".join(map(str, found.tables()))
+
+
+def test_work_on_a_plan_says_how_far_it_is(robot):
+    done = {}
+
+    def progress(what, total, before):
+        done[what] = -total
+        return nullcontext(lambda count: done.__setitem__(what, done[what] + count))
+
+    few = tt.plans.random.take(np.flatnonzero(tt.plans.random.placement <= 2))
+    tt.plan_motion(few, robot, progress=progress)
+    assert done == {"placements": 0, "segments of the motion": 0}
 
 
 def test_a_plan_folder_keeps_the_motion(tmp_path, robot, planned):

@@ -10,7 +10,7 @@ import numpy as np
 
 from tulip_testbed.base.column import Column
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.base.progress import Progress, silent
+from tulip_testbed.base.progress import Advance, Progress, silent
 from tulip_testbed.base.result import Outside, Result
 from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.defaults import MOTION_SPEED
@@ -115,7 +115,8 @@ def moving_plan(
         )
     at_limit = sum(planner.way(*step)[0] for way in ways for step in way) / 60
     slower = 1.0 if minutes is None else max(1.0, minutes / at_limit)
-    motion, margin, inertial = _trajectory(planner, ways, slower)
+    with progress("segments of the motion", len(ways), 0) as advance:
+        motion, margin, inertial = _trajectory(planner, ways, slower, advance)
     joint, fastest = motion.fastest
     made = plan.made | {"motion": {"speed": speed, "minutes": motion.seconds / 60}}
     own = planned_noise(robot, plan, sensors).own
@@ -145,7 +146,7 @@ def moving_plan(
 
 
 def _trajectory(
-    planner: MotionPlanner, ways: list[list[tuple[int, int]]], slower: float
+    planner: MotionPlanner, ways: list[list[tuple[int, int]]], slower: float, advance: Advance
 ) -> tuple[Trajectory, float, float]:
     """Return the trajectory of motions between rows.
 
@@ -154,6 +155,7 @@ def _trajectory(
 
     Args:
         ways: of every segment. slower: factor of the durations at the limit of the speed.
+        advance: called after every segment.
     """
     plan, parts, now, least, added = planner.plan, [], 0.0, np.inf, []
     for number, way in enumerate(ways, 1):
@@ -169,5 +171,6 @@ def _trajectory(
         numbers = np.full((2, len(time)), [[number], [plan.placement[row]]])
         parts.append((time, *numbers, np.full(len(time), support), angles, loads.torques))
         now = float(time[-1]) + 1 / RATE
+        advance(1)
     inertial = float(np.sqrt((np.concatenate(added) ** 2).mean()))
     return Trajectory(*(np.concatenate(column) for column in zip(*parts, strict=True))), least, inertial
