@@ -6,6 +6,7 @@ from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 
+import mujoco
 import numpy as np
 import pytest
 import rerun as rr
@@ -16,7 +17,7 @@ from tests.test_refusals import refuse
 from tulip_testbed.calibration.families import Family
 from tulip_testbed.effects.motion_effects import MOTION_EFFECTS
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
-from tulip_testbed.identification.inertial_wrench import needed_wrench
+from tulip_testbed.identification.inertial_wrench import inertial_parameters, needed_wrench
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.preflight import motion_checks
 from tulip_testbed.measurements import read_samples
@@ -117,10 +118,42 @@ def test_fast_motion_is_named_before_and_after(robot, planned, moved):
     assert checks(moved)["inertial part"].result == "not evaluated"  # there is no noise
 
 
-def test_an_identification_says_how_many_rows_count(robot, moved):
+@pytest.fixture(scope="module")
+def identified(robot, moved):
     sheet = header_of(preset_rig("wii", robot)).sensors
-    found = tt.identify(replace(moved.measurements, sensors=sheet), robot)
-    count, rows = found.calibration.effective_rows, len(moved.measurements)
+    return tt.identify(replace(moved.measurements, sensors=sheet), robot)
+
+
+@pytest.mark.parametrize(("size", "left"), [(0.5, 1.0), (1e3, 0.0)])
+def test_inertias_that_a_motion_determines_are_exported(robot, identified, tmp_path, size, left):
+    """Of a robot with the base parameters of CAD: the file differs by the change alone, or a part of it."""
+    calibration, cad = identified.calibration, inertial_parameters(robot.model)
+    (number, inertia), *_ = [
+        (k, one) for k, one in enumerate(calibration.families) if one.family.effect.name == "inertia"
+    ]
+    families = list(calibration.families)
+    known = np.arange(len(inertia.value)) == 0
+    families[number] = replace(inertia, value=np.full(len(known), size), determined=known)
+    found = replace(
+        identified,
+        full=replace(identified.full, value=nominal_robot(robot).value),
+        mass=(float(robot.model.body_mass.sum()), 0.01),
+        calibration=replace(calibration, families=tuple(families)),
+    )
+    exported = tt.export_model(found, robot, out=tmp_path / "moved.xml")
+    assert f"The motion determines 1 of {len(known)} directions" in str(exported)
+    assert ("A consistent robot can have" in str(exported)) == (left < 1)
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "moved.xml"))
+    change = (inertial_parameters(model) - cad).ravel()
+    whole = size * calibration.observed.motion.directions[:, int(inertia.family.targets[0]) - 1]
+    share = float(change @ whole / (whole @ whole))
+    assert np.abs(change - share * whole).max() < 1e-6 * np.abs(change).max()
+    assert share == pytest.approx(1.0) if left else 0 < share < 0.1
+
+
+def test_an_identification_says_how_many_rows_count(identified):
+    found = identified
+    count, rows = found.calibration.effective_rows, len(found.measurements)
     assert 1 < count <= rows
     assert f"{rows} rows determine a constant like {count:.0f} rows" in "\n".join(map(str, found.tables()))
 

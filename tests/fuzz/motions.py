@@ -35,40 +35,38 @@ def lifted(share: float, load: float) -> Edit:
 
 
 WINDOWS = (0, -1, 11, 1e-9, None, "0.5", [0.5])
-MOTION_KINDS: dict[str, Change] = {
-    name: changes.table(*how)
-    for name, how in {
-        "drop a column": (drop_a_column, REFUSED),
-        "poisoned samples": (cells((np.nan, np.inf, -np.inf, 1e300, None), "q.", "cell.", "plate."), REFUSED),
-        "poisoned times": (cells((np.nan, np.inf, -np.inf, None), "time"), REFUSED),
-        "a time that stands": (
-            whole({"time": lambda v: 0 * v}),
-            refused("column 'time', row 2", "increases"),
-        ),
-        "a time that goes back": (
-            whole({"time": lambda v: -v}),
-            refused("column 'time', row 2", "increases"),
-        ),
-        "another epoch": (whole({"time": lambda v: v + 1.6e9}), RIGHT),
-        "a slow clock": (whole({"time": lambda v: 1e6 * v}), refused(WHOLE, "no window")),
-        "a fast clock": (whole({"time": lambda v: 1e-6 * v}), refused(WHOLE, "no window")),
-        "an endless clock": (whole({"time": lambda v: 1e300 * v}), REFUSED),
-        "rows out of order": (rows_out_of_order, refused("row ")),
-        "shuffled rows": (lambda t, d: t.take(np.random.default_rng(1).permutation(len(t))), refused("row ")),
-        "a gap": (gap, RIGHT),
-        "wrong numbers": (cells((0.5, 2.0**53, np.nan, None), "segment", "placement"), REFUSED),
-        "a segment each": (whole({"segment": lambda v: np.arange(len(v))}), refused(WHOLE, "no window")),
-        "one segment": (whole({"segment": lambda v: 0 * v}), refused("row ", "begin a new one")),
-        "wrong support": (cells(("both", "Double", "x" * 99_999, "ä"), "support"), REFUSED),
-        "no texts": (typed(lambda v: [[1] * len(v), [None] * len(v)], "support"), REFUSED, "parquet"),
-        "another support": (whole({"support": lambda v: ["left"] * len(v)}), Expected("either", (WHOLE,))),
-        "a foot that lifts": (lifted(0.3, 0), RIGHT),
-        "a foot in the air": (lifted(1.0, 0), refused(WHOLE, "no window")),
-        "a foot that pulls": (lifted(1.0, -1), refused("row ")),
-        "few samples": (lambda t, d: t[: d(st.integers(1, 90))], refused(WHOLE)),
-        "no samples": (lambda t, d: t[:0], refused("found no rows")),
-    }.items()
+TABLES: dict[str, tuple] = {
+    "drop a column": (drop_a_column, REFUSED),
+    "poisoned samples": (cells((np.nan, np.inf, -np.inf, 1e300, None), "q.", "cell.", "plate."), REFUSED),
+    "poisoned times": (cells((np.nan, np.inf, -np.inf, None), "time"), REFUSED),
+    "a time that stands": (
+        whole({"time": lambda v: 0 * v}),
+        refused("column 'time', row 2", "increases"),
+    ),
+    "a time that goes back": (
+        whole({"time": lambda v: -v}),
+        refused("column 'time', row 2", "increases"),
+    ),
+    "another epoch": (whole({"time": lambda v: v + 1.6e9}), RIGHT),
+    "a slow clock": (whole({"time": lambda v: 1e6 * v}), refused(WHOLE, "no window")),
+    "a fast clock": (whole({"time": lambda v: 1e-6 * v}), refused(WHOLE, "no window")),
+    "an endless clock": (whole({"time": lambda v: 1e300 * v}), REFUSED),
+    "rows out of order": (rows_out_of_order, refused("row ")),
+    "shuffled rows": (lambda t, d: t.take(np.random.default_rng(1).permutation(len(t))), refused("row ")),
+    "a gap": (gap, RIGHT),
+    "wrong numbers": (cells((0.5, 2.0**53, np.nan, None), "segment", "placement"), REFUSED),
+    "a segment each": (whole({"segment": lambda v: np.arange(len(v))}), refused(WHOLE, "no window")),
+    "one segment": (whole({"segment": lambda v: 0 * v}), refused("row ", "begin a new one")),
+    "wrong support": (cells(("both", "Double", "x" * 99_999, "ä"), "support"), REFUSED),
+    "no texts": (typed(lambda v: [[1] * len(v), [None] * len(v)], "support"), REFUSED, "parquet"),
+    "another support": (whole({"support": lambda v: ["left"] * len(v)}), Expected("either", (WHOLE,))),
+    "a foot that lifts": (lifted(0.3, 0), RIGHT),
+    "a foot in the air": (lifted(1.0, 0), refused(WHOLE, "no window")),
+    "a foot that pulls": (lifted(1.0, -1), refused("row ")),
+    "few samples": (lambda t, d: t[: d(st.integers(1, 90))], refused(WHOLE)),
+    "no samples": (lambda t, d: t[:0], refused("found no rows")),
 }
+MOTION_KINDS: dict[str, Change] = {name: changes.table(*how) for name, how in TABLES.items()}
 MOTION_KINDS |= {name: changes.table(*EDITS[name]) for name in ("no numbers", "shuffle the columns")}
 MOTION_KINDS |= {
     "truncated table": changes.content(changes.truncated, REFUSED, TABLE),
