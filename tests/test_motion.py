@@ -2,7 +2,8 @@
 
 import pickle
 import warnings
-from contextlib import nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 
@@ -14,6 +15,7 @@ from pydantic import TypeAdapter
 
 import tulip_testbed as tt
 from tests.test_refusals import refuse
+from tulip_testbed.base.progress import Advance
 from tulip_testbed.calibration.families import Family
 from tulip_testbed.effects.motion_effects import MOTION_EFFECTS
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
@@ -159,11 +161,15 @@ def test_an_identification_says_how_many_rows_count(identified):
 
 
 def test_work_on_a_plan_says_how_far_it_is(robot):
-    done = {}
+    done: dict[str, int] = {}
 
-    def progress(what, total, before):
+    @contextmanager
+    def progress(what: str, total: int, before: int) -> Iterator[Advance]:
+        def advance(count: int, /, value: float | None = None) -> None:
+            done[what] += count
+
         done[what] = -total
-        return nullcontext(lambda count: done.__setitem__(what, done[what] + count))
+        yield advance
 
     few = tt.plans.random.take(np.flatnonzero(tt.plans.random.placement <= 2))
     tt.plan_motion(few, robot, progress=progress)
