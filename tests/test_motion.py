@@ -25,6 +25,7 @@ from tulip_testbed.identification.preflight import motion_checks
 from tulip_testbed.measurements import read_samples
 from tulip_testbed.measurements.logs.series_reduction import reduced_motion
 from tulip_testbed.measurements.trajectory import runs
+from tulip_testbed.sim.dynamics import moving_run
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.rig import preset_rig
@@ -311,6 +312,28 @@ def test_what_cannot_move_is_refused(tmp_path, robot, planned):
     refuse("minutes: found -1, expected more than 0", tt.plan_motion, plan, minutes=-1.0)
     single = plan.take(np.unique(plan.placement, return_index=True)[1])
     refuse("found no motion that the robot can make on its own feet", tt.plan_motion, single)
+
+
+def test_a_posture_that_cannot_be_held_costs_the_way_to_the_next_one(robot, monkeypatch):
+    hold, tried = moving_run.hold, []
+
+    def once_lost(stand, posture):
+        tried.append(posture)
+        return (None, "lost sole corner") if len(tried) == 1 else hold(stand, posture)
+
+    monkeypatch.setattr(moving_run, "hold", once_lost)
+    plan = tt.plan_motion(
+        tt.plans.random.take(np.flatnonzero(tt.plans.random.placement == 1)[:3]), robot
+    ).plan
+    run = tt.Laboratory(robot, sensors=EXACT).run(plan, workers=1)
+    assert run.samples is not None
+    assert run.truth.dropped == ((1, "lost sole corner"),)
+    first = int(np.abs(plan.motion.joint_angles - tried[1]).max(axis=1).argmin())
+    assert np.abs(plan.joint_angles[1] - tried[1]).max() < 1e-4
+    assert len(run.samples) == len(plan.motion) - first
+    assert np.abs(run.samples.joint_angles - plan.motion.joint_angles[first:]).max() < 0.02
+    late = moving_run._times(run.laboratory.rig, plan.motion)[first]
+    assert run.samples.time[0] == pytest.approx(late)
 
 
 @pytest.mark.slow
