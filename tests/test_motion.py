@@ -326,6 +326,7 @@ def test_a_posture_that_cannot_be_held_costs_the_way_to_the_next_one(robot, monk
         tt.plans.random.take(np.flatnonzero(tt.plans.random.placement == 1)[:3]), robot
     ).plan
     run = tt.Laboratory(robot, sensors=EXACT).run(plan, workers=1)
+    assert plan.motion is not None
     assert run.samples is not None
     assert run.truth.dropped == ((1, "lost sole corner"),)
     first = int(np.abs(plan.motion.joint_angles - tried[1]).max(axis=1).argmin())

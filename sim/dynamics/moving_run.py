@@ -166,6 +166,7 @@ def _move_on_placement(
             readings = read_sensors(rig, joints, motors, forces, wrenches, zeros, rng, read)
             before = None if first + len(good) < len(sent) else angles[-1]
             lost = lost or reason
+        assert recorded is not None  # a segment has a first stop
         command = sent[first : first + len(good)]
         out.append(_Segment(number, first, command, readings, recorded, good, lost))
     return out
