@@ -30,6 +30,7 @@ from tulip_testbed.calibration.reml import LikelihoodFit, fit, parts_of_variance
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.identification.degrees_of_freedom import of_f_test, satterthwaite
 from tulip_testbed.identification.estimators import Unseen
+from tulip_testbed.identification.noise_in_time import NoiseInTime
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import has_twist, moved_by, packed, unpacked
 from tulip_testbed.identification.residual_noise import Noise
@@ -95,6 +96,8 @@ class SelfCalibration:
         problem, solved: the linear model at the estimate. linear: where its columns were taken.
         assumed: how the tolerances were found.
         moved: largest change of a number by the last linearisation, in standard errors.
+        noise_in_time: of a moving record. effective_rows: of independent noise that would determine a
+            constant as well as its rows. None: the rows are taken as independent.
     """
 
     observed: InMemory[Observation]
@@ -113,6 +116,8 @@ class SelfCalibration:
     linear: InMemory[Linearised]
     assumed: str
     moved: float
+    noise_in_time: NoiseInTime | None = None
+    effective_rows: float | None = None
 
     @property
     def steady(self) -> bool:
@@ -310,6 +315,8 @@ def result_of(
         linear=linear,
         assumed=assumed,
         moved=moved,
+        noise_in_time=clean.noise_in_time,
+        effective_rows=None if clean.in_time is None else clean.in_time.effective_rows,
     )
 
 

@@ -21,7 +21,7 @@ from tulip_testbed.effects.removal import without
 from tulip_testbed.experiments.example import compact_json, example_manifest, example_row
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.preflight import RESULTS, Finding, preflight, worst_of
-from tulip_testbed.identification.preflight.motion_checks import lag, samples_of
+from tulip_testbed.identification.preflight.motion_checks import rows_of, samples_of
 from tulip_testbed.identification.preflight.plate_checks import plate_poses
 from tulip_testbed.identification.preflight.units import units
 from tulip_testbed.identification.regressor import check_robot
@@ -171,10 +171,11 @@ def check_measurements(
 
 def _of_motion(rows: Measurements, nominal: Nominal, samples: Measurements | None) -> list[Finding]:
     """Run the checks of a robot that moves; none of one that is held or another one."""
-    if rows.joint_rates is None or rows.joints != nominal.parameters.tree.joints:
+    held = rows.joint_rates is None or rows.joint_accelerations is None
+    if held or rows.joints != nominal.parameters.tree.joints:
         return []
     of_samples = [] if samples is None else samples_of(samples, float(rows.window[0]))
-    return [*of_samples, lag(rows, nominal)]
+    return [*of_samples, *rows_of(rows, nominal)]
 
 
 def _wrong_tolerances(folder: Path) -> list[str]:

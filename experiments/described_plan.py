@@ -191,16 +191,10 @@ def describe_plan(
     """
     whole = plan if measured is None else joined([as_plan(robot, measured), plan])
     rows = identifiable_regressor(source or "plan", robot, whole)
-    rig, parameters = preset_rig(preset, robot), planned_parameters(robot, whole)
+    parameters = planned_parameters(robot, whole)
     nominal = parameters.values(standard_parameters(robot.model))
     matrix = rows.reshape(len(whole), 2, -1)
-    com = nominal_robot(robot, parameters.support).center_of_mass(whole.joint_angles, whole.support)
-    readings = planned_readings(rig, whole, com)
-    sheet = readings.sensors
-    slope = (sheet.encoder_sd or 0.0) * (parameters.slope(whole.joint_angles, whole.support) @ nominal)
-    own = (sheet.cell_sd or 0.0) ** 2 * cell_noise(readings, com) + slope @ slope.mT
-    sd = np.array([*rig.sensors.mark_sd, *rig.sensors.placement_sd])
-    noise = ReadingNoise(own, placement_levers(readings) * sd, whole.placement)
+    noise = planned_noise(robot, whole, preset)
     covariance = np.linalg.inv(np.tensordot(matrix, noise.weights(matrix), axes=((0, 1), (0, 1))))
     errors = standard_errors(covariance)
     relative = relative_standard_errors(nominal, errors)
@@ -223,6 +217,20 @@ def describe_plan(
         whole=whole,
         robot=robot,
     )
+
+
+def planned_noise(robot: Robot, plan: PosturePlan, preset: str) -> ReadingNoise:
+    """Compute the noise of the centre of pressure at a plan's postures, see `describe_plan`."""
+    rig, nominal = preset_rig(preset, robot), nominal_robot(robot, common_support(plan.support))
+    com = nominal.center_of_mass(plan.joint_angles, plan.support)
+    readings = planned_readings(rig, plan, com)
+    sheet = readings.sensors
+    slope = (sheet.encoder_sd or 0.0) * nominal.parameters.slope_along(
+        nominal.value, plan.joint_angles, plan.support
+    )
+    own = (sheet.cell_sd or 0.0) ** 2 * cell_noise(readings, com) + slope @ slope.mT
+    sd = np.array([*rig.sensors.mark_sd, *rig.sensors.placement_sd])
+    return ReadingNoise(own, placement_levers(readings) * sd, plan.placement)
 
 
 def planned_readings(rig: Rig, plan: PosturePlan, com: np.ndarray) -> Measurements:

@@ -70,13 +70,13 @@ def residual_curves(discovery: Discovered) -> list[Curve]:
 
 
 def _observed(discovery: Discovered) -> Observation:
-    measured = discovery.measurements
+    measured = discovery.searched
     return observe(measured, nominal_robot(discovery.robot, common_support(measured.support)))
 
 
 def time_order(discovery: Discovered) -> np.ndarray:
     """Return the rows of the measurements in the order of time, (m,)."""
-    return np.argsort(discovery.measurements.time, kind="stable")
+    return np.argsort(discovery.searched.time, kind="stable")
 
 
 def _spread(discovery: Discovered, observed: Observation) -> np.ndarray:

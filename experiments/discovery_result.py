@@ -90,7 +90,8 @@ def _write_residuals(path: Path, columns: Columns) -> None:
 
 def _read_residuals(path: Path, robot: Robot) -> Columns:
     table = TableFile(path, read_bytes(path))
-    return {f"{side}.{part}": table.numbers(f"{side}.{part}") for side in SIDES for part in PARTS}
+    parts = (f"{side}.{part}" for side in SIDES for part in PARTS)
+    return {name: table.numbers(name) for name in ("posture", *parts)}
 
 
 def _write_rig(folder: Path, files: dict[str, str]) -> None:
@@ -129,7 +130,7 @@ class Discovered(SavedRun):
         check: the adopted physics in the full dynamics; None: nothing to simulate, or not asked for.
         wall_s: duration of the search [s].
         robot: the nominal robot. measurements: as they were measured.
-        residuals: of every posture, before and after what was found was removed, by column.
+        residuals: of every row of `searched`, before and after what was found was removed, by column.
         rig_files: of the adopted model's rig folder, as text by name; empty: nothing was adopted that lasts.
         document: how it was made. folder: where it is saved; None: in memory alone.
         discovery: the search itself; None in a result that was read.
@@ -171,10 +172,11 @@ class Discovered(SavedRun):
         placements = np.unique(measured.placement).tolist()
         for one in (*self.adopted, *self.calibrated, *(e.instance for e in self.explanations)):
             check_instance(one, robot, placements, str(result))
-        if (count := len(self.residual("before"))) != len(measured):
+        postures, rows = self.residuals["posture"], len(self.searched)
+        if not np.array_equal(postures, self.searched.posture):
             raise InputError(
-                f"{folder / RESIDUAL_FILE}: found {count} rows, expected {len(measured)}, as many as "
-                "the measurements have"
+                f"{folder / RESIDUAL_FILE}: found {len(postures)} rows, expected {rows}, with the "
+                "postures of the measurements in their order"
             )
         before = self.before.placed(robot, measured, str(result), "before.")
         after = self.after
@@ -208,6 +210,14 @@ class Discovered(SavedRun):
                         if one.effect.name == LAW and one.label != law.label
                     ],
                 )
+
+    @property
+    def searched(self) -> Measurements:
+        """Return the rows of the measurements that the search used: of a motion not all, see `discover`."""
+        measured = self.measurements
+        if measured.joint_rates is None:
+            return measured
+        return measured.take(np.flatnonzero(np.isin(measured.posture, self.residuals["posture"])))
 
     def residual(self, side: str) -> np.ndarray:
         """Return the residuals "before" or "after" what was found was removed, (m, 11), by channel.

@@ -19,12 +19,13 @@ LEAST_SHARE = 0.01
 
 
 def calibration_report(
-    found: SelfCalibration, names: tuple[str, ...], contacts: Contacts | None
+    found: SelfCalibration, names: tuple[str, ...], contacts: Contacts | None, rows: int
 ) -> list[Table | str]:
     """Return the tables of families, of members that the data know, and the budget.
 
     Args:
         names: of the base parameters, (p,). contacts: the sensors of the measurements.
+        rows: how many there are.
     """
     zero, small, unseen, members = 0, [], [], []
     for one in found.families:
@@ -60,7 +61,18 @@ def calibration_report(
         budget_table(found, names, contacts),
         f"{first_to_improve(found).capitalize()}.",
         f"Tolerances: {found.assumed}.",
+        *_in_time(found, rows),
     ]
+
+
+def _in_time(found: SelfCalibration, rows: int) -> list[str]:
+    """Say what noise that lasts leaves of the rows of a motion."""
+    lasting, count = found.noise_in_time, found.effective_rows
+    if lasting is None or count is None:
+        return []
+    lasts = f"{100 * lasting.share:.0f} % of its variance lasts for {lasting.seconds:.2g} s"
+    known = f"{rows} rows determine a constant like {count:.0f} rows with independent noise"
+    return [f"Noise in time: {lasts if lasting.share else 'white'}; {known}."]
 
 
 def first_to_improve(found: SelfCalibration) -> str:

@@ -287,6 +287,7 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
         if self.hidden:
             parts.append(f"Unknown zeros: {self.hidden}.")
         if self.calibration is not None:
-            parts += calibration_report(self.calibration, self.full.names, self.measurements.contacts)
+            given = (self.full.names, self.measurements.contacts, len(self.measurements))
+            parts += calibration_report(self.calibration, *given)
         summary = ESTIMATORS[self.estimator]
         return [*parts, f"Estimator: {self.estimator}. {summary}", LEGEND, mass_line(*self.mass)]

@@ -71,6 +71,12 @@ class Decorrelation:
         """Return values times the correlation, (m, r, ...)."""
         return self._times(values, [correlation for *_, correlation, _ in self.blocks])
 
+    @property
+    def effective_rows(self) -> float:
+        """Return how many rows with independent noise would determine a constant equally well."""
+        always = (factor for _, residuals, _, factor in self.blocks if 0 in residuals)
+        return float(sum((factor.sum(axis=1) ** 2).sum() for factor in always))
+
     def _times(self, values: np.ndarray, matrices: list[np.ndarray]) -> np.ndarray:
         out = values.copy()
         for (rows, residuals, *_), matrix in zip(self.blocks, matrices, strict=True):

@@ -192,3 +192,17 @@ def test_residuals_that_do_not_fit_are_refused(discovered_folder, robot, tmp_pat
     put_right(work, path.name)
     with pytest.raises(InputError, match=message):
         Discovered.load(work, robot)
+
+
+def test_a_discovery_of_some_rows_of_a_motion_is_read_again(discovered, robot, tmp_path):
+    """Its residuals are those of rows between which the noise has changed."""
+    m, still = discovered.measurements, 0 * discovered.measurements.joint_angles
+    numbers = np.arange(1, len(m) + 1)
+    moving = dataclasses.replace(m, posture=numbers, joint_rates=still, joint_accelerations=still)
+    some = {name: values[::3] for name, values in (discovered.residuals | {"posture": numbers}).items()}
+    dataclasses.replace(discovered, measurements=moving, residuals=some).save(tmp_path / "moved")
+    saved = Discovered.load(tmp_path / "moved", robot)
+    np.testing.assert_array_equal(saved.searched.time, m.time[::3])
+    assert residual_curves(saved)[0].before == pytest.approx(residual_curves(discovered)[0].before[::3])
+    assert discovery_page(saved)
+    window.save(tmp_path / "v.rrd", "v", lambda recording: log_discovery(recording, saved))

@@ -2,8 +2,12 @@
 
 import pickle
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 
+import mujoco
 import numpy as np
 import pytest
 import rerun as rr
@@ -11,18 +15,23 @@ from pydantic import TypeAdapter
 
 import tulip_testbed as tt
 from tests.test_refusals import refuse
+from tulip_testbed.base.progress import Advance
 from tulip_testbed.calibration.families import Family
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.effects.motion_effects import LAG, MOTION_EFFECTS
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
-from tulip_testbed.identification.inertial_wrench import needed_wrench
+from tulip_testbed.identification.inertial_wrench import inertial_parameters, needed_wrench
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
+from tulip_testbed.identification.preflight import motion_checks
 from tulip_testbed.identification.residual_channels import residuals
 from tulip_testbed.measurements import read_samples
 from tulip_testbed.measurements.logs.series_reduction import reduced_motion
 from tulip_testbed.measurements.trajectory import runs
+from tulip_testbed.sim.dynamics import moving_run
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
+from tulip_testbed.sim.procedure import header_of
+from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.sensors import Sensors
 from tulip_testbed.sim.series_readings import delayed, sample_series
 from tulip_testbed.viewer.postures_view import log_standing
@@ -95,6 +104,82 @@ def test_a_longer_budget_is_a_slower_motion():
     assert f"more than {fast.minutes / 2:g}" in short.notes[0]
 
 
+def test_fast_motion_is_named_before_and_after(robot, planned, moved):
+    """The plan's figures are those that the check finds in the record."""
+    rough, fine = (header_of(preset_rig(name, robot)).sensors for name in ("wii", "force-plate"))
+    m = moved.measurements
+    found, fast = (
+        {one.name: one for one in tt.check(replace(m, sensors=sheet)).checks}["inertial part"]
+        for sheet in (rough, fine)
+    )
+    assert (found.result, fast.result) == ("pass", "warn")
+    assert "slower motion" in fast.advice
+    added, share = (float(found.seen.split(before)[1].split()[0]) for before in ("by ", "r.m.s., "))
+    assert added == pytest.approx(planned.inertial_mm, rel=0.15)
+    assert share == pytest.approx(planned.inertial_mm / planned.noise_mm, rel=0.15)
+    assert f"{planned.inertial_mm:.2g} mm r.m.s." in str(planned)
+    few = tt.plans.random.take(np.flatnonzero(tt.plans.random.placement == 1)[:3])
+    assert fast.advice in str(tt.plan_motion(few, robot, sensors="force-plate"))
+    assert fast.advice not in str(tt.plan_motion(few, robot))
+    assert checks(moved)["inertial part"].result == "not evaluated"  # there is no noise
+
+
+@pytest.fixture(scope="module")
+def identified(robot, moved):
+    sheet = header_of(preset_rig("wii", robot)).sensors
+    return tt.identify(replace(moved.measurements, sensors=sheet), robot)
+
+
+@pytest.mark.parametrize(("size", "left"), [(0.5, 1.0), (1e3, 0.0)])
+def test_inertias_that_a_motion_determines_are_exported(robot, identified, tmp_path, size, left):
+    """Of a robot with the base parameters of CAD: the file differs by the change alone, or a part of it."""
+    calibration, cad = identified.calibration, inertial_parameters(robot.model)
+    (number, inertia), *_ = [
+        (k, one) for k, one in enumerate(calibration.families) if one.family.effect.name == "inertia"
+    ]
+    families = list(calibration.families)
+    known = np.arange(len(inertia.value)) == 0
+    families[number] = replace(inertia, value=np.full(len(known), size), determined=known)
+    found = replace(
+        identified,
+        full=replace(identified.full, value=nominal_robot(robot).value),
+        mass=(float(robot.model.body_mass.sum()), 0.01),
+        calibration=replace(calibration, families=tuple(families)),
+    )
+    exported = tt.export_model(found, robot, out=tmp_path / "moved.xml")
+    assert f"The motion determines 1 of {len(known)} directions" in str(exported)
+    assert ("A consistent robot can have" in str(exported)) == (left < 1)
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "moved.xml"))
+    change = (inertial_parameters(model) - cad).ravel()
+    whole = size * calibration.observed.motion.directions[:, int(inertia.family.targets[0]) - 1]
+    share = float(change @ whole / (whole @ whole))
+    assert np.abs(change - share * whole).max() < 1e-6 * np.abs(change).max()
+    assert share == pytest.approx(1.0) if left else 0 < share < 0.1
+
+
+def test_an_identification_says_how_many_rows_count(identified):
+    found = identified
+    count, rows = found.calibration.effective_rows, len(found.measurements)
+    assert 1 < count <= rows
+    assert f"{rows} rows determine a constant like {count:.0f} rows" in "\n".join(map(str, found.tables()))
+
+
+def test_work_on_a_plan_says_how_far_it_is(robot):
+    done: dict[str, int] = {}
+
+    @contextmanager
+    def progress(what: str, total: int, before: int) -> Iterator[Advance]:
+        def advance(count: int, /, value: float | None = None) -> None:
+            done[what] += count
+
+        done[what] = -total
+        yield advance
+
+    few = tt.plans.random.take(np.flatnonzero(tt.plans.random.placement <= 2))
+    tt.plan_motion(few, robot, progress=progress)
+    assert done == {"placements": 0, "segments of the motion": 0}
+
+
 def test_a_plan_folder_keeps_the_motion(tmp_path, robot, planned):
     write_plan(tmp_path / "plan", planned.plan)
     again = read_plan(tmp_path / "plan", robot).motion
@@ -115,7 +200,10 @@ def test_a_measurement_folder_keeps_samples_and_is_read_as_rows(tmp_path, moved)
     last = np.array(list(ends.values()))[np.searchsorted(begins, rows.time, side="right") - 1]
     assert (rows.time + rows.window <= last + 1e-6).all()  # no window crosses a segment's end
     assert checks(tmp_path / "data")["sampling"].result == "pass"
-    refuse("found samples of a motion", lambda: list(tt.watch(tmp_path / "data", plan="random", once=True)))
+    tt.write_measurements(tmp_path / "rows", rows)
+    for folder, what in (("data", "samples"), ("rows", "rows")):
+        watch = partial(tt.watch, tmp_path / folder, plan="random", once=True)
+        refuse(f"found {what} of a motion, expected held postures", lambda watch=watch: list(watch()))
 
 
 def test_check_tells_late_contacts(moved):
@@ -137,6 +225,22 @@ def test_what_late_contacts_read_is_known_with_the_inertial_forces(robot, moved)
     lag = EffectInstance(LAG, "", (0.02,))
     truth, wrong, right = (residuals(o, nominal.value)[:, :2] for o in (now, then, removed(then, [lag])))
     assert np.linalg.norm(right - truth) < 0.1 * np.linalg.norm(wrong - truth)
+
+
+@pytest.mark.parametrize("depth", [0.05, 1.0])
+def test_the_lever_of_horizontal_forces_counts_once_in_the_lag(robot, moved, depth, monkeypatch):
+    """On deep plates an error of the lever changes the lag by milliseconds."""
+    nominal, m = nominal_robot(robot), replace(moved.measurements, top_height=np.full(2, depth))
+    wrench, step = needed_wrench(nominal, m), 1e-4 * m.joint_rates
+    ahead, place, behind = (nominal.center_of_mass(m.joint_angles + k * step) for k in (1, 0, -1))
+    moments = np.column_stack([-wrench[:, 4], wrench[:, 3]]) - depth * wrench[:, :2]
+    added = moments / wrench[:, 2:3] - place
+    speed = (ahead - behind) / 2e-4
+    for rows in np.split(np.arange(len(m)), np.flatnonzero(np.diff(m.time) > 0.75) + 1):
+        speed[rows] += np.gradient(added[rows], m.time[rows], axis=0)
+    monkeypatch.setattr(motion_checks, "center_of_pressure", lambda m: place + added - 0.04 * speed)
+    (lag, _) = motion_checks.rows_of(m, nominal)
+    assert lag.seen.startswith("40 ms behind"), lag.seen
 
 
 def test_check_tells_gaps_short_segments_and_clipped_cells(moved):
@@ -222,6 +326,29 @@ def test_what_cannot_move_is_refused(tmp_path, robot, planned):
     refuse("minutes: found -1, expected more than 0", tt.plan_motion, plan, minutes=-1.0)
     single = plan.take(np.unique(plan.placement, return_index=True)[1])
     refuse("found no motion that the robot can make on its own feet", tt.plan_motion, single)
+
+
+def test_a_posture_that_cannot_be_held_costs_the_way_to_the_next_one(robot, monkeypatch):
+    hold, tried = moving_run.hold, []
+
+    def once_lost(stand, posture):
+        tried.append(posture)
+        return (None, "lost sole corner") if len(tried) == 1 else hold(stand, posture)
+
+    monkeypatch.setattr(moving_run, "hold", once_lost)
+    plan = tt.plan_motion(
+        tt.plans.random.take(np.flatnonzero(tt.plans.random.placement == 1)[:3]), robot
+    ).plan
+    run = tt.Laboratory(robot, sensors=EXACT).run(plan, workers=1)
+    assert plan.motion is not None
+    assert run.samples is not None
+    assert run.truth.dropped == ((1, "lost sole corner"),)
+    first = int(np.abs(plan.motion.joint_angles - tried[1]).max(axis=1).argmin())
+    assert np.abs(plan.joint_angles[1] - tried[1]).max() < 1e-4
+    assert len(run.samples) == len(plan.motion) - first
+    assert np.abs(run.samples.joint_angles - plan.motion.joint_angles[first:]).max() < 0.02
+    late = moving_run._times(run.laboratory.rig, plan.motion)[first]
+    assert run.samples.time[0] == pytest.approx(late)
 
 
 @pytest.mark.slow

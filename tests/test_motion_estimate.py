@@ -84,10 +84,12 @@ def test_how_long_noise_lasts_is_found(lasting):
 
 
 def test_how_long_noise_lasts_is_found_from_the_rows_that_have_it():
-    noise, *when = series(np.random.default_rng(405), lasting := NoiseInTime(0.9, 4.0), kinds=4)
+    lasting = NoiseInTime(0.9, 4.0)
+    noise, time, segment, window = series(np.random.default_rng(405), lasting, kinds=4)
     noise[np.random.default_rng(406).random(len(noise)) < 0.3, 3] = 0.0
-    assert noise_in_time_of(noise, *when) == noise_in_time_of(noise[:, :3], *when)
-    assert noise_in_time_of(noise, *when).share == pytest.approx(lasting.share, abs=0.1)
+    found = noise_in_time_of(noise, time, segment, window)
+    assert found == noise_in_time_of(noise[:, :3], time, segment, window)
+    assert found.share == pytest.approx(lasting.share, abs=0.1)
 
 
 def test_white_noise_does_not_last():
@@ -109,6 +111,15 @@ def test_rows_become_uncorrelated_over_the_rows_that_have_a_residual():
         assert root @ (both * whole) @ root.T == pytest.approx(np.diag(having.astype(float)), abs=1e-9)
         assert found.back(unit)[:, number] == pytest.approx(found(unit)[:, number].T, abs=1e-12)
         assert found.correlated(unit)[:, number][both] == pytest.approx(whole[both], abs=1e-12)
+
+
+def test_effective_rows_are_those_of_a_continuous_record():
+    """Of a record of L seconds whose noise lasts T, a constant has the information of 1 + L / (2 T) rows."""
+    time, segment, lasts = STEP * np.arange(480), np.repeat([1, 2], 240), 8.0
+    slow = decorrelation(time, segment, WINDOW, NoiseInTime(1.0, lasts))
+    assert slow.effective_rows == pytest.approx(2 * (1 + 240 * STEP / (2 * lasts)), rel=0.03)
+    white = decorrelation(2 * time, segment, WINDOW, WHITE)
+    assert white.effective_rows == pytest.approx(480)
 
 
 @pytest.mark.parametrize("found", [EffectInstance(INERTIA, "3", (0.5,)), EffectInstance(LAG, "", (0.015,))])

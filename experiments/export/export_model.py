@@ -17,6 +17,7 @@ from tulip_testbed.base.files import check_new, present, read_bytes, write_bytes
 from tulip_testbed.effects.instance import EffectInstance, injected
 from tulip_testbed.effects.true_robot import true_model
 from tulip_testbed.experiments.export.exported_model import ExportedModel, TotalMass, exported_links
+from tulip_testbed.experiments.export.identified_inertias import with_identified_inertias
 from tulip_testbed.experiments.export.inertial_text import with_inertias, with_places
 from tulip_testbed.experiments.export.published_links import PublishedLinks, published_links
 from tulip_testbed.experiments.export.written_urdf import written_urdf
@@ -97,7 +98,7 @@ def export_model(
         cad = source.by_link(robot.model.nbody - 1)
     elif export.path.suffix.lower() == ".urdf":
         cad[cad[:, 3, 3] <= LEAST_MASS] = 0.0  # which stands for none, where a file needs a mass
-    reference = solid(cad)
+    reference, inertias = with_identified_inertias(solid(cad), identification, links)
     ellipsoids = bounding_ellipsoids(robot.visual_model, reference)
     mass, mass_error = weighed or identification.mass
     value, covariance = full.value, full.covariance
@@ -112,6 +113,7 @@ def export_model(
     known = slope @ block_diag(full.covariance, mass_error**2) @ slope.T
     shares = data_shares(consistent.pseudo, target.from_standard, known)
     content, notes = _content(robot, model, export, source, parameters, consistent)
+    notes = (*notes, *inertias)
     left_out = [
         str(effect) for effect in export.adopted if effect.effect.name != LENGTH or not export.lengths
     ]

@@ -87,8 +87,8 @@ class ExportedModel(Result):
             rows.append([link.link, *cells, *(float(value) for axis in of_center for value in axis)])
         note = (
             "From data: 100 %: base parameters and total mass determine the number; 0 %: CAD makes it "
-            "likely, or its standard error exceeds what CAD leaves open. Inertias follow mass and centre; "
-            "statics cannot determine them."
+            "likely, or its standard error exceeds what CAD leaves open. Inertias follow mass and centre "
+            "where the data do not determine them; statics cannot."
         )
         return [
             Table("Masses and centres of mass of the links", tuple(columns), rows, note),

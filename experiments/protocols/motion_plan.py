@@ -10,14 +10,16 @@ import numpy as np
 
 from tulip_testbed.base.column import Column
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.base.progress import Progress, silent
+from tulip_testbed.base.progress import Advance, Progress, silent
 from tulip_testbed.base.result import Outside, Result
 from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.defaults import MOTION_SPEED
+from tulip_testbed.experiments.described_plan import planned_noise
 from tulip_testbed.experiments.protocols.measuring_order import stances_in_order
 from tulip_testbed.experiments.protocols.motion import FREE, MotionPlanner
 from tulip_testbed.experiments.protocols.protocol_run import FASTEST, SLOWEST
 from tulip_testbed.identification.feasibility import stability_margin, support_polygon
+from tulip_testbed.identification.preflight.motion_checks import FAST, TOO_FAST
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.measurements.trajectory import RATE, Trajectory
@@ -38,6 +40,8 @@ class MotionPlan(Result):
         minutes: time of motion. limit: of the fastest joint, as it was asked for [rad/s].
         fastest_joint, fastest: and its speed [rad/s].
         zmp_margin: least margin of the zero-moment point inside the support polygon [m].
+        inertial_mm: root mean square of what accelerations add to the centre of pressure, by CAD [mm].
+        preset, noise_mm: of the sensors, and the s.d. that their noise gives a row's centre of pressure [mm].
         left_out: how many motions between postures, by what keeps the robot from making them on its feet.
         plan: the postures, with their motion.
         notes: where the plan is, and what became of the budget.
@@ -50,6 +54,9 @@ class MotionPlan(Result):
     fastest_joint: str
     fastest: float
     zmp_margin: float
+    inertial_mm: float
+    preset: str
+    noise_mm: float
     left_out: dict[str, int]
     plan: Annotated[PosturePlan, Outside()]
     notes: tuple[str, ...] = ()
@@ -61,6 +68,8 @@ class MotionPlan(Result):
             "time of motion": f"{self.minutes:.1f} min ({self.samples} samples)",
             "fastest joint": f"{self.fastest_joint}, {self.fastest:.2f} rad/s (at most {self.limit:g})",
             "least margin of the zero-moment point": f"{1e3 * self.zmp_margin:.0f} mm",
+            "centre of pressure by accelerations": f"{self.inertial_mm:.2g} mm r.m.s., "
+            f"{self.inertial_mm / self.noise_mm:.2g} of the noise ({self.preset}: {self.noise_mm:.2g} mm)",
         }
         rows |= {f"motions left out: {cause}": f"{count}" for cause, count in self.left_out.items()}
         table = Table("Motion", (Column("what"), Column("value")), [list(row) for row in rows.items()])
@@ -72,6 +81,7 @@ def moving_plan(
     plan: PosturePlan,
     minutes: float | None = None,
     speed: float = MOTION_SPEED,
+    sensors: str = "wii",
     progress: Progress = silent,
 ) -> MotionPlan:
     """Join the postures of every placement by free motions; see `tulip_testbed.plan_motion`."""
@@ -105,16 +115,19 @@ def moving_plan(
         )
     at_limit = sum(planner.way(*step)[0] for way in ways for step in way) / 60
     slower = 1.0 if minutes is None else max(1.0, minutes / at_limit)
-    motion, margin = _trajectory(planner, ways, slower)
+    with progress("segments of the motion", len(ways), 0) as advance:
+        motion, margin, inertial = _trajectory(planner, ways, slower, advance)
     joint, fastest = motion.fastest
     made = plan.made | {"motion": {"speed": speed, "minutes": motion.seconds / 60}}
+    own = planned_noise(robot, plan, sensors).own
+    noise = float(np.sqrt(np.trace(own, axis1=1, axis2=2).mean() / 2))
     moving = replace(plan.take(np.concatenate(stances)), made=made, motion=motion)
-    notes = ()
+    notes = (TOO_FAST,) if inertial > FAST * noise else ()
     if minutes is not None:
         needed = f"At {speed:g} rad/s the motions take {at_limit:.1f} min"
-        notes = (f"{needed}; they are {slower:.1f} times slower.",)
-        if at_limit > minutes:
-            notes = (f"{needed}, more than {minutes:g}.",)
+        short = at_limit > minutes
+        budget = f", more than {minutes:g}." if short else f"; they are {slower:.1f} times slower."
+        notes = (needed + budget, *notes)
     return MotionPlan(
         segments=len(motion.segments),
         samples=len(motion),
@@ -123,6 +136,9 @@ def moving_plan(
         fastest_joint=plan.joints[joint],
         fastest=fastest,
         zmp_margin=margin,
+        inertial_mm=1e3 * inertial,
+        preset=sensors,
+        noise_mm=1e3 * noise,
         left_out=dict(left_out),
         plan=moving,
         notes=notes,
@@ -130,14 +146,18 @@ def moving_plan(
 
 
 def _trajectory(
-    planner: MotionPlanner, ways: list[list[tuple[int, int]]], slower: float
-) -> tuple[Trajectory, float]:
-    """Return the trajectory of motions between rows, and the least margin of the zero-moment point [m].
+    planner: MotionPlanner, ways: list[list[tuple[int, int]]], slower: float, advance: Advance
+) -> tuple[Trajectory, float, float]:
+    """Return the trajectory of motions between rows.
+
+    Two numbers follow: the least margin of the zero-moment point, and the root mean square of its distance
+    from the centre of mass [m].
 
     Args:
         ways: of every segment. slower: factor of the durations at the limit of the speed.
+        advance: called after every segment.
     """
-    plan, parts, now, least = planner.plan, [], 0.0, np.inf
+    plan, parts, now, least, added = planner.plan, [], 0.0, np.inf, []
     for number, way in enumerate(ways, 1):
         row = way[0][0]
         there = [planner.angles(start, end, RATE, slower) for start, end in way]
@@ -146,8 +166,11 @@ def _trajectory(
         support = str(plan.support[row])
         loads = planner.loads.at(time, angles, support)
         soles = loads.soles[0, feet_in_contact(np.array([support]))[0], :, :2]
+        added.append(loads.zmp - loads.com)
         least = min(least, float(stability_margin(loads.zmp, support_polygon(soles))))
         numbers = np.full((2, len(time)), [[number], [plan.placement[row]]])
         parts.append((time, *numbers, np.full(len(time), support), angles, loads.torques))
         now = float(time[-1]) + 1 / RATE
-    return Trajectory(*(np.concatenate(column) for column in zip(*parts, strict=True))), least
+        advance(1)
+    inertial = float(np.sqrt((np.concatenate(added) ** 2).mean()))
+    return Trajectory(*(np.concatenate(column) for column in zip(*parts, strict=True))), least, inertial

@@ -53,10 +53,7 @@ def new_lines(path: Path, read: bytes, once: bool = False) -> list[bytes]:
         if read:
             raise InputError(f"{path}: found no file any more, expected the one that was read so far")
         if moves(path.parent):
-            raise InputError(
-                f"{path.parent}: found samples of a motion, expected held postures; `check` takes a "
-                "whole motion"
-            )
+            raise _in_motion(f"{path.parent}: found samples of a motion")
         return []
     header = header_of(read)
     with opened(path) as file:
@@ -113,11 +110,20 @@ def is_header(path: Path, number: int, line: bytes, header: bytes) -> bool:
     names = _names(text)
     if not header and 2 * sum(map(_is_number, names)) > len(names):
         raise InputError(f"{path}: line {number}: found numbers, expected the columns' names")
+    if not header and any(name.startswith("q_rate.") for name in names):
+        raise _in_motion(f"{path}: line {number}: found rows of a motion")
     if header in (b"", text):
         return True
     if "posture" in names and names != _names(header):
         raise _another_header(path, number, text, header)
     return "posture" in names
+
+
+def _in_motion(found: str) -> InputError:
+    return InputError(
+        f"{found}, expected held postures: a watch takes the noise of rows as independent, and in a motion "
+        "it lasts; `check` takes the segments that are complete"
+    )
 
 
 def _is_number(text: str) -> bool:

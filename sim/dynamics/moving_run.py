@@ -35,6 +35,7 @@ from tulip_testbed.sim.series_readings import delayed, sample_series
 # the weight. In these the centre of pressure agrees with the motion within 0.04 mm.
 CONTACT = (0.005, 0.995)
 STICKS = 100.0  # MuJoCo's `impratio`: with that of a hold, feet creep 0.2 mm in 80 s, with this one 0.03 mm
+REST = 0.02  # of a segment's largest speed, below which it rests
 SLIP = 1e-3  # m, of a foot on its plate in a motion, beyond which the recorded poses are wrong
 
 
@@ -42,12 +43,14 @@ class _Segment(NamedTuple):
     """Readings of the sensors in a segment.
 
     Attributes:
-        number: place in the trajectory. command: (k, n_joints) [rad]. readings: see `read_sensors`, (k, ...).
+        number: place in the trajectory. first: sample of it at which the robot began.
+        command: (k, n_joints) [rad]. readings: see `read_sensors`, (k, ...).
         plates: recorded poses, (2, 3) [m, m, rad]. good: which samples can be used, (k,).
         reason: why some cannot, or "".
     """
 
     number: int
+    first: int
     command: np.ndarray
     readings: dict[str, np.ndarray]
     plates: np.ndarray
@@ -64,9 +67,10 @@ def run_motion(
 ) -> MovingOutcome:
     """Simulate a plan that moves in the full dynamics.
 
-    The robot stands as for a hold before every segment. Samples at which a foot has lifted or slipped are
-    left out, and a new segment begins behind them; the truth says why. Every placement has its own random
-    stream, so that the result does not depend on `workers`.
+    The robot stands as for a hold before every segment; if it cannot hold the first posture, the segment
+    begins at the next one. Samples at which a foot has lifted or slipped are left out, and a new segment
+    begins behind them; the truth says why. Every placement has its own random stream, so that the result does
+    not depend on `workers`.
 
     Args:
         progress: called with the number of segments each time a part of a placement is done.
@@ -141,23 +145,39 @@ def _move_on_placement(
         noise = rig.controller.command_sd * rng.standard_normal(len(plan.joints))
         feed = np.zeros_like(motion.joint_angles[rows]) if motion.torques is None else motion.torques[rows]
         sent = motion.joint_angles[rows] + noise + stand.offset(feed)
-        start = motion.joint_angles[rows.start]
-        if before is None or motion.support[rows.start] != support:
-            support = str(motion.support[rows.start])
-            put_down(stand, start + noise, support, sent[0])
-        else:
-            move(stand, before, start, sent[0])
-        recorded = stand.plates_in_base() + error if recorded is None else recorded
-        held, reason = hold(stand, start)
-        before, readings, good = None, {}, np.zeros(0, bool)
+        angles, held, lost = motion.joint_angles[rows], None, ""
+        for first in _stops(angles, round(rig.protocol.window * RATE)):
+            start = angles[first]
+            if before is None or motion.support[rows.start] != support:
+                support = str(motion.support[rows.start])
+                put_down(stand, start + noise, support, sent[first])
+            else:
+                move(stand, before, start, sent[first])
+            recorded = stand.plates_in_base() + error if recorded is None else recorded
+            held, reason = hold(stand, start)
+            before, lost = None, lost or reason or ""
+            if held is not None:
+                break
+        readings, good = {}, np.zeros(0, bool)
         if held is not None:
-            states, good, reason = _follow(stand, motion.time[rows], motion.joint_angles[rows], sent)
+            states, good, reason = _follow(stand, motion.time[rows][first:], angles[first:], sent[first:])
             joints, motors = states[:2]
             forces, wrenches = (delayed(rig.sensors, each, 1 / RATE) for each in states[2:])
             readings = read_sensors(rig, joints, motors, forces, wrenches, zeros, rng, read)
-            before = None if len(good) < len(sent) else motion.joint_angles[rows][-1]
-        out.append(_Segment(number, sent[: len(good)], readings, recorded, good, reason))
+            before = None if first + len(good) < len(sent) else angles[-1]
+            lost = lost or reason
+        assert recorded is not None  # a segment has a first stop
+        command = sent[first : first + len(good)]
+        out.append(_Segment(number, first, command, readings, recorded, good, lost))
     return out
+
+
+def _stops(angles: np.ndarray, least: int) -> list[int]:
+    """Return the samples at which a segment rests and can begin, at least some samples before its end."""
+    speed = np.abs(np.diff(angles, axis=0)).max(axis=1)
+    slow = speed < REST * speed.max()
+    stops = [rows.start + int(speed[rows].argmin()) for rows in runs(slow) if slow[rows.start]]
+    return [0, *(stop for stop in stops[1:] if stop < len(angles) - least)]
 
 
 def _follow(
@@ -223,7 +243,7 @@ def _samples(
     least = rig.protocol.window * RATE
     used, rows = [], []  # which samples of which segment, and where they are in the trajectory
     for one in segments:
-        begin = motion.segments[one.number].start
+        begin = motion.segments[one.number].start + one.first
         for run in runs(one.good):
             if one.good[run.start] and run.stop - run.start > least:
                 used.append((one, run))

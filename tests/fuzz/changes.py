@@ -74,7 +74,7 @@ def content(make: Make, expected: Expected, *files: str) -> Change:
         new = made.encode() if isinstance(made, str) else made
         assert new != old, f"{path.name}: nothing was changed"
         path.write_bytes(new)
-        if path.stem == "postures" and "hash mismatch" not in expected.words:
+        if path.suffix != ".json" and "hash mismatch" not in expected.words:
             keep_alone(path)
         return named(expected, path)
 
@@ -90,7 +90,7 @@ def named(expected: Expected, path: Path, where: Iterable[str] = ()) -> Expected
 
 def keep_alone(path: Path) -> None:
     """Remove the table's twin and let the manifest list the table as it is."""
-    for twin in path.parent.glob("postures.*"):
+    for twin in path.parent.glob(f"{path.stem}.*"):
         if twin != path:
             twin.unlink()
     (manifest,) = path.parent.glob("*.json")
@@ -159,8 +159,9 @@ def table(
     """Edit the table and write it in one format alone; a refusal has to name the place."""
 
     def change(folder: Path, draw: Draw) -> Expected:
-        intact = pyarrow.parquet.read_table(folder / "postures.parquet")
-        edited, path = edit(intact, draw), folder / f"postures.{one(draw, formats or ('parquet', 'csv'))}"
+        (written,) = folder.glob("*.parquet")
+        intact = pyarrow.parquet.read_table(written)
+        edited, path = edit(intact, draw), written.with_suffix(f".{one(draw, formats or ('parquet', 'csv'))}")
         write = pyarrow.parquet.write_table if path.suffix == ".parquet" else pyarrow.csv.write_csv
         write(edited, path, **options)
         keep_alone(path)

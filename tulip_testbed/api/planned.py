@@ -112,6 +112,7 @@ def plan_motion(
     *,
     minutes: float | None = None,
     speed: float = MOTION_SPEED,
+    sensors: str = "wii",
     out: str | Path | None = None,
     progress: Progress = silent,
 ) -> MotionPlan:
@@ -126,6 +127,7 @@ def plan_motion(
         robot: the nominal robot; TULip if None.
         minutes: of motion: it is slower than `speed` where that fills them; None: as fast as `speed` allows.
         speed: most of the fastest joint [rad/s].
+        sensors: with whose noise the inertial forces are compared: "wii" or "force-plate".
         out: the new plan folder.
 
     Returns:
@@ -136,9 +138,10 @@ def plan_motion(
             setting out of range, or a folder that exists.
     """
     robot, place = robot or load_robot(), None if out is None else Path(out)
+    _check_noisy(sensors)
     if place is not None:
         check_new(place)
-    made = moving_plan(robot, plan_of(plan, robot), minutes, speed, progress)
+    made = moving_plan(robot, plan_of(plan, robot), minutes, speed, sensors, progress)
     if place is None:
         return made
     write_plan(place, made.plan)

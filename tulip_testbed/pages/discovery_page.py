@@ -53,7 +53,7 @@ def discovery_page(discovery: Discovered) -> Page:
         for channel, name in CHANNEL_NAMES.items()
         if channel in held.before
     ]
-    posture = discovery.measurements.posture[time_order(discovery)]
+    posture = discovery.searched.posture[time_order(discovery)]
     changed = bool(discovery.explanations or discovery.calibrated)
     tables = [family_table(discovery.families, FAMILIES), calibrated_table(discovery.calibrated)]
     ordinary = tuple(table for table in tables if table.rows)

@@ -46,7 +46,7 @@ SPACE = 8.0  # pixels around it
 
 def log_discovery(recording: rr.RecordingStream, discovery: Discovered) -> None:
     """Log a discovery, its postures in the order of time, and the layout of its views."""
-    subject = replace(of_measurements(discovery.measurements, discovery.robot), com={})
+    subject = replace(of_measurements(discovery.searched, discovery.robot), com={})
     rank = np.empty(len(subject), int)
     rank[time_order(discovery)] = np.arange(1, len(subject) + 1)
     canvas = log_standing(recording, subject, rank)
