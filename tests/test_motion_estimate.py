@@ -116,9 +116,11 @@ def test_rows_become_uncorrelated_over_the_rows_that_have_a_residual():
 def test_effective_rows_are_those_of_a_continuous_record():
     """Of a record of L seconds whose noise lasts T, a constant has the information of 1 + L / (2 T) rows."""
     time, segment, lasts = STEP * np.arange(480), np.repeat([1, 2], 240), 8.0
-    slow = decorrelation(time, segment, WINDOW, NoiseInTime(1.0, lasts))
+    used = np.ones((480, 2), bool)
+    used[::3, 1] = False
+    slow = decorrelation(time, segment, WINDOW, NoiseInTime(1.0, lasts), used)
     assert slow.effective_rows == pytest.approx(2 * (1 + 240 * STEP / (2 * lasts)), rel=0.03)
-    white = decorrelation(2 * time, segment, WINDOW, WHITE)
+    white = decorrelation(2 * time, segment, WINDOW, WHITE, used)
     assert white.effective_rows == pytest.approx(480)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.center_of_pressure import center_of_pressure, contact_pressure
+from tulip_testbed.identification.inertial_wrench import INERTIA_SD
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.identification.preflight.finding import Finding, few, skipped
@@ -19,10 +20,12 @@ LATE = 1.5  # steps of the clock, from which on a sample is missed
 MISSED, MOST_MISSED = 0.001, 0.05  # shares of the samples
 CLIPPED = 20  # samples in a row at the largest or the smallest reading
 MOST_LAG, DETERMINED = 0.01, 0.02  # s; the largest s.e. of a lag that says something
-# Of the noise of a row's centre of pressure: with 0.9 of it the estimated lag was right, with 1.3 three times
-# too large (docs/studies/motion.md, preset `wii`). The limit between them is assumed.
-FAST = 1.0
-TOO_FAST = "Plan a slower motion: in a fast one the lag of contacts is estimated too large."
+# Of the noise of a row's centre of pressure, by which CAD's doubt of the inertias then moves it.
+FAST = 1 / INERTIA_SD
+TOO_FAST = (
+    f"CAD's inertias, which may be {100 * INERTIA_SD:.0f} % wrong, matter more than the noise: plan a slower "
+    "motion, or rely on what it shows of the inertias."
+)
 BLOCK = 4.0  # s: errors of neighbouring rows are alike
 
 
@@ -126,7 +129,7 @@ def _inertial_part(observed: Observation) -> Finding:
         "warn" if added > FAST * sd else "pass",
         f"accelerations move the centre of pressure by {1e3 * added:.2g} mm r.m.s., "
         f"{added / sd:.2g} of the noise ({1e3 * sd:.2g} mm)",
-        f"at most {FAST:g} of the noise",
+        f"at most {FAST:.1f} of the noise",
         "inertial forces of CAD",
         TOO_FAST,
     )
