@@ -218,7 +218,12 @@ def without_inertia(observed: Observation) -> Observation:
         shift=observed.shift - shift,
         lift=observed.lift - lift[:, 0],
         push=observed.push - push,
-        motion=replace(motion, slope=0 * motion.slope, unknown=motion.unknown[..., :0]),
+        motion=replace(
+            motion,
+            slope=0 * motion.slope,
+            unknown=motion.unknown[..., :0],
+            loads_faster=0 * motion.loads_faster,
+        ),
     )
 
 
