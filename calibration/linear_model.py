@@ -241,7 +241,9 @@ def nuisances(observed: Observation, channels: str) -> np.ndarray:
 
     Whitened residuals do not hold the swing foot's pose in each stance.
     """
-    out = np.concatenate([by_base_parameters(observed), by_weight(observed)[..., None]], axis=2)
+    weight = np.zeros((len(observed), SIZE, 1))
+    weight[:, : ROWS["F"].stop, 0] = by_weight(observed)
+    out = np.concatenate([by_base_parameters(observed), weight], axis=2)
     for channel in set(ROWS).difference(channels):
         out[:, ROWS[channel]] = 0.0
     return out

@@ -26,6 +26,7 @@ from tulip_testbed.identification.noise_in_time import Decorrelation
 from tulip_testbed.identification.noise_structure import NoiseStructure, Weights, groups
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import (
+    ROWS,
     SIZE,
     by_weight,
     constants_of_stances,
@@ -160,7 +161,8 @@ def linearised(
     weights = structure.weights(np.log(state.scales))
 
     left = residuals(clean, theta)
-    unexplained = left + by_weight(clean) * state.nu[-1]
+    unexplained = left.copy()
+    unexplained[:, : ROWS["F"].stop] += by_weight(clean) * state.nu[-1]
     pull = weighted_in_time(clean, weights, used * unexplained[..., None])[..., 0]
     scaled = scaled_noise(noise, state.scales)
     smooth = without_noise(clean, pull, reach, scaled)

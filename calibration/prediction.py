@@ -163,7 +163,9 @@ def left_by(calibration: SelfCalibration, clean: Observation) -> np.ndarray:
     Args:
         clean: readings without members and effects.
     """
-    return residuals(clean, calibration.theta) + by_weight(clean) * calibration.nu[-1]
+    left = residuals(clean, calibration.theta)
+    left[:, : ROWS["F"].stop] += by_weight(clean) * calibration.nu[-1]
+    return left
 
 
 def _linearised(

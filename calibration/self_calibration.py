@@ -168,7 +168,8 @@ def as_log_shows(
         both = (one, without_inertia(one))
         tried = [self_calibrate(o if rows is None else o.take(rows), tolerances) for o in both]
         best = max((0, 1), key=lambda k: (tried[k].steady, tried[k].solved.log_evidence))
-        if not _tips_over(tried[best]):
+        # An estimate that tips over seldom comes to rest.
+        if not _tips_over(max(tried, key=lambda one: one.solved.log_evidence)):
             break
     return both[best], tried[best]
 

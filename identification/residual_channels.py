@@ -159,14 +159,9 @@ def has_direction(observed: Observation) -> bool:
 
 def _off_vertical(observed: Observation) -> np.ndarray:
     """Compute the direction of the force against the vertical as the feet's tilt shows it, (m, 2) [rad]."""
-    tilts = np.concatenate([observed.stance_tilt, observed.swing_tilt], axis=1)
-    return _direction(observed) - observed.push - (_leaning(observed) * tilts[:, None]).sum(axis=2)
-
-
-def _direction(observed: Observation) -> np.ndarray:
-    """Return the horizontal force over the vertical, (m, 2)."""
-    across = (_pushes(observed) * carried(observed)[:, None]).sum(axis=2)
-    return across / _total(observed)[:, None]
+    forces, tilts = carried(observed), np.concatenate([observed.stance_tilt, observed.swing_tilt], axis=1)
+    measured = (_pushes(observed) * forces[:, None]).sum(axis=2) / _total(observed)[:, None]
+    return measured - observed.push - (_leaning(observed) * tilts[:, None]).sum(axis=2)
 
 
 def _pushes(observed: Observation) -> np.ndarray:
@@ -257,13 +252,11 @@ def _total(observed: Observation) -> np.ndarray:
 
 
 def by_weight(observed: Observation) -> np.ndarray:
-    """Differentiate the residuals by the error of the weight, (m, 11) [m/N, -, 1/N]."""
-    out = np.zeros((len(observed), SIZE))
-    out[:, ROWS["F"]] = -1.0
+    """Differentiate centre of pressure and sum of the forces by the error of the weight, (m, 3) [m/N, -]."""
+    out = np.zeros((len(observed), 3))
+    out[:, 2] = -1.0
     if not has_twist(observed):
-        out[:, ROWS["A"]] = -_measured(observed) / _total(observed)[:, None]
-    if has_direction(observed):
-        out[:, ROWS["T"]] = -_direction(observed) / _total(observed)[:, None]
+        out[:, :2] = -_measured(observed) / _total(observed)[:, None]
     return out
 
 
@@ -334,7 +327,7 @@ def sensitivity(observed: Observation, theta: np.ndarray) -> np.ndarray:
     out[:, 6, at["swing_tilt"].start] = out[:, 7, at["swing_tilt"].start + 1] = -1.0
     out[:, 5, at["rise"].start] = -1.0
     out[:, 0, at["shift"].start] = out[:, 1, at["shift"].start + 1] = -1.0
-    out[..., at["lift"].start] = by_weight(observed)
+    out[:, :3, at["lift"].start] = by_weight(observed)
     if (ballast := observed.ballast) is not None:
         plain = -observed.geometry.slope_along(theta)  # the regressor's: the masses are not in it
         out[:, 0:2] *= (1 + ballast.ratio)[:, None, None]
