@@ -134,12 +134,14 @@ def center_errors(calibration: SelfCalibration, others: Observation) -> np.ndarr
 
     A row's own force, its size and direction, may predict its moments; its moments may not. Where a
     correction depends on the load, such as a foot that yields, what it says of its own load is undone:
-    the error e of a centre of pressure changes its residual by J e.
+    the error e of a centre of pressure changes its residual by J e. How the body is accelerated as it rocks
+    follows from the moments, so it is left out.
 
     Args:
         calibration: made without those postures.
     """
-    others = replace(others, cad=calibration.observed.cad)
+    motion = replace(others.motion, loads_faster=0 * others.motion.loads_faster)
+    others = replace(others, cad=calibration.observed.cad, motion=motion)
     _, linear, clean, scales = _linearised(calibration, others)
     structure = linear.covariance.structure
     own = structure.fixed + np.tensordot(scales[: len(structure.own)] ** 2, structure.own, axes=1)

@@ -172,7 +172,8 @@ def as_log_shows(
         both = (one, without_inertia(one))
         tried = [self_calibrate(o if rows is None else o.take(rows), tolerances) for o in both]
         best = max((0, 1), key=lambda k: (tried[k].steady, tried[k].solved.log_evidence))
-        if not _tips_over(tried[best]):
+        # An estimate that tips over seldom comes to rest.
+        if not _tips_over(max(tried, key=lambda one: one.solved.log_evidence)):
             break
     return both[best], tried[best]
 
@@ -222,7 +223,12 @@ def without_inertia(observed: Observation) -> Observation:
         shift=observed.shift - shift,
         lift=observed.lift - lift[:, 0],
         push=observed.push - push,
-        motion=replace(motion, slope=0 * motion.slope, unknown=motion.unknown[..., :0]),
+        motion=replace(
+            motion,
+            slope=0 * motion.slope,
+            unknown=motion.unknown[..., :0],
+            loads_faster=0 * motion.loads_faster,
+        ),
     )
 
 

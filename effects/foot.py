@@ -14,6 +14,7 @@ from tulip_testbed.effects.injection import always, edited
 from tulip_testbed.effects.targets import CELL_NAMES, FEET, FOOT_CORNERS
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.measurements.cells import CORNERS, PLATES
+from tulip_testbed.measurements.data import base_foot
 from tulip_testbed.sim.compliance import RIGID
 from tulip_testbed.sim.rig import Rig
 
@@ -39,10 +40,21 @@ def _with_lean(observed: Observation, target: str, values: Values) -> Observatio
     softness = np.zeros((2, 2))  # of both soles about x and y
     softness[PLATES.index(target) if target else slice(None)] = values
     # Load to the front turns about +y, load to the left about -x.
-    lean = softness * observed.sole_loads[..., ::-1] * np.array([-1.0, 1.0])
-    return observed.changed(
+    about = softness * np.array([-1.0, 1.0])
+    lean = about * observed.sole_loads[..., ::-1]
+    leaning = observed.changed(
         stance_tilt=observed.stance_tilt + lean[:, 0], swing_tilt=observed.swing_tilt + lean[:, 1]
     )
+    faster = observed.motion.loads_faster
+    if not faster.any():
+        return leaning
+    # The body is accelerated as the foot that bears it rocks.
+    roll, pitch = (about * faster[..., ::-1])[
+        np.arange(len(lean)), base_foot(observed.measurements.support)
+    ].T
+    height = observed.loaded_center[:, 2:]
+    push = height * np.column_stack([pitch, -roll]) / observed.measurements.gravity
+    return leaning.changed(push=observed.push + push, shift=observed.shift - height * push)
 
 
 def _tilted(observed: Observation, side: int, tilt: np.ndarray, rise: np.ndarray) -> Observation:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.cad_prior import CENTER_SD, MASS_SD
@@ -19,6 +20,7 @@ from tulip_testbed.sim.robot import rotation_matrices
 INERTIA_SD = 0.3  # relative, of the second moments of a link's density about its centre; assumed
 LENGTH = 1.0  # m: a force counts as a shift of the centre of pressure by it over the weight
 MOST_DIRECTIONS, LEAST_SHIFT = 12, 1e-5  # of inertial parameters that the base parameters leave open; m
+CLOSE, LEAST_ROWS = 0.6, 4  # gap of rows that follow each other, in windows, less one; for a spline
 QUADRATURE = ((-(3**-0.5), 3 / 14), (0.0, 4 / 7), (3**-0.5, 3 / 14))
 
 
@@ -101,19 +103,23 @@ class BeyondWeight:
         unknown: change by independent deviates of s.d. 1 of what the base parameters leave open of the
             inertial parameters, (m, 5, k), the largest first.
         directions: the inertial parameters' change by these deviates, (10 n_links, k).
+        loads_faster: second derivative of the moments about the soles, by which a body on soft feet is
+            accelerated, (m, 2, 2) [Nm/s2]; see `Observation.sole_loads`.
     """
 
     by_cad: np.ndarray
     slope: np.ndarray
     unknown: np.ndarray
     directions: np.ndarray
+    loads_faster: np.ndarray
 
     def take(self, rows: np.ndarray) -> BeyondWeight:
         """Return some rows."""
-        return replace(self, by_cad=self.by_cad[rows], slope=self.slope[rows], unknown=self.unknown[rows])
+        names = ("by_cad", "slope", "unknown", "loads_faster")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
 
-HELD = BeyondWeight(np.zeros((0, 5)), np.zeros((0, 5, 0)), np.zeros((0, 5, 0)), np.zeros((0, 0)))
+HELD = BeyondWeight(*(np.zeros(size) for size in ((0, 5), (0, 5, 0), (0, 5, 0), (0, 0), (0, 2, 2))))
 
 
 def beyond_weight(nominal: Nominal, measurements: Measurements) -> BeyondWeight:
@@ -144,7 +150,18 @@ def beyond_weight(nominal: Nominal, measurements: Measurements) -> BeyondWeight:
     squares, turn = np.linalg.eigh(flat.T @ flat / len(measurements))
     most = squares[::-1][:MOST_DIRECTIONS] > LEAST_SHIFT**2
     directions = rest @ turn[:, ::-1][:, :MOST_DIRECTIONS][:, most]
-    return BeyondWeight(by_cad, by_all @ known, by_all @ directions, directions)
+    none = np.zeros((len(measurements), 2, 2))
+    return BeyondWeight(by_cad, by_all @ known, by_all @ directions, directions, none)
+
+
+def faster(measurements: Measurements, values: np.ndarray) -> np.ndarray:
+    """Differentiate values of rows twice by time, (m, ...); zero where rows do not follow each other."""
+    time, out = measurements.time, np.zeros_like(values)
+    breaks = 1 + np.flatnonzero(~(np.abs(np.diff(time) / measurements.window[:-1] - 1) < CLOSE))
+    for rows in np.split(np.arange(len(time)), breaks):
+        if len(rows) >= LEAST_ROWS:
+            out[rows] = CubicSpline(time[rows], values[rows])(time[rows], 2)
+    return out
 
 
 def _depth(measurements: Measurements) -> float:

@@ -18,7 +18,7 @@ from tulip_testbed.identification.ballast import Ballast, ballast_of, known_weig
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.cad_prior import CadPrior
 from tulip_testbed.identification.contact_readings import ContactReadings, of_cells, of_wrenches
-from tulip_testbed.identification.inertial_wrench import HELD, BeyondWeight, beyond_weight
+from tulip_testbed.identification.inertial_wrench import HELD, BeyondWeight, beyond_weight, faster
 from tulip_testbed.identification.joint_loads import Loads, joint_loads, servo_stiffness
 from tulip_testbed.identification.kinematics import Tree
 from tulip_testbed.identification.noise_in_time import Decorrelation, NoiseInTime, decorrelation
@@ -293,7 +293,7 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
     share = np.array(plate_masses(nominal.robot)) * measurements.gravity / 4
     gain = servo_stiffness(nominal.robot, measurements.gains)
     margin = max(LEAST_LOAD, 4 * (measurements.sensors.cell_sd or 0.0))
-    return Observation(
+    observed = Observation(
         nominal=nominal,
         measurements=measurements,
         tree=nominal.parameters.tree,
@@ -327,6 +327,9 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
             else np.zeros((m, 2), bool)
         ),
     )
+    if not observed.moves or not observed.in_feet:
+        return observed
+    return observed.changed(motion=replace(motion, loads_faster=faster(measurements, observed.sole_loads)))
 
 
 def _each(measurements: Measurements, of_rows: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:

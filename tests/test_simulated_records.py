@@ -17,6 +17,7 @@ from studies.real_robots.records import (
     FRAMES,
     GRAVITY,
     ROCKS,
+    _tipping,
     draw_truth,
     log,
     map_text,
@@ -26,6 +27,10 @@ from studies.real_robots.records import (
     write_record,
 )
 from tulip_testbed.calibration.prediction import left_by
+from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.observation import observe
+from tulip_testbed.identification.residual_channels import residuals
 from tulip_testbed.sim.robot import joint_names, sole_corners, sole_point
 
 SECONDS = 8.0
@@ -94,6 +99,27 @@ def test_what_a_calibration_leaves_has_no_error_of_the_weight(robot, truth, moti
     wrong = true_spec(robot, truth).compile().body_mass.sum() - robot.model.body_mass.sum()
     assert abs(wrong) * GRAVITY > 1.0  # N
     assert np.abs(left[:, 2]).max() < 0.3
+
+
+@pytest.mark.filterwarnings("ignore:.*identifiable")
+def test_the_body_is_accelerated_as_its_foot_rocks(robot, tmp_path):
+    """The direction of MuJoCo's forces is that of a body that rocks, not of one that only leans."""
+    exact = replace(draw_truth(robot, None), compliance=[0.2 * _tipping(robot)] * 2)
+    motion = simulate(robot, exact, SECONDS, np.random.default_rng(2))
+    columns = log(robot, exact, motion, np.random.default_rng(3))
+    table, names = np.column_stack(list(columns.values())), ",".join(columns)
+    np.savetxt(tmp_path / "a.csv", table, "%.6f", ",", header=names, comments="")
+    (tmp_path / "map.toml").write_text(map_text(robot, exact))
+    tt.import_table(tmp_path / "a.csv", robot, out=tmp_path / "rows", map=[str(tmp_path / "map.toml")])
+    rocks = observe(tt.read_measurements(tmp_path / "rows"), nominal_robot(robot, "left"))
+    leans = rocks.changed(motion=replace(rocks.motion, loads_faster=0 * rocks.motion.loads_faster))
+    left = [
+        residuals(
+            catalogue()["foot-compliance"].remove(one, "left", tuple(exact.compliance)), one.nominal.value
+        )[1:-1, 3:5].std(axis=0)
+        for one in (rocks, leans)
+    ]
+    assert (left[0] < 0.6 * left[1]).all()
 
 
 def test_at_rest_the_center_of_pressure_is_below_the_center_of_mass(robot, motion, on_ground):
