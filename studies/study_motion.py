@@ -1,14 +1,17 @@
 """Measure the intervals of a robot that moves, and standard errors against time (docs/studies/motion.md; hours).
 
-Coverage: random robots stand in ordinary laboratories and move in the full dynamics, one plan a speed. Time:
-one laboratory holds postures in statics, another moves through the same ones in the full dynamics.
+Coverage: random robots stand in ordinary laboratories and move in the full dynamics, one plan a speed. Faults:
+what `discover` says of such records, as they are and with one instrument at fault. Time: one laboratory holds
+postures in statics, another moves through the same ones in the full dynamics.
 """
 
 from __future__ import annotations
 
 import csv
 import json
+from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cache
 from itertools import product
 from pathlib import Path
@@ -23,12 +26,17 @@ from tulip_testbed.experiments.identify import Identification
 from tulip_testbed.experiments.imperfections import drawn, single_stream
 from tulip_testbed.identification.noise_in_time import WHITE
 from tulip_testbed.measurements import PosturePlan
+from tulip_testbed.measurements.cells import CELLS
+from tulip_testbed.measurements.logs.series_reduction import reduced_motion
 from tulip_testbed.sim.robot import load_robot
 
 PLACEMENTS, POSTURES, PLAN_SEED = 6, 20, 5
 SPEEDS = {"slow": 0.1, "usual": 0.3, "fast": 0.6}  # rad/s of the fastest joint
-SETTINGS = Settings(seed=500, only=(*SPEEDS, "time"))
+SETTINGS = Settings(seed=500, only=(*SPEEDS, "faults", "time"))
 RUNS = 20  # of a speed and preset
+LABORATORIES, LONGER = 5, (10, 40)  # with faults; placements and postures of each: 12 minutes
+# Zeros of two joints, the gain of a cell, the tare of a cell; the sign and the instrument are drawn.
+FAULTS = {"encoder-offset": np.radians(1.0), "cell-gain": 0.12, "cell-tare": 8.0}
 CAD = ", inertias of CAD"
 PRESETS = ("wii", "force-plate")
 PAPER = Path(__file__).resolve().parents[1] / "assets" / "tulip_mjcf" / "table2.csv"
@@ -38,9 +46,9 @@ PARTS = {"holds": (8, 12, 16, 22), "motion": (4, 8, 15, 22, MOVED)}  # first pla
 
 
 @cache
-def moving(speed: float) -> PosturePlan:
+def moving(speed: float, placements: int = PLACEMENTS, postures: int = POSTURES) -> PosturePlan:
     """Return the plan that random robots follow."""
-    drawn_plan = tt.draw_plan(placements=PLACEMENTS, per_placement=POSTURES, seed=PLAN_SEED).plan
+    drawn_plan = tt.draw_plan(placements=placements, per_placement=postures, seed=PLAN_SEED).plan
     return tt.plan_motion(drawn_plan, speed=speed).plan
 
 
@@ -105,6 +113,48 @@ def coverage(settings: Settings) -> Iterator[str]:
             )
 
 
+def discoveries(folder: Path, seed: int) -> list[list]:
+    """Return what is hidden in a laboratory's record and what `discover` says of it, case by case; resume."""
+    place = folder / f"faults-{seed}.json"
+    if place.exists():
+        return json.loads(place.read_text())
+    rng, cases = np.random.default_rng(seed), []
+    run = laboratory("wii", seed).run(moving(0.3, *LONGER), seed=seed, engine="dynamics", workers=1)
+    assert run.samples is not None
+    for kind in ("", *FAULTS, "encoder-offset"):
+        samples, label = run.samples, ""
+        if kind:
+            field = "joint_angles" if kind.startswith("encoder") else "cell_forces"
+            readings = getattr(samples, field).copy()
+            k, size = int(rng.integers(readings.shape[1])), rng.choice([-1.0, 1.0]) * FAULTS[kind]
+            readings[:, k] = readings[:, k] * (1 + size) if kind == "cell-gain" else readings[:, k] + size
+            samples = replace(samples, **{field: readings})
+            label = f"{kind}:{(samples.joints if field == 'joint_angles' else CELLS)[k]}"
+        found = tt.discover(reduced_motion(samples))
+        names = [one.label for one in found.adopted]
+        cases.append([kind, label, found.verdict, names, label in names[:1]])
+    place.write_text(json.dumps(cases))
+    return cases
+
+
+def faults(settings: Settings) -> Iterator[str]:
+    """Yield a row a kind of fault."""
+    folder, seeds = (
+        settings.folder("motion"),
+        [settings.seed + k for k in range(settings.count(LABORATORIES))],
+    )
+    yield "\n" + header("hidden", "records", "named first", "other name", "verdicts")
+    each = settings.parallel("faults", discoveries, ((folder, seed) for seed in seeds))
+    found = [case for cases in each for case in cases]
+    for kind in ("", *FAULTS):
+        of_kind = [case for case in found if case[0] == kind]
+        right = sum(first for *_, first in of_kind)
+        named = sum(verdict in ("named", "described") for _, _, verdict, *_ in of_kind)
+        verdicts = Counter(verdict for _, _, verdict, *_ in of_kind)
+        told = ", ".join(f"{count} `{verdict}`" for verdict, count in verdicts.most_common())
+        yield row(kind or "nothing", len(of_kind), right if kind else "", named - right, told)
+
+
 def equal_time(settings: Settings) -> Iterator[str]:
     """Yield a row a number of placements, for holds and for motion; draw them."""
     with PAPER.open() as file:
@@ -145,5 +195,7 @@ def study(settings: Settings) -> Iterator[str]:
     """Yield the tables of the parts."""
     if set(settings.only) & set(SPEEDS):
         yield from coverage(settings)
+    if "faults" in settings.only:
+        yield from faults(settings)
     if "time" in settings.only:
         yield from equal_time(settings)
