@@ -18,8 +18,8 @@ WINDOW = 0.5  # s, of a row
 # centre of pressure in such windows, as much as there is of it, and of 0.1 mm in windows twice as long.
 COARSE = np.radians(0.05)  # resolution of encoders from which windows are twice as long; assumed
 # Of a motion. Its noise lasts for seconds, so that more rows say little more: of 12 min, 1,480 rows gave
-# 0.9 of the standard errors of 600, in three times the time.
-MOST_ROWS = 600
+# 0.9 of the standard errors of 600, in three times the time. A long motion has rows every two seconds.
+ENOUGH_ROWS, LONGEST_STEP, MOST_ROWS = 600, 2.0, 4000
 OVERLAP = 2  # windows at a time: the ends of a window have little weight
 BLOCK = 4.0  # s, of a placement: slow errors are common to it, and predictions leave whole blocks out
 DEGREE = 3  # of polynomials for which the weights are exact
@@ -134,7 +134,8 @@ def reduced_motion(
     window = window or usual_window(samples.sensors.encoder_resolution)
     steps = [np.minimum(np.diff(samples.time[rows]), window) for rows in runs(samples.posture)]
     seconds = float(np.concatenate(steps).sum())
-    rows, dropped = reduced(samples, _weight(samples), window, max(window, seconds / MOST_ROWS))
+    step = max(window, min(seconds / ENOUGH_ROWS, LONGEST_STEP), seconds / MOST_ROWS)
+    rows, dropped = reduced(samples, _weight(samples), window, step)
     if not len(rows):
         causes = "; ".join(f"{count} {cause}" for cause, count in dropped.items())
         raise InputError(
