@@ -26,7 +26,7 @@ from tulip_testbed.identification.residual_channels import (
 from tulip_testbed.identification.residual_noise import Noise, Whitening, whitening
 
 RANK = 1e-9  # of the largest diagonal element of R
-LARGEST = 4.0  # s.d. of the noise of an encoder or of a plate's pose
+LARGEST = 4.0  # s.d. of the noise of an encoder, a plate's pose or a sensor in a foot
 FINEST_SCALE = 1e-3  # kg
 UNWEIGHED = 0.3  # of the nominal mass: s.d. of the mass of a robot that was not weighed
 
@@ -230,10 +230,11 @@ def without_noise(observed: Observation, pull: np.ndarray, reach: np.ndarray, no
         inside = observed.measurements.placement == placement
         together = np.einsum("mrk,mr->k", reach[inside][..., plates], pull[inside])
         errors[inside, plates] = noise.plates**2 * together
-    # A larger error than noise can make is not noise. Of cells it is taken off too: a smaller load, by gains
-    # and tares, would make what is left smaller, and the more rows there are, the more this seems to explain.
+    # A larger error than noise can make is not noise. Of the cells of plates it is taken off too: gains and
+    # tares that make all loads smaller make what is left smaller, which many rows would take for evidence.
     most = LARGEST * np.sqrt(variance)
-    most[n : n + count] = np.inf
+    if not observed.in_feet:
+        most[n : n + count] = np.inf
     errors[:, readings] = np.clip(errors[:, readings], -most, most)
     return unpacked(observed, packed(observed) - errors)
 
