@@ -34,7 +34,7 @@ def lifted(share: float, load: float) -> Edit:
     return whole({"cell.right": lambda v: np.where(np.arange(len(v)) < share * len(v), load * v, v)})
 
 
-WINDOWS = (0, -1, 11, 1e-9, None, "0.5", [0.5])
+WINDOWS = (0, -1, 11, None, "0.5", [0.5])
 TABLES: dict[str, tuple] = {
     "drop a column": (drop_a_column, REFUSED),
     "poisoned samples": (cells((np.nan, np.inf, -np.inf, 1e300, None), "q.", "cell.", "plate."), REFUSED),
@@ -75,6 +75,9 @@ MOTION_KINDS |= {
     "garbage for a table": changes.content(garbage, REFUSED, TABLE),
     "a window": changes.content(put("motion.window", 0.3, 0.5, 1.0, 2), RIGHT, "manifest.json"),
     "no window": changes.content(put("motion.window", *WINDOWS), refused("motion.window"), "manifest.json"),
+    "too short a window": changes.content(
+        put("motion.window", 1e-9), refused(WHOLE, "no window"), "manifest.json"
+    ),
     "no entry of the motion": changes.content(put("motion", None), SAME, "manifest.json"),
     **{f"{kind} for a file": changes.stands(kind, TABLE) for kind in ("folder", "pipe", "closed", "loop")},
 }
