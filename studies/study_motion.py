@@ -41,8 +41,8 @@ CAD = ", inertias of CAD"
 PRESETS = ("wii", "force-plate")
 PAPER = Path(__file__).resolve().parents[1] / "assets" / "tulip_mjcf" / "table2.csv"
 PAPERS_POSTURES, PLACING, HOLD = 108, 10.0, 1.0  # min
-MOVED, MOVES = 22, 100.0  # placements, and minutes of motion: with the placing the same day
-PARTS = {"holds": (8, 12, 16, 22), "motion": (4, 8, 15, MOVED)}  # first placements
+MOVED, MOVES = 26, 60.0  # placements, and minutes of motion: with the placing the same day
+PARTS = {"holds": (8, 12, 16, 22), "motion": (4, 8, 15, 22, MOVED)}  # first placements
 
 
 @cache
