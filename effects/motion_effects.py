@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import NoReturn
 
+import numpy as np
+
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.effects.effect import Effect, Parameter, Physics
 from tulip_testbed.effects.lasting import Values
@@ -27,14 +29,16 @@ def _without_inertia(observed: Observation, target: str, values: Values) -> Obse
 
 
 def _without_lag(observed: Observation, target: str, values: Values) -> Observation:
-    """Return the cells' readings of the time of the joint angles.
+    """Return the cells' readings of the time of the joint angles, or the angles of the readings' time.
 
-    Of other sensors the rates are unknown: the joint angles are moved to the readings' time, which leaves the
-    change of the inertial forces out.
+    The latter leaves the change of inertial forces out, and the rates of noisy cells are noise: the larger of
+    both is avoided. Of other sensors the rates are unknown.
     """
     m = observed.measurements
     if m.cell_rates is not None and m.contacts is None:
-        return observed.changed(cell_forces=observed.cell_forces + values[0] * m.cell_rates)
+        noise = observed.cell_sd * np.linalg.norm(observed.cells) / 2**0.5 / observed.weight  # of an axis
+        if np.sqrt((observed.motion.by_cad[:, :2] ** 2).mean()) > noise:
+            return observed.changed(cell_forces=observed.cell_forces + values[0] * m.cell_rates)
     assert m.joint_rates is not None
     return observed.changed(joint_angles=observed.joint_angles - values[0] * m.joint_rates)
 
