@@ -36,7 +36,8 @@ def _without_lag(observed: Observation, target: str, values: Values) -> Observat
     """
     m = observed.measurements
     if m.cell_rates is not None and m.contacts is None:
-        noise = observed.cell_sd * np.linalg.norm(observed.cells) / 2**0.5 / observed.weight  # of an axis
+        # Of an axis, by the stated places: a choice that moved with the estimate would not come to rest.
+        noise = observed.cell_sd * np.linalg.norm(m.cells) / 2**0.5 / observed.weight
         if np.sqrt((observed.motion.by_cad[:, :2] ** 2).mean()) > noise:
             return observed.changed(cell_forces=observed.cell_forces + values[0] * m.cell_rates)
     assert m.joint_rates is not None
