@@ -83,7 +83,8 @@ def test_cad_carries_what_the_postures_do_not_determine(wii, robot):
     cad = nominal_robot(robot)
     assert found.data_share[20] < 0.1
     assert abs(found.value[20] - cad.value[20]) < 1e-3
-    assert found.data_share.max() > 0.8
+    # The torso is known by the data in all directions, which contradict each other in that ankle alone.
+    assert found.data_share[[0, 9, 16]].min() > 0.8
     # What the moving joints show is as it was.
     whole = wii.identification.full
     both = np.hypot(found.standard_error, whole.standard_error)
