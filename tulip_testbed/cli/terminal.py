@@ -124,10 +124,11 @@ class RateColumn(ProgressColumn):
 
 
 @contextmanager
-def progress(label: str, total: int, done: int = 0) -> Iterator[Advance]:
+def progress(label: str, total: int | None, done: int = 0) -> Iterator[Advance]:
     """Show a bar with rate, time left and the best value so far on stderr; no terminal gets a line a minute.
 
     Args:
+        total: steps; None: nobody knows.
         done: steps that were done before.
 
     Yields:
@@ -138,7 +139,7 @@ def progress(label: str, total: int, done: int = 0) -> Iterator[Advance]:
 
         def tell() -> None:
             while not ended.wait(QUIET):
-                say(f"{label}: {min(sum(count), total)} of {total}")
+                say(f"{label}: " + (f"{sum(count)} of {total}" if total else f"step {sum(count)}"))
 
         Thread(target=tell, daemon=True).start()
         try:
