@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
-from studies.study_equilibrium import without_friction
 from tests.edited_files import change_texts
+from tests.statics_against_dynamics import without_friction
 from tests.test_equilibrium import check_rest
 from tests.test_refusals import refuse
 from tulip_testbed.identification.joint_loads import servo_stiffness

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from studies.study_equilibrium import compare, without_friction
+from tests.statics_against_dynamics import compare, without_friction
 from tests.test_refusals import refuse
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory

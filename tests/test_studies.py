@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from studies import runner, study_campaign, study_check, study_hidden_effects
+from studies import runner, study_campaign, study_hidden_effects, study_planning
 from studies.hidden_effects.hiding import NOTHING, ONE, OUTSIDE, TWO, Case, Truth, draw_trial
 from studies.hidden_effects.judging import Found, Outcome, carry_out
 from studies.hidden_effects.laboratories import LARGEST, USUAL, draw_laboratory, tolerance_of
@@ -33,7 +33,7 @@ from tulip_testbed.sim.statics.static_run import run_statics
 
 @pytest.fixture
 def seen(monkeypatch: pytest.MonkeyPatch) -> list[Settings]:
-    """Put a study of one table in the place of `check`; return the list of the settings that it gets."""
+    """Put a study of one table in the place of `planning`; return the list of the settings that it gets."""
     given: list[Settings] = []
 
     def study(settings: Settings) -> Iterator[str]:
@@ -41,13 +41,13 @@ def seen(monkeypatch: pytest.MonkeyPatch) -> list[Settings]:
         yield header("a", "b")
         yield row(1, "two")
 
-    monkeypatch.setattr(study_check, "study", study)
+    monkeypatch.setattr(study_planning, "study", study)
     return given
 
 
 def test_every_study_has_a_module_and_a_sentence() -> None:
     found = runner.studies()
-    assert {"atlas", "check", "hidden-effects", "verdict"} <= found.keys()
+    assert {"hidden-effects", "planning", "watch"} <= found.keys()
     for name, sentence in found.items():
         module = importlib.import_module(f"studies.study_{name.replace('-', '_')}")
         assert sentence == str(module.__doc__).split("\n")[0]
@@ -59,10 +59,10 @@ def test_the_file_holds_the_command_and_what_was_printed(
     seen: list[Settings], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "a table.md"
-    assert runner.main(["check", "--size", "0.5", "--out", str(out)]) == 0
+    assert runner.main(["planning", "--size", "0.5", "--out", str(out)]) == 0
     text = out.read_text()
     assert text == capsys.readouterr().out
-    assert text.startswith(f"`python -m studies check --size 0.5 --out '{out}'` (seed 104)\n")
+    assert text.startswith(f"`python -m studies planning --size 0.5 --out '{out}'` (seed 101)\n")
     assert "\n\n| a | b |\n|---|---|\n| 1 | two |\n\n" in text
 
 

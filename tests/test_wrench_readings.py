@@ -15,7 +15,7 @@ import pytest
 from scipy.stats import ks_2samp
 
 import tulip_testbed as tt
-from studies.study_equilibrium import compare, excess_wrenches, laboratories
+from tests.statics_against_dynamics import compare, excess_wrenches, laboratories
 from tests.wrench_rigs import (
     GRAVITY,
     NAMES,
@@ -193,7 +193,7 @@ def test_statics_reads_what_the_dynamics_read(robot, plan, name, kind):
 
 @pytest.mark.slow
 def test_with_dry_friction_forces_between_the_legs_scatter_alike(robot, plan):
-    """Horizontal forces cannot be predicted, only their scatter (docs/studies/equilibrium.md)."""
+    """Horizontal forces cannot be predicted, only their scatter (docs/explanation/equilibrium.md)."""
     rig, few = changed_rig(robot, "foot-ft"), plan.take(plan.placement <= 3)
     held = [a for a in run_dynamics(rig, few, 7).truth.attempts if a.held is not None]
     solved_plan = solve_plan(rig, few)
