@@ -114,7 +114,7 @@ FAULTS: dict[str, tuple[Fault, str]] = {
     ),
     "one cell saturates": (cell(lambda f, m, rng: np.minimum(f, np.quantile(f, 0.8))), "stuck readings"),
     "one cell unplugged": (
-        cell(lambda f, m, rng: m.sensors.cell_sd * rng.standard_normal(len(f))),
+        cell(lambda f, m, rng: (m.sensors.cell_sd or 0.0) * rng.standard_normal(len(f))),
         "cell loads",
     ),
     "two cells of a plate swapped": (swapped(within), "load inside soles"),
