@@ -205,18 +205,6 @@ def excess_sag(
     return actual, np.concatenate(drawn)
 
 
-def excess_wrenches(
-    solved_plan: SolvedPlan, held: list[Attempt], rng: np.random.Generator, draws: int = 5
-) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the same of the foot sensors' readings [N, Nm], (m, 2, 6) and (draws m, 2, 6)."""
-    actual = -compare(without(solved_plan), held).wrenches
-    drawn = [
-        sensed_wrenches(solved_plan, still, loads) - sensed_wrenches(solved_plan, loose, loads)
-        for still, loose, loads in _drawn(solved_plan, held, rng, draws)
-    ]
-    return actual, np.concatenate(drawn)
-
-
 def _drawn(
     solved_plan: SolvedPlan, held: list[Attempt], rng: np.random.Generator, draws: int
 ) -> Iterator[tuple[StaticState, StaticState, Load]]:

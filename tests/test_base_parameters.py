@@ -49,33 +49,6 @@ def test_numbers_and_groups_are_those_of_the_paper(number, parameters):
     assert " ".join([*frames, axis]) == PAPER[number]
 
 
-def test_rank_on_the_shipped_plan_is_the_structural_count(parameters, plan):
-    matrix = stacked_regressor(parameters, plan.joint_angles)
-    assert np.linalg.matrix_rank(matrix) == 25
-    rotations = link_rotations(parameters.tree, parameters.base, plan.joint_angles)
-    frames = rotations[:, :, :2].transpose(0, 2, 1, 3).reshape(2 * len(plan), -1)
-    singular = np.linalg.svd(frames, compute_uv=False)
-    assert singular[24] > 1e-2
-    assert singular[25] < 1e-7
-
-
-def test_swapping_left_and_right_mirrors_the_parameters(robot, model):
-    standard = standard_parameters(model)
-    standard[:, 2] += 0.01 * np.arange(13) * standard[:, 0]  # an unsymmetric robot
-    names = [model.body(i).name for i in range(1, 14)]
-    swap = {"right": "left", "left": "right"}
-    twin = [
-        names.index(n.replace(n.split("_")[0], swap.get(n.split("_")[0], n.split("_")[0]))) for n in names
-    ]
-    mirrored = standard[twin] * [1, 1, -1, 1]
-    stance, swing = base_parameters(robot, support="right"), base_parameters(robot, support="left")
-    values = dict(zip(stance.names, stance.values(standard), strict=True))
-    for name, value in zip(swing.names, swing.values(mirrored), strict=True):
-        side = name.split("_")[0]
-        other = values[name.replace(side, swap.get(side, side))]
-        assert value == pytest.approx(-other if name.endswith("y") else other, abs=1e-12)
-
-
 def random_tree(seed: int, bodies: int) -> tuple[mujoco.MjModel, Robot]:
     """A tree of up to two hinges a body, rotated bodies, parallel, crossing and skew axes."""
     rng = np.random.default_rng(seed)

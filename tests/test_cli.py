@@ -12,13 +12,11 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import tulip_testbed as tt
-from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING
 from tulip_testbed.cli.commands import COMMANDS
 from tulip_testbed.cli.generated import PROGRESS, READERS, VALUE
 from tulip_testbed.cli.main import command_of, main, usage
 from tulip_testbed.cli.signatures import REQUIRED, public_function
 from tulip_testbed.cli.terminal import PIPE_WIDTH
-from tulip_testbed.experiments import defaults, laboratory
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.measurements import write_measurements
 from tulip_testbed.sim.dynamics import dynamic_run
@@ -89,11 +87,6 @@ def test_help_and_version_load_no_simulator():
     each = f"for name in {NAMES}:\n try: main([*name.split(), '--help'])\n except SystemExit: pass"
     assert loaded_by(f"from tulip_testbed.cli.main import main\nmain(['--help'])\n{each}") == []
     assert loaded_by("import mujoco") == ["mujoco", "numpy"]
-
-
-def test_the_defaults_are_the_librarys():
-    assert defaults.DEFAULT_ESTIMATOR == SELF_CALIBRATING
-    assert defaults.DEFAULT_SEED == laboratory.DEFAULT_SEED
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -213,12 +206,3 @@ def test_the_parser_repeats_no_control_or_direction_character(capsys):
             said = capsys.readouterr()
             assert end.value.code == 2
             assert (said.out + said.err).replace("\n", "").isprintable()
-
-
-def test_postures_are_written_and_described(tmp_path, capsys):
-    arguments = ["plan", "random", "--placements", "4", "--per-placement", "4", "--seed", "3"]
-    document = told(capsys, *arguments, "--out", tmp_path / "plan")
-    assert document["postures"] == 16
-    assert told(capsys, "plan", "show", tmp_path / "plan")["condition_number"] == pytest.approx(
-        document["condition_number"]
-    )

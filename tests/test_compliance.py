@@ -147,14 +147,6 @@ def test_motor_encoders_differ_by_the_load_on_flexible_drives(robot, model, plan
     assert -drives * limits / 0.0175 == pytest.approx(load, abs=2e-3)
 
 
-def test_rigid_is_the_default_and_the_robot_file_says_otherwise(tmp_path, robot):
-    assert preset_rig("wii").drives == Drives()
-    assert preset_rig("wii").compliance == Compliance()
-    settings = robot.settings | {"drives": {"wind_up": 0.01, "backlash": 0.001}}
-    flexible = preset_rig("wii", dataclasses.replace(robot, settings=settings))
-    assert flexible.drives == Drives(0.01, 0.001)
-
-
 STANCE_LEG, SWING_LEG = "right_ankle_roll", "left_ankle_pitch"
 
 

@@ -188,26 +188,6 @@ def test_a_foot_in_the_air_may_lack_its_reading(write, plates, tmp_path):
     assert "column 'wrench.left.fx', row 5: found nothing, expected all of the contact's readings" in some
 
 
-@pytest.mark.parametrize(
-    ("factor", "channels", "message"),
-    [
-        (0.0, ("fz",), "'wrench.*.fz', row 1: found 0.0, expected the robot's weight as their sum [N]"),
-        (1e3, ("mx", "my"), "expected a moment within 2 m times the weight [Nm]"),
-        (1e9, ("fz",), "column 'wrench.right.fz', row 1: found"),
-    ],
-)
-def test_implausible_wrenches_are_refused_unless_the_zero_is_unknown(
-    write, plates, factor, channels, message
-):
-    columns = {k: v * factor if k.endswith(channels) else v for k, v in readings(plates).items()}
-    assert message in refusal(write(contacts_of(), columns))
-    folder = write(contacts_of(zero="unknown"), columns)
-    if factor < 1e9:
-        assert len(read_measurements(folder)) == len(plates)
-    else:
-        assert message in refusal(folder)
-
-
 def test_a_table_keeps_its_own_names_units_and_signs(write, plates):
     columns = readings(plates)
     own = {
@@ -234,19 +214,6 @@ def test_a_table_keeps_its_own_names_units_and_signs(write, plates):
     again = read_measurements(folder.parent / "plain")
     assert "mapping" not in json.loads((folder.parent / "plain" / "manifest.json").read_text())
     assert_same(mapped, again)
-
-
-def test_a_constant_joint_is_filled_in(write, plates, tmp_path):
-    constant = {"right_knee": {"value": 0.25, "sd": 0.02}}
-    m = read_measurements(write(contacts_of(), drop=("q.right_knee",), constant_joints=constant))
-    knee = m.joints.index("right_knee")
-    assert m.joint_angles[:, knee].tolist() == [0.25] * len(m)
-    assert m.constant_joints == {"right_knee": 0.02}
-    assert "q.right_knee" not in m.columns()
-    moved = m.joint_angles.copy()
-    moved[3, knee] += 0.1
-    with pytest.raises(InputError, match=r"column 'q.right_knee', row 4: found 0.35, expected 0.25"):
-        write_measurements(tmp_path / "no", replace(m, joint_angles=moved))
 
 
 def test_speed_and_acceleration_are_read_in_both_versions(write, plates, tmp_path):

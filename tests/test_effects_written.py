@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
-import operator
-import pickle
 from functools import cache
-from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -191,25 +187,6 @@ def test_an_effect_of_another_robot_is_refused_with_the_valid_targets(robot, for
         odd = dataclasses.replace(EffectInstance.parse(KNEE, robot), values=values, intervals=intervals)
         with pytest.raises(tt.InputError, match="expected 1 values, and an interval for each or for none"):
             tt.Laboratory(robot).with_effects(odd)
-
-
-def test_nobody_can_change_the_catalogue():
-    catalogue: Any = tt.effects.catalogue()
-    names = list(catalogue)
-    for change in (
-        lambda: catalogue.clear(),
-        lambda: catalogue.pop("payload"),
-        lambda: catalogue.update({}),
-        lambda: operator.setitem(catalogue, "payload", None),
-        lambda: operator.delitem(catalogue, "payload"),
-    ):
-        with pytest.raises((AttributeError, TypeError)):
-            change()
-    assert list(tt.effects.catalogue()) == names == sorted(names)
-    assert catalogue.get("payloda") is None
-    assert catalogue["payload"].name == "payload"
-    for again in (pickle.loads(pickle.dumps(catalogue)), copy.deepcopy(catalogue)):
-        assert again is catalogue
 
 
 def test_a_joint_that_yields_in_two_places_yields_by_both(robot):

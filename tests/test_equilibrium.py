@@ -83,16 +83,6 @@ def test_with_dry_friction_sag_and_load_share_are_distributed_alike(solved_plan,
     assert min(chances) > LEVEL / len(chances)
 
 
-def test_that_test_sees_friction_that_always_stands_at_its_limit(solved_plan, ideal, monkeypatch):
-    monkeypatch.setattr("tulip_testbed.sim.statics.approach.SHORT_MOVE", 1e-6)
-    monkeypatch.setattr("tulip_testbed.sim.statics.approach.SCATTER", 0.0)
-    monkeypatch.setattr("tulip_testbed.sim.statics.approach.PUT_DOWN_SCATTER", 1e6)
-    held = [a for a in ideal.simulation.attempts if a.held is not None]
-    actual, predicted = excess_sag(solved_plan, held, np.random.default_rng(301))
-    chances = [ks_2samp(a, p).pvalue for a, p in zip(actual.T, predicted.T, strict=True)]
-    assert min(chances) < LEVEL / len(chances)
-
-
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 2**31))
 def test_gravity_and_ropes_are_what_mujoco_says(rig, seed):

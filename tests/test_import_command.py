@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import re
 import tomllib
@@ -13,11 +12,9 @@ import pytest
 
 import tulip_testbed as tt
 from tulip_testbed.cli.main import main
-from tulip_testbed.experiments.table_import.column_names import propose, read_name
+from tulip_testbed.experiments.table_import.column_names import propose
 from tulip_testbed.experiments.table_import.import_map import ImportMap, read_map, with_unknowns
-from tulip_testbed.experiments.table_import.sign_checks import _by_closed_legs
 from tulip_testbed.experiments.table_import.table_import import MappedColumn
-from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.measurements import read_measurements
 from tulip_testbed.measurements.cells import CELLS
 from tulip_testbed.measurements.contacts import VERTICAL
@@ -95,17 +92,6 @@ def stated(tmp_path):
     return written
 
 
-def test_names_say_what_a_column_is():
-    assert read_name("RKnee [deg]")[:3] == ("value", {"right", "knee"}, "deg")
-    assert read_name("left_hip_pitch (rad)")[:3] == ("value", {"left", "hip", "pitch"}, "rad")
-    assert read_name("l_sole.fx sd")[:3] == ("spread", {"left", "sole", "fx"}, "")
-    assert read_name("cmd_r_knee_deg")[:3] == ("command", {"right", "knee"}, "deg")
-    assert read_name("speed_rad_s").unit == "rad/s"
-    assert read_name("M [N m]").unit == "Nm"
-    assert read_name("vorne links (kgf)").unit == read_name("front_left_kgf").unit == "kgf"
-    assert read_name("angle [grad]").unit == "grad"
-
-
 def test_a_table_of_its_own_names_is_imported(table, stated, measured, tmp_path):
     path = table()
     found = tt.import_table(path, out=tmp_path / "data", map=[stated(WRENCHES)])
@@ -148,14 +134,6 @@ def test_a_turned_sign_is_noticed_and_can_be_stated(table, stated, measured, tmp
     assert found.mapped["q.left_knee"].sign == -1
     assert found.mapped["q.left_knee"].by == "statement"
     assert read_measurements(tmp_path / "data").joint_angles == pytest.approx(measured.joint_angles)
-
-
-def test_only_the_sign_that_closes_the_legs_is_doubted(measured):
-    angles = measured.joint_angles.copy()
-    angles[:, measured.joints.index("left_knee")] *= -1
-    wrong = dataclasses.replace(measured, joint_angles=angles)
-    doubts = [doubt for *_, doubt in _by_closed_legs(wrong, nominal_robot(tt.load_robot())) if doubt]
-    assert [doubt.split(":")[0] for doubt in doubts] == ["q.left_knee", "closed legs"]
 
 
 def test_a_moment_of_the_wrong_sign_is_noticed(table, stated, tmp_path):

@@ -1,6 +1,5 @@
 """Records: what is written is read, from memory or from a folder; damaged folders are refused in words."""
 
-import copy
 import dataclasses
 import json
 import shutil
@@ -30,53 +29,13 @@ from tulip_testbed.viewer import window
 from tulip_testbed.viewer.run_view import view_of
 from tulip_testbed.viewer.subject import validated
 
-GONE = object()
-VALUES = (GONE, None, -1, 1e300, "\x1b[2J", [], {}, [None], {"": None})
-SEED = 141
 DATA = Path(__file__).parent / "data"
 
 
-def mutations(document):
-    """Every key of the first two levels, every third value in turn."""
-    paths = [(key,) for key in document]
-    paths += [(key, inner) for key, value in document.items() if isinstance(value, dict) for inner in value]
-    for number, path in enumerate(paths):
-        if path[0] == "configuration" and len(path) == 2 and path[1] not in ("preset", "seed", "robot"):
-            continue  # shown, not used
-        for value in VALUES[number % 3 :: 3]:
-            changed = copy.deepcopy(document)
-            place = changed
-            for key in path[:-1]:
-                place = place[key]
-            if value is GONE:
-                del place[path[-1]]
-            else:
-                place[path[-1]] = value
-            yield changed
-
-
-@pytest.fixture
-def empty(tmp_path):
-    """A folder for run.json alone: whatever passes it is refused for what is not there."""
-    (tmp_path / "made_up").mkdir()
-    return tmp_path / "made_up"
-
-
-@pytest.mark.parametrize("name", ["run", "montecarlo"])
-def test_no_run_file_breaks_the_reader(name, run_folder, coverage, robot, empty):
-    folder = {"run": run_folder, "montecarlo": coverage}[name]
-    tried = [*mutations(json.loads((folder / "run.json").read_text()))]
-    for changed in tried:
-        (empty / "run.json").write_text(json.dumps(changed))
-        with pytest.raises(InputError):
-            read_run(empty, robot)
-    assert len(tried) > 80
-
-
 @pytest.mark.parametrize("content", ["", "[]", "{", '{"format": 1}', '{"version": 1}', "\x00", '{"a": NaN}'])
-def test_what_is_no_run_file(content, empty):
-    (empty / "run.json").write_text(content)
-    refuse("run.json", kind_of, empty)
+def test_what_is_no_run_file(content, tmp_path):
+    (tmp_path / "run.json").write_text(content)
+    refuse("run.json", kind_of, tmp_path)
 
 
 def test_every_file_of_a_run_is_guarded(run_folder, robot, tmp_path):
@@ -229,9 +188,8 @@ def refuse_edited(folder, load, changes, words):
     refuse(f"{name}: ... {words}", load, folder)
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # of arithmetic on strange numbers
-@settings(max_examples=100, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_any_value_anywhere_in_a_run_is_read_or_refused_in_one_line(data, run_folder, robot, tmp_path):
     """With matching hashes."""

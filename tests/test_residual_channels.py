@@ -17,13 +17,11 @@ from tulip_testbed.base.errors import InputWarning
 from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.discovery.candidates import Fitted, candidates
 from tulip_testbed.discovery.columns import candidate_columns
-from tulip_testbed.discovery.detectability import by_kind, least_multiple
+from tulip_testbed.discovery.detectability import by_kind
 from tulip_testbed.discovery.evidence import ranked
 from tulip_testbed.discovery.joint_fit import Data, joint_fit
 from tulip_testbed.discovery.patterns import patterns
 from tulip_testbed.effects.catalogue import catalogue
-from tulip_testbed.experiments.discovery_tables import weak_table
-from tulip_testbed.identification.distributions import chi2_isf
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import fields, packed, residuals, sensitivity, unpacked
 from tulip_testbed.identification.residual_noise import cell_by_twist, noise_of
@@ -196,33 +194,3 @@ def test_every_effect_is_shown_or_hides_or_shows_weakly(found):
     assert kinds["payload"] == []
     assert kinds["unsettled"] == []
     assert set(kinds["encoder-offset"]) >= ARMS
-
-
-@pytest.mark.slow
-def test_the_result_has_them_by_target(found):
-    weak = found.weakly_detectable
-    assert weak == found.discovery.selection.weak
-    for effect in weak:
-        sizes = effect.candidate.effect.sizes
-        if len(sizes) > 1:
-            assert effect.least is None
-        else:
-            size = effect.candidate.effect.parameters[sizes[0]]
-            assert effect.least == pytest.approx(effect.multiple * size.prior)
-            assert effect.size.unit == size.unit
-    assert len(weak_table(weak).rows) == len({effect.candidate.effect.name for effect in weak})
-
-
-@pytest.mark.slow
-def test_the_least_size_is_found_nine_times_in_ten(found):
-    """By the test's own distribution: a shift of the residuals by that size, in many draws of the noise."""
-    one = found.discovery.selection.weak[0]
-    level = 1e-4
-    multiple = least_multiple(one.candidate, 0.5, level)
-    freedom = len(one.candidate.prior)
-    rng = np.random.default_rng(5)
-    draws = rng.standard_normal((200_000, freedom))
-    draws[:, 0] += 0.5 * multiple
-    sides = 2 if one.candidate.positive.any() else 1
-    share = ((draws**2).sum(axis=1) > chi2_isf(sides * level, freedom)).mean()
-    assert share == pytest.approx(0.9, abs=0.01)

@@ -106,14 +106,6 @@ def test_any_value_anywhere_is_read_or_refused(data, rig, robot):
         (rig / RIG_FILE).write_text(before)
 
 
-def test_a_rig_needs_all_of_its_files(rig, robot, tmp_path):
-    (rig / DIFF).unlink()
-    refuse("diff.txt", read_rig, rig, robot)
-    (rig / RIG_FILE).unlink()
-    refuse(f"found no {RIG_FILE}, expected a rig folder", read_rig, rig, robot)
-    refuse("no such rig folder", read_rig, tmp_path / "none", robot)
-
-
 def test_a_rig_of_a_placement_that_is_not_there(robot, plan, tmp_path):
     blunder = EffectInstance.parse("placement-blunder:7=0.01,0.0", robot, [7])
     write_rig(tmp_path / "rig", robot, [blunder])

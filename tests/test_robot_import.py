@@ -34,13 +34,6 @@ def prepared(urdf, tmp_path_factory):
     return found, found.write(tmp_path_factory.mktemp("prepared") / "robot")
 
 
-def test_the_tables_of_a_report_have_their_own_titles(urdf):
-    report = report_robot(urdf)
-    titles = [part.title for part in report.tables() if not isinstance(part, str)]
-    mass = f"Base parameters; the total mass is {report.total_mass:.3f} kg"
-    assert titles[:3] == [report.name, "Standard parameters (eq. 5)", mass]
-
-
 def test_what_a_urdf_says_is_found(prepared):
     found, robot = prepared
     assert found.found["feet"] == ["right_ankle_roll_link", "left_ankle_roll_link"]

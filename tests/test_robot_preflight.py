@@ -10,15 +10,13 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
-from tests.test_cli import told
-from tulip_testbed.base.errors import InputError, InputWarning
-from tulip_testbed.cli.main import main
+from tulip_testbed.base.errors import InputWarning
 from tulip_testbed.effects.targets import LEG_LINKS, LINKS
 from tulip_testbed.experiments.checks import IMBALANCE, verdict
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of
 from tulip_testbed.experiments.usable_plan import random_plan
 from tulip_testbed.experiments.validate import balance_checks
-from tulip_testbed.measurements import PosturePlan, write_measurements
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.drives import LEAST_ARMATURE
 from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.random_robots import draw_robot
@@ -220,15 +218,6 @@ def test_findings_are_warned_of_once(edited_tulip, plan):
     assert "frictionloss softer than" in str(caught[1].message)
 
 
-def test_the_command_shows_them(edited_tulip, capsys):
-    robot = edited_tulip(SOFT_DRIVE)
-    findings = told(capsys, "robot", robot.path)["findings"]
-    assert [finding["name"] for finding in findings] == ["armature", "friction"]
-    assert main(["robot", str(robot.path)]) == 0
-    assert "Items that this robot lacks for the laboratory" in capsys.readouterr().out
-    assert told(capsys, "robot")["findings"] == []
-
-
 def test_a_meshed_humanoids_arms_get_what_they_lack(meshed):
     names = [finding.name for finding in robot_findings(meshed)]
     assert names == ["armature", "stand"]
@@ -267,13 +256,3 @@ def test_a_monte_carlo_counts_a_run_out_of_balance_as_failed(robot, two, monkeyp
     (failure,) = source([np.random.SeedSequence(1)])
     assert isinstance(failure, str)
     assert failure.startswith("imbalance over its bound: torques against statics")
-
-
-def test_data_of_another_robot_are_said_to_be_first(robot, foreign, plan, tmp_path):
-    run = tt.Laboratory(robot).run(planned(plan, robot, 6), 1, "statics", 1)
-    write_measurements(tmp_path / "data", run.measurements)
-    for function in (tt.discover, tt.identify):
-        with pytest.raises(InputError, match="made for another robot than humanoid: hash mismatch of the"):
-            function(tmp_path / "data", foreign["humanoid"])
-    with pytest.raises(InputError, match=r"with other joints, expected robot\.xml of humanoid"):
-        tt.check(tmp_path / "data", foreign["humanoid"])

@@ -130,16 +130,6 @@ def test_planner_laboratory_and_identification_know_one_limit(edited_tulip, robo
         assert actuator.forcerange[1] == limits[names.index(actuator.target)]
 
 
-@pytest.mark.parametrize("motor", ["<motor", '<position kp="9" ctrlrange="-1 1"', '<muscle ctrlrange="0 1"'])
-def test_no_torque_limit_is_refused(motor):
-    refuse(
-        "model 'arm': actuator 'm': found no torque limit, expected forcerange",
-        add_servos,
-        one_joint(motor),
-        Controller(),
-    )
-
-
 def test_an_edit_that_statics_does_not_have_is_refused_by_it(robot, two):
     def floating(spec):
         spec.body("torso").gravcomp = 0.5

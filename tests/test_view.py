@@ -22,14 +22,12 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.experiments.validation_result import Validation
-from tulip_testbed.identification.feasibility import stability_margin
 from tulip_testbed.measurements import write_measurements
 from tulip_testbed.viewer import balance_series as balance
 from tulip_testbed.viewer import layout, window
 from tulip_testbed.viewer import postures_view as postures
-from tulip_testbed.viewer.balance_series import inset, nearest_on
 from tulip_testbed.viewer.robot_view import undrawn
-from tulip_testbed.viewer.subject import measured, planned, validated
+from tulip_testbed.viewer.subject import measured, validated
 
 MOST_SECONDS, MOST_BYTES = 20, 60e6  # of a view of 150 postures
 
@@ -107,25 +105,6 @@ def test_residual_and_truth_are_the_runs_own(run_folder, moved_wii, robot):
     assert np.abs(subject.com["truth"] - subject.cop).max() < 0.03
     factor = balance.magnification(subject)
     assert 0.02 < factor * np.median(np.linalg.norm(residual, axis=1)) < 0.2
-
-
-def test_inner_polygon_keeps_its_distance(plan, robot):
-    subject = planned(plan, robot)
-    for polygon in subject.polygons[::10]:
-        inner = inset(polygon, 0.02)
-        assert inner is not None
-        margins = [stability_margin(corner, polygon) for corner in inner]
-        assert margins == pytest.approx([0.02] * len(margins), abs=1e-9)
-        assert inset(polygon, 0.2) is None
-        point = polygon.mean(axis=0)
-        assert np.linalg.norm(nearest_on(point, polygon) - point) == pytest.approx(
-            stability_margin(point, polygon)
-        )
-
-
-def test_x_is_up_and_y_is_left_from_above():
-    assert balance.from_above(np.array([1.0, 0.0])).tolist() == [-0.0, -1000.0]
-    assert balance.from_above(np.array([0.0, 1.0])).tolist() == [-1000.0, -0.0]
 
 
 def test_postures_that_say_nothing_are_shown_without_an_estimate(wii, robot, tmp_path):

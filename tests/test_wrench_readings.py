@@ -12,10 +12,9 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from scipy.stats import ks_2samp
 
 import tulip_testbed as tt
-from tests.statics_against_dynamics import compare, excess_wrenches, laboratories
+from tests.statics_against_dynamics import compare, laboratories
 from tests.wrench_rigs import (
     GRAVITY,
     NAMES,
@@ -39,7 +38,7 @@ from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import residuals
 from tulip_testbed.measurements import read_measurements, write_measurements
 from tulip_testbed.measurements.contacts import VERTICAL, WRENCH
-from tulip_testbed.sim.dynamics.dynamic_run import read_again, run_dynamics
+from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.dynamics.hold import hold, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.rig import preset_rig
@@ -191,22 +190,6 @@ def test_statics_reads_what_the_dynamics_read(robot, plan, name, kind):
     assert np.abs(found.wrenches[..., 3:]).max() < 0.004  # Nm
 
 
-@pytest.mark.slow
-def test_with_dry_friction_forces_between_the_legs_scatter_alike(robot, plan):
-    """Horizontal forces cannot be predicted, only their scatter (docs/explanation/equilibrium.md)."""
-    rig, few = changed_rig(robot, "foot-ft"), plan.take(plan.placement <= 3)
-    held = [a for a in run_dynamics(rig, few, 7).truth.attempts if a.held is not None]
-    solved_plan = solve_plan(rig, few)
-    actual, drawn = excess_wrenches(solved_plan, held, np.random.default_rng(301))
-    assert np.abs(actual[..., :2]).max() > 0.3  # N
-    ratio = drawn.std(axis=0) / actual.std(axis=0)
-    assert (ratio > 0.3).all()
-    assert (ratio < 3).all()
-    for side in (0, 1):
-        for k in range(6):
-            assert ks_2samp(actual[:, side, k], drawn[:, side, k]).pvalue > 0.01 / 12
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_readings_scatter_as_the_data_sheet_says_about_constant_zeros(robot, mixed_few, name):
     runs = statics(changed_rig(robot, name, exact=False), mixed_few.take(np.arange(8)), 60)
@@ -235,19 +218,6 @@ def test_readings_scatter_as_the_data_sheet_says_about_constant_zeros(robot, mix
     else:
         spread = np.sqrt((zeros**2).mean(axis=(0, 1))) / np.array(sheet.zero_sd)
         np.testing.assert_allclose(spread, 1, atol=5 / np.sqrt(240))
-
-
-def test_the_dynamics_read_through_the_same_sensors(robot, plan, dynamic):
-    """The held postures read again: s.d. as stated, zeros those of the experiment."""
-    rig, few = changed_rig(robot, "foot-ft", exact=False), plan.take(plan.placement <= 1)
-    again: list[Any] = [read_again(rig, few, dynamic, np.random.default_rng(seed)) for seed in range(10)]
-    errors = np.array([m.wrenches - dynamic.truth.wrenches - dynamic.truth.zeros for m in again])
-    sd = np.sqrt(np.diag(again[0].contacts.covariance))
-    scatter = np.sqrt((errors**2).mean(axis=(0, 1, 2))) / sd
-    np.testing.assert_allclose(scatter, 1, atol=5 / np.sqrt(2 * errors[..., 0].size))
-    sheet: Any = PRESETS["foot-ft"].wrench
-    expected = np.hypot(sheet.noise, np.array(sheet.resolution) / np.sqrt(12))
-    np.testing.assert_allclose(again[0].wrenches_sd.mean(axis=(0, 1)), expected, rtol=0.02)
 
 
 def test_measurements_say_what_a_user_knows_and_no_more(dynamic, static):
