@@ -15,7 +15,7 @@ from tulip_testbed.discovery.evidence import marginal_fits
 from tulip_testbed.discovery.refit import without_noise
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.experiments.atlases.effect_atlas import atlas
-from tulip_testbed.experiments.atlases.isolability import ISOLABLE, angles, groups
+from tulip_testbed.experiments.atlases.isolability import ISOLABLE, angles
 from tulip_testbed.experiments.atlases.planned_experiment import (
     bias,
     estimates,
@@ -156,18 +156,6 @@ def test_tolerances_agree_with_simulation(plan):
         assert said.allowed(k) * np.abs(predicted[k]).max() == pytest.approx(0.5)
 
 
-def test_all_errors_of_a_kind_leave_less_room_than_one(plan):
-    every = sources(plan)
-    bias_of_all = np.array([weights(plan).change(s.candidate, 0) @ s.sizes for s in every])
-    said = Tolerance(plan, every, bias_of_all / plan.standard_errors, bias_of_all, bias_of_all)
-    for name in {s.candidate.effect.name for s in every}:
-        alone = min(said.allowed(k) for k, s in enumerate(every) if s.candidate.effect.name == name)
-        assert 0 < said.together(name) <= alone * (1 + 1e-12)
-    # The swing foot's ankle roll moves nothing but the foot beyond it.
-    last = next(k for k, s in enumerate(every) if s.label == "encoder-offset:left_ankle_roll")
-    assert said.allowed(last) == np.inf
-
-
 def test_angles_are_those_of_the_subspaces():
     x, y, z = np.eye(3)[:, :, None]
     tipped = np.cos(np.radians(30)) * x + np.sin(np.radians(30)) * y
@@ -175,14 +163,6 @@ def test_angles_are_those_of_the_subspaces():
     assert found[0] == pytest.approx([0, 90, 30, 90, 0], abs=1e-5)
     assert found[3] == pytest.approx([90, 0, 60, 0, 0], abs=1e-5)
     assert found == pytest.approx(found.T)
-
-
-def test_groups_hold_only_pairs_that_look_alike():
-    step = 0.8 * ISOLABLE
-    chain = step * np.abs(np.subtract.outer(np.arange(3), np.arange(3)))
-    assert len(groups(chain)) == 1
-    assert len(groups(chain)[0]) == 2
-    assert groups(10 * chain) == []
 
 
 def test_structural_twins_share_a_group(found):
@@ -236,21 +216,3 @@ def test_the_command_tolerance(small_plan, capsys):
     said = json.loads(capsys.readouterr().out)
     assert len(said["sources"]) == 28
     assert said["check"]["largest_difference_se"] < 0.3 * said["check"]["largest_bias_se"]
-
-
-def test_the_screen_shows_every_kind_in_two_screens(found):
-    """Every detected and hidden size is counted once, and the ranges hold all targets."""
-    opening, kinds, closing = found.tables()
-    text = kinds.text(100)
-    assert len(text.splitlines()) < 60
-    assert max(map(len, text.splitlines())) <= 100
-    assert "Too narrow" not in text
-    row = next(row for row in kinds.rows if row[0] == "encoder-offset")
-    offsets = [r for r in found.rows if r.candidate.effect.name == "encoder-offset"]
-    assert row[2] == f"{len(offsets)} of {len(offsets)}"
-    least, most = row[4]
-    assert least == pytest.approx(np.degrees(min(r.detectable for r in offsets)))
-    assert most == pytest.approx(np.degrees(max(r.detectable for r in offsets)))
-    assert {r[0] for r in kinds.rows} == {r.candidate.effect.name for r in found.rows}
-    assert f"of {len(found.shown)} effects" in closing
-    assert opening.startswith(f"{len(found.planned.observed)} of ")

@@ -14,7 +14,7 @@ from scipy.linalg import subspace_angles
 from tests.moving_robots import moving
 from tulip_testbed.identification.base_parameters import _frame_matrix, base_parameters, standard_parameters
 from tulip_testbed.identification.inertial_wrench import wrench_regressor
-from tulip_testbed.identification.kinematics import frame_positions, link_rotations, tree_of
+from tulip_testbed.identification.kinematics import frame_positions, link_rotations
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.measurements.cells import CORNERS
@@ -128,15 +128,6 @@ def test_random_trees_com_is_mujocos(seed, bodies):
     com = base.T @ (data.subtree_com[1] - foot.xpos) - sole_point(model, robot.stance_foot)
     estimate = parameters.regressor(angles[None])[0] @ parameters.values(standard_parameters(model))
     assert estimate == pytest.approx(com[:2], abs=1e-12)
-
-
-def test_lengths_leave_the_turns_of_a_tree(robot):
-    tree = tree_of(robot.model)
-    edges = tuple(dataclasses.replace(edge, anchor=2 * edge.anchor) for edge in tree.edges)
-    longer, anew = tree.with_lengths(edges), dataclasses.replace(tree, edges=edges)
-    assert longer.turns is tree.turns
-    for turn, other in zip(longer.turns, anew.turns, strict=True):
-        np.testing.assert_array_equal(turn, other)
 
 
 FOLDER = Path(__file__).parent / "data" / "oracle"

@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import mujoco
 import numpy as np
 import pytest
 from scipy.optimize import linprog
@@ -15,7 +14,6 @@ from tulip_testbed.identification.estimators.consistent import corner_parameters
 from tulip_testbed.identification.estimators.errors_in_variables import bounded_excess
 from tulip_testbed.identification.estimators.prior import CENTER_SD, MASS_SD, identifiable_masses
 from tulip_testbed.identification.loop_closure import encoder_sd_by_closure
-from tulip_testbed.identification.nominal import link_boxes
 from tulip_testbed.identification.statistics import standard_errors
 
 
@@ -119,12 +117,3 @@ def test_a_feasible_estimate_is_left_alone(bench):
 def test_knowledge_of_the_robot_needs_a_robot(bench, name):
     data = bench.draw(np.random.default_rng(136), **WII)
     refuse("found no robot", estimate_by, dataclasses.replace(data, robot=None), name)
-
-
-def test_a_link_without_geoms_has_the_box_of_its_inertia():
-    """A uniform box of 0.2 x 0.4 x 0.6 m and 12 kg."""
-    inertia = 12 / 12 * np.array([0.4**2 + 0.6**2, 0.2**2 + 0.6**2, 0.2**2 + 0.4**2])
-    text = f"""<mujoco><worldbody><body><inertial pos="0.1 0 0" mass="12"
-      diaginertia="{inertia[0]} {inertia[1]} {inertia[2]}"/></body></worldbody></mujoco>"""
-    box = link_boxes(mujoco.MjModel.from_xml_string(text))[0]
-    assert box == pytest.approx(np.array([[0.0, -0.2, -0.3], [0.2, 0.2, 0.3]]), abs=1e-6)

@@ -18,7 +18,6 @@ from tulip_testbed.experiments.usable_plan import random_plan
 from tulip_testbed.experiments.validate import balance_checks
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.drives import LEAST_ARMATURE
-from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.random_robots import draw_robot
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
@@ -66,25 +65,6 @@ def without_keyframe(text: str) -> str:
 def pair_of_robots(edited_tulip):
     """TULip, and TULip with an IMU's frame at its right shank."""
     return edited_tulip(name="plain"), edited_tulip(FRAME, name="framed")
-
-
-@pytest.mark.slow
-def test_a_frame_without_mass_changes_no_result(pair_of_robots, plan):
-    results = []
-    for robot in pair_of_robots:
-        few = planned(plan, robot, 5)
-        laboratory = tt.Laboratory(robot, "force-plate").with_effects("encoder-offset:right_knee=0.02")
-        run = laboratory.run(few, 3, "statics", 1)
-        repeated = tt.monte_carlo(tt.Laboratory(robot), few, runs=2, workers=1)
-        frames = [tt.identify(run, robot, estimator=name).to_frame() for name in ("consistent", "prior")]
-        results.append((run, [repeated.to_frame(), *frames], tt.discover(run, robot, check=False, workers=1)))
-    (plain, tables, found), (framed, others, again) = results
-    assert np.array_equal(plain.measurements.cell_forces, framed.measurements.cell_forces)
-    for one, other in zip(tables, others, strict=True):
-        numbers = [table.select_dtypes("number").to_numpy() for table in (one, other)]
-        assert np.allclose(*numbers, rtol=1e-8, atol=1e-9, equal_nan=True)
-    assert found.verdict == again.verdict
-    assert found.story == again.story
 
 
 def test_a_frame_without_mass_is_no_target_and_draws_no_numbers(pair_of_robots):
@@ -216,14 +196,6 @@ def test_findings_are_warned_of_once(edited_tulip, plan):
     assert [warning.category for warning in caught] == [InputWarning, InputWarning]
     assert "tulip.xml: found an armature below" in str(caught[0].message)
     assert "frictionloss softer than" in str(caught[1].message)
-
-
-def test_a_meshed_humanoids_arms_get_what_they_lack(meshed):
-    names = [finding.name for finding in robot_findings(meshed)]
-    assert names == ["armature", "stand"]
-    stand = Stand(preset_rig("ideal", meshed), POSES)
-    dof = int(stand.model.joint("left_elbow").dofadr[0])
-    assert stand.model.dof_armature[dof] == pytest.approx(10 * LEAST_ARMATURE)
 
 
 def test_a_free_joint_without_a_name_takes_its_bodys(edited_tulip, plan, robot):
