@@ -20,7 +20,6 @@ from tests.documented import blocks
 from tests.drawing import draws_with
 from tests.test_architecture import FLOW
 from tests.test_cli import told
-from tests.test_refusals import refuse
 from tulip_testbed.base.arguments import checked
 from tulip_testbed.base.errors import InputError, InputWarning, choices, listed, look_up
 from tulip_testbed.sim import robot as robot_module
@@ -126,26 +125,6 @@ def asked(
 @checked
 def chosen(engine: Literal["statics", "dynamics"], pair: tuple[float, float] | None = None) -> tuple:
     return engine, pair
-
-
-@pytest.mark.parametrize(
-    ("call", "given", "message"),
-    [
-        (asked, (1.5,), "count: found the float 1.5, expected a whole number"),
-        (asked, (True,), "count: found the bool True, expected a whole number"),
-        (asked, ("10",), "count: found the str '10', expected a whole number"),
-        (asked, (1, "2"), "size: found the str '2', expected a number or None"),
-        (asked, (1, 2, {}), "names: found dict, expected a list of them or a text"),
-        (asked, (1, 2, ["a", None]), "names[1]: found None, expected a text or a number"),
-        (asked, (1, 2, "a", True, 0), "more: found the int 0, expected True or False"),
-        (chosen, ("static",), "engine: found the str 'static', expected 'statics' or 'dynamics'"),
-        (chosen, ("statics", 3), "pair: found the int 3, expected a tuple of them or None"),
-        (chosen, ("statics", (1.0, "2")), "pair[1]: found the str '2', expected a number"),
-        (chosen, ("statics", (1.0,)), "pair[1]: found tuple, expected more values"),
-    ],
-)
-def test_an_argument_of_another_type_is_refused(call, given, message):
-    refuse(f"{message}", call, *given)
 
 
 def test_what_fits_passes_and_numbers_of_numpy_become_plain():

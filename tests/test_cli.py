@@ -7,9 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
-from threadpoolctl import threadpool_info, threadpool_limits
 
 import tulip_testbed as tt
 from tulip_testbed.cli.commands import COMMANDS
@@ -18,9 +16,6 @@ from tulip_testbed.cli.main import command_of, main, usage
 from tulip_testbed.cli.signatures import REQUIRED, public_function
 from tulip_testbed.cli.terminal import PIPE_WIDTH
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
-from tulip_testbed.measurements import write_measurements
-from tulip_testbed.sim.dynamics import dynamic_run
-from tulip_testbed.sim.rig import preset_rig
 
 NAMES = list(COMMANDS)
 HEAVY = (
@@ -125,27 +120,6 @@ run()
     assert done.stderr == "tulip: interrupted; nothing was written\n"
 
 
-def blas_threads() -> set[int]:
-    return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
-
-
-def test_a_placement_is_held_with_one_thread_in_whatever_process(monkeypatch, robot, plan):
-    seen = []
-
-    class Interrupted(Exception):  # noqa: N818
-        pass
-
-    def stand(*_):
-        seen.append(blas_threads())
-        raise Interrupted
-
-    monkeypatch.setattr(dynamic_run, "Stand", stand)
-    rig, stream = preset_rig("ideal", robot), np.random.SeedSequence(0)
-    with threadpool_limits(2, user_api="blas"), pytest.raises(Interrupted):
-        dynamic_run.run_placement(rig, plan, 1, frozenset(), stream)
-    assert seen == [{1}]
-
-
 def test_a_run_remembers_its_robot(edited_tulip, tmp_path):
     rose = edited_tulip('tulip.toml: name = "TULip" => name = "Rose"', built=False).path
     run, page = tmp_path / "run", tmp_path / "run.html"
@@ -154,19 +128,6 @@ def test_a_run_remembers_its_robot(edited_tulip, tmp_path):
     rose.unlink()
     assert main(["report", str(run), "--out", str(page)]) == 0
     assert "<title>Rose: validation run</title>" in page.read_text()
-
-
-def test_identify_by_name(wii, tmp_path, capsys):
-    write_measurements(tmp_path / "data", wii.measurements)
-    assert told(capsys, "identify", tmp_path / "data")["estimator"] == "self-calibrating"
-    document = told(capsys, "identify", tmp_path / "data", "--estimator", "prior")
-    assert document["estimator"] == "prior"
-    links = document["full"]["standard"]
-    assert links["links"][:2] == ["torso", "right_hip_yaw"]
-    assert sum(links["mass"]) == pytest.approx(23.0, abs=0.1)
-    assert all(0 <= share <= 1 for share in links["mass_share"])
-    assert main(["identify", str(tmp_path / "data"), "--estimator", "prior", "--full"]) == 0
-    assert "no single link mass" in " ".join(capsys.readouterr().out.split())
 
 
 def test_model_prints_links_with_their_brackets(capsys):

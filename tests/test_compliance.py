@@ -130,23 +130,6 @@ def test_a_torque_limit_on_the_joint_goes_with_the_motor():
     assert spec.tendons[0].stiffness[0] == pytest.approx(10 / 0.02)
 
 
-def test_motor_encoders_differ_by_the_load_on_flexible_drives(robot, model, plan):
-    """The spring's torque is the joint's load, which inverse dynamics gives without any spring."""
-    stand = standing(robot, model, plan, drives=Drives(wind_up=0.0175))
-    drives = stand.data.qpos[stand.qpos] - stand.data.qpos[stand.motors]
-    assert 1e-3 < np.abs(drives).max() < 0.0175
-    limits = stand.model.actuator_forcerange[stand.servos, 1]
-    data = stand.data
-    contact = np.zeros(stand.model.nv)
-    for body in (*stand.soles, *[stand.model.body(f"{p}_plate").id for p in ("right", "left")]):
-        wrench = data.cfrc_ext[body]
-        centre = data.subtree_com[stand.model.body_rootid[body]]
-        mujoco.mj_applyFT(stand.model, data, wrench[3:], wrench[:3], centre, body, contact)
-    joints = [stand.model.joint(name).dofadr[0] for name in plan.joints]
-    load = data.qfrc_bias[joints] - contact[joints]
-    assert -drives * limits / 0.0175 == pytest.approx(load, abs=2e-3)
-
-
 STANCE_LEG, SWING_LEG = "right_ankle_roll", "left_ankle_pitch"
 
 

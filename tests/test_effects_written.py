@@ -12,7 +12,6 @@ from pydantic import TypeAdapter
 
 import tulip_testbed as tt
 from tests.test_refusals import refuse
-from tulip_testbed import effects
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import (
@@ -132,24 +131,6 @@ def test_a_finding_is_a_sentence(text, interval, sentence, robot):
     found = EffectInstance.parse(text, robot)
     intervals = () if interval is None else (interval,)
     assert dataclasses.replace(found, intervals=intervals).finding == sentence
-
-
-def test_the_catalogue_is_a_table():
-    text, page = repr(effects.catalogue()), effects.catalogue()._repr_html_()
-    lines = text.splitlines()
-    assert lines[1].split() == ["effect", "unit", "plausible", "size", "what", "it", "is"]
-    (tilt,) = (line for line in lines if line.startswith("tilt="))
-    cells = [
-        "tilt=ABOUT_X,ABOUT_Y",
-        "rad, rad",
-        "s.d. 1 deg",
-        "The floor is tilted with robot and plates, about",
-    ]
-    assert [cell.strip() for cell in tilt.split("  ") if cell] == cells
-    assert page.count("<tr>") == len(catalogue()) + 1
-    assert "<td>tilt=ABOUT_X,ABOUT_Y</td><td>rad, rad</td><td>s.d. 1 deg</td><td>The floor is" in page
-    assert "joint&#x27;s encoder" in page
-    assert repr(effects.catalogue()["tilt"]) == "<Effect tilt=ABOUT_X,ABOUT_Y>"
 
 
 KNEE, ANKLE = "encoder-offset:right_knee=0.01", "encoder-offset:left_ankle_roll=0.002"

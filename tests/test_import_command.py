@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
+from tests.test_refusals import refuse, rows
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.table_import.column_names import propose
 from tulip_testbed.experiments.table_import.import_map import ImportMap, read_map, with_unknowns
@@ -232,29 +233,11 @@ def test_a_column_is_one_of_the_contract(table, tmp_path):
         tt.import_table(table(), out=tmp_path / "data", map=stated)
 
 
-@pytest.mark.parametrize(
-    ("text", "entries", "message"),
-    [
-        ("plates = 3", (), "map.toml: key 'plates': found 3; expected an object"),
-        ("[[contacts", (), "map.toml: not a TOML file"),
-        ("colums = 1", (), "map.toml: key 'colums': found 1; expected no such key"),
-        (WRENCHES, ("q.right_knee",), "map: found 'q.right_knee', expected a file"),
-        (
-            WRENCHES,
-            ("q.right_kne=RKnee [deg]:deg",),
-            "unknown column 'q.right_kne'; did you mean 'q.right_knee'",
-        ),
-        (WRENCHES, ("q.right_knee=RKnie:deg",), "unknown column 'RKnie'"),
-        (WRENCHES, ("q.right_knee=RKnee [deg]:furlong",), "found 'furlong'; expected a unit of angle"),
-        (WRENCHES + PLATES, (), "found 'contacts' and 'plates', expected one of them"),
-        ("[constant_joints]\nneck = {value = 0.0, sd = 0.1}\n", (), "unknown joint 'neck'"),
-    ],
-)
-def test_wrong_statements_are_named(table, stated, tmp_path, text, entries, message):
-    with pytest.raises(tt.InputError) as error:
-        tt.import_table(table(), out=tmp_path / "data", map=[stated(text), *entries])
-    assert message in str(error.value)
-    assert len(str(error.value).splitlines()) == 1
+@rows("maps")
+def test_wrong_statements_are_named(table, stated, tmp_path, changes, words):
+    text, *entries = changes
+    text = text.replace("WRENCHES", WRENCHES).replace("PLATES", PLATES)
+    refuse(words, tt.import_table, table(), out=tmp_path / "data", map=[stated(text), *entries])
 
 
 def test_the_documented_statements_can_be_read():

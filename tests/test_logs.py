@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 from pathlib import Path
-from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -14,7 +13,6 @@ import pytest
 import tulip_testbed as tt
 from tests.recorded_logs import BAD, CHANNELS, KINDS, motion, unit, write_dumper, write_table
 from tests.test_refusals import check_words, rows
-from tulip_testbed.calibration import self_calibration
 from tulip_testbed.identification.inertial_wrench import beyond_weight, needed_wrench
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
@@ -206,24 +204,6 @@ def test_the_gain_of_the_sensors_is_in_the_standard_error_of_a_mass_that_nobody_
     exact = dataclasses.replace(imported, tolerances={**imported.tolerances, "wrench-gain": 0.0})
     without_gain = tt.identify(exact, bowing).mass[1]
     assert found.mass[1] ** 2 - without_gain**2 == pytest.approx((0.01 * found.mass[0]) ** 2, rel=1e-3)
-
-
-def test_hard_soles_are_tried_where_the_likelier_estimate_tips_over_though_it_does_not_rest(
-    imported, bowing, monkeypatch
-):
-    """On the record of a real iCub it took the error of held-out blocks along y from 3.2 to 4.0 mm."""
-    observed = observe(imported, nominal_robot(bowing, "right"))
-    answers = [
-        SimpleNamespace(steady=steady, solved=SimpleNamespace(log_evidence=evidence), tips=tips)
-        for steady, evidence, tips in (
-            *((True, 1.0, False), (False, 200.0, True)),
-            *((True, 2.0, False), (True, 100.0, False)),
-        )
-    ]
-    each = iter(answers)
-    monkeypatch.setattr(self_calibration, "self_calibrate", lambda *_: next(each))
-    monkeypatch.setattr(self_calibration, "_tips_over", lambda one: one.tips)
-    assert self_calibration.as_log_shows(observed)[1] is answers[3]
 
 
 CONTACTS = "".join(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from studies import runner, study_campaign, study_hidden_effects, study_planning
+from studies import runner, study_hidden_effects, study_planning
 from studies.hidden_effects.hiding import NOTHING, ONE, OUTSIDE, TWO, Case, Truth, draw_trial
 from studies.hidden_effects.judging import Found, Outcome, carry_out
 from studies.hidden_effects.laboratories import LARGEST, USUAL, draw_laboratory, tolerance_of
@@ -25,7 +25,6 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import EffectInstance, split_label
 from tulip_testbed.effects.misreading import Misreading
-from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
@@ -185,17 +184,6 @@ def test_scores_of_outcomes_made_by_hand():
     assert rows["base parameters: intervals hold"][0] == 3
     assert rows["`tilt`: intervals hold"][0] == 1
     assert rows["cases without data"] == [1, 15]
-
-
-@pytest.mark.slow
-def test_tilt_against_tether_is_settled_by_removing_the_cable(robot):
-    made = Laboratory(robot, "force-plate").with_effects("tether=5,0")
-    found = study_campaign.carry_out(made, 3, placements=30)
-    assert found.verdicts == ("ambiguous", "named")
-    assert found.words == ("first experiment", "cable removed")
-    assert found.right
-    before, after = found.errors
-    assert after < before
 
 
 DOCS = Path(__file__).resolve().parents[1] / "docs" / "pictures"

@@ -5,7 +5,6 @@ Their readings are compared with cells, with MuJoCo's contact forces and weights
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from typing import Any
 
@@ -37,7 +36,7 @@ from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import residuals
 from tulip_testbed.measurements import read_measurements, write_measurements
-from tulip_testbed.measurements.contacts import VERTICAL, WRENCH
+from tulip_testbed.measurements.contacts import WRENCH
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.dynamics.hold import hold, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
@@ -274,25 +273,6 @@ def test_exact_soles_recover_all_that_their_zeros_leave(robot, name):
         along = np.linalg.qr(found.confounded.T)[0] if hidden else np.zeros((len(found.full.value), 0))
         error = found.full.value - run.laboratory.true_base_parameters(plan)
         assert np.abs(error - along @ (along.T @ error)).max() < 1e-3
-
-
-def test_a_centre_of_pressure_is_written_as_one(tmp_path, robot, mixed_few):
-    run: Any = tt.Laboratory(robot, "plate-cop").run(mixed_few, 7, "statics")
-    measured: Any = run.measurements
-    write_measurements(tmp_path / "data", measured)
-    manifest = json.loads((tmp_path / "data" / "manifest.json").read_text())
-    assert [entry["kind"] for entry in manifest["contacts"]] == ["cop", "cop"]
-    x, y, load = (measured.columns()[f"cop.right.{axis}"] for axis in ("x", "y", "fz"))
-    assert np.array_equal(np.isnan(x), measured.support == "left")
-    # On the plate of 0.5 m by 0.3 m, against the true wrench about its top.
-    truth = run.truth.wrenches[measured.support != "left", 0]
-    assert np.abs(x[~np.isnan(x)] + truth[:, 4] / truth[:, 2]).max() < 5 * 0.0015
-    assert np.abs(y[~np.isnan(y)] - truth[:, 3] / truth[:, 2]).max() < 5 * 0.0015
-    assert np.abs(load[~np.isnan(load)] - truth[:, 2]).max() < 5 * 4.5
-    read: Any = read_measurements(tmp_path / "data")
-    assert read.contacts.channels == VERTICAL
-    np.testing.assert_allclose(read.contacts.covariance, measured.contacts.covariance, rtol=1e-9)
-    assert np.array_equal(read.contacts.cop_sd, measured.contacts.cop_sd)
 
 
 @pytest.mark.parametrize("name", ["plate-ft", "plate-cop", "sole-ft"])
