@@ -12,7 +12,6 @@ from tulip_testbed.cli.main import main
 from tulip_testbed.discovery.candidates import candidates
 from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.evidence import marginal_fits
-from tulip_testbed.discovery.refit import without_noise
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.experiments.atlases.effect_atlas import atlas
 from tulip_testbed.experiments.atlases.isolability import ISOLABLE, angles
@@ -26,7 +25,7 @@ from tulip_testbed.experiments.atlases.planned_experiment import (
 )
 from tulip_testbed.experiments.atlases.tolerance import CHECKED, Tolerance, erring, sources
 from tulip_testbed.identification.observation import observe
-from tulip_testbed.identification.residual_channels import CHANNELS, residuals
+from tulip_testbed.identification.residual_channels import CHANNELS
 from tulip_testbed.identification.residual_noise import noise_of
 from tulip_testbed.sim.plan_folder import write_plan
 from tulip_testbed.sim.robot import load_robot
@@ -115,24 +114,6 @@ def test_biases_are_those_of_the_estimator(plan, name, target):
     runs = noisy(solve_plan(rig, plan.solved_plan.plan), streams(SEED, CHECKED))
     moved = estimates(runs, plan.nominal) - estimates(plan.runs[:CHECKED], plan.nominal)
     assert alike(predicted / plan.standard_errors, moved.mean(axis=0) / plan.standard_errors / part)
-
-
-@pytest.mark.parametrize(
-    ("name", "target"), [("sole-compliance", ""), ("joint-compliance", "right_ankle_pitch")]
-)
-def test_biases_by_what_yields_agree_with_the_laboratory(plan, name, target):
-    """Without noise: springs are drawn friction too, so that the same random numbers fall elsewhere."""
-    candidate, estimator = candidate_of(plan, name, target), weights(plan)
-    predicted = bias(plan, estimator, candidate, 0)[:, 0]
-    part = 0.1
-    quiet = without_noise(plan.rig)
-    rig = candidate.effect.inject(quiet, target, candidate.values(part * candidate.prior))
-    (shown,) = noisy(solve_plan(rig, plan.solved_plan.plan), streams(SEED, 1))
-    assert (shown.posture == plan.observed.measurements.posture).all()
-    theta = estimator.linear.theta
-    added = residuals(observe(shown, plan.nominal), theta) - residuals(plan.observed, theta)
-    moved = np.linalg.lstsq(estimator.regressor, estimator.linear.whitening(added), rcond=None)[0] / part
-    assert alike(predicted / plan.standard_errors, moved / plan.standard_errors)
 
 
 def test_tolerances_agree_with_simulation(plan):

@@ -82,13 +82,15 @@ def test_what_the_postures_do_not_show_is_refused(bench, name):
     refuse("not determined", estimate_by, dataclasses.replace(data, matrix=matrix), name)
 
 
-def calibrated(bench, name, runs, first, **errors):
+def calibrated(bench, name, runs, first, clustered=False, **errors):
     """S.d. of the estimates over reported standard errors, share of 95 % intervals that hold, and bias."""
     found = [
         estimate_by(bench.draw(np.random.default_rng([7, first + k]), **errors), name) for k in range(runs)
     ]
     error = np.array([f.value for f in found]) - bench.nominal.value
-    reported = np.array([standard_errors(f.covariance) for f in found])
+    reported = np.array(
+        [standard_errors(f.clustered_covariance if clustered else f.covariance) for f in found]
+    )
     limit = np.array([t_distribution.ppf(0.975, f.interval_dof) for f in found])
     ratio = error.std(axis=0, ddof=1) / np.sqrt((reported**2).mean(axis=0))
     return ratio, (np.abs(error) < limit * reported).mean(axis=0), error.mean(axis=0) / error.std(axis=0)
@@ -109,11 +111,13 @@ def test_the_default_is_right_about_its_errors(bench, sheet):
 @pytest.mark.slow
 def test_eq_14_is_too_optimistic_where_placements_err(bench):
     """Placement errors dominate: some of least squares' standard errors are far too small (1.35: 3.9 s.d.
-    of a ratio from 60 runs), and its intervals fail; the default's hold."""
+    of a ratio from 60 runs), and its intervals fail; clustered ones and the default's hold."""
     errors = {"cell": 0.5, "placement": 5e-3, "mark": 2e-3, "encoder": 0.0}
     plain, held, _ = calibrated(bench, "least-squares", 60, 100, **errors)
     assert plain.max() > 1.35
     assert held.min() < 0.85
+    _, held, _ = calibrated(bench, "least-squares", 60, 100, clustered=True, **errors)
+    assert 0.9 < held.mean() < 0.98
     right, held, _ = calibrated(bench, MIXED_MODEL, 60, 100, **errors)
     assert np.abs(right - 1).max() < 0.36
     assert 0.92 < held.mean() < 0.98

@@ -10,7 +10,6 @@ import pytest
 
 import tulip_testbed as tt
 from tests.test_refusals import refuse
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.families import families_of, tolerances_of
 from tulip_testbed.calibration.ordinary_laboratory import draw_members, ordinary_members
 from tulip_testbed.calibration.self_calibration import self_calibrate
@@ -20,8 +19,7 @@ from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.imperfections import drawn, single_stream
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.laboratory_runs import OrdinaryOutcome, source_of, stream_of
-from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, Settings, montecarlo_file
-from tulip_testbed.experiments.montecarlo.montecarlo_run import montecarlo, run_folder
+from tulip_testbed.experiments.montecarlo.montecarlo_result import Settings
 from tulip_testbed.experiments.validate import evaluate, judge, validate
 from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.identification.observation import observe
@@ -175,26 +173,6 @@ def test_a_plan_that_weakens_a_correlation_is_not_judged():
     (weak,) = correlation_checks(numbers, data, data, [[12, 13]])
     assert weak.result == "pass"
     assert weak.source.endswith("; not held to -0.95, which this plan weakens by itself")
-
-
-def test_a_monte_carlo_does_not_depend_on_workers_and_records_its_setting(robot, plan, tmp_path):
-    laboratory, part = Laboratory(robot, "wii"), plan.take(plan.placement <= 5)
-    settings = Settings(2, SEED, "self-calibrating", None, "statics", 0.5)
-    for workers in (1, 2):
-        found = montecarlo(laboratory, part, settings, tmp_path / f"{workers}", workers)
-        assert found.imperfections == 0.5
-    one, two = (
-        {p.name: p.read_bytes() for p in (tmp_path / name).rglob("*") if p.is_file()} for name in "12"
-    )
-    assert one == two
-    assert json.loads(one["run.json"])["settings"]["imperfections"] == 0.5
-    read = MonteCarlo.load(tmp_path / "1", robot)
-    assert read.imperfections == 0.5
-    assert read.document.settings == settings
-    for other, there, here in ((0.0, 0.5, 0.0), (1.0, 0.5, 1.0)):
-        document = montecarlo_file(laboratory, part, dataclasses.replace(settings, imperfections=other))
-        with pytest.raises(InputError, match=f"settings.imperfections is {there} there and {here} here"):
-            run_folder(tmp_path / "1", document).begun()
 
 
 def test_the_manifest_says_nothing_about_what_is_imperfect(validated, robot, plan, tmp_path):

@@ -8,12 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.atlases.planned_experiment import usable
 from tulip_testbed.experiments.described_plan import describe_plan
 from tulip_testbed.experiments.identify import identify
-from tulip_testbed.experiments.usable_plan import as_plan, joined
-from tulip_testbed.identification.base_parameters import base_parameters
+from tulip_testbed.experiments.usable_plan import joined
 from tulip_testbed.identification.planning.objectives import objectives
 from tulip_testbed.identification.planning.one_foot import single_support_margins
 from tulip_testbed.identification.planning.one_foot_search import appended_on_one_foot, feasible_pool
@@ -26,7 +24,6 @@ from tulip_testbed.identification.planning.optimal_plan import (
 )
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning.search import search
-from tulip_testbed.identification.planning_ranges import planning_ranges
 from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.identification.preflight import preflight
 from tulip_testbed.identification.regressor import stacked_regressor
@@ -151,23 +148,3 @@ def test_postures_on_one_foot_keep_their_margins_and_show_26_parameters(robot, o
 def test_a_lifted_foot_does_not_drift(robot, nominal, with_one_foot):
     findings = {f.name: f for f in preflight(measured(robot, with_one_foot), nominal)}
     assert findings["drift"].result == "pass"
-
-
-@pytest.mark.slow
-def test_what_blocks_postures_on_one_foot_is_named(robot, plate, optimal):
-    ranges = dataclasses.replace(planning_ranges(robot), stability_margin=0.045)
-    problem = planning_problem(robot, plate, ranges, support="right")
-    with pytest.raises(InputError, match=r"found 0 postures on the stance foot .* stability margin"):
-        feasible_pool(problem, optimal.swing_pose[-1], 2, np.random.default_rng(SEED), times=1)
-
-
-@pytest.mark.slow
-def test_a_short_plan_is_described_together_with_what_was_measured(robot, plan):
-    measurements = measured(robot, plan.take(plan.placement <= 10))
-    taken, new = as_plan(robot, measurements), plan.take(plan.placement > 28)
-    alone = describe_plan(robot, taken, "plan", "wii")
-    both = describe_plan(robot, new, "plan", "wii", measurements)
-    assert both.condition_number == pytest.approx(
-        np.linalg.cond(stacked_regressor(base_parameters(robot), joined([taken, new]).joint_angles)), rel=1e-9
-    )
-    assert (both.predicted_standard_error_mm < alone.predicted_standard_error_mm).all()
