@@ -3,7 +3,6 @@
 import inspect
 import pickle
 import re
-import shutil
 import subprocess
 import sys
 import warnings
@@ -17,7 +16,6 @@ from IPython.core.interactiveshell import InteractiveShell
 
 import tulip_testbed as tt
 from tests.documented import blocks
-from tests.drawing import draws_with
 from tests.test_architecture import FLOW
 from tests.test_cli import told
 from tulip_testbed.base.arguments import checked
@@ -25,19 +23,6 @@ from tulip_testbed.base.errors import InputError, InputWarning, choices, listed,
 from tulip_testbed.sim import robot as robot_module
 
 ROOT = Path(__file__).parent.parent
-
-
-@pytest.fixture
-def screen(monkeypatch):
-    """A virtual screen, on which the viewer opens; 90 keeps clear of real ones."""
-    if shutil.which("Xvfb") is None:
-        pytest.skip("no Xvfb")
-    server = subprocess.Popen(["Xvfb", ":90", "-screen", "0", "1280x800x24"], stderr=subprocess.DEVNULL)
-    monkeypatch.setenv("DISPLAY", ":90")
-    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    yield
-    server.terminate()
-    server.wait()
 
 
 def test_the_readme_begins_with_what_its_block_reads(tmp_path, monkeypatch):
@@ -77,12 +62,6 @@ def test_the_files_of_a_robot_are_read_and_compiled_once(run, loads):
     tt.identify(tt.Laboratory(robot, "wii").run(tt.plans.random, seed=2, engine="statics"), robot)
     assert loads["compiled"].count(robot.model_file.stem) <= 1
     assert all(loads["read"].count(path.name) <= 1 for path in robot.files)
-
-
-@pytest.mark.slow
-@draws_with("vulkan")
-def test_a_view_opens_on_the_screen(screen, run):
-    tt.view(run)
 
 
 def test_every_name_is_documented_and_found_by_completion():

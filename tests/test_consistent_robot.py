@@ -194,12 +194,3 @@ def test_data_shares(cad):
         cad.reference, np.zeros((1, 4 * len(shares))), np.diag([0, MASS_SD**2 * heavy.sum()])
     )
     assert doubtful[:, 0] == pytest.approx(alone[:, 0] / 2, rel=1e-9)
-
-
-def test_flat_links_get_some_extent():
-    flat = pseudo_inertia(1.0, np.array([0.1, 0, 0]), np.diag([0.0, 0.01, 0.01]))
-    assert np.linalg.eigvalsh(flat).min() < 1e-12
-    lifted = solid(np.array([flat]))[0]
-    assert np.linalg.eigvalsh(lifted).min() > 1e-7
-    assert np.array_equal(lifted[3], flat[3])
-    assert np.abs(lifted - flat).max() < 2e-6

@@ -109,16 +109,6 @@ def test_a_scratch_folder_is_one_s_own_and_takes_a_killed_one_away(tmp_path, mon
     assert os.listdir(tmp_path) == []
 
 
-def test_names_like_a_left_over_s_are_left_alone(tmp_path):
-    names = [".data.12345678", ".other.12345678.partial", ".data.123456789.partial", "data.12345678.partial"]
-    for name in names:
-        (tmp_path / name).mkdir()
-    (tmp_path / ".data.abcdefgh.partial").symlink_to(tmp_path / names[0])
-    with new_folder(tmp_path / "data"):
-        pass
-    assert set(os.listdir(tmp_path)) == {*names, ".data.abcdefgh.partial", "data"}
-
-
 def test_a_full_disk_is_one_message_and_leaves_nothing(tmp_path):
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)

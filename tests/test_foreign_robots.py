@@ -16,7 +16,6 @@ from tulip_testbed.identification.base_parameters import base_parameters, standa
 from tulip_testbed.identification.planning_ranges import free_joint_ranges, planning_ranges
 from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.identification.regressor import stacked_regressor
-from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.random_robots import draw_robot, edit_of, half_edges
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import between_feet, joint_names, sole_corners
@@ -80,22 +79,6 @@ def test_planned_postures_stand_on_both_soles_and_move_every_joint(name, foreign
         assert np.ptp(angles) > 0.5 * (high - low)
     # So every base parameter shows: 40 postures are 80 rows for 34 and 75 columns.
     assert np.linalg.cond(stacked_regressor(base_parameters(robot), plan.joint_angles)) < 1e4
-
-
-@pytest.mark.parametrize("name", PLANNED)
-def test_paths_keep_the_feet_and_do_not_jump(name, foreign, plan_of):
-    robot, plan = foreign[name], plan_of(name)
-    model = robot.model
-    start, end = plan.joint_angles[:2]
-    path = ClosedChain(model, robot).path(start, end, 50)
-    ways = []
-    for angles in path:
-        (stance, swing), _ = feet_and_com(model, robot, angles)
-        ways.append(np.linalg.inv(stance) @ swing)
-    assert np.array(ways) == pytest.approx(np.tile(ways[-1], (50, 1, 1)), abs=1e-6)
-    assert path[-1] == pytest.approx(end)
-    steps = np.abs(np.diff(np.vstack([start, path]), axis=0))
-    assert steps.max() < 0.1 * np.abs(end - start).max()
 
 
 @pytest.mark.slow

@@ -13,7 +13,6 @@ import pytest
 import tulip_testbed as tt
 from tests.recorded_logs import BAD, CHANNELS, KINDS, motion, unit, write_dumper, write_table
 from tests.test_refusals import check_words, rows
-from tulip_testbed.identification.inertial_wrench import beyond_weight, needed_wrench
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.regressor import regression, with_cad_where_needed
@@ -81,21 +80,6 @@ def test_rows_obey_the_equation_of_motion(imported, bowing, regular):
     middle = motion(m.time + m.window / 2)
     np.testing.assert_allclose(rates, middle[1], atol=0.08)
     np.testing.assert_allclose(accelerations, middle[2], atol=0.5)
-
-
-def test_what_motion_adds_is_a_mean_over_the_window(imported, bowing):
-    """In long windows the mean of what motion needs is not what the mean motion needs."""
-    time = 0.01 * np.arange(2000)
-    m = reduced(samples(imported, bowing, time), WEIGHT, window=1.0).measurements
-    nominal = nominal_robot(bowing)
-    still = needed_wrench(nominal, dataclasses.replace(m, joint_rates=None, joint_accelerations=None))
-    found = -still[:, 4] / still[:, 2] + beyond_weight(nominal, m).by_cad[:, 0]
-    at_mean = needed(bowing, *moved(m)[1:])
-    wrenches = moved(m)[0]
-    measured = -wrenches[:, 4] / wrenches[:, 2]
-    off = [np.abs(one - measured).mean() for one in (found, -at_mean[:, 4] / at_mean[:, 2])]
-    assert off[0] < 0.5 * off[1]
-    assert off[1] > 2e-4
 
 
 def test_means_are_exact_for_cubic_motion_by_any_clock(imported, bowing):

@@ -17,7 +17,6 @@ from tests.test_refusals import change_keys, refuse, rows
 from tulip_testbed import rendering
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments import planning_run as planning
-from tulip_testbed.experiments.described_plan import DescribedPlan
 from tulip_testbed.experiments.planning_run import PlanSettings, set_up_search, state_folder
 from tulip_testbed.measurements import write_measurements
 from tulip_testbed.sim.plan_folder import read_plan
@@ -106,17 +105,6 @@ def test_an_edited_state_is_refused_by_name(interrupted, tmp_path, changes, word
     refuse(
         f"seed-311.json: ... {words} ... ; remove it", planning.search_plan, search, tmp_path / "plan", "wii"
     )
-
-
-@pytest.mark.slow
-def test_killed_when_its_first_plan_was_put_aside_it_leaves_nothing_hidden(interrupted, tmp_path, robot):
-    search, states = interrupted
-    shutil.copytree(states, state_folder(tmp_path / "plan"))
-    (state_folder(tmp_path / "plan") / "interrupted").mkdir()
-    made = planning.search_plan(search, tmp_path / "plan", "wii")
-    assert [path.name for path in tmp_path.iterdir()] == ["plan"]
-    assert read_plan(tmp_path / "plan", robot).joint_angles.tobytes() == made.plan.joint_angles.tobytes()
-    assert DescribedPlan.from_json(made.to_json()).to_json() == made.to_json()
 
 
 def test_the_next_postures_and_their_description(data, tmp_path, capsys):

@@ -84,31 +84,6 @@ def test_every_motion_keeps_every_limit(robot, small_protocol):
         assert stability_margin(nominal.center_of_mass(motion.angles), polygon) >= inside - 2e-4
 
 
-def test_legs_do_not_touch_on_the_way(robot, small_protocol):
-    """By MuJoCo's distances between the geoms of both legs below the hips, in the robot's own coordinates."""
-    model, data = robot.model, mujoco.MjData(robot.model)
-    loads, side = LoadsInMotion(robot), {}
-    for name in ("right", "left"):
-        legs = {model.body(f"{name}_{part}").id for part in ("upper_leg", "lower_leg")}
-        side[name] = [g for g in range(model.ngeom) if model.geom_bodyid[g] in legs]
-    assert min(map(len, side.values())) >= 2
-
-    def apart(angles):
-        data.qpos = loads.position(angles, 0)
-        mujoco.mj_kinematics(model, data)
-        pairs = itertools.product(side["right"], side["left"])
-        return min(mujoco.mj_geomDistance(model, data, a, b, 0.1, None) for a, b in pairs)
-
-    nearest = []
-    for motion in small_protocol.motions:
-        if motion is not None and not motion.via_stance:
-            distances = [apart(angles) for angles in motion.angles[:: len(motion.angles) // 12]]
-            ends = min(apart(motion.angles[0]), apart(motion.angles[-1]))
-            assert min(distances) > min(ends, 0.005) - 3e-4
-            nearest.append(min(distances))
-    assert min(nearest) < 0.05  # some come near each other
-
-
 def test_motions_begin_and_end_at_rest_in_their_postures(small_protocol):
     for k, motion in enumerate(small_protocol.motions):
         if motion is None:

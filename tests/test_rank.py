@@ -16,7 +16,6 @@ from tulip_testbed.identification.rank import (
     describe_combinations,
     require_identifiable,
     undetermined_directions,
-    weakly_known,
 )
 from tulip_testbed.identification.regressor import encoder_blur, stacked_regressor
 
@@ -107,18 +106,6 @@ def test_an_unknown_encoder_has_a_usual_one_s_error(wii, robot):
         identify(dataclasses.replace(measured, sensors=poor), robot, estimator=MIXED_MODEL)
 
 
-def test_blur_is_what_noise_does_on_average(parameters, plan):
-    """E (dH' dH) over 2,000 draws of encoder errors, to 5 % of its largest entry."""
-    angles, rng = plan.joint_angles[:30], np.random.default_rng(115)
-    still = stacked_regressor(parameters, angles)
-    total = np.zeros((25, 25))
-    for _ in range(2_000):
-        change = stacked_regressor(parameters, angles + 1e-4 * rng.standard_normal(angles.shape)) - still
-        total += change.T @ change / 2_000
-    blur = encoder_blur(parameters, angles, 1e-4)
-    assert np.abs(blur.T @ blur - total).max() < 0.05 * np.abs(total).max()
-
-
 def planted(seed, columns, free):
     """A matrix (40, columns) with a null space of dimension `free`, and that space."""
     rng = np.random.default_rng(seed)
@@ -147,10 +134,3 @@ def test_of_a_long_combination_the_largest_terms_are_named():
         text == "a, b, c, d, e and f are not determined separately "
         "(free: f + 0.5 e + 0.4 d + 0.3 c and 2 smaller terms)"
     )
-
-
-def test_weak_directions_are_those_with_large_errors():
-    turn = np.linalg.qr(np.random.default_rng(119).standard_normal((3, 3)))[0]
-    covariance = turn @ np.diag([1e-6, 4.0, 1e-4]) @ turn.T
-    assert np.abs(weakly_known(covariance, 1.0) @ turn).round(9).tolist() == [[0.0, 1.0, 0.0]]
-    assert weakly_known(covariance, 3.0).shape == (0, 3)

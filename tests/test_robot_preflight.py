@@ -133,21 +133,6 @@ def test_effects_are_judged_by_what_statics_leaves_over_alone(robot, two):
     assert balance_checks(laboratory.run(two, 1, "statics", 1)) == []
 
 
-@pytest.mark.slow
-def test_a_collision_of_limbs_in_a_scene_written_by_hand_fails_the_verdict(edited_tulip, plan):
-    """The shanks touch by a soft geom of each that may collide: their force is in no static balance."""
-    bump = (
-        '<geom name="{}_bump" type="sphere" size="0.12" contype="4" conaffinity="4" condim="1" '
-        'solref="-20 -5" solimp="0.9 0.9 0.01"/>'
-    )
-    ankles = {side: f'<body name="{side}_ankle"' for side in ("right", "left")}
-    texts = [f"tulip.xml: {ankle} => {bump.format(side)}{ankle}" for side, ankle in ankles.items()]
-    robot = edited_tulip(*texts, built=False)
-    run = tt.Laboratory(robot, "ideal").run(planned(plan, robot, 1).take(np.arange(2)), 1, "dynamics", 1)
-    (check,) = balance_checks(run)
-    assert check.result == "fail"
-
-
 def test_tulip_and_the_humanoids_lack_nothing(robot, foreign):
     for one in (robot, *foreign.values()):
         assert robot_findings(one) == ()

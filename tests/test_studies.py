@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from studies import runner, study_hidden_effects, study_planning
-from studies.hidden_effects.hiding import NOTHING, ONE, OUTSIDE, TWO, Case, Truth, draw_trial
+from studies.hidden_effects.hiding import NOTHING, ONE, OUTSIDE, TWO, Case, Truth
 from studies.hidden_effects.judging import Found, Outcome, carry_out
 from studies.hidden_effects.laboratories import LARGEST, USUAL, draw_laboratory, tolerance_of
 from studies.hidden_effects.readings import READERS, Readings
@@ -21,7 +21,6 @@ from studies.study_hidden_effects import figures
 from studies.teaching.signature import example, examples
 from studies.teaching.variables import VARIABLES
 from tests.effect_changes import first
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import EffectInstance, split_label
 from tulip_testbed.effects.misreading import Misreading
@@ -112,19 +111,6 @@ def test_side_forces_and_tilt_are_those_of_the_simulation(rig, twelve):
     forces = there.measurements.cell_forces[kept]
     left, change = (np.abs(m.cell_forces - forces).max(axis=1) for m in (readings.measurements, plain))
     assert np.mean(left < 0.01 * change) > 0.95  # in the others the board stands on three cells
-
-
-@pytest.mark.slow
-def test_clear_effects_are_no_ordinary_members_and_on_different_targets(robot, twelve):
-    case = Case(TWO, "force-plate", ("encoder-offset", "encoder-offset"))
-    built, truth = draw_trial(case, robot, twelve, 3, np.random.default_rng(3))
-    assert len(truth.hidden) == 2
-    assert all(built.effects[label] == values for label, values in truth.hidden.items())
-    tolerance = tolerance_of("encoder-offset", "force-plate")
-    assert all(abs(value) >= 5 * tolerance for (value,) in truth.hidden.values())
-    assert min(truth.shows) > 5
-    with pytest.raises(InputError, match="payload: no plausible size is clear"):
-        draw_trial(Case(ONE, "wii", ("payload",)), robot, twelve, 3, np.random.default_rng(3))
 
 
 @pytest.mark.slow

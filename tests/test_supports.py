@@ -2,43 +2,17 @@
 
 import dataclasses
 
-import mujoco
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 
 from tests.moving_robots import by_inverse_dynamics, moving, random_robot
-from tests.test_refusals import refuse
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.base_parameters import standard_parameters
-from tulip_testbed.identification.center_of_pressure import (
-    center_of_pressure,
-    load_shares,
-    total_mass,
-)
 from tulip_testbed.identification.inertial_wrench import needed_wrench
 from tulip_testbed.identification.load_rates import load_rates
 from tulip_testbed.identification.nominal import PostureGeometry, jacobian, nominal_robot
 from tulip_testbed.identification.observation import Observation, observe
-from tulip_testbed.sim.robot import joint_names, sole_point
-
-
-@pytest.fixture
-def measured(wii):
-    return wii.measurements
-
-
-def test_all_weight_on_one_cell_is_at_that_cell(measured):
-    forces = np.zeros((len(measured), 8))
-    forces[:, 5] = 100.0  # left plate, front right
-    poses = np.zeros((len(measured), 2, 3))
-    poses[:, 1] = [0.3, 0.2, np.pi / 2]
-    moved = dataclasses.replace(measured, cell_forces=forces, plate_poses=poses)
-    # (0.2165, -0.119) turned by 90 degrees is (0.119, 0.2165)
-    assert center_of_pressure(moved) == pytest.approx(np.tile([0.419, 0.4165], (len(measured), 1)))
-    assert load_shares(moved)[0].tolist() == [0.0, 1.0]
-    assert total_mass(moved) == pytest.approx((100 / 9.81, 0.0), abs=1e-12)
-
 
 SUPPORT = np.array(["double", "right", "left"] * 4)
 
@@ -47,32 +21,6 @@ SUPPORT = np.array(["double", "right", "left"] * 4)
 def angles(plan):
     rng = np.random.default_rng(5)
     return plan.joint_angles[: len(SUPPORT)] + 0.2 * rng.standard_normal((len(SUPPORT), 12))
-
-
-def center_by_mujoco(robot, angles, foot):
-    """The centre of mass in the frame of a foot, from MuJoCo's own kinematics, (3,) [m]."""
-    model, data = robot.model, mujoco.MjData(robot.model)
-    data.qpos[[model.joint(name).qposadr[0] for name in joint_names(model)]] = angles
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
-    body = data.body(foot)
-    return body.xmat.reshape(3, 3).T @ (data.subtree_com[1] - body.xpos) - sole_point(model, foot)
-
-
-def test_no_weight_is_refused(measured):
-    empty = dataclasses.replace(measured, cell_forces=np.zeros((len(measured), 8)))
-    refuse("row 1: cells sum to 0.00 N", center_of_pressure, empty)
-
-
-@pytest.mark.parametrize(("support", "count"), [("mixed", 27), ("double-left", 26)])
-def test_the_centre_of_mass_in_the_frame_of_the_foot_that_carries(support, count, robot, angles):
-    nominal = nominal_robot(robot, support)
-    assert len(nominal.value) == count
-    rows = SUPPORT == "left" if support == "double-left" else np.full(len(SUPPORT), True)
-    found = nominal.center_of_mass(angles, SUPPORT)
-    for k in np.flatnonzero(rows):
-        foot = robot.swing_foot if SUPPORT[k] == "left" else robot.stance_foot
-        np.testing.assert_allclose(found[k], center_by_mujoco(robot, angles[k], foot)[:2], atol=1e-12)
 
 
 def test_slopes_are_those_of_finite_differences(robot, angles):
@@ -85,20 +33,6 @@ def test_slopes_are_those_of_finite_differences(robot, angles):
     expected = jacobian(lambda q: nominal.center_of_mass(q, SUPPORT), angles)
     np.testing.assert_allclose(by_angle, expected, atol=1e-8)
     np.testing.assert_allclose(geometry.center[:, :2], nominal.center_of_mass(angles, SUPPORT), atol=1e-12)
-
-
-def test_the_other_sole_in_the_frame_of_the_foot_that_carries(robot, angles):
-    nominal = nominal_robot(robot, "mixed")
-    found = nominal.other_sole(angles, SUPPORT)
-    model, data = robot.model, mujoco.MjData(robot.model)
-    for k, support in enumerate(SUPPORT):
-        data.qpos[[model.joint(name).qposadr[0] for name in joint_names(model)]] = angles[k]
-        mujoco.mj_kinematics(model, data)
-        base, other = robot.feet[::-1] if support == "left" else robot.feet
-        turn = data.body(base).xmat.reshape(3, 3)
-        place = data.body(other).xpos + data.body(other).xmat.reshape(3, 3) @ sole_point(model, other)
-        expected = turn.T @ (place - data.body(base).xpos) - sole_point(model, base)
-        np.testing.assert_allclose(found[k, :2], expected[:2], atol=1e-12)
 
 
 @pytest.mark.parametrize("which", ["tulip", "humanoid"])

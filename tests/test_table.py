@@ -99,18 +99,6 @@ def test_only_extra_columns_are_left_out_and_it_is_said():
     assert "-11.72" in narrow
 
 
-def test_texts_wrap_at_blanks_before_anything_is_wider_than_asked_for():
-    words = "a sentence of several words that does not fit into one line"
-    table = Table(
-        "", (Column("name"), Column("text"), Column("x", format="d")), [["right_upper_leg", words, 12345]]
-    )
-    lines = table.text(50).splitlines()
-    assert max(map(len, lines)) <= 50
-    assert words in " ".join(" ".join(lines).replace("right_upper_leg", "").replace("12345", "").split())
-    assert "right_upper_leg" in table.text(10)
-    assert "12345" in table.text(10)
-
-
 @pytest.mark.parametrize("name", HOSTILE)
 def test_a_hostile_name_shows_as_it_is_and_steers_nothing(name):
     table = Table(name, (Column(name, name), Column("x")), [[name, Cell(name, name, "fail")]], name)
