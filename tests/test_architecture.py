@@ -163,19 +163,6 @@ def test_a_library_has_one_room(library, owners):
             assert re.fullmatch(rf"{NAME}\.{owners}", module), module
 
 
-DRAW = {"headless_viewer", "browse", "browser", "look", "standing_picture"}
-
-
-def test_every_test_that_draws_is_marked():
-    for path in sorted(Path(__file__).parent.glob("test_*.py")):
-        for test in ast.parse(path.read_text()).body:
-            if isinstance(test, ast.FunctionDef) and test.name.startswith("test_"):
-                names = {node.id for node in ast.walk(test) if isinstance(node, ast.Name)}
-                if names & DRAW:
-                    marks = [ast.unparse(mark) for mark in test.decorator_list]
-                    assert any(mark.startswith("draws_with(") for mark in marks), f"{path.name}: {test.name}"
-
-
 MOST = 390  # s of processor time, half of it on each of two cores
 STALE = 0.05  # of the tests may be new or gone since the record was made
 

@@ -74,14 +74,6 @@ def test_detectable_sizes_are_found_by_nine_of_ten_simulated_experiments(plan, f
     assert sum(hits) < len(hits)
 
 
-def test_a_channel_alone_never_sees_more_than_all(found):
-    for row in found.rows:
-        assert row.detectable <= 1.01 * min(row.by_channel.values()), row.candidate.label
-    offset = row_of(found, "encoder-offset:right_knee")
-    assert offset.by_channel["F"] == offset.by_channel["T"] == np.inf
-    assert offset.by_channel["C"] < 0.1 * offset.by_channel["A"]
-
-
 def test_absorbed_effects_are_named_with_their_bias(plan, found):
     mass = row_of(found, "payload:torso", "mass")
     assert not mass.visible
@@ -135,6 +127,7 @@ def test_tolerances_agree_with_simulation(plan):
     said = Tolerance(plan, tuple(chosen), predicted, shifts.mean(axis=1), predicted)
     for k in range(len(chosen)):
         assert said.allowed(k) * np.abs(predicted[k]).max() == pytest.approx(0.5)
+        assert 0 < said.together(chosen[k].candidate.effect.name) <= said.allowed(k) * (1 + 1e-12)
 
 
 def test_angles_are_those_of_the_subspaces():
@@ -169,6 +162,10 @@ def test_document_is_what_the_rows_say(found):
     frame = found.to_frame()
     assert frame["detectable"].tolist() == [row.detectable for row in found.rows]
     assert frame["unit"][frame["effect"] == "plate-yaw"].eq("rad").all()
+    opening, kinds, closing = found.tables()
+    assert opening.startswith(f"{len(found.planned.observed)} of ")
+    assert {row[0] for row in kinds.rows} == {row.candidate.effect.name for row in found.rows}
+    assert f"of {len(found.shown)} effects" in closing
 
 
 @pytest.fixture(scope="module")

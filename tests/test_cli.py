@@ -16,6 +16,7 @@ from tulip_testbed.cli.main import command_of, main, usage
 from tulip_testbed.cli.signatures import REQUIRED, public_function
 from tulip_testbed.cli.terminal import PIPE_WIDTH
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
+from tulip_testbed.measurements import write_measurements
 
 NAMES = list(COMMANDS)
 HEAVY = (
@@ -167,3 +168,9 @@ def test_the_parser_repeats_no_control_or_direction_character(capsys):
             said = capsys.readouterr()
             assert end.value.code == 2
             assert (said.out + said.err).replace("\n", "").isprintable()
+
+
+def test_no_mass_of_a_link_is_printed_as_if_the_data_knew_it(wii, tmp_path, capsys):
+    write_measurements(tmp_path / "data", wii.measurements)
+    assert main(["identify", str(tmp_path / "data"), "--estimator", "prior", "--full"]) == 0
+    assert "no single link mass" in " ".join(capsys.readouterr().out.split())

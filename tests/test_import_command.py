@@ -255,8 +255,9 @@ def test_the_documented_statements_can_be_read():
     whole = read_map([str(ROOT / "examples" / "icub_stand.toml")])
     assert whole.contacts is not None
     assert len(whole.constant_joints) == 6
-    for name in ("RKnee [deg]", "right_knee_angle (rad)", "knee.r_deg"):
-        assert list(propose([name], ["q.right_knee"], ["q.right_knee"], {}).mapping) == ["q.right_knee"]
+    for name in ("RKnee [deg]", "right_knee_angle (rad)", "knee.r_deg", "cmd_r_knee_deg"):
+        target = "q_command.right_knee" if "cmd" in name else "q.right_knee"
+        assert list(propose([name], [target], [target], {}).mapping) == [target]
 
 
 def test_the_command_prints_one_document(table, stated, tmp_path, capsys):
@@ -285,24 +286,3 @@ def test_messages_speak_of_the_table_and_the_map(table, stated, tmp_path):
     assert problem.endswith("q.right_knee is column 'RKnee [rad]'")
     with pytest.raises(tt.InputError, match=r"^map: key 'columns\.q\.right_knee\.unit': found 'furlong'"):
         tt.import_table(path, out=tmp_path / "data", map=["q.right_knee=RKnee [rad]:furlong"])
-
-
-def test_a_unit_in_the_header_need_not_be_stated_again(table, stated, measured, tmp_path):
-    def change(columns):
-        columns["t (ms)"] = 1e3 * columns.pop("time")
-        columns["Posture no."], columns["Stance"] = columns.pop("posture"), columns.pop("placement")
-
-    text = WRENCHES + '[columns]\ntime = {column = "t (ms)"}\n'
-    found = tt.import_table(table(change=change), out=tmp_path / "data", map=[stated(text)])
-    assert found.mapped["time"] == MappedColumn(
-        column="t (ms)",
-        unit="ms",
-        sign=1,
-        by="statement",
-        checked=None,
-    )
-    assert found.mapped["posture"].column == "Posture no."
-    assert found.mapped["placement"].column == "Stance"
-    m = read_measurements(tmp_path / "data")
-    assert m.time == pytest.approx(measured.time)
-    assert m.placement.tolist() == measured.placement.tolist()

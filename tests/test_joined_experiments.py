@@ -192,14 +192,6 @@ def test_a_known_mass_is_part_of_the_model(robot, nominal, lab, few):
     assert np.abs(residuals(observe(unknown, nominal), nominal.value)[rows, :2]).max() > 5e-3
 
 
-def test_one_folder_without_the_keys_is_as_before(noisy, few):
-    run = noisy.run(few, seed=3, engine="statics", workers=1).measurements
-    assert joined([run]) is run
-    stated = joined([dataclasses.replace(run, experiments=(Experiment("one"),))])
-    a, b = (tt.identify(one, noisy.robot).full for one in (run, stated))
-    assert np.array_equal(a.value, b.value)
-
-
 def test_the_keys_are_written_and_read(pair, tmp_path):
     tt.write_measurements(tmp_path / "two", pair[1])
     again = tt.read_measurements(tmp_path / "two")

@@ -19,7 +19,7 @@ from tulip_testbed.identification.link_clearances import (
     unjoined_pairs,
 )
 from tulip_testbed.identification.link_paths import SHARE, blocked, path_clearances
-from tulip_testbed.identification.link_shapes import GROUND, link_shapes
+from tulip_testbed.identification.link_shapes import GROUND
 from tulip_testbed.identification.planning.constraints import evaluate, inequality_names
 from tulip_testbed.identification.planning.objectives import objectives
 from tulip_testbed.identification.planning.optimal_plan import SearchTask, smallest_margins
@@ -187,17 +187,6 @@ def test_pairs_that_the_model_excludes_are_left_out(foreign):
     assert names - {frozenset(pair) for pair in link_pairs(other, 0.01).names} == {
         frozenset(("left_hand", "right_hand"))
     }
-
-
-def test_geoms_that_can_collide_stand_for_their_link(foreign):
-    robot = foreign[NAME]
-    every = link_shapes(robot)
-    spec = robot.spec.copy()
-    spec.body("torso").geoms[1].contype = 1
-    some = link_shapes(dataclasses.replace(robot, spec=spec))
-    shapes = sum(len(robot.spec.body(name).geoms) for name in ("torso", "head"))  # rigidly connected
-    assert shapes == 3
-    assert len(every.geoms) - len(some.geoms) == shapes - 1
 
 
 def test_a_path_through_a_link_is_refused(humanoid, random_plan):

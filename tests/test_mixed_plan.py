@@ -16,12 +16,10 @@ from tulip_testbed.experiments.described_plan import describe_plan
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.parameter_tables import read_reported
 from tulip_testbed.identification.base_parameters import base_parameters, common_support
-from tulip_testbed.identification.planning.closed_chain import chain_at
 from tulip_testbed.identification.planning.objectives import objectives
 from tulip_testbed.identification.planning.one_foot import (
     evaluate_one_foot,
     from_other_foot,
-    one_foot_constraints,
     with_feet_exchanged,
 )
 from tulip_testbed.identification.planning.one_foot_search import (
@@ -34,7 +32,7 @@ from tulip_testbed.identification.planning.optimal_plan import SearchTask, measu
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning_ranges import planning_ranges
 from tulip_testbed.sim.control import torque_limits
-from tulip_testbed.sim.robot import joint_names, sole_corners, sole_point
+from tulip_testbed.sim.robot import sole_corners, sole_point
 
 SEED = 331
 COUNTS = {"right": 4, "left": 4}
@@ -85,15 +83,6 @@ def on_one_foot(problem, other):
     return found
 
 
-def mirrored(robot, angles):
-    """The mirror image of postures: legs exchanged, turns about x and z reversed."""
-    names = joint_names(robot.model)
-    other = {"right": "left", "left": "right"}
-    places = [names.index(name.replace(side := name.split("_")[0], other[side], 1)) for name in names]
-    signs = [1.0 if robot.model.joint(name).axis[1] else -1.0 for name in names]
-    return angles[:, places] * signs
-
-
 def criterion(problem, plan):
     rows = problem.parameters.regressor(plan.joint_angles, plan.support).reshape(-1, len(problem.nominal))
     return objectives(4.16e-3)["d-optimal"].value(rows.T @ rows)
@@ -111,18 +100,6 @@ def test_derivatives_on_either_foot_are_central_differences(on_one_foot):
             np.testing.assert_allclose(expected, slope, atol=1e-7)
             slope = (ahead.inequalities - back.inequalities) / (2 * step)
             np.testing.assert_allclose(found.inequality_jacobian @ along, slope, atol=5e-3)
-
-
-def test_the_left_foot_is_the_mirror_image_of_the_right_one(robot, problem, other, on_one_foot):
-    _, angles, swing = on_one_foot[0]
-    here = one_foot_constraints(problem, chain_at(problem, angles), swing)
-    image = chain_at(other, mirrored(robot, angles))
-    there = one_foot_constraints(other, image, swing * [1, -1, -1])
-    assert list(here) == list(there)
-    for name, constraint in here.items():
-        least = [values.min(axis=1) for values, _ in (constraint, there[name])]
-        np.testing.assert_allclose(least[0], least[1], atol=1e-6, err_msg=name)
-    assert board_pose(other).tolist() == (board_pose(problem) * [1, -1, 1]).tolist()
 
 
 @pytest.mark.slow

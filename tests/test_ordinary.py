@@ -26,8 +26,6 @@ from tulip_testbed.identification.observation import observe
 from tulip_testbed.measurements import SensorSheet, write_measurements
 from tulip_testbed.sim.outcome import Outcome
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.statics.solved_plan import solve_plan
-from tulip_testbed.sim.statics.static_run import run_statics
 
 SEED = 140
 
@@ -212,21 +210,6 @@ def test_the_verdict_fails_wrong_estimates(validated, robot, plan):
         wrong = dataclasses.replace(found, full=dataclasses.replace(found.full, **change))
         checks = evaluate(run, wrong, validated.truth)
         assert "full model: all errors" in {check.name for check in checks if check.result == "fail"}
-
-
-def test_a_run_is_solved_the_same_from_a_similar_laboratory(robot, plan):
-    """The search for equilibria begins elsewhere and ends where it always does."""
-    part, laboratory = plan.take(plan.placement <= 4), Laboratory(robot, "wii")
-    near = solve_plan(drawn(laboratory, 1.0, np.random.SeedSequence(0)).rig, part)
-    for number in range(2):
-        rig = drawn(laboratory, 1.0, single_stream(number)).rig
-        one, other = solve_plan(rig, part, near), solve_plan(rig, part)
-        assert one.reference.state.angles == pytest.approx(other.reference.state.angles, abs=1e-9)
-        assert one.reference.slope == pytest.approx(other.reference.slope, rel=1e-6, abs=1e-5)
-        forces = [
-            run_statics(solved, [single_stream(1)])[0].measurements.cell_forces for solved in (one, other)
-        ]
-        assert forces[0] == pytest.approx(forces[1], abs=1e-6)
 
 
 @pytest.mark.slow

@@ -16,7 +16,9 @@ from tests.test_cli import refused
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import check_new, write_bytes
 from tulip_testbed.experiments import truth_record
+from tulip_testbed.experiments.run_file import robot_of
 from tulip_testbed.experiments.truth_record import write_experiment
+from tulip_testbed.sim.shipped import TULIP
 
 TULIP_COMMAND = [sys.executable, "-c", "import tulip_testbed.cli.entry as entry; entry.run()"]
 
@@ -158,3 +160,11 @@ def test_a_reader_that_has_seen_enough_is_no_fault():
     done = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, check=False)
     os.close(writing)
     assert (done.returncode, done.stderr) == (0, b"")
+
+
+def test_below_a_folder_that_may_not_be_searched_a_run_has_the_robot_of_the_repository(tmp_path, monkeypatch):
+    def shut(path, pattern):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "glob", shut)
+    assert robot_of(tmp_path / "run") == TULIP

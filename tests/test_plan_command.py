@@ -10,6 +10,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 from tests.drawing import draws_with
 from tests.test_cli import refused, told
@@ -19,6 +20,7 @@ from tulip_testbed.cli.main import main
 from tulip_testbed.experiments import planning_run as planning
 from tulip_testbed.experiments.planning_run import PlanSettings, set_up_search, state_folder
 from tulip_testbed.measurements import write_measurements
+from tulip_testbed.rendering import ABOVE, EDGE, SIDE, least_distance
 from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.statics.solved_plan import solve_plan
@@ -125,3 +127,16 @@ def test_the_standing_robot_is_rendered(robot):
     image = np.asarray(Image.open(io.BytesIO(rendering.standing_picture(robot)))).astype(int)
     assert image.shape == (640, 480, 3)
     assert ((image[..., 0] > 150) & (image[..., 2] < 80)).sum() > 1_000  # the robot is orange
+
+
+@pytest.mark.parametrize("ratio", [0.75, 1.6])
+def test_every_point_is_in_the_picture(ratio):
+    """By angles seen from the camera, not by the formula of the distance."""
+    points, target = np.random.default_rng(3).uniform(-0.9, 0.9, (40, 3)), np.array([0.0, 0.1, 0.6])
+    camera = Rotation.from_euler("ZY", [SIDE, -ABOVE], degrees=True)
+    seen = camera.apply(points - target, inverse=True)
+    seen[:, 0] += least_distance(points, target, 45.0, ratio)
+    half = np.tan(np.radians(22.5))
+    across, above = np.abs(seen[:, 1:] / seen[:, :1]).max(axis=0)
+    assert max(across / (ratio * half), above / half) == pytest.approx(1 / EDGE, abs=0.1)
+    assert max(across / (ratio * half), above / half) < 1

@@ -21,7 +21,7 @@ from tulip_testbed.identification.preflight.agreement import fit, shifts
 from tulip_testbed.identification.preflight.excitation import predicted_standard_errors
 from tulip_testbed.identification.preflight.readings import longest_run
 from tulip_testbed.identification.preflight.settling import series_agrees, settling, steady_windows
-from tulip_testbed.identification.reading_noise import ReadingNoise, placement_levers, reading_noise
+from tulip_testbed.identification.reading_noise import ReadingNoise, reading_noise
 from tulip_testbed.identification.regressor import regression, stacked_regressor
 from tulip_testbed.identification.statistics import standard_errors
 from tulip_testbed.measurements import SensorSheet, Series, read_measurements, read_series, write_measurements
@@ -41,18 +41,6 @@ def test_stated_noise_is_what_drawing_it_gives(wii, nominal):
     error = center_of_pressure(drawn) - nominal.center_of_mass(drawn.joint_angles)
     stated = reading_noise(measured.take(np.array([50])), nominal).own[0]
     assert np.cov(error.T) == pytest.approx(stated, rel=0.1, abs=0.05 * stated.max())
-
-
-def test_placement_levers_are_the_slopes_of_the_cop(wii):
-    measured, step = wii.measurements, 1e-6
-    levers = placement_levers(measured)
-    for k in range(6):
-        moved = measured.plate_poses.copy()
-        moved[:, k // 3, k % 3] += step
-        shift = center_of_pressure(dataclasses.replace(measured, plate_poses=moved)) - center_of_pressure(
-            measured
-        )
-        assert levers[:, :, k] == pytest.approx(shift / step, abs=1e-6)
 
 
 def dense_covariance(noise: ReadingNoise) -> np.ndarray:

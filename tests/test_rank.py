@@ -96,16 +96,6 @@ def test_a_single_posture_is_refused_by_every_estimator(wii, robot):
         identify(dataclasses.replace(measured, joint_angles=angles), robot, "data")
 
 
-def test_an_unknown_encoder_has_a_usual_one_s_error(wii, robot):
-    measured = wii.measurements
-    sheet = dataclasses.replace(measured.sensors, encoder_sd=None)
-    found = identify(dataclasses.replace(measured, sensors=sheet), robot, estimator=MIXED_MODEL)
-    assert np.array_equal(found.full.value, wii.identification.full.value)
-    poor = dataclasses.replace(measured.sensors, encoder_sd=0.02)
-    with pytest.raises(InputError, match="not determined separately"):
-        identify(dataclasses.replace(measured, sensors=poor), robot, estimator=MIXED_MODEL)
-
-
 def planted(seed, columns, free):
     """A matrix (40, columns) with a null space of dimension `free`, and that space."""
     rng = np.random.default_rng(seed)

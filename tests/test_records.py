@@ -221,6 +221,13 @@ def put_right(folder, name):
     (folder / "run.json").write_text(json.dumps(document))
 
 
+def test_a_run_of_another_robot_is_refused(run_folder, robot, tmp_path):
+    folder = shutil.copytree(run_folder, tmp_path / "run")
+    document = json.loads((folder / "run.json").read_text())
+    (folder / "run.json").write_text(json.dumps(document | {"inputs": {}}))
+    refuse("key 'inputs': found no tulip.xml with the hash", read_run, folder, robot)
+
+
 def test_keys_that_nobody_knows_are_passed_over(run_folder, robot, tmp_path):
     """As another version might write them."""
     folder = shutil.copytree(run_folder, tmp_path / "run")

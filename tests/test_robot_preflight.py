@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
-from tulip_testbed.base.errors import InputWarning
+from tulip_testbed.base.errors import InputError, InputWarning
 from tulip_testbed.effects.targets import LEG_LINKS, LINKS
 from tulip_testbed.experiments.checks import IMBALANCE, verdict
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of
+from tulip_testbed.experiments.robot_report import report_robot
 from tulip_testbed.experiments.usable_plan import random_plan
 from tulip_testbed.experiments.validate import balance_checks
-from tulip_testbed.measurements import PosturePlan
+from tulip_testbed.measurements import PosturePlan, write_measurements
 from tulip_testbed.sim.drives import LEAST_ARMATURE
 from tulip_testbed.sim.random_robots import draw_robot
 from tulip_testbed.sim.rig import preset_rig
@@ -145,6 +146,7 @@ def test_too_little_armature_and_soft_friction_are_supplied_and_said(edited_tuli
     assert "right_hip_yaw (0.001 of 0.014)" in found["armature"].found
     assert "chatter" in found["armature"].consequence
     assert "right_hip_yaw" in found["friction"].found
+    assert "Items that this robot lacks for the laboratory" in repr(report_robot(robot.path))
     scene = laboratory_scene(preset_rig("ideal", robot), POSES)
     joint = scene.joint("right_hip_yaw")
     assert joint.armature == pytest.approx(LEAST_ARMATURE * 10.1)
@@ -213,3 +215,13 @@ def test_a_monte_carlo_counts_a_run_out_of_balance_as_failed(robot, two, monkeyp
     (failure,) = source([np.random.SeedSequence(1)])
     assert isinstance(failure, str)
     assert failure.startswith("imbalance over its bound: torques against statics")
+
+
+def test_data_of_another_robot_are_said_to_be_first(robot, foreign, plan, tmp_path):
+    run = tt.Laboratory(robot).run(planned(plan, robot, 6), 1, "statics", 1)
+    write_measurements(tmp_path / "data", run.measurements)
+    for function in (tt.discover, tt.identify):
+        with pytest.raises(InputError, match="made for another robot than humanoid: hash mismatch of the"):
+            function(tmp_path / "data", foreign["humanoid"])
+    with pytest.raises(InputError, match=r"with other joints, expected robot\.xml of humanoid"):
+        tt.check(tmp_path / "data", foreign["humanoid"])

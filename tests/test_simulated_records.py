@@ -103,3 +103,18 @@ def test_a_log_is_in_the_axes_that_the_truth_names(frame, sign, robot, motion):
     assert forces == pytest.approx(np.array(expected), abs=1.5)
     right = np.column_stack([columns[f"right_foot_f{axis}_N"] for axis in "xyz"])
     assert np.abs(right).max() < 2
+
+
+def test_wrenches_in_axes_that_turn_become_the_same_rows(robot, truth, motion, tmp_path):
+    rows = []
+    for frame in ("sensor", "base"):
+        columns = log(robot, replace(truth, frame=frame, sign=1), motion, np.random.default_rng(3))
+        table, names = np.column_stack(list(columns.values())), ",".join(columns)
+        np.savetxt(tmp_path / f"{frame}.csv", table, "%.6f", ",", header=names, comments="")
+        (tmp_path / "map.toml").write_text(map_text(robot, truth))
+        out, told = tmp_path / frame, [str(tmp_path / "map.toml")]
+        assert tt.import_table(tmp_path / f"{frame}.csv", robot, out=out, map=told).folder is not None
+        wrenches = tt.read_measurements(out).wrenches
+        assert wrenches is not None
+        rows.append(wrenches[:, 1])
+    assert rows[1] == pytest.approx(rows[0], abs=0.002)

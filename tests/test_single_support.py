@@ -23,11 +23,8 @@ from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.rig import Rig, preset_rig
-from tulip_testbed.sim.robot import sole_corners, sole_point
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
-from tulip_testbed.standing import link_frames, soles_in_base
-from tulip_testbed.viewer.subject import planned
 
 # Leaning over the stance hip, so that its roll drive holds the rest of the robot; the other leg lifted.
 STANCE = np.array([0.0, -0.35, -0.3, 0.5, -0.2, 0.05, 0.0, 0.1, -0.6, 1.0, -0.3, 0.0])
@@ -36,7 +33,6 @@ LIFTED = 0.1  # m, of the other foot at least
 COUNT, MORE = 4, 20
 # The mirror swaps the legs, and what turns about x or z changes its sign.
 MIRROR = np.array([-1.0, -1.0, 1.0, 1.0, 1.0, -1.0])
-ACROSS = np.array([1.0, -1.0])
 PLANAR = np.array([1.0, -1.0, -1.0])
 FEET = {"right": "right_foot", "left": "left_foot"}
 
@@ -157,28 +153,6 @@ def test_two_base_frames_in_a_placement_are_refused(robot, quiet, plan, on, tmp_
     write_plan(tmp_path / "apart", apart)
     three = joined(plan.take(plan.placement <= 2), read_plan(tmp_path / "apart", robot))
     assert set(statics(quiet, three).support) == {"double", "right", "left"}
-
-
-def test_pictures_show_the_foot_that_carries_on_the_origin(robot, model, on):
-    both = joined(on["right"], on["left"])
-    subject = planned(both, robot)
-    feet = [FEET[side] for side in both.support]
-    own = [center_in(model, q, foot) for q, foot in zip(both.joint_angles, feet, strict=True)]
-    np.testing.assert_allclose(subject.com["nominal model"], own, rtol=0, atol=1e-12)
-    assert (subject.margin > 0.02).all()
-    tree = subject.nominal.parameters.tree
-    rotations, positions = link_frames(subject.nominal, both.joint_angles, both.support)
-    soles = soles_in_base(subject.nominal, both.joint_angles, both.support)
-    for row, (angles, foot) in enumerate(zip(both.joint_angles, feet, strict=True)):
-        height = np.array([0, 0, -sole_point(model, foot)[2]])
-        for link, frame in zip(tree.links, tree.frame_of_link, strict=True):
-            place, turn = body_in(model, angles, link, foot)
-            np.testing.assert_allclose(positions[row, frame], place + height, rtol=0, atol=1e-12)
-            np.testing.assert_allclose(rotations[row, frame], turn, rtol=0, atol=1e-12)
-        on_board = sole_corners(model, foot)[:, :2]
-        np.testing.assert_allclose(soles[row, robot.feet.index(foot)], on_board, rtol=0, atol=1e-12)
-    mirrored = soles[:COUNT, ::-1, [1, 0, 3, 2]] * ACROSS
-    np.testing.assert_allclose(soles[COUNT:], mirrored, rtol=0, atol=1e-12)
 
 
 def test_both_supports_together_tell_26_parameters(robot, plan, balanced):

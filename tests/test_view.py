@@ -11,7 +11,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-import rerun as rr
 import rerun.blueprint as rrb
 from PIL import Image
 
@@ -26,8 +25,9 @@ from tulip_testbed.measurements import write_measurements
 from tulip_testbed.viewer import balance_series as balance
 from tulip_testbed.viewer import layout, window
 from tulip_testbed.viewer import postures_view as postures
+from tulip_testbed.viewer.balance_series import inset
 from tulip_testbed.viewer.robot_view import undrawn
-from tulip_testbed.viewer.subject import measured, validated
+from tulip_testbed.viewer.subject import measured, planned, validated
 
 MOST_SECONDS, MOST_BYTES = 20, 60e6  # of a view of 150 postures
 
@@ -116,16 +116,6 @@ def test_postures_that_say_nothing_are_shown_without_an_estimate(wii, robot, tmp
     assert main(["view", str(tmp_path / "data"), "--save", str(tmp_path / "few.rrd")]) == 0
 
 
-def test_a_robot_of_meshes_and_one_of_two_hinges_a_body_are_drawn(foreign, tmp_path):
-    for name, robot in foreign.items():
-        nominal = robot.visual_model
-        recording = rr.RecordingStream("test")
-        recording.save(tmp_path / f"{name}.rrd")
-        postures.log_geometry(recording, "robot", nominal)
-        recording.disconnect()
-        assert (tmp_path / f"{name}.rrd").stat().st_size > 1e4
-
-
 @pytest.mark.parametrize(
     "how",
     [signal.SIGHUP, *(pytest.param(one, marks=pytest.mark.slow) for one in (signal.SIGTERM, signal.SIGKILL))],
@@ -198,3 +188,9 @@ def test_links_that_nothing_shows_are_told():
         </worldbody></mujoco>"""
     )
     assert undrawn(model) == ["bare"]
+
+
+def test_a_polygon_may_have_no_inside(plan, robot):
+    polygon = planned(plan, robot).polygons[0]
+    assert inset(polygon, 0.02) is not None
+    assert inset(polygon, 0.2) is None
