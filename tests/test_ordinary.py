@@ -19,7 +19,7 @@ from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.imperfections import drawn, single_stream
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.laboratory_runs import OrdinaryOutcome, source_of, stream_of
-from tulip_testbed.experiments.montecarlo.montecarlo_result import Settings
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, Settings
 from tulip_testbed.experiments.validate import evaluate, judge, validate
 from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.identification.observation import observe
@@ -227,3 +227,10 @@ def test_a_sensor_in_a_foot_has_no_record_of_its_place_that_could_be_wrong(robot
     names = {m.effect.name for m in ordinary_members(preset_rig(sensors, robot), np.random.default_rng(1))}
     assert ("plate-translation" in names, "plate-yaw" in names) == (plates, plates)
     assert "encoder-offset" in names
+
+
+def test_a_monte_carlo_records_its_imperfections(robot, plan, tmp_path):
+    laboratory, part = Laboratory(robot, "wii"), plan.take(plan.placement <= 5)
+    tt.monte_carlo(laboratory, part, runs=2, seed=SEED, out=tmp_path / "runs", workers=1, imperfections=0.5)
+    read = MonteCarlo.load(tmp_path / "runs", robot)
+    assert read.imperfections == read.document.settings.imperfections == 0.5
