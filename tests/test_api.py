@@ -33,9 +33,7 @@ def test_the_readme_begins_with_what_its_block_reads(tmp_path, monkeypatch):
     assert len(names["fit"]) == 25
 
 
-@pytest.mark.parametrize(
-    "page", ["docs/how-to/your-data.md", "docs/reference/measurements.md", "docs/how-to/effects.md"]
-)
+@pytest.mark.parametrize("page", ["docs/reference/measurements.md", "docs/how-to/effects.md"])
 def test_the_python_of_a_page_runs(page, monkeypatch):
     monkeypatch.chdir(ROOT)
     exec("".join(blocks(page, "python")), {})
