@@ -58,10 +58,9 @@ bench: setup  ## ratios of times, in one run
 # One BLAS thread: Pinocchio, FIGAROH and the benchmarks call linear algebra without the library's own limit
 # (base/threads.py); with more, products of small matrices wait for each other on a busy machine.
 oracle: export OPENBLAS_NUM_THREADS = 1
-oracle: $(ORACLE)/.done  ## ask Pinocchio and FIGAROH anew (2 GB), compare, time against FIGAROH
+oracle: $(ORACLE)/.done  ## ask Pinocchio and FIGAROH again (2 GB) and compare
 	$(ORACLE)/bin/python -W ignore::RuntimeWarning -m tests.ask_oracles
 	$(ORACLE)/bin/python -m pytest -q tests/test_base_parameters.py
-	$(ORACLE)/bin/python -m pytest -q -s tests/benchmarks/test_figaroh.py -o addopts= --benchmark-only
 
 $(ORACLE)/.done: constraints.txt pyproject.toml
 	$(PYTHON) -m venv $(ORACLE)

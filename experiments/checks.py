@@ -122,7 +122,7 @@ def joint_check(name: str, estimate: Estimate, truth: np.ndarray) -> Check:
     """All errors at once: e' V^-1 e under the placement-clustered covariance.
 
     The chi-square over p as F, with degrees of freedom of how well V is known (Fai and Cornelius 1996). How
-    often it fails true laboratories: docs/studies/verdict.md.
+    often it fails true laboratories: docs/reference/verdict.md.
     """
     error = estimate.value - truth
     statistic = float(error @ np.linalg.solve(estimate.clustered_covariance, error)) / len(error)

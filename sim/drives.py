@@ -22,7 +22,7 @@ LINK_SHARE = 0.2
 # A servo reaches its torque limit at 0.02 rad: with less inertia its damping makes the joint chatter.
 LEAST_ARMATURE = 0.0014  # kg m2 per Nm of torque limit
 ROUNDING = 1e-6  # relative
-# Friction rows softer than this let a joint creep for long before it sticks (docs/studies/contact-study.md).
+# Friction rows softer than this let a joint creep for long before it sticks (docs/explanation/laboratory.md).
 SOLREF_FRICTION = (0.002, 1.0)
 SOLIMP_FRICTION = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 LEAST_RATE = 2 / SOLREF_FRICTION[0]  # 1/s

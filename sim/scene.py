@@ -20,7 +20,7 @@ from tulip_testbed.sim.specs import compile_spec, without_meshes
 from tulip_testbed.sim.wrench_sensors import add_foot_sensors
 
 PLATE_GAP = 0.01  # m, between the boards' long edges until `place_plates` moves them
-# As in the hand-written scene; docs/studies/contact-study.md gives the reasons.
+# As in the hand-written scene; docs/explanation/laboratory.md gives the reasons.
 SOLE_ON_BOARD = {
     "condim": 3,
     "friction": [1.0, 1.0, 0.005, 0.0001, 0.0001],

@@ -30,7 +30,6 @@ from tests.drawing import WHEN, decide, obstacle_to, unreachable
 from tests.edited_files import BUILT, change_texts
 from tests.effect_changes import SEED, first
 from tests.foreign_robots import ROBOTS, write_robot
-from tests.meshed_robot import write_meshed_robot
 from tests.synthetic import Bench, synthetic_bench
 from tulip_testbed.experiments.discovering import Discovered, discover_effects
 from tulip_testbed.experiments.laboratory import Laboratory, Run
@@ -191,12 +190,6 @@ def foreign(tmp_path_factory) -> dict[str, Robot]:
     """Humanoids that nobody here wrote."""
     folder = tmp_path_factory.mktemp("foreign")
     return {name: load_robot(write_robot(name, folder / name)) for name in ROBOTS}
-
-
-@pytest.fixture(scope="session")
-def meshed(tmp_path_factory) -> Robot:
-    """TULip with a head and arms that are meshes."""
-    return write_meshed_robot(tmp_path_factory.mktemp("meshed") / "robot")
 
 
 @pytest.fixture(scope="session")

@@ -11,13 +11,10 @@ here. Bodies, lengths, masses, joints with their ranges, and motors are theirs. 
 
 Sensors, lights, cameras, the floor and all contacts but the soles' are left out.
 
-Example: python tests/foreign_robots.py humanoid /tmp/humanoid
 """
 
 from __future__ import annotations
 
-import argparse
-import sys
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
@@ -263,20 +260,3 @@ def _rotation(quaternion: np.ndarray) -> np.ndarray:
 
 def _quaternion(rotation: np.ndarray) -> np.ndarray:
     return Rotation.from_matrix(rotation).as_quat(scalar_first=True)
-
-
-def main() -> int:
-    parser = argparse.ArgumentParser(description="Make a robot of one of dm_control's humanoids.")
-    parser.add_argument("name", choices=sorted(ROBOTS))
-    parser.add_argument("folder", type=Path, help="new folder for robot.xml and robot.toml")
-    arguments = parser.parse_args()
-    try:
-        print(write_robot(arguments.name, arguments.folder))
-    except InputError as error:
-        print(error, file=sys.stderr)
-        return 2
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

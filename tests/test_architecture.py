@@ -7,8 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from tests import plain_english
-from tests.drawing import PACKAGES, decide, obstacle_to, unreachable
 from tests.durations import OUTSIDE, default_tests, read_durations
 
 ROOT = Path(__file__).parent.parent
@@ -110,11 +108,6 @@ def test_there_is_no_import_cycle():
     assert not waiting, f"cycle among {sorted(waiting)}"
 
 
-def test_nothing_hides_an_import_from_the_interpreter():
-    for path in MODULES.values():
-        assert "TYPE_CHECKING" not in path.read_text(encoding="utf-8"), path
-
-
 def test_two_modules_do_not_share_a_name():
     names = [p.stem for p in MODULES.values() if p.stem != "__init__"]
     folders = {p.parent.name for p in MODULES.values() if p.name == "__init__.py"}
@@ -168,48 +161,6 @@ def test_a_library_has_one_room(library, owners):
     for module, path in MODULES.items():
         if any(n.split(".")[0] == library for n in imported(path)):
             assert re.fullmatch(rf"{NAME}\.{owners}", module), module
-
-
-DRAW = {"headless_viewer", "browse", "browser", "look", "standing_picture"}
-
-
-@pytest.mark.parametrize("program", PACKAGES)
-def test_without_drivers_nothing_is_drawn_and_the_packages_are_named(program, tmp_path, monkeypatch):
-    for name, value in unreachable(tmp_path).items():
-        monkeypatch.setenv(name, value)
-    assert obstacle_to(program).endswith(f"apt-get install {PACKAGES[program]}")
-
-
-def test_an_obstacle_skips_or_fails_as_was_asked():
-    decide("vulkan", "", "possible")
-    decide("vulkan", "", "always")
-    for when in ("possible", "never"):
-        with pytest.raises(pytest.skip.Exception, match="no driver"):
-            decide("vulkan", "no driver", when)
-    with pytest.raises(pytest.fail.Exception, match="no driver"):
-        decide("vulkan", "no driver", "always")
-    with pytest.raises(pytest.fail.Exception, match="made unreachable"):
-        decide("vulkan", "", "never")
-
-
-def test_every_test_that_draws_is_marked():
-    for path in sorted(Path(__file__).parent.glob("test_*.py")):
-        for test in ast.parse(path.read_text()).body:
-            if isinstance(test, ast.FunctionDef) and test.name.startswith("test_"):
-                names = {node.id for node in ast.walk(test) if isinstance(node, ast.Name)}
-                if names & DRAW:
-                    marks = [ast.unparse(mark) for mark in test.decorator_list]
-                    assert any(mark.startswith("draws_with(") for mark in marks), f"{path.name}: {test.name}"
-
-
-def test_strings_and_docstrings_are_read_but_no_names(tmp_path, monkeypatch):
-    monkeypatch.setattr(plain_english, "ROOT", tmp_path)
-    path, names = tmp_path / "module.py", 'beside = f"{1} lies beside {2}"\nkey = "beside"\n'
-    path.write_text(f'"""Build.\n\nThe boards lie beside it.\n"""\n\n{names}')
-    advice = 'write "next to", "in addition to", "together with" or "compared with" instead'
-    expected = [f'module.py:{line}: found "beside", {advice}' for line in (3, 6)]
-    assert plain_english.findings([path]) == expected
-    assert all(write.strip() for _, write in plain_english.phrases())
 
 
 MOST = 390  # s of processor time, half of it on each of two cores

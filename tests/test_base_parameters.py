@@ -14,7 +14,7 @@ from scipy.linalg import subspace_angles
 from tests.moving_robots import moving
 from tulip_testbed.identification.base_parameters import _frame_matrix, base_parameters, standard_parameters
 from tulip_testbed.identification.inertial_wrench import wrench_regressor
-from tulip_testbed.identification.kinematics import frame_positions, link_rotations, tree_of
+from tulip_testbed.identification.kinematics import frame_positions, link_rotations
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.measurements.cells import CORNERS
@@ -47,33 +47,6 @@ def test_numbers_and_groups_are_those_of_the_paper(number, parameters):
     frames = [parameters.tree.frames[f] for f in parameters.members(number - 1)]
     axis = parameters.names[number - 1][-1]
     assert " ".join([*frames, axis]) == PAPER[number]
-
-
-def test_rank_on_the_shipped_plan_is_the_structural_count(parameters, plan):
-    matrix = stacked_regressor(parameters, plan.joint_angles)
-    assert np.linalg.matrix_rank(matrix) == 25
-    rotations = link_rotations(parameters.tree, parameters.base, plan.joint_angles)
-    frames = rotations[:, :, :2].transpose(0, 2, 1, 3).reshape(2 * len(plan), -1)
-    singular = np.linalg.svd(frames, compute_uv=False)
-    assert singular[24] > 1e-2
-    assert singular[25] < 1e-7
-
-
-def test_swapping_left_and_right_mirrors_the_parameters(robot, model):
-    standard = standard_parameters(model)
-    standard[:, 2] += 0.01 * np.arange(13) * standard[:, 0]  # an unsymmetric robot
-    names = [model.body(i).name for i in range(1, 14)]
-    swap = {"right": "left", "left": "right"}
-    twin = [
-        names.index(n.replace(n.split("_")[0], swap.get(n.split("_")[0], n.split("_")[0]))) for n in names
-    ]
-    mirrored = standard[twin] * [1, 1, -1, 1]
-    stance, swing = base_parameters(robot, support="right"), base_parameters(robot, support="left")
-    values = dict(zip(stance.names, stance.values(standard), strict=True))
-    for name, value in zip(swing.names, swing.values(mirrored), strict=True):
-        side = name.split("_")[0]
-        other = values[name.replace(side, swap.get(side, side))]
-        assert value == pytest.approx(-other if name.endswith("y") else other, abs=1e-12)
 
 
 def random_tree(seed: int, bodies: int) -> tuple[mujoco.MjModel, Robot]:
@@ -155,15 +128,6 @@ def test_random_trees_com_is_mujocos(seed, bodies):
     com = base.T @ (data.subtree_com[1] - foot.xpos) - sole_point(model, robot.stance_foot)
     estimate = parameters.regressor(angles[None])[0] @ parameters.values(standard_parameters(model))
     assert estimate == pytest.approx(com[:2], abs=1e-12)
-
-
-def test_lengths_leave_the_turns_of_a_tree(robot):
-    tree = tree_of(robot.model)
-    edges = tuple(dataclasses.replace(edge, anchor=2 * edge.anchor) for edge in tree.edges)
-    longer, anew = tree.with_lengths(edges), dataclasses.replace(tree, edges=edges)
-    assert longer.turns is tree.turns
-    for turn, other in zip(longer.turns, anew.turns, strict=True):
-        np.testing.assert_array_equal(turn, other)
 
 
 FOLDER = Path(__file__).parent / "data" / "oracle"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
-from studies.study_check import FAULTS, HEALTHY
+from tests.folder_faults import FAULTS, HEALTHY, planted
 from tests.test_cli import told
 from tests.test_refusals import refuse
 from tulip_testbed.base.errors import InputWarning
@@ -57,36 +57,9 @@ def test_a_check_without_power_does_not_pass(wii, nominal):
     assert "would be detected" in found(measured, nominal)["single placements"].seen
 
 
-CAUGHT_BY = {
-    "one cell's gain 10 % high": "weight balance",
-    "one cell's tare off by 5 N": "weight balance",
-    "one cell drifts by 5 N": "drift",
-    "one cell saturates in a fifth of the postures": "stuck readings",
-    "one cell unplugged": "cell loads",
-    "two cells of a plate swapped": "load inside soles",
-    "two cells of different plates swapped": "load inside soles",
-    "right and left plate swapped": "load inside soles",
-    "one force with two digits transposed": "single postures",
-    "one row pasted over another": "stuck readings",
-    "forces of two postures interchanged": "single postures",
-    "one encoder in degrees": "units",
-    "all encoders in degrees": "units",
-    "one encoder's zero off by 1 degree": "legs close",
-    "one encoder's sign wrong": "legs close",
-    "one encoder frozen from halfway": "stuck readings",
-    "one placement's plate recorded 30 mm off": "single placements",
-    "one placement's left plate with the sign of x wrong": "single placements",
-    "one placement's left plate with the sign of y wrong": "plate poses",
-    "forces in kilograms": "units",
-    "weighed mass 1 kg too high": "weight balance",
-    "stated cell s.d. half of the true one": "weight balance",
-    "stated encoder s.d. half of the true one": "legs close",
-}
-
-
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_planted_fault_is_caught_by_its_check(precise, nominal, fault):
-    finding = found(FAULTS[fault](precise, np.random.default_rng(111)), nominal)[CAUGHT_BY[fault]]
+    finding = found(planted(fault, precise, 111), nominal)[FAULTS[fault][1]]
     assert finding.result == "fail"
     assert finding.seen
 
@@ -148,7 +121,7 @@ def test_command_line_passes_fails_and_cannot_read(precise, tmp_path, capsys):
     write_measurements(tmp_path / "good", precise)
     assert main(["check", str(tmp_path / "good")]) == 0
     assert "Verdict: pass" in capsys.readouterr().out
-    write_measurements(tmp_path / "bad", FAULTS["forces in kilograms"](precise, np.random.default_rng(0)))
+    write_measurements(tmp_path / "bad", planted("forces in kilograms", precise))
     document = told(capsys, "check", tmp_path / "bad", code=1)
     assert document["verdict"] == "fail"
     assert document["counts"]["fail"] == 1
@@ -196,7 +169,7 @@ def test_the_printed_example_can_be_read(robot, tmp_path):
 def test_what_computes_with_measurements_warns_of_faults(precise, robot, monkeypatch):
     for work in ("discover_effects", "_predict"):
         monkeypatch.setattr(f"tulip_testbed.api.measured.{work}", lambda *a, **k: None)
-    wrong = FAULTS["one encoder's sign wrong"](precise, np.random.default_rng(0))
+    wrong = planted("one encoder's sign wrong", precise)
     failed = [check.name for check in tt.check(wrong, robot).checks if check.result == "fail"]
     refuse("found gross faults ... 'legs close'", tt.discover, wrong, robot)
     for call in (partial(tt.discover, anyway=True), tt.predict, warn_of_faults):
@@ -205,7 +178,7 @@ def test_what_computes_with_measurements_warns_of_faults(precise, robot, monkeyp
 
 
 def test_a_fault_is_one_line_that_points_to_the_preflight(precise, robot, tmp_path, capsys):
-    wrong, data = FAULTS["one cell drifts by 5 N"](precise, np.random.default_rng(0)), tmp_path / "data"
+    wrong, data = planted("one cell drifts by 5 N", precise), tmp_path / "data"
     tt.write_measurements(data, wrong)
     found = "found faults in 'weight balance', 'drift'.*check.* says more$"
     with pytest.warns(InputWarning, match=f"^measurements: {found}"):

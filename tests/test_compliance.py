@@ -17,13 +17,11 @@ from tulip_testbed.identification.observation import observe
 from tulip_testbed.measurements import lay_boards
 from tulip_testbed.measurements.cells import CORNERS
 from tulip_testbed.sim.compliance import Compliance
-from tulip_testbed.sim.control import Controller, add_servos
 from tulip_testbed.sim.drives import Drives, add_drives
 from tulip_testbed.sim.dynamics.hold import hold, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import sole_corners, sole_point
-from tulip_testbed.sim.scene import load_scene
 
 PENDULUM = """
 <mujoco>
@@ -81,30 +79,6 @@ def test_a_cell_gives_way_by_its_reading(robot, model, plan):
         assert spring(stand, f"{name}_cell_z") == pytest.approx(1e-6 * load, rel=1e-3)
 
 
-def test_a_corner_lifts_and_the_other_three_carry_the_load(robot):
-    """20 kg near a corner of a rigid board: a tripod, solved by three equations."""
-    spec = load_scene(robot)
-    spec.delete(spec.body("torso"))
-    for key in list(spec.keys):
-        spec.delete(key)
-    x, y = 0.15, 0.09
-    load = spec.body("right_plate").add_body(name="load", pos=[x, y, 0.05])
-    load.mass, load.ipos, load.inertia, load.explicitinertial = 20.0, [0, 0, 0], [1e-3] * 3, True
-    scene = spec.compile()
-    data = mujoco.MjData(scene)
-    mujoco.mj_step(scene, data, 4000)
-    forces = np.array([data.sensor(f"right_plate_{corner}").data[0] for corner in CORNERS])
-    cells = np.array([scene.site(f"right_plate_{corner}").pos[:2] for corner in CORNERS])
-    bilinear = 9.81 * (23.5 + 20 * (x * cells[:, 0] / 0.2165**2 + y * cells[:, 1] / 0.119**2)) / 4
-    assert bilinear[2] < -10  # what four glued cells would read
-    touching = [0, 1, 3]
-    moments = 9.81 * np.array([23.5, 20 * x, 20 * y])
-    expected = np.linalg.solve(np.vstack([np.ones(3), cells[touching].T]), moments)
-    assert forces[2] == 0.0
-    assert forces[touching] == pytest.approx(expected, abs=0.02)
-    assert data.site("right_plate_rear_right").xpos[2] > data.geom("floor").xpos[2] + 5e-8
-
-
 @pytest.mark.parametrize("backlash", [0.0, 0.01])
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_drive_winds_up_by_its_torque_and_half_its_backlash(side, backlash):
@@ -118,41 +92,6 @@ def test_a_drive_winds_up_by_its_torque_and_half_its_backlash(side, backlash):
     joint, motor = data.joint("arm").qpos[0], data.joint("arm_motor").qpos[0]
     torque = side * 2 * 9.81 * 0.2 * np.cos(joint)
     assert joint - motor == pytest.approx(torque * 0.02 / 20 + side * backlash / 2, rel=1e-3)
-
-
-def test_a_torque_limit_on_the_joint_goes_with_the_motor():
-    spec = mujoco.MjSpec.from_string(PENDULUM)
-    joint = spec.joint("arm")
-    joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_TRUE, [-10, 10]
-    add_drives(spec, Drives(wind_up=0.02))
-    add_servos(spec, Controller())
-    assert spec.actuators[0].forcerange[1] == 10
-    assert spec.tendons[0].stiffness[0] == pytest.approx(10 / 0.02)
-
-
-def test_motor_encoders_differ_by_the_load_on_flexible_drives(robot, model, plan):
-    """The spring's torque is the joint's load, which inverse dynamics gives without any spring."""
-    stand = standing(robot, model, plan, drives=Drives(wind_up=0.0175))
-    drives = stand.data.qpos[stand.qpos] - stand.data.qpos[stand.motors]
-    assert 1e-3 < np.abs(drives).max() < 0.0175
-    limits = stand.model.actuator_forcerange[stand.servos, 1]
-    data = stand.data
-    contact = np.zeros(stand.model.nv)
-    for body in (*stand.soles, *[stand.model.body(f"{p}_plate").id for p in ("right", "left")]):
-        wrench = data.cfrc_ext[body]
-        centre = data.subtree_com[stand.model.body_rootid[body]]
-        mujoco.mj_applyFT(stand.model, data, wrench[3:], wrench[:3], centre, body, contact)
-    joints = [stand.model.joint(name).dofadr[0] for name in plan.joints]
-    load = data.qfrc_bias[joints] - contact[joints]
-    assert -drives * limits / 0.0175 == pytest.approx(load, abs=2e-3)
-
-
-def test_rigid_is_the_default_and_the_robot_file_says_otherwise(tmp_path, robot):
-    assert preset_rig("wii").drives == Drives()
-    assert preset_rig("wii").compliance == Compliance()
-    settings = robot.settings | {"drives": {"wind_up": 0.01, "backlash": 0.001}}
-    flexible = preset_rig("wii", dataclasses.replace(robot, settings=settings))
-    assert flexible.drives == Drives(0.01, 0.001)
 
 
 STANCE_LEG, SWING_LEG = "right_ankle_roll", "left_ankle_pitch"

@@ -9,9 +9,8 @@ import pytest
 from tulip_testbed.sim.compliance import Compliance
 from tulip_testbed.sim.composer import laboratory_environment
 from tulip_testbed.sim.drives import Drives
-from tulip_testbed.sim.dynamics.hold import hold, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
-from tulip_testbed.sim.sensors import PRESETS, Sensors, averaged_sd
+from tulip_testbed.sim.sensors import Sensors
 
 POSES = np.array([[0.0301, -0.1552, 0.0113], [0.0322, 0.1553, -0.0207]])
 PERIOD = 20  # physics steps from action to action
@@ -85,30 +84,6 @@ def test_both_paths_go_the_same_way_bit_for_bit(rig, plan, changes):
     assert environment.physics.data.qvel.tobytes() == fast.data.qvel.tobytes()
 
 
-def test_a_held_posture_reads_the_same(rig, plan):
-    """Given the fast path's hold, with what sticks in it, both go on alike and read what was held."""
-    posture = plan.joint_angles[7]
-    fast = Stand(rig, POSES)
-    put_down(fast, posture)
-    held, reason = hold(fast, posture)
-    assert held, reason
-
-    def at_rest(physics):
-        for name in ("qpos", "qvel", "qacc_warmstart", "qfrc_applied", "xfrc_applied"):
-            getattr(physics.data, name)[:] = getattr(fast.data, name)
-        physics.model.dof_frictionloss[:] = fast.model.dof_frictionloss
-
-    environment = laboratory_environment(rig, posture, POSES, begin=at_rest)
-    environment.reset()
-    for _ in range(50):
-        step = environment.step(posture)
-        mujoco.mj_step(fast.model, fast.data, PERIOD)
-        assert_same(step, fast)
-    # As still as the hold's own gate asks for.
-    assert cells(step) == pytest.approx(held.cell_forces, abs=rig.protocol.force_gate)
-    assert step.observation["robot/joint_encoders"] == pytest.approx(held.joint_angles, abs=1e-7)
-
-
 def test_torques_by_the_servos_law_do_what_the_servos_do(rig, plan):
     """With its own controller at every physics step, the torque environment repeats the other."""
     posture = plan.joint_angles[7]
@@ -145,72 +120,6 @@ def test_truth_is_there_when_asked_for_and_balances(rig, stand):
         "robot/joint_encoders",
         "robot/motor_encoders",
     ]
-
-
-# Once with errors that averaging leaves, once with those that it removes.
-SENSORS = {
-    "wii": PRESETS["wii"],
-    "noise": Sensors(
-        encoder_noise=1e-3,
-        encoder_resolution=1e-4,
-        motor_noise=2e-3,
-        motor_resolution=1e-4,
-        cell_noise=1.5,
-        cell_resolution=0.1,
-    ),
-}
-
-
-@pytest.fixture(scope="module")
-def rest(rig, stand):
-    """The standing posture come to rest: the state's positions, (nq,)."""
-    environment = laboratory_environment(rig, stand)
-    environment.reset()
-    for _ in range(100):
-        environment.step(stand)
-    return environment.physics.data.qpos.copy()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("sensors", SENSORS.values(), ids=SENSORS)
-def test_readings_have_the_spread_that_averaged_sd_predicts(rig, stand, rest, sensors):
-    """40 episodes at rest, each channel the mean of 30 samples, against the true mean.
-
-    Per kind of sensor the errors' mean, and the sum of their squares over the predicted variance:
-    chi-square with 40 x (12 or 8) degrees of freedom. Both within 4 s.d.; the two sets of sensors
-    together raise a false alarm on one seed in 900.
-    """
-    episodes, samples = 40, 30
-
-    def begin(physics):
-        physics.data.qpos[:] = rest
-
-    kinds = {"joint_encoders": "encoder", "motor_encoders": "motor", "cells": "cell"}
-    window = {"buffer_size": samples, "aggregator": "mean"}
-    truth = {"true_cells": {"enabled": True, "update_interval": 10, **window}}
-    environment = laboratory_environment(
-        dataclasses.replace(rig, sensors=sensors),
-        stand,
-        control_timestep=0.3,
-        seed=111,
-        begin=begin,
-        observable_options=dict.fromkeys(kinds, window) | truth,
-    )
-    errors: dict[str, list[np.ndarray]] = {name: [] for name in kinds}
-    for _ in range(episodes):
-        environment.reset()
-        step = environment.step(stand)
-        # At rest the joints creep by less than a microradian in the window.
-        for name in ("joint_encoders", "motor_encoders"):
-            errors[name].append(step.observation[f"robot/{name}"] - environment.physics.data.qpos[7:19])
-        errors["cells"].append(cells(step) - cells(step, "true_cells"))
-    for name, kind in kinds.items():
-        repeatability, noise, resolution = (
-            getattr(sensors, f"{kind}_{figure}") for figure in ("repeatability", "noise", "resolution")
-        )
-        z = np.array(errors[name]) / averaged_sd(repeatability, noise, resolution, samples)
-        assert abs(z.mean()) < 4 / np.sqrt(z.size)
-        assert abs((z**2).sum() - z.size) < 4 * np.sqrt(2 * z.size)
 
 
 def test_every_sample_is_rounded_and_cells_have_their_gain(rig, stand):

@@ -14,10 +14,8 @@ import pytest
 from dm_env import test_utils
 
 from tests.test_composer import cells
-from tulip_testbed.measurements import lay_boards
 from tulip_testbed.sim.composer import laboratory_environment
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import sole_corners
 
 ROOT = Path(__file__).parent.parent
 
@@ -52,18 +50,6 @@ def test_sensors_read_at_their_sample_rate(rig, stand):
     readings = np.array([cells(environment.step(stand)) for _ in range(40)])
     changed = (np.diff(readings, axis=0) != 0).any(axis=1)
     assert np.flatnonzero(changed).tolist() == [8, 18, 28, 38]
-
-
-def test_boards_lie_under_the_soles(rig, model, plan):
-    """Where the laboratory lays them for the plan's own pose of the swing foot."""
-    x, y, yaw = plan.swing_pose[7]
-    right, left = (sole_corners(model, foot)[:, :2] for foot in rig.robot.feet)
-    turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
-    boards = lay_boards(np.array([right, left @ turn.T + [x, y]]), np.array([0.5, 0.3]), 0.01)
-    environment = laboratory_environment(rig, plan.joint_angles[7])
-    for plate, board in zip(("right_plate", "left_plate"), boards, strict=True):
-        position = environment.physics.named.data.xpos[plate]
-        assert position[:2] == pytest.approx(board[:2], abs=1e-6)
 
 
 @pytest.mark.parametrize("actuation", ["angles", "torques"])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-import mujoco
 import numpy as np
 import pytest
 import scipy
@@ -144,26 +143,6 @@ def test_projection_against_a_search_over_cholesky_factors():
     assert divergence(own) > 0.01
 
 
-def test_projection_does_not_depend_on_the_frames(cad):
-    """The divergence is invariant: turned and moved link frames give the same masses and moved centres."""
-    rng = np.random.default_rng(8)
-    wanted = target(cad, draw_robot(cad.robot.model, 0.2, rng))
-    found = consistent_robot(cad.reference, cad.ellipsoids, wanted)
-    moves = np.tile(np.eye(4), (len(cad.reference), 1, 1))
-    moves[:, :3, :3] = scipy.spatial.transform.Rotation.random(len(moves), rng=rng).as_matrix()
-    moves[:, :3, 3] = rng.normal(size=(len(moves), 3))
-    back = np.linalg.inv(moves)
-    # w' P e_4 = w' B (A P A') B' e_4 for B = A^-1, and the last row of B is e_4.
-    weights = wanted.from_standard.reshape(len(wanted.value), -1, 4)[..., [1, 2, 3, 0]]
-    turned = np.einsum("pka,kab->pkb", weights, back)[..., [3, 0, 1, 2]].reshape(len(wanted.value), -1)
-    other = consistent_robot(
-        moves @ cad.reference @ moves.mT,
-        back.mT @ cad.ellipsoids @ back,
-        Target(turned, wanted.value, wanted.covariance, wanted.mass),
-    )
-    assert np.abs(back @ other.pseudo @ back.mT - found.pseudo).max() < 1e-9
-
-
 def nearest_by_point_masses(cad, wanted):
     """Distance of the nearest robot with all mass inside the ellipsoids, by non-negative least squares.
 
@@ -215,23 +194,3 @@ def test_data_shares(cad):
         cad.reference, np.zeros((1, 4 * len(shares))), np.diag([0, MASS_SD**2 * heavy.sum()])
     )
     assert doubtful[:, 0] == pytest.approx(alone[:, 0] / 2, rel=1e-9)
-
-
-def test_flat_links_get_some_extent():
-    flat = pseudo_inertia(1.0, np.array([0.1, 0, 0]), np.diag([0.0, 0.01, 0.01]))
-    assert np.linalg.eigvalsh(flat).min() < 1e-12
-    lifted = solid(np.array([flat]))[0]
-    assert np.linalg.eigvalsh(lifted).min() > 1e-7
-    assert np.array_equal(lifted[3], flat[3])
-    assert np.abs(lifted - flat).max() < 2e-6
-
-
-def test_pseudo_inertias_of_a_turned_inertia():
-    """MuJoCo's iquat turns the principal axes: the box's own shape tells where the long side is."""
-    text = (
-        '<mujoco><worldbody><body name="a"><freejoint/><geom type="box" size=".3 .1 .05" euler="0 0 90" '
-        'density="1000"/></body></worldbody></mujoco>'
-    )
-    found = pseudo_inertias(mujoco.MjModel.from_xml_string(text))[0]
-    mass = 8 * 0.3 * 0.1 * 0.05 * 1000
-    assert np.diag(found) == pytest.approx(mass * np.array([0.1**2 / 3, 0.3**2 / 3, 0.05**2 / 3, 1]))

@@ -23,7 +23,7 @@ from tulip_testbed.identification.conventions.wrench_convention import (
     WrenchConvention,
 )
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.measurements import Measurements, read_measurements, write_measurements
+from tulip_testbed.measurements import Measurements
 
 COUNT, STEP = 90, 0.25  # rows, s
 ROCKING = np.radians([0.5, 0.8]) / 0.06  # rad for the weight at one metre
@@ -168,20 +168,3 @@ def test_a_record_that_fits_nothing_says_so_with_the_best_two(record):
     assert "no convention explains the wrenches" in found.problems[0]
     assert found.convention == WrenchConvention()
     assert found.applied.wrenches is log.wrenches
-
-
-def test_a_folder_keeps_what_was_found(record, tmp_path):
-    found = audit_conventions(logged(record, WrenchConvention(PREPARED)), nominal_robot(record.robot))
-    header = {"model": "robot.xml", "sha256": None, "stance_foot": "right_foot", "swing_foot": "left_foot"}
-    m = dataclasses.replace(
-        found.applied,
-        robot=header,
-        window=np.full(COUNT, STEP),
-        samples=np.full(COUNT, 25.0),
-        joint_angles_sd=np.zeros((COUNT, len(record.motion.joints))),
-        wrenches_sd=np.zeros((COUNT, 2, 6)),
-    )
-    write_measurements(tmp_path / "data", m, likely=False)
-    again = read_measurements(tmp_path / "data", likely=False)
-    assert again.conventions == found.stated
-    assert next(row.hypothesis for row in again.conventions if row.applied) == PREPARED

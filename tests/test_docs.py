@@ -109,24 +109,6 @@ def test_every_command_of_every_page_can_be_parsed():
             pytest.fail(f"{page}: {line}")
 
 
-@pytest.mark.parametrize(
-    ("shown", "same"),
-    [
-        ("a 1\nb 2\nc 3\n", True),
-        ("a 1\n...\n", True),
-        ("...\nb 2\n...\n", True),
-        ("a 1\nb ...\nc 3\n", True),
-        ("a 1\nb 2\nc 3\n...\n", True),
-        ("a 1\nc 3\n", False),
-        ("...\nb 2\n", False),
-        ("a 1\nb 2\nc 30\n", False),
-        ("a .\n...\n", False),
-    ],
-)
-def test_dots_stand_for_anything_and_for_nothing_else(shown, same):
-    assert matches(shown, "\na 1  \nb 2\nc 3\n\n") is same
-
-
 EXAMPLES = Path(__file__).parent.parent / "examples"
 NOTEBOOKS = [pytest.param(path, id=path.stem) for path in sorted(EXAMPLES.glob("*.ipynb"))]
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tests.effect_changes import SEED, UNIT, agreement, changes, statically
 from tulip_testbed.effects.catalogue import acts_on, catalogue, effects_on
 from tulip_testbed.effects.instance import split_label
-from tulip_testbed.effects.targets import check_target, leg_links
+from tulip_testbed.effects.targets import check_target
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import ANCHORED, ROWS, residuals
 from tulip_testbed.measurements import Measurements
@@ -204,8 +204,3 @@ def test_a_rigid_payload_is_absorbed(noiseless, few, base, nominal):
     assert np.abs(raw[:, ROWS["A"]]).max() > 1.0  # mm
     for channel, least in (("A", 1e-3), ("F", 1e-9), ("C", 1e-3)):  # mm, N, mrad
         assert np.abs(simulated[:, ROWS[channel]]).max() < least
-
-
-def test_links_whose_length_closes_the_legs(robot):
-    names = ("hip", "upper_leg", "lower_leg", "ankle")
-    assert set(leg_links(robot)) == {f"{side}_{name}" for side in ("right", "left") for name in names}

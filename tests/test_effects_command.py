@@ -1,6 +1,7 @@
 """Effects on the command line: explained, simulated, drawn; only the truth file names them."""
 
 import json
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,10 @@ def test_all_effects_are_listed(capsys):
     assert all(name in out for name in catalogue())
     listed = told(capsys, "atlas", "effects")["effects"]
     assert [effect["name"] for effect in listed] == list(catalogue())
+    assert "tilt=ABOUT_X,ABOUT_Y" in repr(catalogue())
+    assert catalogue()._repr_html_().count("<tr>") == len(catalogue()) + 1
+    assert repr(catalogue()["tilt"]) == "<Effect tilt=ABOUT_X,ABOUT_Y>"
+    assert pickle.loads(pickle.dumps(catalogue())) is catalogue()
 
 
 def test_one_effect_is_explained(capsys):

@@ -26,19 +26,6 @@ from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
 
 
-def test_loads_in_the_joints_are_what_the_servos_bear(moved, model, nominal):
-    """Apart from dry friction in the joint and the push that it leaves between the feet."""
-    torques = observe(moved.measurements, nominal).torques
-    servos = np.array([held.torques for held in moved.truth.held])
-    dry = np.array(
-        [model.dof_frictionloss[model.joint(name).dofadr[0]] for name in moved.measurements.joints]
-    )
-    off = (servos + torques) / dry
-    assert np.sqrt((off**2).mean()) < 1.0
-    assert np.abs(off).max() < 3.0
-    assert np.corrcoef(servos.ravel(), -torques.ravel())[0, 1] > 0.98
-
-
 def test_a_tilt_turns_about_x_then_about_y(noiseless):
     """A level table's leg shortened: gravity in the floor's axes."""
     spec = mujoco.MjSpec()

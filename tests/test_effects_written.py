@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
-import operator
-import pickle
 from functools import cache
-from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -16,7 +12,6 @@ from pydantic import TypeAdapter
 
 import tulip_testbed as tt
 from tests.test_refusals import refuse
-from tulip_testbed import effects
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import (
@@ -138,24 +133,6 @@ def test_a_finding_is_a_sentence(text, interval, sentence, robot):
     assert dataclasses.replace(found, intervals=intervals).finding == sentence
 
 
-def test_the_catalogue_is_a_table():
-    text, page = repr(effects.catalogue()), effects.catalogue()._repr_html_()
-    lines = text.splitlines()
-    assert lines[1].split() == ["effect", "unit", "plausible", "size", "what", "it", "is"]
-    (tilt,) = (line for line in lines if line.startswith("tilt="))
-    cells = [
-        "tilt=ABOUT_X,ABOUT_Y",
-        "rad, rad",
-        "s.d. 1 deg",
-        "The floor is tilted with robot and plates, about",
-    ]
-    assert [cell.strip() for cell in tilt.split("  ") if cell] == cells
-    assert page.count("<tr>") == len(catalogue()) + 1
-    assert "<td>tilt=ABOUT_X,ABOUT_Y</td><td>rad, rad</td><td>s.d. 1 deg</td><td>The floor is" in page
-    assert "joint&#x27;s encoder" in page
-    assert repr(effects.catalogue()["tilt"]) == "<Effect tilt=ABOUT_X,ABOUT_Y>"
-
-
 KNEE, ANKLE = "encoder-offset:right_knee=0.01", "encoder-offset:left_ankle_roll=0.002"
 TWICE = r"found encoder-offset:right_knee twice \(encoder-offset:right_knee=0.01 and .*expected it once"
 
@@ -191,25 +168,6 @@ def test_an_effect_of_another_robot_is_refused_with_the_valid_targets(robot, for
         odd = dataclasses.replace(EffectInstance.parse(KNEE, robot), values=values, intervals=intervals)
         with pytest.raises(tt.InputError, match="expected 1 values, and an interval for each or for none"):
             tt.Laboratory(robot).with_effects(odd)
-
-
-def test_nobody_can_change_the_catalogue():
-    catalogue: Any = tt.effects.catalogue()
-    names = list(catalogue)
-    for change in (
-        lambda: catalogue.clear(),
-        lambda: catalogue.pop("payload"),
-        lambda: catalogue.update({}),
-        lambda: operator.setitem(catalogue, "payload", None),
-        lambda: operator.delitem(catalogue, "payload"),
-    ):
-        with pytest.raises((AttributeError, TypeError)):
-            change()
-    assert list(tt.effects.catalogue()) == names == sorted(names)
-    assert catalogue.get("payloda") is None
-    assert catalogue["payload"].name == "payload"
-    for again in (pickle.loads(pickle.dumps(catalogue)), copy.deepcopy(catalogue)):
-        assert again is catalogue
 
 
 def test_a_joint_that_yields_in_two_places_yields_by_both(robot):

@@ -13,11 +13,8 @@ from hypothesis import strategies as st
 from scipy.stats import ks_2samp
 
 import tulip_testbed as tt
-from studies.study_equilibrium import (
-    EDGE,
-    centers_at,
+from tests.statics_against_dynamics import (
     compare,
-    edge_distance,
     excess_sag,
     laboratories,
     pulled,
@@ -38,7 +35,7 @@ from tulip_testbed.sim.statics.solve import derivative, faults
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
 
-# Backlash is in docs/studies/equilibrium.md: where a load turns within the play there is more than
+# Backlash is in docs/explanation/equilibrium.md: where a load turns within the play there is more than
 # one equilibrium.
 LABORATORIES = [
     "as it is",
@@ -78,29 +75,12 @@ def check_rest(rig, plan):
     assert found.center.max() < 1e-5
 
 
-def test_with_dry_friction_the_center_of_pressure_follows_from_the_angles(solved_plan, ideal):
-    held = [a for a in ideal.simulation.attempts if a.held is not None]
-    inside = edge_distance(solved_plan, held) > EDGE
-    assert inside.mean() > 0.9
-    assert np.linalg.norm(centers_at(solved_plan, held), axis=1)[inside].max() < 1e-5
-
-
 def test_with_dry_friction_sag_and_load_share_are_distributed_alike(solved_plan, ideal):
     """Kolmogorov and Smirnov's test for every joint and the load share, familywise level 1 %."""
     held = [a for a in ideal.simulation.attempts if a.held is not None]
     actual, predicted = excess_sag(solved_plan, held, np.random.default_rng(301))
     chances = [ks_2samp(a, p).pvalue for a, p in zip(actual.T, predicted.T, strict=True)]
     assert min(chances) > LEVEL / len(chances)
-
-
-def test_that_test_sees_friction_that_always_stands_at_its_limit(solved_plan, ideal, monkeypatch):
-    monkeypatch.setattr("tulip_testbed.sim.statics.approach.SHORT_MOVE", 1e-6)
-    monkeypatch.setattr("tulip_testbed.sim.statics.approach.SCATTER", 0.0)
-    monkeypatch.setattr("tulip_testbed.sim.statics.approach.PUT_DOWN_SCATTER", 1e6)
-    held = [a for a in ideal.simulation.attempts if a.held is not None]
-    actual, predicted = excess_sag(solved_plan, held, np.random.default_rng(301))
-    chances = [ks_2samp(a, p).pvalue for a, p in zip(actual.T, predicted.T, strict=True)]
-    assert min(chances) < LEVEL / len(chances)
 
 
 @settings(max_examples=20, deadline=None)

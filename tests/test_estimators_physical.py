@@ -1,9 +1,7 @@
 """What the estimators know of the robot: slopes, closed chain, masses, boxes."""
 
 import dataclasses
-from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 from scipy.optimize import linprog
@@ -16,19 +14,7 @@ from tulip_testbed.identification.estimators.consistent import corner_parameters
 from tulip_testbed.identification.estimators.errors_in_variables import bounded_excess
 from tulip_testbed.identification.estimators.prior import CENTER_SD, MASS_SD, identifiable_masses
 from tulip_testbed.identification.loop_closure import encoder_sd_by_closure
-from tulip_testbed.identification.nominal import link_boxes
 from tulip_testbed.identification.statistics import standard_errors
-
-
-@pytest.mark.parametrize("name", ["tulip", "humanoid", "humanoid_CMU"])
-def test_slope_is_the_derivative_of_the_regressor(robot, foreign, name):
-    parameters = base_parameters({"tulip": robot, **foreign}[name])
-    count = len(parameters.tree.joints)
-    angles = np.random.default_rng(130).uniform(-0.5, 0.5, (3, count))
-    slope = parameters.slope(angles)
-    for joint, step in enumerate(1e-6 * np.eye(count)):
-        change = (parameters.regressor(angles + step) - parameters.regressor(angles - step)) / 2e-6
-        assert slope[:, :, joint] == pytest.approx(change, abs=1e-8)
 
 
 @pytest.mark.parametrize("sd", [1e-4, 3e-3])
@@ -104,13 +90,6 @@ def test_the_posterior_is_right_about_its_errors(bench, nominal, model):
     assert np.mean(shares, axis=0)[0, 0] > 0.5  # the torso's mass: most of the total
 
 
-def test_without_information_the_prior_stays(bench, nominal, model):
-    data = bench.draw(np.random.default_rng(133), cell=1e5, placement=1.0, mark=1.0, encoder=0.0)
-    found: Any = estimate_by(dataclasses.replace(data, mass=(23.0, 1e3)), "prior").standard
-    assert found.mass == pytest.approx(model.body_mass[1:], abs=1e-3)
-    assert max(found.mass_share.max(), found.center_share.max()) < 0.01
-
-
 def test_consistent_estimates_are_reachable_and_nearer(bench):
     """Every estimate is a robot's (by a linear program), and errors shrink; nine in ten at least must."""
     better = []
@@ -138,20 +117,3 @@ def test_a_feasible_estimate_is_left_alone(bench):
 def test_knowledge_of_the_robot_needs_a_robot(bench, name):
     data = bench.draw(np.random.default_rng(136), **WII)
     refuse("found no robot", estimate_by, dataclasses.replace(data, robot=None), name)
-
-
-def test_boxes_hold_the_centres_of_mass(model, foreign):
-    boxes = link_boxes(model)
-    center = model.body_ipos[1:]
-    assert (center >= boxes[:, 0]).all()
-    assert (center <= boxes[:, 1]).all()
-    assert boxes[0, 1, 2] == pytest.approx(0.56, abs=0.01)  # top of the torso's head
-
-
-def test_a_link_without_geoms_has_the_box_of_its_inertia():
-    """A uniform box of 0.2 x 0.4 x 0.6 m and 12 kg."""
-    inertia = 12 / 12 * np.array([0.4**2 + 0.6**2, 0.2**2 + 0.6**2, 0.2**2 + 0.4**2])
-    text = f"""<mujoco><worldbody><body><inertial pos="0.1 0 0" mass="12"
-      diaginertia="{inertia[0]} {inertia[1]} {inertia[2]}"/></body></worldbody></mujoco>"""
-    box = link_boxes(mujoco.MjModel.from_xml_string(text))[0]
-    assert box == pytest.approx(np.array([[0.0, -0.2, -0.3], [0.2, 0.2, 0.3]]), abs=1e-6)

@@ -109,16 +109,6 @@ def test_a_scratch_folder_is_one_s_own_and_takes_a_killed_one_away(tmp_path, mon
     assert os.listdir(tmp_path) == []
 
 
-def test_names_like_a_left_over_s_are_left_alone(tmp_path):
-    names = [".data.12345678", ".other.12345678.partial", ".data.123456789.partial", "data.12345678.partial"]
-    for name in names:
-        (tmp_path / name).mkdir()
-    (tmp_path / ".data.abcdefgh.partial").symlink_to(tmp_path / names[0])
-    with new_folder(tmp_path / "data"):
-        pass
-    assert set(os.listdir(tmp_path)) == {*names, ".data.abcdefgh.partial", "data"}
-
-
 def test_a_full_disk_is_one_message_and_leaves_nothing(tmp_path):
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
@@ -168,18 +158,6 @@ def test_only_regular_files_of_text_are_read(tmp_path, make, message):
     refuse(f"name: {message}", read_text, tmp_path / "name", 10)
 
 
-def test_a_name_that_leaves_no_room_for_more_is_written(tmp_path):
-    for name in ("\u00e4" * 120, "x" * 255):
-        with new_folder(tmp_path / name) as folder:
-            (folder / "one").write_text("1")
-        assert os.listdir(tmp_path / name) == ["one"]
-
-
-def test_a_file_system_that_takes_no_files_is_refused():
-    """Linux says of every new file in /proc that it does not exist, as if another process had removed it."""
-    refuse("/proc/x: cannot write", write_text, Path("/proc/x"), "x")
-
-
 WORKING = """
 import pathlib, time
 from tulip_testbed.base.resumable import alone_on
@@ -208,12 +186,17 @@ def test_another_process_at_work_is_refused_until_it_is_killed(tmp_path, monkeyp
     assert os.listdir(tmp_path) == ["run"]
 
 
-def test_a_folder_that_cannot_be_written_to_has_no_lock():
-    with pytest.raises(InputError, match=r"^/proc/none/run: cannot write"), alone_on(Path("/proc/none/run")):
-        pass
-
-
 def test_names_that_no_file_can_have(tmp_path):
     assert not present(tmp_path / "a\0b")
     for call in (present, is_folder):
         refuse("File name too long", call, tmp_path / ("x" * 300))
+
+
+def test_a_file_system_that_takes_no_files_is_refused():
+    """Linux says of every new file in /proc that it does not exist, as if another process had removed it."""
+    refuse("/proc/x: cannot write", write_text, Path("/proc/x"), "x")
+
+
+def test_a_folder_that_cannot_be_written_to_has_no_lock():
+    with pytest.raises(InputError, match=r"^/proc/none/run: cannot write"), alone_on(Path("/proc/none/run")):
+        pass

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import re
 import tomllib
@@ -12,12 +11,11 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
+from tests.test_refusals import refuse, rows
 from tulip_testbed.cli.main import main
-from tulip_testbed.experiments.table_import.column_names import propose, read_name
+from tulip_testbed.experiments.table_import.column_names import propose
 from tulip_testbed.experiments.table_import.import_map import ImportMap, read_map, with_unknowns
-from tulip_testbed.experiments.table_import.sign_checks import _by_closed_legs
 from tulip_testbed.experiments.table_import.table_import import MappedColumn
-from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.measurements import read_measurements
 from tulip_testbed.measurements.cells import CELLS
 from tulip_testbed.measurements.contacts import VERTICAL
@@ -95,17 +93,6 @@ def stated(tmp_path):
     return written
 
 
-def test_names_say_what_a_column_is():
-    assert read_name("RKnee [deg]")[:3] == ("value", {"right", "knee"}, "deg")
-    assert read_name("left_hip_pitch (rad)")[:3] == ("value", {"left", "hip", "pitch"}, "rad")
-    assert read_name("l_sole.fx sd")[:3] == ("spread", {"left", "sole", "fx"}, "")
-    assert read_name("cmd_r_knee_deg")[:3] == ("command", {"right", "knee"}, "deg")
-    assert read_name("speed_rad_s").unit == "rad/s"
-    assert read_name("M [N m]").unit == "Nm"
-    assert read_name("vorne links (kgf)").unit == read_name("front_left_kgf").unit == "kgf"
-    assert read_name("angle [grad]").unit == "grad"
-
-
 def test_a_table_of_its_own_names_is_imported(table, stated, measured, tmp_path):
     path = table()
     found = tt.import_table(path, out=tmp_path / "data", map=[stated(WRENCHES)])
@@ -148,14 +135,6 @@ def test_a_turned_sign_is_noticed_and_can_be_stated(table, stated, measured, tmp
     assert found.mapped["q.left_knee"].sign == -1
     assert found.mapped["q.left_knee"].by == "statement"
     assert read_measurements(tmp_path / "data").joint_angles == pytest.approx(measured.joint_angles)
-
-
-def test_only_the_sign_that_closes_the_legs_is_doubted(measured):
-    angles = measured.joint_angles.copy()
-    angles[:, measured.joints.index("left_knee")] *= -1
-    wrong = dataclasses.replace(measured, joint_angles=angles)
-    doubts = [doubt for *_, doubt in _by_closed_legs(wrong, nominal_robot(tt.load_robot())) if doubt]
-    assert [doubt.split(":")[0] for doubt in doubts] == ["q.left_knee", "closed legs"]
 
 
 def test_a_moment_of_the_wrong_sign_is_noticed(table, stated, tmp_path):
@@ -254,29 +233,11 @@ def test_a_column_is_one_of_the_contract(table, tmp_path):
         tt.import_table(table(), out=tmp_path / "data", map=stated)
 
 
-@pytest.mark.parametrize(
-    ("text", "entries", "message"),
-    [
-        ("plates = 3", (), "map.toml: key 'plates': found 3; expected an object"),
-        ("[[contacts", (), "map.toml: not a TOML file"),
-        ("colums = 1", (), "map.toml: key 'colums': found 1; expected no such key"),
-        (WRENCHES, ("q.right_knee",), "map: found 'q.right_knee', expected a file"),
-        (
-            WRENCHES,
-            ("q.right_kne=RKnee [deg]:deg",),
-            "unknown column 'q.right_kne'; did you mean 'q.right_knee'",
-        ),
-        (WRENCHES, ("q.right_knee=RKnie:deg",), "unknown column 'RKnie'"),
-        (WRENCHES, ("q.right_knee=RKnee [deg]:furlong",), "found 'furlong'; expected a unit of angle"),
-        (WRENCHES + PLATES, (), "found 'contacts' and 'plates', expected one of them"),
-        ("[constant_joints]\nneck = {value = 0.0, sd = 0.1}\n", (), "unknown joint 'neck'"),
-    ],
-)
-def test_wrong_statements_are_named(table, stated, tmp_path, text, entries, message):
-    with pytest.raises(tt.InputError) as error:
-        tt.import_table(table(), out=tmp_path / "data", map=[stated(text), *entries])
-    assert message in str(error.value)
-    assert len(str(error.value).splitlines()) == 1
+@rows("maps")
+def test_wrong_statements_are_named(table, stated, tmp_path, changes, words):
+    text, *entries = changes
+    text = text.replace("WRENCHES", WRENCHES).replace("PLATES", PLATES)
+    refuse(words, tt.import_table, table(), out=tmp_path / "data", map=[stated(text), *entries])
 
 
 def test_the_documented_statements_can_be_read():
@@ -294,8 +255,9 @@ def test_the_documented_statements_can_be_read():
     whole = read_map([str(ROOT / "examples" / "icub_stand.toml")])
     assert whole.contacts is not None
     assert len(whole.constant_joints) == 6
-    for name in ("RKnee [deg]", "right_knee_angle (rad)", "knee.r_deg"):
-        assert list(propose([name], ["q.right_knee"], ["q.right_knee"], {}).mapping) == ["q.right_knee"]
+    for name in ("RKnee [deg]", "right_knee_angle (rad)", "knee.r_deg", "cmd_r_knee_deg"):
+        target = "q_command.right_knee" if "cmd" in name else "q.right_knee"
+        assert list(propose([name], [target], [target], {}).mapping) == [target]
 
 
 def test_the_command_prints_one_document(table, stated, tmp_path, capsys):
@@ -324,24 +286,3 @@ def test_messages_speak_of_the_table_and_the_map(table, stated, tmp_path):
     assert problem.endswith("q.right_knee is column 'RKnee [rad]'")
     with pytest.raises(tt.InputError, match=r"^map: key 'columns\.q\.right_knee\.unit': found 'furlong'"):
         tt.import_table(path, out=tmp_path / "data", map=["q.right_knee=RKnee [rad]:furlong"])
-
-
-def test_a_unit_in_the_header_need_not_be_stated_again(table, stated, measured, tmp_path):
-    def change(columns):
-        columns["t (ms)"] = 1e3 * columns.pop("time")
-        columns["Posture no."], columns["Stance"] = columns.pop("posture"), columns.pop("placement")
-
-    text = WRENCHES + '[columns]\ntime = {column = "t (ms)"}\n'
-    found = tt.import_table(table(change=change), out=tmp_path / "data", map=[stated(text)])
-    assert found.mapped["time"] == MappedColumn(
-        column="t (ms)",
-        unit="ms",
-        sign=1,
-        by="statement",
-        checked=None,
-    )
-    assert found.mapped["posture"].column == "Posture no."
-    assert found.mapped["placement"].column == "Stance"
-    m = read_measurements(tmp_path / "data")
-    assert m.time == pytest.approx(measured.time)
-    assert m.placement.tolist() == measured.placement.tolist()

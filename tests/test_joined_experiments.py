@@ -16,11 +16,8 @@ from tulip_testbed.effects.lasting import acting, arranged, epochs, targets_over
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import (
-    packed,
     residuals,
     residuals_in_use,
-    sensitivity,
-    unpacked,
 )
 from tulip_testbed.measurements import Experiment, joined
 from tulip_testbed.measurements.cells import CELLS
@@ -193,25 +190,6 @@ def test_a_known_mass_is_part_of_the_model(robot, nominal, lab, few):
     assert np.abs(found[rows, 2]).max() < 0.05
     unknown = dataclasses.replace(loaded, experiments=(Experiment("one"), Experiment("one")))
     assert np.abs(residuals(observe(unknown, nominal), nominal.value)[rows, :2]).max() > 5e-3
-
-
-def test_derivatives_know_the_mass(nominal, lab, few):
-    observed = observe(joined([measured(lab, few, MASS)]), nominal)
-    slope, values = sensitivity(observed, nominal.value), packed(observed)
-    for column in (3, 8, 14, 19, 21, 22, 25, 31):
-        step = np.zeros(values.shape[1])
-        step[column] = 1e-6
-        high, low = (residuals(unpacked(observed, values + s * step), nominal.value) for s in (1, -1))
-        numeric = (high - low) / 2e-6
-        assert slope[:, :3, column] == pytest.approx(numeric[:, :3], abs=2e-5)
-
-
-def test_one_folder_without_the_keys_is_as_before(noisy, few):
-    run = noisy.run(few, seed=3, engine="statics", workers=1).measurements
-    assert joined([run]) is run
-    stated = joined([dataclasses.replace(run, experiments=(Experiment("one"),))])
-    a, b = (tt.identify(one, noisy.robot).full for one in (run, stated))
-    assert np.array_equal(a.value, b.value)
 
 
 def test_the_keys_are_written_and_read(pair, tmp_path):

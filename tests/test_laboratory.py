@@ -7,20 +7,13 @@ import numpy as np
 import pytest
 
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
-from tulip_testbed.identification.kinematics import link_rotations
-from tulip_testbed.measurements import lay_boards
-from tulip_testbed.sim.compliance import Compliance
-from tulip_testbed.sim.drives import Drives
 from tulip_testbed.sim.dynamics import dynamic_run as laboratory
 from tulip_testbed.sim.dynamics.balance import balance_of
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics, run_placement
-from tulip_testbed.sim.dynamics.hold import hold, move, put_down
+from tulip_testbed.sim.dynamics.hold import hold, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.outcome import dropped_postures
-from tulip_testbed.sim.plates import tare
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import sole_corners
-from tulip_testbed.sim.scene import load_scene
 from tulip_testbed.sim.sensors import PRESETS, averaged_sd
 
 
@@ -30,25 +23,6 @@ def test_the_centre_of_pressure_is_the_com(ideal):
     truth = np.array([held.com for held in ideal.simulation.held])
     for measured, most in ((placed, 2e-6), (ideal.measurements, 5e-5)):
         assert np.sqrt(((center_of_pressure(measured) - truth) ** 2).mean()) < most
-
-
-def test_stance_foot_stays_flat_and_the_chain_closed(ideal, parameters, plan):
-    """Closure of the legs from the true angles: the swing sole stays level with the stance sole."""
-    angles = np.array([held.joint_angles for held in ideal.simulation.held])
-    tree = parameters.tree
-    swing = link_rotations(tree, parameters.base, angles)[:, tree.frame("left_foot")]
-    assert np.abs(swing[:, 2, :2]).max() < 1e-3
-
-
-def test_gravity_sag_is_there_and_follows_the_torque(ideal):
-    held = ideal.simulation.held
-    sag = np.array([h.commanded - h.joint_angles for h in held])
-    torque = np.array([h.torques for h in held])
-    assert 1e-3 < np.median(np.abs(sag)) < 2e-2
-    limit = np.array(
-        [25.4 if j in (2, 3) else 17.0 if j == 4 else 15.1 if j == 1 else 10.1 for j in range(6)] * 2
-    )
-    assert torque == pytest.approx(np.clip(sag * limit / 0.02, -limit, limit), abs=0.05)
 
 
 def test_results_do_not_depend_on_workers(robot, plan):
@@ -99,48 +73,6 @@ def test_gated_hold_reads_what_the_full_minute_reads(rig, plan, monkeypatch):
         assert np.abs(gated.cell_forces - full.cell_forces).max() < 1e-3 * force_sd
 
 
-@pytest.mark.slow
-def test_feet_and_joints_stay_for_a_minute(rig, plan):
-    """From release to the end of a whole minute: the last 30 s against the first moment at rest."""
-    stand = Stand(rig, run_placement(rig, plan, 1, frozenset(), np.random.SeedSequence(1))[0].true_plates)
-    put_down(stand, plan.joint_angles[0])
-    held, _ = hold(stand, plan.joint_angles[0])
-    assert held is not None
-    angles, drift = held.joint_angles, stand.drift()
-    stand.run(60.0)
-    assert np.abs(stand.data.qpos[stand.qpos] - angles).max() < 1e-6
-    assert abs(stand.drift() - drift) < 1e-7
-
-
-def test_internal_forces_depend_on_the_approach(rig, plan):
-    """The same command reached from two sides: other torques and load shares, the same statics."""
-    plates = run_placement(rig, plan, 1, frozenset(), np.random.SeedSequence(1))[0].true_plates
-    goal, found = plan.joint_angles[0], []
-    for start in plan.joint_angles[1:3]:
-        stand = Stand(rig, plates)
-        put_down(stand, start)
-        move(stand, start, goal, goal)
-        held, reason = hold(stand, goal)
-        assert held is not None, reason
-        found.append((held, stand.plates_in_base()))
-    (first, lying), (second, lying_second) = found
-    share = [held.cell_forces[:4].sum() / held.cell_forces.sum() for held in (first, second)]
-    assert abs(share[0] - share[1]) > 1e-3
-    assert np.abs(first.torques - second.torques).max() > 0.1
-    for held, poses in ((first, lying), (second, lying_second)):
-        assert _centre_of_pressure(held.cell_forces, poses) == pytest.approx(held.com, abs=1e-6)
-
-
-def _centre_of_pressure(forces: np.ndarray, poses: np.ndarray) -> np.ndarray:
-    """By moments about the base frame's origin, from the cells' places on the board's drawing."""
-    x, y = 0.2165, 0.119
-    corners = np.array([[x, y], [x, -y], [-x, -y], [-x, y]])
-    turned = [
-        corners @ np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]]) + [u, v] for u, v, a in poses
-    ]
-    return forces @ np.vstack(turned) / forces.sum()
-
-
 def test_the_books_are_closed_in_every_run(ideal, moved_wii):
     for result in (ideal, moved_wii):
         books = [held.balance for held in result.simulation.held]
@@ -150,23 +82,6 @@ def test_the_books_are_closed_in_every_run(ideal, moved_wii):
         assert max(b.centre for b in books) < 1e-7
         assert min(b.dissipated for b in books) > 0
         assert max(b.kinetic for b in books) < 1e-12
-
-
-@pytest.mark.slow
-def test_the_books_are_closed_where_everything_gives_way(robot, plan):
-    rig = dataclasses.replace(
-        preset_rig("ideal", robot),
-        drives=Drives(wind_up=0.0175, backlash=0.00175),
-        compliance=Compliance(sole=1e-5, sole_tilt=5.8e-4, cell=1e-6),
-    )
-    attempts = run_placement(rig, plan, 3, frozenset(), np.random.SeedSequence(121))
-    books = [attempt.held.balance for attempt in attempts if attempt.held]
-    assert len(books) >= 2
-    assert max(abs(b.weight) for b in books) < 1e-3
-    assert max(b.moments for b in books) < 1e-3
-    assert max(b.torques for b in books) < 1e-3
-    assert max(b.centre for b in books) < 1e-5
-    assert min(b.dissipated for b in books) > 0
 
 
 def test_the_books_show_a_cell_that_stands_elsewhere_and_a_foreign_force(rig, plan):
@@ -207,38 +122,6 @@ def test_a_posture_beyond_the_feet_tips_and_one_pushed_slips(rig, plan):
     slippery = dataclasses.replace(rig, edit=ice)
     attempts = run_placement(slippery, plan, 1, frozenset(), np.random.SeedSequence(1))
     assert any(attempt.reason.startswith("slipped") for attempt in attempts)
-
-
-def test_tare_is_the_boards_weight(robot, model, plan):
-    soles = np.array([sole_corners(model, foot)[:, :2] for foot in robot.feet])
-    soles[1] += [0.0, 0.2]
-    stand = Stand(preset_rig("ideal", robot), lay_boards(soles, np.array([0.5, 0.3]), 0.01))
-    assert stand.tare == pytest.approx(np.full(8, 3.5 * 9.81 / 4), abs=1e-6)
-    assert stand.tare == pytest.approx(tare(stand.model))
-
-
-def test_known_weight_at_a_known_place_is_read_by_the_four_cells(robot):
-    """A lever rule on one plate: 10 kg at 40 mm forward, 30 mm left of its centre."""
-    spec = load_scene(robot)
-    spec.delete(spec.body("torso"))
-    for key in list(spec.keys):
-        spec.delete(key)
-    load = spec.body("right_plate").add_body(name="load", pos=[0.04, 0.03, 0.05])
-    load.mass, load.ipos, load.inertia, load.explicitinertial = 10.0, [0, 0, 0], [1e-3] * 3, True
-    model = spec.compile()
-    data = mujoco.MjData(model)
-    mujoco.mj_step(model, data, 2000)
-    forces = np.array(
-        [
-            data.sensor(f"right_plate_{c}").data[0]
-            for c in ("front_left", "front_right", "rear_right", "rear_left")
-        ]
-    )
-    forces -= 3.5 * 9.81 / 4
-    x, y = 0.2165, 0.119
-    signs = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]])
-    expected = 98.1 / 4 * (1 + signs[:, 0] * 0.04 / x + signs[:, 1] * 0.03 / y)
-    assert forces == pytest.approx(expected, abs=1e-3)
 
 
 def test_a_posture_whose_repeat_could_be_used_is_not_dropped(ideal):

@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
-import tulip_testbed as tt
 from tests.effect_changes import agreement, changes, measured, statically
 from tulip_testbed.cli.main import main
 from tulip_testbed.discovery.candidate_search import CandidateSearch
@@ -24,17 +23,14 @@ from tulip_testbed.discovery.law_search import select_laws
 from tulip_testbed.discovery.refit import simulated, without_noise
 from tulip_testbed.effects.instance import EffectInstance, injected, removed
 from tulip_testbed.effects.laws import law_effect, sentence_of, sentences
-from tulip_testbed.effects.removal import without
 from tulip_testbed.effects.true_robot import true_base_parameters
 from tulip_testbed.experiments.discovery_curves import law_curves
 from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.rig_folder import read_rig
 from tulip_testbed.identification.estimators import MIXED_MODEL
-from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_noise import noise_of
-from tulip_testbed.measurements import read_measurements
 from tulip_testbed.pages.discovery_page import discovery_page
 from tulip_testbed.pages.page import html
 from tulip_testbed.sim.procedure import header_of
@@ -188,21 +184,6 @@ def test_the_law_s_curve_has_the_residuals_on_it(described, robot):
     assert np.abs(curve.error).mean() > 3 * np.median(np.abs(curve.error - true))
     page = html(discovery_page(Discovered.load(described / "found", robot)))
     assert "law-0" in page
-
-
-@pytest.mark.slow
-def test_the_rig_takes_the_law_out(described, robot):
-    """The readings without the law are those of a laboratory without it, with the same noise."""
-    laboratory = tt.Laboratory(robot, "force-plate")
-    plain = laboratory.run(tt.plans.random, seed=3, engine="statics").measurements
-    read = read_measurements(described / "data")
-    laws = read_rig(described / "found" / "rig", robot)
-    assert [one.effect.name for one in laws].count("law") == 1
-    clean, _ = without(read, nominal_robot(robot), [one for one in laws if one.effect.name == "law"])
-    knee = read.joints.index("right_knee")
-    before = read.joint_angles[:, knee] - plain.joint_angles[:, knee]
-    after = clean.joint_angles[:, knee] - plain.joint_angles[:, knee]
-    assert np.sqrt((after**2).mean()) < 0.3 * np.sqrt((before**2).mean())
 
 
 @pytest.mark.slow

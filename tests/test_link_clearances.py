@@ -19,7 +19,7 @@ from tulip_testbed.identification.link_clearances import (
     unjoined_pairs,
 )
 from tulip_testbed.identification.link_paths import SHARE, blocked, path_clearances
-from tulip_testbed.identification.link_shapes import GROUND, link_shapes
+from tulip_testbed.identification.link_shapes import GROUND
 from tulip_testbed.identification.planning.constraints import evaluate, inequality_names
 from tulip_testbed.identification.planning.objectives import objectives
 from tulip_testbed.identification.planning.optimal_plan import SearchTask, smallest_margins
@@ -92,13 +92,6 @@ class Collisions:
 @pytest.fixture(scope="module")
 def collisions(humanoid):
     return Collisions(humanoid)
-
-
-def test_arms_at_random_would_collide(humanoid, collisions):
-    """The run sees what it is to see: joints anywhere in their ranges run links into each other."""
-    low, high = np.array([humanoid.model.joint(name).range for name in joint_names(humanoid.model)]).T
-    drawn = np.random.default_rng(413).uniform(low, high, (50, len(low)))
-    assert collisions.deepest(drawn) > 0.02
 
 
 def test_random_postures_and_paths_are_free_of_collisions(humanoid, random_plan, collisions):
@@ -194,39 +187,6 @@ def test_pairs_that_the_model_excludes_are_left_out(foreign):
     assert names - {frozenset(pair) for pair in link_pairs(other, 0.01).names} == {
         frozenset(("left_hand", "right_hand"))
     }
-
-
-def test_geoms_that_can_collide_stand_for_their_link(foreign):
-    robot = foreign[NAME]
-    every = link_shapes(robot)
-    spec = robot.spec.copy()
-    spec.body("torso").geoms[1].contype = 1
-    some = link_shapes(dataclasses.replace(robot, spec=spec))
-    shapes = sum(len(robot.spec.body(name).geoms) for name in ("torso", "head"))  # rigidly connected
-    assert shapes == 3
-    assert len(every.geoms) - len(some.geoms) == shapes - 1
-
-
-def test_a_mesh_counts_as_its_hull(meshed):
-    """Its bumps end 10 % beyond the ball of its link; the robot was loaded without meshes."""
-    robot = meshed
-    shapes = link_shapes(robot)
-    assert not robot.model.nmesh
-    link = robot.model.body("left_elbow_link").id
-    own = shapes.geoms[shapes.frame == shapes.tree.frame_of_link[link - 1]]
-    assert [shapes.model.geom_type[g] for g in own] == [mujoco.mjtGeom.mjGEOM_MESH]
-    pairs = link_pairs(robot, 0.01)
-    row = pairs.names.index(("left_elbow_link", GROUND))
-    found = clearances_at(pairs, np.zeros((1, len(shapes.tree.joints))), 10.0)
-    mesh = shapes.model.mesh(shapes.model.geom_dataid[own[0]])
-    points = shapes.model.mesh_vert[mesh.vertadr[0] : mesh.vertadr[0] + mesh.vertnum[0]]
-    turn = shapes.turn[shapes.geoms == own[0]][0]
-    lowest = (points @ turn.T + shapes.place[shapes.geoms == own[0]][0])[:, 2].min()
-    chain = ClosedChain(robot.model, robot)
-    data = mujoco.MjData(robot.model)
-    data.qpos[:7] = chain.base_pose(np.zeros(len(shapes.tree.joints)))
-    mujoco.mj_kinematics(robot.model, data)
-    assert found.distance[0, row] == pytest.approx(data.xpos[link, 2] + lowest, abs=1e-6)
 
 
 def test_a_path_through_a_link_is_refused(humanoid, random_plan):

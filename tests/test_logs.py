@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 from pathlib import Path
-from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -15,15 +13,12 @@ import pytest
 import tulip_testbed as tt
 from tests.recorded_logs import BAD, CHANNELS, KINDS, motion, unit, write_dumper, write_table
 from tests.test_refusals import check_words, rows
-from tulip_testbed.calibration import self_calibration
-from tulip_testbed.experiments.robot_import.robot_import import import_robot
-from tulip_testbed.identification.inertial_wrench import beyond_weight, needed_wrench
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.regressor import regression, with_cad_where_needed
 from tulip_testbed.measurements.logs.joined_clocks import TIME
 from tulip_testbed.measurements.logs.log_file import read_log
-from tulip_testbed.measurements.logs.series_reduction import reduced, usual_window
+from tulip_testbed.measurements.logs.series_reduction import reduced
 
 BOWING = Path(__file__).parent / "data" / "bowing"
 WEIGHT = 61.69 * 9.81
@@ -85,25 +80,6 @@ def test_rows_obey_the_equation_of_motion(imported, bowing, regular):
     middle = motion(m.time + m.window / 2)
     np.testing.assert_allclose(rates, middle[1], atol=0.08)
     np.testing.assert_allclose(accelerations, middle[2], atol=0.5)
-
-
-def test_what_motion_adds_is_a_mean_over_the_window(imported, bowing):
-    """In long windows the mean of what motion needs is not what the mean motion needs."""
-    time = 0.01 * np.arange(2000)
-    m = reduced(samples(imported, bowing, time), WEIGHT, window=1.0).measurements
-    nominal = nominal_robot(bowing)
-    still = needed_wrench(nominal, dataclasses.replace(m, joint_rates=None, joint_accelerations=None))
-    found = -still[:, 4] / still[:, 2] + beyond_weight(nominal, m).by_cad[:, 0]
-    at_mean = needed(bowing, *moved(m)[1:])
-    wrenches = moved(m)[0]
-    measured = -wrenches[:, 4] / wrenches[:, 2]
-    off = [np.abs(one - measured).mean() for one in (found, -at_mean[:, 4] / at_mean[:, 2])]
-    assert off[0] < 0.5 * off[1]
-    assert off[1] > 2e-4
-
-
-def test_coarse_encoders_have_longer_windows():
-    assert [usual_window(one) for one in (None, 1e-4, np.radians(0.088))] == [0.5, 0.5, 1.0]
 
 
 def test_means_are_exact_for_cubic_motion_by_any_clock(imported, bowing):
@@ -214,38 +190,6 @@ def test_the_gain_of_the_sensors_is_in_the_standard_error_of_a_mass_that_nobody_
     assert found.mass[1] ** 2 - without_gain**2 == pytest.approx((0.01 * found.mass[0]) ** 2, rel=1e-3)
 
 
-def test_an_estimate_that_does_not_come_to_rest_has_no_evidence(imported, bowing, monkeypatch):
-    """On a simulated G1 it had 700 more, and took the error of held-out blocks from 1.8 to 64 mm."""
-    observed = observe(imported, nominal_robot(bowing, "right"))
-    rests, moves = (
-        SimpleNamespace(steady=steady, solved=SimpleNamespace(log_evidence=evidence), families=[])
-        for steady, evidence in ((True, 1.0), (False, 700.0))
-    )
-    for found in ([rests, moves], [moves, rests]):
-        answers = iter(found)
-        monkeypatch.setattr(self_calibration, "self_calibrate", lambda *_, each=answers: next(each))
-        monkeypatch.setattr(self_calibration, "_tips_over", lambda one: False)
-        assert self_calibration.as_log_shows(observed)[1] is rests
-
-
-def test_hard_soles_are_tried_where_the_likelier_estimate_tips_over_though_it_does_not_rest(
-    imported, bowing, monkeypatch
-):
-    """On the record of a real iCub it took the error of held-out blocks along y from 3.2 to 4.0 mm."""
-    observed = observe(imported, nominal_robot(bowing, "right"))
-    answers = [
-        SimpleNamespace(steady=steady, solved=SimpleNamespace(log_evidence=evidence), tips=tips)
-        for steady, evidence, tips in (
-            *((True, 1.0, False), (False, 200.0, True)),
-            *((True, 2.0, False), (True, 100.0, False)),
-        )
-    ]
-    each = iter(answers)
-    monkeypatch.setattr(self_calibration, "self_calibrate", lambda *_: next(each))
-    monkeypatch.setattr(self_calibration, "_tips_over", lambda one: one.tips)
-    assert self_calibration.as_log_shows(observed)[1] is answers[3]
-
-
 CONTACTS = "".join(
     f'[[contacts]]\nname = "{side}"\nkind = "wrench"\nmount = "foot"\n' for side in ("right", "left")
 )
@@ -335,27 +279,3 @@ def test_a_device_that_stops_is_told(bowing, tmp_path):
     with pytest.warns(UserWarning, match=r"legs stops 1.5 s before the others"):
         result = import_log(bowing, tmp_path / "log", KINDS["log"][1])
     assert result.folder is not None
-
-
-@pytest.mark.skipif(
-    "TULIP_ICUB_YOGA" not in os.environ,
-    reason="set TULIP_ICUB_YOGA to a folder with iCubGenova02.urdf and left_foot_yoga.csv, made from the "
-    "public repository robotology-legacy/WBI-Toolbox-controllers, commit df0d1f3, "
-    "controllers/torqueBalancing/data",
-)
-def test_a_real_icub_on_its_left_foot_becomes_rows(tmp_path):
-    folder = Path(os.environ["TULIP_ICUB_YOGA"])
-    urdf, robot = folder / "iCubGenova02.urdf", tmp_path / "robot"
-    feet, sole = ("r_ankle_2", "l_ankle_2"), (0.14, 0.06, 0.09, 0.0645)
-    icub = import_robot(urdf, feet, sole).write(robot)
-    table, stated = (
-        folder / "left_foot_yoga.csv",
-        Path(__file__).parent.parent / "examples" / "icub_yoga.toml",
-    )
-    result = tt.import_table(table, icub, out=tmp_path / "rows", map=[str(stated)])
-    assert result.unused == ("controller_state",)
-    m = tt.read_measurements(tmp_path / "rows")
-    left = m.time[m.support == "left"]
-    assert (left.min() < 2.6) & (left.max() > 46.5)
-    assert set(m.support) == {"left"}
-    assert any("12 windows on both feet, too few" in line for line in result.assumed)

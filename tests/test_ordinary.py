@@ -10,7 +10,6 @@ import pytest
 
 import tulip_testbed as tt
 from tests.test_refusals import refuse
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.families import families_of, tolerances_of
 from tulip_testbed.calibration.ordinary_laboratory import draw_members, ordinary_members
 from tulip_testbed.calibration.self_calibration import self_calibrate
@@ -20,16 +19,13 @@ from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.imperfections import drawn, single_stream
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.laboratory_runs import OrdinaryOutcome, source_of, stream_of
-from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, Settings, montecarlo_file
-from tulip_testbed.experiments.montecarlo.montecarlo_run import montecarlo, run_folder
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, Settings
 from tulip_testbed.experiments.validate import evaluate, judge, validate
 from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.measurements import SensorSheet, write_measurements
 from tulip_testbed.sim.outcome import Outcome
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.statics.solved_plan import solve_plan
-from tulip_testbed.sim.statics.static_run import run_statics
 
 SEED = 140
 
@@ -177,26 +173,6 @@ def test_a_plan_that_weakens_a_correlation_is_not_judged():
     assert weak.source.endswith("; not held to -0.95, which this plan weakens by itself")
 
 
-def test_a_monte_carlo_does_not_depend_on_workers_and_records_its_setting(robot, plan, tmp_path):
-    laboratory, part = Laboratory(robot, "wii"), plan.take(plan.placement <= 5)
-    settings = Settings(2, SEED, "self-calibrating", None, "statics", 0.5)
-    for workers in (1, 2):
-        found = montecarlo(laboratory, part, settings, tmp_path / f"{workers}", workers)
-        assert found.imperfections == 0.5
-    one, two = (
-        {p.name: p.read_bytes() for p in (tmp_path / name).rglob("*") if p.is_file()} for name in "12"
-    )
-    assert one == two
-    assert json.loads(one["run.json"])["settings"]["imperfections"] == 0.5
-    read = MonteCarlo.load(tmp_path / "1", robot)
-    assert read.imperfections == 0.5
-    assert read.document.settings == settings
-    for other, there, here in ((0.0, 0.5, 0.0), (1.0, 0.5, 1.0)):
-        document = montecarlo_file(laboratory, part, dataclasses.replace(settings, imperfections=other))
-        with pytest.raises(InputError, match=f"settings.imperfections is {there} there and {here} here"):
-            run_folder(tmp_path / "1", document).begun()
-
-
 def test_the_manifest_says_nothing_about_what_is_imperfect(validated, robot, plan, tmp_path):
     """Exact or not, laboratories state one data sheet, and no tolerances."""
     write_measurements(tmp_path / "ordinary", validated.measurements)
@@ -236,21 +212,6 @@ def test_the_verdict_fails_wrong_estimates(validated, robot, plan):
         assert "full model: all errors" in {check.name for check in checks if check.result == "fail"}
 
 
-def test_a_run_is_solved_the_same_from_a_similar_laboratory(robot, plan):
-    """The search for equilibria begins elsewhere and ends where it always does."""
-    part, laboratory = plan.take(plan.placement <= 4), Laboratory(robot, "wii")
-    near = solve_plan(drawn(laboratory, 1.0, np.random.SeedSequence(0)).rig, part)
-    for number in range(2):
-        rig = drawn(laboratory, 1.0, single_stream(number)).rig
-        one, other = solve_plan(rig, part, near), solve_plan(rig, part)
-        assert one.reference.state.angles == pytest.approx(other.reference.state.angles, abs=1e-9)
-        assert one.reference.slope == pytest.approx(other.reference.slope, rel=1e-6, abs=1e-5)
-        forces = [
-            run_statics(solved, [single_stream(1)])[0].measurements.cell_forces for solved in (one, other)
-        ]
-        assert forces[0] == pytest.approx(forces[1], abs=1e-6)
-
-
 @pytest.mark.slow
 def test_an_ordinary_laboratory_in_the_full_dynamics(robot, plan):
     """Springs in all joints come to rest, with the readings of statics."""
@@ -266,3 +227,10 @@ def test_a_sensor_in_a_foot_has_no_record_of_its_place_that_could_be_wrong(robot
     names = {m.effect.name for m in ordinary_members(preset_rig(sensors, robot), np.random.default_rng(1))}
     assert ("plate-translation" in names, "plate-yaw" in names) == (plates, plates)
     assert "encoder-offset" in names
+
+
+def test_a_monte_carlo_records_its_imperfections(robot, plan, tmp_path):
+    laboratory, part = Laboratory(robot, "wii"), plan.take(plan.placement <= 5)
+    tt.monte_carlo(laboratory, part, runs=2, seed=SEED, out=tmp_path / "runs", workers=1, imperfections=0.5)
+    read = MonteCarlo.load(tmp_path / "runs", robot)
+    assert read.imperfections == read.document.settings.imperfections == 0.5

@@ -8,14 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.holding import holding_torques
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.atlases.planned_experiment import usable
 from tulip_testbed.experiments.described_plan import describe_plan
 from tulip_testbed.experiments.identify import identify
-from tulip_testbed.experiments.usable_plan import as_plan, joined
-from tulip_testbed.identification.base_parameters import base_parameters
-from tulip_testbed.identification.planning.closed_chain import chain_at, open_chain_torques
+from tulip_testbed.experiments.usable_plan import joined
 from tulip_testbed.identification.planning.objectives import objectives
 from tulip_testbed.identification.planning.one_foot import single_support_margins
 from tulip_testbed.identification.planning.one_foot_search import appended_on_one_foot, feasible_pool
@@ -28,11 +24,9 @@ from tulip_testbed.identification.planning.optimal_plan import (
 )
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning.search import search
-from tulip_testbed.identification.planning_ranges import planning_ranges
 from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.identification.preflight import preflight
 from tulip_testbed.identification.regressor import stacked_regressor
-from tulip_testbed.identification.statistics import standard_errors
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.statics.solved_plan import solve_plan
@@ -110,15 +104,6 @@ def test_repeats_stand_in_the_plan_and_in_the_measurements(robot, model, optimal
     assert any(len(np.unique(held.placement[rows])) == 2 for rows in pairs)
 
 
-def test_torques_on_one_foot_are_mujocos(robot, model, one_foot, with_one_foot):
-    angles = with_one_foot.joint_angles[with_one_foot.support == "right"]
-    chain = chain_at(one_foot, angles)
-    torques = open_chain_torques(one_foot, chain)
-    for k, q in enumerate(angles):
-        expected = holding_torques(robot, model, q, chain.com[k, :2])
-        np.testing.assert_allclose(torques[k], expected, atol=1e-9)
-
-
 def test_feed_forward_holds_postures_on_one_foot_without_sag(robot, with_one_foot):
     """Statics of the laboratory's own scene, without friction and noise: angles are the plan's."""
     one = with_one_foot.take(with_one_foot.support == "right")
@@ -163,34 +148,3 @@ def test_postures_on_one_foot_keep_their_margins_and_show_26_parameters(robot, o
 def test_a_lifted_foot_does_not_drift(robot, nominal, with_one_foot):
     findings = {f.name: f for f in preflight(measured(robot, with_one_foot), nominal)}
     assert findings["drift"].result == "pass"
-
-
-@pytest.mark.slow
-def test_what_blocks_postures_on_one_foot_is_named(robot, plate, optimal):
-    ranges = dataclasses.replace(planning_ranges(robot), stability_margin=0.045)
-    problem = planning_problem(robot, plate, ranges, support="right")
-    with pytest.raises(InputError, match=r"found 0 postures on the stance foot .* stability margin"):
-        feasible_pool(problem, optimal.swing_pose[-1], 2, np.random.default_rng(SEED), times=1)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("preset", ["wii", "force-plate"])
-def test_predicted_standard_errors_are_what_the_estimator_reports(robot, plan, preset):
-    taken = measured(robot, plan, preset)
-    said = describe_plan(robot, as_plan(robot, taken), "plan", preset)
-    reported = 1e3 * standard_errors(identify(taken, robot).full.covariance)
-    ratio = reported / said.predicted_standard_error_mm
-    assert 0.85 < np.median(ratio) < 1.15
-    assert np.all((ratio > 0.6) & (ratio < 1.6))
-
-
-@pytest.mark.slow
-def test_a_short_plan_is_described_together_with_what_was_measured(robot, plan):
-    measurements = measured(robot, plan.take(plan.placement <= 10))
-    taken, new = as_plan(robot, measurements), plan.take(plan.placement > 28)
-    alone = describe_plan(robot, taken, "plan", "wii")
-    both = describe_plan(robot, new, "plan", "wii", measurements)
-    assert both.condition_number == pytest.approx(
-        np.linalg.cond(stacked_regressor(base_parameters(robot), joined([taken, new]).joint_angles)), rel=1e-9
-    )
-    assert (both.predicted_standard_error_mm < alone.predicted_standard_error_mm).all()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 
-import mujoco
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,7 +13,6 @@ from tests.holding import check_standing
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.identification.planning.blocks import information, information_slope
-from tulip_testbed.identification.planning.closed_chain import holding_torques
 from tulip_testbed.identification.planning.constraints import evaluate, inequality_names
 from tulip_testbed.identification.planning.footing import footing
 from tulip_testbed.identification.planning.objectives import OBJECTIVES, objectives
@@ -91,38 +89,6 @@ def test_derivatives_of_the_objectives(problem, plan, name):
         numeric = (along(1e-6) - along(-1e-6)) / 2e-6
         assert numeric == pytest.approx(exact, rel=1e-4, abs=1e-7)
         assert information_slope(found, by_matrix).shape == (50, 9)
-
-
-def test_holding_torques_balance_the_robot(problem, model, robot, plan):
-    """MuJoCo at rest, with the predicted wrench on the swing foot, asks for the same torques."""
-    data = mujoco.MjData(model)
-    design = design_of(problem, plan.joint_angles, plan.swing_pose)
-    chain = evaluate(problem, design, plan.joint_angles).chain
-    wrench = np.random.default_rng(213).normal([10, -5, 100, 0, 0, 3], [10, 10, 30, 5, 5, 3], (len(plan), 6))
-    torque, _, _ = holding_torques(problem, chain, wrench)
-    for row in range(0, 150, 30):
-        data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
-        data.qpos[7:] = plan.joint_angles[row]
-        mujoco.mj_forward(model, data)
-        # The base frame in MuJoCo's world: at the stance sole.
-        foot = data.body(robot.stance_foot)
-        turn, place = foot.xmat.reshape(3, 3), foot.xpos + foot.xmat.reshape(3, 3) @ problem.points[0]
-        model.opt.gravity[:] = turn @ [0, 0, -problem.gravity]
-        data.qvel[:] = data.qacc[:] = 0
-        mujoco.mj_forward(model, data)
-        bias = data.qfrc_bias.copy()
-        model.opt.gravity[:] = [0, 0, -problem.gravity]
-        own = np.zeros(model.nv)
-        total = np.zeros(6)
-        total[2] = problem.weight
-        com = chain.com[row]
-        total[3:] = np.cross(com, [0, 0, problem.weight])
-        for body, w in ((robot.swing_foot, wrench[row]), (robot.stance_foot, total - wrench[row])):
-            force, moment = turn @ w[:3], turn @ w[3:]
-            mujoco.mj_applyFT(model, data, force, moment, place, model.body(body).id, own)
-        left = bias - own
-        assert np.abs(left[:6]).max() < 1e-6  # the whole robot is in balance
-        assert left[6:] == pytest.approx(torque[row], abs=1e-6)
 
 
 def test_small_plan_improves_and_keeps_every_constraint(problem, small, robot):

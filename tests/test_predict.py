@@ -141,23 +141,6 @@ def test_one_placement_is_split_by_time(heavier):
     assert (np.diff(block[np.argsort(one.time)]) >= 0).all()
 
 
-def test_the_prior_has_the_spread_that_is_stated(robot):
-    """Drawn robots: the covariance of their base parameters at small spreads."""
-    parameters, standard = base_parameters(robot), standard_parameters(robot.model)
-    small, generator, drawn = 1e-3, np.random.default_rng(5), []
-    mass, center = standard[:, 0], standard[:, 1:] / standard[:, :1]
-    for _ in range(4000):
-        masses = mass * (1 + 0.2 * small * generator.standard_normal(len(mass)))
-        centers = center + 0.02 * small * generator.standard_normal(center.shape)
-        drawn.append(parameters.values(np.column_stack([masses, masses[:, None] * centers])))
-    spread = small * cad_prior(parameters, standard).root
-    stated_covariance, found = spread @ spread.T, np.cov(np.array(drawn).T)
-    scale = np.sqrt(np.diag(stated_covariance))
-    assert found / scale / scale[:, None] == pytest.approx(
-        stated_covariance / scale / scale[:, None], abs=0.08
-    )
-
-
 def test_the_prior_is_as_wide_as_robots_differ_from_cad(robot):
     """Drawn robots of 10 % and 3 mm; data that say nothing leave what is assumed of any robot."""
     parameters, standard = base_parameters(robot), standard_parameters(robot.model)

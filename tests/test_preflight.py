@@ -4,7 +4,6 @@ import dataclasses
 import json
 from typing import Any
 
-import mujoco
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
@@ -20,31 +19,13 @@ from tulip_testbed.identification.noise_structure import Groups, groups
 from tulip_testbed.identification.preflight import preflight
 from tulip_testbed.identification.preflight.agreement import fit, shifts
 from tulip_testbed.identification.preflight.excitation import predicted_standard_errors
-from tulip_testbed.identification.preflight.readings import decimal_step, longest_run, rounding_sd
+from tulip_testbed.identification.preflight.readings import longest_run
 from tulip_testbed.identification.preflight.settling import series_agrees, settling, steady_windows
-from tulip_testbed.identification.reading_noise import ReadingNoise, placement_levers, reading_noise
+from tulip_testbed.identification.reading_noise import ReadingNoise, reading_noise
 from tulip_testbed.identification.regressor import regression, stacked_regressor
 from tulip_testbed.identification.statistics import standard_errors
 from tulip_testbed.measurements import SensorSheet, Series, read_measurements, read_series, write_measurements
 from tulip_testbed.measurements.cells import CELLS
-
-
-def test_swing_sole_is_where_mujoco_has_it(nominal, model, precise):
-    data, adr = mujoco.MjData(model), [model.joint(name).qposadr[0] for name in precise.joints]
-    for row in (0, 30, 60):
-        data.qpos[adr] = precise.joint_angles[row]
-        mujoco.mj_kinematics(model, data)
-        right, left = data.body("right_foot"), data.body("left_foot")
-        base = right.xmat.reshape(3, 3).T
-        turn = base @ left.xmat.reshape(3, 3)
-        under = [body.xpos + body.xmat.reshape(3, 3) @ [0, 0, -0.06] for body in (right, left)]
-        x, y, z, roll, pitch, yaw = nominal.swing_sole(precise.joint_angles[row : row + 1])[0]
-        assert base @ (under[1] - under[0]) == pytest.approx([x, y, z], abs=1e-9)
-        quaternion = np.zeros(4)
-        mujoco.mju_euler2Quat(quaternion, [yaw, pitch, roll], "zyx")
-        matrix = np.zeros(9)
-        mujoco.mju_quat2Mat(matrix, quaternion)
-        assert matrix.reshape(3, 3) == pytest.approx(turn, abs=1e-9)
 
 
 def test_stated_noise_is_what_drawing_it_gives(wii, nominal):
@@ -60,18 +41,6 @@ def test_stated_noise_is_what_drawing_it_gives(wii, nominal):
     error = center_of_pressure(drawn) - nominal.center_of_mass(drawn.joint_angles)
     stated = reading_noise(measured.take(np.array([50])), nominal).own[0]
     assert np.cov(error.T) == pytest.approx(stated, rel=0.1, abs=0.05 * stated.max())
-
-
-def test_placement_levers_are_the_slopes_of_the_cop(wii):
-    measured, step = wii.measurements, 1e-6
-    levers = placement_levers(measured)
-    for k in range(6):
-        moved = measured.plate_poses.copy()
-        moved[:, k // 3, k % 3] += step
-        shift = center_of_pressure(dataclasses.replace(measured, plate_poses=moved)) - center_of_pressure(
-            measured
-        )
-        assert levers[:, :, k] == pytest.approx(shift / step, abs=1e-6)
 
 
 def dense_covariance(noise: ReadingNoise) -> np.ndarray:
@@ -129,26 +98,6 @@ def test_predicted_standard_errors_are_those_of_the_estimate(wii, precise, nomin
         assert 0.8 < np.median(ratio) < 1.3
         assert (ratio > 0.6).all()
         assert (ratio < 1.8).all()
-
-
-@given(
-    st.lists(st.integers(-(10**6), 10**6), min_size=1, max_size=20), st.sampled_from([0.1, 0.05, 0.002, 5.0])
-)
-@settings(max_examples=50, deadline=None)
-def test_decimal_step_finds_what_values_were_rounded_to(counts, step):
-    values = np.round(np.array(counts) * step, 9)
-    coarse = decimal_step(values)
-    assert coarse >= step
-    assert np.abs(values / coarse - np.round(values / coarse)).max() < 1e-6
-
-
-def test_rounding_leaves_what_rounding_leaves():
-    rng = np.random.default_rng(113)
-    for noise in (0.0, 0.1, 0.3):
-        at = rng.uniform(size=20_000)
-        means = np.mean([np.round(at + noise * rng.standard_normal(at.size)) for _ in range(400)], axis=0)
-        extra = np.sqrt(max(np.var(means - at) - noise**2 / 400, 0.0))
-        assert rounding_sd(1.0, noise) == pytest.approx(extra, abs=0.01)
 
 
 def test_a_run_is_as_improbable_as_it_says():

@@ -24,8 +24,6 @@ from tulip_testbed.identification.planning_ranges import planning_ranges
 from tulip_testbed.sim.control import torque_limits
 from tulip_testbed.sim.robot import joint_ranges
 
-G = 9.81
-
 
 def at_rest(loads, angles, support="double"):
     return loads.at(np.arange(3.0), np.tile(angles, (3, 1)), support)
@@ -39,45 +37,6 @@ def test_torques_at_rest_are_the_plan_s(robot, name):
         found = at_rest(loads, plan.joint_angles[k], str(plan.support[k]))
         np.testing.assert_allclose(found.torques[1], plan.torques[k], atol=1e-6)
         np.testing.assert_allclose(found.zmp[1], found.com[1], atol=1e-9)
-
-
-def test_zero_moment_point_follows_from_momentum(robot, small_protocol):
-    """Differences of the momentum of all links, which inverse dynamics does not use."""
-    motion = max(
-        (m for m in small_protocol.motions if m and not m.via_stance),
-        key=lambda m: np.ptp(m.angles, axis=0).max(),
-    )
-    loads = LoadsInMotion(robot)
-    fast = motion.times / 4
-    found = loads.at(fast, motion.angles, "double")
-    data, model, step = mujoco.MjData(robot.model), robot.model, fast[1]
-    poses = [loads.position(angles, 0) for angles in motion.angles]
-    com, spin = [], []
-    for before, after in itertools.pairwise(poses):
-        middle, speed = before.copy(), np.zeros(model.nv)
-        mujoco.mj_differentiatePos(model, speed, step, before, after)
-        mujoco.mj_integratePos(model, middle, speed, step / 2)
-        data.qpos, data.qvel = middle, speed
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_comVel(model, data)
-        mujoco.mj_subtreeVel(model, data)
-        com.append(data.subtree_linvel[1].copy())
-        spin.append(data.subtree_angmom[1].copy())
-    a, turn = np.diff(com, axis=0) / step, np.diff(spin, axis=0) / step
-    heights = []
-    for pose in poses[1:-1]:
-        data.qpos = pose
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        heights.append(data.subtree_com[1].copy())
-    c, mass = np.array(heights), model.body_subtreemass[1]
-    up = G + a[:, 2]
-    x = c[:, 0] - c[:, 2] * a[:, 0] / up - turn[:, 1] / (mass * up)
-    y = c[:, 1] - c[:, 2] * a[:, 1] / up + turn[:, 0] / (mass * up)
-    away = np.abs(found.zmp - found.com).max()
-    assert away > 2e-3  # the motion is fast enough to tell
-    np.testing.assert_allclose(found.zmp[1:-1], np.column_stack([x, y]), atol=0.05 * away)
 
 
 def test_feet_and_drives_carry_the_motion(robot, small_protocol):
@@ -123,31 +82,6 @@ def test_every_motion_keeps_every_limit(robot, small_protocol):
         assert np.ptp(swing, axis=0).max() < 1e-4
         polygon = support_polygon(nominal.soles_in_base(motion.angles[:1])[0])
         assert stability_margin(nominal.center_of_mass(motion.angles), polygon) >= inside - 2e-4
-
-
-def test_legs_do_not_touch_on_the_way(robot, small_protocol):
-    """By MuJoCo's distances between the geoms of both legs below the hips, in the robot's own coordinates."""
-    model, data = robot.model, mujoco.MjData(robot.model)
-    loads, side = LoadsInMotion(robot), {}
-    for name in ("right", "left"):
-        legs = {model.body(f"{name}_{part}").id for part in ("upper_leg", "lower_leg")}
-        side[name] = [g for g in range(model.ngeom) if model.geom_bodyid[g] in legs]
-    assert min(map(len, side.values())) >= 2
-
-    def apart(angles):
-        data.qpos = loads.position(angles, 0)
-        mujoco.mj_kinematics(model, data)
-        pairs = itertools.product(side["right"], side["left"])
-        return min(mujoco.mj_geomDistance(model, data, a, b, 0.1, None) for a, b in pairs)
-
-    nearest = []
-    for motion in small_protocol.motions:
-        if motion is not None and not motion.via_stance:
-            distances = [apart(angles) for angles in motion.angles[:: len(motion.angles) // 12]]
-            ends = min(apart(motion.angles[0]), apart(motion.angles[-1]))
-            assert min(distances) > min(ends, 0.005) - 3e-4
-            nearest.append(min(distances))
-    assert min(nearest) < 0.05  # some come near each other
 
 
 def test_motions_begin_and_end_at_rest_in_their_postures(small_protocol):

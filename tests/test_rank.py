@@ -14,10 +14,8 @@ from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.rank import (
     describe_combinations,
-    reduced_basis,
     require_identifiable,
     undetermined_directions,
-    weakly_known,
 )
 from tulip_testbed.identification.regressor import encoder_blur, stacked_regressor
 
@@ -98,28 +96,6 @@ def test_a_single_posture_is_refused_by_every_estimator(wii, robot):
         identify(dataclasses.replace(measured, joint_angles=angles), robot, "data")
 
 
-def test_an_unknown_encoder_has_a_usual_one_s_error(wii, robot):
-    measured = wii.measurements
-    sheet = dataclasses.replace(measured.sensors, encoder_sd=None)
-    found = identify(dataclasses.replace(measured, sensors=sheet), robot, estimator=MIXED_MODEL)
-    assert np.array_equal(found.full.value, wii.identification.full.value)
-    poor = dataclasses.replace(measured.sensors, encoder_sd=0.02)
-    with pytest.raises(InputError, match="not determined separately"):
-        identify(dataclasses.replace(measured, sensors=poor), robot, estimator=MIXED_MODEL)
-
-
-def test_blur_is_what_noise_does_on_average(parameters, plan):
-    """E (dH' dH) over 2,000 draws of encoder errors, to 5 % of its largest entry."""
-    angles, rng = plan.joint_angles[:30], np.random.default_rng(115)
-    still = stacked_regressor(parameters, angles)
-    total = np.zeros((25, 25))
-    for _ in range(2_000):
-        change = stacked_regressor(parameters, angles + 1e-4 * rng.standard_normal(angles.shape)) - still
-        total += change.T @ change / 2_000
-    blur = encoder_blur(parameters, angles, 1e-4)
-    assert np.abs(blur.T @ blur - total).max() < 0.05 * np.abs(total).max()
-
-
 def planted(seed, columns, free):
     """A matrix (40, columns) with a null space of dimension `free`, and that space."""
     rng = np.random.default_rng(seed)
@@ -142,49 +118,9 @@ def test_a_planted_null_space_is_found_whatever_the_scale_and_order(seed, column
         assert np.abs(first @ first.T - second @ second.T).max() < 1e-8
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
-@given(seed=st.integers(0, 2**32 - 1), columns=st.integers(2, 12), data=st.data())
-def test_the_reduced_basis_depends_on_the_subspace_alone(seed, columns, data):
-    """Any other basis of it, and rounding errors in it, give the same combinations."""
-    free = data.draw(st.integers(1, columns))
-    _, null = planted(seed, columns, free)
-    rng = np.random.default_rng(seed)
-    other = rng.standard_normal((free, free)) @ null + 1e-14 * rng.standard_normal(null.shape)
-    assert np.abs(reduced_basis(null) - reduced_basis(other)).max() < 1e-6
-
-
-def test_ties_are_broken_by_a_fixed_order():
-    """Columns that are equal up to the last bit: the last ones are expressed by the first."""
-    rng = np.random.default_rng(116)
-    column = rng.standard_normal((20, 1))
-    for k in range(20):
-        matrix = np.hstack([column, rng.standard_normal((20, 1)), column, column])
-        matrix *= 1 + 1e-16 * np.random.default_rng(k).standard_normal(matrix.shape)
-        text = describe_combinations(undetermined_directions(matrix), tuple("abcd"))
-        assert text == "a, c and d are not determined separately (free: d - a, c - a)"
-
-
-def test_a_column_of_zeros_is_said_by_itself():
-    matrix = np.random.default_rng(117).standard_normal((20, 3))
-    matrix[:, 1] = 0.0
-    assert describe_combinations(undetermined_directions(matrix), ("a", "b", "c")) == "b is not determined"
-
-
-def test_fewer_rows_than_columns():
-    matrix = np.random.default_rng(118).standard_normal((2, 4))
-    assert undetermined_directions(matrix).shape == (2, 4)
-
-
 def test_of_a_long_combination_the_largest_terms_are_named():
     text = describe_combinations(np.array([[0.1, 0.2, 0.3, 0.4, 0.5, 1.0]]), tuple("abcdef"))
     assert (
         text == "a, b, c, d, e and f are not determined separately "
         "(free: f + 0.5 e + 0.4 d + 0.3 c and 2 smaller terms)"
     )
-
-
-def test_weak_directions_are_those_with_large_errors():
-    turn = np.linalg.qr(np.random.default_rng(119).standard_normal((3, 3)))[0]
-    covariance = turn @ np.diag([1e-6, 4.0, 1e-4]) @ turn.T
-    assert np.abs(weakly_known(covariance, 1.0) @ turn).round(9).tolist() == [[0.0, 1.0, 0.0]]
-    assert weakly_known(covariance, 3.0).shape == (0, 3)

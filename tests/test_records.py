@@ -1,6 +1,5 @@
 """Records: what is written is read, from memory or from a folder; damaged folders are refused in words."""
 
-import copy
 import dataclasses
 import json
 import shutil
@@ -11,8 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tests.fuzz.changes import one
-from tests.fuzz.documents import STRANGE, json_values, places
+from tests.fuzz.documents import changed_anywhere, read_or_refused
 from tests.test_refusals import change_keys, refuse, rows
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import sha256
@@ -30,53 +28,13 @@ from tulip_testbed.viewer import window
 from tulip_testbed.viewer.run_view import view_of
 from tulip_testbed.viewer.subject import validated
 
-GONE = object()
-VALUES = (GONE, None, -1, 1e300, "\x1b[2J", [], {}, [None], {"": None})
-SEED = 141
 DATA = Path(__file__).parent / "data"
 
 
-def mutations(document):
-    """Every key of the first two levels, every third value in turn."""
-    paths = [(key,) for key in document]
-    paths += [(key, inner) for key, value in document.items() if isinstance(value, dict) for inner in value]
-    for number, path in enumerate(paths):
-        if path[0] == "configuration" and len(path) == 2 and path[1] not in ("preset", "seed", "robot"):
-            continue  # shown, not used
-        for value in VALUES[number % 3 :: 3]:
-            changed = copy.deepcopy(document)
-            place = changed
-            for key in path[:-1]:
-                place = place[key]
-            if value is GONE:
-                del place[path[-1]]
-            else:
-                place[path[-1]] = value
-            yield changed
-
-
-@pytest.fixture
-def empty(tmp_path):
-    """A folder for run.json alone: whatever passes it is refused for what is not there."""
-    (tmp_path / "made_up").mkdir()
-    return tmp_path / "made_up"
-
-
-@pytest.mark.parametrize("name", ["run", "montecarlo"])
-def test_no_run_file_breaks_the_reader(name, run_folder, coverage, robot, empty):
-    folder = {"run": run_folder, "montecarlo": coverage}[name]
-    tried = [*mutations(json.loads((folder / "run.json").read_text()))]
-    for changed in tried:
-        (empty / "run.json").write_text(json.dumps(changed))
-        with pytest.raises(InputError):
-            read_run(empty, robot)
-    assert len(tried) > 80
-
-
 @pytest.mark.parametrize("content", ["", "[]", "{", '{"format": 1}', '{"version": 1}', "\x00", '{"a": NaN}'])
-def test_what_is_no_run_file(content, empty):
-    (empty / "run.json").write_text(content)
-    refuse("run.json", kind_of, empty)
+def test_what_is_no_run_file(content, tmp_path):
+    (tmp_path / "run.json").write_text(content)
+    refuse("run.json", kind_of, tmp_path)
 
 
 def test_every_file_of_a_run_is_guarded(run_folder, robot, tmp_path):
@@ -229,9 +187,8 @@ def refuse_edited(folder, load, changes, words):
     refuse(f"{name}: ... {words}", load, folder)
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # of arithmetic on strange numbers
-@settings(max_examples=100, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_any_value_anywhere_in_a_run_is_read_or_refused_in_one_line(data, run_folder, robot, tmp_path):
     """With matching hashes."""
@@ -239,17 +196,11 @@ def test_any_value_anywhere_in_a_run_is_read_or_refused_in_one_line(data, run_fo
     shutil.rmtree(tmp_path / "run", ignore_errors=True)
     folder = shutil.copytree(run_folder, tmp_path / "run")
     document = json.loads((folder / name).read_text())
-    inside, key = one(data.draw, places(document))
-    inside[key] = data.draw(st.sampled_from(STRANGE) | json_values)
+    changed_anywhere(document, data.draw)
     (folder / name).write_text(json.dumps(document))
     if name != "run.json":
         put_right(folder, name)
-    message = ""
-    try:
-        page_of(read_run(folder, robot))
-    except InputError as error:
-        message = str(error)
-    assert "\n" not in message
+    read_or_refused(lambda: page_of(read_run(folder, robot)))
 
 
 @rows("validation")
@@ -268,6 +219,13 @@ def put_right(folder, name):
     document = json.loads((folder / "run.json").read_text())
     document["outputs"][name] = sha256(folder / name)
     (folder / "run.json").write_text(json.dumps(document))
+
+
+def test_a_run_of_another_robot_is_refused(run_folder, robot, tmp_path):
+    folder = shutil.copytree(run_folder, tmp_path / "run")
+    document = json.loads((folder / "run.json").read_text())
+    (folder / "run.json").write_text(json.dumps(document | {"inputs": {}}))
+    refuse("key 'inputs': found no tulip.xml with the hash", read_run, folder, robot)
 
 
 def test_keys_that_nobody_knows_are_passed_over(run_folder, robot, tmp_path):

@@ -150,7 +150,9 @@ def test_contacts_and_mappings_are_refused(tmp_path, changes, words):
 @pytest.mark.filterwarnings("ignore:compiler attribute")
 def test_a_robot_is_refused(tmp_path, changes, words):
     folder = shutil.copytree(TULIP.parent, tmp_path / "robot")
-    change_texts(folder, changes if changes[0].startswith(("scene", "tulip.toml")) else [BUILT, *changes])
+    change_texts(
+        folder, changes if changes[0].startswith(("scene", "tulip.toml", "table2")) else [BUILT, *changes]
+    )
     refuse(words, lambda: check_scene(preset_rig("ideal", described_robot(folder / "tulip.toml"))))
 
 

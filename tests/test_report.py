@@ -4,8 +4,6 @@ import dataclasses
 import json
 import re
 import shutil
-from base64 import b64decode
-from io import BytesIO
 
 import numpy as np
 import pytest
@@ -13,7 +11,7 @@ from PIL import Image
 from plotly.offline import get_plotlyjs_version
 
 from tests.drawing import draws_with
-from tests.looking import browse, browser
+from tests.looking import browser
 from tests.test_cli import refused, told
 from tests.test_view import cpu_seconds, not_blank
 from tulip_testbed import rendering
@@ -22,7 +20,6 @@ from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.pages import pictures
 from tulip_testbed.pages.page import html
-from tulip_testbed.pages.run_page import page_of
 from tulip_testbed.pages.validation_page import validation_page
 
 MOST_SECONDS, MOST_BYTES = 20, 2e6
@@ -34,14 +31,6 @@ def page(run_folder, tmp_path_factory):
     began = cpu_seconds()
     assert main(["report", str(run_folder), "--out", str(path)]) == 0
     assert cpu_seconds() - began < MOST_SECONDS
-    assert path.stat().st_size < MOST_BYTES
-    return path
-
-
-@pytest.fixture(scope="module")
-def coverage_page(coverage, tmp_path_factory):
-    path = tmp_path_factory.mktemp("report") / "montecarlo.html"
-    assert main(["report", str(coverage), "--out", str(path)]) == 0
     assert path.stat().st_size < MOST_BYTES
     return path
 
@@ -79,18 +68,6 @@ def test_a_browser_has_nothing_to_complain_of(page, run_folder, tmp_path):
             assert {f"identification.full.standard_error.{row}" for row in range(25)} <= set(observed.cells)
 
 
-@pytest.mark.slow
-@draws_with("chromium")
-def test_a_browser_shows_a_montecarlo(coverage_page, coverage, tmp_path):
-    observed = browse(coverage_page, tmp_path / "page.png")
-    assert observed.complaints == []
-    assert observed.requests == []
-    assert told_by(coverage, observed.cells, "report.json") == observed.cells
-    assert "parameters.24.coverage95" in observed.cells
-    assert "simplified.parameters.12.bias" in observed.cells
-    not_blank(tmp_path / "page.png")
-
-
 def test_the_page_has_the_plotly_of_the_package(page):
     assert f"plotly.js (cartesian - minified) v{get_plotlyjs_version()}\n" in page.read_text(encoding="utf-8")
 
@@ -103,18 +80,6 @@ def test_every_picture_has_words(page):
     assert len(figures) >= 9
     assert all(re.search(r'aria-label="[^"]{20,}"', place) for place in figures)
     assert "http://" not in re.sub(r"<script>.*?</script>", "", text, flags=re.S)
-
-
-@pytest.mark.slow  # as those of a plan: test_plan_command.py
-@draws_with("opengl")
-def test_postures_are_drawn(moved_wii, monkeypatch):
-    monkeypatch.setattr(pictures, "rendered", rendering.rendered)
-    drawn = re.findall(r'<img src="data:image/webp;base64,([^"]*)"', html(page_of(moved_wii)))
-    assert len(drawn) == pictures.PICTURES
-    for picture in drawn:
-        image = Image.open(BytesIO(b64decode(picture))).convert("RGB")
-        red, _, blue = np.asarray(image, int).transpose(2, 0, 1)
-        assert ((red > 150) & (blue < 80)).sum() > 100  # the robot is orange
 
 
 def test_without_opengl_the_report_says_what_to_install(run_folder, tmp_path, capsys, monkeypatch):

@@ -10,17 +10,15 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
-from tests.test_cli import told
 from tulip_testbed.base.errors import InputError, InputWarning
-from tulip_testbed.cli.main import main
 from tulip_testbed.effects.targets import LEG_LINKS, LINKS
 from tulip_testbed.experiments.checks import IMBALANCE, verdict
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of
+from tulip_testbed.experiments.robot_report import report_robot
 from tulip_testbed.experiments.usable_plan import random_plan
 from tulip_testbed.experiments.validate import balance_checks
 from tulip_testbed.measurements import PosturePlan, write_measurements
 from tulip_testbed.sim.drives import LEAST_ARMATURE
-from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.random_robots import draw_robot
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
@@ -68,25 +66,6 @@ def without_keyframe(text: str) -> str:
 def pair_of_robots(edited_tulip):
     """TULip, and TULip with an IMU's frame at its right shank."""
     return edited_tulip(name="plain"), edited_tulip(FRAME, name="framed")
-
-
-@pytest.mark.slow
-def test_a_frame_without_mass_changes_no_result(pair_of_robots, plan):
-    results = []
-    for robot in pair_of_robots:
-        few = planned(plan, robot, 5)
-        laboratory = tt.Laboratory(robot, "force-plate").with_effects("encoder-offset:right_knee=0.02")
-        run = laboratory.run(few, 3, "statics", 1)
-        repeated = tt.monte_carlo(tt.Laboratory(robot), few, runs=2, workers=1)
-        frames = [tt.identify(run, robot, estimator=name).to_frame() for name in ("consistent", "prior")]
-        results.append((run, [repeated.to_frame(), *frames], tt.discover(run, robot, check=False, workers=1)))
-    (plain, tables, found), (framed, others, again) = results
-    assert np.array_equal(plain.measurements.cell_forces, framed.measurements.cell_forces)
-    for one, other in zip(tables, others, strict=True):
-        numbers = [table.select_dtypes("number").to_numpy() for table in (one, other)]
-        assert np.allclose(*numbers, rtol=1e-8, atol=1e-9, equal_nan=True)
-    assert found.verdict == again.verdict
-    assert found.story == again.story
 
 
 def test_a_frame_without_mass_is_no_target_and_draws_no_numbers(pair_of_robots):
@@ -155,21 +134,6 @@ def test_effects_are_judged_by_what_statics_leaves_over_alone(robot, two):
     assert balance_checks(laboratory.run(two, 1, "statics", 1)) == []
 
 
-@pytest.mark.slow
-def test_a_collision_of_limbs_in_a_scene_written_by_hand_fails_the_verdict(edited_tulip, plan):
-    """The shanks touch by a soft geom of each that may collide: their force is in no static balance."""
-    bump = (
-        '<geom name="{}_bump" type="sphere" size="0.12" contype="4" conaffinity="4" condim="1" '
-        'solref="-20 -5" solimp="0.9 0.9 0.01"/>'
-    )
-    ankles = {side: f'<body name="{side}_ankle"' for side in ("right", "left")}
-    texts = [f"tulip.xml: {ankle} => {bump.format(side)}{ankle}" for side, ankle in ankles.items()]
-    robot = edited_tulip(*texts, built=False)
-    run = tt.Laboratory(robot, "ideal").run(planned(plan, robot, 1).take(np.arange(2)), 1, "dynamics", 1)
-    (check,) = balance_checks(run)
-    assert check.result == "fail"
-
-
 def test_tulip_and_the_humanoids_lack_nothing(robot, foreign):
     for one in (robot, *foreign.values()):
         assert robot_findings(one) == ()
@@ -182,6 +146,7 @@ def test_too_little_armature_and_soft_friction_are_supplied_and_said(edited_tuli
     assert "right_hip_yaw (0.001 of 0.014)" in found["armature"].found
     assert "chatter" in found["armature"].consequence
     assert "right_hip_yaw" in found["friction"].found
+    assert "Items that this robot lacks for the laboratory" in repr(report_robot(robot.path))
     scene = laboratory_scene(preset_rig("ideal", robot), POSES)
     joint = scene.joint("right_hip_yaw")
     assert joint.armature == pytest.approx(LEAST_ARMATURE * 10.1)
@@ -218,23 +183,6 @@ def test_findings_are_warned_of_once(edited_tulip, plan):
     assert [warning.category for warning in caught] == [InputWarning, InputWarning]
     assert "tulip.xml: found an armature below" in str(caught[0].message)
     assert "frictionloss softer than" in str(caught[1].message)
-
-
-def test_the_command_shows_them(edited_tulip, capsys):
-    robot = edited_tulip(SOFT_DRIVE)
-    findings = told(capsys, "robot", robot.path)["findings"]
-    assert [finding["name"] for finding in findings] == ["armature", "friction"]
-    assert main(["robot", str(robot.path)]) == 0
-    assert "Items that this robot lacks for the laboratory" in capsys.readouterr().out
-    assert told(capsys, "robot")["findings"] == []
-
-
-def test_a_meshed_humanoids_arms_get_what_they_lack(meshed):
-    names = [finding.name for finding in robot_findings(meshed)]
-    assert names == ["armature", "stand"]
-    stand = Stand(preset_rig("ideal", meshed), POSES)
-    dof = int(stand.model.joint("left_elbow").dofadr[0])
-    assert stand.model.dof_armature[dof] == pytest.approx(10 * LEAST_ARMATURE)
 
 
 def test_a_free_joint_without_a_name_takes_its_bodys(edited_tulip, plan, robot):

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
-from studies.study_equilibrium import without_friction
 from tests.edited_files import change_texts
+from tests.statics_against_dynamics import without_friction
 from tests.test_equilibrium import check_rest
 from tests.test_refusals import refuse
 from tulip_testbed.identification.joint_loads import servo_stiffness
@@ -24,7 +24,6 @@ from tulip_testbed.sim.control import Controller, add_servos, torque_limit, torq
 from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import joint_names, load_robot, load_spec
-from tulip_testbed.sim.robot_check import check_scene
 from tulip_testbed.sim.scene import laboratory_scene, load_scene
 from tulip_testbed.sim.shipped import PLANS
 from tulip_testbed.sim.statics.solved_plan import solve_plan
@@ -130,16 +129,6 @@ def test_planner_laboratory_and_identification_know_one_limit(edited_tulip, robo
         assert actuator.forcerange[1] == limits[names.index(actuator.target)]
 
 
-@pytest.mark.parametrize("motor", ["<motor", '<position kp="9" ctrlrange="-1 1"', '<muscle ctrlrange="0 1"'])
-def test_no_torque_limit_is_refused(motor):
-    refuse(
-        "model 'arm': actuator 'm': found no torque limit, expected forcerange",
-        add_servos,
-        one_joint(motor),
-        Controller(),
-    )
-
-
 def test_an_edit_that_statics_does_not_have_is_refused_by_it(robot, two):
     def floating(spec):
         spec.body("torso").gravcomp = 0.5
@@ -176,15 +165,6 @@ def test_a_joint_that_is_drawn_bent_is_the_same_robot(edited_tulip, robot):
     check_rest(rig, shifted)
     soles = [nominal_robot(one).swing_sole(at.joint_angles) for one, at in ((robot, plan), (bent, shifted))]
     assert np.abs(soles[0] - soles[1]).max() < 1e-9
-
-
-def test_a_clipped_range_in_a_scene_written_by_hand_is_refused(edited_tulip):
-    """Of a robot that the scene includes from another file than the description."""
-    robot = edited_tulip('scene_plates.xml: file="tulip.xml" => file="odd.xml"', built=False)
-    text = (robot.folder / "tulip.xml").read_text()
-    (robot.folder / "odd.xml").write_text(text.replace('range="0 120"', 'range="120 0"', 1))
-    with pytest.raises(tt.InputError, match=r"joint 'right_knee': found range \[120, 0\]"):
-        check_scene(preset_rig("ideal", tt.load_robot(robot.path)))
 
 
 @pytest.fixture

@@ -9,13 +9,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from studies.study_equilibrium import compare, without_friction
+from tests.statics_against_dynamics import compare, without_friction
 from tests.test_refusals import refuse
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.validate import validate
 from tulip_testbed.identification.base_parameters import base_parameters
-from tulip_testbed.identification.center_of_pressure import center_of_pressure, load_shares, loaded_cells
+from tulip_testbed.identification.center_of_pressure import center_of_pressure, load_shares
 from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.preflight import preflight
@@ -23,12 +23,8 @@ from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.rig import Rig, preset_rig
-from tulip_testbed.sim.robot import sole_corners, sole_point
-from tulip_testbed.sim.scene import boards_under
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
-from tulip_testbed.standing import link_frames, soles_in_base
-from tulip_testbed.viewer.subject import planned
 
 # Leaning over the stance hip, so that its roll drive holds the rest of the robot; the other leg lifted.
 STANCE = np.array([0.0, -0.35, -0.3, 0.5, -0.2, 0.05, 0.0, 0.1, -0.6, 1.0, -0.3, 0.0])
@@ -37,8 +33,6 @@ LIFTED = 0.1  # m, of the other foot at least
 COUNT, MORE = 4, 20
 # The mirror swaps the legs, and what turns about x or z changes its sign.
 MIRROR = np.array([-1.0, -1.0, 1.0, 1.0, 1.0, -1.0])
-ACROSS = np.array([1.0, -1.0])
-MIRRORED_CELLS = [5, 4, 7, 6, 1, 0, 3, 2]  # front left of one plate is front right of the other
 PLANAR = np.array([1.0, -1.0, -1.0])
 FEET = {"right": "right_foot", "left": "left_foot"}
 
@@ -130,25 +124,6 @@ def test_statics_is_where_the_dynamics_come_to_rest(quiet, on, held):
     assert np.abs(found.cells).max() < 0.01
 
 
-@pytest.mark.slow
-def test_tulip_is_symmetric_and_so_are_its_experiments(quiet, on):
-    """Boards and joints go where they are sent."""
-    exact = dataclasses.replace(
-        quiet,
-        protocol=dataclasses.replace(quiet.protocol, plate_sd=(0.0, 0.0, 0.0)),
-        controller=dataclasses.replace(quiet.controller, command_sd=0.0),
-    )
-    check_mirrored(statics(exact, on["right"]), statics(exact, on["left"]), 1e-8, 1e-6)
-    few = np.array([0, COUNT // 2])
-    right, left = (run_dynamics(exact, on[side].take(few), 5) for side in FEET)
-    check_mirrored(right.measurements, left.measurements, 1e-6, 1e-3)
-    centers = [np.array([h.com for h in run.truth.held]) for run in (right, left)]
-    np.testing.assert_allclose(centers[1], centers[0] * ACROSS, rtol=0, atol=1e-6)
-    boards = boards_under(exact, on["left"].foot_poses)  # the empty one lies below the right foot
-    assert np.hypot(*(boards[:, 0] - on["left"].swing_pose)[:, :2].T).max() < 0.15  # m, of half a metre
-    assert (boards[:, 1, 1] - boards[:, 0, 1] > 0.3).all()
-
-
 @pytest.mark.parametrize("engine", ["statics", "dynamics"])
 def test_the_robot_leans_over_a_yielding_left_ankle_and_not_over_the_right_one(sound, model, on, engine):
     """All above the ankle turns about it by compliance times its weight's moment."""
@@ -178,28 +153,6 @@ def test_two_base_frames_in_a_placement_are_refused(robot, quiet, plan, on, tmp_
     write_plan(tmp_path / "apart", apart)
     three = joined(plan.take(plan.placement <= 2), read_plan(tmp_path / "apart", robot))
     assert set(statics(quiet, three).support) == {"double", "right", "left"}
-
-
-def test_pictures_show_the_foot_that_carries_on_the_origin(robot, model, on):
-    both = joined(on["right"], on["left"])
-    subject = planned(both, robot)
-    feet = [FEET[side] for side in both.support]
-    own = [center_in(model, q, foot) for q, foot in zip(both.joint_angles, feet, strict=True)]
-    np.testing.assert_allclose(subject.com["nominal model"], own, rtol=0, atol=1e-12)
-    assert (subject.margin > 0.02).all()
-    tree = subject.nominal.parameters.tree
-    rotations, positions = link_frames(subject.nominal, both.joint_angles, both.support)
-    soles = soles_in_base(subject.nominal, both.joint_angles, both.support)
-    for row, (angles, foot) in enumerate(zip(both.joint_angles, feet, strict=True)):
-        height = np.array([0, 0, -sole_point(model, foot)[2]])
-        for link, frame in zip(tree.links, tree.frame_of_link, strict=True):
-            place, turn = body_in(model, angles, link, foot)
-            np.testing.assert_allclose(positions[row, frame], place + height, rtol=0, atol=1e-12)
-            np.testing.assert_allclose(rotations[row, frame], turn, rtol=0, atol=1e-12)
-        on_board = sole_corners(model, foot)[:, :2]
-        np.testing.assert_allclose(soles[row, robot.feet.index(foot)], on_board, rtol=0, atol=1e-12)
-    mirrored = soles[:COUNT, ::-1, [1, 0, 3, 2]] * ACROSS
-    np.testing.assert_allclose(soles[COUNT:], mirrored, rtol=0, atol=1e-12)
 
 
 def test_both_supports_together_tell_26_parameters(robot, plan, balanced):
@@ -257,19 +210,6 @@ def statics(rig: Rig, plan: PosturePlan) -> Measurements:
 def still(rig: Rig) -> Rig:
     """The same laboratory; nothing is measured twice."""
     return dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=0))
-
-
-def check_mirrored(right: Measurements, left: Measurements, length: float, force: float) -> None:
-    """Compare an experiment on the right foot with its mirror image on the left [m and rad, N]."""
-    assert len(right) == len(left)
-    np.testing.assert_allclose(left.cell_forces, right.cell_forces[:, MIRRORED_CELLS], rtol=0, atol=force)
-    first, second = np.hsplit(right.joint_angles, 2)
-    mirrored = np.hstack([second * MIRROR, first * MIRROR])
-    np.testing.assert_allclose(left.joint_angles, mirrored, rtol=0, atol=length)
-    np.testing.assert_allclose(left.plate_poses, right.plate_poses[:, ::-1] * PLANAR, rtol=0, atol=length)
-    np.testing.assert_array_equal(loaded_cells(left), loaded_cells(right)[:, MIRRORED_CELLS])
-    pressure = center_of_pressure(right) * ACROSS
-    np.testing.assert_allclose(center_of_pressure(left), pressure, rtol=0, atol=length)
 
 
 def posed(model: mujoco.MjModel, angles: np.ndarray) -> mujoco.MjData:

@@ -1,51 +1,20 @@
 """Centre of mass and of pressure, wrenches and torques by support, against MuJoCo and by hand."""
 
 import dataclasses
-from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from tests.moving_robots import GRAVITY, by_inverse_dynamics, moving, random_robot
+from tests.moving_robots import by_inverse_dynamics, moving, random_robot
 from tests.test_refusals import refuse
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.identification.base_parameters import base_parameters, common_support, standard_parameters
-from tulip_testbed.identification.center_of_pressure import (
-    cell_positions,
-    center_of_pressure,
-    load_shares,
-    total_mass,
-)
+from tulip_testbed.identification.base_parameters import standard_parameters
+from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.inertial_wrench import needed_wrench
 from tulip_testbed.identification.load_rates import load_rates
 from tulip_testbed.identification.nominal import PostureGeometry, jacobian, nominal_robot
 from tulip_testbed.identification.observation import Observation, observe
-from tulip_testbed.sim.robot import joint_names, sole_point
-
-
-@pytest.fixture
-def measured(wii):
-    return wii.measurements
-
-
-def test_all_weight_on_one_cell_is_at_that_cell(measured):
-    forces = np.zeros((len(measured), 8))
-    forces[:, 5] = 100.0  # left plate, front right
-    poses = np.zeros((len(measured), 2, 3))
-    poses[:, 1] = [0.3, 0.2, np.pi / 2]
-    moved = dataclasses.replace(measured, cell_forces=forces, plate_poses=poses)
-    # (0.2165, -0.119) turned by 90 degrees is (0.119, 0.2165)
-    assert center_of_pressure(moved) == pytest.approx(np.tile([0.419, 0.4165], (len(measured), 1)))
-    assert load_shares(moved)[0].tolist() == [0.0, 1.0]
-    assert total_mass(moved) == pytest.approx((100 / 9.81, 0.0), abs=1e-12)
-
-
-def test_equal_cells_give_the_mean_of_the_cells(measured):
-    even = dataclasses.replace(measured, cell_forces=np.full((len(measured), 8), 25.0))
-    assert center_of_pressure(even) == pytest.approx(cell_positions(even).mean(axis=1))
-
 
 SUPPORT = np.array(["double", "right", "left"] * 4)
 
@@ -54,41 +23,6 @@ SUPPORT = np.array(["double", "right", "left"] * 4)
 def angles(plan):
     rng = np.random.default_rng(5)
     return plan.joint_angles[: len(SUPPORT)] + 0.2 * rng.standard_normal((len(SUPPORT), 12))
-
-
-def center_by_mujoco(robot, angles, foot):
-    """The centre of mass in the frame of a foot, from MuJoCo's own kinematics, (3,) [m]."""
-    model, data = robot.model, mujoco.MjData(robot.model)
-    data.qpos[[model.joint(name).qposadr[0] for name in joint_names(model)]] = angles
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
-    body = data.body(foot)
-    return body.xmat.reshape(3, 3).T @ (data.subtree_com[1] - body.xpos) - sole_point(model, foot)
-
-
-def test_no_weight_is_refused(measured):
-    empty = dataclasses.replace(measured, cell_forces=np.zeros((len(measured), 8)))
-    refuse("row 1: cells sum to 0.00 N", center_of_pressure, empty)
-
-
-@pytest.mark.parametrize(("support", "count"), [("mixed", 27), ("double-left", 26)])
-def test_the_centre_of_mass_in_the_frame_of_the_foot_that_carries(support, count, robot, angles):
-    nominal = nominal_robot(robot, support)
-    assert len(nominal.value) == count
-    rows = SUPPORT == "left" if support == "double-left" else np.full(len(SUPPORT), True)
-    found = nominal.center_of_mass(angles, SUPPORT)
-    for k in np.flatnonzero(rows):
-        foot = robot.swing_foot if SUPPORT[k] == "left" else robot.stance_foot
-        np.testing.assert_allclose(found[k], center_by_mujoco(robot, angles[k], foot)[:2], atol=1e-12)
-
-
-def test_the_25_of_double_support_are_among_the_27_with_the_same_values(robot):
-    standard = standard_parameters(robot.model)
-    sets = [base_parameters(robot, support=support) for support in ("double", "mixed")]
-    both, mixed = (dict(zip(one.names, one.values(standard), strict=True)) for one in sets)
-    assert set(mixed) - set(both) == {"right_foot.z", "left_foot.z"}
-    for name, value in both.items():
-        assert mixed[name] == pytest.approx(value, abs=1e-15)
 
 
 def test_slopes_are_those_of_finite_differences(robot, angles):
@@ -101,30 +35,6 @@ def test_slopes_are_those_of_finite_differences(robot, angles):
     expected = jacobian(lambda q: nominal.center_of_mass(q, SUPPORT), angles)
     np.testing.assert_allclose(by_angle, expected, atol=1e-8)
     np.testing.assert_allclose(geometry.center[:, :2], nominal.center_of_mass(angles, SUPPORT), atol=1e-12)
-
-
-def test_the_other_sole_in_the_frame_of_the_foot_that_carries(robot, angles):
-    nominal = nominal_robot(robot, "mixed")
-    found = nominal.other_sole(angles, SUPPORT)
-    model, data = robot.model, mujoco.MjData(robot.model)
-    for k, support in enumerate(SUPPORT):
-        data.qpos[[model.joint(name).qposadr[0] for name in joint_names(model)]] = angles[k]
-        mujoco.mj_kinematics(model, data)
-        base, other = robot.feet[::-1] if support == "left" else robot.feet
-        turn = data.body(base).xmat.reshape(3, 3)
-        place = data.body(other).xpos + data.body(other).xmat.reshape(3, 3) @ sole_point(model, other)
-        expected = turn.T @ (place - data.body(base).xpos) - sole_point(model, base)
-        np.testing.assert_allclose(found[k, :2], expected[:2], atol=1e-12)
-
-
-def test_the_common_support():
-    for rows, expected in (
-        (["double", "right"], "right"),
-        (["double", "left"], "double-left"),
-        (["right", "left"], "mixed"),
-        (["double"], "double"),
-    ):
-        assert common_support(np.array(rows)) == expected
 
 
 @pytest.mark.parametrize("which", ["tulip", "humanoid"])
@@ -142,36 +52,6 @@ def test_it_is_what_inverse_dynamics_need(which, robot, foreign):
             motion = m.joint_angles[row], m.joint_rates[row], m.joint_accelerations[row]
             expected, _, _ = by_inverse_dynamics(one, foot, nominal.points[side], *motion)
             assert found[row] == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
-
-
-def test_a_robot_at_rest_is_carried_under_its_centre_of_mass(nominal, robot):
-    m = dataclasses.replace(
-        moving(robot, np.random.default_rng(211)), joint_rates=None, joint_accelerations=None
-    )
-    wrench, weight = needed_wrench(nominal, m), nominal.mass * GRAVITY
-    assert wrench[:, :3] == pytest.approx(np.tile([0, 0, weight], (len(m), 1)), abs=1e-9)
-    point = np.column_stack([-wrench[:, 4], wrench[:, 3]]) / weight
-    right = m.support != "left"
-    center = nominal.geometry(m.joint_angles[right]).center[:, :2]
-    assert point[right] == pytest.approx(center, abs=1e-12)
-
-
-def test_the_force_is_the_rate_of_the_momentum(nominal, robot):
-    """Along a motion the centre of mass accelerates by the force."""
-    start: Any = moving(robot, np.random.default_rng(212), 1)
-    step = 1e-4
-    time = step * np.arange(-2, 3)[:, None]
-    angle, rate, faster = start.joint_angles, start.joint_rates, start.joint_accelerations
-    m = dataclasses.replace(
-        start.take(np.zeros(5, int)),
-        joint_angles=angle + time * rate + time**2 / 2 * faster,
-        joint_rates=rate + time * faster,
-        joint_accelerations=np.repeat(faster, 5, axis=0),
-    )
-    center = nominal.geometry(m.joint_angles).center
-    second = (-center[0] + 16 * center[1] - 30 * center[2] + 16 * center[3] - center[4]) / (12 * step**2)
-    expected = nominal.mass * (second + np.array([0, 0, GRAVITY]))
-    assert needed_wrench(nominal, m)[2, :3] == pytest.approx(expected, abs=1e-4 * np.abs(expected).max())
 
 
 @pytest.fixture(scope="module")
@@ -209,16 +89,6 @@ def test_stated_gains_decide_how_the_legs_share_their_forces(measured_of_joint, 
     assert np.abs(stated.loads.internal_wrench - plain.loads.internal_wrench).max() > 1
 
 
-def test_gains_in_proportion_to_the_torque_limits_change_nothing(measured_of_joint, nominal, observed):
-    plain = observed
-    same = dict(zip(measured_of_joint.joints, plain.servo_stiffness.tolist(), strict=True))
-    again = loads(measured_of_joint, nominal, same)
-    assert again.torques == pytest.approx(plain.torques, abs=1e-9)
-    twice = loads(measured_of_joint, nominal, {name: 2 * gain for name, gain in same.items()})
-    assert twice.torques == pytest.approx(plain.torques, abs=1e-9)
-    assert twice.loads.stiffness == pytest.approx(2 * plain.loads.stiffness)
-
-
 def moved(observed: Observation, reading: int, step: float) -> Observation:
     change = step * np.eye(14)[reading]
     return observed.changed(
@@ -248,3 +118,8 @@ def test_a_softer_joint_takes_load_off(observed):
             ends.append(dataclasses.replace(observed, servo_stiffness=1 / softer).torques)
         expected = -observed.loads.sharing[..., joint] * observed.torques[:, [joint]]
         assert expected == pytest.approx((ends[0] - ends[1]) / 2e-6, abs=1e-4 * np.abs(expected).max())
+
+
+def test_no_weight_is_refused(wii):
+    empty = dataclasses.replace(wii.measurements, cell_forces=np.zeros((len(wii.measurements), 8)))
+    refuse("row 1: cells sum to 0.00 N", center_of_pressure, empty)

@@ -16,7 +16,7 @@ from rich.console import Console
 
 from tulip_testbed.base.column import Column
 from tulip_testbed.base.numbers import number
-from tulip_testbed.base.table import STYLES, Cell, Shown, Table, shown_columns
+from tulip_testbed.base.table import STYLES, Cell, Shown, Table
 from tulip_testbed.cli import terminal
 from tulip_testbed.cli.terminal import PIPE_WIDTH, print_json, refuse, say, show, show_whole
 
@@ -99,31 +99,6 @@ def test_only_extra_columns_are_left_out_and_it_is_said():
     assert "50 to 75" not in narrow
     assert "Too narrow here for: interval." in narrow
     assert "-11.72" in narrow
-
-
-def test_extra_columns_are_left_out_from_the_right():
-    columns = (
-        Column("a", format="d"),
-        Column("b", format="d", extra=True),
-        Column("c", format="d"),
-        Column("d", format="d", extra=True),
-    )
-    table = Table("", columns, [[10000, 20000, 30000, 40000]])
-    assert list(shown_columns(table.columns, table.texts, 26)) == [0, 1, 2, 3]
-    assert list(shown_columns(table.columns, table.texts, 25)) == [0, 1, 2]
-    assert list(shown_columns(table.columns, table.texts, 18)) == [0, 2]
-
-
-def test_texts_wrap_at_blanks_before_anything_is_wider_than_asked_for():
-    words = "a sentence of several words that does not fit into one line"
-    table = Table(
-        "", (Column("name"), Column("text"), Column("x", format="d")), [["right_upper_leg", words, 12345]]
-    )
-    lines = table.text(50).splitlines()
-    assert max(map(len, lines)) <= 50
-    assert words in " ".join(" ".join(lines).replace("right_upper_leg", "").replace("12345", "").split())
-    assert "right_upper_leg" in table.text(10)
-    assert "12345" in table.text(10)
 
 
 @pytest.mark.parametrize("name", HOSTILE)

@@ -5,14 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.stats import cauchy, chi2, kstest, norm
+from scipy.stats import chi2, kstest, norm
 
 from tulip_testbed.calibration.ordinary_laboratory import ordinary_members
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.calibration.usual_changes import usual_changes
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import EffectInstance, instances_of
-from tulip_testbed.effects.size_prior import log_tail, prior_sd
 from tulip_testbed.experiments.check_folder import check_measurements
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory
@@ -110,16 +109,6 @@ def test_its_probability_is_one_of_noise_and_ordinary_imperfections():
     assert kstest(drawn, "uniform", alternative="greater").statistic < 0.05
 
 
-def test_a_direction_that_imperfections_explain_or_that_is_tiny_is_no_finding():
-    rng = np.random.default_rng(905)
-    changes = 1e9 * rng.normal(size=(20, 1, 2))
-    directions = np.concatenate(
-        [changes[..., :1], 1e-16 * rng.normal(size=(20, 1, 1)), np.zeros((20, 1, 1))], 2
-    )
-    found = beyond(rng.normal(size=(20, 1)), np.ones(20, int), changes, "ab", directions)
-    assert 0.01 < found.p_value <= 1.0
-
-
 TRUE = 130.0  # N/m, more than six times what is plausible
 SPRING = f"tether-spring={TRUE}"
 
@@ -135,22 +124,6 @@ def joint(held_back, robot, nominal):
     """Base parameters, families and the spring in one estimate, from a spring of a plausible size on."""
     start = instances_of("tether-spring=20", robot)
     return self_calibrate(observe(held_back.measurements, nominal), None, start)
-
-
-@pytest.mark.parametrize("size", [0.0, 0.3, -2.0, 50.0])
-def test_the_normal_distribution_touches_the_prior(size):
-    plausible, step = np.array(0.7), 1e-5
-    sd = prior_sd(plausible, np.array(size))
-    slopes = [
-        (one.logpdf(size + step, scale=scale) - one.logpdf(size - step, scale=scale)) / (2 * step)
-        for one, scale in ((cauchy, 0.7), (norm, sd))
-    ]
-    assert slopes[0] == pytest.approx(slopes[1], abs=1e-6)
-    ratio = cauchy.logpdf(size, scale=0.7) - norm.logpdf(size, scale=sd)
-    assert log_tail(plausible, np.array(size)) == pytest.approx(ratio)
-    elsewhere = np.linspace(-60, 60, 241)
-    below = norm.logpdf(elsewhere, scale=sd) + log_tail(plausible, np.array(size))
-    assert (below <= cauchy.logpdf(elsewhere, scale=0.7) + 1e-9).all()
 
 
 def test_a_size_far_beyond_what_is_plausible_is_not_drawn_to_zero(joint):

@@ -5,17 +5,15 @@ Their readings are compared with cells, with MuJoCo's contact forces and weights
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
-from scipy.stats import ks_2samp
 
 import tulip_testbed as tt
-from studies.study_equilibrium import compare, excess_wrenches, laboratories
+from tests.statics_against_dynamics import compare, laboratories
 from tests.wrench_rigs import (
     GRAVITY,
     NAMES,
@@ -38,15 +36,14 @@ from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import residuals
 from tulip_testbed.measurements import read_measurements, write_measurements
-from tulip_testbed.measurements.contacts import VERTICAL, WRENCH
-from tulip_testbed.sim.dynamics.dynamic_run import read_again, run_dynamics
+from tulip_testbed.measurements.contacts import WRENCH
+from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.dynamics.hold import hold, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.scene import boards_under
 from tulip_testbed.sim.sensors import PRESETS
 from tulip_testbed.sim.statics.solved_plan import solve_plan
-from tulip_testbed.sim.statics.static_run import run_statics
 
 
 @pytest.fixture(scope="module")
@@ -191,22 +188,6 @@ def test_statics_reads_what_the_dynamics_read(robot, plan, name, kind):
     assert np.abs(found.wrenches[..., 3:]).max() < 0.004  # Nm
 
 
-@pytest.mark.slow
-def test_with_dry_friction_forces_between_the_legs_scatter_alike(robot, plan):
-    """Horizontal forces cannot be predicted, only their scatter (docs/studies/equilibrium.md)."""
-    rig, few = changed_rig(robot, "foot-ft"), plan.take(plan.placement <= 3)
-    held = [a for a in run_dynamics(rig, few, 7).truth.attempts if a.held is not None]
-    solved_plan = solve_plan(rig, few)
-    actual, drawn = excess_wrenches(solved_plan, held, np.random.default_rng(301))
-    assert np.abs(actual[..., :2]).max() > 0.3  # N
-    ratio = drawn.std(axis=0) / actual.std(axis=0)
-    assert (ratio > 0.3).all()
-    assert (ratio < 3).all()
-    for side in (0, 1):
-        for k in range(6):
-            assert ks_2samp(actual[:, side, k], drawn[:, side, k]).pvalue > 0.01 / 12
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_readings_scatter_as_the_data_sheet_says_about_constant_zeros(robot, mixed_few, name):
     runs = statics(changed_rig(robot, name, exact=False), mixed_few.take(np.arange(8)), 60)
@@ -237,19 +218,6 @@ def test_readings_scatter_as_the_data_sheet_says_about_constant_zeros(robot, mix
         np.testing.assert_allclose(spread, 1, atol=5 / np.sqrt(240))
 
 
-def test_the_dynamics_read_through_the_same_sensors(robot, plan, dynamic):
-    """The held postures read again: s.d. as stated, zeros those of the experiment."""
-    rig, few = changed_rig(robot, "foot-ft", exact=False), plan.take(plan.placement <= 1)
-    again: list[Any] = [read_again(rig, few, dynamic, np.random.default_rng(seed)) for seed in range(10)]
-    errors = np.array([m.wrenches - dynamic.truth.wrenches - dynamic.truth.zeros for m in again])
-    sd = np.sqrt(np.diag(again[0].contacts.covariance))
-    scatter = np.sqrt((errors**2).mean(axis=(0, 1, 2))) / sd
-    np.testing.assert_allclose(scatter, 1, atol=5 / np.sqrt(2 * errors[..., 0].size))
-    sheet: Any = PRESETS["foot-ft"].wrench
-    expected = np.hypot(sheet.noise, np.array(sheet.resolution) / np.sqrt(12))
-    np.testing.assert_allclose(again[0].wrenches_sd.mean(axis=(0, 1)), expected, rtol=0.02)
-
-
 def test_measurements_say_what_a_user_knows_and_no_more(dynamic, static):
     for run in (dynamic, static["foot-ft"]):
         m, zeros = run.measurements, run.truth.zeros
@@ -261,22 +229,6 @@ def test_measurements_say_what_a_user_knows_and_no_more(dynamic, static):
         parts = [*vars(m).values(), *vars(m.contacts).values()]
         arrays = [part for part in parts if isinstance(part, np.ndarray) and part.dtype.kind == "f"]
         assert not any(np.isin(np.abs(part), np.abs(zeros)).any() for part in arrays)
-
-
-def test_what_hangs_below_is_stated_of_the_nominal_foot(robot, mixed_few):
-    """A heavier foot hangs heavier on its sensor, by an edit or as told by run; the stated one stays."""
-    plain = changed_rig(robot, "foot-ft", exact=False)
-    (run,) = statics(edited(plain, heavy_foot), mixed_few)
-    solved = solve_plan(plain, mixed_few)
-    m = solved.mechanism
-    standard = np.column_stack([m.mass, m.mass[:, None] * m.center])[solved.links]
-    standard[[m.bodies[k].name for k in solved.links].index("left_foot")] *= 2
-    told: Any = run_statics(solved, [np.random.SeedSequence(6)], standard[None])[0]
-    for heavy, mass in ((run, 0.9), (told, 1.2)):
-        hanging = heavy.truth.wrenches[heavy.measurements.support == "right", 1, :3]
-        np.testing.assert_allclose(np.linalg.norm(hanging, axis=1), mass * GRAVITY, atol=1e-9)
-    np.testing.assert_allclose(run.measurements.contacts.below[:, 0], 0.6)
-    np.testing.assert_allclose(run.measurements.contacts.below_sd, [[0.012, 0.002, 0.002, 0.002]] * 2)
 
 
 def test_the_sensors_do_not_change_how_the_robot_stands(robot, plan):
@@ -304,25 +256,6 @@ def test_exact_soles_recover_all_that_their_zeros_leave(robot, name):
         along = np.linalg.qr(found.confounded.T)[0] if hidden else np.zeros((len(found.full.value), 0))
         error = found.full.value - run.laboratory.true_base_parameters(plan)
         assert np.abs(error - along @ (along.T @ error)).max() < 1e-3
-
-
-def test_a_centre_of_pressure_is_written_as_one(tmp_path, robot, mixed_few):
-    run: Any = tt.Laboratory(robot, "plate-cop").run(mixed_few, 7, "statics")
-    measured: Any = run.measurements
-    write_measurements(tmp_path / "data", measured)
-    manifest = json.loads((tmp_path / "data" / "manifest.json").read_text())
-    assert [entry["kind"] for entry in manifest["contacts"]] == ["cop", "cop"]
-    x, y, load = (measured.columns()[f"cop.right.{axis}"] for axis in ("x", "y", "fz"))
-    assert np.array_equal(np.isnan(x), measured.support == "left")
-    # On the plate of 0.5 m by 0.3 m, against the true wrench about its top.
-    truth = run.truth.wrenches[measured.support != "left", 0]
-    assert np.abs(x[~np.isnan(x)] + truth[:, 4] / truth[:, 2]).max() < 5 * 0.0015
-    assert np.abs(y[~np.isnan(y)] - truth[:, 3] / truth[:, 2]).max() < 5 * 0.0015
-    assert np.abs(load[~np.isnan(load)] - truth[:, 2]).max() < 5 * 4.5
-    read: Any = read_measurements(tmp_path / "data")
-    assert read.contacts.channels == VERTICAL
-    np.testing.assert_allclose(read.contacts.covariance, measured.contacts.covariance, rtol=1e-9)
-    assert np.array_equal(read.contacts.cop_sd, measured.contacts.cop_sd)
 
 
 @pytest.mark.parametrize("name", ["plate-ft", "plate-cop", "sole-ft"])

@@ -3,7 +3,6 @@
 import dataclasses
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -18,16 +17,13 @@ from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.misreading import Misreading
 from tulip_testbed.effects.removal import corrected
 from tulip_testbed.experiments.identify import check_physical, identify
-from tulip_testbed.identification.contact_readings import of_wrenches
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import ROWS, packed, residuals, sensitivity, unpacked
 from tulip_testbed.measurements import SensorSheet
-from tulip_testbed.measurements.contacts import WRENCH, Contacts
 from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.wrench_sensors import add_foot_sensors, foot_addresses, in_sensor_frame
 
 
 @pytest.fixture(scope="module")
@@ -84,53 +80,6 @@ def test_the_slopes_of_the_residuals_are_their_differences(run, robot):
             difference = (sides[0] - sides[1]) / 2e-5
             scale = 1e-6 + np.abs(difference).max()
             assert np.abs((slope[..., k] - difference) * used).max() < 2e-2 * scale, k
-
-
-def test_a_wrench_by_hand():
-    """A sensor 50 mm above the sole, turned by 90 deg: 10 N forward and 100 N up at 20 mm to the front."""
-    force, place = np.array([10.0, 0, 100.0]), np.array([0.02, 0.01, 0.0])
-    arm = place - [0.03, 0, 0.05]
-    moment = np.cross(arm, force)
-    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
-    reading = np.concatenate([turn.T @ force, turn.T @ moment])
-    contacts = Contacts(
-        mount="foot",
-        channels=WRENCH,
-        pose=np.tile([0.03, 0, -0.01, 0, 0, np.pi / 2], (2, 1)),
-        covariance=np.diag([1.0, 1, 4, 0.01, 0.01, 0.01]),
-        zero_sd=np.zeros((2, 6)),
-        below=np.zeros((2, 4)),
-        below_sd=np.zeros((2, 4)),
-    )
-    soles = np.tile([0.0, 0, -0.06], (2, 1))
-    m = dataclasses.make_dataclass("M", ["contacts", "wrenches", "gravity", "support", "joint_rates"])(
-        contacts, np.tile(reading, (1, 2, 1)), 9.81, np.array(["double"]), None
-    )
-    found = of_wrenches(m, soles, np.tile([0.0, 0, 1], (1, 2, 1)), 200.0)
-    values = found.values.reshape(2, 6)
-    assert (values * found.bears).sum(axis=1) == pytest.approx([100, 100])
-    np.testing.assert_allclose((values[..., None] * found.levers).sum(axis=1), [[2.0, 1.0]] * 2, atol=1e-12)
-
-
-def test_a_sensor_carries_all_that_hangs_on_its_foot():
-    """A foot of two links in the air, against moments by hand; the sensor stands on its head."""
-    spec = mujoco.MjSpec()
-    spec.option.gravity = [0, 0, -10]
-    leg = spec.worldbody.add_body(name="leg")
-    leg.add_geom(size=[0.1], mass=5)
-    foot = leg.add_body(name="foot", pos=[0, 0, -1])
-    foot.add_geom(size=[0.1], mass=2, pos=[0.1, 0, 0])
-    toe = foot.add_body(name="toe", pos=[0.3, 0, 0])
-    toe.add_geom(size=[0.1], mass=1, pos=[0.1, 0, 0])
-    add_foot_sensors(spec, ["foot"], (0.0, 0.0, 0.2, np.pi, 0.0, 0.0))
-    model = spec.compile()
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    reading = -data.sensordata[foot_addresses(model, ["foot"])][0]
-    # 30 N down are up for the sensor; 0.1 m x 20 N + 0.4 m x 10 N pitch the foot, against its own y.
-    np.testing.assert_allclose(reading, [0, 0, 30, 0, -6, 0], atol=1e-9)
-    whole = np.array([0.0, 0, -30, 0, 6, 0])
-    np.testing.assert_allclose(in_sensor_frame((0.0, 0.0, 0.2, np.pi, 0.0, 0.0), whole), reading, atol=1e-9)
 
 
 FORCE, MOMENT = [10.0, 20.0, 100.0], [3.0, 4.0, 5.0]  # N, Nm
@@ -273,21 +222,6 @@ def test_an_estimate_longer_than_the_robot_is_refused(robot, run, found):
     with pytest.raises(InputError, match=r"found left_ankle.z = -1e19 mm, expected at most 2704 mm"):
         check_physical(estimate, found.mass, robot, "data")
     check_physical(found.full, found.mass, robot, "data")
-
-
-def test_tables_speak_of_the_sensors_that_there_are(run, found, robot):
-    """Of zeros each channel has its own unit, and there are no cells and no plates."""
-    effect = catalogue()["wrench-zero"]
-    assert [effect.parameters_on(f"left.{channel}")[0].text(2.0) for channel in ("fz", "mx")] == [
-        "2 N",
-        "2 Nm",
-    ]
-    instance = tt.Laboratory(robot, sensors="foot-ideal").with_effects("wrench-zero:left.my=0.5").hidden[0]
-    assert "reads 0.5 Nm too much" in instance.finding
-    text = str(found)
-    assert "contact sensors, encoders: their noise; internal forces" in text
-    assert "cells" not in text
-    assert "right, left plate: errors" not in text
 
 
 def on_right_foot():

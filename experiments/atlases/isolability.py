@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
-# From there on the right one comes first in 95 % (docs/studies/atlas.md, seeds 0 to 99).
+# From there on the right one comes first in 95 % (docs/how-to/atlas.md, seeds 0 to 99).
 ISOLABLE = np.radians(15.0)
 
 

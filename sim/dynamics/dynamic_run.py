@@ -115,22 +115,6 @@ def _try_all(
                     used[s, number] = done[place, s][k].held is not None
 
 
-def read_again(rig: Rig, plan: PosturePlan, experiment: Outcome, rng: np.random.Generator) -> Measurements:
-    """Read the same held postures with new sensor noise: readings, plate records and weighing.
-
-    Use it where many experiments differ in sensor noise alone: holding the postures takes a minute, reading
-    them a tenth of a second. Zeros of wrench sensors stay those of the experiment.
-    """
-    attempts: list[Attempt] = []
-    recorded = np.zeros((2, 3))
-    for before, attempt in zip([None, *experiment.truth.attempts], experiment.truth.attempts, strict=False):
-        if before is None or before.placement != attempt.placement:
-            recorded = attempt.true_plates + record_error(rig, rng, 1)[0]
-        reading = _read(rig, attempt.held, experiment.truth.zeros, rng) if attempt.held else {}
-        attempts.append(dataclasses.replace(attempt, reading=reading, plates=recorded))
-    return _measurements(rig, plan, attempts, experiment.truth.mass, rng)
-
-
 @one_blas_thread  # joblib gives a worker the threads that others leave idle
 def run_placement(
     rig: Rig,

@@ -4,7 +4,7 @@ Friction at rest may take any value up to its limit, depending on how the postur
 the last displacement of the joint: along the path, which ends as the third power of the remaining time
 (minimum jerk), and in the sway of the robot as it stops. After a short displacement friction is below its
 limit. After the robot is put down, sway is the only displacement. The sizes were fitted to a development
-plan in full dynamics (docs/studies/equilibrium.md) and give distributions, not the friction
+plan in full dynamics (docs/explanation/equilibrium.md) and give distributions, not the friction
 of a single posture.
 """
 

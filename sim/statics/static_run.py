@@ -1,7 +1,7 @@
 """Run a whole experiment by static equilibrium, a thousand times as fast as in the full dynamics.
 
 Plates are laid, postures commanded and tracked with errors, and sensors read and recorded as in the
-dynamics; only the motion of the robot is left out. docs/studies/equilibrium.md compares the two.
+dynamics; only the motion of the robot is left out. docs/explanation/equilibrium.md compares the two.
 """
 
 from __future__ import annotations

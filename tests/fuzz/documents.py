@@ -10,6 +10,7 @@ from hypothesis import assume
 from hypothesis import strategies as st
 
 from tests.fuzz.changes import Draw, Make, one
+from tulip_testbed.base.errors import InputError
 
 STRANGE = (
     *(None, True, False, 0, -1, 1e300, -1e300, 1e-300, 10**250, [], {}, [[]], [None], {"a": 1}),
@@ -80,6 +81,25 @@ def drop_a_key(document: dict, draw: Draw) -> None:
 def strange_value(document: dict, draw: Draw) -> None:
     inside, key = one(draw, places(document))
     inside[key] = draw(st.sampled_from(STRANGE) | json_values)
+
+
+def changed_anywhere(document: Any, draw: Draw) -> None:
+    """Lose a key, or give one any value."""
+    inside, key = one(draw, places(document))
+    if isinstance(inside, dict) and draw(st.booleans()):
+        del inside[key]
+    else:
+        inside[key] = draw(st.sampled_from(STRANGE) | json_values)
+
+
+def read_or_refused(read: Callable[[], Any]) -> Any:
+    """Return what is read, or nothing if it is refused in one line."""
+    try:
+        return read()
+    except InputError as error:
+        message = str(error)
+    assert "\n" not in message
+    return None
 
 
 HOSTILE = (

@@ -1,4 +1,4 @@
-"""Compare static equilibria with the full dynamics (docs/studies/equilibrium.md; minutes)."""
+"""Compare static equilibria with the full dynamics, in laboratories that differ from the usual one."""
 
 from __future__ import annotations
 
@@ -8,38 +8,21 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from scipy.stats import ks_2samp
 
-from studies.runner import Settings, header, row, shipped_plan
-from tulip_testbed.measurements.cells import PLATES
-from tulip_testbed.measurements.contacts import WRENCH
 from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.sim.compliance import Compliance
 from tulip_testbed.sim.drives import Drives
-from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.outcome import Attempt
-from tulip_testbed.sim.path import ClosedChain
-from tulip_testbed.sim.rig import Rig, preset_rig
-from tulip_testbed.sim.robot import Robot, load_robot
+from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.statics.forces import (
     Load,
     StaticState,
-    contact_deflection,
-    residual,
-    rotation_matrix,
     sole_poses,
 )
 from tulip_testbed.sim.statics.sensed_wrenches import sensed_wrenches
 from tulip_testbed.sim.statics.solve import cell_forces, solve_by_newton
-from tulip_testbed.sim.statics.solved_plan import SolvedPlan, feet_in_base, solve_plan
-from tulip_testbed.sim.statics.static_run import Tries, run_statics, solve_tries
-
-# A foot whose centre of pressure is nearer to its sole's edge may have begun to tip (up to 20 um of gap).
-EDGE = 2e-3  # m
-
-SETTINGS = Settings(seed=1)
-SOME = 6  # placements, of the laboratories that differ from the usual one
-STATIC_RUNS = 20
+from tulip_testbed.sim.statics.solved_plan import SolvedPlan, feet_in_base
+from tulip_testbed.sim.statics.static_run import Tries, solve_tries
 
 Edit = Callable[[mujoco.MjSpec], None]
 
@@ -195,54 +178,6 @@ def center_of_pressure(cells: np.ndarray, plates: np.ndarray, forces: np.ndarray
     return share[:, :1] * centers[0] + share[:, 1:] * centers[1]
 
 
-def centers_at(solved_plan: SolvedPlan, held: list[Attempt]) -> np.ndarray:
-    """Compute the centre of pressure of statics minus that of the cells at the held angles, (m, 2) [m].
-
-    The total load of the feet follows from the weight and the angles alone. The moments on the cells show
-    that the stance foot tilts by some urad on its contacts, up to 0.01 mm over the robot's height.
-    """
-    m = solved_plan.mechanism
-    chain = ClosedChain(solved_plan.rig.robot.model, solved_plan.rig.robot)
-    angles = np.array([a.held.joint_angles for a in held if a.held])
-    forces = np.array([a.held.cell_forces for a in held if a.held])
-    plates = np.array([a.true_plates for a in held])
-    pose = np.array([chain.base_pose(row) for row in angles])
-    rotation = np.zeros((len(pose), 9))
-    for matrix, quaternion in zip(rotation, pose[:, 3:], strict=True):
-        mujoco.mju_quat2Mat(matrix, quaternion)
-    wrench = np.zeros((len(pose), 2, 6))
-    wrench[:, 0, 2] = forces[:, :4].sum(axis=1)
-    x, y = (plate_center(m.cells[0], plates[:, 0], forces[:, :4]) * wrench[:, 0, 2:3]).T
-    wrench[:, 0, 3:5] = np.column_stack([y, -x])
-    zero = np.zeros((len(pose), 3))
-    tilt = np.pad(contact_deflection(m, 0, wrench[:, 0], zero, plates[:, 0])[:, 1:], ((0, 0), (0, 1)))
-    turned = rotation_matrix(tilt)
-    state = StaticState(
-        (turned @ pose[:, :3, None])[..., 0], turned @ rotation.reshape(-1, 3, 3), angles, 0 * wrench
-    )
-    feet = np.zeros((len(pose), 2, 3))
-    left = residual(m, state, Load(angles, np.zeros(len(m.names)), feet, plates, m.mass, m.center))
-    force, moment = left[:, :3], left[:, 3:6] + np.cross(state.position, left[:, :3])
-    center = np.column_stack([-moment[:, 1], moment[:, 0]]) / force[:, 2:]
-    return center - center_of_pressure(m.cells, plates, forces)
-
-
-def edge_distance(solved_plan: SolvedPlan, held: list[Attempt]) -> np.ndarray:
-    """Return the distance of the centres of pressure from the edges of their soles, the lesser, (m,) [m]."""
-    m = solved_plan.mechanism
-    forces = np.array([a.held.cell_forces for a in held if a.held]).reshape(-1, 2, 4)
-    plates = np.array([a.true_plates for a in held])
-    swing = solved_plan.plan.swing_pose[planned_rows(solved_plan, held)]
-    margins = []
-    for side, foot in enumerate((0 * swing, swing)):
-        center = plate_center(m.cells[side], plates[:, side], forces[:, side]) - foot[:, :2]
-        c, s = np.cos(foot[:, 2]), np.sin(foot[:, 2])
-        own = np.column_stack([c * center[:, 0] + s * center[:, 1], c * center[:, 1] - s * center[:, 0]])
-        low, high = m.corners[side].min(axis=0), m.corners[side].max(axis=0)
-        margins.append(np.minimum(own - low, high - own).min(axis=1))
-    return np.min(margins, axis=0)
-
-
 def plate_center(cells: np.ndarray, plate: np.ndarray, forces: np.ndarray) -> np.ndarray:
     """Compute the centre of pressure on one plate in the base frame, (m, 2) [m]."""
     own = forces @ cells / np.maximum(forces.sum(axis=1), 1e-9)[:, None]  # of an empty plate: its middle
@@ -267,22 +202,6 @@ def excess_sag(
     for still, loose, loads in _drawn(solved_plan, held, rng, draws):
         shares = [load_share(cell_forces(m, state, loads)) for state in (still, loose)]
         drawn.append(np.column_stack([(still.angles - loose.angles)[:, m.joints], shares[0] - shares[1]]))
-    return actual, np.concatenate(drawn)
-
-
-def excess_wrenches(
-    solved_plan: SolvedPlan, held: list[Attempt], rng: np.random.Generator, draws: int = 5
-) -> tuple[np.ndarray, np.ndarray]:
-    """Compute by how much dry friction changes what the foot sensors read [N, Nm].
-
-    Returns:
-        the changes in the held postures, (m, 2, 6), and those that statics draws, (draws m, 2, 6).
-    """
-    actual = -compare(without(solved_plan), held).wrenches
-    drawn = [
-        sensed_wrenches(solved_plan, still, loads) - sensed_wrenches(solved_plan, loose, loads)
-        for still, loose, loads in _drawn(solved_plan, held, rng, draws)
-    ]
     return actual, np.concatenate(drawn)
 
 
@@ -323,76 +242,3 @@ def without(solved_plan: SolvedPlan) -> SolvedPlan:
 def load_share(forces: np.ndarray) -> np.ndarray:
     """Return the share of the weight on the right plate, (m,)."""
     return forces[:, :4].sum(axis=1) / forces.sum(axis=1)
-
-
-def study(settings: Settings) -> Iterator[str]:
-    """Yield a table without dry friction, one with it, two figures, and both tables of foot sensors."""
-    robot = load_robot()
-    plan, few = shipped_plan(robot), shipped_plan(robot, SOME)
-    yield header("without dry friction", "held", "angles (urad)", "cells (N)", "CoP (mm)")
-    for name, rig in laboratories(preset_rig("ideal", robot)).items():
-        part = plan if name == "as it is" else few
-        attempts = run_dynamics(rig, part, settings.seed, settings.workers).truth.attempts
-        found = compare(solve_plan(rig, part), list(attempts))
-        yield row(
-            name,
-            len(found.held),
-            f"{1e6 * np.abs(found.angles).max():.1f}",
-            f"{np.abs(found.cells).max():.4f}",
-            f"{1e3 * found.center.max():.4f}",
-        )
-
-    yield "\n" + header("with dry friction", "static", "dynamic", "p", "slope")
-    solved_plan = solve_plan(preset_rig("ideal", robot), plan)
-    attempts = run_dynamics(solved_plan.rig, plan, settings.seed, settings.workers).truth.attempts
-    held = [a for a in attempts if a.held is not None]
-    off = np.linalg.norm(centers_at(solved_plan, held), axis=1)
-    inside = edge_distance(solved_plan, held) > EDGE
-    statics_seed = 300 + settings.seed
-    actual, drawn = excess_sag(solved_plan, held, np.random.default_rng(statics_seed))
-    mean = drawn.reshape(-1, *actual.shape).mean(axis=0)
-    slopes = (mean * actual).sum(axis=0) / (mean**2).sum(axis=0)
-    for k, name in enumerate((*solved_plan.plan.joints, "load share")):
-        scale, unit = (1e3, "mrad") if k < len(plan.joints) else (1e2, "%")
-        chance = ks_2samp(actual[:, k], drawn[:, k]).pvalue
-        spreads = (f"{scale * values[:, k].std():.2f}" for values in (drawn, actual))
-        yield row(
-            f"{name}, s.d. of what friction adds ({unit})", *spreads, f"{chance:.2f}", f"{slopes[k]:.2f}"
-        )
-    streams = np.random.SeedSequence(statics_seed).spawn(settings.count(STATIC_RUNS))
-    static = [len(run.truth.dropped) for run in run_statics(solved_plan, streams)]
-    dropped = len(plan) - len({a.posture for a in held})
-    yield (
-        f"\nCoP at the held angles: largest difference {1e3 * off[inside].max():.4f} mm in {inside.sum()} "
-        f"postures, {1e3 * off.max():.4f} mm in all {len(held)}"
-    )
-    rate = f"static {np.mean(static):.1f} ({len(static)} runs), dynamic {dropped}"
-    yield f"postures dropped of {len(plan)}: {rate}"
-    yield from _foot_sensors(settings, robot)
-
-
-def _foot_sensors(settings: Settings, robot: Robot) -> Iterator[str]:
-    """Yield the largest differences of the sensors' channels, and what dry friction adds to them."""
-    plan, few = shipped_plan(robot), shipped_plan(robot, SOME)
-    yield "\n" + header("foot sensors, without dry friction", "held", *map(_titled, WRENCH))
-    for name, rig in laboratories(preset_rig("foot-ideal", robot)).items():
-        attempts = run_dynamics(rig, few, settings.seed, settings.workers).truth.attempts
-        found = compare(solve_plan(rig, few), list(attempts))
-        largest = np.abs(found.wrenches).max(axis=(0, 1))
-        yield row(name, len(found.held), *(f"{value:.4f}" for value in largest))
-
-    yield "\n" + header("foot sensors, with dry friction", "in all", "static", "dynamic", "p")
-    solved_plan = solve_plan(preset_rig("foot-ideal", robot), plan)
-    attempts = run_dynamics(solved_plan.rig, plan, settings.seed, settings.workers).truth.attempts
-    held = [a for a in attempts if a.held is not None]
-    actual, drawn = excess_wrenches(solved_plan, held, np.random.default_rng(300 + settings.seed))
-    whole = np.array([a.held.wrenches for a in held if a.held]).std(axis=0)
-    for side, plate in enumerate(PLATES):
-        for k, channel in enumerate(WRENCH):
-            chance = ks_2samp(actual[:, side, k], drawn[:, side, k]).pvalue
-            spreads = (whole[side, k], drawn[:, side, k].std(), actual[:, side, k].std())
-            yield row(f"{plate} {_titled(channel)}", *(f"{sd:.2f}" for sd in spreads), f"{chance:.2g}")
-
-
-def _titled(channel: str) -> str:
-    return f"{channel} ({'N' if channel.startswith('f') else 'Nm'})"
