@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from tulip_testbed.identification.planning.constraints import Evaluation, evaluate
+from tulip_testbed.identification.planning.constraints import Evaluated, Evaluation, evaluate
 from tulip_testbed.identification.planning.footing import PLAN, footing
 from tulip_testbed.identification.planning.objectives import Smooth
 from tulip_testbed.identification.planning.problem import PlanningProblem
@@ -75,7 +75,7 @@ def bounds(problem: PlanningProblem, postures: int) -> np.ndarray:
     )
 
 
-def information(evaluation: Evaluation) -> np.ndarray:
+def information(evaluation: Evaluated) -> np.ndarray:
     """Compute the information matrix M = H'H of the postures, (p, p)."""
     rows = evaluation.regressor.reshape(-1, evaluation.regressor.shape[-1])
     return rows.T @ rows

@@ -121,17 +121,17 @@ def leg_stretch(problem: PlanningProblem, chain: Chain) -> tuple[np.ndarray, np.
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class Evaluated:
     """Evaluated postures; m postures, s inequalities, p base parameters.
+
+    They are differentiated by v variables: on both feet by the nine of u, on one foot by the joint angles.
 
     Attributes:
         chain: joint angles and kinematics.
         inequalities: constraint values, feasible where at least 0, (m, s).
-        inequality_jacobian: their derivatives by u, (m, s, 9).
-        regressor, regressor_slopes: R_b (eq. 6), (m, 2, p), and its derivative by u, (m, 2, p, 9).
-        reached: whether inverse kinematics succeeded, (m,) bool.
-        joint_jacobian: dq/du, (m, n, 9).
-        torque: drive torques that share the load between the feet as planned, (m, n) [N m].
+        inequality_jacobian: their derivatives, (m, s, v).
+        regressor, regressor_slopes: R_b (eq. 6), (m, 2, p), and its derivative, (m, 2, p, 9) on both feet and
+            (m, 2, n, p) on one.
     """
 
     chain: Chain
@@ -139,6 +139,18 @@ class Evaluation:
     inequality_jacobian: np.ndarray
     regressor: np.ndarray
     regressor_slopes: np.ndarray
+
+
+@dataclass(frozen=True)
+class Evaluation(Evaluated):
+    """Evaluated postures on both feet.
+
+    Attributes:
+        reached: whether inverse kinematics succeeded, (m,) bool.
+        joint_jacobian: dq/du, (m, n, 9).
+        torque: drive torques that share the load between the feet as planned, (m, n) [N m].
+    """
+
     reached: np.ndarray
     joint_jacobian: np.ndarray
     torque: np.ndarray

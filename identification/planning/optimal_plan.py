@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from tulip_testbed.base.errors import InputError
+from tulip_testbed.identification.link_paths import with_free_paths
 from tulip_testbed.identification.planning.blocks import information
 from tulip_testbed.identification.planning.constraints import evaluate, inequality_names, quantity_of
 from tulip_testbed.identification.planning.objectives import Objective, given
@@ -24,7 +25,6 @@ from tulip_testbed.identification.planning.one_foot_search import (
     random_pools,
     total,
 )
-from tulip_testbed.identification.planning.path_order import with_free_paths
 from tulip_testbed.identification.planning.problem import PlanningProblem
 from tulip_testbed.identification.planning.search import (
     SearchState,
@@ -34,7 +34,6 @@ from tulip_testbed.identification.planning.search import (
     round_count,
     search,
 )
-from tulip_testbed.identification.planning.search_defaults import HOPS
 from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.measurements import Measurements, PosturePlan
@@ -84,7 +83,7 @@ class SearchTask:
     placements: int
     per: int
     seed: int
-    hops: int = HOPS
+    hops: int
     counts: Mapping[str, int] = field(default_factory=dict)
     measured: Measurements | None = None
 
@@ -195,7 +194,7 @@ class SearchTask:
         swing = state.best_design[:, 6:]
         angles = best.chain.angles
         plan = replace(drawn, joint_angles=angles, swing_pose=swing, made=made, torques=best.torque)
-        plan = with_free_paths(problem, plan)
+        plan = with_free_paths(problem.robot, problem.pairs, plan)
         if single := self.start.single if single is None else single:
             plan = _with_one_foot(problem, plan, single)
         if measured is None:
@@ -230,7 +229,7 @@ def _with_one_foot(problem: PlanningProblem, plan: PosturePlan, single: Sequence
     made = {**counts, "pool": POOL, "lifted": problem.margins.lifted}
     plan = replace(plan, made=plan.made | {"on_one_foot": made})
     for own in single:
-        plan = appended_on_one_foot(own.problem, plan, own.support, own.angles, own.swing)
+        plan = appended_on_one_foot(plan, own)
     return plan
 
 
