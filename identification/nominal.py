@@ -271,6 +271,17 @@ class PostureGeometry:
         turn = rotations[:, self.nominal.swing_frame]
         return positions[:, self.nominal.swing_frame] + turn @ self.nominal.points[1], turn
 
+    @property
+    def soles(self) -> np.ndarray:
+        """Return the corners of the right and the left sole from above, (m, 2, 4, 2) [m]."""
+        (rotations, positions), feet = self.frames, (self.base, self.nominal.swing_frame)
+        soles = []
+        for frame, corners, point in zip(feet, self.nominal.soles, self.nominal.points, strict=True):
+            local = np.column_stack([corners, np.full(len(corners), point[2])])
+            placed = positions[:, frame, None] + local @ rotations[:, frame].mT
+            soles.append(placed[..., :2])
+        return np.stack(soles, axis=1)
+
     @cached_property
     def regressor(self) -> np.ndarray:
         """Compute the regressor of the base parameters (eq. 6), (m, 2, p) [-]."""

@@ -252,24 +252,17 @@ class Observation:
 
     def take(self, rows: np.ndarray) -> Observation:
         """Return some postures of the experiment, by their numbers."""
-        count, m = len(self), self.measurements
-        cut = {
-            f.name: getattr(m, f.name)[rows]
-            for f in fields(m)
-            if isinstance(getattr(m, f.name), np.ndarray)
-            and f.name not in ("cells", "top_height")
-            and len(getattr(m, f.name)) == count
-        }
         kept = {
             f.name: getattr(self, f.name)[rows]
             for f in fields(self)
             if isinstance(getattr(self, f.name), np.ndarray)
             and f.name not in ("cells", "standard", "board_share", "servo_gain", "servo_stiffness")
-            and len(getattr(self, f.name)) == count
+            and len(getattr(self, f.name)) == len(self)
         }
         if self.moves:
             kept["motion"] = self.motion.take(rows)
-        return replace(self, measurements=replace(m, **cut), contacts=self.contacts.take(rows), **kept)
+        kept |= {name: getattr(self, name).take(rows) for name in ("measurements", "contacts")}
+        return replace(self, **kept)
 
     def changed(self, **fields: Any) -> Observation:
         """Return the observation with some fields replaced."""

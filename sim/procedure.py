@@ -182,14 +182,14 @@ def read_sensors(
         sample: `sample` to draw every sample, or `sample_mean`.
     """
     samples, sensors = _samples(rig), rig.sensors.wrench
-    angles, angles_sd = sample(joints, *rig.sensors.encoder, samples, rng)
-    motor, _ = sample(motors, *rig.sensors.motor, samples, rng)
+    angles, angles_sd = sample(joints, rig.sensors.encoder, samples, rng)
+    motor, _ = sample(motors, rig.sensors.motor, samples, rng)
     reading = {"q": angles, "q_std": angles_sd, "motor": motor}
     if sensors is None or wrenches is None or zeros is None:
         if wrenches is not None and np.any(rig.side_forces):
             side = (wrenches[..., :2] * rig.side_forces).sum(axis=-1)
             forces = forces + np.repeat(side / len(CORNERS), len(CORNERS), axis=-1)
-        mean, sd = sample(cell_gains(rig.sensors) * forces, *rig.sensors.cell, samples, rng)
+        mean, sd = sample(cell_gains(rig.sensors) * forces, rig.sensors.cell, samples, rng)
         return reading | {"cell": mean, "cell_std": sd}
     mean, sd = read_wrenches(sensors, wrenches, zeros, samples, rng, sample)
     return reading | {"wrench": mean, "wrench_std": sd}

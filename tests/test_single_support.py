@@ -27,7 +27,6 @@ from tulip_testbed.sim.robot import sole_corners, sole_point
 from tulip_testbed.sim.scene import boards_under
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
-from tulip_testbed.standing import link_frames, soles_in_base
 from tulip_testbed.viewer.subject import planned
 
 # Leaning over the stance hip, so that its roll drive holds the rest of the robot; the other leg lifted.
@@ -188,8 +187,8 @@ def test_pictures_show_the_foot_that_carries_on_the_origin(robot, model, on):
     np.testing.assert_allclose(subject.com["nominal model"], own, rtol=0, atol=1e-12)
     assert (subject.margin > 0.02).all()
     tree = subject.nominal.parameters.tree
-    rotations, positions = link_frames(subject.nominal, both.joint_angles, both.support)
-    soles = soles_in_base(subject.nominal, both.joint_angles, both.support)
+    geometry = subject.nominal.geometry(both.joint_angles, both.support)
+    (rotations, positions), soles = geometry.frames, geometry.soles
     for row, (angles, foot) in enumerate(zip(both.joint_angles, feet, strict=True)):
         height = np.array([0, 0, -sole_point(model, foot)[2]])
         for link, frame in zip(tree.links, tree.frame_of_link, strict=True):

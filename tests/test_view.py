@@ -1,5 +1,6 @@
 """Views: written, opened in rerun itself, looked at."""
 
+import itertools
 import resource
 import signal
 import socket
@@ -25,8 +26,8 @@ from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.identification.feasibility import stability_margin
 from tulip_testbed.measurements import write_measurements
 from tulip_testbed.viewer import balance_series as balance
-from tulip_testbed.viewer import layout, window
 from tulip_testbed.viewer import postures_view as postures
+from tulip_testbed.viewer import window
 from tulip_testbed.viewer.balance_series import inset, nearest_on
 from tulip_testbed.viewer.robot_view import undrawn
 from tulip_testbed.viewer.subject import measured, planned, validated
@@ -41,9 +42,9 @@ def cpu_seconds() -> float:
     return sum(usage.ru_utime + usage.ru_stime for usage in used)
 
 
-def side_by_side(views: layout.Views, timeline: str = "posture") -> rrb.Blueprint:
+def side_by_side(views: dict[str, list[rrb.View]], timeline: str) -> rrb.Blueprint:
     """All views at once: rerun reports nothing of a view that it does not draw."""
-    grid = rrb.Grid(*views.space, *views.ground, *views.curves, *views.text)
+    grid = rrb.Grid(*itertools.chain.from_iterable(views.values()))
     return rrb.Blueprint(grid, rrb.TimePanel(timeline="posture", state="collapsed"))
 
 

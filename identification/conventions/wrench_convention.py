@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tulip_testbed.identification.kinematics import frame_positions, link_rotations, turned_about
-from tulip_testbed.identification.nominal import Nominal
+from tulip_testbed.identification.kinematics import turned_about
+from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.measurements import Measurements
-from tulip_testbed.measurements.data import base_foot, feet_in_contact
+from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.sim.robot import rotation_matrices
 
 SENSOR, PREPARED, PUBLISHED, WORLD = "sensor", "base link", "base link as published", "world"
@@ -71,13 +71,8 @@ def contact_frames(nominal: Nominal, measurements: Measurements) -> ContactFrame
     """Compute the frames of flat feet from the joint angles."""
     m, tree, contacts = measurements, nominal.parameters.tree, measurements.contacts
     assert contacts is not None
-    feet = [tree.frame(foot) for foot in (nominal.robot.stance_foot, nominal.robot.swing_foot)]
-    side, shape = base_foot(m.support), (len(m), len(tree.frames), 3)
-    turns, places = np.empty((*shape, 3)), np.empty(shape)
-    for k, foot in enumerate(feet):
-        rows = side == k
-        turns[rows] = link_rotations(tree, foot, m.joint_angles[rows])
-        places[rows] = frame_positions(tree, foot, turns[rows], -nominal.points[k])
+    feet = [tree.frame(foot) for foot in nominal.robot.feet]
+    turns, places = nominal_robot(nominal.robot, "mixed").geometry(m.joint_angles, m.support).frames
     pose = np.array([turned_about(one[3:]) for one in contacts.pose])
     arms = (turns[:, feet] @ contacts.pose[:, :3, None])[..., 0]
     # In its initial posture a prepared robot has the world's axes where its published file had the body's.

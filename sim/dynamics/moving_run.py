@@ -26,8 +26,7 @@ from tulip_testbed.sim.outcome import MovingOutcome
 from tulip_testbed.sim.procedure import header_of, make_measurements, read_sensors, record_error, weigh
 from tulip_testbed.sim.rig import Rig, stages
 from tulip_testbed.sim.scene import boards_under
-from tulip_testbed.sim.sensors import draw_zeros
-from tulip_testbed.sim.series_readings import delayed, sample_series
+from tulip_testbed.sim.sensors import delayed, draw_zeros, sample_series
 
 # Time constant tc [s] and impedance of the contacts below moving legs. MuJoCo's constraints leave the
 # centripetal acceleration of a sole corner out, some 0.03 m/s2, which lifts it by 0.03 tc^2. In the contacts

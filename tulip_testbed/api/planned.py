@@ -236,7 +236,7 @@ def atlas(
     found = _atlas(_planned(plan, robot, sensors, seed), np.random.default_rng(seed))
     if out is None:
         return found
-    from tulip_testbed.pages.atlas_page import write_atlas  # plotly loads slowly
+    from tulip_testbed.pages.run_page import write_atlas  # plotly loads slowly
 
     write_atlas(Path(out), found)
     return replace(found, folder=Path(out))

@@ -9,7 +9,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from tulip_testbed.base.numbers import number
-from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL
+from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL, rgb
 from tulip_testbed.discovery.experiment_information import Explanation, probabilities
 from tulip_testbed.experiments.discovery_curves import Curve, LawCurve
 from tulip_testbed.experiments.discovery_tables import behind
@@ -148,5 +148,5 @@ def evidence_figure(explanations: Sequence[Explanation], runners_up: Sequence[Ex
 
 
 def _clear(colour: str) -> str:
-    red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
+    red, green, blue = rgb(colour)
     return f"rgba({red},{green},{blue},0.35)"

@@ -16,12 +16,11 @@ from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.measurements import Measurements, PlateGeometry, PosturePlan
 from tulip_testbed.measurements.data import feet_in_contact
-from tulip_testbed.pages.words import NO_TRUE_COM
+from tulip_testbed.pages import NO_TRUE_COM
 from tulip_testbed.sim.plan_folder import check_model
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.scene import boards_under, nominal_plates
-from tulip_testbed.standing import soles_in_base
 
 
 @dataclass(frozen=True)
@@ -194,7 +193,7 @@ def support_polygons(nominal: Nominal, joint_angles: np.ndarray, support: np.nda
     Args:
         support: "double", "right" or "left", (m,).
     """
-    soles = soles_in_base(nominal, joint_angles, support)
+    soles = nominal.geometry(joint_angles, support).soles
     return [support_polygon(feet[on]) for feet, on in zip(soles, feet_in_contact(support), strict=True)]
 
 
