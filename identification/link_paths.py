@@ -56,11 +56,7 @@ def blocked(pairs: LinkPairs, path_between: PathBetween, start: np.ndarray, end:
 
 
 def too_near(pairs: LinkPairs, found: Clearances, needed: np.ndarray) -> str | None:
-    """Return the links that lack most of what they need, as text, or None if all keep it.
-
-    Args:
-        needed: distance that each pair must keep, (p,) [m].
-    """
+    """Return the links that lack most of the distance that they need, (p,) [m], or None if all keep it."""
     lack = (needed - found.distance).max(axis=0, initial=0.0)
     if not (lack > 0).any():
         return None
@@ -116,12 +112,8 @@ def _groups(pairs: LinkPairs, chain: ClosedChain, angles: np.ndarray) -> list[np
 def _sequences(room: np.ndarray, first: int) -> tuple[np.ndarray, np.ndarray]:
     """Order postures along paths with room, and number the groups without a path between them.
 
-    Args:
-        room: room on the path between each two postures, feasible where at least 0, (m, m).
-        first: posture to begin with.
-
-    Returns:
-        The order, (m,), and the group of each posture in this order, from 0, (m,).
+    The room on the path between each two postures is feasible where at least 0, (m, m). The order begins with
+    the posture `first`, (m,); the groups are those of the postures in this order, from 0, (m,).
     """
     left = [first, *(k for k in range(len(room)) if k != first)]
     order, group = [], []

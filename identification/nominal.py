@@ -70,8 +70,7 @@ class Nominal:
     def other_sole(self, joint_angles: np.ndarray, support: np.ndarray) -> np.ndarray:
         """Compute the pose of the sole that is not the base frame's: x, y, yaw, (m, 3) [m, m, rad].
 
-        Args:
-            joint_angles, support: see `center_of_mass`.
+        Arguments are those of `center_of_mass`.
         """
         geometry = self.geometry(joint_angles, support)
         foot = geometry.rotations[:, geometry.base]
@@ -298,11 +297,7 @@ class PostureGeometry:
         return self.nominal.parameters.slope(self.joint_angles, self.support, self._nominal_rotations)
 
     def slope_along(self, theta: np.ndarray) -> np.ndarray:
-        """Differentiate the regressor times theta by the joint angles, (m, 2, n_joints) [m/rad].
-
-        Args:
-            theta: base parameters, (p,) [m].
-        """
+        """Differentiate the regressor times theta, (p,) [m], by joint angles, (m, 2, n_joints) [m/rad]."""
         parameters = self.nominal.parameters
         return parameters.slope_along(theta, self.joint_angles, self.support, self._nominal_rotations)
 

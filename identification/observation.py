@@ -372,10 +372,8 @@ def _on_four_cells(forces: np.ndarray, margin: float, share: np.ndarray) -> np.n
 def _steady(spread: np.ndarray) -> np.ndarray:
     """Return on which boards no cell lifted or landed within a row's window, (m, 2) bool.
 
-    There the board rocks over its diagonal at once. A row without samples is no witness.
-
-    Args:
-        spread: s.d. of each cell's samples, (m, 2, 4) [N].
+    There the board rocks over its diagonal at once, which the s.d. of its cells' samples, (m, 2, 4) [N],
+    shows. A row without samples is no witness.
     """
     most = spread.max(axis=2)
     usual = np.nanmedian(most, axis=0) if np.isfinite(most).any() else np.inf

@@ -199,8 +199,7 @@ class _Search:
     def _free_joints(self) -> tuple[np.ndarray, str | None]:
         """Draw the joints that are not between the feet until what they alone move keeps its distance.
 
-        Returns:
-            The configuration for inverse kinematics to start from, (nq,), and the links that remain too near.
+        Returns the configuration for inverse kinematics to start from, (nq,), and links that remain too near.
         """
         guess, links = self.guess.copy(), None
         for _ in range(REDRAWS):

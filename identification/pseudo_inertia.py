@@ -55,11 +55,7 @@ def central(pseudo: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
 
 
 def moved(pseudo: np.ndarray, transform: np.ndarray) -> np.ndarray:
-    """Return pseudo-inertias in another frame, (..., 4, 4).
-
-    Args:
-        transform: homogeneous, from the old frame to the new one, (..., 4, 4).
-    """
+    """Return pseudo-inertias in another frame by a homogeneous transform from the old to it, (..., 4, 4)."""
     return transform @ pseudo @ transform.mT
 
 
@@ -83,12 +79,9 @@ def solid(pseudo: np.ndarray) -> np.ndarray:
 def bounding_ellipsoids(model: mujoco.MjModel, pseudo: np.ndarray) -> np.ndarray:
     """Return a matrix Q a link with tr(P Q) >= 0 for all mass inside its ellipsoid, (n_links, 4, 4).
 
-    The ellipsoid is the smallest around the box of the link's geometry, enlarged if CAD's own inertia takes
-    up more than half of the bound. Q = [[-S^-1, S^-1 c], [c' S^-1, 1 - c' S^-1 c]] for the ellipsoid
-    (x - c)' S^-1 (x - c) <= 1 (Wensing, Kim and Slotine 2018).
-
-    Args:
-        model: the robot with its geometry. pseudo: its pseudo-inertias.
+    The ellipsoid is the smallest around the box of the link's geometry, enlarged if CAD's own inertia, in the
+    pseudo-inertias, takes up more than half of the bound. Q = [[-S^-1, S^-1 c], [c' S^-1, 1 - c' S^-1 c]] for
+    the ellipsoid (x - c)' S^-1 (x - c) <= 1 (Wensing, Kim and Slotine 2018).
     """
     boxes = link_boxes(model)
     found = np.zeros_like(pseudo)

@@ -91,10 +91,7 @@ def difference(before: Observation, after: Observation) -> np.ndarray:
 def residuals(observed: Observation, theta: np.ndarray) -> np.ndarray:
     """Compute the residuals of all channels, (m, 11) [m, m, N, N, N, m, rad, rad, m, m, rad].
 
-    Those of channel D, in the place of T, are in rad.
-
-    Args:
-        theta: base parameters, (p,) [m].
+    Those of channel D, in the place of T, are in rad. The base parameters theta are (p,) [m].
     """
     out = np.empty((len(observed), SIZE))
     out[:, ROWS["A"]] = center(observed) - observed.geometry.regressor @ theta
@@ -198,11 +195,7 @@ def residuals_in_use(observed: Observation) -> np.ndarray:
 
 
 def constants_of_stances(used: np.ndarray) -> np.ndarray:
-    """Return the columns of the swing foot's x, y and yaw, (m, 11, 3).
-
-    Args:
-        used: see `residuals_in_use`.
-    """
+    """Return the columns of the swing foot's x, y and yaw, (m, 11, 3), where `residuals_in_use` has them."""
     anchored = range(ANCHORED.start, ANCHORED.stop)
     out = np.zeros((*used.shape, len(anchored)))
     out[:, anchored, np.arange(len(anchored))] = used[:, ANCHORED]
@@ -268,11 +261,7 @@ def swing_pose(observed: Observation) -> np.ndarray:
 
 
 def sensitivity(observed: Observation, theta: np.ndarray) -> np.ndarray:
-    """Differentiate the residuals by the fields of `packed`, (m, 11, n_joints + 2 k + 16).
-
-    Args:
-        theta: base parameters, (p,) [m].
-    """
+    """Differentiate the residuals at theta, (p,) [m], by `packed`, (m, 11, n_joints + 2 k + 16)."""
     at, m = fields(observed), len(observed)
     out = np.zeros((m, SIZE, at["push"].stop))
     forces, bears = carried(observed), observed.contacts.bears

@@ -30,8 +30,7 @@ class ClosedChain:
     def base_pose(self, angles: np.ndarray, foot: int = 0) -> np.ndarray:
         """Return the pose of the free body with a sole flat on the origin, (7,) [m, quaternion].
 
-        Args:
-            foot: 0: the stance sole, 1: the swing sole.
+        The foot is 0 for the stance sole and 1 for the swing sole.
         """
         sole, _ = self._feet(angles, np.array([0.0, 0, 0, 1, 0, 0, 0]))[foot]
         inverse, position = np.zeros(4), np.zeros(3)

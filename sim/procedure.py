@@ -62,11 +62,7 @@ def new_set_up(placement: np.ndarray, support: np.ndarray) -> np.ndarray:
 
 
 def start_times(rig: Rig, placement: np.ndarray) -> np.ndarray:
-    """Compute the time at which the averaged window of every attempt begins, (k,) [s].
-
-    Args:
-        placement: placement of every attempt, in the order of the attempts, (k,).
-    """
+    """Compute when the averaged window of every attempt begins, (k,) [s], by their placements in order."""
     p = rig.protocol
     fresh = np.append(True, placement[1:] != placement[:-1])
     held = p.rest_time + p.hold_time

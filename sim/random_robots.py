@@ -72,9 +72,7 @@ def _turned(model: mujoco.MjModel, vectors: np.ndarray) -> np.ndarray:
 def edit_of(model: mujoco.MjModel, standard: np.ndarray) -> Callable[[mujoco.MjSpec], None]:
     """Return the edit of a scene, for `Rig.edit`, that gives the robot these standard parameters.
 
-    Args:
-        model: the nominal robot alone.
-        standard: (n_links, 4) [kg, kg m, kg m, kg m].
+    They are (n_links, 4) [kg, kg m, kg m, kg m]; the model is that of the nominal robot alone.
     """
     names = tuple(model.body(k).name for k in range(1, model.nbody))
     mass = standard[:, 0]

@@ -136,8 +136,7 @@ class RobotFinding:
 def robot_findings(robot: Robot) -> tuple[RobotFinding, ...]:
     """Find what will go wrong with a robot in the laboratory, without simulating anything.
 
-    Returns:
-        the findings; none if the robot meets every need (docs/how-to/your-robot.md lists them).
+    Nothing is found if the robot meets every need (docs/how-to/your-robot.md lists them).
     """
     try:
         torques = joint_torques(robot.spec)

@@ -21,10 +21,7 @@ def other_readings(measurements: Measurements, joint_range: np.ndarray) -> Itera
     """Yield what the joints' columns may mean instead, and the measurements if so.
 
     These are another sign, a zero at the other end of the range, and another order of the roll, pitch and
-    yaw of one place. Readings outside a joint's range are left out.
-
-    Args:
-        joint_range: (n_joints, 2) [rad].
+    yaw of one place. Readings outside a joint's range, (n_joints, 2) [rad], are left out.
     """
     m, joints = measurements, measurements.joints
     logged = [k for k, joint in enumerate(joints) if joint not in m.constant_joints]
@@ -72,9 +69,5 @@ def _possible(what: str, m: Measurements, joint_range: np.ndarray) -> Iterator[t
 
 
 def shifted(wrench: np.ndarray, time: np.ndarray, lag: float) -> np.ndarray:
-    """Return rows of a total wrench as they were a lag later, (m, 6).
-
-    Args:
-        time: of every row, rising, (m,) [s].
-    """
+    """Return rows of a total wrench, (m, 6), as they were a lag later, by the rising times of the rows."""
     return CubicSpline(time, wrench)(np.clip(time + lag, time[0], time[-1]))

@@ -47,14 +47,11 @@ def quantity_of(constraint: str) -> tuple[float, str, float]:
 
 
 def link_room(problem: PlanningProblem, chain: Chain, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the distances of the nearest pairs of links beyond what they must keep.
+    """Compute the distances of the nearest pairs of links beyond what they must keep, in the wanted postures.
 
-    Args:
-        wanted: postures to look at, (m,) bool; in the others all links count as far from each other.
-
-    Returns:
-        Distances in the order of the pairs, (m, s) [m], and their derivatives by the joint angles, (m, s, n).
-        The nearest points are held fixed on their links, which is exact to first order.
+    The distances are in the order of the pairs, (m, s) [m], and their derivatives by the joint angles are
+    (m, s, n). The nearest points are held fixed on their links, which is exact to first order. In postures
+    that are not wanted, (m,) bool, all links count as far from each other.
     """
     pairs, kept = problem.pairs, nearest_count(problem)
     within, rows = problem.margins.link_clearance + BEYOND, np.flatnonzero(wanted)
@@ -80,11 +77,10 @@ def link_room(problem: PlanningProblem, chain: Chain, wanted: np.ndarray) -> tup
 
 
 def limb_distances(problem: PlanningProblem, chain: Chain) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the distances between the capsules of the two legs, negative if they overlap.
+    """Compute the distances between the capsules of the two legs, (m, pairs) [m], negative if they overlap.
 
-    Returns:
-        Distances, (m, pairs) [m], and their derivatives by the joint angles, (m, pairs, n). The nearest
-        points are held fixed on their limbs, which is exact to first order.
+    Their derivatives by the joint angles are (m, pairs, n). The nearest points are held fixed on their limbs,
+    which is exact to first order.
     """
     ends = {frame for leg in problem.limbs for limb in leg for frame in limb[:2]}
     slopes = {frame: point_jacobian(problem, chain, frame) for frame in ends}

@@ -82,8 +82,7 @@ def with_feet_exchanged(robot: Robot) -> Robot:
 def one_foot_constraints(problem: PlanningProblem, chain: Chain, swing: np.ndarray) -> dict[str, Part]:
     """Compute the constraints on postures on the stance foot [m, rad, N, or share of the limit].
 
-    Args:
-        swing: last pose of the standing swing foot, under which its board lies, (m, 3) [m, m, rad].
+    The board of the other foot lies under its last standing pose, (m, 3) [m, m, rad].
     """
     angles, ranges, margins = chain.angles, problem.ranges, problem.margins
     low, high = problem.limits.T
@@ -148,9 +147,7 @@ def single_support_margins(
 ) -> dict[str, np.ndarray]:
     """Compute the margin of every constraint for postures on the stance foot, (m,), in its readable unit.
 
-    Args:
-        angles: joint angles, (m, n) [rad].
-        swing: last pose of the standing swing foot, under which its board lies, (m, 3) [m, m, rad].
+    The board of the other foot lies under its last standing pose, (m, 3) [m, m, rad].
     """
     found = one_foot_constraints(problem, chain_at(problem, angles), swing)
     return {name: quantity_of(name)[2] * values.min(axis=1) for name, (values, _) in found.items()}

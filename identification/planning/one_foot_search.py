@@ -139,8 +139,7 @@ def from_pools(
 ) -> list[OnOneFoot]:
     """Choose from pools the postures that minimise a function of M, by exchange (Fedorov 1972).
 
-    Args:
-        rest: information of the postures on both feet, (p, p).
+    The rest is the information of the postures on both feet, (p, p).
     """
     every = [pool.each for pool in pools]
     first = [list(range(counts[pool.support])) for pool in pools]
@@ -150,11 +149,9 @@ def from_pools(
 
 
 def improved(single: Sequence[OnOneFoot], both: np.ndarray, *stages: Smooth) -> list[OnOneFoot]:
-    """Improve the postures on one foot, one foot after the other, by each function of M in turn.
+    """Improve feasible postures on one foot, one foot after the other, by each function of M in turn.
 
-    Args:
-        single: feasible postures on each foot.
-        both: information of the postures on both feet, (p, p).
+    The information of the postures on both feet is (p, p).
     """
     single = list(single)
     for smooth in stages:

@@ -168,9 +168,7 @@ class SearchTask:
     def plan_of(self, state: SearchState, single: Sequence[OnOneFoot] | None = None) -> PosturePlan:
         """Return the best plan of a state, with the settings that made it; numbered after what was measured.
 
-        Args:
-            single: postures on one foot, which come behind the others, on placements of their own; None:
-                those of the start.
+        Postures on one foot, those of the start if None, come behind the others, on placements of their own.
         """
         problem, measured, drawn = self.problem, self.measured, self.start.drawn
         made = {
@@ -270,9 +268,6 @@ def with_repeats(plan: PosturePlan, count: int, seed: int) -> PosturePlan:
     Half of them (rounded up) are repeated at the end of their own placement; their pure error is that of
     readings and approach. Each of the others is repeated on a placement of its own with the same foot pose,
     where the plates are laid and recorded again; its pure error includes that of the placement.
-
-    Args:
-        count: number of repeats, at most the number of postures.
     """
     order = np.random.default_rng([seed, count, 2]).permutation(len(plan))
     # A repeat of a placement's last posture would follow at once, without a new approach.

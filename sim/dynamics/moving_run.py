@@ -126,10 +126,9 @@ def _move_on_placement(
     stream: np.random.SeedSequence,
     zeros: np.ndarray | None,
 ) -> list[_Segment]:
-    """Set up one placement and follow some of its segments.
+    """Set up one placement and follow the segments with these numbers in the trajectory.
 
-    Args:
-        numbers: of the segments in the trajectory. zeros: true zeros of the wrench sensors, (2, c) [N, Nm].
+    The zeros are the true ones of the wrench sensors, (2, c) [N, Nm].
     """
     motion, rng = plan.motion, np.random.default_rng(stream)
     assert motion is not None

@@ -180,9 +180,7 @@ def command_of(
 ) -> Callable[..., int]:
     """Return the function that tyro calls with a command's options.
 
-    Args:
-        saved: whether the command has an option --out for its result, and whether that is required.
-        brief: whether it has an option --full.
+    They are the function's, --json, and, as asked for, --out for its result and --full.
     """
     options: dict[str, Parameter] = {}
     for argument in function.arguments:

@@ -76,11 +76,7 @@ def groups() -> set[str]:
 
 
 def usage(group: str | None = None) -> str:
-    """Describe every command with its summary.
-
-    Args:
-        group: first word of the commands that are described; None: all.
-    """
+    """Describe every command, or those of a group, with its summary."""
     described = {name: s for name, s in summaries().items() if group in (None, name.split(" ")[0])}
     blocks = [{n: s for n, s in described.items() if (" " in n) is two} for two in (False, True)]
     lines = [

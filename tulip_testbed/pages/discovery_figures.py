@@ -24,8 +24,7 @@ WIDE = 1.96  # s.d. that 95 % of the noise stay within
 def gap_figure(rows: Sequence[tuple[str, float, float, float]]) -> Figure:
     """Draw the gap by channel before and after, relative to the noise.
 
-    Args:
-        rows: channel, before, after, and the bound by chance alone.
+    Each row holds a channel, before, after, and the bound by chance alone.
     """
     drawn = go.Figure()
     names = [name for name, *_ in rows]
