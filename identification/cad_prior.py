@@ -119,11 +119,9 @@ def _cost_of(scale: np.ndarray) -> np.ndarray:
 
 
 def cad_prior(parameters: BaseParameters, standard: np.ndarray, mass_sd: float = MASS_SD) -> CadPrior:
-    """Return the prior whose s.d. are those of the estimator `prior`.
+    """Return the prior with the s.d. of the estimator `prior`; that of each link's mass is relative.
 
-    Args:
-        standard: standard parameters of the links by CAD, (n, 4) [kg, kg m].
-        mass_sd: relative, of each link's mass.
+    The standard parameters are the links' by CAD, (n, 4) [kg, kg m].
     """
     mass, total = standard[:, 0], float(standard[:, 0].sum())
     by_standard = parameters.from_standard.reshape(len(parameters.names), -1, 4)

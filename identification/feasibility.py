@@ -60,13 +60,9 @@ def planned_foot_loads(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the vertical forces (m, 2) [N] and centres of pressure (m, 2, 2) [m] that feed-forward chooses.
 
-    Statics determines only their mean, which is at the CoM. The load share depends on the position of the
-    CoM between the centres of the soles; the remaining offset is the same for both centres of pressure.
-
-    Args:
-        weight: weight of the robot [N].
-        com: projections of the centre of mass, (m, 2) [m]; complex numbers are accepted.
-        stance, swing: centres of the soles, (m, 2) [m].
+    Statics determines only their mean, which is at the CoM, (m, 2) [m]. The load share depends on the
+    position of the CoM between the centres of the soles, (m, 2) [m]; the remaining offset is the same for
+    both centres of pressure. Complex numbers are accepted.
     """
     line = swing - stance
     part = ((com - stance) * line).sum(axis=1) / (line**2).sum(axis=1)
@@ -80,10 +76,7 @@ def predicted_cell_loads(
 ) -> np.ndarray:
     """Predict the loads of the eight cells, boards included, (8,) [N]; boards are rigid, cells equal.
 
-    Args:
-        share, cop: results of `predicted_foot_loads`.
-        boards: poses of the boards with zero yaw, (2, 3) [m, m, rad].
-        weight: weight of the robot [N].
+    Share and centre of pressure are those of `predicted_foot_loads`, the boards have zero yaw, (2, 3).
     """
     arm = (cop - boards[:, :2]) / (plate.cells**2).mean(axis=0)
     tilt = 1 + arm @ plate.cells.T

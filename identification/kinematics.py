@@ -275,12 +275,10 @@ def frame_shifts(tree: Tree, like: Tree, base: int, rotations: np.ndarray) -> np
 
 
 def place_on_feet(positions: np.ndarray, swing: int, origin: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Put the swing foot to its place in the rows that stand on it, (m, n_frames, 3) [m].
+    """Put the swing foot to its place in the rows, (m,) bool, that stand on it, (m, n_frames, 3) [m].
 
-    Args:
-        positions: of `frame_positions` from the stance foot, with rotations of `seen_from` in these rows.
-        origin: origin of the swing foot's link in its own base frame, (3,) [m].
-        rows: which, (m,) bool.
+    Positions are those of `frame_positions` from the stance foot, with rotations of `seen_from` in these
+    rows; the swing foot's link has its origin there in its own base frame, (3,) [m].
     """
     positions[rows] += origin - positions[rows, None, swing]
     return positions

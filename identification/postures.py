@@ -52,10 +52,8 @@ def random_postures(
 ) -> PosturePlan:
     """Draw feasible postures, `per_placement` on each of `placements` foot placements.
 
-    Args:
-        ranges: planning ranges; None means those of the robot's description.
-        progress: called with the number of postures each time a placement is complete.
-        margins: margins; None means those of the robot's description.
+    Without ranges or margins they are those of the robot's description. Each time a placement is complete,
+    `progress` is called with the number of its postures.
     """
     model = robot.model
     ranges, margins = ranges or planning_ranges(robot), margins or planning_margins(robot)

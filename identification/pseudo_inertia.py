@@ -21,9 +21,7 @@ REACH = 0.5  # of the ellipsoid that CAD's own inertia takes up at most
 def pseudo_inertia(mass: float, center: np.ndarray, inertia: np.ndarray) -> np.ndarray:
     """Return the pseudo-inertia of a body, (4, 4).
 
-    Args:
-        mass: [kg]. center: of mass in the body's frame, (3,) [m].
-        inertia: about the centre of mass along the frame's axes, (3, 3) [kg m2].
+    Its inertia is about its centre of mass along the axes of its frame, (3, 3) [kg m2].
     """
     second = np.trace(inertia) / 2 * np.eye(3) - inertia
     point = np.append(center, 1.0)

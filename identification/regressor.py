@@ -105,15 +105,9 @@ def stacked_regressor(
 def encoder_blur(
     parameters: BaseParameters, joint_angles: np.ndarray, sd: float, support: np.ndarray | None = None
 ) -> np.ndarray:
-    """Compute the error of H by one s.d. of every encoder, condensed to (p, p).
+    """Compute the error of H by one s.d. [rad] of every encoder, condensed to (p, p).
 
-    Args:
-        joint_angles: joint angles, (m, n_joints) [rad].
-        sd: s.d. of the encoders' errors [rad].
-        support: of every row, see `BaseParameters.regressor`.
-
-    Returns:
-        B with B'B = sum over joints of sd^2 (dH/dq)' (dH/dq).
+    It is B with B'B = sum over joints of sd^2 (dH/dq)' (dH/dq); see `BaseParameters.regressor` for the rows.
     """
     return _blur(parameters.slope(joint_angles, support), sd)
 

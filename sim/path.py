@@ -112,12 +112,9 @@ def smooth_path(
     end: np.ndarray,
     duration: float,
 ) -> scipy.interpolate.CubicSpline:
-    """Return the joint angles over time from `start` to `end`, as the laboratory moves.
+    """Return the joint angles over time from `start` to `end`, as the laboratory moves in a duration [s].
 
-    Args:
-        start, end: joint angles, (n,) [rad].
-        path_between: `ClosedChain.path` or `straight_path`.
-        duration: time of the movement [s].
+    The path between them is `ClosedChain.path` or `straight_path`.
     """
     knots = np.vstack([start, path_between(start, end, PATH_KNOTS)])
     time = np.linspace(0, duration, PATH_KNOTS + 1)
@@ -135,11 +132,9 @@ def _minimum_jerk(steps: int) -> np.ndarray:
 
 
 def tipped(pose: np.ndarray, planned: np.ndarray, tilt_limit: float) -> bool:
-    """Return whether the free body leans too far or is too high or too low.
+    """Return whether the free body leans more than a limit [rad] beyond its plan or is too high or too low.
 
-    Args:
-        pose, planned: actual and planned pose of the free body, (7,) [m, quaternion].
-        tilt_limit: largest lean beyond the planned one [rad]; the height may differ by a fifth.
+    Both poses are (7,) [m, quaternion]; the height may differ by a fifth.
     """
     lean = np.zeros(3)
     mujoco.mju_subQuat(lean, pose[3:], planned[3:])

@@ -200,9 +200,7 @@ def make_measurements(
 ) -> Measurements:
     """Assemble the measurements of m held postures and apply the rig's `misread`.
 
-    Args:
-        reading: see `read_sensors`, of m rows.
-        rows: the other values of the rows.
+    The readings are those of `read_sensors`; `rows` are the other values of the rows.
     """
     m, sensors, contacts = len(reading["q"]), rig.sensors.wrench, header.contacts
     if sensors is not None and sensors.place != PLATE:  # the plates are only the ground that it stands on

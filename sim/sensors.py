@@ -18,7 +18,6 @@ Three = tuple[float, float, float]  # repeatability, noise and resolution of a s
 Six = tuple[float, float, float, float, float, float]
 Sampling = Callable[..., tuple[np.ndarray, np.ndarray]]
 
-
 # s, assumed: the shortest motion from one posture to the next, at whose end the error is another one.
 CHANGING = 2.0
 
@@ -258,9 +257,8 @@ def sample_series(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Draw one reading of every sample of a series, with errors that change slowly; NaN for the s.d.
 
-    Args:
-        truth: quantities at instants `interval` [s] apart, (n, ...). samples: not used.
-        changing_time: correlation time of "repeatability" [s].
+    The true quantities are `interval` [s] apart, (n, ...), and "repeatability" has a correlation time of
+    `changing_time` [s]. The number of samples is not used.
     """
     repeatability, noise, resolution = figures
     kept = np.exp(-interval / changing_time)

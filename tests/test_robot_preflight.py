@@ -172,7 +172,7 @@ def test_a_collision_of_limbs_in_a_scene_written_by_hand_fails_the_verdict(edite
 
 def test_tulip_and_the_humanoids_lack_nothing(robot, foreign):
     for one in (robot, *foreign.values()):
-        assert robot_findings(one) == ()
+        assert not list(robot_findings(one))
 
 
 def test_too_little_armature_and_soft_friction_are_supplied_and_said(edited_tulip):

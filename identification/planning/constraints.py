@@ -213,34 +213,21 @@ def evaluate(problem: PlanningProblem, design: np.ndarray, guess: np.ndarray) ->
     straight = np.array([length for _, _, length in problem.legs])
 
     count = len(design)
-    values = [
-        joints.reshape(count, -1) / ANGLE,
-        height / LENGTH,
-        (foot.polygon - ranges.stability_margin) / LENGTH,
-        (foot.soles - ranges.sole_margin) / LENGTH,
-        (foot.cells - ranges.least_cell_load) / FORCE,
-        (foot.feet - margins.foot_load) / FORCE,
-        foot.boards / LENGTH,
-        (margins.torque_share - relative) / TORQUE,
-        (limb - margins.leg_clearance) / LENGTH,
-        (room - margins.stretch * straight) / LENGTH,
-        link / LENGTH,
+    parts = [
+        (joints.reshape(count, -1), joint_slopes.reshape(count, -1, DESIGN), ANGLE),
+        (height, height_slope, LENGTH),
+        (foot.polygon - ranges.stability_margin, foot_slope.polygon @ by_design, LENGTH),
+        (foot.soles - ranges.sole_margin, foot_slope.soles @ by_design, LENGTH),
+        (foot.cells - ranges.least_cell_load, foot_slope.cells @ by_design, FORCE),
+        (foot.feet - margins.foot_load, foot_slope.feet @ by_design, FORCE),
+        (foot.boards, foot_slope.boards @ by_design, LENGTH),
+        (margins.torque_share - relative, -relative_slope[:, limited], TORQUE),
+        (limb - margins.leg_clearance, limb_slope @ dq, LENGTH),
+        (room - margins.stretch * straight, room_slope @ dq, LENGTH),
+        (link, link_slope @ dq, LENGTH),
     ]
-    slopes = [
-        joint_slopes.reshape(count, -1, DESIGN) / ANGLE,
-        height_slope / LENGTH,
-        foot_slope.polygon @ by_design / LENGTH,
-        foot_slope.soles @ by_design / LENGTH,
-        foot_slope.cells @ by_design / FORCE,
-        foot_slope.feet @ by_design / FORCE,
-        foot_slope.boards @ by_design / LENGTH,
-        -relative_slope[:, limited] / TORQUE,
-        limb_slope @ dq / LENGTH,
-        room_slope @ dq / LENGTH,
-        link_slope @ dq / LENGTH,
-    ]
-    inequalities = np.concatenate(values, axis=1) - margins.rounding
-    jacobian = np.concatenate(slopes, axis=1)
+    inequalities = np.concatenate([value / unit for value, _, unit in parts], axis=1) - margins.rounding
+    jacobian = np.concatenate([slope / unit for _, slope, unit in parts], axis=1)
     inequalities[~reached], jacobian[~reached] = -UNREACHED, 0.0
     return Evaluation(
         chain=chain,

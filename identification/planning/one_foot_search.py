@@ -89,12 +89,10 @@ def random_pools(
 def feasible_pool(
     problem: PlanningProblem, swing: np.ndarray, count: int, rng: np.random.Generator, times: int
 ) -> np.ndarray:
-    """Draw random feasible postures on the stance foot, (k, n) [rad].
+    """Draw random feasible postures on the stance foot with the other foot's board at a pose, (k, n) [rad].
 
-    Args:
-        swing: pose of the swing foot's board, (3,) [m, m, rad].
-        count: number of postures to choose from them, the smallest number to draw.
-        times: number of postures to draw for each of these, as far as draws suffice.
+    There are `times` as many as the `count` to be chosen from them, as far as draws suffice, or at least
+    `count`.
     """
     low, high = np.where(np.isfinite(problem.limits), problem.limits, [-np.pi, np.pi]).T
     sole = problem.soles[0]

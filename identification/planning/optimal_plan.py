@@ -136,12 +136,10 @@ class SearchTask:
     def run(
         self, progress: Callable[[SearchState], None] = lambda state: None, state: SearchState | None = None
     ) -> PosturePlan:
-        """Search.
+        """Search, or go on from the state of an interrupted search with the same settings.
 
-        Args:
-            progress: called with the state of the postures on both feet after every round of `search`; may
-                raise KeyboardInterrupt.
-            state: state of an interrupted search with the same settings, to continue from.
+        The state of the postures on both feet after every round goes to `progress`, which may raise
+        KeyboardInterrupt.
         """
         start, problem = self.start, self.problem
         whole = given(self.goal, total(start.single)) if start.single else self.goal

@@ -77,10 +77,7 @@ def repair_start(
 ) -> SearchState:
     """Repair the first placements of a random plan that can be made feasible, and begin the search there.
 
-    Args:
-        angles: joint angles of a random plan, (m, n) [rad].
-        swing: its swing foot poses, (m, 3) [m, m, rad].
-        per: number of postures in a placement.
+    The joint angles are (m, n) [rad], the swing foot's poses (m, 3) [m, m, rad], `per` in each placement.
     """
     design = design_of(problem, angles, swing)
     names, tally, blocks = inequality_names(problem), Counter[str](), list[Block]()
@@ -224,12 +221,7 @@ def resumed(
     per: int,
     rounds: int,
 ) -> SearchState:
-    """Return the state to go on from: the start if there is none.
-
-    Args:
-        start: state of the same search before its first round.
-        per: number of postures in a placement.
-        rounds: how many the search takes.
+    """Return the state to go on from: the start, before the first round of the same search, if there is none.
 
     Raises:
         StateError: a plan of another size, one that breaks a constraint, or a number that is not its own.

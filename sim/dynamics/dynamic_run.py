@@ -42,10 +42,8 @@ def run_dynamics(
 ) -> Outcome:
     """Simulate a plan in the full dynamics.
 
-    Every placement has its own random stream, so that the result does not depend on `workers`.
-
-    Args:
-        progress: called with the number of attempts each time a placement is done.
+    Every placement has its own random stream, so that the result does not depend on `workers`. Each time one
+    is done, `progress` is called with the number of its attempts.
     """
     check_support("plan", plan)
     placements = list(dict.fromkeys(plan.placement.tolist()))
@@ -140,11 +138,7 @@ def run_placement(
     stream: np.random.SeedSequence,
     zeros: np.ndarray | None = None,
 ) -> list[Attempt]:
-    """Set up one placement and attempt its postures, then its repeats.
-
-    Args:
-        zeros: true zeros of the wrench sensors, (2, c) [N, Nm].
-    """
+    """Set up one placement and attempt its postures, then its repeats; the wrench sensors' zeros are true."""
     rng = np.random.default_rng(stream)
     order = order_of_tries(plan, placement, repeats)
     boards = boards_under(rig, plan.foot_poses[[order[0][0]]])[0]

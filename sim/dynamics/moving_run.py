@@ -69,10 +69,7 @@ def run_motion(
     The robot stands as for a hold before every segment; if it cannot hold the first posture, the segment
     begins at the next one. Samples at which a foot has lifted or slipped are left out, and a new segment
     begins behind them; the truth says why. Every placement has its own random stream, so that the result does
-    not depend on `workers`.
-
-    Args:
-        progress: called with the number of segments each time a part of a placement is done.
+    not depend on `workers`. `progress` is called with the number of segments of each part that is done.
     """
     motion = plan.motion
     assert motion is not None

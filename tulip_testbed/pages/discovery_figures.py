@@ -43,10 +43,9 @@ def gap_figure(rows: Sequence[tuple[str, float, float, float]]) -> Figure:
 
 
 def curve_figure(k: int, curve: Curve, posture: np.ndarray, changed: bool) -> Figure:
-    """Draw one residual over the experiment, before and after, with the noise as a band.
+    """Draw one residual over the experiment, before and, if an effect was removed, after, over the noise.
 
-    Args:
-        posture: numbers in the order of time, (m,). changed: whether an effect was removed.
+    The numbers of the postures are in the order of time, (m,).
     """
     drawn = go.Figure()
     there = np.isfinite(curve.sd)
@@ -94,10 +93,9 @@ def law_figure(k: int, law: LawCurve) -> Figure:
 
 
 def plane_figure(side: str, x: np.ndarray, y: np.ndarray, sd: float, reach: float) -> Figure:
-    """Draw the CoP minus the estimated CoM of all postures from above.
+    """Draw the CoP minus the estimated CoM of all postures, (m,) [mm] each, from above.
 
-    Args:
-        x, y: (m,) [mm]. sd: of the noise [mm]. reach: of the picture [mm], the same before and after.
+    The reach of the picture, the same before and after, and the s.d. of the noise are in mm.
     """
     drawn = go.Figure()
     turn = np.linspace(0, 2 * np.pi, 73)

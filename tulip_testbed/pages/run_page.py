@@ -42,10 +42,7 @@ def page_of(run: RunResult | Prediction) -> Page:
 
 
 def write_page(path: Path, run: RunResult | Prediction) -> Page:
-    """Write the page of a prediction or a run as one HTML file, which appears whole.
-
-    Returns:
-        the page; its `missing` lists the pictures that could not be drawn.
+    """Write the page of a prediction or a run as one HTML file, which appears whole, and return it.
 
     Raises:
         InputError: the file exists, cannot be written or has another ending.

@@ -40,11 +40,7 @@ def log_postures(recording: rr.RecordingStream, subject: Subject) -> None:
 def log_standing(
     recording: rr.RecordingStream, subject: Subject, sequence: np.ndarray | None = None
 ) -> Canvas:
-    """Log the robot on its plates with everything on the ground.
-
-    Args:
-        sequence: number of each row on the time line, (m,); None: 1, 2, ...
-    """
+    """Log the robot on its plates with everything on the ground; without a sequence rows are 1, 2, ..."""
     recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     log_geometry(recording, "world/robot", subject.nominal.robot.visual_model)
     canvas = Canvas(recording, _time_line(subject, sequence))

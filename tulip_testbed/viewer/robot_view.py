@@ -69,8 +69,7 @@ def log_skeleton(canvas: Canvas, path: str, subject: Subject, joint_angles: np.n
 def log_masses(canvas: Canvas, subject: Subject, masses: dict[str, np.ndarray]) -> None:
     """Log each link's centre of mass as a ball whose volume is proportional to its mass.
 
-    Args:
-        masses: standard parameters (eq. 5), (n_links, 4) [kg, kg m], by where they come from.
+    Standard parameters (eq. 5) go by where they come from, (n_links, 4) [kg, kg m].
     """
     rotations, positions = subject.nominal.geometry(subject.joint_angles, subject.support).frames
     tree = subject.nominal.parameters.tree
@@ -149,10 +148,7 @@ def log_subject_loads(canvas: Canvas, subject: Subject) -> None:
 def log_loads(canvas: Canvas, positions: np.ndarray, forces: np.ndarray, weight: float) -> None:
     """Log the load on every cell as an arrow down onto the board; a negative reading points up.
 
-    Args:
-        positions: of the cells, or of the load on each foot, in the base frame, (m, k, 2) [m].
-        forces: (m, k) [N].
-        weight: of the robot [N].
+    Cells, or points of the load on each foot, are in the base frame, (m, k, 2) [m]; forces and weight in N.
     """
     length = METRES_PER_WEIGHT * forces / weight
     zero = np.zeros_like(length)
