@@ -10,20 +10,9 @@ from functools import cached_property, lru_cache
 import mujoco
 import numpy as np
 
+from tulip_testbed.identification import kinematics
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, standard_parameters
-from tulip_testbed.identification.kinematics import (
-    Tree,
-    alike_in_turns,
-    frame_positions,
-    frame_shifts,
-    joint_axes,
-    joint_pivots,
-    link_rotations,
-    moved_frames,
-    place_on_feet,
-    roll_pitch_yaw,
-    seen_from,
-)
+from tulip_testbed.identification.kinematics import Tree
 from tulip_testbed.sim.robot import Robot, rotation_matrices, sole_corners, sole_point
 
 STEP = 1e-5  # rad, of central differences
@@ -81,7 +70,7 @@ class Nominal:
     def swing_sole(self, joint_angles: np.ndarray) -> np.ndarray:
         """Compute the swing sole's pose in the base frame: x, y, z, roll, pitch, yaw, (m, 6) [m, rad]."""
         place, foot = self.geometry(joint_angles).swing_sole
-        return np.column_stack([place, roll_pitch_yaw(foot)])
+        return np.column_stack([place, kinematics.roll_pitch_yaw(foot)])
 
     def soles_in_base(self, joint_angles: np.ndarray) -> np.ndarray:
         """Compute the corners of both soles in the base frame, stance foot first, (m, 2, 4, 2) [m]."""
@@ -173,7 +162,8 @@ class PostureGeometry:
 
     def with_lengths(self, tree: Tree) -> PostureGeometry:
         """Return the geometry with another tree; lengths leave rotations and regressor as they are."""
-        return replace(self, tree=tree, like=(self.like or self) if alike_in_turns(tree, self.tree) else None)
+        alike = kinematics.alike_in_turns(tree, self.tree)
+        return replace(self, tree=tree, like=(self.like or self) if alike else None)
 
     @property
     def base(self) -> int:
@@ -185,8 +175,8 @@ class PostureGeometry:
         """Compute the rotations of all frames, (m, n_frames, 3, 3)."""
         if self.like is not None:
             return self.like.rotations
-        rotations = link_rotations(self.tree, self.base, self.joint_angles)
-        return seen_from(self.nominal.swing_frame, rotations, self.on_swing_foot)
+        rotations = kinematics.link_rotations(self.tree, self.base, self.joint_angles)
+        return kinematics.seen_from(self.nominal.swing_frame, rotations, self.on_swing_foot)
 
     @property
     def on_swing_foot(self) -> np.ndarray:
@@ -198,23 +188,23 @@ class PostureGeometry:
         """Return rotations (m, n_frames, 3, 3) and compute origins (m, n_frames, 3) [m] of all frames."""
         if self.like is not None:
             rotations, origins = self.like.frames
-            shift = frame_shifts(self.tree, self.like.tree, self.base, rotations)
+            shift = kinematics.frame_shifts(self.tree, self.like.tree, self.base, rotations)
             shift[self.on_swing_foot] -= shift[self.on_swing_foot, None, self.nominal.swing_frame]
             return rotations, origins + shift
         stance, swing = -self.nominal.points
-        origins = frame_positions(self.tree, self.base, self.rotations, stance)
-        place_on_feet(origins, self.nominal.swing_frame, swing, self.on_swing_foot)
+        origins = kinematics.frame_positions(self.tree, self.base, self.rotations, stance)
+        kinematics.place_on_feet(origins, self.nominal.swing_frame, swing, self.on_swing_foot)
         return self.rotations, origins
 
     @cached_property
     def axes(self) -> np.ndarray:
         """Compute the axes of all joints, (m, n_joints, 3), see `joint_axes`."""
-        return joint_axes(self.tree, self.base, self.frames[0])
+        return kinematics.joint_axes(self.tree, self.base, self.frames[0])
 
     @cached_property
     def pivots(self) -> np.ndarray:
         """Compute a point on the axis of each joint, (m, n_joints, 3) [m]."""
-        return joint_pivots(self.tree, self.base, *self.frames)
+        return kinematics.joint_pivots(self.tree, self.base, *self.frames)
 
     @cached_property
     def stance_sole(self) -> np.ndarray:
@@ -234,7 +224,7 @@ class PostureGeometry:
     @cached_property
     def moved(self) -> np.ndarray:
         """Return which frames each joint turns against the stance foot, (n_joints, n_frames) bool."""
-        return moved_frames(self.tree, self.base)
+        return kinematics.moved_frames(self.tree, self.base)
 
     @cached_property
     def center(self) -> np.ndarray:
@@ -303,4 +293,4 @@ class PostureGeometry:
 
     @property
     def _nominal_rotations(self) -> np.ndarray | None:
-        return self.rotations if alike_in_turns(self.tree, self.nominal.parameters.tree) else None
+        return self.rotations if kinematics.alike_in_turns(self.tree, self.nominal.parameters.tree) else None
