@@ -13,11 +13,11 @@ class Advance(Protocol):
     def __call__(self, count: int, /, value: float | None = None) -> None: ...
 
 
-# Called with what is counted, how many there are and how many were done before.
-Progress = Callable[[str, int, int], AbstractContextManager[Advance]]
+# Called with what is counted, how many there are (None: nobody knows) and how many were done before.
+Progress = Callable[[str, int | None, int], AbstractContextManager[Advance]]
 
 
-def silent(what: str, total: int, done: int = 0) -> AbstractContextManager[Advance]:
+def silent(what: str, total: int | None, done: int = 0) -> AbstractContextManager[Advance]:
     """Show nothing."""
     return nullcontext(_nothing)
 

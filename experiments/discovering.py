@@ -52,7 +52,7 @@ def discover_effects(
     check_tolerances(tolerances or {})
     # Says what does not fit, before the work.
     before = identify(measurements, robot, source, tolerances=tolerances, calibrate=first_calibration)
-    with progress(f"looking for what is missing, in at most {Budget(len(measurements))}", 4, 0) as advance:
+    with progress(f"looking for what is missing, in at most {Budget(len(measurements))}", None, 0) as advance:
         discovery = discover(
             measurements,
             robot,
@@ -92,6 +92,12 @@ def _told(
     except InputError:  # none can be weighed, which the story says
         ranking = ()
     assert discovery.heldout is not None
+    sentences = story(discovery, ranking)
+    if len(observed) < len(measurements):
+        sentences.append(
+            f"The robot moved: of {len(measurements)} rows the {len(observed)} were searched that are so far "
+            "apart that their noise is independent."
+        )
     lasting = [effect for effect in discovery.corrections if everywhere(effect.target)]
     calibration = discovery.selection.calibration
     sides = {
@@ -120,7 +126,7 @@ def _told(
         noise=discovery.noise,
         alarm_p=discovery.selection.p,
         patterns=discovery.patterns,
-        story=tuple(story(discovery, ranking)),
+        story=tuple(sentences),
         check=check,
         wall_s=discovery.wall_s,
         robot=robot,

@@ -167,7 +167,9 @@ def test_work_on_a_plan_says_how_far_it_is(robot):
     done: dict[str, int] = {}
 
     @contextmanager
-    def progress(what: str, total: int, before: int) -> Iterator[Advance]:
+    def progress(what: str, total: int | None, before: int) -> Iterator[Advance]:
+        assert total is not None
+
         def advance(count: int, /, value: float | None = None) -> None:
             done[what] += count
 

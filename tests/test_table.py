@@ -5,6 +5,7 @@ import json
 import math
 import re
 from io import StringIO
+from queue import Queue
 
 import numpy as np
 import pandas as pd
@@ -16,6 +17,7 @@ from rich.console import Console
 from tulip_testbed.base.column import Column
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.table import STYLES, Cell, Shown, Table, shown_columns
+from tulip_testbed.cli import terminal
 from tulip_testbed.cli.terminal import PIPE_WIDTH, print_json, refuse, say, show, show_whole
 
 HOSTILE = (
@@ -260,3 +262,14 @@ def test_markup_and_control_characters_show_as_they_are(capsys):
 def test_json_knows_no_infinity(capsys):
     print_json({"a": math.inf, "b": [math.nan, 1.5], "c": {"d": (1, "x")}})
     assert json.loads(capsys.readouterr().out) == {"a": None, "b": [None, 1.5], "c": {"d": [1, "x"]}}
+
+
+@pytest.mark.parametrize(("total", "line"), [(4, "work: 3 of 4"), (None, "work: step 3")])
+def test_a_pipe_gets_lines_about_long_work(total, line, monkeypatch):
+    lines: Queue[str] = Queue()
+    monkeypatch.setattr(terminal, "QUIET", 0.01)
+    monkeypatch.setattr(terminal, "say", lines.put)
+    with terminal.progress("work", total, 1) as advance:
+        advance(2)
+        while lines.get(timeout=30) != line:  # those before the step are others
+            pass

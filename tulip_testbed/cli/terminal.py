@@ -123,17 +123,18 @@ class RateColumn(ProgressColumn):
 
 
 @contextmanager
-def progress(label: str, total: int, done: int = 0) -> Iterator[Advance]:
+def progress(label: str, total: int | None, done: int = 0) -> Iterator[Advance]:
     """Show a bar with rate, time left and the best value so far on stderr; no terminal gets a line a minute.
 
-    Some steps may be done before; the yielded function is called with the number of those done now.
+    The total is None if nobody knows it. Some steps may be done before; the yielded function is called with
+    the number of those done now.
     """
     if not ERR.is_terminal:
         ended, count = Event(), [done]
 
         def tell() -> None:
             while not ended.wait(QUIET):
-                say(f"{label}: {min(sum(count), total)} of {total}")
+                say(f"{label}: " + (f"{sum(count)} of {total}" if total else f"step {sum(count)}"))
 
         Thread(target=tell, daemon=True).start()
         try:
