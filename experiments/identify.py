@@ -33,11 +33,10 @@ from tulip_testbed.identification.center_of_pressure import contact_pressure
 from tulip_testbed.identification.estimators import Estimate, estimate_by
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
-from tulip_testbed.identification.regressor import check_robot, regression
+from tulip_testbed.identification.regressor import check_robot, confounded_directions, regression
 from tulip_testbed.identification.statistics import (
     standard_errors,
 )
-from tulip_testbed.identification.zero_confounding import confounded_directions
 from tulip_testbed.measurements import Measurements, as_joined
 from tulip_testbed.sim.robot import Robot
 

@@ -19,6 +19,7 @@ from tulip_testbed.base.machine import machine
 from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.resumable import ResumableFolder
 from tulip_testbed.base.table_files import MOST_ROWS, read_json, software
+from tulip_testbed.experiments.defaults import HOPS
 from tulip_testbed.experiments.described_plan import SEARCHED, DescribedPlan, describe_plan
 from tulip_testbed.experiments.usable_plan import as_plan, enough, plan_hash
 from tulip_testbed.identification.base_parameters import common_support
@@ -26,7 +27,6 @@ from tulip_testbed.identification.planning.objectives import OBJECTIVES, objecti
 from tulip_testbed.identification.planning.optimal_plan import SearchTask, with_repeats
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning.search import SearchState, StateError
-from tulip_testbed.identification.planning.search_defaults import HOPS
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.plan_folder import write_plan
 from tulip_testbed.sim.rig import preset_rig

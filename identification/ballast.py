@@ -50,11 +50,7 @@ def known_weight(measurements: Measurements) -> np.ndarray:
 
 
 def ballast_of(measurements: Measurements, geometry: PostureGeometry, weight: float) -> Ballast | None:
-    """Return the known masses of joined experiments, None if there are none.
-
-    Args:
-        weight: of the robot alone [N].
-    """
+    """Return the known masses of joined experiments on a robot of a weight [N], None if there are none."""
     weights = known_weight(measurements)
     if not weights.any():
         return None

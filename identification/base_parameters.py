@@ -69,9 +69,7 @@ class BaseParameters:
     def rotations(self, joint_angles: np.ndarray, support: np.ndarray | None = None) -> np.ndarray:
         """Compute the rotations of all frames in the frame of the foot that carries, (m, n_frames, 3, 3).
 
-        Args:
-            joint_angles: (m, n_joints) [rad].
-            support: of every row, (m,) of text; None: no row stands on the other foot alone.
+        Arguments are those of `regressor`.
         """
         rotations = link_rotations(self.tree, self.base, joint_angles)
         return rotations if support is None else seen_from(self.swing, rotations, self.on_swing_foot(support))
@@ -110,10 +108,8 @@ class BaseParameters:
     ) -> np.ndarray:
         """Compute the derivative of the base regressor by every joint angle, (m, 2, n_joints, p) [1/rad].
 
-        The derivative of a rotated vector is the cross product of the joint's axis and that vector.
-
-        Args:
-            joint_angles, support, rotations: see `regressor`.
+        The derivative of a rotated vector is the cross product of the joint's axis and that vector. Arguments
+        are those of `regressor`.
         """
         axes, vectors, moved = self._turning(joint_angles, support, rotations)
         turned = np.cross(axes[:, :, None], vectors.mT[:, None])[..., :2] * moved[..., None]  # (m, n, k, 2)
@@ -128,9 +124,7 @@ class BaseParameters:
     ) -> np.ndarray:
         """Compute the derivative of the regressor times theta by every joint angle, (m, 2, n_joints) [m/rad].
 
-        Args:
-            theta: base parameters, (p,) [m].
-            joint_angles, support, rotations: see `regressor`.
+        Theta is (p,) [m]; the other arguments are those of `regressor`.
         """
         axes, vectors, moved = self._turning(joint_angles, support, rotations)
         beyond = (vectors * (self.combination @ theta)) @ moved.mT.astype(float)  # (m, 3, n)
@@ -182,11 +176,7 @@ class BaseParameters:
         return text.removeprefix(" ").removeprefix("+ ")
 
     def values(self, standard: np.ndarray) -> np.ndarray:
-        """Compute the base parameters of a robot from its standard parameters, (p,) [m].
-
-        Args:
-            standard: standard parameters (eq. 5), (n_links, 4) [kg, kg m, kg m, kg m].
-        """
+        """Compute base parameters, (p,) [m], from standard parameters (eq. 5), (n_links, 4) [kg, kg m]."""
         return self.from_standard @ standard.ravel() / standard[:, 0].sum()
 
 
@@ -330,9 +320,7 @@ def _hinge_relations(tree: Tree) -> np.ndarray:
 def _eliminate(relations: np.ndarray) -> tuple[np.ndarray, list[int]]:
     """Solve the relations for their last columns in a fixed order, without pivoting by size.
 
-    Returns:
-        Reduced rows, (k, size), each with a one at its eliminated column and zeros at the others', and the
-        eliminated columns.
+    The reduced rows, (k, size), have a one at their eliminated column each and zeros at the others'.
     """
     rows, eliminated, done = relations.copy(), [], 0
     for column in reversed(range(rows.shape[1])):

@@ -59,12 +59,10 @@ class CadPrior:
     def rescaled(self, change: np.ndarray, covariance: np.ndarray) -> CadPrior:
         """Return the prior with the scales whose squares are the posterior mean, by the marginal likelihood.
 
-        With W'W the inverse of the present prior's covariance and U diag(v) U' that of the posterior's
-        covariance, both by W, the data see y = U' W change / sqrt(v (1 - v)) with the covariance I + Q' S Q
-        of a prior's covariance S, Q = W' U diag(sqrt(1 / v - 1)).
-
-        Args:
-            change: of the base parameters from CAD, (p,) [m]. covariance: theirs, with this prior, (p, p).
+        The change of the base parameters from CAD is (p,) [m], its covariance with this prior (p, p). With
+        W'W the inverse of the present prior's covariance and U diag(v) U' that of the posterior's covariance,
+        both by W, the data see y = U' W change / sqrt(v (1 - v)) with the covariance I + Q' S Q of a prior's
+        covariance S, Q = W' U diag(sqrt(1 / v - 1)).
         """
         white = self.precision_root
         left, turn = np.linalg.eigh(white @ covariance @ white.T)
@@ -102,8 +100,7 @@ class CadPrior:
     def data_share(self, covariance: np.ndarray) -> np.ndarray:
         """Return the share of each parameter's prior variance that the data removed, (p,), 0 to 1.
 
-        Args:
-            covariance: of the estimate, (p, p) [m2].
+        The covariance is that of the estimate, (p, p) [m2].
         """
         return np.clip(1 - np.diag(covariance) / np.diag(self.covariance), 0.0, 1.0)
 
@@ -122,11 +119,9 @@ def _cost_of(scale: np.ndarray) -> np.ndarray:
 
 
 def cad_prior(parameters: BaseParameters, standard: np.ndarray, mass_sd: float = MASS_SD) -> CadPrior:
-    """Return the prior whose s.d. are those of the estimator `prior`.
+    """Return the prior with the s.d. of the estimator `prior`; that of each link's mass is relative.
 
-    Args:
-        standard: standard parameters of the links by CAD, (n, 4) [kg, kg m].
-        mass_sd: relative, of each link's mass.
+    The standard parameters are the links' by CAD, (n, 4) [kg, kg m].
     """
     mass, total = standard[:, 0], float(standard[:, 0].sum())
     by_standard = parameters.from_standard.reshape(len(parameters.names), -1, 4)

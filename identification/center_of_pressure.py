@@ -108,9 +108,7 @@ def center_slopes(observed: Observation) -> dict[str, np.ndarray]:
 def wrench_noise(observed: Observation, by_reading: np.ndarray, fitted: np.ndarray) -> np.ndarray:
     """Return the covariance of each posture's centre of pressure for readings with an s.d. of 1, (m, 2, 2).
 
-    Args:
-        by_reading: of `center_slopes`.
-        fitted: centre of pressure without noise, see `cell_noise`, (m, 2) [m].
+    The slopes are those of `center_slopes`; the fitted centre is that without noise, see `cell_noise`.
     """
     lever = by_reading
     if observed.measurements.weighed_mass is None:  # the centre of pressure is that over the measured force

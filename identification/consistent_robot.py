@@ -93,9 +93,7 @@ def robot_with(
 ) -> ConsistentRobot | None:
     """Find the consistent robot with exactly these base parameters nearest to CAD, or None.
 
-    Args:
-        reference, ellipsoids: see `consistent_robot`.
-        farthest: mean divergence of the links beyond which a robot counts as none.
+    A mean divergence of the links beyond `farthest` counts as none; see `consistent_robot` for the others.
     """
     space = _space(reference, ellipsoids, target.from_standard)
     found = _nearest_to_reference(space, np.append(target.mass * target.value, target.mass), farthest)

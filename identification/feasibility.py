@@ -11,12 +11,7 @@ SHARING = 0.75  # change of the load share over that of the CoM's relative posit
 
 
 def place_polygon(corners: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    """Return a foot's sole corners at a planar pose, (k, 2) [m].
-
-    Args:
-        corners: corners in the foot's frame, (k, 2) [m].
-        pose: pose of the foot, (3,) [m, m, rad].
-    """
+    """Return a foot's sole corners at a planar pose, (k, 2) [m], from those in its own frame."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
     return corners @ np.array([[c, s], [-s, c]]) + pose[:2]
 
@@ -28,12 +23,7 @@ def support_polygon(feet: np.ndarray) -> np.ndarray:
 
 
 def stability_margin(point: np.ndarray, polygon: np.ndarray) -> float:
-    """Return the distance d_e from a point to the nearest edge, negative outside [m] (Fig. 2).
-
-    Args:
-        point: (2,) [m].
-        polygon: convex, counter-clockwise, (k, 2) [m].
-    """
+    """Return the distance d_e from a point to a convex polygon's edges, negative outside [m] (Fig. 2)."""
     return float(edge_distances(np.atleast_2d(point), polygon).min())
 
 
@@ -54,12 +44,9 @@ def predicted_foot_loads(com: np.ndarray, ankles: np.ndarray) -> tuple[np.ndarra
     """Predict load share and centre of pressure of each foot, (2,) [-] and (2, 2) [m].
 
     The loads are statically indeterminate: they depend on the controller. Equal feet on equal ankles share
-    the weight by the position of the centre of mass along the line between the ankles, and carry half of
-    the moment about that line each, so that the foot with less load needs the longer lever.
-
-    Args:
-        com: projection of the centre of mass, (2,) [m].
-        ankles: points on the ground below both ankles, (2, 2) [m].
+    the weight by the position of the centre of mass, (2,) [m], along the line between the points below the
+    ankles, (2, 2) [m], and carry half of the moment about that line each, so that the foot with less load
+    needs the longer lever.
     """
     line = ankles[1] - ankles[0]
     left = np.clip((com - ankles[0]) @ line / (line @ line), 0.02, 0.98)
@@ -73,13 +60,9 @@ def planned_foot_loads(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the vertical forces (m, 2) [N] and centres of pressure (m, 2, 2) [m] that feed-forward chooses.
 
-    Statics determines only their mean, which is at the CoM. The load share depends on the position of the
-    CoM between the centres of the soles; the remaining offset is the same for both centres of pressure.
-
-    Args:
-        weight: weight of the robot [N].
-        com: projections of the centre of mass, (m, 2) [m]; complex numbers are accepted.
-        stance, swing: centres of the soles, (m, 2) [m].
+    Statics determines only their mean, which is at the CoM, (m, 2) [m]. The load share depends on the
+    position of the CoM between the centres of the soles, (m, 2) [m]; the remaining offset is the same for
+    both centres of pressure. Complex numbers are accepted.
     """
     line = swing - stance
     part = ((com - stance) * line).sum(axis=1) / (line**2).sum(axis=1)
@@ -93,10 +76,7 @@ def predicted_cell_loads(
 ) -> np.ndarray:
     """Predict the loads of the eight cells, boards included, (8,) [N]; boards are rigid, cells equal.
 
-    Args:
-        share, cop: results of `predicted_foot_loads`.
-        boards: poses of the boards with zero yaw, (2, 3) [m, m, rad].
-        weight: weight of the robot [N].
+    Share and centre of pressure are those of `predicted_foot_loads`, the boards have zero yaw, (2, 3).
     """
     arm = (cop - boards[:, :2]) / (plate.cells**2).mean(axis=0)
     tilt = 1 + arm @ plate.cells.T

@@ -64,8 +64,7 @@ def inertial_parameters(model: mujoco.MjModel) -> np.ndarray:
 def moved_inertia(standard: np.ndarray, about_center: np.ndarray) -> np.ndarray:
     """Return the elements of inertias about the origin, (n, 6), of those about the centre of mass, (n, 3, 3).
 
-    Args:
-        standard: (n, 4) [kg, kg m].
+    Masses and centres are given by standard parameters, (n, 4) [kg, kg m].
     """
     mass, moment = standard[:, :1], standard[:, 1:]
     center = np.divide(moment, mass, out=np.zeros_like(moment), where=mass > 0)
@@ -185,9 +184,8 @@ def _pressure(regressor: np.ndarray, cad: np.ndarray) -> tuple[np.ndarray, np.nd
 def _given_base_parameters(nominal: Nominal, cad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return how inertial parameters follow from base parameters, and what is left of CAD's doubt.
 
-    Returns:
-        the most likely inertial parameters by base parameters of a robot of known mass, (10 n, p) [kg, ...],
-        and the others' change by independent deviates of s.d. 1, (10 n, 10 n).
+    The first are the most likely ones of a robot of known mass, (10 n, p) [kg, ...]; the second is the change
+    by independent deviates of s.d. 1, (10 n, 10 n).
     """
     spread = _doubt(nominal.robot.model, cad)
     parameters, n = nominal.parameters, len(cad)
@@ -244,9 +242,8 @@ def _of_foot(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compute `wrench_regressor` and centres of mass, with the foot accelerated upward in place of gravity.
 
-    Args:
-        sole: sole point in the foot's frame, (3,) [m].
-        motion: angles, rates and accelerations of the joints, (m, n_joints) each.
+    Angles, rates and accelerations of the joints are (m, n_joints) each; the sole point is in the foot's
+    frame, (3,) [m].
     """
     tree = nominal.parameters.tree
     angles, rates, accelerations = motion

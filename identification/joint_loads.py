@@ -127,12 +127,9 @@ def joint_loads(
 
 
 def servo_stiffness(robot: Robot, gains: Mapping[str, float]) -> np.ndarray:
-    """Return the stiffness of the joints' servos, (n_joints,) [Nm/rad].
+    """Return the stiffness of the joints' servos, (n_joints,) [Nm/rad]: the stated gains by joint.
 
-    Where no gain is stated, it is proportional to the torque limit (1 Nm for a joint without one).
-
-    Args:
-        gains: of position, by joint [Nm/rad].
+    Where none is stated, it is proportional to the torque limit (1 Nm for a joint without one).
     """
     limits = torque_limits(robot)
     usual = np.where(np.isfinite(limits), limits, 1.0) / Controller().error_at_full_torque

@@ -188,11 +188,7 @@ def alike_in_turns(one: Tree, other: Tree) -> bool:
 
 
 def link_rotations(tree: Tree, base: int, joint_angles: np.ndarray) -> np.ndarray:
-    """Compute the rotations of all frames in the base frame, (m, n_frames, 3, 3).
-
-    Args:
-        joint_angles: (m, n_joints) [rad].
-    """
+    """Compute the rotations of all frames in the base frame at joint angles [rad], (m, n_frames, 3, 3)."""
     joint_angles = np.atleast_2d(joint_angles)
     rotations = np.empty((len(joint_angles), len(tree.frames), 3, 3))
     rotations[:, base] = np.eye(3)
@@ -206,11 +202,7 @@ def link_rotations(tree: Tree, base: int, joint_angles: np.ndarray) -> np.ndarra
 
 
 def seen_from(frame: int, rotations: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Return the rotations as seen from another frame in some rows, (m, n_frames, 3, 3).
-
-    Args:
-        rows: which, (m,) bool.
-    """
+    """Return the rotations, (m, n_frames, 3, 3), as seen from another frame in some rows, (m,) bool."""
     if not rows.any():
         return rotations
     out = rotations.copy()
@@ -254,8 +246,7 @@ def moved_frames(tree: Tree, base: int) -> np.ndarray:
 def frame_positions(tree: Tree, base: int, rotations: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """Compute the origins of all frames in the base frame, (m, n_frames, 3) [m].
 
-    Args:
-        origin: origin of the base link in the base frame, (3,) [m].
+    The base link's own origin is there at `origin`, (3,) [m].
     """
     steps = walk(tree, base)
     before, after = ([step.known for step in steps], [step.new for step in steps])
@@ -272,8 +263,7 @@ def frame_positions(tree: Tree, base: int, rotations: np.ndarray, origin: np.nda
 def frame_shifts(tree: Tree, like: Tree, base: int, rotations: np.ndarray) -> np.ndarray:
     """Compute how far the origins of all frames lie from where other lengths have them, (m, n_frames, 3) [m].
 
-    Args:
-        like: the tree with the other lengths. rotations: of both, see `link_rotations`.
+    The tree `like` has these lengths and the same rotations, see `link_rotations`.
     """
     shift = np.zeros(rotations.shape[:3])
     for step, other in zip(walk(tree, base), walk(like, base), strict=True):
@@ -285,12 +275,10 @@ def frame_shifts(tree: Tree, like: Tree, base: int, rotations: np.ndarray) -> np
 
 
 def place_on_feet(positions: np.ndarray, swing: int, origin: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Put the swing foot to its place in the rows that stand on it, (m, n_frames, 3) [m].
+    """Put the swing foot to its place in the rows, (m,) bool, that stand on it, (m, n_frames, 3) [m].
 
-    Args:
-        positions: of `frame_positions` from the stance foot, with rotations of `seen_from` in these rows.
-        origin: origin of the swing foot's link in its own base frame, (3,) [m].
-        rows: which, (m,) bool.
+    Positions are those of `frame_positions` from the stance foot, with rotations of `seen_from` in these
+    rows; the swing foot's link has its origin there in its own base frame, (3,) [m].
     """
     positions[rows] += origin - positions[rows, None, swing]
     return positions

@@ -127,8 +127,7 @@ class Clearances:
 def link_pairs(robot: Robot, margin: float) -> LinkPairs:
     """Select the pairs of links that must keep a distance: all that do not overlap in the reference posture.
 
-    Args:
-        margin: distance to keep [m]; links that are nearer in the reference posture keep half of that.
+    It is `margin` [m], or half of the distance in the reference posture if that is less.
     """
     pairs, at_reference = unjoined_pairs(robot), _at_reference(robot)
     pairs = replace(pairs, needed=np.minimum(margin, REFERENCE * at_reference))
@@ -197,13 +196,10 @@ def clearances_at(pairs: LinkPairs, joint_angles: np.ndarray, within: float) -> 
 
 
 def clearances(pairs: LinkPairs, rotations: np.ndarray, positions: np.ndarray, within: float) -> Clearances:
-    """Compute the distances between links that are near each other, by MuJoCo.
+    """Compute the distances between links that are nearer than `within` [m], by MuJoCo.
 
-    Balls around links and capsules around shapes rule out the others.
-
-    Args:
-        rotations, positions: poses of all frames in the base frame, (m, f, 3, 3) and (m, f, 3) [m].
-        within: largest distance to compute [m].
+    Balls around links and capsules around shapes rule out the others. The poses of all frames are in the
+    base frame, (m, f, 3, 3) and (m, f, 3) [m].
     """
     shapes = pairs.shapes
     posture, pair = _near(pairs, rotations, positions, within)

@@ -1,14 +1,17 @@
-"""Distances between links on the way from one posture to the next, as the laboratory moves."""
+"""Paths between postures: the distances between links on the way, and orders of postures that keep them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from tulip_testbed.identification.kinematics import frame_positions, link_rotations
 from tulip_testbed.identification.link_clearances import Clearances, LinkPairs, clearances_at
-from tulip_testbed.sim.path import smooth_path
+from tulip_testbed.measurements import PosturePlan
+from tulip_testbed.sim.path import ClosedChain, smooth_path
+from tulip_testbed.sim.robot import Robot
 
 PathBetween = Callable[[np.ndarray, np.ndarray, int], np.ndarray]
 SHARE = 0.5  # of the distance that links keep in postures is enough on the way
@@ -53,11 +56,7 @@ def blocked(pairs: LinkPairs, path_between: PathBetween, start: np.ndarray, end:
 
 
 def too_near(pairs: LinkPairs, found: Clearances, needed: np.ndarray) -> str | None:
-    """Return the links that lack most of what they need, as text, or None if all keep it.
-
-    Args:
-        needed: distance that each pair must keep, (p,) [m].
-    """
+    """Return the links that lack most of the distance that they need, (p,) [m], or None if all keep it."""
     lack = (needed - found.distance).max(axis=0, initial=0.0)
     if not (lack > 0).any():
         return None
@@ -70,3 +69,60 @@ def _ends(pairs: LinkPairs, joint_angles: np.ndarray) -> np.ndarray:
     rotations = link_rotations(shapes.tree, shapes.base, joint_angles)
     positions = frame_positions(shapes.tree, shapes.base, rotations, shapes.origin)
     return positions[:, shapes.frame, None] + shapes.ends @ rotations[:, shapes.frame].mT
+
+
+def with_free_paths(robot: Robot, pairs: LinkPairs, plan: PosturePlan) -> PosturePlan:
+    """Return a plan on both feet whose links keep apart on the paths between its postures.
+
+    Placements keep the order of their postures if they can. If no order will do, the robot is lifted and put
+    down instead: the rest becomes placements with the same foot pose at the end of the plan.
+    """
+    chain = ClosedChain(robot.model, robot)
+    kept, added = [], []
+    for number in dict.fromkeys(plan.placement.tolist()):
+        rows = np.flatnonzero(plan.placement == number)
+        first, *rest = _groups(pairs, chain, plan.joint_angles[rows])
+        kept.append((number, rows[first]))
+        added += [rows[group] for group in rest]
+    last = int(plan.placement.max())
+    parts = [*kept, *enumerate(added, last + 1)]
+    moved = plan.take(np.concatenate([rows for _, rows in parts]))
+    placement = np.repeat([number for number, _ in parts], [len(rows) for _, rows in parts])
+    return replace(moved, posture=plan.posture, placement=placement)
+
+
+def _groups(pairs: LinkPairs, chain: ClosedChain, angles: np.ndarray) -> list[np.ndarray]:
+    """Split postures (k, n) into as few sequences with free paths as a greedy search finds."""
+    count = len(angles)
+
+    def free(a: int, b: int) -> bool:
+        return blocked(pairs, chain.path, angles[a], angles[b]) is None
+
+    if all(free(k, k + 1) for k in range(count - 1)):
+        return [np.arange(count)]
+    room = np.full((count, count), -1.0)
+    for a in range(count):
+        for b in range(a + 1, count):
+            room[a, b] = room[b, a] = 0.0 if free(a, b) else -1.0
+    found = [_sequences(room, first) for first in range(count)]
+    order, group = min(found, key=lambda one: one[1].max())
+    return [order[group == k] for k in range(group.max() + 1)]
+
+
+def _sequences(room: np.ndarray, first: int) -> tuple[np.ndarray, np.ndarray]:
+    """Order postures along paths with room, and number the groups without a path between them.
+
+    The room on the path between each two postures is feasible where at least 0, (m, m). The order begins with
+    the posture `first`, (m,); the groups are those of the postures in this order, from 0, (m,).
+    """
+    left = [first, *(k for k in range(len(room)) if k != first)]
+    order, group = [], []
+    while left:
+        ahead = room[order[-1], left] if order else np.array([-np.inf])
+        if ahead.max() >= 0:
+            order.append(left.pop(int(ahead.argmax())))
+            group.append(group[-1])
+        else:
+            order.append(left.pop(0))
+            group.append(group[-1] + 1 if group else 0)
+    return np.array(order), np.array(group)

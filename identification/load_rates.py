@@ -12,9 +12,8 @@ PLATES = 6  # x, y and yaw of the right and the left plate, after the readings o
 def load_rates(observed: Observation) -> tuple[np.ndarray, np.ndarray]:
     """Differentiate the loads by the readings of the cells and the plates' poses.
 
-    Returns:
-        of the torques of the joints, (m, n_joints, 2 k + 6), and of the load of both soles about x and y of
-        the foot, (m, 2, 2, 2 k + 6), as `Observation.sole_loads`.
+    The first are the torques of the joints, (m, n_joints, 2 k + 6), the second the load of both soles about x
+    and y of the foot, (m, 2, 2, 2 k + 6), as `Observation.sole_loads`.
     """
     loads, (down, point) = observed.loads, observed.foot_loads
     m, lever = len(observed), point - observed.contact_poses[..., :2]

@@ -10,14 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tulip_testbed.identification.kinematics import (
-    Tree,
-    frame_positions,
-    joint_axes,
-    joint_pivots,
-    link_rotations,
-    moved_frames,
-)
+from tulip_testbed.identification import kinematics
+from tulip_testbed.identification.kinematics import Tree
 
 LEAST_FREEDOM = 20  # degrees of freedom from which the variance is preferred to the data sheet's
 SINGULAR = 1e-9  # of the largest eigenvalue
@@ -71,10 +65,10 @@ def _inverse(matrices: np.ndarray) -> tuple[np.ndarray, int]:
 
 def _swing_sole(tree: Tree, base: int, swing: int, joint_angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the swing foot's height and normal (x, y), (m, 3) [m, -, -], and the Jacobian, (m, 3, n)."""
-    rotations = link_rotations(tree, base, joint_angles)
-    positions = frame_positions(tree, base, rotations, np.zeros(3))
-    axes = joint_axes(tree, base, rotations) * moved_frames(tree, base)[:, swing, None]
-    pivots = joint_pivots(tree, base, rotations, positions)
+    rotations = kinematics.link_rotations(tree, base, joint_angles)
+    positions = kinematics.frame_positions(tree, base, rotations, np.zeros(3))
+    axes = kinematics.joint_axes(tree, base, rotations) * kinematics.moved_frames(tree, base)[:, swing, None]
+    pivots = kinematics.joint_pivots(tree, base, rotations, positions)
     place, normal = positions[:, swing], rotations[:, swing, :, 2]
     rise = np.cross(axes, place[:, None] - pivots)[..., 2:]
     tilt = np.cross(axes, normal[:, None])[..., :2]

@@ -10,20 +10,9 @@ from functools import cached_property, lru_cache
 import mujoco
 import numpy as np
 
+from tulip_testbed.identification import kinematics
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, standard_parameters
-from tulip_testbed.identification.kinematics import (
-    Tree,
-    alike_in_turns,
-    frame_positions,
-    frame_shifts,
-    joint_axes,
-    joint_pivots,
-    link_rotations,
-    moved_frames,
-    place_on_feet,
-    roll_pitch_yaw,
-    seen_from,
-)
+from tulip_testbed.identification.kinematics import Tree
 from tulip_testbed.sim.robot import Robot, rotation_matrices, sole_corners, sole_point
 
 STEP = 1e-5  # rad, of central differences
@@ -70,8 +59,7 @@ class Nominal:
     def other_sole(self, joint_angles: np.ndarray, support: np.ndarray) -> np.ndarray:
         """Compute the pose of the sole that is not the base frame's: x, y, yaw, (m, 3) [m, m, rad].
 
-        Args:
-            joint_angles, support: see `center_of_mass`.
+        Arguments are those of `center_of_mass`.
         """
         geometry = self.geometry(joint_angles, support)
         foot = geometry.rotations[:, geometry.base]
@@ -82,7 +70,7 @@ class Nominal:
     def swing_sole(self, joint_angles: np.ndarray) -> np.ndarray:
         """Compute the swing sole's pose in the base frame: x, y, z, roll, pitch, yaw, (m, 6) [m, rad]."""
         place, foot = self.geometry(joint_angles).swing_sole
-        return np.column_stack([place, roll_pitch_yaw(foot)])
+        return np.column_stack([place, kinematics.roll_pitch_yaw(foot)])
 
     def soles_in_base(self, joint_angles: np.ndarray) -> np.ndarray:
         """Compute the corners of both soles in the base frame, stance foot first, (m, 2, 4, 2) [m]."""
@@ -174,7 +162,8 @@ class PostureGeometry:
 
     def with_lengths(self, tree: Tree) -> PostureGeometry:
         """Return the geometry with another tree; lengths leave rotations and regressor as they are."""
-        return replace(self, tree=tree, like=(self.like or self) if alike_in_turns(tree, self.tree) else None)
+        alike = kinematics.alike_in_turns(tree, self.tree)
+        return replace(self, tree=tree, like=(self.like or self) if alike else None)
 
     @property
     def base(self) -> int:
@@ -186,8 +175,8 @@ class PostureGeometry:
         """Compute the rotations of all frames, (m, n_frames, 3, 3)."""
         if self.like is not None:
             return self.like.rotations
-        rotations = link_rotations(self.tree, self.base, self.joint_angles)
-        return seen_from(self.nominal.swing_frame, rotations, self.on_swing_foot)
+        rotations = kinematics.link_rotations(self.tree, self.base, self.joint_angles)
+        return kinematics.seen_from(self.nominal.swing_frame, rotations, self.on_swing_foot)
 
     @property
     def on_swing_foot(self) -> np.ndarray:
@@ -199,23 +188,23 @@ class PostureGeometry:
         """Return rotations (m, n_frames, 3, 3) and compute origins (m, n_frames, 3) [m] of all frames."""
         if self.like is not None:
             rotations, origins = self.like.frames
-            shift = frame_shifts(self.tree, self.like.tree, self.base, rotations)
+            shift = kinematics.frame_shifts(self.tree, self.like.tree, self.base, rotations)
             shift[self.on_swing_foot] -= shift[self.on_swing_foot, None, self.nominal.swing_frame]
             return rotations, origins + shift
         stance, swing = -self.nominal.points
-        origins = frame_positions(self.tree, self.base, self.rotations, stance)
-        place_on_feet(origins, self.nominal.swing_frame, swing, self.on_swing_foot)
+        origins = kinematics.frame_positions(self.tree, self.base, self.rotations, stance)
+        kinematics.place_on_feet(origins, self.nominal.swing_frame, swing, self.on_swing_foot)
         return self.rotations, origins
 
     @cached_property
     def axes(self) -> np.ndarray:
         """Compute the axes of all joints, (m, n_joints, 3), see `joint_axes`."""
-        return joint_axes(self.tree, self.base, self.frames[0])
+        return kinematics.joint_axes(self.tree, self.base, self.frames[0])
 
     @cached_property
     def pivots(self) -> np.ndarray:
         """Compute a point on the axis of each joint, (m, n_joints, 3) [m]."""
-        return joint_pivots(self.tree, self.base, *self.frames)
+        return kinematics.joint_pivots(self.tree, self.base, *self.frames)
 
     @cached_property
     def stance_sole(self) -> np.ndarray:
@@ -235,7 +224,7 @@ class PostureGeometry:
     @cached_property
     def moved(self) -> np.ndarray:
         """Return which frames each joint turns against the stance foot, (n_joints, n_frames) bool."""
-        return moved_frames(self.tree, self.base)
+        return kinematics.moved_frames(self.tree, self.base)
 
     @cached_property
     def center(self) -> np.ndarray:
@@ -271,6 +260,17 @@ class PostureGeometry:
         turn = rotations[:, self.nominal.swing_frame]
         return positions[:, self.nominal.swing_frame] + turn @ self.nominal.points[1], turn
 
+    @property
+    def soles(self) -> np.ndarray:
+        """Return the corners of the right and the left sole from above, (m, 2, 4, 2) [m]."""
+        (rotations, positions), feet = self.frames, (self.base, self.nominal.swing_frame)
+        soles = []
+        for frame, corners, point in zip(feet, self.nominal.soles, self.nominal.points, strict=True):
+            local = np.column_stack([corners, np.full(len(corners), point[2])])
+            placed = positions[:, frame, None] + local @ rotations[:, frame].mT
+            soles.append(placed[..., :2])
+        return np.stack(soles, axis=1)
+
     @cached_property
     def regressor(self) -> np.ndarray:
         """Compute the regressor of the base parameters (eq. 6), (m, 2, p) [-]."""
@@ -287,14 +287,10 @@ class PostureGeometry:
         return self.nominal.parameters.slope(self.joint_angles, self.support, self._nominal_rotations)
 
     def slope_along(self, theta: np.ndarray) -> np.ndarray:
-        """Differentiate the regressor times theta by the joint angles, (m, 2, n_joints) [m/rad].
-
-        Args:
-            theta: base parameters, (p,) [m].
-        """
+        """Differentiate the regressor times theta, (p,) [m], by joint angles, (m, 2, n_joints) [m/rad]."""
         parameters = self.nominal.parameters
         return parameters.slope_along(theta, self.joint_angles, self.support, self._nominal_rotations)
 
     @property
     def _nominal_rotations(self) -> np.ndarray | None:
-        return self.rotations if alike_in_turns(self.tree, self.nominal.parameters.tree) else None
+        return self.rotations if kinematics.alike_in_turns(self.tree, self.nominal.parameters.tree) else None

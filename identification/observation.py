@@ -252,24 +252,17 @@ class Observation:
 
     def take(self, rows: np.ndarray) -> Observation:
         """Return some postures of the experiment, by their numbers."""
-        count, m = len(self), self.measurements
-        cut = {
-            f.name: getattr(m, f.name)[rows]
-            for f in fields(m)
-            if isinstance(getattr(m, f.name), np.ndarray)
-            and f.name not in ("cells", "top_height")
-            and len(getattr(m, f.name)) == count
-        }
         kept = {
             f.name: getattr(self, f.name)[rows]
             for f in fields(self)
             if isinstance(getattr(self, f.name), np.ndarray)
             and f.name not in ("cells", "standard", "board_share", "servo_gain", "servo_stiffness")
-            and len(getattr(self, f.name)) == count
+            and len(getattr(self, f.name)) == len(self)
         }
         if self.moves:
             kept["motion"] = self.motion.take(rows)
-        return replace(self, measurements=replace(m, **cut), contacts=self.contacts.take(rows), **kept)
+        kept |= {name: getattr(self, name).take(rows) for name in ("measurements", "contacts")}
+        return replace(self, **kept)
 
     def changed(self, **fields: Any) -> Observation:
         """Return the observation with some fields replaced."""
@@ -379,10 +372,8 @@ def _on_four_cells(forces: np.ndarray, margin: float, share: np.ndarray) -> np.n
 def _steady(spread: np.ndarray) -> np.ndarray:
     """Return on which boards no cell lifted or landed within a row's window, (m, 2) bool.
 
-    There the board rocks over its diagonal at once. A row without samples is no witness.
-
-    Args:
-        spread: s.d. of each cell's samples, (m, 2, 4) [N].
+    There the board rocks over its diagonal at once, which the s.d. of its cells' samples, (m, 2, 4) [N],
+    shows. A row without samples is no witness.
     """
     most = spread.max(axis=2)
     usual = np.nanmedian(most, axis=0) if np.isfinite(most).any() else np.inf

@@ -52,10 +52,8 @@ def random_postures(
 ) -> PosturePlan:
     """Draw feasible postures, `per_placement` on each of `placements` foot placements.
 
-    Args:
-        ranges: planning ranges; None means those of the robot's description.
-        progress: called with the number of postures each time a placement is complete.
-        margins: margins; None means those of the robot's description.
+    Without ranges or margins they are those of the robot's description. Each time a placement is complete,
+    `progress` is called with the number of its postures.
     """
     model = robot.model
     ranges, margins = ranges or planning_ranges(robot), margins or planning_margins(robot)
@@ -199,8 +197,7 @@ class _Search:
     def _free_joints(self) -> tuple[np.ndarray, str | None]:
         """Draw the joints that are not between the feet until what they alone move keeps its distance.
 
-        Returns:
-            The configuration for inverse kinematics to start from, (nq,), and the links that remain too near.
+        Returns the configuration for inverse kinematics to start from, (nq,), and links that remain too near.
         """
         guess, links = self.guess.copy(), None
         for _ in range(REDRAWS):

@@ -21,9 +21,7 @@ REACH = 0.5  # of the ellipsoid that CAD's own inertia takes up at most
 def pseudo_inertia(mass: float, center: np.ndarray, inertia: np.ndarray) -> np.ndarray:
     """Return the pseudo-inertia of a body, (4, 4).
 
-    Args:
-        mass: [kg]. center: of mass in the body's frame, (3,) [m].
-        inertia: about the centre of mass along the frame's axes, (3, 3) [kg m2].
+    Its inertia is about its centre of mass along the axes of its frame, (3, 3) [kg m2].
     """
     second = np.trace(inertia) / 2 * np.eye(3) - inertia
     point = np.append(center, 1.0)
@@ -55,11 +53,7 @@ def central(pseudo: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
 
 
 def moved(pseudo: np.ndarray, transform: np.ndarray) -> np.ndarray:
-    """Return pseudo-inertias in another frame, (..., 4, 4).
-
-    Args:
-        transform: homogeneous, from the old frame to the new one, (..., 4, 4).
-    """
+    """Return pseudo-inertias in another frame by a homogeneous transform from the old to it, (..., 4, 4)."""
     return transform @ pseudo @ transform.mT
 
 
@@ -83,12 +77,9 @@ def solid(pseudo: np.ndarray) -> np.ndarray:
 def bounding_ellipsoids(model: mujoco.MjModel, pseudo: np.ndarray) -> np.ndarray:
     """Return a matrix Q a link with tr(P Q) >= 0 for all mass inside its ellipsoid, (n_links, 4, 4).
 
-    The ellipsoid is the smallest around the box of the link's geometry, enlarged if CAD's own inertia takes
-    up more than half of the bound. Q = [[-S^-1, S^-1 c], [c' S^-1, 1 - c' S^-1 c]] for the ellipsoid
-    (x - c)' S^-1 (x - c) <= 1 (Wensing, Kim and Slotine 2018).
-
-    Args:
-        model: the robot with its geometry. pseudo: its pseudo-inertias.
+    The ellipsoid is the smallest around the box of the link's geometry, enlarged if CAD's own inertia, in the
+    pseudo-inertias, takes up more than half of the bound. Q = [[-S^-1, S^-1 c], [c' S^-1, 1 - c' S^-1 c]] for
+    the ellipsoid (x - c)' S^-1 (x - c) <= 1 (Wensing, Kim and Slotine 2018).
     """
     boxes = link_boxes(model)
     found = np.zeros_like(pseudo)

@@ -24,11 +24,9 @@ MOST_TERMS = 4  # of a combination that are written out
 def require_identifiable(
     matrix: np.ndarray, names: tuple[str, ...], source: str, blur: np.ndarray | None = None
 ) -> None:
-    """Refuse a regressor that does not determine every parameter.
+    """Refuse a regressor H, (r, p), that does not determine every parameter.
 
-    Args:
-        matrix: H, (r, p).
-        blur: B, (k, p); None: rounding errors alone.
+    The blur is B, (k, p); None: rounding errors alone.
     """
     rows, columns = matrix.shape
     if rows <= columns:
@@ -45,14 +43,11 @@ def require_identifiable(
 
 
 def undetermined_directions(matrix: np.ndarray, blur: np.ndarray | None = None) -> np.ndarray:
-    """Return a basis of the directions that H does not determine, (d, p), d = 0 at full rank.
+    """Return a basis of the directions that H, (r, p), does not determine, (d, p), d = 0 at full rank.
 
     The basis follows from the singular values of H against [H; B] (quotient singular value decomposition),
-    which do not depend on a scaling of columns or on pivoting.
-
-    Args:
-        matrix: H, (r, p).
-        blur: B, (k, p); None: rounding errors alone.
+    which do not depend on a scaling of columns or on pivoting. Without a blur B, (k, p), only rounding errors
+    count.
     """
     scale = np.linalg.norm(matrix, axis=0)
     scale[scale == 0] = scale.max() or 1.0
@@ -67,11 +62,7 @@ def undetermined_directions(matrix: np.ndarray, blur: np.ndarray | None = None) 
 
 
 def weakly_known(covariance: np.ndarray, most: float) -> np.ndarray:
-    """Return the directions whose standard error exceeds `most` [m], (d, p).
-
-    Args:
-        covariance: covariance of the estimate, (p, p) [m2].
-    """
+    """Return the directions whose standard error by a covariance, (p, p) [m2], exceeds `most` [m], (d, p)."""
     variance, directions = np.linalg.eigh(covariance)
     return directions[:, variance > most**2].T
 
@@ -82,11 +73,7 @@ def labels(numbers: np.ndarray, names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def describe_combinations(directions: np.ndarray, names: tuple[str, ...]) -> str:
-    """Describe the parameters and combinations that a subspace of undetermined directions contains.
-
-    Args:
-        directions: basis of the subspace, (d, p).
-    """
+    """Describe the parameters and combinations in a subspace of undetermined directions, (d, p)."""
     free = reduced_basis(directions)
     texts = []
     for members, rows in _groups(free):

@@ -9,6 +9,9 @@ of the swing foot from the joint angles, and its x, y and yaw, which are constan
 
 from __future__ import annotations
 
+import itertools
+import math
+
 import numpy as np
 
 from tulip_testbed.identification.kinematics import roll_pitch_yaw
@@ -20,11 +23,19 @@ ROWS = {"A": slice(0, 2), "F": slice(2, 3), "T": TWISTS, "C": slice(5, 11)}
 ANCHORED = slice(8, 11)  # x, y, yaw of the swing foot, known up to a constant of the placement
 UNITS = {"A": "mm", "F": "N", "T": "N", "C": "mm, deg"}
 TWIST = np.array([1.0, -1.0, 1.0, -1.0])
-# Fields of an observation that may vary between postures, in the order of `packed`.
-VARYING = (
-    *("joint_angles", "cell_forces", "plate_poses", "stance_tilt"),
-    *("swing_tilt", "swing_rise", "shift", "lift", "push"),
-)
+# Fields of an observation that may vary between postures, by short names in the order of `packed`.
+PARTS = {
+    "angles": "joint_angles",
+    "cells": "cell_forces",
+    "plates": "plate_poses",
+    "stance_tilt": "stance_tilt",
+    "swing_tilt": "swing_tilt",
+    "rise": "swing_rise",
+    "shift": "shift",
+    "lift": "lift",
+    "push": "push",
+}
+VARYING = tuple(PARTS.values())
 
 
 def packed(observed: Observation) -> np.ndarray:
@@ -39,34 +50,16 @@ def packed(observed: Observation) -> np.ndarray:
 
 def fields(observed: Observation) -> dict[str, slice]:
     """Return the columns of `packed` by name."""
-    widths = {
-        "angles": len(observed.nominal.parameters.tree.joints),
-        "cells": observed.cell_forces.shape[1],
-        "plates": 6,
-        "stance_tilt": 2,
-        "swing_tilt": 2,
-        "rise": 1,
-        "shift": 2,
-        "lift": 1,
-        "push": 2,
-    }
-    ends = np.cumsum(list(widths.values())).tolist()
-    return {name: slice(end - widths[name], end) for name, end in zip(widths, ends, strict=True)}
+    widths = [math.prod(getattr(observed, name).shape[1:]) for name in VARYING]
+    ends = [0, *itertools.accumulate(widths)]
+    return {part: slice(*both) for part, both in zip(PARTS, itertools.pairwise(ends), strict=True)}
 
 
 def unpacked(observed: Observation, values: np.ndarray) -> Observation:
     """Return the observation with the fields of `packed` replaced (the inverse of `packed`)."""
     at = fields(observed)
     return observed.changed(
-        joint_angles=values[:, at["angles"]],
-        cell_forces=values[:, at["cells"]],
-        plate_poses=values[:, at["plates"]].reshape(-1, 2, 3),
-        stance_tilt=values[:, at["stance_tilt"]],
-        swing_tilt=values[:, at["swing_tilt"]],
-        swing_rise=values[:, at["rise"]][:, 0],
-        shift=values[:, at["shift"]],
-        lift=values[:, at["lift"]][:, 0],
-        push=values[:, at["push"]],
+        **{n: values[:, at[part]].reshape(getattr(observed, n).shape) for part, n in PARTS.items()}
     )
 
 
@@ -86,23 +79,19 @@ def moved_by(observed: Observation, before: Observation, after: Observation) -> 
 
 def difference(before: Observation, after: Observation) -> np.ndarray:
     """Return the difference of two observations' fields side by side, as in `packed`."""
-    out, at = np.zeros((len(before), fields(before)["push"].stop)), 0
-    for name in VARYING:
+    at = fields(before)
+    out = np.zeros((len(before), at["push"].stop))
+    for part, name in PARTS.items():
         first, second = getattr(before, name), getattr(after, name)
-        width = first[0].size
         if second is not first:
-            out[:, at : at + width] = (second - first).reshape(len(first), width)
-        at += width
+            out[:, at[part]] = (second - first).reshape(len(first), -1)
     return out
 
 
 def residuals(observed: Observation, theta: np.ndarray) -> np.ndarray:
     """Compute the residuals of all channels, (m, 11) [m, m, N, N, N, m, rad, rad, m, m, rad].
 
-    Those of channel D, in the place of T, are in rad.
-
-    Args:
-        theta: base parameters, (p,) [m].
+    Those of channel D, in the place of T, are in rad. The base parameters theta are (p,) [m].
     """
     out = np.empty((len(observed), SIZE))
     out[:, ROWS["A"]] = center(observed) - observed.geometry.regressor @ theta
@@ -206,11 +195,7 @@ def residuals_in_use(observed: Observation) -> np.ndarray:
 
 
 def constants_of_stances(used: np.ndarray) -> np.ndarray:
-    """Return the columns of the swing foot's x, y and yaw, (m, 11, 3).
-
-    Args:
-        used: see `residuals_in_use`.
-    """
+    """Return the columns of the swing foot's x, y and yaw, (m, 11, 3), where `residuals_in_use` has them."""
     anchored = range(ANCHORED.start, ANCHORED.stop)
     out = np.zeros((*used.shape, len(anchored)))
     out[:, anchored, np.arange(len(anchored))] = used[:, ANCHORED]
@@ -276,11 +261,7 @@ def swing_pose(observed: Observation) -> np.ndarray:
 
 
 def sensitivity(observed: Observation, theta: np.ndarray) -> np.ndarray:
-    """Differentiate the residuals by the fields of `packed`, (m, 11, n_joints + 2 k + 16).
-
-    Args:
-        theta: base parameters, (p,) [m].
-    """
+    """Differentiate the residuals at theta, (p,) [m], by `packed`, (m, 11, n_joints + 2 k + 16)."""
     at, m = fields(observed), len(observed)
     out = np.zeros((m, SIZE, at["push"].stop))
     forces, bears = carried(observed), observed.contacts.bears

@@ -40,8 +40,7 @@ class _Search:
 def mjcf_files(path: Path, folder: Path) -> dict[Path, str]:
     """Return every file that an MJCF consists of, with its hash.
 
-    Args:
-        folder: folder of the robot; files outside of it, also by a symbolic link, are refused.
+    Files outside of the robot's folder, also by a symbolic link, are refused.
     """
     path = Path(path)
     search = _Search(path.parent, Path(os.path.realpath(folder)))

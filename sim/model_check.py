@@ -112,8 +112,7 @@ def _within(
 def check_features(model: mujoco.MjModel, where: str) -> None:
     """Refuse a model with a feature that acts in the full dynamics alone.
 
-    Args:
-        model: a robot alone, or a scene without the laboratory's own clamps.
+    It is a robot alone, or a scene without the laboratory's own clamps.
     """
     for found, expected in _unknown_features(model):
         raise InputError(f"{where}: found {found}, expected {expected}")

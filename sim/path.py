@@ -30,8 +30,7 @@ class ClosedChain:
     def base_pose(self, angles: np.ndarray, foot: int = 0) -> np.ndarray:
         """Return the pose of the free body with a sole flat on the origin, (7,) [m, quaternion].
 
-        Args:
-            foot: 0: the stance sole, 1: the swing sole.
+        The foot is 0 for the stance sole and 1 for the swing sole.
         """
         sole, _ = self._feet(angles, np.array([0.0, 0, 0, 1, 0, 0, 0]))[foot]
         inverse, position = np.zeros(4), np.zeros(3)
@@ -113,12 +112,9 @@ def smooth_path(
     end: np.ndarray,
     duration: float,
 ) -> scipy.interpolate.CubicSpline:
-    """Return the joint angles over time from `start` to `end`, as the laboratory moves.
+    """Return the joint angles over time from `start` to `end`, as the laboratory moves in a duration [s].
 
-    Args:
-        start, end: joint angles, (n,) [rad].
-        path_between: `ClosedChain.path` or `straight_path`.
-        duration: time of the movement [s].
+    The path between them is `ClosedChain.path` or `straight_path`.
     """
     knots = np.vstack([start, path_between(start, end, PATH_KNOTS)])
     time = np.linspace(0, duration, PATH_KNOTS + 1)
@@ -136,11 +132,9 @@ def _minimum_jerk(steps: int) -> np.ndarray:
 
 
 def tipped(pose: np.ndarray, planned: np.ndarray, tilt_limit: float) -> bool:
-    """Return whether the free body leans too far or is too high or too low.
+    """Return whether the free body leans more than a limit [rad] beyond its plan or is too high or too low.
 
-    Args:
-        pose, planned: actual and planned pose of the free body, (7,) [m, quaternion].
-        tilt_limit: largest lean beyond the planned one [rad]; the height may differ by a fifth.
+    Both poses are (7,) [m, quaternion]; the height may differ by a fifth.
     """
     lean = np.zeros(3)
     mujoco.mju_subQuat(lean, pose[3:], planned[3:])

@@ -54,11 +54,7 @@ class PlanManifest(BaseModel):
 
 
 def write_plan(folder: Path, plan: PosturePlan, beside: Mapping[str, str] | None = None) -> None:
-    """Write a plan folder, which appears whole or not at all.
-
-    Args:
-        beside: texts of further files, by name.
-    """
+    """Write a plan folder, which appears whole or not at all, with further texts by their files."""
     columns = {"posture": plan.posture, "placement": plan.placement, "support": plan.support}
     columns |= _of_joints(plan, plan.joints)
     columns |= {f"swing.{axis}": plan.swing_pose[:, k] for k, axis in enumerate(("x", "y", "yaw"))}
@@ -170,11 +166,7 @@ def check_motion(path: Path | str, plan: PosturePlan, robot: Robot) -> None:
 
 
 def check_model(where: Path | str, made_with: str | None, expected: str | None, robot: Robot) -> None:
-    """Refuse data of another nominal model.
-
-    Args:
-        made_with, expected: file name and sha256 of the data's model; None: not given.
-    """
+    """Refuse data of another nominal model than the robot's, by file name and sha256; None: not given."""
     if expected is not None and (found := robot.model_hash) != expected:
         raise InputError(
             f"{where}: made for another robot than {robot.name}: hash mismatch of the robot's model: "

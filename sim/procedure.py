@@ -62,11 +62,7 @@ def new_set_up(placement: np.ndarray, support: np.ndarray) -> np.ndarray:
 
 
 def start_times(rig: Rig, placement: np.ndarray) -> np.ndarray:
-    """Compute the time at which the averaged window of every attempt begins, (k,) [s].
-
-    Args:
-        placement: placement of every attempt, in the order of the attempts, (k,).
-    """
+    """Compute when the averaged window of every attempt begins, (k,) [s], by their placements in order."""
     p = rig.protocol
     fresh = np.append(True, placement[1:] != placement[:-1])
     held = p.rest_time + p.hold_time
@@ -182,14 +178,14 @@ def read_sensors(
         sample: `sample` to draw every sample, or `sample_mean`.
     """
     samples, sensors = _samples(rig), rig.sensors.wrench
-    angles, angles_sd = sample(joints, *rig.sensors.encoder, samples, rng)
-    motor, _ = sample(motors, *rig.sensors.motor, samples, rng)
+    angles, angles_sd = sample(joints, rig.sensors.encoder, samples, rng)
+    motor, _ = sample(motors, rig.sensors.motor, samples, rng)
     reading = {"q": angles, "q_std": angles_sd, "motor": motor}
     if sensors is None or wrenches is None or zeros is None:
         if wrenches is not None and np.any(rig.side_forces):
             side = (wrenches[..., :2] * rig.side_forces).sum(axis=-1)
             forces = forces + np.repeat(side / len(CORNERS), len(CORNERS), axis=-1)
-        mean, sd = sample(cell_gains(rig.sensors) * forces, *rig.sensors.cell, samples, rng)
+        mean, sd = sample(cell_gains(rig.sensors) * forces, rig.sensors.cell, samples, rng)
         return reading | {"cell": mean, "cell_std": sd}
     mean, sd = read_wrenches(sensors, wrenches, zeros, samples, rng, sample)
     return reading | {"wrench": mean, "wrench_std": sd}
@@ -204,9 +200,7 @@ def make_measurements(
 ) -> Measurements:
     """Assemble the measurements of m held postures and apply the rig's `misread`.
 
-    Args:
-        reading: see `read_sensors`, of m rows.
-        rows: the other values of the rows.
+    The readings are those of `read_sensors`; `rows` are the other values of the rows.
     """
     m, sensors, contacts = len(reading["q"]), rig.sensors.wrench, header.contacts
     if sensors is not None and sensors.place != PLATE:  # the plates are only the ground that it stands on

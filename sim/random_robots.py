@@ -13,21 +13,14 @@ from tulip_testbed.base.errors import InputError
 
 
 def draw_robot(model: mujoco.MjModel, spread: float, rng: np.random.Generator) -> np.ndarray:
-    """Draw the standard parameters (eq. 5) of a random robot around the nominal one.
+    """Draw the standard parameters (eq. 5) of a random robot around the nominal one, (n_links, 4) [kg, kg m].
 
     All links are independent, left and right ones too. A mass is log-normal with the nominal mass as mean
-    and an s.d. of `spread` of ln m. A centre of mass moves along the axes of the link's inertia box (the
-    solid box of uniform density with the link's mass and inertia) by a normal deviate with an s.d. of
-    `spread` half edges, truncated at the faces of the box. The inertia about the centre of mass is
+    and an s.d. of `spread` of ln m, 0 < spread <= 1. A centre of mass moves along the axes of the link's
+    inertia box (the solid box of uniform density with the link's mass and inertia) by a normal deviate with
+    an s.d. of `spread` half edges, truncated at the faces of the box. The inertia about the centre of mass is
     proportional to the mass (`edit_of`), so that every link stays physically consistent (Wensing, Kim and
     Slotine 2018): positive mass, positive principal moments, triangle inequality.
-
-    Args:
-        model: the nominal robot alone.
-        spread: relative s.d., 0 < spread <= 1 [-].
-
-    Returns:
-        (n_links, 4) [kg, kg m, kg m, kg m], links in the model's order.
     """
     check_spread(spread)
     heavy = model.body_mass[1:] > 0
@@ -72,9 +65,7 @@ def _turned(model: mujoco.MjModel, vectors: np.ndarray) -> np.ndarray:
 def edit_of(model: mujoco.MjModel, standard: np.ndarray) -> Callable[[mujoco.MjSpec], None]:
     """Return the edit of a scene, for `Rig.edit`, that gives the robot these standard parameters.
 
-    Args:
-        model: the nominal robot alone.
-        standard: (n_links, 4) [kg, kg m, kg m, kg m].
+    They are (n_links, 4) [kg, kg m, kg m, kg m]; the model is that of the nominal robot alone.
     """
     names = tuple(model.body(k).name for k in range(1, model.nbody))
     mass = standard[:, 0]

@@ -215,8 +215,7 @@ def _description(path: Path) -> dict[str, Any]:
 def load_spec(path: Path, folder: Path | None = None) -> mujoco.MjSpec:
     """Parse an MJCF file after a separate process has compiled it without a crash.
 
-    Args:
-        folder: folder of the robot, from which files may be read; None means the MJCF's own folder.
+    Files may be read from the robot's folder; None means the MJCF's own folder.
     """
     path = Path(path)
     try_to_compile(path, {path: _files(path, folder or path.parent)})

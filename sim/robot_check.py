@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -23,7 +23,7 @@ from tulip_testbed.sim.drives import (
 from tulip_testbed.sim.model_check import check_before_compiling, check_features, check_options
 from tulip_testbed.sim.plates import cell_names, plate_geometry
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import STAND, Robot, joint_names, sole_point
+from tulip_testbed.sim.robot import STAND, Robot, joint_names, sole_point, standing
 from tulip_testbed.sim.scene import laboratory_scene
 from tulip_testbed.sim.specs import compile_spec
 
@@ -133,23 +133,23 @@ class RobotFinding:
         return f"found {self.found}: {self.consequence}; {self.assumed}"
 
 
-def robot_findings(robot: Robot) -> tuple[RobotFinding, ...]:
-    """Find what will go wrong with a robot in the laboratory, without simulating anything.
+def robot_findings(robot: Robot) -> Iterator[RobotFinding]:
+    """Yield what will go wrong with a robot in the laboratory, without simulating anything.
 
-    Returns:
-        the findings; none if the robot meets every need (docs/how-to/your-robot.md lists them).
+    Nothing is found if the robot meets every need (docs/how-to/your-robot.md lists them).
     """
     try:
         torques = joint_torques(robot.spec)
     except InputError as error:
-        fault = RobotFinding(
+        yield RobotFinding(
             "drives",
             str(error).partition("found ")[2] or str(error),
             "no laboratory can be built",
             "give every motor a torque limit in both directions",
         )
-        return (fault, *_start(robot))
-    return (*_undriven(robot, torques), *_armature(robot), *_friction(robot), *_start(robot))
+    else:
+        yield from _of_drives(robot, torques)
+    yield from _of_start(robot)
 
 
 @lru_cache(maxsize=32)
@@ -159,74 +159,51 @@ def warn_of_robot(robot: Robot) -> None:
         warn(f"{robot.model_file}: {finding.sentence}")
 
 
-def _undriven(robot: Robot, torques: dict[str, float]) -> list[RobotFinding]:
-    if not (without := [name for name in joint_names(robot.model) if name not in torques]):
-        return []
-    return [
-        RobotFinding(
+def _of_drives(robot: Robot, torques: dict[str, float]) -> Iterator[RobotFinding]:
+    if without := [name for name in joint_names(robot.model) if name not in torques]:
+        yield RobotFinding(
             "motors",
             f"no motor with a torque limit on {_some(without)}",
             "no laboratory can be built",
             "give each joint one, or remove the joint, which fixes its body to the one above",
         )
-    ]
-
-
-def _armature(robot: Robot) -> list[RobotFinding]:
-    if not (short := short_of_armature(robot.spec)):
-        return []
-    joints = _some([f"{name} ({found:.2g} of {needed:.2g})" for name, (found, needed) in short.items()])
-    return [
-        RobotFinding(
+    if short := short_of_armature(robot.spec):
+        joints = _some([f"{name} ({found:.2g} of {needed:.2g})" for name, (found, needed) in short.items()])
+        yield RobotFinding(
             "armature",
             f"an armature below {LEAST_ARMATURE:g} kg m2 per Nm of torque limit in {joints}",
             "their servos would chatter",
             "the laboratory raises it to that in its scene",
         )
-    ]
-
-
-def _friction(robot: Robot) -> list[RobotFinding]:
-    if not (soft := soft_friction(robot.spec)):
-        return []
-    stiff = f'solreffriction="{_numbers(SOLREF_FRICTION)}" solimpfriction="{_numbers(SOLIMP_FRICTION[:3])}"'
-    return [
-        RobotFinding(
+    if soft := soft_friction(robot.spec):
+        solref, solimp = (" ".join(map("{:g}".format, x)) for x in (SOLREF_FRICTION, SOLIMP_FRICTION[:3]))
+        yield RobotFinding(
             "friction",
-            f"frictionloss softer than {stiff} in {_some(soft)}",
+            f'frictionloss softer than solreffriction="{solref}" solimpfriction="{solimp}" in {_some(soft)}',
             "these joints would creep for long before they stick",
             "the laboratory sets these numbers in its scene",
         )
-    ]
 
 
-def _start(robot: Robot) -> list[RobotFinding]:
+def _of_start(robot: Robot) -> Iterator[RobotFinding]:
     """Judge where inverse kinematics starts."""
-    model = robot.model
-    keys = [model.key(k).name for k in range(model.nkey)]
-    if STAND not in keys:
-        straight = _straight_legs(robot, model.qpos0)
-        legs = (
-            f" with straight legs ({_some(straight)}) and may find few postures or none" if straight else ""
+    there = STAND in [robot.model.key(k).name for k in range(robot.model.nkey)]
+    straight = _some(_straight_legs(robot, standing(robot.model)))
+    if not there:
+        legs = f" with straight legs ({straight}) and may find few postures or none" if straight else ""
+        yield RobotFinding(
+            "stand",
+            f"no keyframe '{STAND}'",
+            f"inverse kinematics starts from the model's zero posture{legs}",
+            "the zero posture is assumed: a keyframe with bent knees is safer",
         )
-        return [
-            RobotFinding(
-                "stand",
-                f"no keyframe '{STAND}'",
-                f"inverse kinematics starts from the model's zero posture{legs}",
-                "the zero posture is assumed: a keyframe with bent knees is safer",
-            )
-        ]
-    if straight := _straight_legs(robot, model.key(STAND).qpos):
-        return [
-            RobotFinding(
-                "stand",
-                f"straight legs ({_some(straight)}) in the keyframe '{STAND}'",
-                "inverse kinematics starts at a singular posture and may find few postures or none",
-                "the keyframe is used as it is: bend its knees",
-            )
-        ]
-    return []
+    elif straight:
+        yield RobotFinding(
+            "stand",
+            f"straight legs ({straight}) in the keyframe '{STAND}'",
+            "inverse kinematics starts at a singular posture and may find few postures or none",
+            "the keyframe is used as it is: bend its knees",
+        )
 
 
 def _straight_legs(robot: Robot, qpos: np.ndarray) -> list[str]:
@@ -251,7 +228,3 @@ def _straight_legs(robot: Robot, qpos: np.ndarray) -> list[str]:
 def _some(names: list[str]) -> str:
     more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
     return ", ".join(names[:MOST_NAMED]) + more
-
-
-def _numbers(values: tuple[float, ...]) -> str:
-    return " ".join(f"{value:g}" for value in values)

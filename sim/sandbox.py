@@ -76,10 +76,7 @@ def try_to_compile(path: Path, files: Mapping[Path, Hashes]) -> None:
 
 
 def call_safely(function: Callable[[Path], T], path: Path) -> T:
-    """Call a function of a file in a separate process.
-
-    Args:
-        function: of a module; what it returns or raises is pickled.
+    """Call a function of a module with a file in a separate process; what it returns or raises is pickled.
 
     Raises:
         InputError: it crashes, or needs too much time or memory.

@@ -137,8 +137,7 @@ def _load_plate(robot: Robot) -> mujoco.MjsBody:
 def laboratory_scene(rig: Rig, plate_poses: np.ndarray) -> mujoco.MjSpec:
     """Return the rig's scene: drives, servos, compliance, ankle sensors, plates, solver, and the rig's edit.
 
-    Args:
-        plate_poses: poses of the right and left plate in the base frame, (2, 3) [m, m, rad].
+    The poses of the right and left plate are in the base frame, (2, 3) [m, m, rad].
     """
     spec = load_scene(rig.robot)
     supply_drives(spec)

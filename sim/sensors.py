@@ -7,15 +7,16 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+import scipy
 
 from tulip_testbed.measurements.cells import CELLS
 from tulip_testbed.measurements.contacts import COP, VERTICAL, WRENCH, cops_of_wrenches
 
 Pose = tuple[float, float, float]
 Figures = tuple[float, ...]
+Three = tuple[float, float, float]  # repeatability, noise and resolution of a sensor
 Six = tuple[float, float, float, float, float, float]
 Sampling = Callable[..., tuple[np.ndarray, np.ndarray]]
-
 
 # s, assumed: the shortest motion from one posture to the next, at whose end the error is another one.
 CHANGING = 2.0
@@ -58,7 +59,7 @@ class WrenchSensors:
         without = {"repeatability": none, "noise": none, "resolution": none}
         return replace(self, **without, below_mass_sd=0.0, below_center_sd=0.0)
 
-    def figures(self) -> list[tuple[float, float, float]]:
+    def figures(self) -> list[Three]:
         """Return repeatability, noise and resolution of every channel."""
         count = len(self.channels)
         parts = (self.repeatability[:count], self.noise[:count], self.resolution[:count])
@@ -120,17 +121,17 @@ class Sensors:
     wrench: WrenchSensors | None = None
 
     @property
-    def encoder(self) -> tuple[float, float, float]:
+    def encoder(self) -> Three:
         """Return repeatability, noise and resolution of a joint's encoder [rad]."""
         return self.encoder_repeatability, self.encoder_noise, self.encoder_resolution
 
     @property
-    def motor(self) -> tuple[float, float, float]:
+    def motor(self) -> Three:
         """Return the same of a motor's encoder [rad]."""
         return self.motor_repeatability, self.motor_noise, self.motor_resolution
 
     @property
-    def cell(self) -> tuple[float, float, float]:
+    def cell(self) -> Three:
         """Return the same of a load cell [N]."""
         return self.cell_repeatability, self.cell_noise, self.cell_resolution
 
@@ -222,36 +223,68 @@ def cell_gains(sensors: Sensors) -> np.ndarray:
 
 
 def sample(
-    truth: np.ndarray,
-    repeatability: float,
-    noise: float,
-    resolution: float,
-    samples: int,
-    rng: np.random.Generator,
+    truth: np.ndarray, figures: Three, samples: int, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """Draw `samples` readings of constant quantities and return their mean and s.d., both (n,)."""
+    repeatability, noise, resolution = figures
     offset = truth + repeatability * rng.standard_normal(truth.shape)
     readings = corrupted(np.broadcast_to(offset, (samples, *truth.shape)), noise, resolution, rng)
     return readings.mean(axis=0), readings.std(axis=0)
 
 
 def sample_mean(
-    truth: np.ndarray,
-    repeatability: float,
-    noise: float,
-    resolution: float,
-    samples: int,
-    rng: np.random.Generator,
+    truth: np.ndarray, figures: Three, samples: int, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """Draw the mean and s.d. of `samples` readings directly from their distributions, both of any shape.
 
     The variance equals that of `sample` (see `averaged_sd`); only the shape of a rounding error without
     dither by noise differs.
     """
-    sd = averaged_sd(repeatability, noise, resolution, samples)
+    _, noise, resolution = figures
+    sd = averaged_sd(*figures, samples)
     spread = np.sqrt(noise**2 + resolution**2 / 12)
     scale = 1 + rng.standard_normal(truth.shape) / np.sqrt(2 * samples)
     return truth + sd * rng.standard_normal(truth.shape), spread * scale
+
+
+def sample_series(
+    truth: np.ndarray,
+    figures: Three,
+    samples: int,
+    rng: np.random.Generator,
+    interval: float,
+    changing_time: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Draw one reading of every sample of a series, with errors that change slowly; NaN for the s.d.
+
+    The true quantities are `interval` [s] apart, (n, ...), and "repeatability" has a correlation time of
+    `changing_time` [s]. The number of samples is not used.
+    """
+    repeatability, noise, resolution = figures
+    kept = np.exp(-interval / changing_time)
+    steps = rng.standard_normal(truth.shape)
+    steps[1:] *= np.sqrt(1 - kept**2)
+    slow = np.asarray(scipy.signal.lfilter([1.0], [1.0, -kept], steps, axis=0))
+    return corrupted(truth + repeatability * slow, noise, resolution, rng), np.full(truth.shape, np.nan)
+
+
+def delayed(sensors: Sensors, series: np.ndarray, interval: float) -> np.ndarray:
+    """Return what the contact sensors pass on of a series, (n, ...): late, and through their filter.
+
+    Both are exact for a signal that is straight between its samples.
+    """
+    if not series.size:  # no such sensors
+        return series
+    time = interval * np.arange(len(series))
+    flat = series.reshape(len(series), -1)
+    late = np.column_stack([np.interp(time - sensors.contact_lag, time, column) for column in flat.T])
+    if sensors.contact_filter > 0:
+        ratio = sensors.contact_filter / interval
+        kept = np.exp(-1 / ratio)
+        new, old = 1 - ratio * (1 - kept), ratio * (1 - kept) - kept
+        at_rest = (old + kept) * late[:1]
+        late, _ = scipy.signal.lfilter([new, old], [1.0, -kept], late, axis=0, zi=at_rest)
+    return late.reshape(series.shape)
 
 
 def draw_zeros(sensors: WrenchSensors, rng: np.random.Generator) -> np.ndarray:
@@ -278,7 +311,7 @@ def read_wrenches(
     given = cops_of_wrenches(given) if sensors.channels == COP else given
     channels = np.moveaxis(given + zeros, -1, 0)
     read = [
-        sample(true, *figure, samples, rng) for true, figure in zip(channels, sensors.figures(), strict=True)
+        sample(true, figure, samples, rng) for true, figure in zip(channels, sensors.figures(), strict=True)
     ]
     return np.stack([mean for mean, _ in read], axis=-1), np.stack([sd for _, sd in read], axis=-1)
 

@@ -23,8 +23,7 @@ def mountings(sensors: WrenchSensors, robot: Robot) -> np.ndarray:
 def add_foot_sensors(spec: mujoco.MjSpec, feet: Sequence[str], mounting: Sequence[float]) -> None:
     """Add a site with a force and a torque sensor to each foot, in its ankle.
 
-    Args:
-        mounting: pose in the foot's frame, x, y, z, roll, pitch, yaw [m, rad].
+    The mounting is its pose in the foot's frame, x, y, z, roll, pitch, yaw [m, rad].
     """
     rotation, place = frame_of(mounting)
     x, y, z, w = Rotation.from_matrix(rotation).as_quat()
@@ -64,8 +63,7 @@ def in_sensor_frame(mounting: Sequence[float], wrenches: np.ndarray) -> np.ndarr
 def in_frame(rotation: np.ndarray, place: np.ndarray, wrenches: np.ndarray) -> np.ndarray:
     """Transform wrenches about the origin to a frame at a place, with its axes, (..., 6) [N, Nm].
 
-    Args:
-        rotation, place: of the frame, (..., 3, 3) and (..., 3) [m].
+    Rotation and place of the frame are (..., 3, 3) and (..., 3) [m].
     """
     force, moment = wrenches[..., :3], wrenches[..., 3:]
     both = np.stack([force, moment - np.cross(place, force)], axis=-2) @ rotation

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.moving_robots import GRAVITY, by_inverse_dynamics, moving, random_robot
 from tulip_testbed.identification.conventions.audit_conventions import DECISIVE, NAMES, audit_conventions
-from tulip_testbed.identification.conventions.wrench_convention import (
+from tulip_testbed.identification.conventions.log_conventions import (
     FOOT,
     FORCES,
     MOMENTS,

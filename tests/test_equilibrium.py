@@ -151,13 +151,13 @@ def test_its_readings_scatter_as_sampled_ones_do():
     rng = np.random.default_rng(7)
     truth = rng.uniform(0, 50, 20000)
     for noise in (s.cell_noise, 0.01):
-        arguments = (s.cell_repeatability, noise, s.cell_resolution, 30)
-        mean, spread = sample(truth, *arguments, rng)
+        figures = (s.cell_repeatability, noise, s.cell_resolution)
+        mean, spread = sample(truth, figures, 30, rng)
         slow = mean - truth
         square = 29 / 30 * (noise**2 + s.cell_resolution**2 / 12)  # of the readings' s.d., of 30 samples
         assert noise == 0.01 or (spread**2).mean() == pytest.approx(square, rel=0.01)
-        fast = sample_mean(truth, *arguments, rng)[0] - truth
-        sd = averaged_sd(*arguments)
+        fast = sample_mean(truth, figures, 30, rng)[0] - truth
+        sd = averaged_sd(*figures, 30)
         for error in (slow, fast):
             assert abs(error.std() / sd - 1) < 5 / np.sqrt(2 * len(truth))
             assert abs(error.mean()) < 5 * sd / np.sqrt(len(truth))

@@ -18,12 +18,11 @@ from tulip_testbed.identification.link_clearances import (
     overlaps_at_reference,
     unjoined_pairs,
 )
-from tulip_testbed.identification.link_paths import SHARE, blocked, path_clearances
+from tulip_testbed.identification.link_paths import SHARE, blocked, path_clearances, with_free_paths
 from tulip_testbed.identification.link_shapes import GROUND
 from tulip_testbed.identification.planning.constraints import evaluate, inequality_names
 from tulip_testbed.identification.planning.objectives import objectives
 from tulip_testbed.identification.planning.optimal_plan import SearchTask, smallest_margins
-from tulip_testbed.identification.planning.path_order import with_free_paths
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning.search import design_of
 from tulip_testbed.identification.planning_ranges import planning_margins
@@ -210,7 +209,7 @@ def test_a_path_through_a_link_is_refused(humanoid, random_plan):
 
 
 def test_postures_without_a_free_path_are_placed_anew(problem, random_plan, monkeypatch):
-    from tulip_testbed.identification.planning import path_order
+    from tulip_testbed.identification import link_paths
 
     walls = {frozenset((0, 1)), frozenset((2, 3))}
     first = random_plan.take(random_plan.placement <= 2)
@@ -220,14 +219,14 @@ def test_postures_without_a_free_path_are_placed_anew(problem, random_plan, monk
         met = frozenset((rows[start.tobytes()], rows[end.tobytes()]))
         return "wall" if met in walls else None
 
-    monkeypatch.setattr(path_order, "blocked", blocked_by_walls)
-    moved = with_free_paths(problem, first)
+    monkeypatch.setattr(link_paths, "blocked", blocked_by_walls)
+    moved = with_free_paths(problem.robot, problem.pairs, first)
     assert moved.placement.tolist() == first.placement.tolist()
     steps = [rows[angles.tobytes()] for angles in moved.joint_angles[:5]]
     assert sorted(steps) == list(range(5))
     assert not any(frozenset(step) in walls for step in itertools.pairwise(steps))
     walls |= {frozenset((4, k)) for k in range(4)}  # nothing leads to the fifth
-    apart = with_free_paths(problem, first)
+    apart = with_free_paths(problem.robot, problem.pairs, first)
     assert apart.placement.tolist() == [1] * 4 + [2] * 4 + [3, 4]
     assert apart.posture.tolist() == first.posture.tolist()
     assert {a.tobytes() for a in apart.joint_angles} == set(rows)

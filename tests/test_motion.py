@@ -32,8 +32,7 @@ from tulip_testbed.sim.dynamics import moving_run
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.sensors import Sensors
-from tulip_testbed.sim.series_readings import delayed, sample_series
+from tulip_testbed.sim.sensors import Sensors, delayed, sample_series
 from tulip_testbed.viewer.postures_view import log_standing
 from tulip_testbed.viewer.subject import of_measurements
 
@@ -300,7 +299,7 @@ def test_a_view_plays_a_motion_in_its_time(moved, robot):
 
 def test_slow_errors_keep_the_sheet_s_deviation_and_lag_is_exact():
     rng = np.random.default_rng(5)
-    read, _ = sample_series(np.zeros((400, 500)), 2.0, 0.0, 0.0, 1, rng, 0.01, 2.0)
+    read, _ = sample_series(np.zeros((400, 500)), (2.0, 0.0, 0.0), 1, rng, 0.01, 2.0)
     assert np.std(read) == pytest.approx(2.0, rel=0.05)
     assert (read[:200] * read[200:]).mean() / 4 == pytest.approx(np.exp(-1), abs=0.1)  # 2 s later
     ramp = np.arange(300)[:, None] * 0.01

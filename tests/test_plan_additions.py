@@ -14,7 +14,11 @@ from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.usable_plan import joined
 from tulip_testbed.identification.planning.objectives import objectives
 from tulip_testbed.identification.planning.one_foot import single_support_margins
-from tulip_testbed.identification.planning.one_foot_search import appended_on_one_foot, feasible_pool
+from tulip_testbed.identification.planning.one_foot_search import (
+    OnOneFoot,
+    appended_on_one_foot,
+    feasible_pool,
+)
 from tulip_testbed.identification.planning.optimal_plan import (
     SearchTask,
     after,
@@ -61,7 +65,7 @@ def with_one_foot(one_foot, optimal):
     """Six postures on the stance foot after forty on both."""
     swing = optimal.swing_pose[-1]
     angles = feasible_pool(one_foot, swing, 6, np.random.default_rng(SEED), times=1)[:6]
-    return appended_on_one_foot(one_foot, optimal, "right", angles, swing)
+    return appended_on_one_foot(optimal, OnOneFoot("right", one_foot, swing, angles))
 
 
 @pytest.mark.slow

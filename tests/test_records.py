@@ -21,8 +21,8 @@ from tulip_testbed.experiments.run_file import kind_of
 from tulip_testbed.experiments.saved_runs import RunResult, read_run
 from tulip_testbed.experiments.validate import judge
 from tulip_testbed.experiments.validation_result import Validation
+from tulip_testbed.pages import NO_TRUE_COM
 from tulip_testbed.pages.run_page import page_of, write_page
-from tulip_testbed.pages.words import NO_TRUE_COM
 from tulip_testbed.sim.plan_folder import write_plan
 from tulip_testbed.viewer import window
 from tulip_testbed.viewer.run_view import view_of

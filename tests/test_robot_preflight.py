@@ -136,7 +136,7 @@ def test_effects_are_judged_by_what_statics_leaves_over_alone(robot, two):
 
 def test_tulip_and_the_humanoids_lack_nothing(robot, foreign):
     for one in (robot, *foreign.values()):
-        assert robot_findings(one) == ()
+        assert not list(robot_findings(one))
 
 
 def test_too_little_armature_and_soft_friction_are_supplied_and_said(edited_tulip):

@@ -1,5 +1,6 @@
 """Views: written, opened in rerun itself, looked at."""
 
+import itertools
 import resource
 import signal
 import socket
@@ -23,8 +24,8 @@ from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.measurements import write_measurements
 from tulip_testbed.viewer import balance_series as balance
-from tulip_testbed.viewer import layout, window
 from tulip_testbed.viewer import postures_view as postures
+from tulip_testbed.viewer import window
 from tulip_testbed.viewer.balance_series import inset
 from tulip_testbed.viewer.robot_view import undrawn
 from tulip_testbed.viewer.subject import measured, planned, validated
@@ -39,9 +40,9 @@ def cpu_seconds() -> float:
     return sum(usage.ru_utime + usage.ru_stime for usage in used)
 
 
-def side_by_side(views: layout.Views, timeline: str = "posture") -> rrb.Blueprint:
+def side_by_side(views: dict[str, list[rrb.View]], timeline: str) -> rrb.Blueprint:
     """All views at once: rerun reports nothing of a view that it does not draw."""
-    grid = rrb.Grid(*views.space, *views.ground, *views.curves, *views.text)
+    grid = rrb.Grid(*itertools.chain.from_iterable(views.values()))
     return rrb.Blueprint(grid, rrb.TimePanel(timeline="posture", state="collapsed"))
 
 

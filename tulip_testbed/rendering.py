@@ -43,11 +43,7 @@ def rendered(
     width: int,
     height: int,
 ) -> np.ndarray:
-    """Postures on their boards, (m, height, width, 3), 8 bits a channel.
-
-    Args:
-        joint_angles: (m, n_joints) [rad]. support: "double", "right" or "left", (m,).
-        plate_poses: (m, 2, 3) [m, m, rad].
+    """Draw postures, (m, n_joints) [rad], on their boards, (m, 2, 3): (m, height, width, 3) of 8 bits.
 
     Raises:
         InputError: neither EGL nor OSMesa draws; names the packages to install.
@@ -163,9 +159,7 @@ def _corners(stand: Any, robot: Robot, angles: np.ndarray, base_pose: np.ndarray
 def least_distance(points: np.ndarray, target: np.ndarray, fovy: float, ratio: float) -> float:
     """Compute how far from its target the camera must stand to have all points in the picture [m].
 
-    Args:
-        points: (n, 3) [m]. target: what it looks at, (3,) [m].
-        fovy: angle from the picture's lower to its upper edge [deg]. ratio: width over height.
+    The field of view [deg] is that from its lower to its upper edge, the ratio its width over its height.
     """
     side, up = np.radians(SIDE), np.radians(ABOVE)
     ahead = np.array([np.cos(up) * np.cos(side), np.cos(up) * np.sin(side), np.sin(up)])

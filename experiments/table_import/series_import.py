@@ -13,7 +13,7 @@ from tulip_testbed.base.numbers import number
 from tulip_testbed.base.table_files import TableFile
 from tulip_testbed.experiments.table_import.column_names import Proposal, propose
 from tulip_testbed.experiments.table_import.import_map import ONE, ImportMap, SeriesOfMap
-from tulip_testbed.identification.conventions.wrench_convention import (
+from tulip_testbed.identification.conventions.log_conventions import (
     WrenchConvention,
     contact_frames,
     rewritten,

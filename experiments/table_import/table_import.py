@@ -35,7 +35,7 @@ from tulip_testbed.identification.conventions.audit_conventions import (
     can_be_audited,
     convention_table,
 )
-from tulip_testbed.identification.conventions.wrench_convention import WrenchConvention
+from tulip_testbed.identification.conventions.log_conventions import WrenchConvention
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.measurements import Measurements, read_measurements, write_measurements
 from tulip_testbed.measurements.cells import PLATES

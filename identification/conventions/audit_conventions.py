@@ -16,8 +16,7 @@ from tulip_testbed.identification.conventions.convention_fit import (
     fit_convention,
     needed,
 )
-from tulip_testbed.identification.conventions.joint_conventions import other_readings, shifted
-from tulip_testbed.identification.conventions.wrench_convention import (
+from tulip_testbed.identification.conventions.log_conventions import (
     ALL,
     ASPECTS,
     FOOT,
@@ -28,7 +27,9 @@ from tulip_testbed.identification.conventions.wrench_convention import (
     ContactFrames,
     WrenchConvention,
     contact_frames,
+    other_readings,
     rewritten,
+    shifted,
     total_in_base,
 )
 from tulip_testbed.identification.nominal import Nominal

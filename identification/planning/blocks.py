@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from tulip_testbed.identification.planning.constraints import Evaluation, evaluate
+from tulip_testbed.identification.planning.constraints import Evaluated, Evaluation, evaluate
 from tulip_testbed.identification.planning.footing import PLAN, footing
 from tulip_testbed.identification.planning.objectives import Smooth
 from tulip_testbed.identification.planning.problem import PlanningProblem
@@ -75,7 +75,7 @@ def bounds(problem: PlanningProblem, postures: int) -> np.ndarray:
     )
 
 
-def information(evaluation: Evaluation) -> np.ndarray:
+def information(evaluation: Evaluated) -> np.ndarray:
     """Compute the information matrix M = H'H of the postures, (p, p)."""
     rows = evaluation.regressor.reshape(-1, evaluation.regressor.shape[-1])
     return rows.T @ rows
@@ -90,13 +90,9 @@ def information_slope(evaluation: Evaluation, by_matrix: np.ndarray) -> np.ndarr
 def improve(
     problem: PlanningProblem, block: Block, rest: np.ndarray, smooth: Smooth, iterations: int
 ) -> Block:
-    """Minimise a function of M over one block.
+    """Minimise a function of M over one block, given the information of the rest, (p, p).
 
-    Args:
-        rest: information of the other placements, (p, p).
-
-    Returns:
-        A feasible block with a smaller value, or the same block.
+    Returns a feasible block with a smaller value, or the same block.
     """
 
     def objective(evaluation: Evaluation) -> tuple[float, np.ndarray]:
@@ -173,11 +169,9 @@ def _slsqp(
 
 
 def candidates(problem: PlanningProblem, swing: np.ndarray, start: Block, rng: np.random.Generator) -> Block:
-    """Draw feasible random postures on a placement, between none and some tens.
+    """Draw feasible random postures on a placement with a swing foot's pose, between none and some tens.
 
-    Args:
-        swing: pose of the swing foot, (3,) [m, m, rad].
-        start: postures that give initial joint angles and the range of heights.
+    The postures `start` give initial joint angles and the range of heights.
     """
     r = problem.ranges
     design = np.empty((DRAWS, 9))
@@ -208,9 +202,8 @@ def exchange(
 ) -> Block:
     """Choose the `wanted` postures of start and pool that minimise a function of M, one exchange at a time.
 
-    Args:
-        start: initial postures; if fewer than `wanted`, the best of the pool are added first.
-        rest: information of the other placements, (p, p).
+    If there are fewer at the start, the best of the pool are added first. The rest is the information of the
+    other placements, (p, p).
     """
     design = np.concatenate([start.design, pool.design])
     angles = np.concatenate([start.angles, pool.angles])
@@ -232,9 +225,8 @@ def exchanged(
 ) -> list[list[int]]:
     """Exchange chosen postures for others of their pool, one at a time, while a function of M decreases.
 
-    Args:
-        pools: information of each posture, (k, p, p). first: which of every pool are chosen at first.
-        total: information of these and of all other postures, (p, p).
+    The pools hold the information of each posture, (k, p, p), of which the rows `first` are chosen at first.
+    The total, (p, p), is that of these and of all other postures.
     """
     chosen, value = [list(rows) for rows in first], smooth(total)[0]
     for _ in range(PASSES):

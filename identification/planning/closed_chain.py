@@ -93,11 +93,8 @@ def holding_torques(
     """Compute the drive torques that hold the robot under a given wrench of the floor on the swing foot.
 
     Seen from the stance foot, joint j carries the weights beyond it and the wrench w (force and moment about
-    the base frame's origin): tau = tau_0 + A w, A_j = -(p_j x a_j, a_j). The chain is closed, so that statics
-    does not determine w; the commanded torques do. Dry friction is neglected.
-
-    Args:
-        wrench: w, (m, 6) [N, N m].
+    the base frame's origin, (m, 6) [N, N m]): tau = tau_0 + A w, A_j = -(p_j x a_j, a_j). The chain is
+    closed, so that statics does not determine w; the commanded torques do. Dry friction is neglected.
 
     Returns:
         tau, (m, n) [N m]; its derivative by the joint angles at constant w, (m, n, n); A, (m, n, 6).

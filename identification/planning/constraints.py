@@ -47,14 +47,11 @@ def quantity_of(constraint: str) -> tuple[float, str, float]:
 
 
 def link_room(problem: PlanningProblem, chain: Chain, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the distances of the nearest pairs of links beyond what they must keep.
+    """Compute the distances of the nearest pairs of links beyond what they must keep, in the wanted postures.
 
-    Args:
-        wanted: postures to look at, (m,) bool; in the others all links count as far from each other.
-
-    Returns:
-        Distances in the order of the pairs, (m, s) [m], and their derivatives by the joint angles, (m, s, n).
-        The nearest points are held fixed on their links, which is exact to first order.
+    The distances are in the order of the pairs, (m, s) [m], and their derivatives by the joint angles are
+    (m, s, n). The nearest points are held fixed on their links, which is exact to first order. In postures
+    that are not wanted, (m,) bool, all links count as far from each other.
     """
     pairs, kept = problem.pairs, nearest_count(problem)
     within, rows = problem.margins.link_clearance + BEYOND, np.flatnonzero(wanted)
@@ -80,11 +77,10 @@ def link_room(problem: PlanningProblem, chain: Chain, wanted: np.ndarray) -> tup
 
 
 def limb_distances(problem: PlanningProblem, chain: Chain) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the distances between the capsules of the two legs, negative if they overlap.
+    """Compute the distances between the capsules of the two legs, (m, pairs) [m], negative if they overlap.
 
-    Returns:
-        Distances, (m, pairs) [m], and their derivatives by the joint angles, (m, pairs, n). The nearest
-        points are held fixed on their limbs, which is exact to first order.
+    Their derivatives by the joint angles are (m, pairs, n). The nearest points are held fixed on their limbs,
+    which is exact to first order.
     """
     ends = {frame for leg in problem.limbs for limb in leg for frame in limb[:2]}
     slopes = {frame: point_jacobian(problem, chain, frame) for frame in ends}
@@ -121,17 +117,17 @@ def leg_stretch(problem: PlanningProblem, chain: Chain) -> tuple[np.ndarray, np.
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class Evaluated:
     """Evaluated postures; m postures, s inequalities, p base parameters.
+
+    They are differentiated by v variables: on both feet by the nine of u, on one foot by the joint angles.
 
     Attributes:
         chain: joint angles and kinematics.
         inequalities: constraint values, feasible where at least 0, (m, s).
-        inequality_jacobian: their derivatives by u, (m, s, 9).
-        regressor, regressor_slopes: R_b (eq. 6), (m, 2, p), and its derivative by u, (m, 2, p, 9).
-        reached: whether inverse kinematics succeeded, (m,) bool.
-        joint_jacobian: dq/du, (m, n, 9).
-        torque: drive torques that share the load between the feet as planned, (m, n) [N m].
+        inequality_jacobian: their derivatives, (m, s, v).
+        regressor, regressor_slopes: R_b (eq. 6), (m, 2, p), and its derivative, (m, 2, p, 9) on both feet and
+            (m, 2, n, p) on one.
     """
 
     chain: Chain
@@ -139,6 +135,18 @@ class Evaluation:
     inequality_jacobian: np.ndarray
     regressor: np.ndarray
     regressor_slopes: np.ndarray
+
+
+@dataclass(frozen=True)
+class Evaluation(Evaluated):
+    """Evaluated postures on both feet.
+
+    Attributes:
+        reached: whether inverse kinematics succeeded, (m,) bool.
+        joint_jacobian: dq/du, (m, n, 9).
+        torque: drive torques that share the load between the feet as planned, (m, n) [N m].
+    """
+
     reached: np.ndarray
     joint_jacobian: np.ndarray
     torque: np.ndarray
@@ -205,34 +213,21 @@ def evaluate(problem: PlanningProblem, design: np.ndarray, guess: np.ndarray) ->
     straight = np.array([length for _, _, length in problem.legs])
 
     count = len(design)
-    values = [
-        joints.reshape(count, -1) / ANGLE,
-        height / LENGTH,
-        (foot.polygon - ranges.stability_margin) / LENGTH,
-        (foot.soles - ranges.sole_margin) / LENGTH,
-        (foot.cells - ranges.least_cell_load) / FORCE,
-        (foot.feet - margins.foot_load) / FORCE,
-        foot.boards / LENGTH,
-        (margins.torque_share - relative) / TORQUE,
-        (limb - margins.leg_clearance) / LENGTH,
-        (room - margins.stretch * straight) / LENGTH,
-        link / LENGTH,
+    parts = [
+        (joints.reshape(count, -1), joint_slopes.reshape(count, -1, DESIGN), ANGLE),
+        (height, height_slope, LENGTH),
+        (foot.polygon - ranges.stability_margin, foot_slope.polygon @ by_design, LENGTH),
+        (foot.soles - ranges.sole_margin, foot_slope.soles @ by_design, LENGTH),
+        (foot.cells - ranges.least_cell_load, foot_slope.cells @ by_design, FORCE),
+        (foot.feet - margins.foot_load, foot_slope.feet @ by_design, FORCE),
+        (foot.boards, foot_slope.boards @ by_design, LENGTH),
+        (margins.torque_share - relative, -relative_slope[:, limited], TORQUE),
+        (limb - margins.leg_clearance, limb_slope @ dq, LENGTH),
+        (room - margins.stretch * straight, room_slope @ dq, LENGTH),
+        (link, link_slope @ dq, LENGTH),
     ]
-    slopes = [
-        joint_slopes.reshape(count, -1, DESIGN) / ANGLE,
-        height_slope / LENGTH,
-        foot_slope.polygon @ by_design / LENGTH,
-        foot_slope.soles @ by_design / LENGTH,
-        foot_slope.cells @ by_design / FORCE,
-        foot_slope.feet @ by_design / FORCE,
-        foot_slope.boards @ by_design / LENGTH,
-        -relative_slope[:, limited] / TORQUE,
-        limb_slope @ dq / LENGTH,
-        room_slope @ dq / LENGTH,
-        link_slope @ dq / LENGTH,
-    ]
-    inequalities = np.concatenate(values, axis=1) - margins.rounding
-    jacobian = np.concatenate(slopes, axis=1)
+    inequalities = np.concatenate([value / unit for value, _, unit in parts], axis=1) - margins.rounding
+    jacobian = np.concatenate([slope / unit for _, slope, unit in parts], axis=1)
     inequalities[~reached], jacobian[~reached] = -UNREACHED, 0.0
     return Evaluation(
         chain=chain,

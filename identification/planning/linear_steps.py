@@ -17,8 +17,9 @@ from tulip_testbed.identification.planning.constraints import Evaluation, evalua
 from tulip_testbed.identification.planning.objectives import PENALTY, Smooth
 from tulip_testbed.identification.planning.problem import PlanningProblem
 
+REGION = 0.3  # trust region at first, relative to the variables' scales
 GROW, SHRINK = 1.5, 0.4
-WIDEST, NARROWEST = 1.0, 1e-3  # trust regions, relative to the variables' scales
+WIDEST, NARROWEST = 1.0, 1e-3  # trust regions
 MOST_LACK = 0.2  # largest violation of an inequality by linearisation
 
 
@@ -51,25 +52,14 @@ def merit(plan: EvaluatedPlan, smooth: Smooth, penalty: float) -> float:
 
 
 def descend(
-    problem: PlanningProblem,
-    plan: EvaluatedPlan,
-    smooth: Smooth,
-    iterations: int,
-    regions: np.ndarray,
-    penalty: float = PENALTY,
-) -> tuple[EvaluatedPlan, np.ndarray]:
+    problem: PlanningProblem, plan: EvaluatedPlan, smooth: Smooth, iterations: int, penalty: float
+) -> EvaluatedPlan:
     """Take linear steps while they reduce the merit; postures may end slightly infeasible.
 
     A placement whose step violates a constraint by nonlinearity stays unchanged and gets a smaller trust
     region, so that one straight knee does not slow down all placements.
-
-    Args:
-        regions: trust region of each placement relative to the variables' scales, (k,) [-].
-
-    Returns:
-        The plan, and the trust regions at the end.
     """
-    value = merit(plan, smooth, penalty)
+    value, regions = merit(plan, smooth, penalty), np.full(len(plan.design) // plan.per, REGION)
     for _ in range(iterations):
         step, gain = linear_step(problem, plan, smooth, np.repeat(regions, plan.per), None, penalty)
         if gain < 1e-6:
@@ -96,7 +86,7 @@ def descend(
             regions = SHRINK * regions
         if regions.max() < NARROWEST:
             break
-    return plan, regions
+    return plan
 
 
 def _moved(problem: PlanningProblem, plan: EvaluatedPlan, step: np.ndarray) -> EvaluatedPlan:
@@ -109,8 +99,8 @@ def linear_step(
     plan: EvaluatedPlan,
     smooth: Smooth,
     region: np.ndarray,
-    missed: np.ndarray | None = None,
-    penalty: float = PENALTY,
+    missed: np.ndarray | None,
+    penalty: float,
 ) -> tuple[np.ndarray, float]:
     """Return the step of the linear program, (m, 9), and the reduction of the merit that it predicts.
 

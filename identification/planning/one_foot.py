@@ -7,7 +7,7 @@ on the stance foot of the robot with its feet exchanged (`from_other_foot`).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -31,6 +31,7 @@ from tulip_testbed.identification.planning.closed_chain import (
     torso_turn,
 )
 from tulip_testbed.identification.planning.constraints import (
+    Evaluated,
     leg_stretch,
     limb_distances,
     link_room,
@@ -43,25 +44,6 @@ from tulip_testbed.sim.robot import Robot
 LEAST_SD = 1e-9  # m, of the CoM, so that its slope is finite
 # Values, (m, k), feasible where at least 0, and a function that differentiates them by the angles, (m, k, n).
 Part = tuple[np.ndarray, Callable[[], np.ndarray]]
-
-
-@dataclass(frozen=True)
-class OneFoot:
-    """Evaluated postures on one foot; m postures, s inequalities, p base parameters.
-
-    Attributes:
-        chain: joint angles and kinematics.
-        inequalities: constraint values, feasible where at least 0, (m, s).
-        inequality_jacobian: their derivatives by the joint angles, (m, s, n).
-        regressor, regressor_slopes: R_b in the carrying foot's frame, (m, 2, p), and its derivative by the
-            joint angles, (m, 2, n, p).
-    """
-
-    chain: Chain
-    inequalities: np.ndarray
-    inequality_jacobian: np.ndarray
-    regressor: np.ndarray
-    regressor_slopes: np.ndarray
 
 
 def from_other_foot(problem: PlanningProblem) -> PlanningProblem:
@@ -100,8 +82,7 @@ def with_feet_exchanged(robot: Robot) -> Robot:
 def one_foot_constraints(problem: PlanningProblem, chain: Chain, swing: np.ndarray) -> dict[str, Part]:
     """Compute the constraints on postures on the stance foot [m, rad, N, or share of the limit].
 
-    Args:
-        swing: last pose of the standing swing foot, under which its board lies, (m, 3) [m, m, rad].
+    The board of the other foot lies under its last standing pose, (m, 3) [m, m, rad].
     """
     angles, ranges, margins = chain.angles, problem.ranges, problem.margins
     low, high = problem.limits.T
@@ -166,21 +147,19 @@ def single_support_margins(
 ) -> dict[str, np.ndarray]:
     """Compute the margin of every constraint for postures on the stance foot, (m,), in its readable unit.
 
-    Args:
-        angles: joint angles, (m, n) [rad].
-        swing: last pose of the standing swing foot, under which its board lies, (m, 3) [m, m, rad].
+    The board of the other foot lies under its last standing pose, (m, 3) [m, m, rad].
     """
     found = one_foot_constraints(problem, chain_at(problem, angles), swing)
     return {name: quantity_of(name)[2] * values.min(axis=1) for name, (values, _) in found.items()}
 
 
-def evaluate_one_foot(problem: PlanningProblem, angles: np.ndarray, swing: np.ndarray) -> OneFoot:
+def evaluate_one_foot(problem: PlanningProblem, angles: np.ndarray, swing: np.ndarray) -> Evaluated:
     """Evaluate postures on the stance foot with all derivatives; arguments as `single_support_margins`."""
     chain = chain_at(problem, angles)
     found = one_foot_constraints(problem, chain, swing)
     parts = [(values, slopes, quantity_of(name)[0]) for name, (values, slopes) in found.items()]
     values = np.concatenate([values / scale for values, _, scale in parts], axis=1)
-    return OneFoot(
+    return Evaluated(
         chain=chain,
         inequalities=values - problem.margins.rounding,
         inequality_jacobian=np.concatenate([slopes() / scale for _, slopes, scale in parts], axis=1),

@@ -18,12 +18,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tulip_testbed.base.errors import InputError, most_frequent
-from tulip_testbed.identification.planning.blocks import FEASIBLE, exchanged
+from tulip_testbed.identification.planning.blocks import FEASIBLE, exchanged, information
 from tulip_testbed.identification.planning.closed_chain import chain_at, com_jacobian, open_chain_torques
+from tulip_testbed.identification.planning.constraints import Evaluated
 from tulip_testbed.identification.planning.linear_steps import elastic_step
 from tulip_testbed.identification.planning.objectives import Smooth, shifted
 from tulip_testbed.identification.planning.one_foot import (
-    OneFoot,
     evaluate_one_foot,
     from_other_foot,
     single_support_margins,
@@ -89,12 +89,10 @@ def random_pools(
 def feasible_pool(
     problem: PlanningProblem, swing: np.ndarray, count: int, rng: np.random.Generator, times: int
 ) -> np.ndarray:
-    """Draw random feasible postures on the stance foot, (k, n) [rad].
+    """Draw random feasible postures on the stance foot with the other foot's board at a pose, (k, n) [rad].
 
-    Args:
-        swing: pose of the swing foot's board, (3,) [m, m, rad].
-        count: number of postures to choose from them, the smallest number to draw.
-        times: number of postures to draw for each of these, as far as draws suffice.
+    There are `times` as many as the `count` to be chosen from them, as far as draws suffice, or at least
+    `count`.
     """
     low, high = np.where(np.isfinite(problem.limits), problem.limits, [-np.pi, np.pi]).T
     sole = problem.soles[0]
@@ -139,8 +137,7 @@ def from_pools(
 ) -> list[OnOneFoot]:
     """Choose from pools the postures that minimise a function of M, by exchange (Fedorov 1972).
 
-    Args:
-        rest: information of the postures on both feet, (p, p).
+    The rest is the information of the postures on both feet, (p, p).
     """
     every = [pool.each for pool in pools]
     first = [list(range(counts[pool.support])) for pool in pools]
@@ -150,18 +147,15 @@ def from_pools(
 
 
 def improved(single: Sequence[OnOneFoot], both: np.ndarray, *stages: Smooth) -> list[OnOneFoot]:
-    """Improve the postures on one foot, one foot after the other, by each function of M in turn.
+    """Improve feasible postures on one foot, one foot after the other, by each function of M in turn.
 
-    Args:
-        single: feasible postures on each foot.
-        both: information of the postures on both feet, (p, p).
+    The information of the postures on both feet is (p, p).
     """
     single = list(single)
     for smooth in stages:
         for k, own in enumerate(single):
             rest = both + total(single) - own.information
-            angles = descend_on_one_foot(own.problem, own.angles, own.swing, shifted(smooth, rest), STEPS)
-            single[k] = replace(own, angles=angles)
+            single[k] = _descended(own, shifted(smooth, rest))
     return single
 
 
@@ -170,28 +164,13 @@ def total(single: Sequence[OnOneFoot]) -> np.ndarray | float:
     return np.sum([postures.information for postures in single], axis=0)
 
 
-def information_on_one_foot(found: OneFoot) -> np.ndarray:
-    """Compute the information matrix M = H'H of the postures, (p, p)."""
-    rows = found.regressor.reshape(-1, found.regressor.shape[-1])
-    return rows.T @ rows
-
-
-def descend_on_one_foot(
-    problem: PlanningProblem, angles: np.ndarray, swing: np.ndarray, smooth: Smooth, iterations: int
-) -> np.ndarray:
-    """Minimise a function of the postures' information from feasible postures.
-
-    Args:
-        angles: joint angles of feasible postures, (m, n) [rad].
-        swing: pose of the standing swing foot, under which its board lies, (3,) [m, m, rad].
-
-    Returns:
-        Joint angles of feasible postures with a smaller value, or the same, (m, n) [rad].
-    """
-    standing = np.broadcast_to(swing, (len(angles), 3))
+def _descended(own: OnOneFoot, smooth: Smooth) -> OnOneFoot:
+    """Return feasible postures whose information has a smaller value, or the same postures."""
+    problem, angles = own.problem, own.angles
+    standing = np.broadcast_to(own.swing, (len(angles), 3))
     found, region = evaluate_one_foot(problem, angles, standing), np.full(len(angles), REGION)
-    value, by_matrix = smooth(information_on_one_foot(found))
-    for _ in range(iterations):
+    value, by_matrix = smooth(information(found))
+    for _ in range(STEPS):
         cost = np.einsum("mip,minp->mn", found.regressor @ by_matrix, found.regressor_slopes, optimize=True)
         moved, gain = _moved(problem, found, standing, 2 * cost, region)
         if gain < GAIN or region.max() < NARROWEST:
@@ -200,18 +179,18 @@ def descend_on_one_foot(
         region = np.where(broken, SHRINK * region, region)
         kept = np.where(broken[:, None], found.chain.angles, moved.chain.angles)
         moved = evaluate_one_foot(problem, kept, standing)
-        after, slope = smooth(information_on_one_foot(moved))
+        after, slope = smooth(information(moved))
         if after < value:
             found, value, by_matrix = moved, after, slope
             region = np.where(broken, region, np.minimum(GROW * region, WIDEST))
         else:
             region = SHRINK * region
-    return found.chain.angles
+    return replace(own, angles=found.chain.angles)
 
 
 def _moved(
-    problem: PlanningProblem, found: OneFoot, standing: np.ndarray, cost: np.ndarray, region: np.ndarray
-) -> tuple[OneFoot, float]:
+    problem: PlanningProblem, found: Evaluated, standing: np.ndarray, cost: np.ndarray, region: np.ndarray
+) -> tuple[Evaluated, float]:
     """Return the postures after a linear step, corrected for curvature, and the gain that it predicts."""
     angles = found.chain.angles
     columns = np.arange(angles.size).reshape(angles.shape)
@@ -229,28 +208,16 @@ def _moved(
     return moved, gain
 
 
-def appended_on_one_foot(
-    problem: PlanningProblem,
-    plan: PosturePlan,
-    support: str,
-    angles: np.ndarray,
-    swing: np.ndarray,
-) -> PosturePlan:
-    """Append postures on one foot, each on a placement of its own, with the torques that hold them.
-
-    Args:
-        problem: of standing on this foot.
-        angles: joint angles, (k, n) [rad].
-        swing: pose of the other foot's board, (3,) [m, m, rad].
-    """
-    count = len(angles)
-    torques = open_chain_torques(problem, chain_at(problem, angles))
+def appended_on_one_foot(plan: PosturePlan, own: OnOneFoot) -> PosturePlan:
+    """Append postures on one foot, each on a placement of its own, with the torques that hold them."""
+    angles, count = own.angles, len(own.angles)
+    torques = open_chain_torques(own.problem, chain_at(own.problem, angles))
     return replace(
         plan,
         joint_angles=np.concatenate([plan.joint_angles, angles]),
         posture=np.append(plan.posture, plan.posture.max() + 1 + np.arange(count)),
         placement=np.append(plan.placement, plan.placement.max() + 1 + np.arange(count)),
-        support=np.append(plan.support, np.full(count, support)),
-        swing_pose=np.concatenate([plan.swing_pose, np.tile(swing, (count, 1))]),
+        support=np.append(plan.support, np.full(count, own.support)),
+        swing_pose=np.concatenate([plan.swing_pose, np.tile(own.swing, (count, 1))]),
         torques=np.concatenate([plan.feed_forward, torques]),
     )

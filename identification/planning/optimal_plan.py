@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from tulip_testbed.base.errors import InputError
+from tulip_testbed.identification.link_paths import with_free_paths
 from tulip_testbed.identification.planning.blocks import information
 from tulip_testbed.identification.planning.constraints import evaluate, inequality_names, quantity_of
 from tulip_testbed.identification.planning.objectives import Objective, given
@@ -24,7 +25,6 @@ from tulip_testbed.identification.planning.one_foot_search import (
     random_pools,
     total,
 )
-from tulip_testbed.identification.planning.path_order import with_free_paths
 from tulip_testbed.identification.planning.problem import PlanningProblem
 from tulip_testbed.identification.planning.search import (
     SearchState,
@@ -34,7 +34,6 @@ from tulip_testbed.identification.planning.search import (
     round_count,
     search,
 )
-from tulip_testbed.identification.planning.search_defaults import HOPS
 from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.measurements import Measurements, PosturePlan
@@ -84,7 +83,7 @@ class SearchTask:
     placements: int
     per: int
     seed: int
-    hops: int = HOPS
+    hops: int
     counts: Mapping[str, int] = field(default_factory=dict)
     measured: Measurements | None = None
 
@@ -137,12 +136,10 @@ class SearchTask:
     def run(
         self, progress: Callable[[SearchState], None] = lambda state: None, state: SearchState | None = None
     ) -> PosturePlan:
-        """Search.
+        """Search, or go on from the state of an interrupted search with the same settings.
 
-        Args:
-            progress: called with the state of the postures on both feet after every round of `search`; may
-                raise KeyboardInterrupt.
-            state: state of an interrupted search with the same settings, to continue from.
+        The state of the postures on both feet after every round goes to `progress`, which may raise
+        KeyboardInterrupt.
         """
         start, problem = self.start, self.problem
         whole = given(self.goal, total(start.single)) if start.single else self.goal
@@ -169,9 +166,7 @@ class SearchTask:
     def plan_of(self, state: SearchState, single: Sequence[OnOneFoot] | None = None) -> PosturePlan:
         """Return the best plan of a state, with the settings that made it; numbered after what was measured.
 
-        Args:
-            single: postures on one foot, which come behind the others, on placements of their own; None:
-                those of the start.
+        Postures on one foot, those of the start if None, come behind the others, on placements of their own.
         """
         problem, measured, drawn = self.problem, self.measured, self.start.drawn
         made = {
@@ -195,7 +190,7 @@ class SearchTask:
         swing = state.best_design[:, 6:]
         angles = best.chain.angles
         plan = replace(drawn, joint_angles=angles, swing_pose=swing, made=made, torques=best.torque)
-        plan = with_free_paths(problem, plan)
+        plan = with_free_paths(problem.robot, problem.pairs, plan)
         if single := self.start.single if single is None else single:
             plan = _with_one_foot(problem, plan, single)
         if measured is None:
@@ -230,7 +225,7 @@ def _with_one_foot(problem: PlanningProblem, plan: PosturePlan, single: Sequence
     made = {**counts, "pool": POOL, "lifted": problem.margins.lifted}
     plan = replace(plan, made=plan.made | {"on_one_foot": made})
     for own in single:
-        plan = appended_on_one_foot(own.problem, plan, own.support, own.angles, own.swing)
+        plan = appended_on_one_foot(plan, own)
     return plan
 
 
@@ -271,9 +266,6 @@ def with_repeats(plan: PosturePlan, count: int, seed: int) -> PosturePlan:
     Half of them (rounded up) are repeated at the end of their own placement; their pure error is that of
     readings and approach. Each of the others is repeated on a placement of its own with the same foot pose,
     where the plates are laid and recorded again; its pure error includes that of the placement.
-
-    Args:
-        count: number of repeats, at most the number of postures.
     """
     order = np.random.default_rng([seed, count, 2]).permutation(len(plan))
     # A repeat of a placement's last posture would follow at once, without a new approach.

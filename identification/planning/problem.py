@@ -98,12 +98,9 @@ def planning_problem(
     margins: Margins | None = None,
     support: str = "double",
 ) -> PlanningProblem:
-    """Read the planning problem from the robot's files.
+    """Read the planning problem of a support, see `base_parameters`, from the robot's files.
 
-    Args:
-        ranges: planning ranges; None means those of the robot's description.
-        margins: margins; None means those of the robot's description.
-        support: support whose base parameters are optimised, see `base_parameters`.
+    Without ranges or margins they are those of the robot's description.
     """
     model, margins = robot.model, margins or planning_margins(robot)
     parameters = base_parameters(robot, model, support)

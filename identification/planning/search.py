@@ -32,11 +32,9 @@ from tulip_testbed.identification.planning.constraints import evaluate, inequali
 from tulip_testbed.identification.planning.linear_steps import EvaluatedPlan, descend, evaluate_plan, merit
 from tulip_testbed.identification.planning.objectives import Objective, Smooth
 from tulip_testbed.identification.planning.problem import PlanningProblem
-from tulip_testbed.identification.planning.search_defaults import HOPS
 
 WARM = 15  # linear steps for each of the smooth objectives at the start
 STEPS = 12  # linear steps in a hop
-REGION = 0.3  # trust region
 POLISH = 20  # iterations of SLSQP on each placement at the end
 LEAST_POOL = 3  # smallest number of candidates for an exchange
 GAIN = 1e-6
@@ -79,10 +77,7 @@ def repair_start(
 ) -> SearchState:
     """Repair the first placements of a random plan that can be made feasible, and begin the search there.
 
-    Args:
-        angles: joint angles of a random plan, (m, n) [rad].
-        swing: its swing foot poses, (m, 3) [m, m, rad].
-        per: number of postures in a placement.
+    The joint angles are (m, n) [rad], the swing foot's poses (m, 3) [m, m, rad], `per` in each placement.
     """
     design = design_of(problem, angles, swing)
     names, tally, blocks = inequality_names(problem), Counter[str](), list[Block]()
@@ -115,12 +110,7 @@ def round_count(objective: Objective, hops: int) -> int:
 
 
 def search(
-    problem: PlanningProblem,
-    objective: Objective,
-    state: SearchState,
-    per: int,
-    seed: int,
-    hops: int = HOPS,
+    problem: PlanningProblem, objective: Objective, state: SearchState, per: int, seed: int, hops: int
 ) -> Iterator[SearchState]:
     """Continue from a state and yield the state after every round.
 
@@ -131,8 +121,7 @@ def search(
         k = state.rounds
         plan = evaluate_plan(problem, state.design, state.angles, per)
         if k < len(stages):
-            regions = np.full(len(plan.design) // per, REGION)
-            plan, _ = descend(problem, plan, stages[k], WARM, regions, objective.penalty)
+            plan = descend(problem, plan, stages[k], WARM, objective.penalty)
         elif k < len(stages) + hops:
             last = len(stages) - 1
             smooth = stages[min(min(1, last) + (k - len(stages)) * 2 // max(hops, 1), last)]
@@ -194,7 +183,7 @@ def _hop(
     kept = Block(block.design[stay], block.angles[stay])
     blocks[at] = exchange(problem, kept, pool, rest, smooth, per)
     moved = evaluate_plan(problem, *_joined(blocks), per)
-    moved, _ = descend(problem, moved, smooth, STEPS, np.full(len(blocks), REGION), penalty)
+    moved = descend(problem, moved, smooth, STEPS, penalty)
     return moved if merit(moved, smooth, penalty) < merit(plan, smooth, penalty) - GAIN else plan
 
 
@@ -232,12 +221,7 @@ def resumed(
     per: int,
     rounds: int,
 ) -> SearchState:
-    """Return the state to go on from: the start if there is none.
-
-    Args:
-        start: state of the same search before its first round.
-        per: number of postures in a placement.
-        rounds: how many the search takes.
+    """Return the state to go on from: the start, before the first round of the same search, if there is none.
 
     Raises:
         StateError: a plan of another size, one that breaks a constraint, or a number that is not its own.

@@ -5,12 +5,15 @@ from __future__ import annotations
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
-from tulip_testbed.identification.preflight.agreement import (
-    fit,
-    repeats,
-    scatter,
-    single_placements,
-    single_postures,
+from tulip_testbed.identification.preflight import (
+    agreement,
+    leg_closure,
+    plate_checks,
+    readings,
+    settling,
+    units,
+    weight,
+    wrench_checks,
 )
 from tulip_testbed.identification.preflight.excitation import identifiable
 from tulip_testbed.identification.preflight.finding import (
@@ -22,18 +25,7 @@ from tulip_testbed.identification.preflight.finding import (
     skipped,
     worst_of,
 )
-from tulip_testbed.identification.preflight.leg_closure import legs
-from tulip_testbed.identification.preflight.plate_checks import feet_on_plates, load_in_soles, plate_poses
-from tulip_testbed.identification.preflight.readings import cell_loads, resolution, stuck
-from tulip_testbed.identification.preflight.settling import series_agrees, settling, steady_windows
-from tulip_testbed.identification.preflight.units import joint_limits, same_robot, units
 from tulip_testbed.identification.preflight.usual import Usual, UsualChanges, exact
-from tulip_testbed.identification.preflight.weight import constant_weight, drift, weight_balance
-from tulip_testbed.identification.preflight.wrench_checks import (
-    carried_weight,
-    conventions,
-    horizontal_forces,
-)
 from tulip_testbed.identification.reading_noise import ReadingNoise, reading_noise
 from tulip_testbed.identification.regressor import regression
 from tulip_testbed.measurements import Measurements, Series
@@ -62,11 +54,11 @@ def preflight(
             everything is exact.
     """
     m = measurements
-    findings = [same_robot(m, nominal)]
+    findings = [units.same_robot(m, nominal)]
     rest = (*READINGS, *LEGS, *FORCES, "identifiable")
     if m.joints != nominal.parameters.tree.joints:
         return [*findings, *_skip(("units", *rest), "correct the joints first: they are not the robot's")]
-    found = units(m, nominal)
+    found = units.units(m, nominal)
     if found.result == findings[0].result == "fail":
         reason = "correct the robot first"
         return [*findings, *_skip(("units",), f"{reason}: by this one {found.seen}"), *_skip(rest, reason)]
@@ -75,34 +67,34 @@ def preflight(
         return [*findings, *_skip(rest, "correct the units first")]
     if m.contacts is not None:
         return [*findings, *_of_wrenches(m, nominal, usual_changes)]
-    loads = cell_loads(m)
+    loads = readings.cell_loads(m)
     # Cells whose loads are wrong say nothing about how much yields.
     usual = exact(len(m)) if usual_changes is None or loads.result == "fail" else usual_changes()
     findings += [
-        joint_limits(m, nominal),
-        stuck(m),
+        units.joint_limits(m, nominal),
+        readings.stuck(m),
         loads,
-        resolution(m),
-        steady_windows(m),
-        settling(m, series),
-        series_agrees(m, series),
-        weight_balance(m, usual),
-        constant_weight(m, usual),
-        drift(m, nominal, usual),
-        plate_poses(m),
+        readings.resolution(m),
+        settling.steady_windows(m),
+        settling.settling(m, series),
+        settling.series_agrees(m, series),
+        weight.weight_balance(m, usual),
+        weight.constant_weight(m, usual),
+        weight.drift(m, nominal, usual),
+        plate_checks.plate_poses(m),
     ]
     if (single := m.support != "double").any():
         row = int(single.argmax())
         reason = f"{row_name(m, row)} stands on one foot ('{m.support[row]}'); this check needs both feet"
         findings += _skip((*LEGS, *FORCES), reason)
         return [*findings, identifiable(m, nominal_robot(nominal.robot, common_support(m.support)), None)]
-    findings += [feet_on_plates(m, nominal), *legs(m, nominal, usual)]
+    findings += [plate_checks.feet_on_plates(m, nominal), *leg_closure.legs(m, nominal, usual)]
     if loads.result == "fail":
         findings += _skip(FORCES, "correct the cells' loads first")
         return [*findings, identifiable(m, nominal, None)]
     noise = reading_noise(m, nominal)
-    findings += [load_in_soles(m, nominal), repeats(m, nominal, noise), *_fits(m, nominal, noise, usual)]
-    return [*findings, identifiable(m, nominal, noise)]
+    findings += [plate_checks.load_in_soles(m, nominal), agreement.repeats(m, nominal, noise)]
+    return [*findings, *_fits(m, nominal, noise, usual), identifiable(m, nominal, noise)]
 
 
 def _of_wrenches(m: Measurements, nominal: Nominal, usual_changes: UsualChanges | None) -> list[Finding]:
@@ -110,20 +102,20 @@ def _of_wrenches(m: Measurements, nominal: Nominal, usual_changes: UsualChanges 
     reason = "needs the readings of vertical cells; there are wrench sensors"
     usual = exact(len(m)) if usual_changes is None else usual_changes()
     findings = [
-        joint_limits(m, nominal),
-        stuck(m),
+        units.joint_limits(m, nominal),
+        readings.stuck(m),
         *_skip(("cell loads", "stated noise"), reason),
-        steady_windows(m),
+        settling.steady_windows(m),
         *_skip(("settling", "series and table"), reason),
         *_skip(("weight balance", "constant weight"), f"{reason}, see 'carried weight'"),
-        carried_weight(m, nominal),
-        horizontal_forces(m, nominal),
-        conventions(m, nominal),
-        drift(m, nominal, usual),
+        wrench_checks.carried_weight(m, nominal),
+        wrench_checks.horizontal_forces(m, nominal),
+        wrench_checks.conventions(m, nominal),
+        weight.drift(m, nominal, usual),
         *_skip(("plate poses", "feet on plates"), reason),
     ]
     if (m.support == "double").all():
-        findings += legs(m, nominal, usual)
+        findings += leg_closure.legs(m, nominal, usual)
     else:
         findings += _skip(LEGS[1:], "some posture stands on one foot; this check needs both feet")
     findings += _skip(FORCES, reason)
@@ -133,10 +125,11 @@ def _of_wrenches(m: Measurements, nominal: Nominal, usual_changes: UsualChanges 
 def _fits(m: Measurements, nominal: Nominal, noise: ReadingNoise, usual: Usual) -> list[Finding]:
     """Run the checks that need a fitted model."""
     try:
-        found = fit(m, regression(nominal.parameters, m, nominal.robot), noise)
+        found = agreement.fit(m, regression(nominal.parameters, m, nominal.robot), noise)
     except InputError as problem:
         return _skip(FORCES[2:], str(problem))
-    return [single_postures(m, found), single_placements(m, found), scatter(found, usual)]
+    single = agreement.single_postures(m, found), agreement.single_placements(m, found)
+    return [*single, agreement.scatter(found, usual)]
 
 
 def _skip(names: tuple[str, ...], reason: str) -> list[Finding]:

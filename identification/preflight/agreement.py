@@ -130,11 +130,9 @@ class Shifts:
 
 
 def shifts(found: AgreementFit, directions: np.ndarray, together: Groups) -> Shifts:
-    """Test a shift of the residuals of each group.
+    """Test a shift of the residuals of each group of postures, each within a placement.
 
-    Args:
-        directions: of the residuals, (m, 2, d).
-        together: groups of postures, each within a placement.
+    The directions of the shifts are (m, 2, d).
     """
     weighted = found.weights.of_postures @ directions
     if len(together) < len(directions):

@@ -35,8 +35,7 @@ def legs(measurements: Measurements, nominal: Nominal, usual: Usual) -> list[Fin
 def misclosures(m: Measurements, nominal: Nominal) -> tuple[float, np.ndarray]:
     """Return by how much the soles miss being level at one height, r.m.s. over the postures [rad].
 
-    Returns:
-        as measured, and with the sign of one joint turned, (n_joints,).
+    It is returned as measured, and with the sign of one joint turned, (n_joints,).
     """
     signs = np.vstack([np.ones(len(m.joints)), 1.0 - 2 * np.eye(len(m.joints))])
     error = [nominal.swing_sole(m.joint_angles * turned)[:, 2:5] for turned in signs]

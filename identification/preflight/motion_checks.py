@@ -30,11 +30,7 @@ BLOCK = 4.0  # s: errors of neighbouring rows are alike
 
 
 def samples_of(samples: Measurements, window: float) -> list[Finding]:
-    """Check the samples of a motion.
-
-    Args:
-        window: to which they are reduced [s].
-    """
+    """Check the samples of a motion, which are reduced to windows [s]."""
     return [_sampling(samples), _segments(samples, window), _feet(samples), _saturation(samples)]
 
 

@@ -131,9 +131,7 @@ def resolution(measurements: Measurements) -> Finding:
 def longest_run(values: np.ndarray, moved: np.ndarray) -> tuple[int, float]:
     """Return the longest run of one value in successive rows, and a bound on its probability by chance.
 
-    Args:
-        values: readings, (m,).
-        moved: whether the value should have changed from each row to the next, (m - 1,).
+    Only rows count at which the value should have changed from the row before, (m - 1,) bool.
     """
     same = (values[1:] == values[:-1]) & moved
     length = best = 1

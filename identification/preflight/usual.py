@@ -120,9 +120,8 @@ def beyond(
 def singly(score: np.ndarray, information: np.ndarray, names: Sequence[str], parts: list[float]) -> Beyond:
     """Test the change that each imperfection makes, together with other tests; V is the null.
 
-    Args:
-        score: K' V^-1 e, (k,). information: the diagonal of K' V^-1 K, (k,). names: (k,).
-        parts: p-values of the other tests.
+    The score is K' V^-1 e, (k,), the information the diagonal of K' V^-1 K, (k,); the parts are p-values of
+    the other tests.
     """
     seen = np.flatnonzero(information > SEEN)
     if not seen.size:

@@ -145,10 +145,8 @@ def _change(
 ) -> tuple[float, float, float]:
     """Return the change over the whole time by a line, its standard error, and its p-value.
 
-    The null hypothesis is a change of at most `harmless`, and those by ordinary imperfections.
-
-    Args:
-        ordinary: changes of the values by one tolerance of each imperfection, (m, k).
+    The null hypothesis is a change of at most `harmless`, and those by ordinary imperfections, of which one
+    tolerance changes the values by (m, k).
     """
     span = np.ptp(clock)
     unit = (clock - clock.mean()) / span

@@ -6,7 +6,7 @@ import numpy as np
 
 from tulip_testbed.identification.contact_readings import noise_of_wrenches
 from tulip_testbed.identification.conventions.audit_conventions import audit_conventions, can_be_audited
-from tulip_testbed.identification.conventions.wrench_convention import WrenchConvention
+from tulip_testbed.identification.conventions.log_conventions import WrenchConvention
 from tulip_testbed.identification.kinematics import link_rotations, turned_about
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.preflight.finding import Finding, row_name, skipped

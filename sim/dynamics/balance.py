@@ -39,11 +39,7 @@ class Balance:
 
 
 def balance_of(stand: Stand, energy_before: float) -> Balance:
-    """Compute the balance of the posture that is held now.
-
-    Args:
-        energy_before: `mechanical_energy` at the release of the clamps [J].
-    """
+    """Compute the balance of the held posture, from `mechanical_energy` at the release of the clamps [J]."""
     model, data = stand.model, stand.data
     mujoco.mj_forward(model, data)
     mujoco.mj_rnePostConstraint(model, data)

@@ -12,22 +12,11 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.base.workers import deaf_to_interruptions, watched
 from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.sim import procedure
 from tulip_testbed.sim.dynamics.hold import Held, hold, move, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.outcome import Attempt, Outcome, Truth, dropped_postures
 from tulip_testbed.sim.plan_folder import check_support
-from tulip_testbed.sim.procedure import (
-    choose_repeats,
-    header_of,
-    make_measurements,
-    order_of_tries,
-    read_sensors,
-    record_error,
-    stage_at,
-    start_times,
-    support_of,
-    weigh,
-)
 from tulip_testbed.sim.rig import Rig, stages
 from tulip_testbed.sim.scene import boards_under
 from tulip_testbed.sim.sensors import draw_zeros
@@ -42,16 +31,14 @@ def run_dynamics(
 ) -> Outcome:
     """Simulate a plan in the full dynamics.
 
-    Every placement has its own random stream, so that the result does not depend on `workers`.
-
-    Args:
-        progress: called with the number of attempts each time a placement is done.
+    Every placement has its own random stream, so that the result does not depend on `workers`. Each time one
+    is done, `progress` is called with the number of its attempts.
     """
     check_support("plan", plan)
     placements = list(dict.fromkeys(plan.placement.tolist()))
     streams = np.random.SeedSequence(seed).spawn(len(placements) + 1)
     shared = np.random.default_rng(streams[-1])
-    repeats = choose_repeats(plan, rig.protocol.repeats, shared)
+    repeats = procedure.choose_repeats(plan, rig.protocol.repeats, shared)
     sensors = rig.sensors.wrench
     zeros = None if sensors is None else draw_zeros(sensors, shared)
     attempts = tuple(_try_all(rig, plan, repeats, zeros, streams, workers, progress))
@@ -87,12 +74,14 @@ def _try_all(
     """
     starts, rigs = zip(*stages(rig), strict=True)
     placements = list(dict.fromkeys(plan.placement.tolist()))
-    tries = [(place, k) for place in placements for k in range(len(order_of_tries(plan, place, repeats)))]
-    time = start_times(rig, np.array([place for place, _ in tries]))
+    tries = [
+        (place, k) for place in placements for k in range(len(procedure.order_of_tries(plan, place, repeats)))
+    ]
+    time = procedure.start_times(rig, np.array([place for place, _ in tries]))
     done: dict[tuple[int, int], list[Attempt]] = {}  # by placement and number of the rig
     used = np.ones((len(rigs), len(tries)), bool)
     while True:
-        stage = stage_at(np.array(starts), time, used).tolist()
+        stage = procedure.stage_at(np.array(starts), time, used).tolist()
         wanted = dict.fromkeys((place, s) for (place, _), s in zip(tries, stage, strict=True))
         if not (missing := [key for key in wanted if key not in done]):
             return [done[place, s][k] for (place, k), s in zip(tries, stage, strict=True)]
@@ -124,16 +113,12 @@ def run_placement(
     stream: np.random.SeedSequence,
     zeros: np.ndarray | None = None,
 ) -> list[Attempt]:
-    """Set up one placement and attempt its postures, then its repeats.
-
-    Args:
-        zeros: true zeros of the wrench sensors, (2, c) [N, Nm].
-    """
+    """Set up one placement and attempt its postures, then its repeats; the wrench sensors' zeros are true."""
     rng = np.random.default_rng(stream)
-    order = order_of_tries(plan, placement, repeats)
+    order = procedure.order_of_tries(plan, placement, repeats)
     boards = boards_under(rig, plan.foot_poses[[order[0][0]]])[0]
     stand = Stand(rig, boards + rig.protocol.plate_sd * rng.standard_normal((2, 3)))
-    error = record_error(rig, rng, 1)[0]
+    error = procedure.record_error(rig, rng, 1)[0]
     attempts: list[Attempt] = []
     before, recorded = None, np.zeros((2, 3))
     fresh = np.append(
@@ -158,7 +143,7 @@ def run_placement(
 
 
 def _read(rig: Rig, held: Held, zeros: np.ndarray | None, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    return read_sensors(
+    return procedure.read_sensors(
         rig, held.joint_angles, held.motor_angles, held.cell_forces, held.wrenches, zeros, rng
     )
 
@@ -166,18 +151,18 @@ def _read(rig: Rig, held: Held, zeros: np.ndarray | None, rng: np.random.Generat
 def _measurements(
     rig: Rig, plan: PosturePlan, attempts: Sequence[Attempt], mass: float, rng: np.random.Generator
 ) -> Measurements:
-    times = start_times(rig, np.array([a.placement for a in attempts]))
+    times = procedure.start_times(rig, np.array([a.placement for a in attempts]))
     used = [(a, t) for a, t in zip(attempts, times, strict=True) if a.held]
     if not used:
         reasons = sorted({a.reason for a in attempts})
         raise InputError(f"none of {len(attempts)} postures could be measured: {'; '.join(reasons)}")
-    return make_measurements(
+    return procedure.make_measurements(
         rig,
-        header_of(rig),
+        procedure.header_of(rig),
         {key: np.array([a.reading[key] for a, _ in used]) for key in used[0][0].reading},
-        weigh(rig, mass, rng),
+        procedure.weigh(rig, mass, rng),
         posture=np.array([a.posture for a, _ in used]),
-        support=support_of(plan, np.array([a.posture for a, _ in used])),
+        support=procedure.support_of(plan, np.array([a.posture for a, _ in used])),
         placement=np.array([a.placement for a, _ in used]),
         time=np.array([t for _, t in used]),
         command=np.array([a.held.commanded for a, _ in used if a.held]),

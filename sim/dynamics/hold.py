@@ -54,12 +54,7 @@ class Held:
 def put_down(
     stand: Stand, angles: np.ndarray, support: str = "double", command: np.ndarray | None = None
 ) -> None:
-    """Put the robot down at a posture and clamp its feet where they land.
-
-    Args:
-        command: commanded angles; None means `angles`.
-        support: "double", or "right" or "left" for one foot alone.
-    """
+    """Put the robot down at a posture on one foot or both and clamp its feet where they land."""
     stand.foot_contact = feet_in_contact(np.array([support]))[0]
     stand.reset(angles, stand.chain.base_pose(angles, stand.base))
     stand.command = angles if command is None else command

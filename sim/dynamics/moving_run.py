@@ -26,8 +26,7 @@ from tulip_testbed.sim.outcome import MovingOutcome
 from tulip_testbed.sim.procedure import header_of, make_measurements, read_sensors, record_error, weigh
 from tulip_testbed.sim.rig import Rig, stages
 from tulip_testbed.sim.scene import boards_under
-from tulip_testbed.sim.sensors import draw_zeros
-from tulip_testbed.sim.series_readings import delayed, sample_series
+from tulip_testbed.sim.sensors import delayed, draw_zeros, sample_series
 
 # Time constant tc [s] and impedance of the contacts below moving legs. MuJoCo's constraints leave the
 # centripetal acceleration of a sole corner out, some 0.03 m/s2, which lifts it by 0.03 tc^2. In the contacts
@@ -70,10 +69,7 @@ def run_motion(
     The robot stands as for a hold before every segment; if it cannot hold the first posture, the segment
     begins at the next one. Samples at which a foot has lifted or slipped are left out, and a new segment
     begins behind them; the truth says why. Every placement has its own random stream, so that the result does
-    not depend on `workers`.
-
-    Args:
-        progress: called with the number of segments each time a part of a placement is done.
+    not depend on `workers`. `progress` is called with the number of segments of each part that is done.
     """
     motion = plan.motion
     assert motion is not None
@@ -127,10 +123,9 @@ def _move_on_placement(
     stream: np.random.SeedSequence,
     zeros: np.ndarray | None,
 ) -> list[_Segment]:
-    """Set up one placement and follow some of its segments.
+    """Set up one placement and follow the segments with these numbers in the trajectory.
 
-    Args:
-        numbers: of the segments in the trajectory. zeros: true zeros of the wrench sensors, (2, c) [N, Nm].
+    The zeros are the true ones of the wrench sensors, (2, c) [N, Nm].
     """
     motion, rng = plan.motion, np.random.default_rng(stream)
     assert motion is not None

@@ -172,11 +172,7 @@ class Stand:
         return float(displacements[np.repeat(self.foot_contact, 4)].max())
 
     def fault(self, slip_limit: float | None = None) -> str | None:
-        """Return why a posture cannot be used, or None.
-
-        Args:
-            slip_limit: in place of the protocol's [m].
-        """
+        """Return why a posture cannot be used, or None; the slip limit [m] is the protocol's by default."""
         limit = self.protocol.slip_limit if slip_limit is None else slip_limit
         for event, names, gaps in (
             ("lost sole corner", self.sole_names, self._sole_gaps()),

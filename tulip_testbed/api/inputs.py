@@ -34,7 +34,6 @@ from tulip_testbed.sim.shipped import TULIP
 Measured = Measurements | Run | str | Path
 PlanSource = PosturePlan | str | Path
 
-
 Several = Measured | Sequence[Measured]
 
 

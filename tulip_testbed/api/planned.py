@@ -19,7 +19,7 @@ from tulip_testbed.experiments.atlases.effect_atlas import atlas as _atlas
 from tulip_testbed.experiments.atlases.planned_experiment import Planned, planned
 from tulip_testbed.experiments.atlases.tolerance import Tolerance
 from tulip_testbed.experiments.atlases.tolerance import tolerance as _tolerance
-from tulip_testbed.experiments.defaults import DEFAULT_SEED, MOTION_SPEED, REPEATS, SPEED
+from tulip_testbed.experiments.defaults import DEFAULT_SEED, HOPS, MOTION_SPEED, REPEATS, SPEED
 from tulip_testbed.experiments.described_plan import DescribedPlan
 from tulip_testbed.experiments.described_plan import describe_plan as _describe_plan
 from tulip_testbed.experiments.effect_list import EffectList
@@ -29,7 +29,6 @@ from tulip_testbed.experiments.protocols.motion_plan import MotionPlan, moving_p
 from tulip_testbed.experiments.protocols.protocol_run import LaboratoryProtocol, protocol_of
 from tulip_testbed.experiments.usable_plan import check_plan, random_plan
 from tulip_testbed.experiments.watching.watch_day import Watch
-from tulip_testbed.identification.planning.search_defaults import HOPS
 from tulip_testbed.sim.plan_folder import write_plan
 from tulip_testbed.sim.robot import Robot
 
@@ -237,7 +236,7 @@ def atlas(
     found = _atlas(_planned(plan, robot, sensors, seed), np.random.default_rng(seed))
     if out is None:
         return found
-    from tulip_testbed.pages.atlas_page import write_atlas  # plotly loads slowly
+    from tulip_testbed.pages.run_page import write_atlas  # plotly loads slowly
 
     write_atlas(Path(out), found)
     return replace(found, folder=Path(out))

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from tulip_testbed.api.inputs import load_robot, measurements_of, plan_of
 from tulip_testbed.base.arguments import checked
 from tulip_testbed.base.errors import InputError, listed, warn
 from tulip_testbed.base.files import check_new
+from tulip_testbed.base.result import Result
+from tulip_testbed.base.table import Table
 from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.experiments.comparison import Comparison, compare
 from tulip_testbed.experiments.discovery_result import Discovered
@@ -21,12 +26,62 @@ from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.pages import ENDING
 from tulip_testbed.sim.robot import Robot
-from tulip_testbed.written import OpenView, WrittenReport
 
 RunShown = Run | Validation | Discovered | MonteCarlo | str | Path
 Reported = RunShown | Prediction
 Viewed = RunShown | Measurements | PosturePlan
 RunRobot = Robot | None
+MEGABYTE = 1e6
+
+
+@dataclass(frozen=True, repr=False)
+class WrittenReport(Result):
+    """A page that was written.
+
+    Attributes:
+        report: its file. bytes: its size. left_out: pictures that could not be drawn, and why.
+    """
+
+    report: str
+    bytes: int
+    left_out: tuple[str, ...]
+
+    def tables(self) -> list[Table | str]:
+        """Return what was left out, and the file."""
+        missing = [f"Left out: {note}" for note in self.left_out]
+        return [*missing, f"Report: {self.report} ({self.bytes / MEGABYTE:.1f} MB)"]
+
+
+@dataclass(frozen=True, repr=False)
+class OpenView(Result):
+    """A view that was written, or that is open.
+
+    Attributes:
+        view: its file. bytes: its size. closed: waits until the viewer is closed.
+    """
+
+    view: str | None = None
+    bytes: int | None = None
+    closed: Callable[[], None] = lambda: None
+
+    def tables(self) -> list[Table | str]:
+        """Return the file; a window says enough itself."""
+        if self.view is None or self.bytes is None:
+            return []
+        return [f"View: {self.view} ({self.bytes / MEGABYTE:.1f} MB); open it by `rerun {self.view}`"]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the file with its size."""
+        document = {"view": self.view, "bytes": self.bytes}
+        return {key: value for key, value in document.items() if value is not None}
+
+    def wait(self) -> None:
+        """Wait until the viewer is closed.
+
+        Raises:
+            InputError: it could not draw, or ended by itself.
+        """
+        self.closed()
 
 
 @checked

@@ -21,7 +21,6 @@ from tulip_testbed.measurements import PosturePlan
 
 PlainLaboratory = Laboratory  # in which the function hides effects itself: the command line adds none
 
-
 Planned = PosturePlan | str | Path | None
 
 

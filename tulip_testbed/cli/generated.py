@@ -33,36 +33,31 @@ PlanFolder = Annotated[
         f"{PLAN_NAMES[0]} if left out",
     ),
 ]
-RUN = Annotated[Path, tyro.conf.arg(metavar="RUN", help="run folder or measurement folder")]
 POOL = "plan folder to choose from, or a shipped plan's name; the measured postures if left out"
 
+
+def _shown(kind: Any, metavar: str, said: str) -> Any:
+    return Annotated[kind, tyro.conf.arg(metavar=metavar, help=said)]
+
+
+RUN = _shown(Path, "RUN", "run folder or measurement folder")
 # By annotation, as the functions of the API have it.
 KINDS: dict[str, Any] = {
-    "Measured": Annotated[Path, tyro.conf.arg(metavar="FOLDER", help="measurement folder")],
-    "Several": Annotated[
-        tuple[Path, ...],
-        tyro.conf.arg(metavar="FOLDER [FOLDER ...]", help="measurement folders: experiments with one robot"),
-    ],
-    "Measured | None": Annotated[
-        Path | None, tyro.conf.arg(metavar="FOLDER", help="measurements before the plan")
-    ],
-    "Viewed": Annotated[
-        Path, tyro.conf.arg(metavar="FOLDER", help="folder of a run, a plan or measurements")
-    ],
+    "Measured": _shown(Path, "FOLDER", "measurement folder"),
+    "Several": _shown(
+        tuple[Path, ...], "FOLDER [FOLDER ...]", "measurement folders: experiments with one robot"
+    ),
+    "Measured | None": _shown(Path | None, "FOLDER", "measurements before the plan"),
+    "Viewed": _shown(Path, "FOLDER", "folder of a run, a plan or measurements"),
     "Exportable": RUN,
     "Proposable": RUN,
     "Reported": RUN,
-    "Reported | None": Annotated[
-        Path | None, tyro.conf.arg(metavar="[RUN]", help="a second run, to compare")
-    ],
-    "RunRobot": Annotated[Path | None, tyro.conf.arg(metavar="FILE", help="robot; the run's if left out")],
+    "Reported | None": _shown(Path | None, "[RUN]", "a second run, to compare"),
+    "RunRobot": _shown(Path | None, "FILE", "robot; the run's if left out"),
     "Planned": PlanFolder,
-    "PlanSource": Annotated[
-        Path,
-        tyro.conf.arg(metavar="PLAN", help="plan folder that is being measured, or a shipped plan's name"),
-    ],
+    "PlanSource": _shown(Path, "PLAN", "plan folder that is being measured, or a shipped plan's name"),
     "PlanSource | None": PlanFolder,
-    "PosturePlan | str | Path | None": Annotated[Path | None, tyro.conf.arg(metavar="PLAN", help=POOL)],
+    "PosturePlan | str | Path | None": _shown(Path | None, "PLAN", POOL),
 }
 OUT, JSON, FULL, ROBOT, VALUE, PROGRESS = "out", "json", "full", "robot", "value", "progress"
 AS_JSON = Annotated[bool, tyro.conf.arg(help="print one JSON document on stdout instead of tables")]
@@ -180,9 +175,7 @@ def command_of(
 ) -> Callable[..., int]:
     """Return the function that tyro calls with a command's options.
 
-    Args:
-        saved: whether the command has an option --out for its result, and whether that is required.
-        brief: whether it has an option --full.
+    They are the function's, --json, and, as asked for, --out for its result and --full.
     """
     options: dict[str, Parameter] = {}
     for argument in function.arguments:

@@ -24,14 +24,9 @@ Command = Callable[..., int]
 
 
 def main(arguments: list[str] | None = None, loaded: Callable[[], object] = lambda: None) -> int:
-    """Carry out a command.
+    """Carry out a command, by the process's arguments if None, and return the exit code.
 
-    Args:
-        arguments: of the command line; the process's if None.
-        loaded: called when the libraries are loaded and the work begins.
-
-    Returns:
-        the exit code.
+    When the libraries are loaded and the work begins, `loaded` is called.
     """
     given = sys.argv[1:] if arguments is None else arguments
     name, rest = split_name(given)
@@ -76,11 +71,7 @@ def groups() -> set[str]:
 
 
 def usage(group: str | None = None) -> str:
-    """Describe every command with its summary.
-
-    Args:
-        group: first word of the commands that are described; None: all.
-    """
+    """Describe every command, or those of a group, with its summary."""
     described = {name: s for name, s in summaries().items() if group in (None, name.split(" ")[0])}
     blocks = [{n: s for n, s in described.items() if (" " in n) is two} for two in (False, True)]
     lines = [
@@ -134,10 +125,7 @@ def _carry_out(name: str, command: Command, arguments: list[str], loaded: Callab
 def read_arguments(
     name: str, command: Command, arguments: list[str]
 ) -> tuple[tuple[object, ...], dict[str, object]]:
-    """Parse the arguments of a command, without its name, and do not carry it out.
-
-    Returns:
-        what its function is called with.
+    """Parse the arguments of a command, without its name, into what its function is called with.
 
     Raises:
         SystemExit: the arguments are wrong, or ask for help.
@@ -198,11 +186,7 @@ def _warnings_in_our_words() -> Iterator[None]:
 
 
 def run(loaded: Callable[[], object]) -> None:
-    """Run the console script.
-
-    Args:
-        loaded: see `main`.
-    """
+    """Run the console script; see `main` for `loaded`."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # what cannot be encoded shows as its code
             stream.reconfigure(errors="backslashreplace")

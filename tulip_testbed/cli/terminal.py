@@ -92,8 +92,7 @@ def print_json(document: dict[str, Any], indent: int | None = 1) -> None:
 def live_table() -> Iterator[Callable[[Table, str], None]]:
     """Show a table on stdout that changes in its place; a pipe or a file gets a line of text each time.
 
-    Yields:
-        A function to be called with the table and with the line, which may be empty.
+    It is updated by the yielded function with the table and the line, which may be empty.
     """
     if not sys.stdout.isatty():
         yield lambda table, line: show_whole([line] if line else [])
@@ -127,12 +126,8 @@ class RateColumn(ProgressColumn):
 def progress(label: str, total: int | None, done: int = 0) -> Iterator[Advance]:
     """Show a bar with rate, time left and the best value so far on stderr; no terminal gets a line a minute.
 
-    Args:
-        total: steps; None: nobody knows.
-        done: steps that were done before.
-
-    Yields:
-        A function to be called with the number of steps that are done now.
+    The total is None if nobody knows it. Some steps may be done before; the yielded function is called with
+    the number of those done now.
     """
     if not ERR.is_terminal:
         ended, count = Event(), [done]

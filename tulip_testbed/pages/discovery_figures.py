@@ -9,7 +9,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from tulip_testbed.base.numbers import number
-from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL
+from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL, rgb
 from tulip_testbed.discovery.experiment_information import Explanation, probabilities
 from tulip_testbed.experiments.discovery_curves import Curve, LawCurve
 from tulip_testbed.experiments.discovery_tables import behind
@@ -24,8 +24,7 @@ WIDE = 1.96  # s.d. that 95 % of the noise stay within
 def gap_figure(rows: Sequence[tuple[str, float, float, float]]) -> Figure:
     """Draw the gap by channel before and after, relative to the noise.
 
-    Args:
-        rows: channel, before, after, and the bound by chance alone.
+    Each row holds a channel, before, after, and the bound by chance alone.
     """
     drawn = go.Figure()
     names = [name for name, *_ in rows]
@@ -44,10 +43,9 @@ def gap_figure(rows: Sequence[tuple[str, float, float, float]]) -> Figure:
 
 
 def curve_figure(k: int, curve: Curve, posture: np.ndarray, changed: bool) -> Figure:
-    """Draw one residual over the experiment, before and after, with the noise as a band.
+    """Draw one residual over the experiment, before and, if an effect was removed, after, over the noise.
 
-    Args:
-        posture: numbers in the order of time, (m,). changed: whether an effect was removed.
+    The numbers of the postures are in the order of time, (m,).
     """
     drawn = go.Figure()
     there = np.isfinite(curve.sd)
@@ -95,10 +93,9 @@ def law_figure(k: int, law: LawCurve) -> Figure:
 
 
 def plane_figure(side: str, x: np.ndarray, y: np.ndarray, sd: float, reach: float) -> Figure:
-    """Draw the CoP minus the estimated CoM of all postures from above.
+    """Draw the CoP minus the estimated CoM of all postures, (m,) [mm] each, from above.
 
-    Args:
-        x, y: (m,) [mm]. sd: of the noise [mm]. reach: of the picture [mm], the same before and after.
+    The reach of the picture, the same before and after, and the s.d. of the noise are in mm.
     """
     drawn = go.Figure()
     turn = np.linspace(0, 2 * np.pi, 73)
@@ -148,5 +145,5 @@ def evidence_figure(explanations: Sequence[Explanation], runners_up: Sequence[Ex
 
 
 def _clear(colour: str) -> str:
-    red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
+    red, green, blue = rgb(colour)
     return f"rgba({red},{green},{blue},0.35)"

@@ -6,21 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from tulip_testbed.experiments import discovery_tables
 from tulip_testbed.experiments.discovery_curves import Curve, law_curves, residual_curves, time_order
 from tulip_testbed.experiments.discovery_result import FAMILIES, Discovered
-from tulip_testbed.experiments.discovery_tables import (
-    CHANNEL_NAMES,
-    MOST_P,
-    calibrated_table,
-    dynamics_line,
-    explanation_table,
-    gap_table,
-    moved_table,
-    pattern_table,
-    repeat_table,
-    undetectable_table,
-    weak_table,
-)
+from tulip_testbed.experiments.discovery_tables import CHANNEL_NAMES, MOST_P
 from tulip_testbed.experiments.family_tables import family_table
 from tulip_testbed.experiments.proposed_experiment import experiment_table
 from tulip_testbed.experiments.rig_folder import DIFF
@@ -55,14 +44,17 @@ def discovery_page(discovery: Discovered) -> Page:
     ]
     posture = discovery.searched.posture[time_order(discovery)]
     changed = bool(discovery.explanations or discovery.calibrated)
-    tables = [family_table(discovery.families, FAMILIES), calibrated_table(discovery.calibrated)]
+    tables = [
+        family_table(discovery.families, FAMILIES),
+        discovery_tables.calibrated_table(discovery.calibrated),
+    ]
     ordinary = tuple(table for table in tables if table.rows)
     words = (ORDINARY_WORDS, *([tables[1].note] if discovery.calibrated and not tables[1].rows else []))
     sections = [
         Section(
             "The gap",
             GAP_WORDS,
-            (gap_table(held),),
+            (discovery_tables.gap_table(held),),
             (drawn.gap_figure(gap), *_planes(curves, changed)),
         ),
         *([Section("Ordinary imperfections", words, ordinary)] if ordinary else []),
@@ -83,7 +75,7 @@ def discovery_page(discovery: Discovered) -> Page:
     if discovery.explanations:
         said = (EVIDENCE_WORDS[discovery.verdict == "unknown"],)
         figure = drawn.evidence_figure(discovery.explanations, discovery.runners_up)
-        tables = (explanation_table(discovery.explanations),)
+        tables = (discovery_tables.explanation_table(discovery.explanations),)
         sections.insert(1, Section("Evidence", said, tables, (figure,)))
     if adopted:
         said = [law.finding for law, _ in adopted]
@@ -99,7 +91,7 @@ def discovery_page(discovery: Discovered) -> Page:
         sections.append(Section("Next experiment", tables=(ranking,)))
     sections.append(_limits(discovery))
     if discovery.check:
-        sections.append(Section("In full dynamics", (dynamics_line(discovery.check),)))
+        sections.append(Section("In full dynamics", (discovery_tables.dynamics_line(discovery.check),)))
     if DIFF in discovery.rig_files:
         words = "Changes by the adopted rig. Its folder is for --corrections of other commands."
         differences = (("Differences", discovery.rig_files[DIFF]),)
@@ -123,8 +115,8 @@ def discovery_page(discovery: Discovered) -> Page:
 def _base_parameters(discovery: Discovered) -> Section:
     """Return the section of the base parameters, whose table is folded if a correction moved none of them."""
     both = discovery.before, discovery.after, discovery.adopted
-    table, title = moved_table(*both), "Base parameters"
-    if not discovery.adopted or moved_table(*both, all_of_them=False).rows:
+    table, title = discovery_tables.moved_table(*both), "Base parameters"
+    if not discovery.adopted or discovery_tables.moved_table(*both, all_of_them=False).rows:
         return Section(title, tables=(table,))
     return Section(title, (table.note,), folded=((f"All {len(table.rows)}", replace(table, note="")),))
 
@@ -141,10 +133,10 @@ def _planes(curves: list[Curve], changed: bool) -> tuple[Figure, ...]:
 def _limits(discovery: Discovered) -> Section:
     """Return the section of remaining patterns, repeats and effects that the postures cannot detect."""
     tables = [
-        pattern_table(discovery.patterns),
-        repeat_table(discovery.repeats),
-        undetectable_table(discovery.undetectable),
-        weak_table(discovery.weakly_detectable),
+        discovery_tables.pattern_table(discovery.patterns),
+        discovery_tables.repeat_table(discovery.repeats),
+        discovery_tables.undetectable_table(discovery.undetectable),
+        discovery_tables.weak_table(discovery.weakly_detectable),
     ]
     words = tuple(f"Noise not as stated: {text}." for text in discovery.noise.assumed)
     if not tables[0].rows:

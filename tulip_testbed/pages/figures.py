@@ -78,11 +78,7 @@ def figure(name: str, caption: str, text: str, drawn: go.Figure, height: int = 3
 
 
 def residual_norms(posture: np.ndarray, placement: np.ndarray, norms: dict[str, np.ndarray]) -> Figure:
-    """Draw the norm of error of every row for the full and the simplified model (the paper's Fig. 4).
-
-    Args:
-        posture, placement: numbers, (m,). norms: by model, (m,) [mm].
-    """
+    """Draw the norm of error of every row, (m,) [mm], by both models (the paper's Fig. 4)."""
     drawn = go.Figure()
     row = np.arange(1, len(posture) + 1)
     hover = np.column_stack([posture, placement])
@@ -107,11 +103,7 @@ def residual_norms(posture: np.ndarray, placement: np.ndarray, norms: dict[str, 
 
 
 def errors_over_se(z: dict[str, tuple[list[int], np.ndarray]]) -> Figure:
-    """Draw the error of every parameter over its stated standard error.
-
-    Args:
-        z: numbers and (p,) by model.
-    """
+    """Draw the error of every parameter over its stated standard error: numbers and (p,) by model."""
     drawn = go.Figure()
     for model, (numbers, values) in z.items():
         drawn.add_scatter(x=numbers, y=values, name=model, **of_model(model, 9))
@@ -129,11 +121,7 @@ def errors_over_se(z: dict[str, tuple[list[int], np.ndarray]]) -> Figure:
 
 
 def correlation_map(matrix: np.ndarray, pairs: list[tuple[list[int], str]]) -> Figure:
-    """Draw the correlations (eq. 15) as a map, with marked pairs.
-
-    Args:
-        matrix: (p, p). pairs: numbers of two parameters and the joint that distinguishes them.
-    """
+    """Draw the correlations (eq. 15), (p, p), as a map; marked are pairs that one joint distinguishes."""
     numbers = list(range(1, len(matrix) + 1))
     drawn = go.Figure(
         go.Heatmap(
@@ -169,9 +157,7 @@ def support_polygon_figure(
 ) -> Figure:
     """Draw the plates, the support polygon and the centres of pressure from above (the paper's Fig. 2).
 
-    Args:
-        plates: poses, (2, 3) [m, m, rad]. polygon: (k, 2) [m]. points: by name, (n, 2) [m].
-        board: extent in x and y, (2,) [m].
+    The plates are poses, (2, 3) [m, m, rad], of boards of an extent, (2,) [m]; points go by name, (n, 2) [m].
     """
     drawn = go.Figure()
     x, y = board / 2
@@ -207,11 +193,7 @@ def with_intervals(
     target: float,
     bounds: tuple[float, float],
 ) -> Figure:
-    """Draw a quantity of every parameter with its interval, a target and bounds.
-
-    Args:
-        rows: number, value, interval by model.
-    """
+    """Draw a quantity of every parameter (number, value, interval by model) with a target and bounds."""
     drawn = go.Figure()
     for k, (model, found) in enumerate(rows.items()):
         values = np.array([value for _, value, _ in found])
@@ -251,11 +233,7 @@ def error_boxes(model: str, numbers: Sequence[int], errors_mm: np.ndarray) -> Fi
 def error_bars(
     split: str, rows: dict[str, dict[str, tuple[float, tuple[float | None, float | None]]]]
 ) -> Figure:
-    """Draw the r.m.s. error of every model with its interval, along both axes.
-
-    Args:
-        split: how the postures were left out. rows: value and interval [mm], by axis and model.
-    """
+    """Draw the r.m.s. error of every model with its interval [mm], along both axes, for one split."""
     drawn, text = go.Figure(), []
     for (axis, of_axis), colour in zip(rows.items(), (ESTIMATE, POLYGON), strict=True):
         values = np.array([value for value, _ in of_axis.values()])

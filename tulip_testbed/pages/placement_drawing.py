@@ -56,11 +56,9 @@ class Placement:
 
 
 def placement_of(robot: Robot, boards: np.ndarray, feet: np.ndarray, support: np.ndarray) -> Placement:
-    """Return the boards and soles of a placement.
+    """Return the boards and soles of a placement by the support of its postures, (k,).
 
-    Args:
-        boards, feet: poses of right and left in the base frame, (2, 3) [m, m, rad].
-        support: of the placement's postures, (k,).
+    The poses of right and left board and foot are in the base frame, (2, 3) [m, m, rad].
     """
     half = nominal_plates(robot)[0].size / 2
     corners = half * np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]])
@@ -97,11 +95,7 @@ def scale_for(placements: list[Placement]) -> float:
 
 
 def drawing(placement: Placement, scale: float) -> str:
-    """Return a placement as an SVG whose millimetres are those of the paper; forward is up, left is left.
-
-    Args:
-        scale: N of 1 : N.
-    """
+    """Return a placement, 1 : scale, as an SVG in millimetres of the paper; forward is up, left is left."""
     points = _points(placement)
     low, high = points.min(axis=0), points.max(axis=0)
 

@@ -51,10 +51,7 @@ AFTER = (
 
 
 def write_protocol(folder: Path, protocol: LaboratoryProtocol) -> list[str]:
-    """Write a protocol as a new folder, which appears whole or not at all.
-
-    Returns:
-        one sentence for each picture that could not be drawn.
+    """Write a protocol as a new folder, which appears whole or not at all; return why pictures are missing.
 
     Raises:
         InputError: the folder exists or cannot be written.

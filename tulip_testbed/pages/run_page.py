@@ -1,11 +1,15 @@
-"""The page of any run; those of a Monte Carlo and of a prediction are made here."""
+"""The page of any result; those of a Monte Carlo, a prediction and an atlas are made here."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from tulip_testbed.base.files import check_new, write_bytes
+from tulip_testbed.base.files import check_new, new_folder, write_bytes, write_text
 from tulip_testbed.base.table import Table
+from tulip_testbed.base.table_files import write_json
+from tulip_testbed.experiments.atlases.atlas_result import LEGEND as ATLAS_LEGEND
+from tulip_testbed.experiments.atlases.atlas_result import PAGE as ATLAS_PAGE
+from tulip_testbed.experiments.atlases.atlas_result import Atlas, atlas_tables, closing, opening
 from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.montecarlo.coverage import ParameterCoverage
 from tulip_testbed.experiments.montecarlo.coverage_tables import (
@@ -38,10 +42,7 @@ def page_of(run: RunResult | Prediction) -> Page:
 
 
 def write_page(path: Path, run: RunResult | Prediction) -> Page:
-    """Write the page of a prediction or a run as one HTML file, which appears whole.
-
-    Returns:
-        the page; its `missing` lists the pictures that could not be drawn.
+    """Write the page of a prediction or a run as one HTML file, which appears whole, and return it.
 
     Raises:
         InputError: the file exists, cannot be written or has another ending.
@@ -129,3 +130,30 @@ def prediction_page(found: Prediction) -> Page:
         Section(tables[0].title, notes, tables),
     )
     return Page("Prediction of the centre of pressure", "", found.verdict, facts, sections)
+
+
+def write_atlas(folder: Path, found: Atlas) -> None:
+    """Write the folder, which appears whole or not at all.
+
+    Raises:
+        InputError: the folder exists or cannot be written.
+    """
+    with new_folder(folder) as working:
+        write_json(working / "atlas.json", found.to_json())
+        write_text(working / ATLAS_PAGE, html(atlas_page(found)))
+
+
+def atlas_page(found: Atlas) -> Page:
+    """Make the page of all effects, with a box to search them."""
+    facts = (("sensors", found.planned.sensors), ("seed", str(found.planned.seed)))
+    sections = [Section(table.title, tables=(table,)) for table in atlas_tables(found)]
+    robot = found.planned.nominal.robot
+    return Page(
+        f"{robot.name}: atlas",
+        "",
+        f"{opening(found)} {closing(found)}",
+        facts,
+        tuple(sections),
+        story=(ATLAS_LEGEND,),
+        searched=True,
+    )

@@ -15,13 +15,12 @@ from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.data import feet_in_contact
+from tulip_testbed.pages import NO_TRUE_COM
 from tulip_testbed.pages import figures as drawn
 from tulip_testbed.pages.figures import Figure
 from tulip_testbed.pages.page import Page, Section, how_it_was_made, imperfections_fact, title_of
 from tulip_testbed.pages.pictures import posture_pictures
-from tulip_testbed.pages.words import NO_TRUE_COM
 from tulip_testbed.sim.scene import nominal_plates
-from tulip_testbed.standing import soles_in_base
 
 POLYGONS = 6  # how many placements are drawn
 POLYGON_WORDS = (
@@ -96,7 +95,7 @@ def _polygons(
     nominal: Nominal, measured: Measurements, poses: np.ndarray, com: np.ndarray | None
 ) -> tuple[Figure, ...]:
     robot = nominal.robot
-    soles = soles_in_base(nominal_robot(robot), measured.joint_angles, measured.support)
+    soles = nominal_robot(robot, "mixed").geometry(measured.joint_angles, measured.support).soles
     carrying, cop = feet_in_contact(measured.support), contact_pressure(measured, nominal).center
     placements, board, drawings = np.unique(measured.placement), nominal_plates(robot)[0].size, []
     for placement in placements[np.unique(np.linspace(0, len(placements) - 1, POLYGONS).astype(int))]:

@@ -8,7 +8,6 @@ from scipy.spatial import HalfspaceIntersection, QhullError
 
 from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL, POLYGON, RESIDUAL, TRUTH
 from tulip_testbed.identification.feasibility import place_polygon, support_polygon
-from tulip_testbed.standing import soles_in_base
 from tulip_testbed.viewer.canvas import CIRCLE, Canvas, Colour, flat, log_label, styled
 from tulip_testbed.viewer.subject import Subject
 
@@ -33,7 +32,7 @@ def log_balance(canvas: Canvas, subject: Subject) -> None:
     """Log everything on the ground, under /world/balance [m] and from above under /above [mm]."""
     corners = subject.board.size / 2 * np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]])
     boards = [[_closed(place_polygon(corners, plate)) for plate in plates] for plates in subject.plates]
-    soles = soles_in_base(subject.nominal, subject.joint_angles, subject.support)
+    soles = subject.nominal.geometry(subject.joint_angles, subject.support).soles
     _strips_above(canvas, "above/plates", boards, (158, 184, 204), 2.0)
     _strips_above(canvas, "above/soles", [[_closed(s) for s in row] for row in soles], (130, 130, 130), 2.0)
     _strips(canvas, "support_polygon", [[_closed(p)] for p in subject.polygons], POLYGON)

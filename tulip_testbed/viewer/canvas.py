@@ -34,11 +34,9 @@ class Canvas:
         lengths: Sequence[int] | None = None,
         **columns: Any,
     ) -> None:
-        """Log something for every row.
+        """Log something of rerun's for every row, with a style that all rows share and columns row by row.
 
-        Args:
-            kind: of rerun. style: its fields that all rows share. columns: the others, row by row.
-            lengths: how many of them each row has; None: one.
+        The lengths say how many of them each row has; None: one.
         """
         self.recording.log(path, kind.from_fields(**style), static=True)
         data = kind.columns(**columns)
@@ -80,11 +78,7 @@ def log_markdown(recording: rr.RecordingStream, lines: Sequence[str]) -> None:
 
 
 def plane_view(origin: str, name: str, x: Sequence[float], y: Sequence[float]) -> rrb.Spatial2DView:
-    """Return the view of a plane.
-
-    Args:
-        x, y: from and to; y points downwards.
-    """
+    """Return the view of a plane from and to some x and y; y points downwards."""
     bounds = rrb.VisualBounds2D(x_range=[*x], y_range=[*y])
     return rrb.Spatial2DView(origin=origin, name=name, background=PALE, visual_bounds=bounds)
 

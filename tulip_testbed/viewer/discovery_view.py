@@ -32,8 +32,8 @@ from tulip_testbed.viewer.canvas import (
     plane_view,
     styled,
 )
-from tulip_testbed.viewer.layout import space_view
 from tulip_testbed.viewer.postures_view import log_standing
+from tulip_testbed.viewer.robot_view import space_view
 from tulip_testbed.viewer.subject import of_measurements
 
 COLOURS = {"before": MEASURED, "after": ESTIMATE}

@@ -9,7 +9,7 @@ from tulip_testbed.colours import PALETTE, rgb
 from tulip_testbed.measurements.cells import CELLS, PLATES
 from tulip_testbed.viewer.balance_series import magnification
 from tulip_testbed.viewer.canvas import Canvas
-from tulip_testbed.viewer.plates_view import METRES_PER_WEIGHT
+from tulip_testbed.viewer.robot_view import METRES_PER_WEIGHT
 from tulip_testbed.viewer.subject import Subject
 
 LEGEND = {

@@ -1,18 +1,25 @@
-"""Log postures: a plan's, a measurement folder's or a validation's."""
+"""Log postures, a plan's, a measurement folder's or a validation's, and arrange their views."""
 
 from __future__ import annotations
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 
 from tulip_testbed.colours import COMMAND, SKELETON
 from tulip_testbed.identification.base_parameters import standard_parameters
-from tulip_testbed.viewer.balance_series import log_balance, log_close_up
-from tulip_testbed.viewer.canvas import Canvas
-from tulip_testbed.viewer.layout import laid_out, posture_views
-from tulip_testbed.viewer.plates_view import log_plates, log_subject_loads
-from tulip_testbed.viewer.plots import curves, log_curves, posture_text
-from tulip_testbed.viewer.robot_view import log_geometry, log_masses, log_motion, log_skeleton
+from tulip_testbed.viewer.balance_series import circles, close_up, from_above, log_balance, log_close_up
+from tulip_testbed.viewer.canvas import Canvas, blueprint, plane_view
+from tulip_testbed.viewer.plots import curves, log_curves, posture_text, title_of
+from tulip_testbed.viewer.robot_view import (
+    log_geometry,
+    log_masses,
+    log_motion,
+    log_plates,
+    log_skeleton,
+    log_subject_loads,
+    space_view,
+)
 from tulip_testbed.viewer.subject import Subject
 
 
@@ -33,11 +40,7 @@ def log_postures(recording: rr.RecordingStream, subject: Subject) -> None:
 def log_standing(
     recording: rr.RecordingStream, subject: Subject, sequence: np.ndarray | None = None
 ) -> Canvas:
-    """Log the robot on its plates with everything on the ground.
-
-    Args:
-        sequence: number of each row on the time line, (m,); None: 1, 2, ...
-    """
+    """Log the robot on its plates with everything on the ground; without a sequence rows are 1, 2, ..."""
     recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     log_geometry(recording, "world/robot", subject.nominal.robot.visual_model)
     canvas = Canvas(recording, _time_line(subject, sequence))
@@ -62,3 +65,57 @@ def log_links(canvas: Canvas, subject: Subject) -> None:
     others = {name: true for name, true in subject.true_masses.items() if not np.allclose(true, nominal)}
     log_masses(canvas, subject, {"nominal model": nominal} | others)
     log_skeleton(canvas, "world/masses/skeleton", subject, subject.joint_angles, SKELETON)
+
+
+def posture_views(subject: Subject) -> dict[str, list[rrb.View]]:
+    """Return the views of the robot, of the ground, of the curves and of the numbers."""
+    ground = [above_view(subject.plates, subject.board.size)]
+    if subject.cop is not None:
+        ground.append(close_up_view(subject))
+    return {
+        "robot": [
+            space_view(subject, "Robot on its plates", ["$origin/**", "- $origin/masses/**"]),
+            space_view(
+                subject,
+                "Masses of the links",
+                ["$origin/masses/**", "$origin/plates/**", "$origin/balance/**"],
+            ),
+        ],
+        "ground": [*ground],
+        "curves": [
+            rrb.TimeSeriesView(origin=f"plots/{name}", name=title_of(name), plot_legend=rrb.Corner2D.RightTop)
+            for name in curves(subject)
+        ],
+        "numbers": [rrb.TextDocumentView(origin="text", name="Posture")],
+    }
+
+
+def laid_out(views: dict[str, list[rrb.View]], timeline: str) -> rrb.Blueprint:
+    """Arrange the robot large, the curves below it, the ground and the numbers on the right."""
+    shares = [1.1, *[0.8] * (len(views["ground"]) - 1), 1.6]
+    return blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(rrb.Tabs(*views["robot"]), rrb.Tabs(*views["curves"]), row_shares=[2.2, 1]),
+            rrb.Vertical(*views["ground"], *views["numbers"], row_shares=shares),
+            column_shares=[1.7, 1],
+        ),
+        timeline,
+    )
+
+
+def above_view(plates: np.ndarray, size: np.ndarray) -> rrb.Spatial2DView:
+    """Return the view of the ground from above, x up and y to the left, with all placements."""
+    reach = np.linalg.norm(size) / 2
+    corners = np.vstack([plates[..., :2].reshape(-1, 2) - reach, plates[..., :2].reshape(-1, 2) + reach])
+    low, high = from_above(corners).min(axis=0), from_above(corners).max(axis=0)
+    name = "From above, mm (x up, y left)"
+    return plane_view("above", name, (low[0], high[0]), (low[1], high[1]))
+
+
+def close_up_view(subject: Subject) -> rrb.Spatial2DView:
+    """Return the view of CoP and CoM around the reference."""
+    _, _, reach = close_up(subject)
+    name = "estimated" if "estimate" in subject.com else "nominal"
+    scale = " and ".join(f"{radius:g}" for radius in circles(reach))
+    name = f"Close-up around the {name} CoM: circles of {scale} mm (x up, y left)"
+    return plane_view("close_up", name, (-reach, reach), (-reach, reach))

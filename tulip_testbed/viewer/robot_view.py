@@ -1,19 +1,26 @@
-"""The robot from its MJCF's own geometry, posed by the nominal kinematics."""
+"""The robot from its MJCF's own geometry, posed by the nominal kinematics, on its plates and their loads."""
 
 from __future__ import annotations
 
 import mujoco
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 from scipy.spatial.transform import Rotation
 
-from tulip_testbed.colours import NOMINAL, TRUTH
-from tulip_testbed.standing import link_frames
+from tulip_testbed.colours import CELL_COLOURS, NOMINAL, TRUTH, rgb
+from tulip_testbed.identification.center_of_pressure import cell_positions
+from tulip_testbed.measurements.cells import PLATES
 from tulip_testbed.viewer.canvas import Canvas, styled
 from tulip_testbed.viewer.subject import Subject
 
 SHOWN_GROUPS = (0, 1, 2)  # as MuJoCo's own viewer; collision geometry stands in the others
 MARKER = 0.025  # m, radius of the marker of 1 kg
+CELL_RADIUS = 0.012  # m
+BOARD_COLOUR, THICKNESS = (158, 184, 204), 0.6  # share of the height that is board, not cell
+METRES_PER_WEIGHT = 1.0  # an arrow of this length carries the robot's whole weight
+EYE = (1.5, -1.05, 0.85)  # m, of a robot as tall as TULip
+TULIP_HEIGHT = 1.25  # m
 MASS_COLOURS = {"nominal model": NOMINAL, "truth": TRUTH}
 GEOM = mujoco.mjtGeom
 
@@ -43,7 +50,7 @@ def undrawn(model: mujoco.MjModel) -> list[str]:
 
 def log_motion(canvas: Canvas, subject: Subject) -> None:
     """Log every link's pose in the base frame at every time."""
-    rotations, positions = link_frames(subject.nominal, subject.joint_angles, subject.support)
+    rotations, positions = subject.nominal.geometry(subject.joint_angles, subject.support).frames
     tree = subject.nominal.parameters.tree
     for link, frame in zip(tree.links, tree.frame_of_link, strict=True):
         canvas.poses(f"world/robot/{link}", Rotation.from_matrix(rotations[:, frame]), positions[:, frame])
@@ -51,7 +58,7 @@ def log_motion(canvas: Canvas, subject: Subject) -> None:
 
 def log_skeleton(canvas: Canvas, path: str, subject: Subject, joint_angles: np.ndarray, colour: str) -> None:
     """Log lines from joint to joint at every time, at the measured or the commanded angles."""
-    _, positions = link_frames(subject.nominal, joint_angles, subject.support)
+    _, positions = subject.nominal.geometry(joint_angles, subject.support).frames
     edges = subject.nominal.parameters.tree.edges
     ends = np.array([[edge.parent, edge.child] for edge in edges])
     strips = positions[:, ends].reshape(-1, 2, 3)
@@ -62,10 +69,9 @@ def log_skeleton(canvas: Canvas, path: str, subject: Subject, joint_angles: np.n
 def log_masses(canvas: Canvas, subject: Subject, masses: dict[str, np.ndarray]) -> None:
     """Log each link's centre of mass as a ball whose volume is proportional to its mass.
 
-    Args:
-        masses: standard parameters (eq. 5), (n_links, 4) [kg, kg m], by where they come from.
+    Standard parameters (eq. 5) go by where they come from, (n_links, 4) [kg, kg m].
     """
-    rotations, positions = link_frames(subject.nominal, subject.joint_angles, subject.support)
+    rotations, positions = subject.nominal.geometry(subject.joint_angles, subject.support).frames
     tree = subject.nominal.parameters.tree
     frames = np.array(tree.frame_of_link)
     for name, standard in masses.items():
@@ -83,11 +89,75 @@ def log_masses(canvas: Canvas, subject: Subject, masses: dict[str, np.ndarray]) 
 def height_of(subject: Subject) -> float:
     """Return the height of the robot's highest geom over the ground, the median of all postures [m]."""
     model, tree = subject.nominal.robot.model, subject.nominal.parameters.tree
-    rotations, positions = link_frames(subject.nominal, subject.joint_angles, subject.support)
+    rotations, positions = subject.nominal.geometry(subject.joint_angles, subject.support).frames
     frame = np.array(tree.frame_of_link)[model.geom_bodyid - 1]
     # Rows of the rotations that give z; a geom's own sphere reaches as far upwards as in any direction.
     middle = positions[:, frame, 2] + (rotations[:, frame, 2] * model.geom_pos).sum(axis=-1)
     return float(np.median((middle + model.geom_rbound).max(axis=1)))
+
+
+def space_view(subject: Subject, name: str, contents: list[str]) -> rrb.Spatial3DView:
+    """Return the view of a part of the world, observed from the robot's front right."""
+    height = height_of(subject)
+    eye = rrb.EyeControls3D(
+        position=tuple(height / TULIP_HEIGHT * np.array(EYE)),
+        look_target=(0.0, 0.1, 0.4 * height),
+        eye_up=(0.0, 0.0, 1.0),
+    )
+    return rrb.Spatial3DView(
+        origin="world",
+        name=name,
+        contents=contents,
+        background=(238, 241, 244),
+        line_grid=False,
+        eye_controls=eye,
+    )
+
+
+def log_plates(canvas: Canvas, subject: Subject) -> None:
+    """Log boards and cells at their recorded poses; the boards' top is z = 0."""
+    for k, plate in enumerate(PLATES):
+        poses, height = subject.plates[:, k], float(subject.top_height[k])
+        half = [*(subject.board.size / 2), THICKNESS * (height or subject.board.top_height) / 2]
+        place = np.column_stack([poses[:, :2], np.zeros(len(poses))])
+        entity = f"world/plates/{plate}"
+        canvas.poses(entity, Rotation.from_rotvec(poses[:, 2, None] * [0, 0, 1]), place)
+        board = rr.Boxes3D(
+            half_sizes=[half],
+            centers=[[0, 0, -half[2]]],
+            colors=[BOARD_COLOUR],
+            fill_mode=rr.components.FillMode.Solid,
+        )
+        canvas.recording.log(f"{entity}/board", board, static=True)
+        if not len(subject.cells[k]):
+            continue
+        cells = np.column_stack([subject.cells[k], np.full(4, CELL_RADIUS - height)])
+        feet = rr.Points3D(cells, radii=CELL_RADIUS, colors=[rgb(colour) for colour in CELL_COLOURS])
+        canvas.recording.log(f"{entity}/cells", feet, static=True)
+
+
+def log_subject_loads(canvas: Canvas, subject: Subject) -> None:
+    """Log the load on every cell, or on each foot if there are no cells; a plan has no loads."""
+    if subject.measurements is not None and subject.cell_forces is not None:
+        positions = cell_positions(subject.measurements)
+        log_loads(canvas, positions, subject.cell_forces, subject.weight)
+    elif subject.foot_loads is not None and subject.load_points is not None:
+        log_loads(canvas, subject.load_points, subject.foot_loads, subject.weight)
+
+
+def log_loads(canvas: Canvas, positions: np.ndarray, forces: np.ndarray, weight: float) -> None:
+    """Log the load on every cell as an arrow down onto the board; a negative reading points up.
+
+    Cells, or points of the load on each foot, are in the base frame, (m, k, 2) [m]; forces and weight in N.
+    """
+    length = METRES_PER_WEIGHT * forces / weight
+    zero = np.zeros_like(length)
+    origins = np.dstack([positions, length]).reshape(-1, 3)
+    vectors = np.dstack([zero, zero, -length]).reshape(-1, 3)
+    count = forces.shape[1]
+    colours = [rgb(colour) for colour in CELL_COLOURS] * 2 if count == 8 else [rgb(CELL_COLOURS[0])]
+    style, lengths = {"colors": colours, "radii": 0.006}, [count] * len(forces)
+    canvas.rows("world/loads", rr.Arrows3D, style, lengths, origins=origins, vectors=vectors)
 
 
 def _shape(model: mujoco.MjModel, geom: int) -> rr.AsComponents | None:

@@ -21,11 +21,7 @@ from tulip_testbed.viewer.window import Log
 
 
 def view_of(shown: RunResult | PosturePlan | Measurements | Path, robot: Robot) -> tuple[str, Log]:
-    """Return the title of a view and the function that logs it.
-
-    Args:
-        shown: a run, a plan, measurements, or the folder of any (or the name of a shipped plan).
-    """
+    """Return the title of a view, of a result or of a folder (or a shipped plan's name), and what logs it."""
     title, source = "", "measurements"
     if isinstance(shown, Path):
         folder = plan_folder(shown)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -16,12 +17,11 @@ from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.measurements import Measurements, PlateGeometry, PosturePlan
 from tulip_testbed.measurements.data import feet_in_contact
-from tulip_testbed.pages.words import NO_TRUE_COM
+from tulip_testbed.pages import NO_TRUE_COM
 from tulip_testbed.sim.plan_folder import check_model
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.scene import boards_under, nominal_plates
-from tulip_testbed.standing import soles_in_base
 
 
 @dataclass(frozen=True)
@@ -86,26 +86,14 @@ class Subject:
 
 def planned(plan: PosturePlan, robot: Robot) -> Subject:
     """Return the subject of a plan: the nominal robot in the planned postures."""
-    nominal = nominal_robot(robot, "mixed")
-    rig = preset_rig("ideal", robot)
-    com = nominal.center_of_mass(plan.joint_angles, plan.support)
-    polygons = support_polygons(nominal, plan.joint_angles, plan.support)
     board = nominal_plates(robot)[0]
-    return Subject(
-        nominal=nominal,
-        joint_angles=plan.joint_angles,
-        posture=plan.posture,
-        placement=plan.placement,
-        support=plan.support,
-        plates=boards_under(rig, plan.foot_poses),
-        board=board,
+    return _subject(
+        plan,
+        nominal_robot(robot, "mixed"),
+        plates=boards_under(preset_rig("ideal", robot), plan.foot_poses),
         cells=np.array([board.cells, board.cells]),
         top_height=np.full(2, board.top_height),
         gravity=float(-robot.model.opt.gravity[2]),
-        com={"nominal model": com},
-        polygons=polygons,
-        margin=_margins(com, polygons),
-        least_margin=robot.settings.get("planning", {}).get("stability_margin"),
     )
 
 
@@ -114,11 +102,7 @@ def measured(
     robot: Robot,
     source: str = "measurements",
 ) -> Subject:
-    """Return the subject of measurements, with the estimate if the data allow one.
-
-    Args:
-        source: for messages.
-    """
+    """Return the subject of measurements of a source, with the estimate if the data allow one."""
     model = measurements.robot
     check_model(f"{source}: manifest.json", model["model"], model["sha256"], robot)
     subject = of_measurements(measurements, robot, source)
@@ -160,43 +144,44 @@ def of_measurements(measurements: Measurements, robot: Robot, source: str = "mea
     nominal = nominal_robot(robot, "mixed")
     if measurements.joints != nominal.parameters.tree.joints:
         raise InputError(f"{source}: found other joints than those of {robot.model_file.name}")
-    polygons = support_polygons(nominal, measurements.joint_angles, measurements.support)
     seen, cop = observe(measurements, nominal), contact_pressure(measurements, nominal).center
     down, points = seen.foot_loads
-    com = nominal.center_of_mass(measurements.joint_angles, measurements.support)
-    return Subject(
-        nominal=nominal,
-        joint_angles=measurements.joint_angles,
-        posture=measurements.posture,
-        placement=measurements.placement,
-        support=measurements.support,
+    return _subject(
+        measurements,
+        nominal,
+        cop,
         plates=seen.contact_poses,
-        board=nominal_plates(robot)[0],
         cells=measurements.cells,
         top_height=measurements.top_height,
         gravity=measurements.gravity,
-        com={"nominal model": com},
-        polygons=polygons,
-        margin=_margins(cop, polygons),
-        least_margin=robot.settings.get("planning", {}).get("stability_margin"),
         command=measurements.command,
         cell_forces=measurements.cell_forces if measurements.contacts is None else None,
         foot_loads=down,
         load_points=points,
-        cop=cop,
         measurements=measurements,
     )
 
 
-def support_polygons(nominal: Nominal, joint_angles: np.ndarray, support: np.ndarray) -> list[np.ndarray]:
-    """Return the convex hulls of the soles that carry the robot, counter-clockwise, (k, 2) [m] each.
-
-    Args:
-        support: "double", "right" or "left", (m,).
-    """
-    soles = soles_in_base(nominal, joint_angles, support)
-    return [support_polygon(feet[on]) for feet, on in zip(soles, feet_in_contact(support), strict=True)]
-
-
-def _margins(points: np.ndarray, polygons: list[np.ndarray]) -> np.ndarray:
-    return np.array([stability_margin(p, polygon) for p, polygon in zip(points, polygons, strict=True)])
+def _subject(
+    rows: PosturePlan | Measurements, nominal: Nominal, cop: np.ndarray | None = None, **more: Any
+) -> Subject:
+    """Return the subject of postures with the hulls of the soles that carry the robot."""
+    com = nominal.center_of_mass(rows.joint_angles, rows.support)
+    soles = nominal.geometry(rows.joint_angles, rows.support).soles
+    carrying = zip(soles, feet_in_contact(rows.support), strict=True)
+    polygons = [support_polygon(feet[on]) for feet, on in carrying]
+    judged = zip(com if cop is None else cop, polygons, strict=True)
+    return Subject(
+        nominal=nominal,
+        joint_angles=rows.joint_angles,
+        posture=rows.posture,
+        placement=rows.placement,
+        support=rows.support,
+        board=nominal_plates(nominal.robot)[0],
+        com={"nominal model": com},
+        polygons=polygons,
+        margin=np.array([stability_margin(point, polygon) for point, polygon in judged]),
+        least_margin=nominal.robot.settings.get("planning", {}).get("stability_margin"),
+        cop=cop,
+        **more,
+    )

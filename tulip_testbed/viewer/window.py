@@ -64,8 +64,7 @@ def check_display() -> None:
 def open_window(title: str, log: Log) -> Callable[[], None]:
     """Open rerun's own viewer; the window stays until it is closed or this process ends.
 
-    Returns:
-        a function that waits until the window is closed.
+    The returned function waits until it is closed.
     """
     check_display()
     kept = ExitStack()
