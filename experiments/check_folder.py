@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import MOST_LISTED, FaultyError, InputError, listed, shortened, warn
 from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Cell, Table, Verbatim
@@ -77,14 +77,12 @@ class Preflight(Result):
             return self._lacks(self.complaints)
         results = [Cell(check.result, mark=check.result) for check in self.checks]
         both = list(zip(self.checks, results, strict=True))
-        columns = (Column("check"), Column("result"), Column("found"), Column("expected"))
         rows = [[check.name, result, check.seen, check.expected] for check, result in both]
-        parts: list[Table | str] = [Table("Preflight", columns, rows)]
-        columns = (Column("check"), Column("result"), Column("where"), Column("what to do"))
+        parts: list[Table | str] = [Table("Preflight", columns("check", "result", "found", "expected"), rows)]
         faulty = [(check, result) for check, result in both if check.result in ("warn", "fail")]
         if faulty:
             rows = [[check.name, result, check.where, check.advice] for check, result in faulty]
-            parts.append(Table("Advice", columns, rows))
+            parts.append(Table("Advice", columns("check", "result", "where", "what to do"), rows))
         skipped = [check.seen for check in self.checks if check.result == NOT_EVALUATED]
         reasons = [f"{skipped.count(reason)} ({reason})" for reason in dict.fromkeys(skipped)]
         parts += [f"Not evaluated: {'; '.join(reasons)}."] if skipped else []

@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import columns
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Figure
 from tulip_testbed.base.table import Cell, Table
@@ -80,13 +80,7 @@ def verdict(checks: Sequence[Check]) -> str:
 
 def check_table(checks: Sequence[Check]) -> Table:
     """Return the checks of a verdict."""
-    columns = (
-        Column("check"),
-        Column("result"),
-        Column("value", format=".4g"),
-        Column("threshold", format=".4g"),
-        Column("where the threshold comes from"),
-    )
+    numbers = ("value", "", ".4g"), ("threshold", "", ".4g")
     rows = []
     for k, check in enumerate(checks):
         limit, key = check.threshold, f"checks.{k}"
@@ -99,7 +93,8 @@ def check_table(checks: Sequence[Check]) -> Table:
                 Cell(check.source, f"{key}.source"),
             ]
         )
-    return Table("Checks", columns, rows)
+    heads = columns("check", "result", *numbers, "where the threshold comes from")
+    return Table("Checks", heads, rows)
 
 
 def sigma_check(preset: str, sigma: float, placements: int, known: dict[str, list[float]]) -> Check:

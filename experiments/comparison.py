@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import Column, columns
 from tulip_testbed.base.document import flattened
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.result import Result
@@ -55,18 +54,17 @@ class Comparison(Result):
         settings = [[name, *values] for name, values in self.settings.items()] or [["none", "", ""]]
         a, b = (Column(f"value {run}", format=".4g") for run in "AB")
         checks = Table(
-            "Gap and evidence", (Column("quantity"), a, b), [[c["name"], *c["value"]] for c in self.checks]
+            "Gap and evidence", columns("quantity", a, b), [[c["name"], *c["value"]] for c in self.checks]
         )
         if any(result for check in self.checks for result in check["result"]):
             rows = []
             for check in self.checks:
                 (first, second), values = (Cell(r, mark=r or "") for r in check["result"]), check["value"]
                 rows.append([check["name"], first, values[0], second, values[1]])
-            columns = (Column("check"), Column("result A"), a, Column("result B"), b)
-            checks = Table("Checks", columns, rows)
+            checks = Table("Checks", columns("check", "result A", a, "result B", b), rows)
         return [
             *(f"{run}: {name}, verdict {verdict}" for run, name, verdict in runs),
-            Table("Settings that differ", (Column("setting"), Column("A"), Column("B")), settings),
+            Table("Settings that differ", columns("setting", "A", "B"), settings),
             checks,
             *(model_difference_table(model, rows) for model, rows in self.models.items() if rows),
         ]
@@ -106,17 +104,9 @@ def differences(first: dict[str, Any], second: dict[str, Any]) -> dict[str, list
 def model_difference_table(model: str, rows: list[dict[str, Any]]) -> Table:
     """Return the parameters of a model in both runs."""
     quantities = [name for name in rows[0] if name not in ("number", "name")]
-    columns = (
-        Column("no.", format="d"),
-        Column("parameter"),
-        *(
-            dataclasses.replace(SHOWN[name], name=f"{SHOWN[name].name} {run}")
-            for name in quantities
-            for run in "AB"
-        ),
-    )
+    of_runs = [replace(SHOWN[q], name=f"{SHOWN[q].name} {run}") for q in quantities for run in "AB"]
     lines = [[row["number"], row["name"], *(v for name in quantities for v in row[name])] for row in rows]
-    return Table(f"{model.capitalize()} model", columns, lines)
+    return Table(f"{model.capitalize()} model", columns(("no.", "", "d"), "parameter", *of_runs), lines)
 
 
 def _name(run: RunResult) -> str:

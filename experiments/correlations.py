@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, overload
 import numpy as np
 
 from tulip_testbed.base.arguments import expect
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import InputError, UnknownNameError, choices, listed, shortened
 from tulip_testbed.base.table import Cell, Shown, Table
 from tulip_testbed.identification.base_parameters import BaseParameters
@@ -54,8 +54,8 @@ class Pairs(Shown, Sequence[Pair]):
 
     def table(self) -> Table:
         """Return one row per pair."""
-        columns = (Column("parameter"), Column("and"), Column("correlation", format="+.4f"))
-        return Table(f"Correlations above {self.level:g} in size (eq. 15)", columns, self.pairs)
+        heads = columns("parameter", "and", ("correlation", "", "+.4f"))
+        return Table(f"Correlations above {self.level:g} in size (eq. 15)", heads, self.pairs)
 
     def to_frame(self) -> Any:
         """Return a pandas DataFrame with one row per pair."""
@@ -147,15 +147,8 @@ def correlation_table(
         joint_angles: of the postures, (m, n_joints) [rad], whose ranges are shown; None: they are not.
         where: path of the pairs in the run's JSON.
     """
-    columns = (
-        Column("no.", format="d"),
-        Column("and", format="d"),
-        Column("correlation", format="+.4f"),
-        Column("parameters"),
-        Column(
-            "distinguished by (range in these postures)" if joint_angles is not None else "distinguished by"
-        ),
-    )
+    by = "distinguished by (range in these postures)" if joint_angles is not None else "distinguished by"
+    heads = columns(("no.", "", "d"), ("and", "", "d"), ("correlation", "", "+.4f"), "parameters", by)
     rows = []
     for k, pair in enumerate(pairs):
         joints = joints_between(parameters, pair[0] - 1, pair[1] - 1)
@@ -175,7 +168,7 @@ def correlation_table(
         )
     title = f"Correlations above {HIGH_CORRELATION} in size (eq. 15), {model} model"
     note = "The sum or the difference of two such parameters is known better than either of them."
-    return Table(title, columns, rows, note)
+    return Table(title, heads, rows, note)
 
 
 def joints_between(parameters: BaseParameters, first: int, second: int) -> list[str]:

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import Column, columns
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Array, Figure, Outside, Result
@@ -155,13 +155,8 @@ class DescribedPlan(Result):
     def table(self) -> Table:
         """Return the standard errors that the plan promises."""
         parameters = planned_parameters(self.robot, self.whole)
-        columns = (
-            Column("no.", format="d"),
-            Column("parameter"),
-            Column("s.e.", "mm", ".2f"),
-            Column("of the nominal value", "%", ".1f"),
-            Column("links", extra=True),
-        )
+        figures = ("s.e.", "mm", ".2f"), ("of the nominal value", "%", ".1f")
+        heads = columns(("no.", "", "d"), "parameter", *figures, Column("links", extra=True))
         errors = self.predicted_standard_error_mm.tolist()
         shares = self.predicted_relative_standard_error_percent.tolist()
         rows = [
@@ -169,7 +164,7 @@ class DescribedPlan(Result):
             for k, (name, error, share) in enumerate(zip(parameters.names, errors, shares, strict=True), 1)
         ]
         title = f"Predicted standard errors, preset {self.preset}, if every posture can be held"
-        return Table(title, columns, rows, "-: the nominal value is near zero.")
+        return Table(title, heads, rows, "-: the nominal value is near zero.")
 
 
 def _moving(plan: PosturePlan, motion: Trajectory) -> str:
@@ -279,12 +274,6 @@ def margins_of(robot: Robot, plan: PosturePlan) -> dict[str, dict[str, Any]] | N
 
 def margin_table(margins: dict[str, dict[str, Any]]) -> Table:
     """Return the smallest margin of every constraint, of `margins_of`."""
-    columns = (
-        Column("constraint"),
-        Column("margin", format=".3f"),
-        Column("unit"),
-        Column("posture", format="d"),
-        Column("where"),
-    )
+    heads = columns("constraint", ("margin", "", ".3f"), "unit", ("posture", "", "d"), "where")
     rows = [[name, m["value"], m["unit"], m["posture"], m["at"]] for name, m in margins.items()]
-    return Table("Smallest margin of every constraint, beyond what `tulip plan optimal` keeps", columns, rows)
+    return Table("Smallest margin of every constraint, beyond what `tulip plan optimal` keeps", heads, rows)

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from statistics import NormalDist
 from typing import Any
 
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import Column, columns
 from tulip_testbed.base.errors import listed
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.table import Cell, Table
@@ -33,7 +33,7 @@ CHANNEL_NAMES = {
 
 def gap_table(heldout: HeldOut) -> Table:
     """Return the residuals by channel before and after, and what chance alone may give."""
-    columns = (Column("channel"), *(Column(n, format=".2f") for n in ("before", "after", "by chance up to")))
+    heads = columns("channel", *((name, "", ".2f") for name in ("before", "after", "by chance up to")))
     rows: list[list[Any]] = [
         [
             name,
@@ -54,18 +54,13 @@ def gap_table(heldout: HeldOut) -> Table:
         "estimated from the other placements. Both are relative to the noise as it is estimated then. In "
         "millimetres and newtons the last number is that noise."
     )
-    return Table("Residuals on held-out placements, as multiples of the noise", columns, rows, note)
+    return Table("Residuals on held-out placements, as multiples of the noise", heads, rows, note)
 
 
 def explanation_table(explanations: Sequence[Explanation]) -> Table:
     """Return the effects that explain a gap, with their sizes and evidence."""
-    columns = (
-        Column("gap", format="d"),
-        Column("effect"),
-        Column("size"),
-        Column("ln of Bayes factor", format=".1f"),
-        Column("behind the best", format=".1f"),
-    )
+    evidence = ("ln of Bayes factor", "", ".1f"), ("behind the best", "", ".1f")
+    heads = columns(("gap", "", "d"), "effect", "size", *evidence)
     rows = [
         [
             Cell(one.gap, f"explanations.{k}.gap"),
@@ -77,7 +72,7 @@ def explanation_table(explanations: Sequence[Explanation]) -> Table:
         for k, (one, short) in enumerate(zip(explanations, behind(explanations), strict=True))
     ]
     note = "±: half of the 95 % interval. Rows of one gap explain the same part of the residuals."
-    return Table("Explanations", columns, rows, note)
+    return Table("Explanations", heads, rows, note)
 
 
 def calibrated_table(members: Iterable[EffectInstance]) -> Table:
@@ -88,9 +83,13 @@ def calibrated_table(members: Iterable[EffectInstance]) -> Table:
         for member in every
         if any(low > 0 or high < 0 for low, high in filter(None, member.intervals))
     ]
-    columns = (Column("imperfection"), Column("size"))
     which = "±: half of the 95 % interval. The others" if rows else "All of them"
-    return Table("Calibrated", columns, rows, f"{which} are zero within their 95 % intervals.")
+    return Table(
+        "Calibrated",
+        columns("imperfection", "size"),
+        rows,
+        f"{which} are zero within their 95 % intervals.",
+    )
 
 
 def behind(explanations: Sequence[Explanation]) -> list[float]:
@@ -195,22 +194,18 @@ def moved_words(
 
 def pattern_table(patterns: Sequence[Pattern]) -> Table:
     """Return the clearest patterns in the residuals after the correction."""
-    columns = (Column("channel"), Column("pattern"), Column("p", format=".2g"))
+    heads = columns("channel", "pattern", ("p", "", ".2g"))
     rows = [
         [Cell(getattr(one, name), f"patterns.{k}.{name}") for name in ("channel", "words", "p")]
         for k, one in enumerate(patterns)
         if one.p < MOST_P
     ]
-    return Table("The clearest patterns in the remaining residuals", columns, rows)
+    return Table("The clearest patterns in the remaining residuals", heads, rows)
 
 
 def repeat_table(repeats: PureError) -> Table:
     """Return how repeated postures agree with the stated noise."""
-    columns = (
-        Column("channel"),
-        Column("chi² per degree of freedom", format=".2f"),
-        Column("p", format=".2g"),
-    )
+    heads = columns("channel", ("chi² per degree of freedom", "", ".2f"), ("p", "", ".2g"))
     rows = [
         [
             CHANNEL_NAMES.get(channel, channel),
@@ -219,36 +214,26 @@ def repeat_table(repeats: PureError) -> Table:
         ]
         for channel, ratio in repeats.ratio.items()
     ]
-    return Table("Repeated postures against the stated noise", columns, rows)
+    return Table("Repeated postures against the stated noise", heads, rows)
 
 
 def undetectable_table(effects: Sequence[Undetectable]) -> Table:
     """Return the effects that these postures cannot detect, one per row."""
-    columns = (
-        Column("effect"),
-        Column("targets"),
-        Column("biases most the parameter no.", format="d"),
-        Column("by, per prior s.d.", "mm", ".2f", 1e3),
-    )
+    biased = ("biases most the parameter no.", "", "d"), ("by, per prior s.d.", "mm", ".2f", 1e3)
     by_name: dict[str, list[Undetectable]] = {}
     for effect in effects:
         by_name.setdefault(effect.candidate.effect.name, []).append(effect)
     rows = []
     for name, of in by_name.items():
         worst = max(of, key=lambda effect: effect.bias)
-        biased = [worst.parameter, worst.bias] if worst.parameter else ["not predicted", None]
-        rows.append([name, _targets(of), *biased])
-    return Table("Effects that these postures cannot detect", columns, rows)
+        bias = [worst.parameter, worst.bias] if worst.parameter else ["not predicted", None]
+        rows.append([name, _targets(of), *bias])
+    return Table("Effects that these postures cannot detect", columns("effect", "targets", *biased), rows)
 
 
 def weak_table(effects: Sequence[WeaklyDetectable]) -> Table:
     """Return the effects that show only if larger than plausible, one kind per row."""
-    columns = (
-        Column("effect"),
-        Column("targets"),
-        Column("shows from (90 %)"),
-        Column("over the plausible size"),
-    )
+    heads = columns("effect", "targets", "shows from (90 %)", "over the plausible size")
     by_unit: dict[tuple[str, str], list[WeaklyDetectable]] = {}
     for effect in sorted(effects, key=lambda effect: effect.multiple):
         by_unit.setdefault((effect.candidate.effect.name, effect.size.unit), []).append(effect)
@@ -260,7 +245,7 @@ def weak_table(effects: Sequence[WeaklyDetectable]) -> Table:
         rows.append(
             [name, _targets(of), _from_to(sizes) if sizes else "several numbers", _from_to(multiples)]
         )
-    return Table("Effects that show only if larger than plausible", columns, rows)
+    return Table("Effects that show only if larger than plausible", heads, rows)
 
 
 def _targets(effects: Sequence[Undetectable | WeaklyDetectable]) -> list[str]:

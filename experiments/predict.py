@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import minimize
 
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Result
@@ -110,9 +110,8 @@ class Prediction(Result):
 
     def tables(self) -> list[Table | str]:
         """Return the scores, the notes and the verdict."""
-        columns = (Column("model"), Column("postures left out by"))
-        columns += tuple(Column(f"r.m.s. {axis} (95 %)", "mm", ".2f") for axis in "xy")
-        columns += (Column("beats CAD"), Column("beats CAD with offset"))
+        rms = ((f"r.m.s. {axis} (95 %)", "mm", ".2f") for axis in "xy")
+        heads = columns("model", "postures left out by", *rms, "beats CAD", "beats CAD with offset")
         words, rows = {True: "yes", False: "no", None: "undecided"}, []
         for score in self.models:
             ends = (score.rms_mm, score.low95, score.high95)
@@ -122,7 +121,7 @@ class Prediction(Result):
             rows.append([score.name, score.split, *cells, beats, offset])
         note = "Intervals: bootstrap over blocks; beats CAD: Student's t over the same blocks, 95 %."
         return [
-            Table("Centre of pressure of postures that took no part", columns, rows, note),
+            Table("Centre of pressure of postures that took no part", heads, rows, note),
             *self.notes,
             self.verdict,
         ]

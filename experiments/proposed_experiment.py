@@ -10,11 +10,12 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
+from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import present
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Documented, Result
-from tulip_testbed.base.table import Cell, Column, Table
+from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.base.table_files import finite, json_text
 from tulip_testbed.discovery.discover import AMBIGUOUS
 from tulip_testbed.discovery.experiment_information import Explanation
@@ -148,15 +149,10 @@ class Proposals(Result):
     def predictions(self) -> Table:
         """Return what each explanation predicts for the best experiment."""
         rows = [[one.explanation, *one.figures] for one in proposed(self.best).predictions]
-        columns = (
-            Column("if it is"),
-            Column("CoP x", "mm", "+.2f"),
-            Column("CoP y", "mm", "+.2f"),
-            Column("sum", "N", "+.2f"),
-            Column("twist right", "N", "+.2f"),
-            Column("twist left", "N", "+.2f"),
-        )
-        return Table("Mean residuals that each explanation predicts for the best", columns, rows)
+        center = ((f"CoP {axis}", "mm", "+.2f") for axis in "xy")
+        forces = ((name, "N", "+.2f") for name in ("sum", "twist right", "twist left"))
+        heads = columns("if it is", *center, *forces)
+        return Table("Mean residuals that each explanation predicts for the best", heads, rows)
 
 
 def experiment_table(experiments: Sequence[ProposedExperiment], key: str = "experiments") -> Table:
@@ -177,18 +173,13 @@ def experiment_table(experiments: Sequence[ProposedExperiment], key: str = "expe
                 Cell(one.separation, f"{path}.separation"),
             ]
         )
-    columns = (
-        Column("experiment"),
-        Column("postures", format="d"),
-        Column("time", "min", ".0f"),
-        Column("settled", "%", ".0f", 100.0),
-        Column("least ln BF", format=".1f"),
-    )
+    figures = ("time", "min", ".0f"), ("settled", "%", ".0f", 100.0), ("least ln BF", "", ".1f")
+    heads = columns("experiment", ("postures", "", "d"), *figures)
     note = (
         "settled: expected decrease of the explanations' entropy, whose rate per minute orders the rows; "
         "least ln BF: expected between the two closest explanations."
     )
-    return Table("Experiments, the best first", columns, rows, note)
+    return Table("Experiments, the best first", heads, rows, note)
 
 
 def proposed(one: NextExperiment) -> ProposedExperiment:

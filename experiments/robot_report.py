@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Table
@@ -82,16 +82,10 @@ class RobotReport(Result):
         """Return what a published file says, the parameters, and what the robot lacks."""
         count = self.counts
         parts: list[Table | str] = [] if self.found is None else [_found_table(self.name, self.found)]
-        moments = (Column(f"m c_{axis}", "kg m", ".4f") for axis in "xyz")
-        of_links = (Column("link"), Column("mass", "kg", ".3f"), *moments)
-        columns = (
-            Column("no.", format="d"),
-            Column("parameter"),
-            Column("value", "mm", ".2f", 1e3),
-            Column("terms", format="d"),
-            Column("largest term"),
-            Column("sum of"),
-        )
+        moments = ((f"m c_{axis}", "kg m", ".4f") for axis in "xyz")
+        of_links = columns("link", ("mass", "kg", ".3f"), *moments)
+        figures = ("value", "mm", ".2f", 1e3), ("terms", "", "d")
+        of_base = columns(("no.", "", "d"), "parameter", *figures, "largest term", "sum of")
         rows = [[b.number, b.name, b.value, b.terms, b.largest, b.meaning] for b in self.base]
         base_title = f"Base parameters; the total mass is {self.total_mass:.3f} kg"
         note = "A base parameter is the sum over the total mass; --json holds every term."
@@ -103,12 +97,12 @@ class RobotReport(Result):
             f"{count['joined']} -> {count['base']} base parameters in {self.support} support",
             "",
             Table("Standard parameters (eq. 5)", of_links, [[*astuple(link)] for link in self.standard]),
-            Table(base_title, columns, rows, note),
+            Table(base_title, of_base, rows, note),
         ]
         if self.findings:
-            columns = tuple(map(Column, ("about", "found", "what goes wrong", "what is done")))
+            heads = columns("about", "found", "what goes wrong", "what is done")
             rows = [[f.name, f.found, f.consequence, f.assumed] for f in self.findings]
-            parts.append(Table("Items that this robot lacks for the laboratory", columns, rows))
+            parts.append(Table("Items that this robot lacks for the laboratory", heads, rows))
         return [*parts, *([f"Description: {self.description}"] if self.description else [])]
 
 
@@ -195,7 +189,7 @@ def _found_table(name: str, found: dict[str, Any]) -> Table:
         ("torque limits", f"{torque[0]:.3g} to {torque[-1]:.3g} Nm"),
         ("standing posture", f"free body {found['height']:.3f} m above the soles"),
     ]
-    return Table(name, (Column("found"), Column("value")), rows)
+    return Table(name, columns("found", "value"), rows)
 
 
 def base_parameter_words(parameters: BaseParameters, index: int, standard: np.ndarray) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import Column, columns
 from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Table
 from tulip_testbed.base.table_files import finite
@@ -206,15 +206,9 @@ def closing(atlas: Atlas) -> str:
 
 def kind_table(atlas: Atlas, rows: list[AtlasRow]) -> Table:
     """Return one row a kind of effect and unit: the range over its targets."""
-    columns = (
-        Column("effect"),
-        Column("unit"),
-        Column("detected"),
-        Column("plausible", format=".2g"),
-        Column("found from", format=".2g"),
-        Column("angle", "deg", ".0f"),
-        Column("largest bias", "s.e.", ".2g"),
-    )
+    sizes = ("plausible", "", ".2g"), ("found from", "", ".2g")
+    bias = ("largest bias", "s.e.", ".2g")
+    heads = columns("effect", "unit", "detected", *sizes, ("angle", "deg", ".0f"), bias)
     kinds: dict[tuple[str, str], list[AtlasRow]] = {}
     for row in rows:
         unit = row.parameter.display[1] if row.parameter else ""
@@ -241,7 +235,7 @@ def kind_table(atlas: Atlas, rows: list[AtlasRow]) -> Table:
         "angle: to the most similar effect. largest bias: of a parameter if the effect is not modelled, at "
         "its plausible size. Ranges are those over the targets."
     )
-    return Table("Effects that these postures detect, by kind", columns, lines, note)
+    return Table("Effects that these postures detect, by kind", heads, lines, note)
 
 
 def _range(values: list[Any]) -> Any:
@@ -254,17 +248,11 @@ def _range(values: list[Any]) -> Any:
 
 def effect_table(atlas: Atlas, rows: list[AtlasRow], title: str) -> Table:
     """Return one row a size of a candidate."""
-    columns = (
-        Column("effect"),
-        Column("size of"),
-        Column("unit"),
-        Column("plausible", format=".2g"),
-        Column("found from", format=".2g"),
+    heads = (
+        *columns("effect", "size of", "unit", ("plausible", "", ".2g"), ("found from", "", ".2g")),
         Column("angle", "deg", ".0f"),
-        Column("bias", "s.e.", "+.2f", extra=True),
-        Column("bias when just found", "s.e.", "+.2f", extra=True),
-        Column("of the parameter", extra=True),
-        Column("most similar effect", extra=True),
+        *(Column(name, "s.e.", "+.2f", extra=True) for name in ("bias", "bias when just found")),
+        *(Column(name, extra=True) for name in ("of the parameter", "most similar effect")),
         *(Column(f"by {channel}", format=".2g", extra=True) for channel in CHANNELS),
     )
     errors, names = atlas.planned.standard_errors, atlas.planned.nominal.parameters.names
@@ -289,7 +277,7 @@ def effect_table(atlas: Atlas, rows: list[AtlasRow], title: str) -> Table:
                 *(_size(row, row.by_channel[c]) for c in CHANNELS),
             ]
         )
-    return Table(title, columns, lines)
+    return Table(title, heads, lines)
 
 
 def group_table(atlas: Atlas) -> Table:
@@ -297,7 +285,7 @@ def group_table(atlas: Atlas) -> Table:
     rows = [[k, [atlas.shown[n].label for n in group]] for k, group in enumerate(atlas.groups, 1)]
     bound = f"{np.degrees(ISOLABLE):.0f} deg"
     title = f"Effects that these postures cannot distinguish (an angle below {bound} to another of the group)"
-    return Table(title, (Column("group", format="d"), Column("effects")), rows)
+    return Table(title, columns(("group", "", "d"), "effects"), rows)
 
 
 def _one_placement(atlas: Atlas) -> list[AtlasRow]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import Column, columns
 from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Table
@@ -88,10 +88,10 @@ class Tolerance(Result):
         difference = np.abs(self.simulated - self.bias)
         k, j = np.unravel_index(int(difference.argmax()), difference.shape)
         names = self.planned.nominal.parameters.names
-        columns = [Column(str(number), format=".2f", extra=True) for number in range(1, len(names) + 1)]
+        numbered = [Column(str(number), format=".2f", extra=True) for number in range(1, len(names) + 1)]
         biases = Table(
             "Bias of every parameter, by its number, in standard errors of the default estimator",
-            (Column("error"), Column("of"), *columns),
+            columns("error", "of", *numbered),
             [[s.label, s.words, *bias.tolist()] for s, bias in zip(self.sources, self.bias, strict=True)],
             "`tulip robot` tells the names of the parameters.",
         )
@@ -106,16 +106,9 @@ class Tolerance(Result):
 
     def tolerance_table(self) -> Table:
         """Return how large every error may be."""
-        columns = (
-            Column("error"),
-            Column("of"),
-            Column("biases most"),
-            Column("by", "s.e.", "+.3f"),
-            Column("simulated", "s.e.", "+.3f"),
-            Column("allowed alone", format=".2g"),
-            Column("allowed s.d. if all of a kind err", format=".2g"),
-            Column("unit"),
-        )
+        biases = ("by", "s.e.", "+.3f"), ("simulated", "s.e.", "+.3f")
+        allowed = ("allowed alone", "", ".2g"), ("allowed s.d. if all of a kind err", "", ".2g")
+        heads = columns("error", "of", "biases most", *biases, *allowed, "unit")
         names, rows, told = self.planned.nominal.parameters.names, [], set()
         for k, source in enumerate(self.sources):
             worst = int(np.abs(self.bias[k]).argmax())
@@ -138,9 +131,8 @@ class Tolerance(Result):
                 ]
             )
             told.add(effect)
-        return Table(
-            f"Tolerances that keep the bias of every parameter below {ALLOWED} standard errors", columns, rows
-        )
+        title = f"Tolerances that keep the bias of every parameter below {ALLOWED} standard errors"
+        return Table(title, heads, rows)
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON document; biases in standard errors, amounts in SI units."""

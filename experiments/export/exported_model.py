@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import columns
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Array, Result
 from tulip_testbed.base.table import Cell, Table
@@ -67,18 +67,11 @@ class ExportedModel(Result):
 
     def tables(self) -> list[Table | str]:
         """Return what changed in every link, the total mass, the misfit and the file."""
-        columns = [
-            Column("link"),
-            Column("mass, CAD", "kg", ".3f"),
-            Column("mass", "kg", ".3f"),
-            Column("mass from data", "%", ".0f", 100),
-        ]
+        masses = ("mass, CAD", "kg", ".3f"), ("mass", "kg", ".3f"), ("mass from data", "%", ".0f", 100)
+        heads = columns("link", *masses)
         for axis in "xyz":
-            columns += [
-                Column(f"{axis}, CAD", "mm", ".1f", 1e3, extra=True),
-                Column(axis, "mm", ".1f", 1e3),
-                Column(f"{axis} from data", "%", ".0f", 100, extra=True),
-            ]
+            cad = (f"{axis}, CAD", "mm", ".1f", 1e3, True)
+            heads += columns(cad, (axis, "mm", ".1f", 1e3), (f"{axis} from data", "%", ".0f", 100, True))
         rows = []
         for k, link in enumerate(self.links):
             names = ("mass_cad", "mass", "mass_data_share")
@@ -91,7 +84,7 @@ class ExportedModel(Result):
             "where the data do not determine them; statics cannot."
         )
         return [
-            Table("Masses and centres of mass of the links", tuple(columns), rows, note),
+            Table("Masses and centres of mass of the links", heads, rows, note),
             f"Total mass: {number(self.total_mass.value, '.3f')} kg, {self.total_mass.source}.",
             str(self.constant),
             self.misfit_line,

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import InputError, at_least, look_up
 from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.result import Result
@@ -132,8 +132,7 @@ class LaboratoryProtocol(Result):
             ),
         }
         place = [] if self.folder is None else [f"Protocol: {self.folder}"]
-        columns = (Column("what"), Column("value"))
-        summary = Table("Protocol", columns, [list(row) for row in rows.items()])
+        summary = Table("Protocol", columns("what", "value"), list(rows.items()))
         return [summary, *self.notes, *self.missing, *place]
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import InputError, listed, look_up
 from tulip_testbed.base.files import new_folder, read_bytes, sha256, write_bytes
 from tulip_testbed.base.numbers import number
@@ -97,12 +97,12 @@ class ImportedTable(Result):
 
     def tables(self) -> list[Table | str]:
         """Return the mapping, and what was assumed and is to be decided."""
-        names = ("of the contract", "of the table", "unit", "sign", "found by", "sign checked by")
+        heads = columns("of the contract", "of the table", "unit", "sign", "found by", "sign checked by")
         rows = [
             [name, source.column, source.unit or "", f"{source.sign:+d}", source.by, source.checked or ""]
             for name, source in self.mapped.items()
         ]
-        parts: list[Table | str] = [Table("Columns", tuple(map(Column, names)), rows)]
+        parts: list[Table | str] = [Table("Columns", heads, rows)]
         if self.unused:
             parts.append(f"Not read: {listed(self.unused)}")
         for title, lines in (("Assumed", self.assumed), ("Problems", self.problems)):
