@@ -72,7 +72,6 @@ class Preflight(Result):
         return {UNREADABLE: 2, "fail": 1}.get(self.verdict, 0)
 
     def tables(self) -> list[Table | str]:
-        """Return the checks and what to do about them; of a folder that cannot be read what it lacks."""
         if self.complaints is not None:
             return self._lacks(self.complaints)
         results = [Cell(check.result, mark=check.result) for check in self.checks]
@@ -90,7 +89,6 @@ class Preflight(Result):
         return [*parts, f"Verdict: {self.verdict} ({counts_line(self.counts)})"]
 
     def _lacks(self, found: Complaints) -> list[Table | str]:
-        """Return what an incomplete folder lacks, with an example to copy."""
         lines = ["This folder cannot be read yet:"]
         lines += [f"  - {text}" for text in (*found.manifest, *found.table)]
         if found.manifest:
@@ -252,7 +250,6 @@ def _refuse_other_robot(folder: Path, nominal: Nominal) -> None:
 
 
 def preflight_of(measurements: Measurements, nominal: Nominal, findings: Sequence[Finding]) -> Preflight:
-    """Summarise the findings of a preflight."""
     results = [finding.result for finding in findings]
     return Preflight(
         verdict=worst_of([result for result in results if result != "not evaluated"]),

@@ -79,7 +79,6 @@ def verdict(checks: Sequence[Check]) -> str:
 
 
 def check_table(checks: Sequence[Check]) -> Table:
-    """Return the checks of a verdict."""
     numbers = ("value", "", ".4g"), ("threshold", "", ".4g")
     rows = []
     for k, check in enumerate(checks):

@@ -49,7 +49,6 @@ class Comparison(Result):
     models: dict[str, list[dict[str, Any]]]
 
     def tables(self) -> list[Table | str]:
-        """Return the verdicts, and what differs."""
         runs = zip("AB", self.runs, self.verdict, strict=True)
         settings = [[name, *values] for name, values in self.settings.items()] or [["none", "", ""]]
         a, b = (Column(f"value {run}", format=".4g") for run in "AB")
@@ -71,7 +70,6 @@ class Comparison(Result):
 
 
 def compare(first: RunResult, second: RunResult) -> Comparison:
-    """Compare the settings and the results of two runs."""
     both = [_models(first), _models(second)]
     _check_alike(first, second, both)
     return Comparison(
@@ -102,7 +100,6 @@ def differences(first: dict[str, Any], second: dict[str, Any]) -> dict[str, list
 
 
 def model_difference_table(model: str, rows: list[dict[str, Any]]) -> Table:
-    """Return the parameters of a model in both runs."""
     quantities = [name for name in rows[0] if name not in ("number", "name")]
     of_runs = [replace(SHOWN[q], name=f"{SHOWN[q].name} {run}") for q in quantities for run in "AB"]
     lines = [[row["number"], row["name"], *(v for name in quantities for v in row[name])] for row in rows]
@@ -114,7 +111,6 @@ def _name(run: RunResult) -> str:
 
 
 def _check_alike(first: RunResult, second: RunResult, models: list[dict[str, list[dict[str, Any]]]]) -> None:
-    """Refuse what has no common measure."""
     where = f"{_name(first)}, {_name(second)}: cannot be compared"
     if first.kind != second.kind:
         raise InputError(f"{where}: found a {first.kind} and a {second.kind}, expected two of a kind")

@@ -53,7 +53,6 @@ class Pairs(Shown, Sequence[Pair]):
         return len(self.pairs)
 
     def table(self) -> Table:
-        """Return one row per pair."""
         heads = columns("parameter", "and", ("correlation", "", "+.4f"))
         return Table(f"Correlations above {self.level:g} in size (eq. 15)", heads, self.pairs)
 
@@ -62,7 +61,6 @@ class Pairs(Shown, Sequence[Pair]):
         return self.table().frame()
 
     def parts(self) -> list[Table | str]:
-        """Return the pairs, or a sentence where there are none."""
         return [self.table()] if self.pairs else [f"No correlation above {self.level:g}."]
 
 
@@ -129,7 +127,6 @@ class Correlations(Shown):
         return pd.DataFrame(self.matrix, index=list(self.names), columns=list(self.names))
 
     def parts(self) -> list[Table | str]:
-        """Return the number of parameters and the high correlations."""
         return [f"Correlations of {len(self.names)} parameters.", *self.above().parts()]
 
 

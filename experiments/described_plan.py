@@ -116,7 +116,6 @@ class DescribedPlan(Result):
         return {name: document[name] for name in PROMISES}
 
     def tables(self) -> list[Table | str]:
-        """Return the figures of the plan, and where it is."""
         parameters = planned_parameters(self.robot, self.whole)
         pairs = [(pair["a"], pair["b"], pair["rho"]) for pair in self.correlations]
         return [
@@ -153,7 +152,6 @@ class DescribedPlan(Result):
         )
 
     def table(self) -> Table:
-        """Return the standard errors that the plan promises."""
         parameters = planned_parameters(self.robot, self.whole)
         figures = ("s.e.", "mm", ".2f"), ("of the nominal value", "%", ".1f")
         heads = columns(("no.", "", "d"), "parameter", *figures, Column("links", extra=True))
@@ -168,7 +166,6 @@ class DescribedPlan(Result):
 
 
 def _moving(plan: PosturePlan, motion: Trajectory) -> str:
-    """Say that a plan moves, and how."""
     joint, speed = motion.fastest
     return (
         f"The robot moves: {len(motion.segments)} segments, {motion.seconds / 60:.1f} min, at most "
@@ -273,7 +270,6 @@ def margins_of(robot: Robot, plan: PosturePlan) -> dict[str, dict[str, Any]] | N
 
 
 def margin_table(margins: dict[str, dict[str, Any]]) -> Table:
-    """Return the smallest margin of every constraint, of `margins_of`."""
     heads = columns("constraint", ("margin", "", ".3f"), "unit", ("posture", "", "d"), "where")
     rows = [[name, m["value"], m["unit"], m["posture"], m["at"]] for name, m in margins.items()]
     return Table("Smallest margin of every constraint, beyond what `tulip plan optimal` keeps", heads, rows)

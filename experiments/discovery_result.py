@@ -167,7 +167,6 @@ class Discovered(SavedRun):
     discovery: InMemory[Discovery | None] = None
 
     def placed_in(self, folder: Path) -> Self:
-        """Refuse parts that do not fit each other."""
         result, robot, measured = folder / RESULT_FILE, self.robot, self.measurements
         placements = np.unique(measured.placement).tolist()
         for one in (*self.adopted, *self.calibrated, *(e.instance for e in self.explanations)):
@@ -240,7 +239,6 @@ class Discovered(SavedRun):
         return f"Right: {right}.", usable, f"Next: {following}."
 
     def tables(self) -> list[Table | str]:
-        """Return the verdict, the story and the tables that belong to them."""
         parts: list[Table | str] = [f"Verdict: {self.verdict}", *self.story, "", *self.answers, ""]
         if self.verdict == "none" and (weak := weak_table(self.weakly_detectable)).rows:
             parts.append(weak)

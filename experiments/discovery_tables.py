@@ -58,7 +58,6 @@ def gap_table(heldout: HeldOut) -> Table:
 
 
 def explanation_table(explanations: Sequence[Explanation]) -> Table:
-    """Return the effects that explain a gap, with their sizes and evidence."""
     evidence = ("ln of Bayes factor", "", ".1f"), ("behind the best", "", ".1f")
     heads = columns(("gap", "", "d"), "effect", "size", *evidence)
     rows = [
@@ -193,7 +192,6 @@ def moved_words(
 
 
 def pattern_table(patterns: Sequence[Pattern]) -> Table:
-    """Return the clearest patterns in the residuals after the correction."""
     heads = columns("channel", "pattern", ("p", "", ".2g"))
     rows = [
         [Cell(getattr(one, name), f"patterns.{k}.{name}") for name in ("channel", "words", "p")]
@@ -218,7 +216,6 @@ def repeat_table(repeats: PureError) -> Table:
 
 
 def undetectable_table(effects: Sequence[Undetectable]) -> Table:
-    """Return the effects that these postures cannot detect, one per row."""
     biased = ("biases most the parameter no.", "", "d"), ("by, per prior s.d.", "mm", ".2f", 1e3)
     by_name: dict[str, list[Undetectable]] = {}
     for effect in effects:
@@ -257,7 +254,6 @@ def _from_to(ends: list[str]) -> str:
 
 
 def dynamics_line(check: DynamicsCheck) -> str:
-    """Describe how the adopted effects compare with a simulation in full dynamics."""
     if check.reason:
         return f"In full dynamics nothing could be compared: {check.reason}."
     return (

@@ -42,7 +42,6 @@ class EffectList(Result):
         return Catalogue([every[name] for name in every if self.name in (None, name)])
 
     def tables(self) -> list[Table | str]:
-        """Return the list, or the explanation of one effect or of the grammar."""
         if self.name is None:
             law = "`tulip atlas effects law` explains how an effect is composed that is not in the list."
             return [self.effects.table(), law]
@@ -52,7 +51,6 @@ class EffectList(Result):
         return [*map(Verbatim, lines)]
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON document."""
         document: dict[str, Any] = {"effects": []}
         for effect in self.effects.values():
             parameters = [
@@ -87,7 +85,6 @@ class EffectList(Result):
 
 
 def list_effects(name: str | None, robot: Robot) -> EffectList:
-    """List the effects, or choose one to explain."""
     if name is not None:
         look_up("effect", name, [*catalogue(), LAW], "effects")
     return EffectList(name, robot)
@@ -99,7 +96,6 @@ def target_names(effect: Effect, robot: Robot) -> list[str]:
 
 
 def law_lines(robot: Robot) -> list[str]:
-    """Explain the grammar of laws in full."""
     lines = [
         "law: an effect composed of what errs, as a function of what, in which shape.",
         "",
@@ -119,7 +115,6 @@ def law_lines(robot: Robot) -> list[str]:
 
 
 def effect_lines(effect: Effect, robot: Robot) -> list[str]:
-    """Explain an effect in full."""
     where = "static laboratory and full dynamics" if effect.statics else "full dynamics only"
     named = effect.targets is PLACEMENTS
     targets = "the experiment's placements" if named else ", ".join(target_names(effect, robot))

@@ -115,7 +115,6 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
     corrections: tuple[EffectInstance, ...] = ()
 
     def placed_in(self, folder: Path) -> Self:
-        """Refuse values that do not fit the robot, the measurements or each other."""
         found = self.placed(self.robot, self.measurements, str(folder))
         try:
             found.tables()
@@ -264,10 +263,6 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
         ]
 
     def tables(self) -> list[Table | str]:
-        """Return the parameters of the models, their high correlations and the total mass.
-
-        The self-calibrating estimator adds its families, members and budget.
-        """
         angles = self.measurements.joint_angles
         parts: list[Table | str] = [f"Corrected: {effect.finding}" for effect in self.corrections]
         for model in models(self.robot):

@@ -100,7 +100,6 @@ class Laboratory:
 
     @property
     def _plain(self) -> Rig:
-        """The physical laboratory without effects."""
         rig = preset_rig(self.sensors, self.robot) if self.nominal is None else self.nominal
         if self.random_robot is None:
             return rig
@@ -111,7 +110,6 @@ class Laboratory:
 
     @cached_property
     def rig(self) -> Rig:
-        """The physical laboratory with all effects."""
         if self.experiment is None:
             return injected(injected(self._plain, self.known), self.hidden)
         known, hidden = (as_manipulated(some, self.experiment) for some in (self.known, self.hidden))
@@ -272,7 +270,6 @@ class Run:
 
     @property
     def outcome(self) -> Outcome:
-        """Without how it was made."""
         return Outcome(self.measurements, self.truth)
 
     def __repr__(self) -> str:

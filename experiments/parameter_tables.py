@@ -238,7 +238,6 @@ def weak_directions(estimate: Estimate, parameters: BaseParameters) -> str:
 
 
 def placements_line(estimate: Estimate) -> str:
-    """Describe the errors that the postures of a placement share."""
     right, left = estimate.placement_sd
     if max(right, left) < NO_PLACEMENT_SD * estimate.sigma:
         return (
@@ -264,6 +263,5 @@ def residual_line(estimate: Estimate, model: str = "full", paper: Reported | Non
 
 
 def mass_line(mass: float, standard_error: float, truth: float | None = None) -> str:
-    """Describe the total mass [kg]."""
     beside = "" if truth is None else f", truth {truth:.3f} kg"
     return f"Total mass {mass:.3f} kg, standard error {standard_error:.3f} kg{beside}."

@@ -70,7 +70,6 @@ class PlanSearch:
     task: SearchTask
 
     def folder(self, out: Path) -> ResumableFolder:
-        """Return the folder of the search's states, next to the plan that it makes."""
         robot, measured = self.task.problem.robot, self.task.measured
         made_with = {
             "settings": dataclasses.asdict(self.settings),

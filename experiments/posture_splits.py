@@ -30,7 +30,6 @@ class Split:
 
     @property
     def predicted(self) -> int:
-        """Count the rows that are predicted."""
         return sum(len(test) for _, test in self.folds)
 
 

@@ -101,7 +101,6 @@ class Prediction(Result):
 
     @property
     def verdict(self) -> str:
-        """Return the answers in two sentences."""
         words = {True: "yes", False: "no", None: "undecided, these postures do not decide it"}
         return (
             f"Identified beats CAD: {words[self.beats_cad]}. Identified with corrections beats CAD with "
@@ -109,7 +108,6 @@ class Prediction(Result):
         )
 
     def tables(self) -> list[Table | str]:
-        """Return the scores, the notes and the verdict."""
         rms = ((f"r.m.s. {axis} (95 %)", "mm", ".2f") for axis in "xy")
         heads = columns("model", "postures left out by", *rms, "beats CAD", "beats CAD with offset")
         words, rows = {True: "yes", False: "no", None: "undecided"}, []

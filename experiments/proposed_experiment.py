@@ -52,7 +52,6 @@ class ExpectedResult:
 
     @property
     def figures(self) -> list[float]:
-        """Return the predictions in their order."""
         return [getattr(self, key) for key in CHANNELS]
 
 
@@ -111,7 +110,6 @@ class Proposals(Result):
         return self.experiments[0]
 
     def to_json(self) -> dict[str, Any]:
-        """Return the experiments for JSON."""
         return finite(
             {
                 "verdict": self.verdict,
@@ -122,7 +120,6 @@ class Proposals(Result):
         )
 
     def tables(self) -> list[Table | str]:
-        """Return the ranking, what each explanation predicts for the best, and what is assumed."""
         if not self.experiments:
             return [f"Verdict: {self.verdict}. There is nothing to settle between explanations."]
         out: list[Table | str] = [self.table(), self.predictions()]
@@ -143,11 +140,9 @@ class Proposals(Result):
         write_experiment_plan(Path(folder), self)
 
     def table(self) -> Table:
-        """Return one row an experiment."""
         return experiment_table([proposed(experiment) for experiment in self.experiments])
 
     def predictions(self) -> Table:
-        """Return what each explanation predicts for the best experiment."""
         rows = [[one.explanation, *one.figures] for one in proposed(self.best).predictions]
         center = ((f"CoP {axis}", "mm", "+.2f") for axis in "xy")
         forces = ((name, "N", "+.2f") for name in ("sum", "twist right", "twist left"))
@@ -183,7 +178,6 @@ def experiment_table(experiments: Sequence[ProposedExperiment], key: str = "expe
 
 
 def proposed(one: NextExperiment) -> ProposedExperiment:
-    """Return a ranked experiment as a document."""
     return ProposedExperiment(
         session=one.experiment.session,
         manipulations=one.experiment.manipulations,

@@ -79,7 +79,6 @@ class RobotReport(Result):
     description: str | None = None
 
     def tables(self) -> list[Table | str]:
-        """Return what a published file says, the parameters, and what the robot lacks."""
         count = self.counts
         parts: list[Table | str] = [] if self.found is None else [_found_table(self.name, self.found)]
         moments = ((f"m c_{axis}", "kg m", ".4f") for axis in "xyz")

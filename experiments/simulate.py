@@ -49,7 +49,6 @@ class Simulation(Result):
     seconds: float | None = None
 
     def tables(self) -> list[Table | str]:
-        """Return how many postures could be used, and the folder."""
         if self.seconds is not None:
             cut = [f"  segment {one.posture} was cut: {one.reason or 'not told'}" for one in self.dropped]
             measured = f"{self.segments} segments, {self.seconds / 60:.1f} min, are {self.rows} rows."

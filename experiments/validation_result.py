@@ -82,7 +82,6 @@ class Validation(SavedRun):
     folder: Place = None
 
     def placed_in(self, folder: Path) -> Self:
-        """Refuse parts that do not fit each other."""
         result, robot, measured = folder / RESULT_FILE, self.robot, self.measurements
         own = self.identification.placed(robot, measured, str(result), "identification.")
         plain = self.least_squares
@@ -130,7 +129,6 @@ class Validation(SavedRun):
         return worst_balance(self.simulation)
 
     def table(self) -> Table:
-        """Return the checks, one per row."""
         return check_table(self.checks)
 
     def to_frame(self) -> Any:
@@ -165,7 +163,6 @@ class Validation(SavedRun):
         )
 
     def tables(self) -> list[Table | str]:
-        """Return the parameters of the models, how the experiment went, the checks and the verdict."""
         parts: list[Table | str] = []
         for model in models(self.robot):
             high = self.correlation_table(model)

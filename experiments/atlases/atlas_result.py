@@ -97,7 +97,6 @@ class Atlas(Result):
     folder: Path | None = None
 
     def tables(self) -> list[Table | str]:
-        """Return the atlas in short: one row a kind of effect and unit."""
         page = [] if self.folder is None else [f"Atlas: {self.folder / PAGE}"]
         return [
             opening(self),
@@ -189,7 +188,6 @@ def atlas_tables(atlas: Atlas) -> tuple[Table, ...]:
 
 
 def opening(atlas: Atlas) -> str:
-    """Describe the plan and the tests."""
     planned = atlas.planned
     return (
         f"{len(planned.observed)} of {len(planned.plan)} postures can be measured; the catalogue is "
@@ -198,14 +196,12 @@ def opening(atlas: Atlas) -> str:
 
 
 def closing(atlas: Atlas) -> str:
-    """Say how many of the effects can be isolated."""
     count = len(atlas.shown)
     isolable = sum(atlas.nearest(k)[1] >= ISOLABLE for k in range(count)) if count > 1 else 0
     return f"{isolable} of {count} effects that are detected can be isolated from all others."
 
 
 def kind_table(atlas: Atlas, rows: list[AtlasRow]) -> Table:
-    """Return one row a kind of effect and unit: the range over its targets."""
     sizes = ("plausible", "", ".2g"), ("found from", "", ".2g")
     bias = ("largest bias", "s.e.", ".2g")
     heads = columns("effect", "unit", "detected", *sizes, ("angle", "deg", ".0f"), bias)
@@ -281,7 +277,6 @@ def effect_table(atlas: Atlas, rows: list[AtlasRow], title: str) -> Table:
 
 
 def group_table(atlas: Atlas) -> Table:
-    """Return the groups of look-alikes."""
     rows = [[k, [atlas.shown[n].label for n in group]] for k, group in enumerate(atlas.groups, 1)]
     bound = f"{np.degrees(ISOLABLE):.0f} deg"
     title = f"Effects that these postures cannot distinguish (an angle below {bound} to another of the group)"

@@ -95,7 +95,6 @@ def usable(plan: PosturePlan, postures: np.ndarray) -> PosturePlan:
 
 
 def streams(seed: int, count: int) -> list[np.random.SeedSequence]:
-    """Random streams of the first runs of a seed."""
     return np.random.SeedSequence(seed).spawn(count)
 
 

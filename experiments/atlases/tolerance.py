@@ -84,7 +84,6 @@ class Tolerance(Result):
         return _kept(np.sqrt((self.bias[mine] ** 2).sum(axis=0)))
 
     def tables(self) -> list[Table | str]:
-        """Return the biases and the tolerances that follow."""
         difference = np.abs(self.simulated - self.bias)
         k, j = np.unravel_index(int(difference.argmax()), difference.shape)
         names = self.planned.nominal.parameters.names
@@ -105,7 +104,6 @@ class Tolerance(Result):
         ]
 
     def tolerance_table(self) -> Table:
-        """Return how large every error may be."""
         biases = ("by", "s.e.", "+.3f"), ("simulated", "s.e.", "+.3f")
         allowed = ("allowed alone", "", ".2g"), ("allowed s.d. if all of a kind err", "", ".2g")
         heads = columns("error", "of", "biases most", *biases, *allowed, "unit")
@@ -188,7 +186,6 @@ def _kept(bias: np.ndarray) -> float:
 
 
 def sources(planned: Planned) -> tuple[ErrorSource, ...]:
-    """Every plate, joint and cell that may err."""
     effects = {name: catalogue()[name] for name in UNITS}
     return tuple(
         ErrorSource(candidate, size, *UNITS[candidate.effect.name])
@@ -198,7 +195,6 @@ def sources(planned: Planned) -> tuple[ErrorSource, ...]:
 
 
 def tolerance(planned: Planned, progress: Progress = silent) -> Tolerance:
-    """Predict all biases and simulate them."""
     estimator, every = weights(planned), sources(planned)
     predicted = np.array([estimator.change(source.candidate, 0) @ source.sizes for source in every])
     plain = planned.runs[:CHECKED]

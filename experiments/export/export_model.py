@@ -143,7 +143,6 @@ def export_model(
 
 
 def _check(identification: Identification, robot: Robot, export: Export) -> None:
-    """Refuse what cannot be exported."""
     if export.path.suffix.lower() not in ENDINGS:
         raise InputError(
             f"{export.path}: found a name that ends in '{export.path.suffix}', expected {listed(ENDINGS)}"

@@ -66,7 +66,6 @@ class ExportedModel(Result):
     notes: tuple[str, ...]
 
     def tables(self) -> list[Table | str]:
-        """Return what changed in every link, the total mass, the misfit and the file."""
         masses = ("mass, CAD", "kg", ".3f"), ("mass", "kg", ".3f"), ("mass from data", "%", ".0f", 100)
         heads = columns("link", *masses)
         for axis in "xyz":
@@ -94,7 +93,6 @@ class ExportedModel(Result):
 
     @property
     def misfit_line(self) -> str:
-        """Say how the base parameters of the file stand to the estimate."""
         if not self.misfit_in_standard_errors:
             return "The base parameters of the exported robot are those of the estimate."
         return (

@@ -62,7 +62,6 @@ class MotionPlan(Result):
     notes: tuple[str, ...] = ()
 
     def tables(self) -> list[Table | str]:
-        """Return a summary, and where the plan is."""
         rows = {
             "segments": f"{self.segments}",
             "time of motion": f"{self.minutes:.1f} min ({self.samples} samples)",

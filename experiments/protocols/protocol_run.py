@@ -65,7 +65,6 @@ class LaboratoryProtocol(Result):
 
     @property
     def placements(self) -> list[int]:
-        """Return the numbers of the placements in order."""
         return list(dict.fromkeys(self.plan.placement.tolist()))
 
     @property
@@ -82,7 +81,6 @@ class LaboratoryProtocol(Result):
         return (set_downs * times.placement_time + held + self.motion_time) / 3600
 
     def to_json(self) -> dict[str, Any]:
-        """Return the order and what is to be known of it, for JSON."""
         kinds = Counter(motion.kind if motion else "set_down" for motion in self.motions)
         stances = sum(motion.via_stance for motion in self.motions if motion and motion.kind == FREE)
         both, moved = {"plan": self.given, "protocol": self.plan}, {}
@@ -113,7 +111,6 @@ class LaboratoryProtocol(Result):
         }
 
     def tables(self) -> list[Table | str]:
-        """Return a summary and what a person should know."""
         content = self.to_json()
         kinds, moved, drift = content["motions"], content["marks_moved_mm"], content["drift_inflation"]
         rows = {

@@ -73,11 +73,9 @@ class Skeleton:
 
     @property
     def links(self) -> range:
-        """Return the numbers of the links."""
         return range(1, self.model.nbody)
 
     def name(self, link: int) -> str:
-        """Return the name of a link."""
         return self.model.body(link).name
 
     def hinges(self, links: Collection[int] | None = None) -> list[str]:

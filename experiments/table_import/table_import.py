@@ -96,7 +96,6 @@ class ImportedTable(Result):
         return int(bool(self.problems))
 
     def tables(self) -> list[Table | str]:
-        """Return the mapping, and what was assumed and is to be decided."""
         heads = columns("of the contract", "of the table", "unit", "sign", "found by", "sign checked by")
         rows = [
             [name, source.column, source.unit or "", f"{source.sign:+d}", source.by, source.checked or ""]
