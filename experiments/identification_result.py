@@ -28,20 +28,18 @@ from tulip_testbed.experiments.family_tables import calibration_report, first_to
 from tulip_testbed.experiments.parameter_tables import (
     LEGEND,
     NOT_AT_REST,
+    ConstantError,
     cad_line,
+    constant_error,
+    known_sums,
     mass_line,
     models,
     parameter_table,
     standard_table,
+    usable_line,
     weak_directions,
 )
 from tulip_testbed.experiments.run_file import MEASUREMENT_FOLDER, check_parameters
-from tulip_testbed.experiments.usable_parameters import (
-    ConstantError,
-    constant_error,
-    known_sums,
-    usable_line,
-)
 from tulip_testbed.identification.base_parameters import (
     BaseParameters,
     base_parameters,

@@ -14,8 +14,8 @@ from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.evidence import marginal_fits
 from tulip_testbed.discovery.refit import without_noise
 from tulip_testbed.effects.catalogue import catalogue
-from tulip_testbed.experiments.atlases.effect_atlas import atlas
-from tulip_testbed.experiments.atlases.isolability import ISOLABLE, angles, groups
+from tulip_testbed.experiments.atlases.atlas_result import ISOLABLE
+from tulip_testbed.experiments.atlases.effect_atlas import angles, atlas, groups
 from tulip_testbed.experiments.atlases.planned_experiment import (
     bias,
     estimates,

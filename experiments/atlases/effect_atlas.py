@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 
 from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.discovery.candidates import candidates
@@ -11,8 +12,7 @@ from tulip_testbed.discovery.detectability import POWER, detectable_size, single
 from tulip_testbed.discovery.evidence import DETECTABLE, effective_tests
 from tulip_testbed.discovery.selection import LEVEL
 from tulip_testbed.effects.instance import MOST_PRIORS
-from tulip_testbed.experiments.atlases.atlas_result import Atlas, AtlasRow
-from tulip_testbed.experiments.atlases.isolability import angles, groups
+from tulip_testbed.experiments.atlases.atlas_result import ISOLABLE, Atlas, AtlasRow
 from tulip_testbed.experiments.atlases.planned_experiment import Planned, bias, weights
 from tulip_testbed.identification.distributions import chi2_isf, normal_isf
 from tulip_testbed.identification.residual_channels import CHANNELS
@@ -74,3 +74,38 @@ def _detectable(columns: CandidateColumns, k: int, point: int, size: int | None,
     direction = (np.arange(column.shape[1]) == size).astype(float)
     least = detectable_size(candidate, column, level, direction)
     return least if least < MOST_PRIORS * candidate.prior[size] else np.inf
+
+
+def angles(blocks: list[list[np.ndarray]]) -> np.ndarray:
+    """Smallest angle between any direction of one candidate and any of another, (n, n) [rad].
+
+    Args:
+        blocks: columns of every candidate at every point of its grid, (r, s).
+    """
+    owner = np.repeat(np.arange(len(blocks)), [len(points) for points in blocks])
+    width = max(column.shape[1] for points in blocks for column in points)
+    bases = np.zeros((len(owner), blocks[0][0].shape[0], width))
+    for base, column in zip(bases, (c for points in blocks for c in points), strict=True):
+        left, size, _ = np.linalg.svd(column, full_matrices=False)
+        rank = int((size > 1e-6 * size.max(initial=0.0)).sum())
+        base[:, :rank] = left[:, :rank]
+    out = np.full((len(blocks), len(blocks)), np.pi / 2)
+    for k in range(len(blocks)):
+        mine = bases[owner == k]
+        inner = np.einsum("arv,brw->abvw", mine, bases, optimize=True)
+        cosine = np.linalg.norm(inner, ord=2, axis=(2, 3)).max(axis=0)
+        for other in range(len(blocks)):
+            out[k, other] = np.arccos(min(1.0, float(cosine[owner == other].max())))
+    np.fill_diagonal(out, 0.0)
+    return np.minimum(out, out.T)
+
+
+def groups(angle: np.ndarray) -> list[list[int]]:
+    """Candidates any two of which are closer than `ISOLABLE`, by complete linkage; the largest first."""
+    if len(angle) < 2:
+        return []
+    near = scipy.spatial.distance.squareform(angle, checks=False)
+    tree = scipy.cluster.hierarchy.linkage(near, "complete")
+    label = scipy.cluster.hierarchy.fcluster(tree, ISOLABLE, "distance")
+    alike = [np.flatnonzero(label == number).tolist() for number in np.unique(label)]
+    return sorted((group for group in alike if len(group) > 1), key=lambda group: (-len(group), group))

@@ -46,10 +46,13 @@ class ErrorSource:
     words: str
 
     @property
+    def parameter(self) -> str:
+        return self.candidate.effect.parameters[self.candidate.effect.sizes[self.size]].name
+
+    @property
     def label(self) -> str:
         """Return effect and target, and the parameter if the effect has several."""
-        parameter = self.candidate.effect.parameters[self.candidate.effect.sizes[self.size]].name
-        return self.candidate.label + (f" {parameter}" if len(self.candidate.effect.sizes) > 1 else "")
+        return self.candidate.label + f" {self.parameter}" * (len(self.candidate.effect.sizes) > 1)
 
     @property
     def sizes(self) -> np.ndarray:
@@ -80,8 +83,10 @@ class Tolerance(Result):
 
     def together(self, effect: str) -> float:
         """S.d. in units of all errors of a kind, independent, that keep the root mean square bias there."""
-        mine = [k for k, source in enumerate(self.sources) if source.candidate.effect.name == effect]
-        return _kept(np.sqrt((self.bias[mine] ** 2).sum(axis=0)))
+        return _kept(np.sqrt((self.bias[self._of(effect)] ** 2).sum(axis=0)))
+
+    def _of(self, effect: str) -> list[int]:
+        return [k for k, source in enumerate(self.sources) if source.candidate.effect.name == effect]
 
     def tables(self) -> list[Table | str]:
         difference = np.abs(self.simulated - self.bias)
@@ -135,9 +140,6 @@ class Tolerance(Result):
     def to_json(self) -> dict[str, Any]:
         """Return the JSON document; biases in standard errors, amounts in SI units."""
         planned, difference = self.planned, np.abs(self.simulated - self.bias)
-        kinds = {
-            name: [k for k, s in enumerate(self.sources) if s.candidate.effect.name == name] for name in UNITS
-        }
         return finite(
             {
                 "preset": planned.sensors,
@@ -150,9 +152,7 @@ class Tolerance(Result):
                     {
                         "effect": source.candidate.effect.name,
                         "target": source.candidate.target or None,
-                        "parameter": source.candidate.effect.parameters[
-                            source.candidate.effect.sizes[source.size]
-                        ].name,
+                        "parameter": source.parameter,
                         "unit": source.words,
                         "amount": source.amount,
                         "bias_se": self.bias[k].tolist(),
@@ -166,7 +166,7 @@ class Tolerance(Result):
                     {
                         "effect": name,
                         "unit": words,
-                        "alone_units": min(map(self.allowed, kinds[name])),
+                        "alone_units": min(map(self.allowed, self._of(name))),
                         "together_units": self.together(name),
                     }
                     for name, (_, words) in UNITS.items()
@@ -215,7 +215,6 @@ def erring(planned: Planned, source: ErrorSource) -> list[Measurements]:
     rig = candidate.effect.inject(planned.rig, candidate.target, candidate.values(source.sizes))
     # What instruments make of readings moves nothing.
     only_misread = replace(rig, misread=None) == planned.rig
-    solved_plan = (
-        replace(planned.solved_plan, rig=rig) if only_misread else solve_plan(rig, planned.solved_plan.plan)
-    )
-    return noisy(solved_plan, streams(planned.seed, CHECKED))
+    solved = planned.solved_plan
+    solved = replace(solved, rig=rig) if only_misread else solve_plan(rig, solved.plan)
+    return noisy(solved, streams(planned.seed, CHECKED))

@@ -11,7 +11,7 @@ from tulip_testbed.base.column import columns
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Array, Result
 from tulip_testbed.base.table import Cell, Table
-from tulip_testbed.experiments.usable_parameters import ConstantError
+from tulip_testbed.experiments.parameter_tables import ConstantError
 from tulip_testbed.identification.cad_prior import CENTER_SD, MASS_SD
 from tulip_testbed.identification.pseudo_inertia import central, standard_of
 
