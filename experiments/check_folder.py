@@ -74,13 +74,11 @@ class Preflight(Result):
     def tables(self) -> list[Table | str]:
         if self.complaints is not None:
             return self._lacks(self.complaints)
-        results = [Cell(check.result, mark=check.result) for check in self.checks]
-        both = list(zip(self.checks, results, strict=True))
+        both = [(check, Cell(check.result, mark=check.result)) for check in self.checks]
         rows = [[check.name, result, check.seen, check.expected] for check, result in both]
         parts: list[Table | str] = [Table("Preflight", columns("check", "result", "found", "expected"), rows)]
-        faulty = [(check, result) for check, result in both if check.result in ("warn", "fail")]
-        if faulty:
-            rows = [[check.name, result, check.where, check.advice] for check, result in faulty]
+        faulty = ("warn", "fail")
+        if rows := [[c.name, result, c.where, c.advice] for c, result in both if c.result in faulty]:
             parts.append(Table("Advice", columns("check", "result", "where", "what to do"), rows))
         skipped = [check.seen for check in self.checks if check.result == NOT_EVALUATED]
         reasons = [f"{skipped.count(reason)} ({reason})" for reason in dict.fromkeys(skipped)]
@@ -151,18 +149,15 @@ def check_measurements(
     """
     check_tolerances(measurements.tolerances, f"{source}: key 'tolerances'")
     nominal = nominal_robot(robot)
-    if not corrections:
-        findings = preflight(measurements, nominal, series, partial(usual_changes, measurements, nominal))
-        findings += _of_motion(measurements, nominal, samples)
-        return preflight_of(measurements, nominal, findings)
-    check_robot(nominal.parameters, measurements, robot, source)
-    corrected, _ = without(measurements, nominal, corrections)
+    corrected = measurements
+    if corrections:
+        check_robot(nominal.parameters, measurements, robot, source)
+        corrected, _ = without(measurements, nominal, corrections)
     findings = preflight(corrected, nominal, series, partial(usual_changes, corrected, nominal))
-    # Of the records of the plates: corrected ones hold what moves the centre of pressure otherwise.
-    recorded = plate_poses(measurements)
-    findings = [recorded if finding.name == recorded.name else finding for finding in findings]
-    findings += _of_motion(corrected, nominal, samples)
-    return preflight_of(corrected, nominal, findings)
+    if corrections:  # corrected records of the plates hold what moves the centre of pressure otherwise
+        recorded = plate_poses(measurements)
+        findings = [recorded if finding.name == recorded.name else finding for finding in findings]
+    return preflight_of(corrected, nominal, [*findings, *_of_motion(corrected, nominal, samples)])
 
 
 def _of_motion(rows: Measurements, nominal: Nominal, samples: Measurements | None) -> list[Finding]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Integral
-from typing import Any, NamedTuple, overload
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,39 +29,21 @@ class Pair(NamedTuple):
     rho: float
 
 
-@dataclass(frozen=True, repr=False)
-class Pairs(Shown, Sequence[Pair]):
-    """High correlations; shown as a table.
+class Pairs(Shown, tuple[Pair, ...]):
+    """Correlations that exceed a `level` in size; shown as a table."""
 
-    Attributes:
-        level: that all of them exceed in size.
-    """
-
-    pairs: tuple[Pair, ...]
-    level: float
-
-    @overload
-    def __getitem__(self, index: int) -> Pair: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> tuple[Pair, ...]: ...
-
-    def __getitem__(self, index: int | slice) -> Pair | tuple[Pair, ...]:
-        return self.pairs[index]
-
-    def __len__(self) -> int:
-        return len(self.pairs)
+    level: float = HIGH_CORRELATION
 
     def table(self) -> Table:
         heads = columns("parameter", "and", ("correlation", "", "+.4f"))
-        return Table(f"Correlations above {self.level:g} in size (eq. 15)", heads, self.pairs)
+        return Table(f"Correlations above {self.level:g} in size (eq. 15)", heads, self)
 
     def to_frame(self) -> Any:
         """Return a pandas DataFrame with one row per pair."""
         return self.table().frame()
 
     def parts(self) -> list[Table | str]:
-        return [self.table()] if self.pairs else [f"No correlation above {self.level:g}."]
+        return [self.table()] if self else [f"No correlation above {self.level:g}."]
 
 
 def parameter_index(name: str | int, numbers: np.ndarray, names: tuple[str, ...]) -> int:
@@ -117,8 +99,9 @@ class Correlations(Shown):
         if not 0 <= level <= 1:
             raise InputError(f"level: found {level:g}, expected 0 to 1")
         found = np.argwhere(np.triu(np.abs(self.matrix) > level, k=1))
-        pairs = (Pair(self.names[a], self.names[b], float(self.matrix[a, b])) for a, b in found)
-        return Pairs(tuple(pairs), level)
+        pairs = Pairs(Pair(self.names[a], self.names[b], float(self.matrix[a, b])) for a, b in found)
+        pairs.level = level
+        return pairs
 
     def to_frame(self) -> Any:
         """Return the matrix as a pandas DataFrame with the names as its index and columns, (p, p)."""

@@ -78,10 +78,9 @@ class Laboratory:
     random_robot: tuple[float, int] | None = None
 
     def __post_init__(self) -> None:
-        for name, kind in (("robot", Robot), ("sensors", str), ("nominal", Rig | None)):
+        given = {"robot": Robot, "sensors": str, "nominal": Rig | None, "experiment": Experiment | None}
+        for name, kind in {**given, "random_robot": tuple[float, int] | None}.items():
             expect(name, getattr(self, name), kind)
-        expect("experiment", self.experiment, Experiment | None)
-        expect("random_robot", self.random_robot, tuple[float, int] | None)
         if self.random_robot is not None:
             check_spread(self.random_robot[0])
             at_least("random_robot", self.random_robot[1], 0)

@@ -155,17 +155,7 @@ def _report(robot: Robot, support: str, problems: tuple[str, ...] = (), **more: 
             for link, row in zip(parameters.tree.links, standard.tolist(), strict=True)
         ),
         base=tuple(
-            BaseParameter(
-                number=k,
-                name=name,
-                value=float(value),
-                columns=group,
-                standard=parameters.grouping(k - 1),
-                **base_parameter_words(parameters, k - 1, standard),
-            )
-            for k, (name, value, group) in enumerate(
-                zip(parameters.names, values, parameters.groups, strict=True), 1
-            )
+            _base_parameter(parameters, index, float(value), standard) for index, value in enumerate(values)
         ),
         findings=tuple(robot_findings(robot)),
         problems=problems,
@@ -191,12 +181,10 @@ def _found_table(name: str, found: dict[str, Any]) -> Table:
     return Table(name, columns("found", "value"), rows)
 
 
-def base_parameter_words(parameters: BaseParameters, index: int, standard: np.ndarray) -> dict[str, Any]:
-    """Describe the index-th base parameter for JSON: number of terms, the largest one, what is summed.
-
-    Args:
-        standard: standard parameters of the nominal robot (eq. 5), (n_links, 4) [kg, kg m, kg m, kg m].
-    """
+def _base_parameter(
+    parameters: BaseParameters, index: int, value: float, standard: np.ndarray
+) -> BaseParameter:
+    """Describe a base parameter by the standard parameters, (n_links, 4) [kg, kg m, kg m, kg m]."""
     terms = parameters.terms(index)
     links = parameters.tree.links
     sizes = [
@@ -216,11 +204,16 @@ def base_parameter_words(parameters: BaseParameters, index: int, standard: np.nd
         )
     weight, quantity, link = terms[int(np.argmax(sizes))]
     factor = "" if abs(abs(weight) - 1) < 1e-12 else f"{1e3 * abs(weight):.4g} mm "
-    return {
-        "terms": len(terms),
-        "largest": f"{'-' if weight < 0 else ''}{factor}{quantity}[{link}]",
-        "meaning": ", ".join(parts),
-    }
+    return BaseParameter(
+        number=index + 1,
+        name=parameters.names[index],
+        value=value,
+        columns=parameters.groups[index],
+        standard=parameters.grouping(index),
+        terms=len(terms),
+        largest=f"{'-' if weight < 0 else ''}{factor}{quantity}[{link}]",
+        meaning=", ".join(parts),
+    )
 
 
 def _listed(links: list[str]) -> str:

@@ -89,23 +89,21 @@ def configuration_of(
         imperfections: scale of those that were drawn for the laboratory; 0: it is exact.
     """
     rig = laboratory.rig
-    sensors: dict[str, Any] = dict(dataclasses.asdict(rig.sensors))
-    if rig.sensors.wrench is None:
-        del sensors["wrench"]
-    content = {
+    parts = ("controller", "drives", "compliance", "sensors", "protocol")
+    content: dict[str, Any] = {
         "preset": laboratory.sensors,
         "seed": seed,
         "robot": rig.robot.path.name,
-        "controller": dataclasses.asdict(rig.controller),
-        "drives": dataclasses.asdict(rig.drives),
-        "compliance": dataclasses.asdict(rig.compliance),
-        "sensors": sensors,
-        "protocol": dataclasses.asdict(rig.protocol),
+        **{part: dataclasses.asdict(getattr(rig, part)) for part in parts},
         "edited": rig.edit is not None,
         "adopted": [found.document() for found in laboratory.known],
         "statics": engine == "statics",
         "plan": {"robot": plan.robot, "made": plan.made, "postures": len(plan)},
-    } | ({"imperfections": float(imperfections)} if imperfections else {})
+    }
+    if rig.sensors.wrench is None:
+        del content["sensors"]["wrench"]
+    if imperfections:
+        content["imperfections"] = float(imperfections)
     if laboratory.random_robot is not None:
         content["random_robot"] = dict(zip(("spread", "seed"), laboratory.random_robot, strict=True))
     return Configuration.model_validate(finite(content))  # with lists for tuples, as it will be read again
@@ -215,7 +213,7 @@ def kind_of(folder: Path) -> RunKind | Literal["plan", "measurement"]:
         found = "found a file, expected a folder" if present(folder) else "no such folder"
         raise InputError(f"{folder}: {found}")
     if present(folder / RUN_FILE):
-        return _run_kind(folder / RUN_FILE)
+        return _kind_of_run(folder / RUN_FILE)
     found = [kind for kind, name in KINDS.items() if present(folder / name)]
     if len(found) != 1:
         expected = listed(dict.fromkeys([RUN_FILE, *KINDS.values()]))
@@ -231,7 +229,7 @@ def run_kind(folder: Path) -> RunKind:
     raise InputError(f"{folder}: found a {kind} folder, expected a run folder ({RUN_FILE})")
 
 
-def _run_kind(where: Path) -> RunKind:
+def _kind_of_run(where: Path) -> RunKind:
     head = Head.read(where)
     if head.format not in FORMATS:
         raise InputError(
