@@ -85,8 +85,7 @@ class Validation(SavedRun):
         result, robot, measured = folder / RESULT_FILE, self.robot, self.measurements
         own = self.identification.placed(robot, measured, str(result), "identification.")
         plain = self.least_squares
-        if plain is not None:
-            plain = plain.placed(robot, measured, str(result), "least_squares.")
+        plain = None if plain is None else plain.placed(robot, measured, str(result), "least_squares.")
         if self.truth.shape != (count := len(own.parameters.names),):
             raise InputError(f"{result}: key 'truth': found {self.truth.size} numbers, expected {count}")
         self.simulation.check(own.parameters.tree.links, measured, folder / TRUTH_FILE)

@@ -238,35 +238,19 @@ class MotionPlanner:
         """Return the motion between two rows of one placement and support."""
         legs, kind = self._legs(start, end)
         plan, support = self.plan, str(self.plan.support[start])
-        times, angles, speeds, accelerations, torques = [], [], [], [], []
-        before = 0.0
+        parts, before = [], 0.0
         for k, leg in enumerate(legs):
-            count = STRIDE * round(leg.duration * RATE / STRIDE)
-            part = np.linspace(0.0, 1.0, count + 1)
-            at = part * leg.duration
-            loads = self.loads.at(at, leg.path(part), support)
+            part = np.linspace(0.0, 1.0, STRIDE * round(leg.duration * RATE / STRIDE) + 1)
+            at, angles = part * leg.duration, leg.path(part)
+            speeds, accelerations = leg.path(part, 1) / leg.duration, leg.path(part, 2) / leg.duration**2
+            torques = self.loads.at(at, angles, support).torques
             first = int(k > 0)  # the stop on the way is the end of the leg before
-            times.append(before + at[first:])
-            angles.append(leg.path(part)[first:])
-            speeds.append((leg.path(part, 1) / leg.duration)[first:])
-            accelerations.append((leg.path(part, 2) / leg.duration**2)[first:])
-            torques.append(loads.torques[first:])
+            parts.append([values[first:] for values in (before + at, angles, speeds, accelerations, torques)])
             before += leg.duration
         room = {name: min(leg.room[name] for leg in legs) for name in legs[0].room}
-        return Motion(
-            start=int(plan.posture[start]),
-            end=int(plan.posture[end]),
-            placement=int(plan.placement[start]),
-            kind=kind,
-            via_stance=len(legs) > 1,
-            times=np.concatenate(times),
-            angles=np.concatenate(angles),
-            speeds=np.concatenate(speeds),
-            accelerations=np.concatenate(accelerations),
-            torques=np.concatenate(torques),
-            room=room,
-            reason=self.lacks(start, end),
-        )
+        ends = (int(plan.posture[start]), int(plan.posture[end]), int(plan.placement[start]))
+        way = (np.concatenate(values) for values in zip(*parts, strict=True))
+        return Motion(*ends, kind, len(legs) > 1, *way, room, self.lacks(start, end))
 
     def _legs(self, start: int, end: int) -> tuple[list[_Leg], str]:
         """Return the legs of the motion between two rows, and its kind.

@@ -179,13 +179,10 @@ class _Import:
                 if series is None
                 else self._reduced(proposal, manifest, series, folder)
             )
-        mapped = {}
-        for name in (*proposal.exact, *proposal.mapping):
-            checked = signs.confirmed.get(name) or signs.confirmed.get(name.rpartition(".")[0])
-            mapped[name] = MappedColumn(name, None, 1, "name", checked)
-            if (entry := proposal.mapping.get(name)) is not None:
-                by = "statement" if name in stated.columns else "words of the name"
-                mapped[name] = MappedColumn(entry.column, entry.unit, entry.sign, by, checked)
+        mapped = {name: MappedColumn(name, None, 1, "name", signs.of(name)) for name in proposal.exact}
+        for name, entry in proposal.mapping.items():
+            by = "statement" if name in stated.columns else "words of the name"
+            mapped[name] = MappedColumn(entry.column, entry.unit, entry.sign, by, signs.of(name))
         mapped |= {name: MappedColumn(name, None, 1, "added", None) for name in self.added}
         unchecked = [
             name
@@ -211,27 +208,25 @@ class _Import:
             look_up("joint", joint, joints, "map: key 'constant_joints'")
         if stated.contacts is not None and stated.plates is not None:
             raise InputError("map: found 'contacts' and 'plates', expected one of them")
-        if stated.gravity is None:
-            self.assumed.append(f"gravity {GRAVITY:g} m/s2")
-        if stated.weighed_mass is None:
-            self.assumed.append("the weighed mass is unknown")
         entries = stated.contacts or []
         wrenches = [entry for entry in entries if isinstance(entry, WrenchEntry)]
-        if any(entry.covariance is None for entry in wrenches):
-            self.assumed.append(
-                "the contact sensors' `covariance` is unknown: every averaged reading is taken to err by "
-                f"{ASSUMED_FORCE:g} N or {ASSUMED_MOMENT:g} Nm (1 s.d.)"
-            )
-        if any(isinstance(entry, CopEntry) and entry.sd is None for entry in entries):
-            self.assumed.append(
-                "the `sd` of the centres of pressure is unknown: their forces are taken to err by "
-                f"{ASSUMED_FORCE:g} N and the moments by {ASSUMED_MOMENT:g} Nm (1 s.d.)"
-            )
-        if any(entry.mount == "foot" and entry.below is None for entry in wrenches):
-            self.assumed.append(
-                "no `below` is stated: the foot is assumed to have no mass below its sensor, as in a sole; "
-                "an ankle's sensor does not weigh the foot, whose mass and centre it needs"
-            )
+        assumed = {
+            f"gravity {GRAVITY:g} m/s2": stated.gravity is None,
+            "the weighed mass is unknown": stated.weighed_mass is None,
+            "the contact sensors' `covariance` is unknown: every averaged reading is taken to err by "
+            f"{ASSUMED_FORCE:g} N or {ASSUMED_MOMENT:g} Nm (1 s.d.)": any(
+                entry.covariance is None for entry in wrenches
+            ),
+            "the `sd` of the centres of pressure is unknown: their forces are taken to err by "
+            f"{ASSUMED_FORCE:g} N and the moments by {ASSUMED_MOMENT:g} Nm (1 s.d.)": any(
+                isinstance(entry, CopEntry) and entry.sd is None for entry in entries
+            ),
+            "no `below` is stated: the foot is assumed to have no mass below its sensor, as in a sole; "
+            "an ankle's sensor does not weigh the foot, whose mass and centre it needs": any(
+                entry.mount == "foot" and entry.below is None for entry in wrenches
+            ),
+        }
+        self.assumed += [text for text, holds in assumed.items() if holds]
         plain = json.loads(stated.model_dump_json(exclude_none=True))
         corners = {"front_left": [1, 1], "front_right": [1, -1], "rear_right": [-1, -1], "rear_left": [-1, 1]}
         nothing = {side: {"cells": corners, "top_height": 0.0} for side in ("right", "left")}

@@ -35,7 +35,7 @@ def main(data: Path) -> None:
         robot = tt.load_robot(f"{scratch}/icub/robot.toml")
         tt.import_table(data / LOG, robot, out=f"{scratch}/yoga", map=[str(MAP)])
         m = tt.read_measurements(f"{scratch}/yoga")
-    problem = problem_of(m, robot, nominal_robot(robot, common_support(m.support)))
+    problem = problem_of(m, nominal_robot(robot, common_support(m.support)))
     cad, corrected = np.empty((2, len(m), 2))
     for train, test in by_halves(m).folds:
         of_cad = cad_errors(problem, train)
