@@ -110,11 +110,7 @@ class Preflight(Result):
 
 
 def check_folder(folder: Path, robot: Robot, corrections: Sequence[EffectInstance] = ()) -> Preflight:
-    """Check a measurement folder for faults, and for what it lacks.
-
-    Args:
-        corrections: effects that the measurements are corrected for before.
-    """
+    """Check a measurement folder, corrected for known effects, for faults and for what it lacks."""
     folder = Path(folder)
     check_kind(folder, "measurement")
     nominal = nominal_robot(robot)

@@ -97,11 +97,7 @@ def check_table(checks: Sequence[Check]) -> Table:
 
 
 def sigma_check(preset: str, sigma: float, placements: int, known: dict[str, list[float]]) -> Check:
-    """Residual sigma (eq. 14) [m] against the range of the preset.
-
-    Args:
-        known: middle and half-width [mm] by preset, from the robot's description.
-    """
+    """Hold the residual sigma (eq. 14) [m] against its preset's range; known: middle and half-width [mm]."""
     name = "residual sigma (mm)"
     ranges = {"ideal": IDEAL_SIGMA_MM, **known}
     if preset not in ranges:

@@ -47,11 +47,7 @@ class Pairs(Shown, tuple[Pair, ...]):
 
 
 def parameter_index(name: str | int, numbers: np.ndarray, names: tuple[str, ...]) -> int:
-    """Return the place of a parameter, given by name or number, among those of an estimate.
-
-    Args:
-        numbers, names: of the estimate's parameters, (p,).
-    """
+    """Return the place of a parameter, given by name or number, among the p of an estimate."""
     if name in names:
         return names.index(str(name))
     if isinstance(name, Integral) and name in numbers:
@@ -64,12 +60,7 @@ def parameter_index(name: str | int, numbers: np.ndarray, names: tuple[str, ...]
 
 @dataclass(frozen=True, repr=False)
 class Correlations(Shown):
-    """Correlations of p parameters.
-
-    Attributes:
-        numbers, names: of the parameters, (p,).
-        matrix: eq. 15, (p, p).
-    """
+    """Correlations (eq. 15) of p parameters: their numbers and names, (p,), and the matrix, (p, p)."""
 
     numbers: np.ndarray
     names: tuple[str, ...]

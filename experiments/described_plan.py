@@ -176,11 +176,7 @@ def _moving(plan: PosturePlan, motion: Trajectory) -> str:
 def describe_plan(
     robot: Robot, plan: PosturePlan, source: str | None, preset: str, measured: Measurements | None = None
 ) -> DescribedPlan:
-    """Describe a plan.
-
-    Args:
-        preset: of the sensors, "wii" or "force-plate".
-    """
+    """Describe a plan for the sensors of a preset, "wii" or "force-plate"."""
     whole = plan if measured is None else joined([as_plan(robot, measured), plan])
     rows = identifiable_regressor(source or "plan", robot, whole)
     parameters = planned_parameters(robot, whole)
@@ -226,11 +222,7 @@ def planned_noise(robot: Robot, plan: PosturePlan, preset: str) -> ReadingNoise:
 
 
 def planned_readings(rig: Rig, plan: PosturePlan, com: np.ndarray) -> Measurements:
-    """Compute the readings of the plates by the nominal model, without noise.
-
-    Args:
-        com: nominal centre of mass in the plan view, (m, 2) [m].
-    """
+    """Compute the plates' readings without noise for the nominal centre of mass, (m, 2) [m]."""
     robot, model = rig.robot, rig.robot.model
     plate = dataclasses.replace(nominal_plates(robot)[0], mass=0.0)  # tared
     weight = float(model.body_subtreemass[0] * -model.opt.gravity[2])

@@ -26,11 +26,7 @@ EXAMPLES = (
 
 @dataclass(frozen=True, repr=False)
 class EffectList(Result):
-    """Effects with their targets on a robot.
-
-    Attributes:
-        name: of the effect that is explained, or "law", their grammar; None: all of them.
-    """
+    """Effects with their targets on a robot: one by its name, their grammar "law", or all (None)."""
 
     name: str | None
     robot: Robot

@@ -85,11 +85,7 @@ def first_to_improve(found: SelfCalibration) -> str:
 
 
 def family_table(families: Sequence[CalibratedFamily], title: str, singly: bool = False) -> Table:
-    """Return the families with their spreads.
-
-    Args:
-        singly: whether to count the members that the data determine one by one.
-    """
+    """Return the families with their spreads, and how many members the data determine `singly`."""
     rows = []
     for k, one in enumerate(families):
         tolerance = one.family.effect.parameters[0].text(one.family.tolerance)

@@ -204,11 +204,7 @@ class Laboratory:
         return Run(self, plan, seed, engine, measured, outcome.truth, samples)
 
     def check(self, plan: PosturePlan, engine: str) -> None:
-        """Refuse a plan that this laboratory cannot measure.
-
-        Raises:
-            InputError: names what was found and what is valid.
-        """
+        """Refuse a plan that this laboratory cannot measure."""
         look_up("engine", engine, ENGINES, "engine")
         check_fits("plan", plan, self.robot)
         if plan.motion is not None and engine != "dynamics":
@@ -220,11 +216,7 @@ class Laboratory:
         self.check_effects(plan, engine)
 
     def check_effects(self, plan: PosturePlan, engine: str) -> None:
-        """Refuse effects that this laboratory cannot have.
-
-        Raises:
-            InputError: names what was found and what is valid.
-        """
+        """Refuse effects that this laboratory cannot have."""
         placements, contacts = np.unique(plan.placement).tolist(), header_of(self.rig).contacts
         for effect in (*self.known, *self.hidden):
             where = str(effect)

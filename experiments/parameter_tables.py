@@ -226,11 +226,7 @@ def standard_table(standard: StandardEstimate) -> Table:
 
 
 def weak_directions(estimate: Estimate, parameters: BaseParameters) -> str:
-    """Describe which parameters the postures hardly distinguish: those with an error beyond the longest link.
-
-    Returns:
-        "" where there are none.
-    """
+    """Describe which parameters have an error beyond the longest link, "" if none has."""
     longest = float(np.abs(parameters.from_standard[:, ::4]).max())
     weak = weakly_known(estimate.clustered_covariance, longest)
     if not len(weak):
@@ -294,11 +290,7 @@ class ConstantError:
 
 
 def constant_error(estimate: Estimate, regressor: np.ndarray) -> ConstantError:
-    """Return the mean of the residuals that an estimate leaves.
-
-    Args:
-        regressor: of the postures, (m, 2, p).
-    """
+    """Return the mean of the residuals that an estimate leaves, by the regressor (m, 2, p)."""
     residual, mean = estimate.residual.reshape(-1, 2), regressor.mean(axis=0)
     error = np.sqrt(np.diag(mean @ estimate.covariance @ mean.T))
     constant = residual.mean(axis=0)

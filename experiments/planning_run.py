@@ -76,11 +76,7 @@ class PlanSearch:
 
 
 def set_up_search(robot: Robot, settings: PlanSettings, measured: Measurements | None = None) -> PlanSearch:
-    """Check what a plan is to be, before the work.
-
-    Args:
-        measured: what was measured before: the plan is to tell most next.
-    """
+    """Check, before the work, what a plan is to be, alone or after what was measured before."""
     for name, least in (
         *(("seed", 0), ("placements", 1), ("postures_per_placement", 1), ("hops", 0)),
         *(("repeats", 0), ("right", 0), ("left", 0)),

@@ -149,11 +149,7 @@ class Proposals(Result):
 
 
 def experiment_table(experiments: Sequence[ProposedExperiment], key: str = "experiments") -> Table:
-    """Return ranked experiments, one per row.
-
-    Args:
-        key: where they are in their document.
-    """
+    """Return ranked experiments, one per row; key: of these in their document."""
     rows = []
     for k, one in enumerate(experiments):
         now, path = one.entropy_now, f"{key}.{k}"

@@ -161,11 +161,7 @@ def hashes_in(folder: Path) -> dict[str, str]:
 
 
 def check_files(folder: Path, outputs: dict[str, str], by: str, key: str = "outputs") -> None:
-    """Refuse a folder with a file that is missing or not what was written.
-
-    Args:
-        outputs: sha256 of the files. by, key: the file and its entry that state them.
-    """
+    """Refuse files that are missing or have another sha256 than an entry (`key`) of a file (`by`) states."""
     for name, expected in outputs.items():
         path = folder / name
         if ".." in Path(name).parts or Path(name).is_absolute():
@@ -191,11 +187,7 @@ def check_robot(folder: Path, inputs: dict[str, str], robot: Robot) -> None:
 def check_parameters(
     where: str, key: str, found: Sequence[tuple[int, str]], expected: Sequence[tuple[int, str]]
 ) -> None:
-    """Refuse rows of other parameters than the robot's.
-
-    Args:
-        found, expected: number and name of each row.
-    """
+    """Refuse rows of other parameters, by number and name, than the robot's."""
     if len(found) != len(expected):
         raise InputError(f"{where}: key '{key}': found {len(found)} rows, expected {len(expected)}")
     for row, (a, b) in enumerate(zip(found, expected, strict=True)):

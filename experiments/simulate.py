@@ -73,12 +73,7 @@ def simulate(
     workers: int | None = None,
     progress: Progress = silent,
 ) -> Simulation:
-    """Simulate an experiment and write a measurement folder.
-
-    Args:
-        plan: None: that of `experiment` or, without one, the shipped one; this and the others: see
-            `tulip_testbed.simulate`.
-    """
+    """Simulate, see `tulip_testbed.simulate`; without a plan that of `experiment`, or the shipped one."""
     check_places(out, truth)
     secret = RANDOM in effects
     if secret and truth is None:
@@ -127,11 +122,7 @@ def simulate(
 def _disturbed(
     laboratory: Laboratory, plan: PosturePlan, effects: Sequence[str], seed: int, statics: bool
 ) -> Laboratory:
-    """Hide effects in a laboratory.
-
-    Args:
-        seed: of random ones. statics: whether it is the static laboratory.
-    """
+    """Hide effects in a laboratory; random ones are the seed's."""
     placements = np.unique(plan.placement).tolist()
     contacts = header_of(laboratory.rig).contacts
     hidden = read_effects(effects, laboratory.robot, placements, seed, statics, "effects", contacts)

@@ -62,11 +62,7 @@ class SimulatedTruth(Truth, Documented):
         return np.array([held.com for held in self.held]) if self.attempts else None
 
     def check(self, links: tuple[str, ...], measurements: Measurements, where: Path) -> None:
-        """Refuse the truth of another robot or of other postures.
-
-        Args:
-            links: of the robot. where: place of the document, for messages.
-        """
+        """Refuse the truth of a robot with other links or of other postures; where: the document."""
         if self.links != links or self.standard.shape != (len(links), 4):
             raise InputError(
                 f"{where}: key 'links': found standard parameters of shape {self.standard.shape} of "

@@ -28,11 +28,7 @@ DEFAULT_PLAN = PLANS / "random"
 
 
 def plan_for(robot: Robot, plan: Path | None) -> PosturePlan:
-    """Read a plan that fits the robot; the shipped `random`, which is TULip's, if `plan` is None.
-
-    Args:
-        plan: folder, or name of a shipped plan.
-    """
+    """Read a plan that fits the robot, from a folder or by a shipped name; TULip's `random` if None."""
     if plan is None and robot.model_hash != load_robot().model_hash:
         raise InputError(
             f"{robot.path}: found no plan for this robot: the shipped one is TULip's. Draw one with "
@@ -82,11 +78,7 @@ def random_plan(
     seed: int = 1,
     progress: Progress = silent,
 ) -> PosturePlan:
-    """Draw random feasible postures.
-
-    Args:
-        placements: foot placements. per_placement: postures on each. seed: of the draws.
-    """
+    """Draw random feasible postures, `per_placement` on each placement of the feet."""
     at_least("placements", placements, 1)
     at_least("per_placement", per_placement, 1)
     at_least("seed", seed, 0)

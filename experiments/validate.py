@@ -155,11 +155,7 @@ def balance_checks(run: Run) -> list[Check]:
 
 
 def held_balance(truth: Truth, rig: Rig, whole: bool) -> list[Check]:
-    """Check that every hold is in balance; empty without holds, and for a robot that is read before it rests.
-
-    Args:
-        whole: see `balance_check`.
-    """
+    """Check that every hold is in balance; empty without holds or rest; whole: see `balance_check`."""
     worst = worst_balance(truth)
     if worst is None or not np.isfinite(rig.protocol.speed_gate):
         return []

@@ -77,11 +77,7 @@ def _detectable(columns: CandidateColumns, k: int, point: int, size: int | None,
 
 
 def angles(blocks: list[list[np.ndarray]]) -> np.ndarray:
-    """Smallest angle between any direction of one candidate and any of another, (n, n) [rad].
-
-    Args:
-        blocks: columns of every candidate at every point of its grid, (r, s).
-    """
+    """Return the smallest angles between candidates' columns, (r, s) at a grid point, (n, n) [rad]."""
     owner = np.repeat(np.arange(len(blocks)), [len(points) for points in blocks])
     width = max(column.shape[1] for points in blocks for column in points)
     bases = np.zeros((len(owner), blocks[0][0].shape[0], width))

@@ -105,12 +105,7 @@ class ExportedModel(Result):
 def exported_links(
     names: Sequence[str], cad: np.ndarray, pseudo: np.ndarray, shares: np.ndarray
 ) -> tuple[ExportedLink, ...]:
-    """Describe the links.
-
-    Args:
-        names: (n,). cad, pseudo: pseudo-inertias before and after, (n, 4, 4).
-        shares: how much of mass and centre is data, (n, 4).
-    """
+    """Describe links by pseudo-inertias before and after, (n, 4, 4), and the data's shares, (n, 4)."""
     links = []
     none = 0.0, np.zeros(3), np.zeros((3, 3))  # of a link without mass
     for name, *both, share in zip(names, pseudo, cad, shares, strict=True):

@@ -224,11 +224,7 @@ class MotionPlanner:
         return ", ".join(dict.fromkeys(name for leg in legs for name in leg.lacks))
 
     def angles(self, start: int, end: int, rate: float, slower: float) -> np.ndarray:
-        """Return the joint angles on the way between two rows, without the first, (k, n) [rad].
-
-        Args:
-            rate: of the instants [Hz]. slower: factor of the durations.
-        """
+        """Return the joint angles between two rows, at a rate [Hz] and without the first, (k, n) [rad]."""
         legs, _ = self._legs(start, end)
         counts = [int(np.ceil(slower * leg.duration * rate)) for leg in legs]
         parts = (leg.path(np.arange(1, n + 1) / n) for leg, n in zip(legs, counts, strict=True))

@@ -254,11 +254,7 @@ def _complete_drives(spec: mujoco.MjSpec, torques: dict[str, float], usual: floa
 
 
 def description(name: str, path: Path, skeleton: Skeleton, stance: Stance, planning: str = "") -> str:
-    """Return the description of a robot as TOML.
-
-    Args:
-        path: of the published file. planning: see `planning_table`.
-    """
+    """Return the description of a robot as TOML; path: of the published file."""
     right, left = (skeleton.name(foot.link) for foot in stance.feet)
     return (
         f"# Prepared by `tulip robot` from {printable(path.name)}; everything here can be edited.\n"
@@ -270,11 +266,7 @@ def description(name: str, path: Path, skeleton: Skeleton, stance: Stance, plann
 
 
 def planning_table(model: mujoco.MjModel, stance: Stance, standing: Standing, free: list[str]) -> str:
-    """Return the [planning] table of a description.
-
-    Args:
-        model: the robot alone. free: joints that are not between the feet.
-    """
+    """Return the [planning] table of a description; free: joints that are not between the feet."""
     leg, corners, spacing = standing.leg, stance.feet[0].corners, standing.spacing
     width, weight = float(np.ptp(corners[:, 1])), float(model.body_mass.sum()) * GRAVITY
     inner = float(corners[:, 1].max() - stance.feet[1].corners[:, 1].min())

@@ -129,11 +129,7 @@ class Skeleton:
 
 
 def skeleton_of(source: SourceFile, fixed: Collection[str] = ()) -> Skeleton:
-    """Return the links of a model; what nothing drives is fixed to the link above it.
-
-    Args:
-        fixed: more hinges that shall not move, at their zero.
-    """
+    """Return the links of a model; what nothing drives, and what is to be `fixed`, has no joint."""
     moving = source.driven - frozenset(fixed)
     spec = tree_spec(source.model, source.at_zero(source.driven), source.root, moving)
     spec.compiler.fusestatic = True
