@@ -126,7 +126,7 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
         return found
 
     def placed(self, robot: Robot, measurements: Measurements, where: str, key: str = "") -> Self:
-        """Return an identification as it was read with robot and measurements; what does not fit is refused."""
+        """Return what was read together with robot and measurements; what does not fit them is refused."""
         check_instances(self.corrections, robot, f"{where}: key '{key}corrections'")
         parameters = base_parameters(robot, support=common_support(measurements.support))
         if self.corrections:

@@ -106,16 +106,7 @@ def set_up_search(robot: Robot, settings: PlanSettings, measured: Measurements |
 def search_plan(
     search: PlanSearch, out: Path | None, sensors: str, progress: Progress = silent
 ) -> DescribedPlan:
-    """Search for a plan, or go on with an interrupted search.
-
-    Args:
-        out: new plan folder; the states of an interrupted search are next to it.
-        sensors: that the description is for.
-
-    Raises:
-        InputError: a state that this search did not leave; a place that cannot be written.
-        KeyboardInterrupt: before there was any plan.
-    """
+    """Search for a plan, or go on with the interrupted search whose states are next to its folder."""
     began, task, wanted = time.perf_counter(), search.task, search.settings
     place = None if out is None else str(out)
     with _states_of(search, out) as states:

@@ -73,10 +73,6 @@ def export_model(
     Args:
         adopted: effects that the laboratory is known to have. lengths: put its link lengths into the file.
         weighed: mass of the robot on a scale and its standard error [kg]; None: that of the identification.
-
-    Raises:
-        InputError: a file that exists, of another ending or of another robot, or whose settings overrule its
-            inertias.
     """
     _check(identification, robot, path, source)
     model = _lengthened(robot, adopted, source) if lengths else robot.model

@@ -39,15 +39,7 @@ class _Element:
 
 
 def with_inertias(content: bytes, pseudo: Mapping[str, np.ndarray], where: Path) -> bytes:
-    """Return the file with the inertias of some bodies (MJCF) or links (URDF) replaced.
-
-    Args:
-        content: of the file. pseudo: pseudo-inertias in the frames of the bodies by name, (4, 4) each.
-        where: the file, for messages.
-
-    Raises:
-        InputError: the file itself does not hold a body, which may stand in an included file.
-    """
+    """Return the file with the inertias of bodies (MJCF) or links (URDF) replaced, pseudo-inertias by name."""
     kind, elements = _elements(content, where)
     if missing := [name for name in pseudo if name not in elements]:
         raise InputError(
@@ -68,14 +60,7 @@ def with_inertias(content: bytes, pseudo: Mapping[str, np.ndarray], where: Path)
 
 
 def with_places(content: bytes, places: Mapping[str, tuple[np.ndarray, np.ndarray]], where: Path) -> bytes:
-    """Return an MJCF with the places of some bodies in their parents replaced.
-
-    Args:
-        places: old and new place of bodies by name, (3,) [m] each.
-
-    Raises:
-        InputError: the file does not hold the old place as the body's `pos`, for example within a <frame>.
-    """
+    """Return an MJCF with the places of bodies in their parents replaced, old and new, (3,) [m], by name."""
     changes = []
     _, elements = _elements(content, where)
     for name, (old, new) in places.items():

@@ -62,9 +62,6 @@ def published_links(path: Path, robot: Robot) -> PublishedLinks:
     """Match the bodies of a published MJCF or URDF with the links of a robot.
 
     Hinges of the same name have to lie on the same axes at zero angles.
-
-    Raises:
-        InputError: no MJCF or URDF, or one of another robot.
     """
     source = read_published(path)
     model, data = source.model, source.at_zero(joint_names(robot.model))

@@ -68,14 +68,7 @@ class ImportedRobot:
     description: str
 
     def write(self, out: Path, picture: Callable[[Robot], bytes | None] | None = None) -> Robot:
-        """Write robot.toml, robot.xml and a picture into a new folder, and load the robot.
-
-        Args:
-            picture: draws the robot as PNG, or returns None if it cannot.
-
-        Raises:
-            InputError: the folder exists or cannot be written, or the laboratory cannot take the robot.
-        """
+        """Write robot.toml, robot.xml and, if it can be drawn, a picture into a new folder; load the robot."""
         with new_folder(out) as folder:
             write_text(folder / "robot.xml", self.model)
             write_text(folder / DESCRIPTION, self.description)
@@ -86,17 +79,7 @@ class ImportedRobot:
 
 
 def import_robot(path: Path, feet: Sequence[str] = (), sole: Sequence[float] = ()) -> ImportedRobot:
-    """Prepare a published robot.
-
-    Args:
-        path: an MJCF or a URDF.
-        feet: links of the right and the left foot, if the geometry does not tell.
-        sole: how far it reaches in front of the ankle and behind it, its width, and how high the ankle is
-            over it [m]; if the geometry does not tell.
-
-    Raises:
-        InputError: no robot on two legs, or one that cannot stand, with the reason.
-    """
+    """Prepare a published robot; see `tulip_testbed.describe_robot`."""
     path = Path(path)
     problems: tuple[str, ...] = ()
     try:

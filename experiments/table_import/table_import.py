@@ -115,13 +115,7 @@ class ImportedTable(Result):
 
 
 def import_table(table: Path, robot: Robot, folder: Path, stated: ImportMap) -> ImportedTable:
-    """Write a measurement folder with a laboratory's own table, which is read through a mapping.
-
-    Args:
-        table: CSV or Parquet, one row a held posture; or the log of a moving robot, see `read_log`.
-        folder: a new one; it is written only if nothing necessary is missing.
-        stated: what the table does not say itself.
-    """
+    """Write a measurement folder with a laboratory's own table, see `tulip_testbed.import_table`."""
     stated = stated.model_copy(update={"columns": with_units(stated.columns)})
     return _Import(read_log(table), robot, stated).carried_out(Path(folder))
 
