@@ -39,7 +39,7 @@ class _Element:
 
 
 def with_inertias(content: bytes, pseudo: Mapping[str, np.ndarray], where: Path) -> bytes:
-    """Return the file with the inertias of bodies (MJCF) or links (URDF) replaced, pseudo-inertias by name."""
+    """Return the file with the pseudo-inertias of bodies (MJCF) or links (URDF) replaced, by name."""
     kind, elements = _elements(content, where)
     if missing := [name for name in pseudo if name not in elements]:
         raise InputError(

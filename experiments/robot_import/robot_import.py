@@ -68,7 +68,7 @@ class ImportedRobot:
     description: str
 
     def write(self, out: Path, picture: Callable[[Robot], bytes | None] | None = None) -> Robot:
-        """Write robot.toml, robot.xml and, if it can be drawn, a picture into a new folder; load the robot."""
+        """Write robot.toml, robot.xml and, if there is one, a picture into a new folder; load the robot."""
         with new_folder(out) as folder:
             write_text(folder / "robot.xml", self.model)
             write_text(folder / DESCRIPTION, self.description)
