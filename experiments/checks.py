@@ -82,16 +82,12 @@ def check_table(checks: Sequence[Check]) -> Table:
     numbers = ("value", "", ".4g"), ("threshold", "", ".4g")
     rows = []
     for k, check in enumerate(checks):
-        limit, key = check.threshold, f"checks.{k}"
-        rows.append(
-            [
-                Cell(check.name, f"{key}.name"),
-                Cell(check.result, f"{key}.result", check.result),
-                Cell(check.value, f"{key}.value"),
-                (-math.inf, limit) if isinstance(limit, int | float) else limit,
-                Cell(check.source, f"{key}.source"),
-            ]
+        name, value, source = (
+            Cell(getattr(check, field), f"checks.{k}.{field}") for field in ("name", "value", "source")
         )
+        result, limit = Cell(check.result, f"checks.{k}.result", check.result), check.threshold
+        bound = (-math.inf, limit) if isinstance(limit, int | float) else limit
+        rows.append([name, result, value, bound, source])
     heads = columns("check", "result", *numbers, "where the threshold comes from")
     return Table("Checks", heads, rows)
 
@@ -153,20 +149,14 @@ def correlation_checks(
     index = {number: k for k, number in enumerate(numbers.tolist())}
     checks = []
     for a, b in pairs:
-        predicted = planned[index[a], index[b]]
-        limit = f"below {CORRELATION_LIMIT}"
-        if predicted >= CORRELATION_LIMIT:
-            limit = f"not held to {CORRELATION_LIMIT}, which this plan weakens by itself"
-        low, high = predicted - CORRELATION_TOLERANCE, predicted + CORRELATION_TOLERANCE
-        checks.append(
-            within(
-                f"correlation ({a}, {b})",
-                actual[index[a], index[b]],
-                max(low, -1.0),
-                min(high, CORRELATION_LIMIT) if predicted < CORRELATION_LIMIT else high,
-                f"plan predicts {predicted:.4f}, within {CORRELATION_TOLERANCE}; {limit}",
-            )
-        )
+        place = index[a], index[b]
+        predicted = planned[place]
+        low, high = max(predicted - CORRELATION_TOLERANCE, -1.0), predicted + CORRELATION_TOLERANCE
+        limit = f"not held to {CORRELATION_LIMIT}, which this plan weakens by itself"
+        if predicted < CORRELATION_LIMIT:
+            high, limit = min(high, CORRELATION_LIMIT), f"below {CORRELATION_LIMIT}"
+        source = f"plan predicts {predicted:.4f}, within {CORRELATION_TOLERANCE}; {limit}"
+        checks.append(within(f"correlation ({a}, {b})", actual[place], low, high, source))
     return checks
 
 
@@ -199,10 +189,7 @@ def worst_balance(truth: Truth) -> dict[str, float] | None:
     books = [dataclasses.asdict(held.balance) for held in truth.held]
     if not books:
         return None
-    worst = {
-        name: max(abs(b[name]) for b in books)
-        for name in ("weight", "moments", "torques", "centre", "kinetic")
-    }
+    worst = {name: max(abs(b[name]) for b in books) for name in (*BALANCES, "kinetic")}
     return worst | {"least_dissipated": min(b["dissipated"] for b in books)}
 
 

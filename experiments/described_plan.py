@@ -39,15 +39,20 @@ from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.scene import boards_under, nominal_plates
 
+NO_MARGINS = "Margins are known for six joints a leg only."
 LARGE_SHARE = 1000.0  # % of a nominal value: it is near zero
 SEARCHED = (
-    *("objective", "initial_condition_number"),
-    *("measured_objective", "initial_objective", "final_objective"),
+    *("objective", "initial_condition_number", "measured_objective", "initial_objective", "final_objective"),
 )
 PROMISES = (
     *("condition_number", "preset", "sigma_mm", "predicted_standard_error_mm"),
-    *("predicted_relative_standard_error_percent", "well_identified"),
-    *("correlations", "margins", "clearances"),
+    *(
+        "predicted_relative_standard_error_percent",
+        "well_identified",
+        "correlations",
+        "margins",
+        "clearances",
+    ),
 )
 
 
@@ -105,10 +110,13 @@ class DescribedPlan(Result):
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON document, without what only a search has where there was none."""
-        unknown = {*SEARCHED, "wall_s"}
         document = super().to_json()
         named = {"plan": document.pop("source")} | document
-        return {key: value for key, value in named.items() if value is not None or key not in unknown}
+        return {
+            key: value
+            for key, value in named.items()
+            if value is not None or key not in (*SEARCHED, "wall_s")
+        }
 
     def promises(self) -> dict[str, Any]:
         """Return what the plan promises, as its folder keeps it."""
@@ -128,9 +136,7 @@ class DescribedPlan(Result):
             correlation_table("full", pairs, parameters, self.whole.joint_angles)
             if pairs
             else NO_CORRELATION,
-            "Margins are known for six joints a leg only."
-            if self.margins is None
-            else margin_table(self.margins),
+            NO_MARGINS if self.margins is None else margin_table(self.margins),
             clearance_table(self.clearances),
             *self.notes,
         ]
@@ -213,9 +219,8 @@ def planned_noise(robot: Robot, plan: PosturePlan, preset: str) -> ReadingNoise:
     com = nominal.center_of_mass(plan.joint_angles, plan.support)
     readings = planned_readings(rig, plan, com)
     sheet = readings.sensors
-    slope = (sheet.encoder_sd or 0.0) * nominal.parameters.slope_along(
-        nominal.value, plan.joint_angles, plan.support
-    )
+    slope = nominal.parameters.slope_along(nominal.value, plan.joint_angles, plan.support)
+    slope = (sheet.encoder_sd or 0.0) * slope
     own = (sheet.cell_sd or 0.0) ** 2 * cell_noise(readings, com) + slope @ slope.mT
     sd = np.array([*rig.sensors.mark_sd, *rig.sensors.placement_sd])
     return ReadingNoise(own, placement_levers(readings) * sd, plan.placement)

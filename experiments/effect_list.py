@@ -47,30 +47,25 @@ class EffectList(Result):
         return [*map(Verbatim, lines)]
 
     def to_json(self) -> dict[str, Any]:
-        document: dict[str, Any] = {"effects": []}
-        for effect in self.effects.values():
-            parameters = [
-                {
-                    "name": p.name,
-                    "unit": p.unit,
-                    "prior_sd": p.prior if p.prior > 0 else None,
-                    "positive": p.positive,
-                    "grid": list(p.grid),
-                }
-                for p in effect.parameters
-            ]
-            document["effects"].append(
+        document: dict[str, Any] = {
+            "effects": [
                 {
                     "name": effect.name,
                     "sentence": effect.sentence,
                     "usage": effect.usage,
-                    "parameters": parameters,
+                    "parameters": [
+                        {"name": p.name, "unit": p.unit, "prior_sd": p.prior if p.prior > 0 else None}
+                        | {"positive": p.positive, "grid": list(p.grid)}
+                        for p in effect.parameters
+                    ],
                     "target": effect.targets.word or None,
                     "targets": target_names(effect, self.robot),
                     "statics": effect.statics,
                     "explanation": explanation(effect.name),
                 }
-            )
+                for effect in self.effects.values()
+            ]
+        }
         if self.name == LAW:
             pairs = [(what, of) for what in whats(self.robot) for of in quantities(self.robot, what)]
             kinds = {pair: [part.partition(":")[0] for part in pair] for pair in pairs}

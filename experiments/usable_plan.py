@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -108,20 +109,11 @@ def as_plan(robot: Robot, measured: Measurements) -> PosturePlan:
 
 def joined(plans: list[PosturePlan]) -> PosturePlan:
     """Plans one after the other, with the first one's robot and provenance; numbers stay."""
-
-    def stacked(name: str) -> np.ndarray:
-        return np.concatenate([getattr(plan, name) for plan in plans])
-
-    return replace(
-        plans[0],
-        joint_angles=stacked("joint_angles"),
-        posture=stacked("posture"),
-        placement=stacked("placement"),
-        support=stacked("support"),
-        swing_pose=stacked("swing_pose"),
-        torques=None if all(plan.torques is None for plan in plans) else stacked("feed_forward"),
-        motion=None,
-    )
+    names = ["joint_angles", "posture", "placement", "support", "swing_pose", "feed_forward"]
+    arrays: dict[str, Any] = {name: np.concatenate([getattr(plan, name) for plan in plans]) for name in names}
+    torques = arrays.pop("feed_forward")
+    held = all(plan.torques is None for plan in plans)
+    return replace(plans[0], **arrays, torques=None if held else torques, motion=None)
 
 
 def plan_hash(plan: PosturePlan) -> str:

@@ -17,12 +17,12 @@ from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.experiments.atlases.atlas_result import ISOLABLE
 from tulip_testbed.experiments.atlases.effect_atlas import angles, atlas, groups
 from tulip_testbed.experiments.atlases.planned_experiment import (
+    BiasWeights,
     bias,
     estimates,
     noisy,
     planned,
     streams,
-    weights,
 )
 from tulip_testbed.experiments.atlases.tolerance import CHECKED, Tolerance, erring, sources
 from tulip_testbed.identification.observation import observe
@@ -109,7 +109,7 @@ def alike(predicted, simulated):
 def test_biases_are_those_of_the_estimator(plan, name, target):
     candidate = candidate_of(plan, name, target)
     point = len(candidate.settings) // 2
-    predicted = bias(plan, weights(plan), candidate, point)[:, 0]
+    predicted = bias(plan, BiasWeights(plan), candidate, point)[:, 0]
     part = 0.1  # of the prior's s.d.: to first order
     rig = candidate.effect.inject(plan.rig, target, candidate.values(part * candidate.prior, point))
     runs = noisy(solve_plan(rig, plan.solved_plan.plan), streams(SEED, CHECKED))
@@ -122,7 +122,7 @@ def test_biases_are_those_of_the_estimator(plan, name, target):
 )
 def test_biases_by_what_yields_agree_with_the_laboratory(plan, name, target):
     """Without noise: springs are drawn friction too, so that the same random numbers fall elsewhere."""
-    candidate, estimator = candidate_of(plan, name, target), weights(plan)
+    candidate, estimator = candidate_of(plan, name, target), BiasWeights(plan)
     predicted = bias(plan, estimator, candidate, 0)[:, 0]
     part = 0.1
     quiet = without_noise(plan.rig)
@@ -141,7 +141,7 @@ def test_tolerances_agree_with_simulation(plan):
     wanted = ("plate-translation:right y", "plate-yaw:left", "tilt about x", "cell-gain:right.rear_left")
     chosen = [s for s in every if s.label in (*wanted, "encoder-offset:right_ankle_roll")]
     assert len(chosen) == 5
-    estimator = weights(plan)
+    estimator = BiasWeights(plan)
     predicted = np.array([estimator.change(s.candidate, 0) @ s.sizes for s in chosen]) / plan.standard_errors
     without = estimates(plan.runs[:CHECKED], plan.nominal)
     with_each = np.array([estimates(erring(plan, s), plan.nominal) for s in chosen])
@@ -158,7 +158,7 @@ def test_tolerances_agree_with_simulation(plan):
 
 def test_all_errors_of_a_kind_leave_less_room_than_one(plan):
     every = sources(plan)
-    bias_of_all = np.array([weights(plan).change(s.candidate, 0) @ s.sizes for s in every])
+    bias_of_all = np.array([BiasWeights(plan).change(s.candidate, 0) @ s.sizes for s in every])
     said = Tolerance(plan, every, bias_of_all / plan.standard_errors, bias_of_all, bias_of_all)
     for name in {s.candidate.effect.name for s in every}:
         alone = min(said.allowed(k) for k, s in enumerate(every) if s.candidate.effect.name == name)

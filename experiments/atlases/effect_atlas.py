@@ -13,7 +13,7 @@ from tulip_testbed.discovery.evidence import DETECTABLE, effective_tests
 from tulip_testbed.discovery.selection import LEVEL
 from tulip_testbed.effects.instance import MOST_PRIORS
 from tulip_testbed.experiments.atlases.atlas_result import ISOLABLE, Atlas, AtlasRow
-from tulip_testbed.experiments.atlases.planned_experiment import Planned, bias, weights
+from tulip_testbed.experiments.atlases.planned_experiment import BiasWeights, Planned, bias
 from tulip_testbed.identification.distributions import chi2_isf, normal_isf
 from tulip_testbed.identification.residual_channels import CHANNELS
 
@@ -27,7 +27,7 @@ def atlas(planned: Planned, rng: np.random.Generator) -> Atlas:
     single = {c: candidate_columns(linear_model(planned.observed, planned.noise, c), among) for c in CHANNELS}
     tests = effective_tests([columns], rng)
     level = single_level(LEVEL, tests)
-    estimator, rows, changing = weights(planned), [], []
+    estimator, rows, changing = BiasWeights(planned), [], []
     for k, candidate in enumerate(among):
         points = columns.projected[k]
         length = np.array([np.linalg.norm(column) for column in points])

@@ -14,7 +14,13 @@ from tulip_testbed.base.table import Table
 from tulip_testbed.base.table_files import finite
 from tulip_testbed.discovery.candidates import Candidate, candidates
 from tulip_testbed.effects.catalogue import catalogue
-from tulip_testbed.experiments.atlases.planned_experiment import Planned, estimates, noisy, streams, weights
+from tulip_testbed.experiments.atlases.planned_experiment import (
+    BiasWeights,
+    Planned,
+    estimates,
+    noisy,
+    streams,
+)
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 
@@ -195,7 +201,7 @@ def sources(planned: Planned) -> tuple[ErrorSource, ...]:
 
 
 def tolerance(planned: Planned, progress: Progress = silent) -> Tolerance:
-    estimator, every = weights(planned), sources(planned)
+    estimator, every = BiasWeights(planned), sources(planned)
     predicted = np.array([estimator.change(source.candidate, 0) @ source.sizes for source in every])
     plain = planned.runs[:CHECKED]
     without = estimates(plain, planned.nominal)

@@ -245,7 +245,8 @@ class MotionPlanner:
             before += leg.duration
         room = {name: min(leg.room[name] for leg in legs) for name in legs[0].room}
         ends = (int(plan.posture[start]), int(plan.posture[end]), int(plan.placement[start]))
-        way = (np.concatenate(values) for values in zip(*parts, strict=True))
+        times, angles, speeds, accelerations, torques = map(np.concatenate, zip(*parts, strict=True))
+        way = (times, angles, speeds, accelerations, torques)
         return Motion(*ends, kind, len(legs) > 1, *way, room, self.lacks(start, end))
 
     def _legs(self, start: int, end: int) -> tuple[list[_Leg], str]:

@@ -96,9 +96,9 @@ class LaboratoryProtocol(Result):
             "order": self.plan.posture.tolist(),
             "placement_of_row": self.plan.placement.tolist(),
             "motions": {
-                "free": kinds[FREE],
+                FREE: kinds[FREE],
                 "via_stance": stances,
-                "hoist": kinds[HOIST],
+                HOIST: kinds[HOIST],
                 "set_down": kinds["set_down"],
             },
             "motion_minutes": self.motion_time / 60,
