@@ -24,7 +24,7 @@ from tulip_testbed.identification.cad_prior import CENTER_SD, MASS_SD, cad_prior
 from tulip_testbed.identification.center_of_pressure import contact_pressure
 from tulip_testbed.identification.distributions import t_ppf
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
-from tulip_testbed.identification.observation import Observation, observe
+from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.regressor import check_robot, regression, with_cad_where_needed
 from tulip_testbed.identification.residual_channels import carried
 from tulip_testbed.measurements import Measurements
@@ -134,7 +134,7 @@ def predict(
     """Score models on postures that took no part in their training; see `tulip_testbed.predict`."""
     nominal = nominal_robot(robot, common_support(measurements.support))
     check_robot(nominal.parameters, measurements, robot, source)
-    problem = problem_of(measurements, nominal)
+    problem = PredictionProblem(measurements, nominal)
     change = None
     if exported is not None:  # how the masses of a model file change CAD's centre of mass, (m, 2) [m]
         cad, other = robot.model, compile_spec(load_spec(exported), str(exported))
@@ -314,7 +314,6 @@ def _with_prior(problem: PredictionProblem, train: np.ndarray, test: np.ndarray)
     return problem.residual[test] - problem.matrix[test] @ change - shown, scale
 
 
-@dataclass(frozen=True, eq=False)
 class PredictionProblem:
     """The data that the models have to explain.
 
@@ -326,35 +325,20 @@ class PredictionProblem:
             weight if it is not either, (m, 2, z).
     """
 
-    observed: Observation
-    matrix: np.ndarray
-    center: np.ndarray
-    residual: np.ndarray
-    spread: np.ndarray
-    zeros: np.ndarray
+    def __init__(self, m: Measurements, nominal: Nominal):
+        self.observed = observe(m, nominal)
+        self.matrix = nominal.parameters.regressor(m.joint_angles, m.support)
+        self.center, self.zeros = contact_pressure(m, nominal).center, np.zeros((len(m), 2, 0))
+        unknown = self.observed.contacts.unsure
+        if m.wrenches is not None and unknown.any():
+            self.center, self.zeros = _about_zeros(m, nominal, unknown)
+        self.residual = self.center - nominal.center_of_mass(m.joint_angles, m.support)
+        self.spread = cad_prior(nominal.parameters, standard_parameters(nominal.robot.model)).root
 
 
 def _rows(values: np.ndarray, chosen: np.ndarray) -> np.ndarray:
     """Return the rows of a matrix (m, 2, k) for some postures, (2 n, k)."""
     return values[chosen].reshape(2 * len(chosen), -1)
-
-
-def problem_of(m: Measurements, nominal: Nominal) -> PredictionProblem:
-    """Return what measurements of a robot leave to explain."""
-    parameters, observed = nominal.parameters, observe(m, nominal)
-    unknown = observed.contacts.unsure
-    if m.wrenches is None or not unknown.any():
-        center, zeros = contact_pressure(m, nominal).center, np.zeros((len(m), 2, 0))
-    else:
-        center, zeros = _about_zeros(m, nominal, unknown)
-    return PredictionProblem(
-        observed=observed,
-        matrix=parameters.regressor(m.joint_angles, m.support).reshape(len(m), 2, -1),
-        center=center,
-        residual=center - nominal.center_of_mass(m.joint_angles, m.support),
-        spread=cad_prior(parameters, standard_parameters(nominal.robot.model)).root,
-        zeros=zeros,
-    )
 
 
 def _about_zeros(m: Measurements, nominal: Nominal, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

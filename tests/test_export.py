@@ -19,7 +19,7 @@ from tests.published_robot import write_published
 from tulip_testbed.base.errors import InputError, InputWarning
 from tulip_testbed.experiments.export.export_model import export_model
 from tulip_testbed.experiments.export.model_text import with_inertias, with_places
-from tulip_testbed.experiments.export.published_links import published_links
+from tulip_testbed.experiments.export.published_links import PublishedLinks
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
 from tulip_testbed.identification.cad_prior import cad_prior
@@ -145,7 +145,7 @@ def test_urdf_of_an_mjcf(name, robot, foreign, found, tmp_path):
         angles = dict(zip(joint_names(described.model), rng.uniform(-1, 1, 100), strict=False))
         one, other = (center_of_mass(model, angles) for model in models)
         assert np.abs(one - other).max() < 1e-9 + 1e-6 * (models[1].nbody > models[0].nbody)
-    read = published_links(tmp_path / "a.urdf", described)
+    read = PublishedLinks(tmp_path / "a.urdf", described)
     sums = read.by_link(described.model.nbody - 1)
     again = wanted.parameters.values(sums[:, 3, [3, 0, 1, 2]])
     assert np.abs(again - made.base_parameters).max() < 1e-9
@@ -161,7 +161,7 @@ def published(tmp_path_factory):
 
 def test_links_of_a_published_file_add_up(published):
     urdf, robot = published
-    links = published_links(urdf, robot)
+    links = PublishedLinks(urdf, robot)
     assert len(links.names) > robot.model.nbody - 1
     assert (
         np.abs(links.by_link(robot.model.nbody - 1) - pseudo_inertias(robot.model)).max() < 1e-5
@@ -174,13 +174,13 @@ def test_a_published_urdf_gets_the_inertias(published, found, tmp_path):
     made = export_model(wanted, robot, tmp_path / "new.urdf", urdf)
     before, after = urdf.read_bytes(), (tmp_path / "new.urdf").read_bytes()
     assert outside(before) == outside(after)
-    links = published_links(tmp_path / "new.urdf", robot)
+    links = PublishedLinks(tmp_path / "new.urdf", robot)
     sums = links.by_link(robot.model.nbody - 1)
     assert np.abs(wanted.parameters.values(sums[:, 3, [3, 0, 1, 2]]) - made.base_parameters).max() < 1e-9
     written = [pseudo_inertia(one.mass, one.center, one.inertia) for one in made.links]
     assert np.abs(sums - np.array(written)).max() < 1e-9
     assert np.linalg.eigvalsh(links.pseudo).min() > 0
-    assert links.names == published_links(urdf, robot).names
+    assert links.names == PublishedLinks(urdf, robot).names
     assert any("meshes/torso.stl" in note for note in made.notes)
     beside = export_model(wanted, robot, urdf.with_name("new.urdf"), urdf)
     assert beside.notes == ()

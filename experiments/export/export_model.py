@@ -20,7 +20,7 @@ from tulip_testbed.effects.motion_effects import INERTIA
 from tulip_testbed.effects.true_robot import true_model
 from tulip_testbed.experiments.export.exported_model import ExportedModel, TotalMass, exported_links
 from tulip_testbed.experiments.export.model_text import with_inertias, with_places, written_urdf
-from tulip_testbed.experiments.export.published_links import PublishedLinks, published_links
+from tulip_testbed.experiments.export.published_links import PublishedLinks
 from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.robot_import.skeleton import LEAST_MASS
 from tulip_testbed.experiments.robot_import.urdf import find_mesh
@@ -78,7 +78,7 @@ def export_model(
     model = _lengthened(robot, adopted, source) if lengths else robot.model
     parameters = base_parameters(robot, model, identification.parameters.support)
     links, full = parameters.tree.links, identification.full
-    bodies = None if source is None else published_links(source, robot)
+    bodies = None if source is None else PublishedLinks(source, robot)
     cad = pseudo_inertias(robot.model)
     if bodies is not None:
         cad = bodies.by_link(robot.model.nbody - 1)
@@ -307,7 +307,7 @@ def _published(content: bytes, path: Path, robot: Robot) -> np.ndarray:
     with tempfile.TemporaryDirectory() as scratch:
         place = Path(scratch) / path.name
         write_bytes(place, content)
-        return published_links(place, robot).by_link(robot.model.nbody - 1)
+        return PublishedLinks(place, robot).by_link(robot.model.nbody - 1)
 
 
 def _missing_files(source: Path, path: Path) -> tuple[str, ...]:

@@ -15,7 +15,6 @@ from tulip_testbed.experiments.protocols.motion_loads import LoadsInMotion, Moti
 from tulip_testbed.identification.feasibility import place_polygon, stability_margin, support_polygon
 from tulip_testbed.identification.inverse_kinematics import InverseKinematics
 from tulip_testbed.identification.link_clearances import (
-    LinkPairs,
     clearances_at,
     link_pairs,
     reference_posture,
@@ -46,9 +45,8 @@ FREE, HOIST, LIFT = "free", "hoist", "lift"
 DIGITS = 6  # of an angle [rad], its derivatives and a torque, in a file
 
 
-@dataclass(frozen=True, eq=False)
 class MotionLimits:
-    """Limits of a robot's motions.
+    """Limits of a robot's motions: of margins that its plans keep at rest beyond stability, half.
 
     Attributes:
         ranges: of the joints, (n, 2) [rad].
@@ -59,27 +57,15 @@ class MotionLimits:
         pairs: links that must keep a distance, in the frame of the right and of the left foot.
     """
 
-    ranges: np.ndarray
-    torques: np.ndarray
-    stability_margin: float
-    sole_margin: float
-    lifted: float
-    pairs: tuple[LinkPairs, LinkPairs]
-
-
-def motion_limits(robot: Robot) -> MotionLimits:
-    """Return the limits of a robot: of margins that its plans keep at rest beyond stability, half."""
-    margins = planning_margins(robot)
-    ranges = planning_ranges(robot) if "planning" in robot.settings else None
-    feet = (robot, with_feet_exchanged(robot))
-    return MotionLimits(
-        ranges=joint_ranges(robot.model),
-        torques=torque_limits(robot),
-        stability_margin=0.0 if ranges is None else ranges.stability_margin,
-        sole_margin=0.0 if ranges is None else SHARE * ranges.sole_margin,
-        lifted=SHARE * margins.lifted,
-        pairs=(link_pairs(feet[0], margins.link_clearance), link_pairs(feet[1], margins.link_clearance)),
-    )
+    def __init__(self, robot: Robot):
+        margins = planning_margins(robot)
+        planned = planning_ranges(robot) if "planning" in robot.settings else None
+        self.ranges, self.torques = joint_ranges(robot.model), torque_limits(robot)
+        self.stability_margin = 0.0 if planned is None else planned.stability_margin
+        self.sole_margin = 0.0 if planned is None else SHARE * planned.sole_margin
+        self.lifted = SHARE * margins.lifted
+        feet = (robot, with_feet_exchanged(robot))
+        self.pairs = tuple(link_pairs(one, margins.link_clearance) for one in feet)
 
 
 def dynamic_room(limits: MotionLimits, loads: MotionLoads, support: str) -> dict[str, float]:
@@ -199,7 +185,7 @@ class MotionPlanner:
 
     def __init__(self, robot: Robot, plan: PosturePlan, speed: float = SPEED):
         self.robot, self.plan, self.speed = robot, plan, speed
-        self.limits: MotionLimits = motion_limits(robot)
+        self.limits = MotionLimits(robot)
         self.loads = LoadsInMotion(robot)
         self.chain = self.loads.chain
         self.inverse = InverseKinematics(robot, robot.model)
