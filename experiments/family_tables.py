@@ -103,19 +103,15 @@ def budget_table(found: SelfCalibration, names: tuple[str, ...], contacts: Conta
     rows = []
     for k, name in enumerate(names):
         order = np.argsort(-found.shares[:, k])[:LARGEST_PARTS]
-        parts = [
-            f"{found.sources[j]} {100 * found.shares[j, k]:.0f} %"
-            for j in order
-            if found.shares[j, k] >= LEAST_SHARE
-        ]
+        shares = ((found.sources[j], found.shares[j, k]) for j in order)
+        parts = [f"{source} {100 * share:.0f} %" for source, share in shares if share >= LEAST_SHARE]
         rows.append([name, float(np.sqrt(found.covariance[k, k])), ", ".join(parts)])
     heads = columns("parameter", ("s.e.", "mm", ".2f", 1e3), "largest parts of its variance")
     sensors, one = ("cells", "cell") if contacts is None else ("contact sensors", "sensor")
     in_feet = contacts is not None and contacts.mount == "foot"
     plates = "right, left plate: errors of their recorded places; "
     note = (
-        f"{sensors}, encoders: their noise; {'' if in_feet else plates}internal forces: "
-        f"between the feet, which no {one} shows; spreads: how well spreads and scales are known; a family: "
-        "its members."
+        f"{sensors}, encoders: their noise; {'' if in_feet else plates}internal forces: between the feet, "
+        f"which no {one} shows; spreads: how well spreads and scales are known; a family: its members."
     )
     return Table("Budget of the standard errors", heads, rows, note)

@@ -161,12 +161,12 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
         Raises:
             UnknownNameError: there is none; lists the names that are close and those that are valid.
         """
-        k = parameter_index(name, self.full.numbers, self.full.names)
-        value, error = float(self.full.value[k]), float(self.full.standard_error[k])
-        half = float(t_ppf(0.975, self.full.interval_dof[k])) * error
-        return IdentifiedParameter(
-            int(self.full.numbers[k]), self.full.names[k], value, error, (value - half, value + half)
-        )
+        full = self.full
+        k = parameter_index(name, full.numbers, full.names)
+        value, error = float(full.value[k]), float(full.standard_error[k])
+        half = float(t_ppf(0.975, full.interval_dof[k])) * error
+        ends = (value - half, value + half)
+        return IdentifiedParameter(int(full.numbers[k]), full.names[k], value, error, ends)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.full.names)

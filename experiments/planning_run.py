@@ -77,11 +77,9 @@ class PlanSearch:
 
 def set_up_search(robot: Robot, settings: PlanSettings, measured: Measurements | None = None) -> PlanSearch:
     """Check, before the work, what a plan is to be, alone or after what was measured before."""
-    for name, least in (
-        *(("seed", 0), ("placements", 1), ("postures_per_placement", 1), ("hops", 0)),
-        *(("repeats", 0), ("right", 0), ("left", 0)),
-    ):
-        at_least(name, getattr(settings, name), least)
+    for name, value in vars(settings).items():
+        if name != "objective":
+            at_least(name, value, int(name in ("placements", "postures_per_placement")))
     for name in ("hops", "right", "left"):
         at_most(name, getattr(settings, name), MOST_ROWS)
     placements, per = settings.placements, settings.postures_per_placement

@@ -116,10 +116,8 @@ def report_robot(
     """Report on a description, or prepare a published model; see `tulip_testbed.describe_robot`."""
     if file.suffix.lower() not in PUBLISHED:
         if feet or sole or out is not None:
-            found = "a folder" if file.is_dir() else "a description"
-            raise InputError(
-                f"{file}: found {found}, expected a published MJCF or URDF with feet, sole or out"
-            )
+            found = f"{file}: found a {'folder' if file.is_dir() else 'description'}"
+            raise InputError(f"{found}, expected a published MJCF or URDF with feet, sole or out")
         return _report(described_robot(file), support)
     imported = import_robot(file, feet, sole)
     more: dict[str, Any] = {"found": imported.found, "assumed": imported.assumed}
@@ -131,11 +129,9 @@ def report_robot(
 
 
 def _report(robot: Robot, support: str, problems: tuple[str, ...] = (), **more: Any) -> RobotReport:
-    overlaps = [
-        f"{' and '.join(names)} ({1e3 * d:.0f} mm)" for names, d in overlaps_at_reference(robot).items()
-    ]
-    if overlaps:
-        problems += (f"links that overlap in the posture stand, and may do so in plans: {listed(overlaps)}",)
+    if found := overlaps_at_reference(robot):
+        overlaps = listed(f"{' and '.join(names)} ({1e3 * d:.0f} mm)" for names, d in found.items())
+        problems += (f"links that overlap in the posture stand, and may do so in plans: {overlaps}",)
     parameters = base_parameters(robot, robot.model, support)
     standard = standard_parameters(robot.model)
     values = parameters.values(standard)
@@ -199,9 +195,8 @@ def _base_parameter(
         parts.append(f"{moments[0][0]} moment of {_listed([of for _, of in moments])}")
     if masses:
         at = " or ".join(f"{length:g}" for length in lengths)
-        parts.append(
-            f"{_listed(masses)} at {at} mm" if len(masses) == 1 else f"{len(masses)} masses at {at} mm"
-        )
+        what = _listed(masses) if len(masses) == 1 else f"{len(masses)} masses"
+        parts.append(f"{what} at {at} mm")
     weight, quantity, link = terms[int(np.argmax(sizes))]
     factor = "" if abs(abs(weight) - 1) < 1e-12 else f"{1e3 * abs(weight):.4g} mm "
     return BaseParameter(

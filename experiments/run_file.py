@@ -215,10 +215,9 @@ def kind_of(folder: Path) -> RunKind | Literal["plan", "measurement"]:
 
 def run_kind(folder: Path) -> RunKind:
     """Return which kind of run a folder holds."""
-    kind = kind_of(folder)
-    if kind != "plan" and kind != "measurement":
-        return kind
-    raise InputError(f"{folder}: found a {kind} folder, expected a run folder ({RUN_FILE})")
+    if (kind := kind_of(folder)) in ("plan", "measurement"):
+        raise InputError(f"{folder}: found a {kind} folder, expected a run folder ({RUN_FILE})")
+    return kind
 
 
 def _kind_of_run(where: Path) -> RunKind:

@@ -40,27 +40,14 @@ def atlas(planned: Planned, rng: np.random.Generator) -> Atlas:
         for size in range(len(candidate.effect.sizes)) if candidate.effect.sizes else (None,):
             column = points[point][:, [size or 0]]
             prior = 1.0 if size is None else candidate.prior[size]
-            rows.append(
-                AtlasRow(
-                    candidate,
-                    size,
-                    _detectable(columns, k, point, size, level),
-                    {c: _detectable(single[c], k, point, size, level) for c in CHANNELS},
-                    bool(np.linalg.norm(column) * prior > DETECTABLE),
-                    moved[:, size or 0],
-                )
-            )
+            least_size = _detectable(columns, k, point, size, level)
+            by_channel = {c: _detectable(single[c], k, point, size, level) for c in CHANNELS}
+            visible = bool(np.linalg.norm(column) * prior > DETECTABLE)
+            rows.append(AtlasRow(candidate, size, least_size, by_channel, visible, moved[:, size or 0]))
     shown = [k for k in range(len(among)) if any(r.visible for r in rows if r.candidate is among[k])]
     angle = angles([changing[k] for k in shown])
-    return Atlas(
-        planned,
-        tuple(rows),
-        tuple(among[k] for k in shown),
-        angle,
-        tuple(tuple(group) for group in groups(angle)),
-        tests,
-        level,
-    )
+    alike = tuple(tuple(group) for group in groups(angle))
+    return Atlas(planned, tuple(rows), tuple(among[k] for k in shown), angle, alike, tests, level)
 
 
 def _detectable(columns: CandidateColumns, k: int, point: int, size: int | None, level: float) -> float:

@@ -103,11 +103,8 @@ def export_model(
     if left_out := [str(effect) for effect in adopted if effect.effect.name != LENGTH or not lengths]:
         notes = (*notes, f"Adopted, but not in the file: {listed(left_out)}")
     if consistent.misfit:
-        notes = (
-            "No physically consistent robot has the base parameters; the exported one is the nearest, "
-            f"{consistent.misfit:.3g} standard errors away.",
-            *notes,
-        )
+        nearest = f"the exported one is the nearest, {consistent.misfit:.3g} standard errors away"
+        notes = (f"No physically consistent robot has the base parameters; {nearest}.", *notes)
     result = ExportedModel(
         links=exported_links(links, cad, consistent.pseudo, shares),
         base_parameters=consistent.value,
@@ -176,9 +173,8 @@ def with_identified_inertias(
     if calibration is None or not found:
         return reference, ()
     if calibration.observed is None:
-        return reference, (
-            "Inertias follow CAD. Export the measurement folder for what the motion determines.",
-        )
+        note = "Inertias follow CAD. Export the measurement folder for what the motion determines."
+        return reference, (note,)
     (one,) = found
     known, count = one.determined, len(one.value)
     numbers = np.array([int(target) - 1 for target in one.family.targets])
@@ -230,10 +226,8 @@ def _content(
     elif path.suffix.lower() == ".urdf":
         content = written_urdf(robot, model, consistent.pseudo)
         read = _published(content, path, replace(robot, model=model))
-        notes = (
-            "The URDF is generated from the robot's MJCF: links, hinges, limits and inertias, without "
-            "shapes and motors.",
-        )
+        parts = "links, hinges, limits and inertias, without shapes and motors"
+        notes = (f"The URDF is generated from the robot's MJCF: {parts}.",)
     else:
         check_unchanged(robot, robot.model_file)
         _check_compiler(robot.model_file)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
@@ -95,11 +96,10 @@ def moving_plan(
     plan = plan.take(np.sort(first))  # in motion nothing is repeated
     planner = MotionPlanner(robot, plan, speed)
     stances = stances_in_order(planner, list(dict.fromkeys(plan.placement.tolist())), progress)
-    ways: list[list[tuple[int, int]]] = []
-    left_out = Counter[str]()
+    ways, left_out = list[list[tuple[int, int]]](), Counter[str]()
     for rows in stances:
         ways.append([])
-        for start, end in zip(rows[:-1].tolist(), rows[1:].tolist(), strict=True):
+        for start, end in pairwise(rows.tolist()):
             if planner.way(start, end)[1] == FREE:
                 ways[-1].append((start, end))
             else:
@@ -123,10 +123,9 @@ def moving_plan(
     moving = replace(plan.take(np.concatenate(stances)), made=made, motion=motion)
     notes = (TOO_FAST,) if inertial > FAST * noise else ()
     if minutes is not None:
-        needed = f"At {speed:g} rad/s the motions take {at_limit:.1f} min"
         short = at_limit > minutes
         budget = f", more than {minutes:g}." if short else f"; they are {slower:.1f} times slower."
-        notes = (needed + budget, *notes)
+        notes = (f"At {speed:g} rad/s the motions take {at_limit:.1f} min{budget}", *notes)
     return MotionPlan(
         segments=len(motion.segments),
         samples=len(motion),
