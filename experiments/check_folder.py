@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import MOST_LISTED, FaultyError, InputError, listed, shortened, warn
 from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Cell, Table, Verbatim
@@ -72,19 +72,14 @@ class Preflight(Result):
         return {UNREADABLE: 2, "fail": 1}.get(self.verdict, 0)
 
     def tables(self) -> list[Table | str]:
-        """Return the checks and what to do about them; of a folder that cannot be read what it lacks."""
         if self.complaints is not None:
             return self._lacks(self.complaints)
-        results = [Cell(check.result, mark=check.result) for check in self.checks]
-        both = list(zip(self.checks, results, strict=True))
-        columns = (Column("check"), Column("result"), Column("found"), Column("expected"))
+        both = [(check, Cell(check.result, mark=check.result)) for check in self.checks]
         rows = [[check.name, result, check.seen, check.expected] for check, result in both]
-        parts: list[Table | str] = [Table("Preflight", columns, rows)]
-        columns = (Column("check"), Column("result"), Column("where"), Column("what to do"))
-        faulty = [(check, result) for check, result in both if check.result in ("warn", "fail")]
-        if faulty:
-            rows = [[check.name, result, check.where, check.advice] for check, result in faulty]
-            parts.append(Table("Advice", columns, rows))
+        parts: list[Table | str] = [Table("Preflight", columns("check", "result", "found", "expected"), rows)]
+        faulty = ("warn", "fail")
+        if rows := [[c.name, result, c.where, c.advice] for c, result in both if c.result in faulty]:
+            parts.append(Table("Advice", columns("check", "result", "where", "what to do"), rows))
         skipped = [check.seen for check in self.checks if check.result == NOT_EVALUATED]
         reasons = [f"{skipped.count(reason)} ({reason})" for reason in dict.fromkeys(skipped)]
         parts += [f"Not evaluated: {'; '.join(reasons)}."] if skipped else []
@@ -92,7 +87,6 @@ class Preflight(Result):
         return [*parts, f"Verdict: {self.verdict} ({counts_line(self.counts)})"]
 
     def _lacks(self, found: Complaints) -> list[Table | str]:
-        """Return what an incomplete folder lacks, with an example to copy."""
         lines = ["This folder cannot be read yet:"]
         lines += [f"  - {text}" for text in (*found.manifest, *found.table)]
         if found.manifest:
@@ -116,11 +110,7 @@ class Preflight(Result):
 
 
 def check_folder(folder: Path, robot: Robot, corrections: Sequence[EffectInstance] = ()) -> Preflight:
-    """Check a measurement folder for faults, and for what it lacks.
-
-    Args:
-        corrections: effects that the measurements are corrected for before.
-    """
+    """Check a measurement folder, corrected for known effects, for faults and for what it lacks."""
     folder = Path(folder)
     check_kind(folder, "measurement")
     nominal = nominal_robot(robot)
@@ -155,18 +145,15 @@ def check_measurements(
     """
     check_tolerances(measurements.tolerances, f"{source}: key 'tolerances'")
     nominal = nominal_robot(robot)
-    if not corrections:
-        findings = preflight(measurements, nominal, series, partial(usual_changes, measurements, nominal))
-        findings += _of_motion(measurements, nominal, samples)
-        return preflight_of(measurements, nominal, findings)
-    check_robot(nominal.parameters, measurements, robot, source)
-    corrected, _ = without(measurements, nominal, corrections)
+    corrected = measurements
+    if corrections:
+        check_robot(nominal.parameters, measurements, robot, source)
+        corrected, _ = without(measurements, nominal, corrections)
     findings = preflight(corrected, nominal, series, partial(usual_changes, corrected, nominal))
-    # Of the records of the plates: corrected ones hold what moves the centre of pressure otherwise.
-    recorded = plate_poses(measurements)
-    findings = [recorded if finding.name == recorded.name else finding for finding in findings]
-    findings += _of_motion(corrected, nominal, samples)
-    return preflight_of(corrected, nominal, findings)
+    if corrections:  # corrected records of the plates hold what moves the centre of pressure otherwise
+        recorded = plate_poses(measurements)
+        findings = [recorded if finding.name == recorded.name else finding for finding in findings]
+    return preflight_of(corrected, nominal, [*findings, *_of_motion(corrected, nominal, samples)])
 
 
 def _of_motion(rows: Measurements, nominal: Nominal, samples: Measurements | None) -> list[Finding]:
@@ -254,7 +241,6 @@ def _refuse_other_robot(folder: Path, nominal: Nominal) -> None:
 
 
 def preflight_of(measurements: Measurements, nominal: Nominal, findings: Sequence[Finding]) -> Preflight:
-    """Summarise the findings of a preflight."""
     results = [finding.result for finding in findings]
     return Preflight(
         verdict=worst_of([result for result in results if result != "not evaluated"]),

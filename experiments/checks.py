@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import columns
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Figure
 from tulip_testbed.base.table import Cell, Table
@@ -79,35 +79,21 @@ def verdict(checks: Sequence[Check]) -> str:
 
 
 def check_table(checks: Sequence[Check]) -> Table:
-    """Return the checks of a verdict."""
-    columns = (
-        Column("check"),
-        Column("result"),
-        Column("value", format=".4g"),
-        Column("threshold", format=".4g"),
-        Column("where the threshold comes from"),
-    )
+    numbers = ("value", "", ".4g"), ("threshold", "", ".4g")
     rows = []
     for k, check in enumerate(checks):
-        limit, key = check.threshold, f"checks.{k}"
-        rows.append(
-            [
-                Cell(check.name, f"{key}.name"),
-                Cell(check.result, f"{key}.result", check.result),
-                Cell(check.value, f"{key}.value"),
-                (-math.inf, limit) if isinstance(limit, int | float) else limit,
-                Cell(check.source, f"{key}.source"),
-            ]
+        name, value, source = (
+            Cell(getattr(check, field), f"checks.{k}.{field}") for field in ("name", "value", "source")
         )
-    return Table("Checks", columns, rows)
+        result, limit = Cell(check.result, f"checks.{k}.result", check.result), check.threshold
+        bound = (-math.inf, limit) if isinstance(limit, int | float) else limit
+        rows.append([name, result, value, bound, source])
+    heads = columns("check", "result", *numbers, "where the threshold comes from")
+    return Table("Checks", heads, rows)
 
 
 def sigma_check(preset: str, sigma: float, placements: int, known: dict[str, list[float]]) -> Check:
-    """Residual sigma (eq. 14) [m] against the range of the preset.
-
-    Args:
-        known: middle and half-width [mm] by preset, from the robot's description.
-    """
+    """Hold the residual sigma (eq. 14) [m] against its preset's range; known: middle and half-width [mm]."""
     name = "residual sigma (mm)"
     ranges = {"ideal": IDEAL_SIGMA_MM, **known}
     if preset not in ranges:
@@ -163,20 +149,14 @@ def correlation_checks(
     index = {number: k for k, number in enumerate(numbers.tolist())}
     checks = []
     for a, b in pairs:
-        predicted = planned[index[a], index[b]]
-        limit = f"below {CORRELATION_LIMIT}"
-        if predicted >= CORRELATION_LIMIT:
-            limit = f"not held to {CORRELATION_LIMIT}, which this plan weakens by itself"
-        low, high = predicted - CORRELATION_TOLERANCE, predicted + CORRELATION_TOLERANCE
-        checks.append(
-            within(
-                f"correlation ({a}, {b})",
-                actual[index[a], index[b]],
-                max(low, -1.0),
-                min(high, CORRELATION_LIMIT) if predicted < CORRELATION_LIMIT else high,
-                f"plan predicts {predicted:.4f}, within {CORRELATION_TOLERANCE}; {limit}",
-            )
-        )
+        place = index[a], index[b]
+        predicted = planned[place]
+        low, high = max(predicted - CORRELATION_TOLERANCE, -1.0), predicted + CORRELATION_TOLERANCE
+        limit = f"not held to {CORRELATION_LIMIT}, which this plan weakens by itself"
+        if predicted < CORRELATION_LIMIT:
+            high, limit = min(high, CORRELATION_LIMIT), f"below {CORRELATION_LIMIT}"
+        source = f"plan predicts {predicted:.4f}, within {CORRELATION_TOLERANCE}; {limit}"
+        checks.append(within(f"correlation ({a}, {b})", actual[place], low, high, source))
     return checks
 
 
@@ -209,10 +189,7 @@ def worst_balance(truth: Truth) -> dict[str, float] | None:
     books = [dataclasses.asdict(held.balance) for held in truth.held]
     if not books:
         return None
-    worst = {
-        name: max(abs(b[name]) for b in books)
-        for name in ("weight", "moments", "torques", "centre", "kinetic")
-    }
+    worst = {name: max(abs(b[name]) for b in books) for name in (*BALANCES, "kinetic")}
     return worst | {"least_dissipated": min(b["dissipated"] for b in books)}
 
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import Column, columns
 from tulip_testbed.base.document import flattened
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.result import Result
@@ -50,44 +49,45 @@ class Comparison(Result):
     models: dict[str, list[dict[str, Any]]]
 
     def tables(self) -> list[Table | str]:
-        """Return the verdicts, and what differs."""
         runs = zip("AB", self.runs, self.verdict, strict=True)
         settings = [[name, *values] for name, values in self.settings.items()] or [["none", "", ""]]
         a, b = (Column(f"value {run}", format=".4g") for run in "AB")
         checks = Table(
-            "Gap and evidence", (Column("quantity"), a, b), [[c["name"], *c["value"]] for c in self.checks]
+            "Gap and evidence", columns("quantity", a, b), [[c["name"], *c["value"]] for c in self.checks]
         )
         if any(result for check in self.checks for result in check["result"]):
             rows = []
             for check in self.checks:
                 (first, second), values = (Cell(r, mark=r or "") for r in check["result"]), check["value"]
                 rows.append([check["name"], first, values[0], second, values[1]])
-            columns = (Column("check"), Column("result A"), a, Column("result B"), b)
-            checks = Table("Checks", columns, rows)
+            checks = Table("Checks", columns("check", "result A", a, "result B", b), rows)
         return [
             *(f"{run}: {name}, verdict {verdict}" for run, name, verdict in runs),
-            Table("Settings that differ", (Column("setting"), Column("A"), Column("B")), settings),
+            Table("Settings that differ", columns("setting", "A", "B"), settings),
             checks,
             *(model_difference_table(model, rows) for model, rows in self.models.items() if rows),
         ]
 
 
 def compare(first: RunResult, second: RunResult) -> Comparison:
-    """Compare the settings and the results of two runs."""
-    both = [_models(first), _models(second)]
-    _check_alike(first, second, both)
+    models, judged = [_models(first), _models(second)], [_judged(first), _judged(second)]
+    _check_alike(first, second, models)
     return Comparison(
         runs=(_name(first), _name(second)),
         verdict=(first.verdict, second.verdict),
         settings=differences(first.document.plain(), second.document.plain()),
-        checks=_checks(_judged(first), _judged(second)),
+        checks=[
+            {"name": name}
+            | {key: [of.get(name, {}).get(key) for of in judged] for key in ("result", "value")}
+            for name in {**judged[0], **judged[1]}
+        ],
         models={
             model: [
                 {"number": a["number"], "name": a["name"]}
-                | {quantity: [a[quantity], b[quantity]] for quantity in a if quantity in SHOWN}
-                for a, b in zip(both[0][model], both[1][model], strict=True)
+                | {name: [a[name], b[name]] for name in a if name in SHOWN}
+                for a, b in zip(rows, models[1][model], strict=True)
             ]
-            for model in both[0]
+            for model, rows in models[0].items()
         },
     )
 
@@ -95,28 +95,15 @@ def compare(first: RunResult, second: RunResult) -> Comparison:
 def differences(first: dict[str, Any], second: dict[str, Any]) -> dict[str, list[Any]]:
     """Return the settings that are not the same in both documents, by name."""
     flat = [flattened({k: v for k, v in d.items() if k not in NOT_SETTINGS}) for d in (first, second)]
-    names = dict.fromkeys([*flat[0], *flat[1]])
-    return {
-        name: [flat[0].get(name), flat[1].get(name)]
-        for name in names
-        if flat[0].get(name) != flat[1].get(name)
-    }
+    both = {name: [one.get(name) for one in flat] for name in {**flat[0], **flat[1]}}
+    return {name: [a, b] for name, (a, b) in both.items() if a != b}
 
 
 def model_difference_table(model: str, rows: list[dict[str, Any]]) -> Table:
-    """Return the parameters of a model in both runs."""
     quantities = [name for name in rows[0] if name not in ("number", "name")]
-    columns = (
-        Column("no.", format="d"),
-        Column("parameter"),
-        *(
-            dataclasses.replace(SHOWN[name], name=f"{SHOWN[name].name} {run}")
-            for name in quantities
-            for run in "AB"
-        ),
-    )
+    of_runs = [replace(SHOWN[q], name=f"{SHOWN[q].name} {run}") for q in quantities for run in "AB"]
     lines = [[row["number"], row["name"], *(v for name in quantities for v in row[name])] for row in rows]
-    return Table(f"{model.capitalize()} model", columns, lines)
+    return Table(f"{model.capitalize()} model", columns(("no.", "", "d"), "parameter", *of_runs), lines)
 
 
 def _name(run: RunResult) -> str:
@@ -124,7 +111,6 @@ def _name(run: RunResult) -> str:
 
 
 def _check_alike(first: RunResult, second: RunResult, models: list[dict[str, list[dict[str, Any]]]]) -> None:
-    """Refuse what has no common measure."""
     where = f"{_name(first)}, {_name(second)}: cannot be compared"
     if first.kind != second.kind:
         raise InputError(f"{where}: found a {first.kind} and a {second.kind}, expected two of a kind")
@@ -140,27 +126,17 @@ def _check_alike(first: RunResult, second: RunResult, models: list[dict[str, lis
 def _models(run: RunResult) -> dict[str, list[dict[str, Any]]]:
     """Return the rows of parameters of each model, with the quantities that are compared."""
     if isinstance(run, Validation):
-        estimates = [getattr(run.identification, model) for model in MODELS]
-        return {
-            model: _rows(
-                estimate,
-                estimate=estimate.value,
-                standard_error=estimate.standard_error,
-                truth=run.truth[estimate.numbers - 1],
-            )
-            for model, estimate in zip(MODELS, estimates, strict=True)
-        }
+        found = {}
+        for model in MODELS:
+            own: Estimate = getattr(run.identification, model)
+            errors, truth = own.standard_error, run.truth[own.numbers - 1]
+            found[model] = _rows(own, estimate=own.value, standard_error=errors, truth=truth)
+        return found
     if isinstance(run, Discovered):
-        before = run.before.full
-        after = None if run.after is None else run.after.full
-        return {
-            "full": _rows(
-                before,
-                before=before.value,
-                after=np.full(len(before.names), None) if after is None else after.value,
-                standard_error=(after or before).clustered_standard_error,
-            )
-        }
+        before, last = run.before.full, (run.after or run.before).full
+        after = last.value if run.after else np.full(len(before.names), None)
+        errors = last.clustered_standard_error
+        return {"full": _rows(before, before=before.value, after=after, standard_error=errors)}
     document = run.to_json()
     parts = {"full": document["parameters"], "simplified": document["simplified"]["parameters"]}
     return {
@@ -175,10 +151,10 @@ def _rows(model: Estimate, /, **quantities: np.ndarray) -> list[dict[str, Any]]:
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
-def _judged(run: RunResult) -> list[dict[str, Any]]:
-    """Return a run's checks; of a discovery the gap by channel, its explanations and their sizes."""
+def _judged(run: RunResult) -> dict[str, dict[str, Any]]:
+    """Return a run's checks by name; of a discovery the gap by channel, its explanations and their sizes."""
     if not isinstance(run, Discovered):
-        return run.to_json()["checks"]
+        return {check["name"]: check for check in run.to_json()["checks"]}
     sides = {"before": run.heldout.before, "after": run.heldout.after}
     values = {
         f"gap {'all' if channel == 'AFTC' else channel}, {side}": by_channel[channel]
@@ -193,13 +169,4 @@ def _judged(run: RunResult) -> list[dict[str, Any]]:
         values[f"ln BF {name}"] = one.log_bayes_factor
         for parameter, value in zip(effect.effect.parameters, effect.values, strict=True):
             values[f"{name} {parameter.heading}"] = value
-    return [{"name": name, "result": None, "value": value} for name, value in values.items()]
-
-
-def _checks(first: list[dict[str, Any]], second: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    of = [{check["name"]: check for check in checks} for checks in (first, second)]
-    return [
-        {"name": name}
-        | {key: [checks.get(name, {}).get(key) for checks in of] for key in ("result", "value")}
-        for name in dict.fromkeys([*of[0], *of[1]])
-    ]
+    return {name: {"value": value} for name, value in values.items()}

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Integral
-from typing import Any, NamedTuple, overload
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from tulip_testbed.base.arguments import expect
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import InputError, UnknownNameError, choices, listed, shortened
 from tulip_testbed.base.table import Cell, Shown, Table
 from tulip_testbed.identification.base_parameters import BaseParameters
@@ -29,49 +29,25 @@ class Pair(NamedTuple):
     rho: float
 
 
-@dataclass(frozen=True, repr=False)
-class Pairs(Shown, Sequence[Pair]):
-    """High correlations; shown as a table.
+class Pairs(Shown, tuple[Pair, ...]):
+    """Correlations that exceed a `level` in size; shown as a table."""
 
-    Attributes:
-        level: that all of them exceed in size.
-    """
-
-    pairs: tuple[Pair, ...]
-    level: float
-
-    @overload
-    def __getitem__(self, index: int) -> Pair: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> tuple[Pair, ...]: ...
-
-    def __getitem__(self, index: int | slice) -> Pair | tuple[Pair, ...]:
-        return self.pairs[index]
-
-    def __len__(self) -> int:
-        return len(self.pairs)
+    level: float = HIGH_CORRELATION
 
     def table(self) -> Table:
-        """Return one row per pair."""
-        columns = (Column("parameter"), Column("and"), Column("correlation", format="+.4f"))
-        return Table(f"Correlations above {self.level:g} in size (eq. 15)", columns, self.pairs)
+        heads = columns("parameter", "and", ("correlation", "", "+.4f"))
+        return Table(f"Correlations above {self.level:g} in size (eq. 15)", heads, self)
 
     def to_frame(self) -> Any:
         """Return a pandas DataFrame with one row per pair."""
         return self.table().frame()
 
     def parts(self) -> list[Table | str]:
-        """Return the pairs, or a sentence where there are none."""
-        return [self.table()] if self.pairs else [f"No correlation above {self.level:g}."]
+        return [self.table()] if self else [f"No correlation above {self.level:g}."]
 
 
 def parameter_index(name: str | int, numbers: np.ndarray, names: tuple[str, ...]) -> int:
-    """Return the place of a parameter, given by name or number, among those of an estimate.
-
-    Args:
-        numbers, names: of the estimate's parameters, (p,).
-    """
+    """Return the place of a parameter, given by name or number, among the p of an estimate."""
     if name in names:
         return names.index(str(name))
     if isinstance(name, Integral) and name in numbers:
@@ -84,12 +60,7 @@ def parameter_index(name: str | int, numbers: np.ndarray, names: tuple[str, ...]
 
 @dataclass(frozen=True, repr=False)
 class Correlations(Shown):
-    """Correlations of p parameters.
-
-    Attributes:
-        numbers, names: of the parameters, (p,).
-        matrix: eq. 15, (p, p).
-    """
+    """Correlations (eq. 15) of p parameters: their numbers and names, (p,), and the matrix, (p, p)."""
 
     numbers: np.ndarray
     names: tuple[str, ...]
@@ -119,8 +90,9 @@ class Correlations(Shown):
         if not 0 <= level <= 1:
             raise InputError(f"level: found {level:g}, expected 0 to 1")
         found = np.argwhere(np.triu(np.abs(self.matrix) > level, k=1))
-        pairs = (Pair(self.names[a], self.names[b], float(self.matrix[a, b])) for a, b in found)
-        return Pairs(tuple(pairs), level)
+        pairs = Pairs(Pair(self.names[a], self.names[b], float(self.matrix[a, b])) for a, b in found)
+        pairs.level = level
+        return pairs
 
     def to_frame(self) -> Any:
         """Return the matrix as a pandas DataFrame with the names as its index and columns, (p, p)."""
@@ -129,7 +101,6 @@ class Correlations(Shown):
         return pd.DataFrame(self.matrix, index=list(self.names), columns=list(self.names))
 
     def parts(self) -> list[Table | str]:
-        """Return the number of parameters and the high correlations."""
         return [f"Correlations of {len(self.names)} parameters.", *self.above().parts()]
 
 
@@ -147,15 +118,8 @@ def correlation_table(
         joint_angles: of the postures, (m, n_joints) [rad], whose ranges are shown; None: they are not.
         where: path of the pairs in the run's JSON.
     """
-    columns = (
-        Column("no.", format="d"),
-        Column("and", format="d"),
-        Column("correlation", format="+.4f"),
-        Column("parameters"),
-        Column(
-            "distinguished by (range in these postures)" if joint_angles is not None else "distinguished by"
-        ),
-    )
+    by = "distinguished by (range in these postures)" if joint_angles is not None else "distinguished by"
+    heads = columns(("no.", "", "d"), ("and", "", "d"), ("correlation", "", "+.4f"), "parameters", by)
     rows = []
     for k, pair in enumerate(pairs):
         joints = joints_between(parameters, pair[0] - 1, pair[1] - 1)
@@ -175,7 +139,7 @@ def correlation_table(
         )
     title = f"Correlations above {HIGH_CORRELATION} in size (eq. 15), {model} model"
     note = "The sum or the difference of two such parameters is known better than either of them."
-    return Table(title, columns, rows, note)
+    return Table(title, heads, rows, note)
 
 
 def joints_between(parameters: BaseParameters, first: int, second: int) -> list[str]:

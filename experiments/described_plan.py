@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import Column, columns
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Array, Figure, Outside, Result
@@ -39,15 +39,20 @@ from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.scene import boards_under, nominal_plates
 
+NO_MARGINS = "Margins are known for six joints a leg only."
 LARGE_SHARE = 1000.0  # % of a nominal value: it is near zero
 SEARCHED = (
-    *("objective", "initial_condition_number"),
-    *("measured_objective", "initial_objective", "final_objective"),
+    *("objective", "initial_condition_number", "measured_objective", "initial_objective", "final_objective"),
 )
 PROMISES = (
     *("condition_number", "preset", "sigma_mm", "predicted_standard_error_mm"),
-    *("predicted_relative_standard_error_percent", "well_identified"),
-    *("correlations", "margins", "clearances"),
+    *(
+        "predicted_relative_standard_error_percent",
+        "well_identified",
+        "correlations",
+        "margins",
+        "clearances",
+    ),
 )
 
 
@@ -105,10 +110,13 @@ class DescribedPlan(Result):
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON document, without what only a search has where there was none."""
-        unknown = {*SEARCHED, "wall_s"}
         document = super().to_json()
         named = {"plan": document.pop("source")} | document
-        return {key: value for key, value in named.items() if value is not None or key not in unknown}
+        return {
+            key: value
+            for key, value in named.items()
+            if value is not None or key not in (*SEARCHED, "wall_s")
+        }
 
     def promises(self) -> dict[str, Any]:
         """Return what the plan promises, as its folder keeps it."""
@@ -116,7 +124,6 @@ class DescribedPlan(Result):
         return {name: document[name] for name in PROMISES}
 
     def tables(self) -> list[Table | str]:
-        """Return the figures of the plan, and where it is."""
         parameters = planned_parameters(self.robot, self.whole)
         pairs = [(pair["a"], pair["b"], pair["rho"]) for pair in self.correlations]
         return [
@@ -129,9 +136,7 @@ class DescribedPlan(Result):
             correlation_table("full", pairs, parameters, self.whole.joint_angles)
             if pairs
             else NO_CORRELATION,
-            "Margins are known for six joints a leg only."
-            if self.margins is None
-            else margin_table(self.margins),
+            NO_MARGINS if self.margins is None else margin_table(self.margins),
             clearance_table(self.clearances),
             *self.notes,
         ]
@@ -153,15 +158,9 @@ class DescribedPlan(Result):
         )
 
     def table(self) -> Table:
-        """Return the standard errors that the plan promises."""
         parameters = planned_parameters(self.robot, self.whole)
-        columns = (
-            Column("no.", format="d"),
-            Column("parameter"),
-            Column("s.e.", "mm", ".2f"),
-            Column("of the nominal value", "%", ".1f"),
-            Column("links", extra=True),
-        )
+        figures = ("s.e.", "mm", ".2f"), ("of the nominal value", "%", ".1f")
+        heads = columns(("no.", "", "d"), "parameter", *figures, Column("links", extra=True))
         errors = self.predicted_standard_error_mm.tolist()
         shares = self.predicted_relative_standard_error_percent.tolist()
         rows = [
@@ -169,11 +168,10 @@ class DescribedPlan(Result):
             for k, (name, error, share) in enumerate(zip(parameters.names, errors, shares, strict=True), 1)
         ]
         title = f"Predicted standard errors, preset {self.preset}, if every posture can be held"
-        return Table(title, columns, rows, "-: the nominal value is near zero.")
+        return Table(title, heads, rows, "-: the nominal value is near zero.")
 
 
 def _moving(plan: PosturePlan, motion: Trajectory) -> str:
-    """Say that a plan moves, and how."""
     joint, speed = motion.fastest
     return (
         f"The robot moves: {len(motion.segments)} segments, {motion.seconds / 60:.1f} min, at most "
@@ -184,11 +182,7 @@ def _moving(plan: PosturePlan, motion: Trajectory) -> str:
 def describe_plan(
     robot: Robot, plan: PosturePlan, source: str | None, preset: str, measured: Measurements | None = None
 ) -> DescribedPlan:
-    """Describe a plan.
-
-    Args:
-        preset: of the sensors, "wii" or "force-plate".
-    """
+    """Describe a plan for the sensors of a preset, "wii" or "force-plate"."""
     whole = plan if measured is None else joined([as_plan(robot, measured), plan])
     rows = identifiable_regressor(source or "plan", robot, whole)
     parameters = planned_parameters(robot, whole)
@@ -225,20 +219,15 @@ def planned_noise(robot: Robot, plan: PosturePlan, preset: str) -> ReadingNoise:
     com = nominal.center_of_mass(plan.joint_angles, plan.support)
     readings = planned_readings(rig, plan, com)
     sheet = readings.sensors
-    slope = (sheet.encoder_sd or 0.0) * nominal.parameters.slope_along(
-        nominal.value, plan.joint_angles, plan.support
-    )
+    slope = nominal.parameters.slope_along(nominal.value, plan.joint_angles, plan.support)
+    slope = (sheet.encoder_sd or 0.0) * slope
     own = (sheet.cell_sd or 0.0) ** 2 * cell_noise(readings, com) + slope @ slope.mT
     sd = np.array([*rig.sensors.mark_sd, *rig.sensors.placement_sd])
     return ReadingNoise(own, placement_levers(readings) * sd, plan.placement)
 
 
 def planned_readings(rig: Rig, plan: PosturePlan, com: np.ndarray) -> Measurements:
-    """Compute the readings of the plates by the nominal model, without noise.
-
-    Args:
-        com: nominal centre of mass in the plan view, (m, 2) [m].
-    """
+    """Compute the plates' readings without noise for the nominal centre of mass, (m, 2) [m]."""
     robot, model = rig.robot, rig.robot.model
     plate = dataclasses.replace(nominal_plates(robot)[0], mass=0.0)  # tared
     weight = float(model.body_subtreemass[0] * -model.opt.gravity[2])
@@ -278,13 +267,6 @@ def margins_of(robot: Robot, plan: PosturePlan) -> dict[str, dict[str, Any]] | N
 
 
 def margin_table(margins: dict[str, dict[str, Any]]) -> Table:
-    """Return the smallest margin of every constraint, of `margins_of`."""
-    columns = (
-        Column("constraint"),
-        Column("margin", format=".3f"),
-        Column("unit"),
-        Column("posture", format="d"),
-        Column("where"),
-    )
+    heads = columns("constraint", ("margin", "", ".3f"), "unit", ("posture", "", "d"), "where")
     rows = [[name, m["value"], m["unit"], m["posture"], m["at"]] for name, m in margins.items()]
-    return Table("Smallest margin of every constraint, beyond what `tulip plan optimal` keeps", columns, rows)
+    return Table("Smallest margin of every constraint, beyond what `tulip plan optimal` keeps", heads, rows)

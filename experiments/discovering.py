@@ -29,6 +29,11 @@ from tulip_testbed.identification.residual_channels import residuals
 from tulip_testbed.measurements import Measurements, as_joined
 from tulip_testbed.sim.robot import Robot
 
+AS_FOUND = (  # what a result has of its search
+    *("verdict", "adopted", "calibrated", "families", "explanations", "undetectable"),
+    *("where", "repeats", "noise", "patterns", "wall_s"),
+)
+
 
 def discover_effects(
     measurements: Measurements,
@@ -105,30 +110,20 @@ def _told(
         "after": left_by(calibration, calibration.observed),
     }
     return Discovered(
-        verdict=discovery.verdict,
-        adopted=discovery.adopted,
-        calibrated=discovery.calibrated,
-        families=discovery.families,
-        explanations=explanations,
+        **{name: getattr(discovery, name) for name in AS_FOUND},
         runners_up=tuple(
             Explanation(fitted.instance, fitted.log_bayes_factor, k + 1)
             for k in discovery.effects
             for fitted in discovery.runners_up(k)
         ),
-        undetectable=discovery.undetectable,
         weakly_detectable=discovery.selection.weak,
-        where=discovery.where,
         heldout=discovery.heldout,
         next_experiments=tuple(map(proposed, ranking)),
         before=before,
         after=after,
-        repeats=discovery.repeats,
-        noise=discovery.noise,
         alarm_p=discovery.selection.p,
-        patterns=discovery.patterns,
         story=tuple(sentences),
         check=check,
-        wall_s=discovery.wall_s,
         robot=robot,
         measurements=measurements,
         residuals={"posture": observed.posture, "placement": observed.placement, "time": observed.time}

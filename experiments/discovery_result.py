@@ -167,7 +167,6 @@ class Discovered(SavedRun):
     discovery: InMemory[Discovery | None] = None
 
     def placed_in(self, folder: Path) -> Self:
-        """Refuse parts that do not fit each other."""
         result, robot, measured = folder / RESULT_FILE, self.robot, self.measurements
         placements = np.unique(measured.placement).tolist()
         for one in (*self.adopted, *self.calibrated, *(e.instance for e in self.explanations)):
@@ -180,8 +179,7 @@ class Discovered(SavedRun):
             )
         before = self.before.placed(robot, measured, str(result), "before.")
         after = self.after
-        if after is not None:
-            after = after.placed(robot, measured, str(result), "after.")
+        after = None if after is None else after.placed(robot, measured, str(result), "after.")
         return replace(self, before=before, after=after)
 
     @computed_field
@@ -201,15 +199,9 @@ class Discovered(SavedRun):
         for law in self.adopted:
             if law.effect.name == LAW:
                 gaps = {one.gap for one in self.explanations if one.instance.label == law.label}
-                others = [one.instance for one in self.explanations if one.gap in gaps]
-                yield (
-                    law,
-                    [
-                        sentence_of(one.target)
-                        for one in others
-                        if one.effect.name == LAW and one.label != law.label
-                    ],
-                )
+                same = [one.instance for one in self.explanations if one.gap in gaps]
+                others = [one for one in same if one.effect.name == LAW and one.label != law.label]
+                yield law, [sentence_of(one.target) for one in others]
 
     @property
     def searched(self) -> Measurements:
@@ -228,8 +220,7 @@ class Discovered(SavedRun):
 
     def propose(self, plan: PosturePlan | None = None, seed: int = 0) -> Proposals:
         """Rank the experiments that would settle what is ambiguous, see `propose_experiments`."""
-        given = (self.measurements, self.robot, self.verdict, self.explanations)
-        return propose_experiments(*given, plan, seed)
+        return propose_experiments(self.measurements, self.robot, self.verdict, self.explanations, plan, seed)
 
     @property
     def answers(self) -> tuple[str, str, str]:
@@ -240,7 +231,6 @@ class Discovered(SavedRun):
         return f"Right: {right}.", usable, f"Next: {following}."
 
     def tables(self) -> list[Table | str]:
-        """Return the verdict, the story and the tables that belong to them."""
         parts: list[Table | str] = [f"Verdict: {self.verdict}", *self.story, "", *self.answers, ""]
         if self.verdict == "none" and (weak := weak_table(self.weakly_detectable)).rows:
             parts.append(weak)

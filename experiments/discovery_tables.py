@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from statistics import NormalDist
 from typing import Any
 
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import listed
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.table import Cell, Table
@@ -33,51 +33,37 @@ CHANNEL_NAMES = {
 
 def gap_table(heldout: HeldOut) -> Table:
     """Return the residuals by channel before and after, and what chance alone may give."""
-    columns = (Column("channel"), *(Column(n, format=".2f") for n in ("before", "after", "by chance up to")))
-    rows: list[list[Any]] = [
-        [
-            name,
-            *(
-                Cell(getattr(heldout, side)[channel], f"heldout.{side}.{channel}")
-                for side in ("before", "after", "floor")
-            ),
-        ]
-        for channel, name in CHANNEL_NAMES.items()
-        if channel in heldout.before
-    ]
-    millimetres = (Cell(value, f"heldout.millimetres.{k}") for k, value in enumerate(heldout.millimetres))
-    rows.append(["centre of pressure, mm r.m.s. per axis", *millimetres])
-    newtons = (Cell(value, f"heldout.newtons.{k}") for k, value in enumerate(heldout.newtons))
-    rows.append(["sum of the vertical forces, N r.m.s.", *newtons])
+    heads = columns("channel", *((name, "", ".2f") for name in ("before", "after", "by chance up to")))
+    rows: list[list[Any]] = []
+    for channel, name in CHANNEL_NAMES.items():
+        if channel in heldout.before:
+            sides = {side: getattr(heldout, side)[channel] for side in ("before", "after", "floor")}
+            rows.append([name, *(Cell(value, f"heldout.{side}.{channel}") for side, value in sides.items())])
+    for key, name in (
+        ("millimetres", "centre of pressure, mm r.m.s. per axis"),
+        ("newtons", "sum of the vertical forces, N r.m.s."),
+    ):
+        values = enumerate(getattr(heldout, key))
+        rows.append([name, *(Cell(value, f"heldout.{key}.{k}") for k, value in values)])
     note = (
         "Before: the nominal model, everything exact. After: ordinary imperfections and the explanations, "
         "estimated from the other placements. Both are relative to the noise as it is estimated then. In "
         "millimetres and newtons the last number is that noise."
     )
-    return Table("Residuals on held-out placements, as multiples of the noise", columns, rows, note)
+    return Table("Residuals on held-out placements, as multiples of the noise", heads, rows, note)
 
 
 def explanation_table(explanations: Sequence[Explanation]) -> Table:
-    """Return the effects that explain a gap, with their sizes and evidence."""
-    columns = (
-        Column("gap", format="d"),
-        Column("effect"),
-        Column("size"),
-        Column("ln of Bayes factor", format=".1f"),
-        Column("behind the best", format=".1f"),
-    )
-    rows = [
-        [
-            Cell(one.gap, f"explanations.{k}.gap"),
-            one.instance.label,
-            _sizes(one.instance),
-            Cell(one.log_bayes_factor, f"explanations.{k}.log_bayes_factor"),
-            short,
-        ]
-        for k, (one, short) in enumerate(zip(explanations, behind(explanations), strict=True))
-    ]
+    factors = ("ln of Bayes factor", "", ".1f"), ("behind the best", "", ".1f")
+    heads = columns(("gap", "", "d"), "effect", "size", *factors)
+    rows = []
+    for k, (one, short) in enumerate(zip(explanations, behind(explanations), strict=True)):
+        gap, evidence = (
+            Cell(getattr(one, name), f"explanations.{k}.{name}") for name in ("gap", "log_bayes_factor")
+        )
+        rows.append([gap, one.instance.label, _sizes(one.instance), evidence, short])
     note = "±: half of the 95 % interval. Rows of one gap explain the same part of the residuals."
-    return Table("Explanations", columns, rows, note)
+    return Table("Explanations", heads, rows, note)
 
 
 def calibrated_table(members: Iterable[EffectInstance]) -> Table:
@@ -88,9 +74,9 @@ def calibrated_table(members: Iterable[EffectInstance]) -> Table:
         for member in every
         if any(low > 0 or high < 0 for low, high in filter(None, member.intervals))
     ]
-    columns = (Column("imperfection"), Column("size"))
     which = "±: half of the 95 % interval. The others" if rows else "All of them"
-    return Table("Calibrated", columns, rows, f"{which} are zero within their 95 % intervals.")
+    note = f"{which} are zero within their 95 % intervals."
+    return Table("Calibrated", columns("imperfection", "size"), rows, note)
 
 
 def behind(explanations: Sequence[Explanation]) -> list[float]:
@@ -132,34 +118,29 @@ def moved_table(
     """
     new, side = (before, "before") if after is None else (after, "after")
     bound, estimate = least_move(len(before)), before.full
-    millimetres = {"unit": "mm", "format": ".2f", "scale": 1e3}
+    millimetres = "mm", ".2f", 1e3
     title = "Base parameters before and after the correction" if adopted else "Base parameters"
     first = "before: no corrections" if adopted else "estimate: no corrections"
-    columns = [
-        Column("no.", format="d"),
-        Column("parameter"),
-        Column(first, **millimetres),
-        *([Column("after: corrected", **millimetres)] if adopted else []),
-        Column("s.e.", **millimetres),
-        *([Column("moved by", "s.e.", "+.2f"), Column("change")] if adopted else []),
-    ]
+    corrected = [("after: corrected", *millimetres)] if adopted else []
+    moved = [("moved by", "s.e.", "+.2f"), "change"] if adopted else []
+    error = ("s.e.", *millimetres)
+    heads = columns(("no.", "", "d"), "parameter", (first, *millimetres), *corrected, error, *moved)
     lines = []
     for k, move in enumerate(moves(before, after)):
         mark = "moved" if abs(move or 0.0) > bound else ""
         if not (mark or all_of_them):
             continue
-        error = Cell(new.full.clustered_standard_error[k], f"{side}.full.clustered_standard_error.{k}", mark)
-        cells = [
-            Cell(int(estimate.numbers[k]), f"before.full.numbers.{k}", mark),
-            Cell(estimate.names[k], f"before.full.names.{k}", mark),
-            Cell(estimate.value[k], f"before.full.value.{k}", mark),
-        ]
-        if adopted:
-            value = Cell(new.full.value[k], f"{side}.full.value.{k}", mark)
-            lines.append([*cells, value, error, Cell(move, mark=mark), Cell(mark, mark=mark)])
-        else:
-            lines.append([*cells, error])
-    return Table(title, tuple(columns), lines, moved_words(before, after, adopted))
+        names = ("value", "clustered_standard_error") if adopted else ("clustered_standard_error",)
+        cells = [(estimate, "before", name) for name in ("names", "value")]
+        cells += [(new.full, side, name) for name in names]
+        lines.append(
+            [
+                Cell(int(estimate.numbers[k]), f"before.full.numbers.{k}", mark),
+                *(Cell(getattr(of, name)[k], f"{at}.full.{name}.{k}", mark) for of, at, name in cells),
+                *([Cell(move, mark=mark), Cell(mark, mark=mark)] if adopted else []),
+            ]
+        )
+    return Table(title, heads, lines, moved_words(before, after, adopted))
 
 
 def least_move(count: int) -> float:
@@ -194,61 +175,41 @@ def moved_words(
 
 
 def pattern_table(patterns: Sequence[Pattern]) -> Table:
-    """Return the clearest patterns in the residuals after the correction."""
-    columns = (Column("channel"), Column("pattern"), Column("p", format=".2g"))
+    heads = columns("channel", "pattern", ("p", "", ".2g"))
     rows = [
         [Cell(getattr(one, name), f"patterns.{k}.{name}") for name in ("channel", "words", "p")]
         for k, one in enumerate(patterns)
         if one.p < MOST_P
     ]
-    return Table("The clearest patterns in the remaining residuals", columns, rows)
+    return Table("The clearest patterns in the remaining residuals", heads, rows)
 
 
 def repeat_table(repeats: PureError) -> Table:
     """Return how repeated postures agree with the stated noise."""
-    columns = (
-        Column("channel"),
-        Column("chi² per degree of freedom", format=".2f"),
-        Column("p", format=".2g"),
-    )
-    rows = [
-        [
-            CHANNEL_NAMES.get(channel, channel),
-            Cell(ratio, f"repeats.ratio.{channel}"),
-            Cell(repeats.p.get(channel), f"repeats.p.{channel}"),
-        ]
-        for channel, ratio in repeats.ratio.items()
-    ]
-    return Table("Repeated postures against the stated noise", columns, rows)
+    heads = columns("channel", ("chi² per degree of freedom", "", ".2f"), ("p", "", ".2g"))
+    rows = []
+    for channel, ratio in repeats.ratio.items():
+        p = Cell(repeats.p.get(channel), f"repeats.p.{channel}")
+        rows.append([CHANNEL_NAMES.get(channel, channel), Cell(ratio, f"repeats.ratio.{channel}"), p])
+    return Table("Repeated postures against the stated noise", heads, rows)
 
 
 def undetectable_table(effects: Sequence[Undetectable]) -> Table:
-    """Return the effects that these postures cannot detect, one per row."""
-    columns = (
-        Column("effect"),
-        Column("targets"),
-        Column("biases most the parameter no.", format="d"),
-        Column("by, per prior s.d.", "mm", ".2f", 1e3),
-    )
+    biased = ("biases most the parameter no.", "", "d"), ("by, per prior s.d.", "mm", ".2f", 1e3)
     by_name: dict[str, list[Undetectable]] = {}
     for effect in effects:
         by_name.setdefault(effect.candidate.effect.name, []).append(effect)
     rows = []
     for name, of in by_name.items():
         worst = max(of, key=lambda effect: effect.bias)
-        biased = [worst.parameter, worst.bias] if worst.parameter else ["not predicted", None]
-        rows.append([name, _targets(of), *biased])
-    return Table("Effects that these postures cannot detect", columns, rows)
+        bias = [worst.parameter, worst.bias] if worst.parameter else ["not predicted", None]
+        rows.append([name, _targets(of), *bias])
+    return Table("Effects that these postures cannot detect", columns("effect", "targets", *biased), rows)
 
 
 def weak_table(effects: Sequence[WeaklyDetectable]) -> Table:
     """Return the effects that show only if larger than plausible, one kind per row."""
-    columns = (
-        Column("effect"),
-        Column("targets"),
-        Column("shows from (90 %)"),
-        Column("over the plausible size"),
-    )
+    heads = columns("effect", "targets", "shows from (90 %)", "over the plausible size")
     by_unit: dict[tuple[str, str], list[WeaklyDetectable]] = {}
     for effect in sorted(effects, key=lambda effect: effect.multiple):
         by_unit.setdefault((effect.candidate.effect.name, effect.size.unit), []).append(effect)
@@ -256,11 +217,11 @@ def weak_table(effects: Sequence[WeaklyDetectable]) -> Table:
     for (name, _), of in by_unit.items():
         ends = of[0], of[-1]
         sizes = [effect.size.text(effect.least) for effect in ends if effect.least is not None]
-        multiples = [number(effect.multiple, ".2g") for effect in ends]
+        least = _from_to(sizes) if sizes else "several numbers"
         rows.append(
-            [name, _targets(of), _from_to(sizes) if sizes else "several numbers", _from_to(multiples)]
+            [name, _targets(of), least, _from_to([number(effect.multiple, ".2g") for effect in ends])]
         )
-    return Table("Effects that show only if larger than plausible", columns, rows)
+    return Table("Effects that show only if larger than plausible", heads, rows)
 
 
 def _targets(effects: Sequence[Undetectable | WeaklyDetectable]) -> list[str]:
@@ -272,7 +233,6 @@ def _from_to(ends: list[str]) -> str:
 
 
 def dynamics_line(check: DynamicsCheck) -> str:
-    """Describe how the adopted effects compare with a simulation in full dynamics."""
     if check.reason:
         return f"In full dynamics nothing could be compared: {check.reason}."
     return (

@@ -26,11 +26,7 @@ EXAMPLES = (
 
 @dataclass(frozen=True, repr=False)
 class EffectList(Result):
-    """Effects with their targets on a robot.
-
-    Attributes:
-        name: of the effect that is explained, or "law", their grammar; None: all of them.
-    """
+    """Effects with their targets on a robot: one by its name, their grammar "law", or all (None)."""
 
     name: str | None
     robot: Robot
@@ -42,7 +38,6 @@ class EffectList(Result):
         return Catalogue([every[name] for name in every if self.name in (None, name)])
 
     def tables(self) -> list[Table | str]:
-        """Return the list, or the explanation of one effect or of the grammar."""
         if self.name is None:
             law = "`tulip atlas effects law` explains how an effect is composed that is not in the list."
             return [self.effects.table(), law]
@@ -52,31 +47,25 @@ class EffectList(Result):
         return [*map(Verbatim, lines)]
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON document."""
-        document: dict[str, Any] = {"effects": []}
-        for effect in self.effects.values():
-            parameters = [
-                {
-                    "name": p.name,
-                    "unit": p.unit,
-                    "prior_sd": p.prior if p.prior > 0 else None,
-                    "positive": p.positive,
-                    "grid": list(p.grid),
-                }
-                for p in effect.parameters
-            ]
-            document["effects"].append(
+        document: dict[str, Any] = {
+            "effects": [
                 {
                     "name": effect.name,
                     "sentence": effect.sentence,
                     "usage": effect.usage,
-                    "parameters": parameters,
+                    "parameters": [
+                        {"name": p.name, "unit": p.unit, "prior_sd": p.prior if p.prior > 0 else None}
+                        | {"positive": p.positive, "grid": list(p.grid)}
+                        for p in effect.parameters
+                    ],
                     "target": effect.targets.word or None,
                     "targets": target_names(effect, self.robot),
                     "statics": effect.statics,
                     "explanation": explanation(effect.name),
                 }
-            )
+                for effect in self.effects.values()
+            ]
+        }
         if self.name == LAW:
             pairs = [(what, of) for what in whats(self.robot) for of in quantities(self.robot, what)]
             kinds = {pair: [part.partition(":")[0] for part in pair] for pair in pairs}
@@ -87,7 +76,6 @@ class EffectList(Result):
 
 
 def list_effects(name: str | None, robot: Robot) -> EffectList:
-    """List the effects, or choose one to explain."""
     if name is not None:
         look_up("effect", name, [*catalogue(), LAW], "effects")
     return EffectList(name, robot)
@@ -99,7 +87,6 @@ def target_names(effect: Effect, robot: Robot) -> list[str]:
 
 
 def law_lines(robot: Robot) -> list[str]:
-    """Explain the grammar of laws in full."""
     lines = [
         "law: an effect composed of what errs, as a function of what, in which shape.",
         "",
@@ -119,7 +106,6 @@ def law_lines(robot: Robot) -> list[str]:
 
 
 def effect_lines(effect: Effect, robot: Robot) -> list[str]:
-    """Explain an effect in full."""
     where = "static laboratory and full dynamics" if effect.statics else "full dynamics only"
     named = effect.targets is PLACEMENTS
     targets = "the experiment's placements" if named else ", ".join(target_names(effect, robot))

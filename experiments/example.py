@@ -23,11 +23,7 @@ GRAVITY = 9.81  # m/s2
 
 
 def empty_measurements(robot: Robot, sensors: str | None) -> Measurements:
-    """Return measurements without rows: robot, joints, sensors and their data sheet, as far as known.
-
-    Args:
-        sensors: preset; None: four cells under each foot, without a data sheet.
-    """
+    """Return measurements without rows; without sensors: on four cells a foot that have no data sheet."""
     header = header_of(preset_rig(sensors or "ideal", robot))
     if sensors is None:
         header = dataclasses.replace(header, sensors=SensorSheet())

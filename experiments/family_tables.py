@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tulip_testbed.base.table import Cell, Column, Table
+from tulip_testbed.base.column import columns
+from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.calibration.calibration_result import CalibratedFamily, SelfCalibration
 from tulip_testbed.calibration.families import TOLERANCES
 from tulip_testbed.effects.catalogue import acts_on, catalogue
@@ -51,11 +52,11 @@ def calibration_report(
         "Known by their tolerance only": unseen,
         "Taken as exact": exact,
     }
-    value = Column("value ± half of the 95 % interval")
+    heads = columns("imperfection", "value ± half of the 95 % interval")
     determined = f"{zero} members are determined by the data, and zero within their intervals."
     return [
         family_table(found.families, "Ordinary imperfections", singly=True),
-        *([Table("Calibrated", (Column("imperfection"), value), members)] if members else []),
+        *([Table("Calibrated", heads, members)] if members else []),
         *([determined] if zero else []),
         *(f"{words}: {', '.join(some)}." for words, some in said.items() if some),
         budget_table(found, names, contacts),
@@ -84,11 +85,7 @@ def first_to_improve(found: SelfCalibration) -> str:
 
 
 def family_table(families: Sequence[CalibratedFamily], title: str, singly: bool = False) -> Table:
-    """Return the families with their spreads.
-
-    Args:
-        singly: whether to count the members that the data determine one by one.
-    """
+    """Return the families with their spreads, and how many members the data determine `singly`."""
     rows = []
     for k, one in enumerate(families):
         tolerance = one.family.effect.parameters[0].text(one.family.tolerance)
@@ -96,15 +93,9 @@ def family_table(families: Sequence[CalibratedFamily], title: str, singly: bool 
         ends = (Cell(end, f"families.{k}.spread95.{side}") for side, end in enumerate(one.spread95))
         count = [f"{int(one.determined.sum())} of {len(one.determined)}"] if singly else []
         rows.append([one.family.name, tolerance, spread, *ends, *count])
-    columns = (
-        Column("family"),
-        Column("tolerance"),
-        Column("spread", "tolerances", ".2f"),
-        Column("low", "", ".2f"),
-        Column("high", "", ".2f"),
-        *([Column("determined singly")] if singly else []),
-    )
-    return Table(title, columns, rows, SPREAD)
+    spread = ("spread", "tolerances", ".2f"), ("low", "", ".2f"), ("high", "", ".2f")
+    heads = columns("family", "tolerance", *spread, *["determined singly"] * singly)
+    return Table(title, heads, rows, SPREAD)
 
 
 def budget_table(found: SelfCalibration, names: tuple[str, ...], contacts: Contacts | None) -> Table:
@@ -112,19 +103,15 @@ def budget_table(found: SelfCalibration, names: tuple[str, ...], contacts: Conta
     rows = []
     for k, name in enumerate(names):
         order = np.argsort(-found.shares[:, k])[:LARGEST_PARTS]
-        parts = [
-            f"{found.sources[j]} {100 * found.shares[j, k]:.0f} %"
-            for j in order
-            if found.shares[j, k] >= LEAST_SHARE
-        ]
+        shares = ((found.sources[j], found.shares[j, k]) for j in order)
+        parts = [f"{source} {100 * share:.0f} %" for source, share in shares if share >= LEAST_SHARE]
         rows.append([name, float(np.sqrt(found.covariance[k, k])), ", ".join(parts)])
-    columns = (Column("parameter"), Column("s.e.", "mm", ".2f", 1e3), Column("largest parts of its variance"))
+    heads = columns("parameter", ("s.e.", "mm", ".2f", 1e3), "largest parts of its variance")
     sensors, one = ("cells", "cell") if contacts is None else ("contact sensors", "sensor")
     in_feet = contacts is not None and contacts.mount == "foot"
     plates = "right, left plate: errors of their recorded places; "
     note = (
-        f"{sensors}, encoders: their noise; {'' if in_feet else plates}internal forces: "
-        f"between the feet, which no {one} shows; spreads: how well spreads and scales are known; a family: "
-        "its members."
+        f"{sensors}, encoders: their noise; {'' if in_feet else plates}internal forces: between the feet, "
+        f"which no {one} shows; spreads: how well spreads and scales are known; a family: its members."
     )
-    return Table("Budget of the standard errors", columns, rows, note)
+    return Table("Budget of the standard errors", heads, rows, note)

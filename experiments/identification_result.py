@@ -28,20 +28,18 @@ from tulip_testbed.experiments.family_tables import calibration_report, first_to
 from tulip_testbed.experiments.parameter_tables import (
     LEGEND,
     NOT_AT_REST,
+    ConstantError,
     cad_line,
+    constant_error,
+    known_sums,
     mass_line,
     models,
     parameter_table,
     standard_table,
+    usable_line,
     weak_directions,
 )
 from tulip_testbed.experiments.run_file import MEASUREMENT_FOLDER, check_parameters
-from tulip_testbed.experiments.usable_parameters import (
-    ConstantError,
-    constant_error,
-    known_sums,
-    usable_line,
-)
 from tulip_testbed.identification.base_parameters import (
     BaseParameters,
     base_parameters,
@@ -115,7 +113,6 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
     corrections: tuple[EffectInstance, ...] = ()
 
     def placed_in(self, folder: Path) -> Self:
-        """Refuse values that do not fit the robot, the measurements or each other."""
         found = self.placed(self.robot, self.measurements, str(folder))
         try:
             found.tables()
@@ -129,11 +126,7 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
         return found
 
     def placed(self, robot: Robot, measurements: Measurements, where: str, key: str = "") -> Self:
-        """Return an identification that was read together with its robot and its measurements.
-
-        Raises:
-            InputError: estimates of other parameters than the robot has, or corrections that it cannot have.
-        """
+        """Return what was read together with robot and measurements; what does not fit them is refused."""
         check_instances(self.corrections, robot, f"{where}: key '{key}corrections'")
         parameters = base_parameters(robot, support=common_support(measurements.support))
         if self.corrections:
@@ -168,12 +161,12 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
         Raises:
             UnknownNameError: there is none; lists the names that are close and those that are valid.
         """
-        k = parameter_index(name, self.full.numbers, self.full.names)
-        value, error = float(self.full.value[k]), float(self.full.standard_error[k])
-        half = float(t_ppf(0.975, self.full.interval_dof[k])) * error
-        return IdentifiedParameter(
-            int(self.full.numbers[k]), self.full.names[k], value, error, (value - half, value + half)
-        )
+        full = self.full
+        k = parameter_index(name, full.numbers, full.names)
+        value, error = float(full.value[k]), float(full.standard_error[k])
+        half = float(t_ppf(0.975, full.interval_dof[k])) * error
+        ends = (value - half, value + half)
+        return IdentifiedParameter(int(full.numbers[k]), full.names[k], value, error, ends)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.full.names)
@@ -264,10 +257,6 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
         ]
 
     def tables(self) -> list[Table | str]:
-        """Return the parameters of the models, their high correlations and the total mass.
-
-        The self-calibrating estimator adds its families, members and budget.
-        """
         angles = self.measurements.joint_angles
         parts: list[Table | str] = [f"Corrected: {effect.finding}" for effect in self.corrections]
         for model in models(self.robot):

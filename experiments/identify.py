@@ -34,9 +34,7 @@ from tulip_testbed.identification.estimators import Estimate, estimate_by
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.regressor import check_robot, confounded_directions, regression
-from tulip_testbed.identification.statistics import (
-    standard_errors,
-)
+from tulip_testbed.identification.statistics import standard_errors
 from tulip_testbed.measurements import Measurements, as_joined
 from tulip_testbed.sim.robot import Robot
 
@@ -130,26 +128,23 @@ def identify(
         observed = but_for_compliances(observed, adopted, tolerances)
         free = confounded_directions(observed, data)
         full, simplified, found = calibrated_estimates(observed, data, kept, tolerances, calibrate, adopted)
-        check_physical(full, found.mass, robot, source)
-        return Identification(
-            robot, given, parameters, full, simplified, found.mass, estimator, found, free, tuple(adopted)
-        )
-    if observe(measurements, nominal_robot(robot, parameters.support)).contacts.unsure.any():
+        mass = found.mass
+    elif observe(measurements, nominal_robot(robot, parameters.support)).contacts.unsure.any():
         raise InputError(
             f"{source}: found force-torque sensors whose zeros no foot in the air shows well, with estimator "
             f"{estimator}; expected `estimator={SELF_CALIBRATING}`"
         )
-    if known_weight(measurements).any():
+    elif known_weight(measurements).any():
         raise InputError(
             f"{source}: found a known mass on the robot, with estimator {estimator}; expected "
             f"`estimator={SELF_CALIBRATING}`"
         )
-    full = estimate_by(data, estimator)
-    simplified = full if len(kept) == len(data.numbers) else estimate_by(data.keep(kept), estimator)
+    else:
+        full, found, free = estimate_by(data, estimator), None, np.zeros((0, 0))
+        simplified = full if len(kept) == len(data.numbers) else estimate_by(data.keep(kept), estimator)
     check_physical(full, mass, robot, source)
-    return Identification(
-        robot, given, parameters, full, simplified, mass, estimator, corrections=tuple(adopted)
-    )
+    estimates = (parameters, full, simplified, mass)
+    return Identification(robot, given, *estimates, estimator, found, free, tuple(adopted))
 
 
 def check_physical(found: Estimate, mass: tuple[float, float], robot: Robot, source: str) -> None:

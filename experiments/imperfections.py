@@ -20,11 +20,7 @@ NO_NOISE = ("ideal",)  # sensors that have neither noise nor tolerances
 
 
 def check_imperfections(laboratory: Laboratory, scale: float) -> None:
-    """Refuse imperfections that cannot be drawn.
-
-    Args:
-        scale: of the imperfections; 0: the laboratory is exact.
-    """
+    """Refuse a scale of imperfections that cannot be drawn; 0: the laboratory is exact."""
     check_scale(scale)
     if scale and laboratory.sensors in NO_NOISE:
         raise InputError(
@@ -34,11 +30,7 @@ def check_imperfections(laboratory: Laboratory, scale: float) -> None:
 
 
 def drawn(laboratory: Laboratory, scale: float, stream: np.random.SeedSequence) -> Laboratory:
-    """Hide ordinary imperfections in a laboratory.
-
-    Args:
-        scale: of the imperfections; 0: the laboratory is exact. stream: of their draw alone.
-    """
+    """Hide ordinary imperfections of a scale in a laboratory, drawn from their own stream; 0: none."""
     if not scale:
         return laboratory
     members = ordinary_members(laboratory.rig, np.random.default_rng(stream), scale)
@@ -51,11 +43,7 @@ def single_stream(seed: int) -> np.random.SeedSequence:
 
 
 def imperfections_line(scale: float, several: bool = False) -> str:
-    """Describe the imperfections that were drawn.
-
-    Args:
-        scale: 0: there were none. several: whether every run drew its own.
-    """
+    """Describe the imperfections that were drawn, once or in every one of several runs."""
     if not scale:
         return EXACT
     low, high = (number(scale * spread, "g") for spread in SPREADS)

@@ -78,10 +78,9 @@ class Laboratory:
     random_robot: tuple[float, int] | None = None
 
     def __post_init__(self) -> None:
-        for name, kind in (("robot", Robot), ("sensors", str), ("nominal", Rig | None)):
+        given = {"robot": Robot, "sensors": str, "nominal": Rig | None, "experiment": Experiment | None}
+        for name, kind in {**given, "random_robot": tuple[float, int] | None}.items():
             expect(name, getattr(self, name), kind)
-        expect("experiment", self.experiment, Experiment | None)
-        expect("random_robot", self.random_robot, tuple[float, int] | None)
         if self.random_robot is not None:
             check_spread(self.random_robot[0])
             at_least("random_robot", self.random_robot[1], 0)
@@ -100,7 +99,6 @@ class Laboratory:
 
     @property
     def _plain(self) -> Rig:
-        """The physical laboratory without effects."""
         rig = preset_rig(self.sensors, self.robot) if self.nominal is None else self.nominal
         if self.random_robot is None:
             return rig
@@ -111,7 +109,6 @@ class Laboratory:
 
     @cached_property
     def rig(self) -> Rig:
-        """The physical laboratory with all effects."""
         if self.experiment is None:
             return injected(injected(self._plain, self.known), self.hidden)
         known, hidden = (as_manipulated(some, self.experiment) for some in (self.known, self.hidden))
@@ -207,11 +204,7 @@ class Laboratory:
         return Run(self, plan, seed, engine, measured, outcome.truth, samples)
 
     def check(self, plan: PosturePlan, engine: str) -> None:
-        """Refuse a plan that this laboratory cannot measure.
-
-        Raises:
-            InputError: names what was found and what is valid.
-        """
+        """Refuse a plan that this laboratory cannot measure."""
         look_up("engine", engine, ENGINES, "engine")
         check_fits("plan", plan, self.robot)
         if plan.motion is not None and engine != "dynamics":
@@ -223,11 +216,7 @@ class Laboratory:
         self.check_effects(plan, engine)
 
     def check_effects(self, plan: PosturePlan, engine: str) -> None:
-        """Refuse effects that this laboratory cannot have.
-
-        Raises:
-            InputError: names what was found and what is valid.
-        """
+        """Refuse effects that this laboratory cannot have."""
         placements, contacts = np.unique(plan.placement).tolist(), header_of(self.rig).contacts
         for effect in (*self.known, *self.hidden):
             where = str(effect)
@@ -272,7 +261,6 @@ class Run:
 
     @property
     def outcome(self) -> Outcome:
-        """Without how it was made."""
         return Outcome(self.measurements, self.truth)
 
     def __repr__(self) -> str:

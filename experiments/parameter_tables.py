@@ -1,4 +1,4 @@
-"""Tables of parameters: estimates with the truth and the paper, links, parts of a model."""
+"""Tables and sentences of parameters: estimates with the truth and the paper, links, what can be used."""
 
 from __future__ import annotations
 
@@ -13,16 +13,18 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import Column, columns
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import read_text
+from tulip_testbed.base.numbers import number
+from tulip_testbed.base.result import Array
 from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.experiments.correlations import united_links
 from tulip_testbed.identification.base_parameters import BaseParameters
 from tulip_testbed.identification.cad_prior import CENTER_SD, MASS_SD
 from tulip_testbed.identification.estimators import Estimate, StandardEstimate
 from tulip_testbed.identification.rank import describe_combinations, labels, weakly_known
-from tulip_testbed.identification.statistics import WELL_IDENTIFIED, residual_norms
+from tulip_testbed.identification.statistics import WELL_IDENTIFIED, relative_standard_errors, residual_norms
 from tulip_testbed.sim.robot import Robot
 
 LEGEND = (
@@ -206,18 +208,11 @@ def _paper_columns(model: str, estimate: Estimate, paper: Reported) -> list[tupl
 
 def standard_table(standard: StandardEstimate) -> Table:
     """Return masses and centres of mass of the links and how much of each came from the data."""
-    columns = [
-        Column("link"),
-        Column("mass", "kg", ".3f"),
-        Column("s.e. of mass", "kg", ".3f"),
-        Column("mass from data", "%", ".0f", 100),
-    ]
+    of_mass = ("mass", "kg", ".3f"), ("s.e. of mass", "kg", ".3f"), ("mass from data", "%", ".0f", 100)
+    heads = columns("link", *of_mass)
     for axis in "xyz":
-        columns += [
-            Column(axis, "mm", ".1f", 1e3),
-            Column(f"s.e. of {axis}", "mm", ".1f", 1e3),
-            Column(f"{axis} from data", "%", ".0f", 100, extra=True),
-        ]
+        both = (axis, "mm", ".1f", 1e3), (f"s.e. of {axis}", "mm", ".1f", 1e3)
+        heads += columns(*both, (f"{axis} from data", "%", ".0f", 100, True))
     masses = np.column_stack([standard.mass, standard.mass_error, standard.mass_share])
     centers = np.stack([standard.center, standard.center_error, standard.center_share], axis=2)
     rows = [
@@ -227,15 +222,11 @@ def standard_table(standard: StandardEstimate) -> Table:
     note = (
         f"From data: share of the prior's variance that the measurements took away. {standard.identifiable}"
     )
-    return Table("Masses and centres of mass of the links", tuple(columns), rows, note)
+    return Table("Masses and centres of mass of the links", heads, rows, note)
 
 
 def weak_directions(estimate: Estimate, parameters: BaseParameters) -> str:
-    """Describe which parameters the postures hardly distinguish: those with an error beyond the longest link.
-
-    Returns:
-        "" where there are none.
-    """
+    """Describe which parameters have an error beyond the longest link, "" if none has."""
     longest = float(np.abs(parameters.from_standard[:, ::4]).max())
     weak = weakly_known(estimate.clustered_covariance, longest)
     if not len(weak):
@@ -245,7 +236,6 @@ def weak_directions(estimate: Estimate, parameters: BaseParameters) -> str:
 
 
 def placements_line(estimate: Estimate) -> str:
-    """Describe the errors that the postures of a placement share."""
     right, left = estimate.placement_sd
     if max(right, left) < NO_PLACEMENT_SD * estimate.sigma:
         return (
@@ -271,6 +261,66 @@ def residual_line(estimate: Estimate, model: str = "full", paper: Reported | Non
 
 
 def mass_line(mass: float, standard_error: float, truth: float | None = None) -> str:
-    """Describe the total mass [kg]."""
     beside = "" if truth is None else f", truth {truth:.3f} kg"
     return f"Total mass {mass:.3f} kg, standard error {standard_error:.3f} kg{beside}."
+
+
+@dataclass(frozen=True, eq=False)
+class ConstantError:
+    """The mean residual of the centre of pressure, which the estimate takes as the laboratory's.
+
+    Attributes:
+        mean: residual over all rows, in x and y, (2,) [m]. half_width: of its 95 % interval, (2,) [m].
+        share: of the residuals' mean square, (2,).
+    """
+
+    mean: Array
+    half_width: Array
+    share: Array
+
+    def __str__(self) -> str:
+        x, y = (
+            f"{number(1e3 * mean, '+.2f')} ± {number(1e3 * half, '.2f')} mm ({number(100 * share, '.0f')} %)"
+            for mean, half, share in zip(self.mean, self.half_width, self.share, strict=True)
+        )
+        return (
+            f"Constant error of the centre of pressure (share of the residuals' mean square): x {x}, y {y}. "
+            "It is taken as the laboratory's, such as plates and tilt, and is in no parameter."
+        )
+
+
+def constant_error(estimate: Estimate, regressor: np.ndarray) -> ConstantError:
+    """Return the mean of the residuals that an estimate leaves, by the regressor (m, 2, p)."""
+    residual, mean = estimate.residual.reshape(-1, 2), regressor.mean(axis=0)
+    error = np.sqrt(np.diag(mean @ estimate.covariance @ mean.T))
+    constant = residual.mean(axis=0)
+    return ConstantError(constant, 1.96 * error, constant**2 / (residual**2).mean(axis=0))
+
+
+def known_sums(estimate: Estimate) -> list[str]:
+    """Return sums and differences that are well known though neither of their two parameters is."""
+    found, shares = [], dict(zip(estimate.numbers.tolist(), estimate.relative_standard_error, strict=True))
+    for first, second, correlation in estimate.high_correlations:
+        sign = -1.0 if correlation > 0 else 1.0
+        weights = (estimate.numbers == first) + sign * (estimate.numbers == second)
+        value, error = weights @ estimate.value, np.sqrt(weights @ estimate.covariance @ weights)
+        if relative_standard_errors(value, error) < WELL_IDENTIFIED <= min(shares[first], shares[second]):
+            names = [estimate.names[list(shares).index(one)] for one in (first, second)]
+            size = f"{1e3 * value:.2f} mm, standard error {1e3 * error:.2f} mm"
+            found.append(f"{(' + ' if sign > 0 else ' - ').join(names)} = {size}.")
+    return found
+
+
+def usable_line(shares: np.ndarray, missed: float, sums: int = 0) -> str:
+    """Say how much of a full model can be used.
+
+    Args:
+        shares: relative standard errors, (p,) [%]. missed: standard error of the predicted centre of mass per
+            axis [m]. sums: see `known_sums`.
+    """
+    others = f" and {sums} sum{'s' * (sums > 1)} of others" if sums else ""
+    return (
+        f"Usable: {(shares < WELL_IDENTIFIED).sum()} of {len(shares)} parameters{others} are known better "
+        f"than {WELL_IDENTIFIED:.0f} %; the centre of mass of these postures is predicted within "
+        f"± {number(1.96e3 * float(missed), '.2g')} mm per axis (95 %)."
+    )

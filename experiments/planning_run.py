@@ -50,12 +50,6 @@ class PlanSettings:
     right: int = 0
     left: int = 0
 
-    @property
-    def on_one_foot(self) -> dict[str, int]:
-        """Numbers of postures on one foot that are optimised together with those on both, none if 0."""
-        counts = {"right": self.right, "left": self.left}
-        return {foot: count for foot, count in counts.items() if count}
-
 
 def state_folder(out: Path) -> Path:
     """Return where an interrupted search leaves its states, next to its plan."""
@@ -70,7 +64,6 @@ class PlanSearch:
     task: SearchTask
 
     def folder(self, out: Path) -> ResumableFolder:
-        """Return the folder of the search's states, next to the plan that it makes."""
         robot, measured = self.task.problem.robot, self.task.measured
         made_with = {
             "settings": dataclasses.asdict(self.settings),
@@ -83,23 +76,18 @@ class PlanSearch:
 
 
 def set_up_search(robot: Robot, settings: PlanSettings, measured: Measurements | None = None) -> PlanSearch:
-    """Check what a plan is to be, before the work.
-
-    Args:
-        measured: what was measured before: the plan is to tell most next.
-    """
-    for name, least in (
-        *(("seed", 0), ("placements", 1), ("postures_per_placement", 1), ("hops", 0)),
-        *(("repeats", 0), ("right", 0), ("left", 0)),
-    ):
-        at_least(name, getattr(settings, name), least)
+    """Check, before the work, what a plan is to be, alone or after what was measured before."""
+    for name, value in vars(settings).items():
+        if name != "objective":
+            at_least(name, value, int(name in ("placements", "postures_per_placement")))
     for name in ("hops", "right", "left"):
         at_most(name, getattr(settings, name), MOST_ROWS)
     placements, per = settings.placements, settings.postures_per_placement
     at_most("placements, postures_per_placement", placements * per, MOST_ROWS)
     if settings.repeats > (most := placements * per):
         raise InputError(f"repeats: found {settings.repeats}, expected at most the plan's {most} postures")
-    if (counts := settings.on_one_foot) and measured is not None:
+    counts = {foot: n for foot, n in (("right", settings.right), ("left", settings.left)) if n}
+    if counts and measured is not None:
         raise InputError("right, left: found postures on one foot after measurements, expected none")
     check_scene(preset_rig("ideal", robot))
     warn_of_robot(robot)
@@ -116,35 +104,20 @@ def set_up_search(robot: Robot, settings: PlanSettings, measured: Measurements |
 def search_plan(
     search: PlanSearch, out: Path | None, sensors: str, progress: Progress = silent
 ) -> DescribedPlan:
-    """Search for a plan, or go on with an interrupted search.
-
-    Args:
-        out: new plan folder; the states of an interrupted search are next to it.
-        sensors: that the description is for.
-
-    Raises:
-        InputError: a state that this search did not leave; a place that cannot be written.
-        KeyboardInterrupt: before there was any plan.
-    """
-    with _states_of(search, out) as states:
-        return _search(search, out, states, sensors, progress)
-
-
-def _search(
-    search: PlanSearch, out: Path | None, states: Path | None, sensors: str, progress: Progress
-) -> DescribedPlan:
+    """Search for a plan, or go on with the interrupted search whose states are next to its folder."""
     began, task, wanted = time.perf_counter(), search.task, search.settings
-    robot = task.problem.robot
-    plan, finished = _carry_out(task, states, progress)
-    if finished and wanted.repeats:
-        plan = with_repeats(plan, wanted.repeats, wanted.seed)
-    described = describe_plan(robot, plan, None if out is None else str(out), sensors, task.measured)
-    if not finished:
-        warn("interrupted; this is the best plan so far, and the same call goes on")
-    if out is not None and states is not None:
-        _keep_plan(out, replace(plan, made=plan.made | {"described": described.promises()}), states)
-        for state in states.glob("seed-*.json") if finished else ():
-            state.unlink()
+    place = None if out is None else str(out)
+    with _states_of(search, out) as states:
+        plan, finished = _carry_out(task, states, progress)
+        if finished and wanted.repeats:
+            plan = with_repeats(plan, wanted.repeats, wanted.seed)
+        described = describe_plan(task.problem.robot, plan, place, sensors, task.measured)
+        if not finished:
+            warn("interrupted; this is the best plan so far, and the same call goes on")
+        if out is not None and states is not None:
+            _keep_plan(out, replace(plan, made=plan.made | {"described": described.promises()}), states)
+            for state in states.glob("seed-*.json") if finished else ():
+                state.unlink()
     return replace(
         described,
         **{name: plan.made[name] for name in SEARCHED if name in plan.made},

@@ -28,11 +28,6 @@ class Split:
     name: str
     folds: tuple[tuple[np.ndarray, np.ndarray], ...]
 
-    @property
-    def predicted(self) -> int:
-        """Count the rows that are predicted."""
-        return sum(len(test) for _, test in self.folds)
-
 
 def clusters(m: Measurements) -> np.ndarray:
     """Return the number of the block that each row belongs to, in the order of time, (m,).

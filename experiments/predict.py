@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import minimize
 
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Result
@@ -19,16 +19,12 @@ from tulip_testbed.calibration.prediction import center_errors
 from tulip_testbed.calibration.self_calibration import as_log_shows, self_calibrate
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.posture_splits import Split, by_blocks, by_halves, clusters, stated
-from tulip_testbed.identification.base_parameters import (
-    BaseParameters,
-    common_support,
-    standard_parameters,
-)
+from tulip_testbed.identification.base_parameters import common_support, standard_parameters
 from tulip_testbed.identification.cad_prior import CENTER_SD, MASS_SD, cad_prior
 from tulip_testbed.identification.center_of_pressure import contact_pressure
 from tulip_testbed.identification.distributions import t_ppf
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
-from tulip_testbed.identification.observation import Observation, observe
+from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.regressor import check_robot, regression, with_cad_where_needed
 from tulip_testbed.identification.residual_channels import carried
 from tulip_testbed.measurements import Measurements
@@ -37,6 +33,7 @@ from tulip_testbed.sim.specs import compile_spec
 
 CAD, CAD_WITH_OFFSET, CONSTANT = "CAD", "CAD with offset", "constant"
 EXPORTED, IDENTIFIED, WITH_CORRECTIONS = "exported", "identified", "identified with corrections"
+WORDS = {True: "yes", False: "no", None: "undecided"}
 MODELS = (CAD, CAD_WITH_OFFSET, CONSTANT, IDENTIFIED, WITH_CORRECTIONS)
 LEAST_BLOCKS = 3  # that an interval needs
 RESAMPLES, SEED = 2000, 0
@@ -101,28 +98,25 @@ class Prediction(Result):
 
     @property
     def verdict(self) -> str:
-        """Return the answers in two sentences."""
-        words = {True: "yes", False: "no", None: "undecided, these postures do not decide it"}
+        words = WORDS | {None: "undecided, these postures do not decide it"}
         return (
             f"Identified beats CAD: {words[self.beats_cad]}. Identified with corrections beats CAD with "
             f"offset: {words[self.beats_cad_with_offset]}."
         )
 
     def tables(self) -> list[Table | str]:
-        """Return the scores, the notes and the verdict."""
-        columns = (Column("model"), Column("postures left out by"))
-        columns += tuple(Column(f"r.m.s. {axis} (95 %)", "mm", ".2f") for axis in "xy")
-        columns += (Column("beats CAD"), Column("beats CAD with offset"))
-        words, rows = {True: "yes", False: "no", None: "undecided"}, []
+        rms = ((f"r.m.s. {axis} (95 %)", "mm", ".2f") for axis in "xy")
+        heads = columns("model", "postures left out by", *rms, "beats CAD", "beats CAD with offset")
+        rows = []
         for score in self.models:
             ends = (score.rms_mm, score.low95, score.high95)
             cells = [tuple(np.nan if e is None else getattr(e, axis) for e in ends) for axis in "xy"]
-            beats = "" if score.name == CAD else words[score.beats_cad]
-            offset = "" if score.name in (CAD, CAD_WITH_OFFSET) else words[score.beats_cad_with_offset]
+            beats = "" if score.name == CAD else WORDS[score.beats_cad]
+            offset = "" if score.name in (CAD, CAD_WITH_OFFSET) else WORDS[score.beats_cad_with_offset]
             rows.append([score.name, score.split, *cells, beats, offset])
         note = "Intervals: bootstrap over blocks; beats CAD: Student's t over the same blocks, 95 %."
         return [
-            Table("Centre of pressure of postures that took no part", columns, rows, note),
+            Table("Centre of pressure of postures that took no part", heads, rows, note),
             *self.notes,
             self.verdict,
         ]
@@ -140,19 +134,19 @@ def predict(
     """Score models on postures that took no part in their training; see `tulip_testbed.predict`."""
     nominal = nominal_robot(robot, common_support(measurements.support))
     check_robot(nominal.parameters, measurements, robot, source)
-    problem = problem_of(measurements, robot, nominal)
+    problem = PredictionProblem(measurements, nominal)
     change = None
     if exported is not None:  # how the masses of a model file change CAD's centre of mass, (m, 2) [m]
         cad, other = robot.model, compile_spec(load_spec(exported), str(exported))
         links, there = ([model.body(k).name for k in range(1, model.nbody)] for model in (cad, other))
         if there != links:
             raise InputError(f"{exported}: found the links {listed(there)}, expected {listed(links)}")
-        values = [problem.parameters.values(standard_parameters(model)) for model in (cad, other)]
+        values = [nominal.parameters.values(standard_parameters(model)) for model in (cad, other)]
         change = problem.matrix @ (values[1] - values[0])
-    splits = [by_blocks(measurements), by_halves(measurements)] if not train and not test else []
-    splits = splits or [stated(measurements, train, test)]
-    scores: list[Score] = []
-    notes: list[str] = []
+    splits = [by_blocks(measurements), by_halves(measurements)]
+    if train or test:
+        splits = [stated(measurements, train, test)]
+    scores, notes = list[Score](), list[str]()
     for split in splits:
         _score(problem, split, adopted, change, scores, notes)
     first = {one.name: one for one in scores if one.split == splits[0].name}
@@ -171,7 +165,7 @@ def cad_errors(problem: PredictionProblem, train: np.ndarray) -> np.ndarray:
 
     Zeros have their prior, next to the scatter that no zeros explain.
     """
-    target, columns = problem.residual[train].ravel(), problem.rows(problem.zeros, train)
+    target, columns = problem.residual[train].ravel(), _rows(problem.zeros, train)
     free = target - columns @ np.linalg.lstsq(columns, target)[0]
     noise = max(float(np.sqrt((free**2).mean())), SMALLEST)
     size = columns.T @ np.linalg.solve(columns @ columns.T + noise**2 * np.eye(len(target)), target)
@@ -187,7 +181,7 @@ def _score(
     notes: list[str],
 ) -> None:
     """Add the scores of every model that the split allows."""
-    m = problem.measurements
+    m = problem.observed.measurements
     rows = np.concatenate([test for _, test in split.folds])
     models = (*MODELS, *([] if change is None else [EXPORTED]))
     found: dict[str, list[np.ndarray]] = {name: [] for name in models}
@@ -269,7 +263,8 @@ def corrected_errors(
     problem: PredictionProblem, adopted: Sequence[EffectInstance], train: np.ndarray, test: np.ndarray
 ) -> np.ndarray:
     """Return the residuals of what `identify` estimates, with its corrections, (n, 2) [m]."""
-    data = regression(problem.parameters, problem.measurements.take(train), problem.robot)
+    nominal, m = problem.observed.nominal, problem.observed.measurements
+    data = regression(nominal.parameters, m.take(train), nominal.robot)
     observed, found = as_log_shows(with_cad_where_needed(problem.observed, data), rows=train)
     if found is None or adopted:
         found = self_calibrate(observed.take(train), effects=adopted)
@@ -283,12 +278,13 @@ def _with_prior(problem: PredictionProblem, train: np.ndarray, test: np.ndarray)
     postures, whose residuals are normal with covariance scale^2 H S S' H' + sigma^2 + tau^2 by placement.
     """
     residual = problem.residual[train].ravel()
-    reach = problem.rows(problem.matrix, train) @ problem.spread
+    reach = _rows(problem.matrix, train) @ problem.spread
     offset = np.broadcast_to(np.eye(2), (len(problem.residual), 2, 2))
     every = np.concatenate([problem.zeros, WIDE * offset], axis=2)
-    zeros = problem.rows(every, train)
+    zeros = _rows(every, train)
     fixed = zeros @ zeros.T
-    same = np.equal.outer(problem.measurements.placement[train], problem.measurements.placement[train])
+    placement = problem.observed.measurements.placement[train]
+    same = np.equal.outer(placement, placement)
     common = np.kron(same, np.eye(2))
     shared = bool((same.sum(axis=1) > 1).any())
     prior, unit = reach @ reach.T, np.eye(len(residual))
@@ -318,7 +314,6 @@ def _with_prior(problem: PredictionProblem, train: np.ndarray, test: np.ndarray)
     return problem.residual[test] - problem.matrix[test] @ change - shown, scale
 
 
-@dataclass(frozen=True, eq=False)
 class PredictionProblem:
     """The data that the models have to explain.
 
@@ -330,40 +325,20 @@ class PredictionProblem:
             weight if it is not either, (m, 2, z).
     """
 
-    measurements: Measurements
-    observed: Observation
-    robot: Robot
-    parameters: BaseParameters
-    matrix: np.ndarray
-    center: np.ndarray
-    residual: np.ndarray
-    spread: np.ndarray
-    zeros: np.ndarray
-
-    def rows(self, values: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-        """Return the rows of a matrix (m, 2, k) for some postures, (2 n, k)."""
-        return values[chosen].reshape(2 * len(chosen), -1)
+    def __init__(self, m: Measurements, nominal: Nominal):
+        self.observed = observe(m, nominal)
+        self.matrix = nominal.parameters.regressor(m.joint_angles, m.support)
+        self.center, self.zeros = contact_pressure(m, nominal).center, np.zeros((len(m), 2, 0))
+        unknown = self.observed.contacts.unsure
+        if m.wrenches is not None and unknown.any():
+            self.center, self.zeros = _about_zeros(m, nominal, unknown)
+        self.residual = self.center - nominal.center_of_mass(m.joint_angles, m.support)
+        self.spread = cad_prior(nominal.parameters, standard_parameters(nominal.robot.model)).root
 
 
-def problem_of(m: Measurements, robot: Robot, nominal: Nominal) -> PredictionProblem:
-    """Return what measurements of a robot leave to explain."""
-    parameters, observed = nominal.parameters, observe(m, nominal)
-    unknown = observed.contacts.unsure
-    if m.wrenches is None or not unknown.any():
-        center, zeros = contact_pressure(m, nominal).center, np.zeros((len(m), 2, 0))
-    else:
-        center, zeros = _about_zeros(m, nominal, unknown)
-    return PredictionProblem(
-        measurements=m,
-        observed=observed,
-        robot=robot,
-        parameters=parameters,
-        matrix=parameters.regressor(m.joint_angles, m.support).reshape(len(m), 2, -1),
-        center=center,
-        residual=center - nominal.center_of_mass(m.joint_angles, m.support),
-        spread=cad_prior(parameters, standard_parameters(robot.model)).root,
-        zeros=zeros,
-    )
+def _rows(values: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+    """Return the rows of a matrix (m, 2, k) for some postures, (2 n, k)."""
+    return values[chosen].reshape(2 * len(chosen), -1)
 
 
 def _about_zeros(m: Measurements, nominal: Nominal, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
 
+from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import present
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Documented, Result
-from tulip_testbed.base.table import Cell, Column, Table
+from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.base.table_files import finite, json_text
 from tulip_testbed.discovery.discover import AMBIGUOUS
 from tulip_testbed.discovery.experiment_information import Explanation
@@ -34,7 +35,6 @@ from tulip_testbed.sim.plan_folder import write_plan
 from tulip_testbed.sim.robot import Robot
 
 EXPERIMENT_FILE, STEPS_FILE = "experiment.json", "steps.md"
-CHANNELS = ("cop_x_mm", "cop_y_mm", "force_N", "twist_right_N", "twist_left_N")
 FACTORS = np.array([1e3, 1e3, 1.0, 1.0, 1.0])
 
 
@@ -48,11 +48,6 @@ class ExpectedResult:
     force_N: float  # noqa: N815, as the key has it
     twist_right_N: float  # noqa: N815
     twist_left_N: float  # noqa: N815
-
-    @property
-    def figures(self) -> list[float]:
-        """Return the predictions in their order."""
-        return [getattr(self, key) for key in CHANNELS]
 
 
 @dataclass(frozen=True)
@@ -110,7 +105,6 @@ class Proposals(Result):
         return self.experiments[0]
 
     def to_json(self) -> dict[str, Any]:
-        """Return the experiments for JSON."""
         return finite(
             {
                 "verdict": self.verdict,
@@ -121,7 +115,6 @@ class Proposals(Result):
         )
 
     def tables(self) -> list[Table | str]:
-        """Return the ranking, what each explanation predicts for the best, and what is assumed."""
         if not self.experiments:
             return [f"Verdict: {self.verdict}. There is nothing to settle between explanations."]
         out: list[Table | str] = [self.table(), self.predictions()]
@@ -138,33 +131,25 @@ class Proposals(Result):
         return out
 
     def save(self, folder: str | Path) -> None:
-        """Write the best experiment as a new plan folder, see `write_experiment_plan`."""
-        write_experiment_plan(Path(folder), self)
+        """Write the best experiment as a plan folder with its manipulations and steps; it appears whole."""
+        best = self.best
+        document = ExperimentFile(**vars(proposed(best)), number=self.number)
+        files = {EXPERIMENT_FILE: json_text(document.to_json()), STEPS_FILE: steps(document, best)}
+        write_plan(Path(folder), best.plan, files)
 
     def table(self) -> Table:
-        """Return one row an experiment."""
         return experiment_table([proposed(experiment) for experiment in self.experiments])
 
     def predictions(self) -> Table:
-        """Return what each explanation predicts for the best experiment."""
-        rows = [[one.explanation, *one.figures] for one in proposed(self.best).predictions]
-        columns = (
-            Column("if it is"),
-            Column("CoP x", "mm", "+.2f"),
-            Column("CoP y", "mm", "+.2f"),
-            Column("sum", "N", "+.2f"),
-            Column("twist right", "N", "+.2f"),
-            Column("twist left", "N", "+.2f"),
-        )
-        return Table("Mean residuals that each explanation predicts for the best", columns, rows)
+        rows = [astuple(one) for one in proposed(self.best).predictions]
+        center = ((f"CoP {axis}", "mm", "+.2f") for axis in "xy")
+        forces = ((name, "N", "+.2f") for name in ("sum", "twist right", "twist left"))
+        heads = columns("if it is", *center, *forces)
+        return Table("Mean residuals that each explanation predicts for the best", heads, rows)
 
 
 def experiment_table(experiments: Sequence[ProposedExperiment], key: str = "experiments") -> Table:
-    """Return ranked experiments, one per row.
-
-    Args:
-        key: where they are in their document.
-    """
+    """Return ranked experiments, one per row; key: of these in their document."""
     rows = []
     for k, one in enumerate(experiments):
         now, path = one.entropy_now, f"{key}.{k}"
@@ -177,22 +162,16 @@ def experiment_table(experiments: Sequence[ProposedExperiment], key: str = "expe
                 Cell(one.separation, f"{path}.separation"),
             ]
         )
-    columns = (
-        Column("experiment"),
-        Column("postures", format="d"),
-        Column("time", "min", ".0f"),
-        Column("settled", "%", ".0f", 100.0),
-        Column("least ln BF", format=".1f"),
-    )
+    figures = ("time", "min", ".0f"), ("settled", "%", ".0f", 100.0), ("least ln BF", "", ".1f")
+    heads = columns("experiment", ("postures", "", "d"), *figures)
     note = (
         "settled: expected decrease of the explanations' entropy, whose rate per minute orders the rows; "
         "least ln BF: expected between the two closest explanations."
     )
-    return Table("Experiments, the best first", columns, rows, note)
+    return Table("Experiments, the best first", heads, rows, note)
 
 
 def proposed(one: NextExperiment) -> ProposedExperiment:
-    """Return a ranked experiment as a document."""
     return ProposedExperiment(
         session=one.experiment.session,
         manipulations=one.experiment.manipulations,
@@ -230,14 +209,6 @@ def propose_experiments(
     return Proposals(verdict, tuple(ranking), count + 1, session_of(measurements))
 
 
-def write_experiment_plan(folder: Path, proposals: Proposals) -> None:
-    """Write the best experiment as a plan folder with its manipulations and steps; it appears whole."""
-    best = proposals.best
-    document = ExperimentFile(**vars(proposed(best)), number=proposals.number)
-    beside = {EXPERIMENT_FILE: json_text(document.to_json()), STEPS_FILE: steps(document, best)}
-    write_plan(folder, best.plan, beside)
-
-
 def steps(document: ExperimentFile, best: NextExperiment) -> str:
     """Describe what to do in the laboratory, as numbered steps in Markdown."""
     todo = [f"{text[0].upper()}{text[1:]}: {ADVICE[_kind(text)]}" for text in document.manipulations]
@@ -248,22 +219,22 @@ def steps(document: ExperimentFile, best: NextExperiment) -> str:
             f"Do not tare the cells unless a step says so: the experiment belongs to session "
             f"'{document.session}'."
         )
-    todo.append(
-        f"Measure the {document.postures} postures of this plan on their {document.placements} placements. "
-        "Columns name places on the floor as the robot sees them, not devices."
-    )
     keys = json_text({"session": document.session or None, "manipulations": document.manipulations}).strip()
-    todo.append(f"State in the manifest of the measurements:\n\n```json\n{keys}\n```")
-    lines = [f"# Experiment {document.number}: {best.words}", ""]
-    lines += [f"{k}. {text}" for k, text in enumerate(todo, 1)]
-    lines += ["", f"Assumed time: {document.minutes:.0f} min.", ""]
-    lines += ["Mean residuals that each explanation predicts:", ""]
-    lines += ["| if it is | CoP x [mm] | CoP y [mm] | sum of cells [N] |", "|---|---|---|---|"]
-    lines += [
-        f"| {p.explanation} | {number(p.cop_x_mm, '+.2f')} | {number(p.cop_y_mm, '+.2f')} "
-        f"| {number(p.force_N, '+.2f')} |"
-        for p in document.predictions
+    todo += [
+        f"Measure the {document.postures} postures of this plan on their {document.placements} placements. "
+        "Columns name places on the floor as the robot sees them, not devices.",
+        f"State in the manifest of the measurements:\n\n```json\n{keys}\n```",
     ]
+    lines = [
+        *(f"# Experiment {document.number}: {best.words}", ""),
+        *(f"{k}. {text}" for k, text in enumerate(todo, 1)),
+        *("", f"Assumed time: {document.minutes:.0f} min.", ""),
+        *("Mean residuals that each explanation predicts:", ""),
+        *("| if it is | CoP x [mm] | CoP y [mm] | sum of cells [N] |", "|---|---|---|---|"),
+    ]
+    for one in document.predictions:
+        cells = (number(value, "+.2f") for value in (one.cop_x_mm, one.cop_y_mm, one.force_N))
+        lines.append(f"| {one.explanation} | {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
 

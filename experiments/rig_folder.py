@@ -77,11 +77,7 @@ def rig_files(robot: Robot, instances: Sequence[EffectInstance]) -> dict[str, st
     manifest = RigManifest(
         format="tulip-rig",
         version=1,
-        robot=RigRobot(
-            model=robot.model_file.name,
-            sha256=robot.model_hash,
-            files=dict(list(robot.hashes.items())[1:]),
-        ),
+        robot=RigRobot(robot.model_file.name, robot.model_hash, dict(list(robot.hashes.items())[1:])),
         preset=None,
         effects=tuple(instances),
         software=software(),
@@ -152,12 +148,10 @@ def difference(
     """Return the changes by the effects in words: findings, instruments, lines of MJCF."""
     lines = ["Effects", *(f"  {found.finding} ({found.effect.sentence})" for found in instances), ""]
     lines += ["Instruments and procedure", *_outside(nominal, changed, instances), "", "Scene (MJCF)"]
-    for name, text in scenes.items():
-        if name != NOMINAL:
-            pieces = difflib.unified_diff(
-                scenes[NOMINAL].splitlines(), text.splitlines(), NOMINAL, name, n=1, lineterm=""
-            )
-            lines += list(pieces) or ["  No line differs."]
+    before, *others = [(name, text.splitlines()) for name, text in scenes.items()]
+    for name, after in others:
+        pieces = difflib.unified_diff(before[1], after, NOMINAL, name, n=1, lineterm="")
+        lines += list(pieces) or ["  No line differs."]
     return "\n".join(lines) + "\n"
 
 
@@ -169,12 +163,9 @@ def _outside(nominal: Rig, changed: Rig, instances: Sequence[EffectInstance]) ->
         if injected(nominal, [found]).misread is not None
     ]
     for part in ("sensors", "controller", "drives", "compliance", "protocol"):
-        before, after = getattr(nominal, part), getattr(changed, part)
-        lines += [
-            f"  {part}, {field.name}: {getattr(before, field.name)} -> {getattr(after, field.name)}"
-            for field in fields(before)
-            if getattr(before, field.name) != getattr(after, field.name)
-        ]
+        for field in fields(getattr(nominal, part)):
+            before, after = (getattr(getattr(rig, part), field.name) for rig in (nominal, changed))
+            lines += [f"  {part}, {field.name}: {before} -> {after}"] if before != after else []
     lines += [
         f"  From {100 * start:.0f} % of the experiment's time on: {name}"
         for name, (start, _) in _later(changed).items()
@@ -183,8 +174,6 @@ def _outside(nominal: Rig, changed: Rig, instances: Sequence[EffectInstance]) ->
 
 
 def _numbers(found: EffectInstance) -> str:
-    values = ", ".join(
-        f"{parameter.name} {number(value)} {parameter.unit}".strip()
-        for parameter, value in zip(found.effect.parameters, found.values, strict=True)
-    )
+    both = zip(found.effect.parameters, found.values, strict=True)
+    values = ", ".join(f"{one.name} {number(value)} {one.unit}".strip() for one, value in both)
     return f"({found.target + ': ' if found.target else ''}{values})"

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Table
@@ -79,19 +79,12 @@ class RobotReport(Result):
     description: str | None = None
 
     def tables(self) -> list[Table | str]:
-        """Return what a published file says, the parameters, and what the robot lacks."""
         count = self.counts
         parts: list[Table | str] = [] if self.found is None else [_found_table(self.name, self.found)]
-        moments = (Column(f"m c_{axis}", "kg m", ".4f") for axis in "xyz")
-        of_links = (Column("link"), Column("mass", "kg", ".3f"), *moments)
-        columns = (
-            Column("no.", format="d"),
-            Column("parameter"),
-            Column("value", "mm", ".2f", 1e3),
-            Column("terms", format="d"),
-            Column("largest term"),
-            Column("sum of"),
-        )
+        moments = ((f"m c_{axis}", "kg m", ".4f") for axis in "xyz")
+        of_links = columns("link", ("mass", "kg", ".3f"), *moments)
+        figures = ("value", "mm", ".2f", 1e3), ("terms", "", "d")
+        of_base = columns(("no.", "", "d"), "parameter", *figures, "largest term", "sum of")
         rows = [[b.number, b.name, b.value, b.terms, b.largest, b.meaning] for b in self.base]
         base_title = f"Base parameters; the total mass is {self.total_mass:.3f} kg"
         note = "A base parameter is the sum over the total mass; --json holds every term."
@@ -103,12 +96,12 @@ class RobotReport(Result):
             f"{count['joined']} -> {count['base']} base parameters in {self.support} support",
             "",
             Table("Standard parameters (eq. 5)", of_links, [[*astuple(link)] for link in self.standard]),
-            Table(base_title, columns, rows, note),
+            Table(base_title, of_base, rows, note),
         ]
         if self.findings:
-            columns = tuple(map(Column, ("about", "found", "what goes wrong", "what is done")))
+            heads = columns("about", "found", "what goes wrong", "what is done")
             rows = [[f.name, f.found, f.consequence, f.assumed] for f in self.findings]
-            parts.append(Table("Items that this robot lacks for the laboratory", columns, rows))
+            parts.append(Table("Items that this robot lacks for the laboratory", heads, rows))
         return [*parts, *([f"Description: {self.description}"] if self.description else [])]
 
 
@@ -123,10 +116,8 @@ def report_robot(
     """Report on a description, or prepare a published model; see `tulip_testbed.describe_robot`."""
     if file.suffix.lower() not in PUBLISHED:
         if feet or sole or out is not None:
-            found = "a folder" if file.is_dir() else "a description"
-            raise InputError(
-                f"{file}: found {found}, expected a published MJCF or URDF with feet, sole or out"
-            )
+            found = f"{file}: found a {'folder' if file.is_dir() else 'description'}"
+            raise InputError(f"{found}, expected a published MJCF or URDF with feet, sole or out")
         return _report(described_robot(file), support)
     imported = import_robot(file, feet, sole)
     more: dict[str, Any] = {"found": imported.found, "assumed": imported.assumed}
@@ -138,11 +129,9 @@ def report_robot(
 
 
 def _report(robot: Robot, support: str, problems: tuple[str, ...] = (), **more: Any) -> RobotReport:
-    overlaps = [
-        f"{' and '.join(names)} ({1e3 * d:.0f} mm)" for names, d in overlaps_at_reference(robot).items()
-    ]
-    if overlaps:
-        problems += (f"links that overlap in the posture stand, and may do so in plans: {listed(overlaps)}",)
+    if found := overlaps_at_reference(robot):
+        overlaps = listed(f"{' and '.join(names)} ({1e3 * d:.0f} mm)" for names, d in found.items())
+        problems += (f"links that overlap in the posture stand, and may do so in plans: {overlaps}",)
     parameters = base_parameters(robot, robot.model, support)
     standard = standard_parameters(robot.model)
     values = parameters.values(standard)
@@ -162,17 +151,7 @@ def _report(robot: Robot, support: str, problems: tuple[str, ...] = (), **more: 
             for link, row in zip(parameters.tree.links, standard.tolist(), strict=True)
         ),
         base=tuple(
-            BaseParameter(
-                number=k,
-                name=name,
-                value=float(value),
-                columns=group,
-                standard=parameters.grouping(k - 1),
-                **base_parameter_words(parameters, k - 1, standard),
-            )
-            for k, (name, value, group) in enumerate(
-                zip(parameters.names, values, parameters.groups, strict=True), 1
-            )
+            _base_parameter(parameters, index, float(value), standard) for index, value in enumerate(values)
         ),
         findings=tuple(robot_findings(robot)),
         problems=problems,
@@ -195,15 +174,13 @@ def _found_table(name: str, found: dict[str, Any]) -> Table:
         ("torque limits", f"{torque[0]:.3g} to {torque[-1]:.3g} Nm"),
         ("standing posture", f"free body {found['height']:.3f} m above the soles"),
     ]
-    return Table(name, (Column("found"), Column("value")), rows)
+    return Table(name, columns("found", "value"), rows)
 
 
-def base_parameter_words(parameters: BaseParameters, index: int, standard: np.ndarray) -> dict[str, Any]:
-    """Describe the index-th base parameter for JSON: number of terms, the largest one, what is summed.
-
-    Args:
-        standard: standard parameters of the nominal robot (eq. 5), (n_links, 4) [kg, kg m, kg m, kg m].
-    """
+def _base_parameter(
+    parameters: BaseParameters, index: int, value: float, standard: np.ndarray
+) -> BaseParameter:
+    """Describe a base parameter by the standard parameters, (n_links, 4) [kg, kg m, kg m, kg m]."""
     terms = parameters.terms(index)
     links = parameters.tree.links
     sizes = [
@@ -218,16 +195,20 @@ def base_parameter_words(parameters: BaseParameters, index: int, standard: np.nd
         parts.append(f"{moments[0][0]} moment of {_listed([of for _, of in moments])}")
     if masses:
         at = " or ".join(f"{length:g}" for length in lengths)
-        parts.append(
-            f"{_listed(masses)} at {at} mm" if len(masses) == 1 else f"{len(masses)} masses at {at} mm"
-        )
+        what = _listed(masses) if len(masses) == 1 else f"{len(masses)} masses"
+        parts.append(f"{what} at {at} mm")
     weight, quantity, link = terms[int(np.argmax(sizes))]
     factor = "" if abs(abs(weight) - 1) < 1e-12 else f"{1e3 * abs(weight):.4g} mm "
-    return {
-        "terms": len(terms),
-        "largest": f"{'-' if weight < 0 else ''}{factor}{quantity}[{link}]",
-        "meaning": ", ".join(parts),
-    }
+    return BaseParameter(
+        number=index + 1,
+        name=parameters.names[index],
+        value=value,
+        columns=parameters.groups[index],
+        standard=parameters.grouping(index),
+        terms=len(terms),
+        largest=f"{'-' if weight < 0 else ''}{factor}{quantity}[{link}]",
+        meaning=", ".join(parts),
+    )
 
 
 def _listed(links: list[str]) -> str:

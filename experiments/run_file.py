@@ -89,23 +89,21 @@ def configuration_of(
         imperfections: scale of those that were drawn for the laboratory; 0: it is exact.
     """
     rig = laboratory.rig
-    sensors: dict[str, Any] = dict(dataclasses.asdict(rig.sensors))
-    if rig.sensors.wrench is None:
-        del sensors["wrench"]
-    content = {
+    parts = ("controller", "drives", "compliance", "sensors", "protocol")
+    content: dict[str, Any] = {
         "preset": laboratory.sensors,
         "seed": seed,
         "robot": rig.robot.path.name,
-        "controller": dataclasses.asdict(rig.controller),
-        "drives": dataclasses.asdict(rig.drives),
-        "compliance": dataclasses.asdict(rig.compliance),
-        "sensors": sensors,
-        "protocol": dataclasses.asdict(rig.protocol),
+        **{part: dataclasses.asdict(getattr(rig, part)) for part in parts},
         "edited": rig.edit is not None,
         "adopted": [found.document() for found in laboratory.known],
         "statics": engine == "statics",
         "plan": {"robot": plan.robot, "made": plan.made, "postures": len(plan)},
-    } | ({"imperfections": float(imperfections)} if imperfections else {})
+    }
+    if rig.sensors.wrench is None:
+        del content["sensors"]["wrench"]
+    if imperfections:
+        content["imperfections"] = float(imperfections)
     if laboratory.random_robot is not None:
         content["random_robot"] = dict(zip(("spread", "seed"), laboratory.random_robot, strict=True))
     return Configuration.model_validate(finite(content))  # with lists for tuples, as it will be read again
@@ -163,11 +161,7 @@ def hashes_in(folder: Path) -> dict[str, str]:
 
 
 def check_files(folder: Path, outputs: dict[str, str], by: str, key: str = "outputs") -> None:
-    """Refuse a folder with a file that is missing or not what was written.
-
-    Args:
-        outputs: sha256 of the files. by, key: the file and its entry that state them.
-    """
+    """Refuse files that are missing or have another sha256 than an entry (`key`) of a file (`by`) states."""
     for name, expected in outputs.items():
         path = folder / name
         if ".." in Path(name).parts or Path(name).is_absolute():
@@ -193,11 +187,7 @@ def check_robot(folder: Path, inputs: dict[str, str], robot: Robot) -> None:
 def check_parameters(
     where: str, key: str, found: Sequence[tuple[int, str]], expected: Sequence[tuple[int, str]]
 ) -> None:
-    """Refuse rows of other parameters than the robot's.
-
-    Args:
-        found, expected: number and name of each row.
-    """
+    """Refuse rows of other parameters, by number and name, than the robot's."""
     if len(found) != len(expected):
         raise InputError(f"{where}: key '{key}': found {len(found)} rows, expected {len(expected)}")
     for row, (a, b) in enumerate(zip(found, expected, strict=True)):
@@ -215,7 +205,7 @@ def kind_of(folder: Path) -> RunKind | Literal["plan", "measurement"]:
         found = "found a file, expected a folder" if present(folder) else "no such folder"
         raise InputError(f"{folder}: {found}")
     if present(folder / RUN_FILE):
-        return _run_kind(folder / RUN_FILE)
+        return _kind_of_run(folder / RUN_FILE)
     found = [kind for kind, name in KINDS.items() if present(folder / name)]
     if len(found) != 1:
         expected = listed(dict.fromkeys([RUN_FILE, *KINDS.values()]))
@@ -225,13 +215,12 @@ def kind_of(folder: Path) -> RunKind | Literal["plan", "measurement"]:
 
 def run_kind(folder: Path) -> RunKind:
     """Return which kind of run a folder holds."""
-    kind = kind_of(folder)
-    if kind != "plan" and kind != "measurement":
-        return kind
-    raise InputError(f"{folder}: found a {kind} folder, expected a run folder ({RUN_FILE})")
+    if (kind := kind_of(folder)) in ("plan", "measurement"):
+        raise InputError(f"{folder}: found a {kind} folder, expected a run folder ({RUN_FILE})")
+    return kind
 
 
-def _run_kind(where: Path) -> RunKind:
+def _kind_of_run(where: Path) -> RunKind:
     head = Head.read(where)
     if head.format not in FORMATS:
         raise InputError(

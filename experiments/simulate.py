@@ -49,7 +49,6 @@ class Simulation(Result):
     seconds: float | None = None
 
     def tables(self) -> list[Table | str]:
-        """Return how many postures could be used, and the folder."""
         if self.seconds is not None:
             cut = [f"  segment {one.posture} was cut: {one.reason or 'not told'}" for one in self.dropped]
             measured = f"{self.segments} segments, {self.seconds / 60:.1f} min, are {self.rows} rows."
@@ -74,12 +73,7 @@ def simulate(
     workers: int | None = None,
     progress: Progress = silent,
 ) -> Simulation:
-    """Simulate an experiment and write a measurement folder.
-
-    Args:
-        plan: None: that of `experiment` or, without one, the shipped one; this and the others: see
-            `tulip_testbed.simulate`.
-    """
+    """Simulate, see `tulip_testbed.simulate`; without a plan that of `experiment`, or the shipped one."""
     check_places(out, truth)
     secret = RANDOM in effects
     if secret and truth is None:
@@ -128,11 +122,7 @@ def simulate(
 def _disturbed(
     laboratory: Laboratory, plan: PosturePlan, effects: Sequence[str], seed: int, statics: bool
 ) -> Laboratory:
-    """Hide effects in a laboratory.
-
-    Args:
-        seed: of random ones. statics: whether it is the static laboratory.
-    """
+    """Hide effects in a laboratory; random ones are the seed's."""
     placements = np.unique(plan.placement).tolist()
     contacts = header_of(laboratory.rig).contacts
     hidden = read_effects(effects, laboratory.robot, placements, seed, statics, "effects", contacts)

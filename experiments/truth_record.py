@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,17 +44,15 @@ class SimulatedTruth(Truth, Documented):
     @classmethod
     def of(cls, run: Run) -> Self:
         """Return what only the simulation knows of a run."""
-        laboratory = run.laboratory
-        model = true_model(laboratory.rig)
-        parameters = base_parameters(laboratory.robot, model, common_support(run.plan.support))
+        laboratory, support = run.laboratory, common_support(run.plan.support)
+        parameters = base_parameters(laboratory.robot, true_model(laboratory.rig), support)
+        values = parameters.values(run.truth.standard).tolist()
         return cls(
             **vars(run.truth),
             configuration=configuration_of(laboratory, run.plan, run.seed, run.engine),
             effects=laboratory.hidden,
             links=parameters.tree.links,
-            base_parameters=dict(
-                zip(parameters.names, parameters.values(run.truth.standard).tolist(), strict=True)
-            ),
+            base_parameters=dict(zip(parameters.names, values, strict=True)),
         )
 
     @property
@@ -62,11 +61,7 @@ class SimulatedTruth(Truth, Documented):
         return np.array([held.com for held in self.held]) if self.attempts else None
 
     def check(self, links: tuple[str, ...], measurements: Measurements, where: Path) -> None:
-        """Refuse the truth of another robot or of other postures.
-
-        Args:
-            links: of the robot. where: place of the document, for messages.
-        """
+        """Refuse the truth of a robot with other links or of other postures; where: the document."""
         if self.links != links or self.standard.shape != (len(links), 4):
             raise InputError(
                 f"{where}: key 'links': found standard parameters of shape {self.standard.shape} of "
@@ -127,15 +122,11 @@ def usable_postures(
         paper: the part `paper` of the robot's description.
     """
     beside = f" (paper {paper['postures_used']} of {paper['postures_planned']})" if paper else ""
-    tally: dict[str, int] = {}
+    tally = Counter[str]()
     for reason in filter(None, dropped):
         key = reason.rsplit(" ", 1)[0] if reason.startswith(("lost", "lifted")) else reason
-        key = "slipped" if reason.startswith("slipped") else key
-        tally[key] = tally.get(key, 0) + 1
+        tally["slipped" if reason.startswith("slipped") else key] += 1
     return [
         f"Usable postures: {planned - len(dropped)} of {planned}{beside}; {rows} rows with repeats.",
-        *(
-            f"  dropped {count}: {reason}"
-            for reason, count in sorted(tally.items(), key=lambda item: -item[1])
-        ),
+        *(f"  dropped {count}: {reason}" for reason, count in tally.most_common()),
     ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -28,11 +29,7 @@ DEFAULT_PLAN = PLANS / "random"
 
 
 def plan_for(robot: Robot, plan: Path | None) -> PosturePlan:
-    """Read a plan that fits the robot; the shipped `random`, which is TULip's, if `plan` is None.
-
-    Args:
-        plan: folder, or name of a shipped plan.
-    """
+    """Read a plan that fits the robot, from a folder or by a shipped name; TULip's `random` if None."""
     if plan is None and robot.model_hash != load_robot().model_hash:
         raise InputError(
             f"{robot.path}: found no plan for this robot: the shipped one is TULip's. Draw one with "
@@ -82,11 +79,7 @@ def random_plan(
     seed: int = 1,
     progress: Progress = silent,
 ) -> PosturePlan:
-    """Draw random feasible postures.
-
-    Args:
-        placements: foot placements. per_placement: postures on each. seed: of the draws.
-    """
+    """Draw random feasible postures, `per_placement` on each placement of the feet."""
     at_least("placements", placements, 1)
     at_least("per_placement", per_placement, 1)
     at_least("seed", seed, 0)
@@ -116,20 +109,11 @@ def as_plan(robot: Robot, measured: Measurements) -> PosturePlan:
 
 def joined(plans: list[PosturePlan]) -> PosturePlan:
     """Plans one after the other, with the first one's robot and provenance; numbers stay."""
-
-    def stacked(name: str) -> np.ndarray:
-        return np.concatenate([getattr(plan, name) for plan in plans])
-
-    return replace(
-        plans[0],
-        joint_angles=stacked("joint_angles"),
-        posture=stacked("posture"),
-        placement=stacked("placement"),
-        support=stacked("support"),
-        swing_pose=stacked("swing_pose"),
-        torques=None if all(plan.torques is None for plan in plans) else stacked("feed_forward"),
-        motion=None,
-    )
+    names = ["joint_angles", "posture", "placement", "support", "swing_pose", "feed_forward"]
+    arrays: dict[str, Any] = {name: np.concatenate([getattr(plan, name) for plan in plans]) for name in names}
+    torques = arrays.pop("feed_forward")
+    held = all(plan.torques is None for plan in plans)
+    return replace(plans[0], **arrays, torques=None if held else torques, motion=None)
 
 
 def plan_hash(plan: PosturePlan) -> str:

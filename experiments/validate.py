@@ -9,20 +9,8 @@ import numpy as np
 
 from tulip_testbed.base.errors import InputError, at_least, look_up
 from tulip_testbed.base.progress import Progress, silent
-from tulip_testbed.experiments.checks import (
-    Check,
-    balance_check,
-    below,
-    correlation_checks,
-    data_correlation_checks,
-    ideal_error_check,
-    joint_check,
-    largest_z_check,
-    mass_check,
-    sigma_check,
-    skipped,
-    worst_balance,
-)
+from tulip_testbed.experiments import checks
+from tulip_testbed.experiments.checks import Check
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, DEFAULT_SEED, ORDINARY
 from tulip_testbed.experiments.identification_result import ESTIMATORS, Identification
 from tulip_testbed.experiments.identify import identify
@@ -113,38 +101,40 @@ def evaluate(run: Run, identification: Identification, truth: np.ndarray) -> lis
     pairs = [renumbered(robot, identification.parameters, e["pair"]) for e in settings.get("correlated", [])]
     # With noise-free sensors the statistical checks have nothing to measure errors by.
     noisy = dataclasses.replace(run.laboratory.rig.sensors, cell_gain={}) != Sensors()
-    checks = []
+    found = []
     described = [("full model", full), ("simplified model", simplified)]
     for name, estimate in described if "simplified" in settings else described[:1]:
         kept = truth[estimate.numbers - 1]
         lost = np.delete(truth, estimate.numbers - 1)
         if len(lost) and np.abs(lost).max() > NEGLIGIBLE:
-            checks.append(skipped(f"{name}: all errors", "the true robot is outside this model"))
+            found.append(checks.skipped(f"{name}: all errors", "the true robot is outside this model"))
         elif noisy:
-            checks.append(joint_check(f"{name}: all errors", estimate, kept))
-            checks.append(largest_z_check(f"{name}: largest |z|", estimate, kept))
+            found.append(checks.joint_check(f"{name}: all errors", estimate, kept))
+            found.append(checks.largest_z_check(f"{name}: largest |z|", estimate, kept))
         else:
-            checks.append(ideal_error_check(f"{name}: largest error (mm)", estimate, kept, pairs))
+            found.append(checks.ideal_error_check(f"{name}: largest error (mm)", estimate, kept, pairs))
     if not noisy:
-        checks.append(skipped("joint chi-square and |z|", "noise-free data have no standard errors to test"))
+        found.append(
+            checks.skipped("joint chi-square and |z|", "noise-free data have no standard errors to test")
+        )
     taken = run.measurements
     measured = correlations_at(identification.parameters, taken.joint_angles, taken.support)
     planned = planned_correlations(run, identification.parameters)
-    checks += correlation_checks(full.numbers, measured, planned, pairs)
+    found += checks.correlation_checks(full.numbers, measured, planned, pairs)
     if identification.calibration is not None and noisy:
         data = correlations(identification.calibration.data_covariance)
-        checks += data_correlation_checks(full.numbers, data, planned, pairs)
+        found += checks.data_correlation_checks(full.numbers, data, planned, pairs)
     placements = len(np.unique(run.measurements.placement))
     known = settings.get("residual_sigma_mm", {})
-    checks.append(sigma_check(run.laboratory.sensors, full.sigma, placements, known))
+    found.append(checks.sigma_check(run.laboratory.sensors, full.sigma, placements, known))
     paper = settings.get("paper", {})
     usable = 1 - len(run.truth.dropped) / run.plan.postures
     if paper:
         rate = paper["postures_used"] / paper["postures_planned"]
         source = f"the paper: {paper['postures_used']} of {paper['postures_planned']}"
-        checks.append(below("share of dropped postures", 1 - usable, 1 - rate, source))
-    checks.append(mass_check(*identification.mass, run.truth.mass, len(run.measurements), noisy))
-    return [*checks, *balance_checks(run)]
+        found.append(checks.below("share of dropped postures", 1 - usable, 1 - rate, source))
+    found.append(checks.mass_check(*identification.mass, run.truth.mass, len(run.measurements), noisy))
+    return [*found, *balance_checks(run)]
 
 
 def balance_checks(run: Run) -> list[Check]:
@@ -155,16 +145,12 @@ def balance_checks(run: Run) -> list[Check]:
 
 
 def held_balance(truth: Truth, rig: Rig, whole: bool) -> list[Check]:
-    """Check that every hold is in balance; empty without holds, and for a robot that is read before it rests.
-
-    Args:
-        whole: see `balance_check`.
-    """
-    worst = worst_balance(truth)
+    """Check that every hold is in balance; empty without holds or rest; whole: see `balance_check`."""
+    worst = checks.worst_balance(truth)
     if worst is None or not np.isfinite(rig.protocol.speed_gate):
         return []
     weight = float(truth.mass * -rig.robot.model.opt.gravity[2])
-    return [balance_check(worst, weight, whole)]
+    return [checks.balance_check(worst, weight, whole)]
 
 
 def planned_correlations(run: Run, parameters: BaseParameters) -> np.ndarray:

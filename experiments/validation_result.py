@@ -82,12 +82,10 @@ class Validation(SavedRun):
     folder: Place = None
 
     def placed_in(self, folder: Path) -> Self:
-        """Refuse parts that do not fit each other."""
         result, robot, measured = folder / RESULT_FILE, self.robot, self.measurements
         own = self.identification.placed(robot, measured, str(result), "identification.")
         plain = self.least_squares
-        if plain is not None:
-            plain = plain.placed(robot, measured, str(result), "least_squares.")
+        plain = None if plain is None else plain.placed(robot, measured, str(result), "least_squares.")
         if self.truth.shape != (count := len(own.parameters.names),):
             raise InputError(f"{result}: key 'truth': found {self.truth.size} numbers, expected {count}")
         self.simulation.check(own.parameters.tree.links, measured, folder / TRUTH_FILE)
@@ -130,7 +128,6 @@ class Validation(SavedRun):
         return worst_balance(self.simulation)
 
     def table(self) -> Table:
-        """Return the checks, one per row."""
         return check_table(self.checks)
 
     def to_frame(self) -> Any:
@@ -165,7 +162,6 @@ class Validation(SavedRun):
         )
 
     def tables(self) -> list[Table | str]:
-        """Return the parameters of the models, how the experiment went, the checks and the verdict."""
         parts: list[Table | str] = []
         for model in models(self.robot):
             high = self.correlation_table(model)

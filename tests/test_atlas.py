@@ -13,15 +13,15 @@ from tulip_testbed.discovery.candidates import candidates
 from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.evidence import marginal_fits
 from tulip_testbed.effects.catalogue import catalogue
-from tulip_testbed.experiments.atlases.effect_atlas import atlas
-from tulip_testbed.experiments.atlases.isolability import ISOLABLE, angles
+from tulip_testbed.experiments.atlases.atlas_result import ISOLABLE
+from tulip_testbed.experiments.atlases.effect_atlas import angles, atlas
 from tulip_testbed.experiments.atlases.planned_experiment import (
+    BiasWeights,
     bias,
     estimates,
     noisy,
     planned,
     streams,
-    weights,
 )
 from tulip_testbed.experiments.atlases.tolerance import CHECKED, Tolerance, erring, sources
 from tulip_testbed.identification.observation import observe
@@ -100,7 +100,7 @@ def alike(predicted, simulated):
 def test_biases_are_those_of_the_estimator(plan, name, target):
     candidate = candidate_of(plan, name, target)
     point = len(candidate.settings) // 2
-    predicted = bias(plan, weights(plan), candidate, point)[:, 0]
+    predicted = bias(plan, BiasWeights(plan), candidate, point)[:, 0]
     part = 0.1  # of the prior's s.d.: to first order
     rig = candidate.effect.inject(plan.rig, target, candidate.values(part * candidate.prior, point))
     runs = noisy(solve_plan(rig, plan.solved_plan.plan), streams(SEED, CHECKED))
@@ -114,7 +114,7 @@ def test_tolerances_agree_with_simulation(plan):
     wanted = ("plate-translation:right y", "plate-yaw:left", "tilt about x", "cell-gain:right.rear_left")
     chosen = [s for s in every if s.label in (*wanted, "encoder-offset:right_ankle_roll")]
     assert len(chosen) == 5
-    estimator = weights(plan)
+    estimator = BiasWeights(plan)
     predicted = np.array([estimator.change(s.candidate, 0) @ s.sizes for s in chosen]) / plan.standard_errors
     without = estimates(plan.runs[:CHECKED], plan.nominal)
     with_each = np.array([estimates(erring(plan, s), plan.nominal) for s in chosen])

@@ -17,9 +17,9 @@ import pytest
 import tulip_testbed as tt
 from tests.published_robot import write_published
 from tulip_testbed.base.errors import InputError, InputWarning
-from tulip_testbed.experiments.export.export_model import Export, export_model
-from tulip_testbed.experiments.export.inertial_text import inertial_spans, with_inertias, with_places
-from tulip_testbed.experiments.export.published_links import published_links
+from tulip_testbed.experiments.export.export_model import export_model
+from tulip_testbed.experiments.export.model_text import with_inertias, with_places
+from tulip_testbed.experiments.export.published_links import PublishedLinks
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
 from tulip_testbed.identification.cad_prior import cad_prior
@@ -78,13 +78,12 @@ def center_of_mass(model, angles):
     return data.xmat[above].reshape(3, 3).T @ (whole - data.xanchor[joint])
 
 
-def outside(content, path):
+INERTIAL = re.compile(rb"<inertial\b[^>]*/>|<inertial\b[^>]*>.*?</inertial>", re.S)
+
+
+def outside(content):
     """The bytes that do not belong to an <inertial>."""
-    kept, at = [], 0
-    for start, end in inertial_spans(content, path):
-        kept.append(content[at:start])
-        at = end
-    return b"|".join([*kept, content[at:]])
+    return INERTIAL.sub(b"|", content)
 
 
 def test_mujoco_reads_the_stated_base_parameters(exported, found, robot):
@@ -107,8 +106,8 @@ def test_only_the_inertias_change(exported, robot):
     path = robot.model_file
     before, after = path.read_bytes(), Path(exported.file).read_bytes()
     assert before != after
-    assert outside(before, path) == outside(after, path)
-    assert len(inertial_spans(after, path)) == robot.model.nbody - 1
+    assert outside(before) == outside(after)
+    assert len(INERTIAL.findall(after)) == robot.model.nbody - 1
 
 
 def test_the_document(exported, found, robot):
@@ -137,7 +136,7 @@ def test_urdf_of_an_mjcf(name, robot, foreign, found, tmp_path):
     rng = np.random.default_rng(2)
     wanted = imagined(found, described, draw_robot(described.model, 0.1, rng))
     for ending in ("xml", "urdf"):
-        made = export_model(wanted, described, Export(tmp_path / f"a.{ending}"))
+        made = export_model(wanted, described, tmp_path / f"a.{ending}")
     spec = mujoco.MjSpec.from_file(str(tmp_path / "a.urdf"))
     spec.compiler.fusestatic = False
     models = mujoco.MjModel.from_xml_path(str(tmp_path / "a.xml")), spec.compile()
@@ -146,7 +145,7 @@ def test_urdf_of_an_mjcf(name, robot, foreign, found, tmp_path):
         angles = dict(zip(joint_names(described.model), rng.uniform(-1, 1, 100), strict=False))
         one, other = (center_of_mass(model, angles) for model in models)
         assert np.abs(one - other).max() < 1e-9 + 1e-6 * (models[1].nbody > models[0].nbody)
-    read = published_links(tmp_path / "a.urdf", described)
+    read = PublishedLinks(tmp_path / "a.urdf", described)
     sums = read.by_link(described.model.nbody - 1)
     again = wanted.parameters.values(sums[:, 3, [3, 0, 1, 2]])
     assert np.abs(again - made.base_parameters).max() < 1e-9
@@ -163,32 +162,32 @@ def published(tmp_path_factory):
 def test_a_published_urdf_gets_the_inertias(published, found, tmp_path):
     urdf, robot = published
     wanted = imagined(found, robot, draw_robot(robot.model, 0.2, np.random.default_rng(4)))
-    made = export_model(wanted, robot, Export(tmp_path / "new.urdf", urdf))
+    made = export_model(wanted, robot, tmp_path / "new.urdf", urdf)
     before, after = urdf.read_bytes(), (tmp_path / "new.urdf").read_bytes()
-    assert outside(before, urdf) == outside(after, urdf)
-    links = published_links(tmp_path / "new.urdf", robot)
+    assert outside(before) == outside(after)
+    links = PublishedLinks(tmp_path / "new.urdf", robot)
     sums = links.by_link(robot.model.nbody - 1)
     assert np.abs(wanted.parameters.values(sums[:, 3, [3, 0, 1, 2]]) - made.base_parameters).max() < 1e-9
     written = [pseudo_inertia(one.mass, one.center, one.inertia) for one in made.links]
     assert np.abs(sums - np.array(written)).max() < 1e-9
     assert np.linalg.eigvalsh(links.pseudo).min() > 0
-    assert links.names == published_links(urdf, robot).names
+    assert links.names == PublishedLinks(urdf, robot).names
     assert any("meshes/torso.stl" in note for note in made.notes)
-    beside = export_model(wanted, robot, Export(urdf.with_name("new.urdf"), urdf))
+    beside = export_model(wanted, robot, urdf.with_name("new.urdf"), urdf)
     assert beside.notes == ()
 
 
 def test_another_robots_urdf_is_refused(published, found, robot, tmp_path):
     urdf, _ = published
     with pytest.raises(InputError, match="expected the file that the robot is made of"):
-        export_model(found, robot, Export(tmp_path / "new.urdf", urdf))
+        export_model(found, robot, tmp_path / "new.urdf", urdf)
 
 
 def test_an_inconsistent_estimate_is_told(found, robot, tmp_path):
     wanted = imagined(found, robot, standard_parameters(robot.model), error=1e-4)
     wanted.full.value[7] += 0.05
     with pytest.warns(InputWarning) as warned:
-        made = export_model(wanted, robot, Export(tmp_path / "a.xml"))
+        made = export_model(wanted, robot, tmp_path / "a.xml")
     far = made.misfit_in_standard_errors
     assert 50 < far < 500
     assert "No physically consistent robot" in str(warned[0].message)
@@ -244,7 +243,7 @@ def test_a_body_in_an_included_file_is_refused(robot, found, tmp_path):
     (tmp_path / "leg.xml").write_text(f"<mujocoinclude>{leg[0]}</mujocoinclude>")
     other = with_model(robot, tmp_path, lambda text: text.replace(leg[0], '<include file="leg.xml"/>'))
     with pytest.raises(InputError, match=r'found no <body name="left_hip_yaw">.*included'):
-        export_model(found, other, Export(tmp_path / "a.xml"))
+        export_model(found, other, tmp_path / "a.xml")
 
 
 def test_adopted_lengths_on_request(run, found, robot, tmp_path):
@@ -255,8 +254,7 @@ def test_adopted_lengths_on_request(run, found, robot, tmp_path):
         .known
     )
     for ending in ("xml", "urdf"):
-        export = Export(tmp_path / f"a.{ending}", adopted=known, lengths=True)
-        made = export_model(found, robot, export)
+        made = export_model(found, robot, tmp_path / f"a.{ending}", adopted=known, lengths=True)
         assert any("right_knee" in note and "not in the file" in note for note in made.notes)
         assert not any("lower_leg" in note for note in made.notes)
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "a.xml"))
@@ -267,7 +265,7 @@ def test_adopted_lengths_on_request(run, found, robot, tmp_path):
     value = base_parameters(robot, model).values(standard_parameters(model))
     assert np.abs(value - made.base_parameters).max() < 1e-9
     before, after = robot.model_file.read_bytes(), (tmp_path / "a.xml").read_bytes()
-    one, other = (outside(text, robot.model_file).splitlines() for text in (before, after))
+    one, other = (outside(text).splitlines() for text in (before, after))
     changed = [(a, b) for a, b in zip(one, other, strict=True) if a != b]
     assert len(changed) == 1
     assert b'<body name="right_ankle" pos="' in changed[0][1]

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,7 +29,7 @@ from tulip_testbed.discovery.next_experiment import (
 from tulip_testbed.discovery.story import story
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.experiments.proposed_experiment import Proposals, read_experiment, write_experiment_plan
+from tulip_testbed.experiments.proposed_experiment import Proposals, read_experiment
 from tulip_testbed.measurements import Experiment, joined
 
 SEED = 31
@@ -123,12 +122,12 @@ def test_only_gaps_with_several_explanations_are_doubtful(robot):
 def test_nothing_to_settle_is_said(robot, lab, small):
     with pytest.raises(InputError, match="expected one to settle"):
         rank_experiments(lab.run(small, engine="statics").measurements, robot, [])
-    refuse("found the verdict named", write_experiment_plan, Path("anywhere"), Proposals("named", (), 2, ""))
+    refuse("found the verdict named", Proposals("named", (), 2, "").save, "anywhere")
 
 
 def test_the_plan_folder_holds_postures_manipulations_and_steps(robot, lab, ranked, tmp_path):
     found = Proposals("ambiguous", tuple(ranked), 2, "one")
-    write_experiment_plan(tmp_path / "next", found)
+    found.save(tmp_path / "next")
     experiment, number = read_experiment(tmp_path / "next")
     assert (experiment, number) == (found.best.experiment, 2)
     again = tt.plans.read(tmp_path / "next", robot)
@@ -144,7 +143,7 @@ def test_the_plan_folder_holds_postures_manipulations_and_steps(robot, lab, rank
 
 
 def test_simulate_carries_an_experiment_out(ranked, tmp_path, capsys):
-    write_experiment_plan(tmp_path / "next", Proposals("ambiguous", tuple(ranked), 2, "one"))
+    Proposals("ambiguous", tuple(ranked), 2, "one").save(tmp_path / "next")
     options = [
         "--sensors",
         "force-plate",

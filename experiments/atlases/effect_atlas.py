@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 
 from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.discovery.candidates import candidates
@@ -11,9 +12,8 @@ from tulip_testbed.discovery.detectability import POWER, detectable_size, single
 from tulip_testbed.discovery.evidence import DETECTABLE, effective_tests
 from tulip_testbed.discovery.selection import LEVEL
 from tulip_testbed.effects.instance import MOST_PRIORS
-from tulip_testbed.experiments.atlases.atlas_result import Atlas, AtlasRow
-from tulip_testbed.experiments.atlases.isolability import angles, groups
-from tulip_testbed.experiments.atlases.planned_experiment import Planned, bias, weights
+from tulip_testbed.experiments.atlases.atlas_result import ISOLABLE, Atlas, AtlasRow
+from tulip_testbed.experiments.atlases.planned_experiment import BiasWeights, Planned, bias
 from tulip_testbed.identification.distributions import chi2_isf, normal_isf
 from tulip_testbed.identification.residual_channels import CHANNELS
 
@@ -27,7 +27,7 @@ def atlas(planned: Planned, rng: np.random.Generator) -> Atlas:
     single = {c: candidate_columns(linear_model(planned.observed, planned.noise, c), among) for c in CHANNELS}
     tests = effective_tests([columns], rng)
     level = single_level(LEVEL, tests)
-    estimator, rows, changing = weights(planned), [], []
+    estimator, rows, changing = BiasWeights(planned), [], []
     for k, candidate in enumerate(among):
         points = columns.projected[k]
         length = np.array([np.linalg.norm(column) for column in points])
@@ -40,27 +40,14 @@ def atlas(planned: Planned, rng: np.random.Generator) -> Atlas:
         for size in range(len(candidate.effect.sizes)) if candidate.effect.sizes else (None,):
             column = points[point][:, [size or 0]]
             prior = 1.0 if size is None else candidate.prior[size]
-            rows.append(
-                AtlasRow(
-                    candidate,
-                    size,
-                    _detectable(columns, k, point, size, level),
-                    {c: _detectable(single[c], k, point, size, level) for c in CHANNELS},
-                    bool(np.linalg.norm(column) * prior > DETECTABLE),
-                    moved[:, size or 0],
-                )
-            )
+            least_size = _detectable(columns, k, point, size, level)
+            by_channel = {c: _detectable(single[c], k, point, size, level) for c in CHANNELS}
+            visible = bool(np.linalg.norm(column) * prior > DETECTABLE)
+            rows.append(AtlasRow(candidate, size, least_size, by_channel, visible, moved[:, size or 0]))
     shown = [k for k in range(len(among)) if any(r.visible for r in rows if r.candidate is among[k])]
     angle = angles([changing[k] for k in shown])
-    return Atlas(
-        planned,
-        tuple(rows),
-        tuple(among[k] for k in shown),
-        angle,
-        tuple(tuple(group) for group in groups(angle)),
-        tests,
-        level,
-    )
+    alike = tuple(tuple(group) for group in groups(angle))
+    return Atlas(planned, tuple(rows), tuple(among[k] for k in shown), angle, alike, tests, level)
 
 
 def _detectable(columns: CandidateColumns, k: int, point: int, size: int | None, level: float) -> float:
@@ -74,3 +61,34 @@ def _detectable(columns: CandidateColumns, k: int, point: int, size: int | None,
     direction = (np.arange(column.shape[1]) == size).astype(float)
     least = detectable_size(candidate, column, level, direction)
     return least if least < MOST_PRIORS * candidate.prior[size] else np.inf
+
+
+def angles(blocks: list[list[np.ndarray]]) -> np.ndarray:
+    """Return the smallest angles between candidates' columns, (r, s) at a grid point, (n, n) [rad]."""
+    owner = np.repeat(np.arange(len(blocks)), [len(points) for points in blocks])
+    width = max(column.shape[1] for points in blocks for column in points)
+    bases = np.zeros((len(owner), blocks[0][0].shape[0], width))
+    for base, column in zip(bases, (c for points in blocks for c in points), strict=True):
+        left, size, _ = np.linalg.svd(column, full_matrices=False)
+        rank = int((size > 1e-6 * size.max(initial=0.0)).sum())
+        base[:, :rank] = left[:, :rank]
+    out = np.full((len(blocks), len(blocks)), np.pi / 2)
+    for k in range(len(blocks)):
+        mine = bases[owner == k]
+        inner = np.einsum("arv,brw->abvw", mine, bases, optimize=True)
+        cosine = np.linalg.norm(inner, ord=2, axis=(2, 3)).max(axis=0)
+        for other in range(len(blocks)):
+            out[k, other] = np.arccos(min(1.0, float(cosine[owner == other].max())))
+    np.fill_diagonal(out, 0.0)
+    return np.minimum(out, out.T)
+
+
+def groups(angle: np.ndarray) -> list[list[int]]:
+    """Candidates any two of which are closer than `ISOLABLE`, by complete linkage; the largest first."""
+    if len(angle) < 2:
+        return []
+    near = scipy.spatial.distance.squareform(angle, checks=False)
+    tree = scipy.cluster.hierarchy.linkage(near, "complete")
+    label = scipy.cluster.hierarchy.fcluster(tree, ISOLABLE, "distance")
+    alike = [np.flatnonzero(label == number).tolist() for number in np.unique(label)]
+    return sorted((group for group in alike if len(group) > 1), key=lambda group: (-len(group), group))

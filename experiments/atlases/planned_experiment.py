@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tulip_testbed.base.errors import at_least
-from tulip_testbed.calibration.linear_model import LinearModel, linear_model
+from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.discovery.candidates import Candidate
 from tulip_testbed.discovery.columns import effect_columns, presence_column
 from tulip_testbed.discovery.refit import without_noise
@@ -95,7 +95,6 @@ def usable(plan: PosturePlan, postures: np.ndarray) -> PosturePlan:
 
 
 def streams(seed: int, count: int) -> list[np.random.SeedSequence]:
-    """Random streams of the first runs of a seed."""
     return np.random.SeedSequence(seed).spawn(count)
 
 
@@ -110,17 +109,19 @@ def estimates(runs: Sequence[Measurements], nominal: Nominal) -> np.ndarray:
     return np.array([estimate_by(each, MIXED_MODEL).value for each in of_runs])
 
 
-@dataclass(frozen=True)
 class BiasWeights:
-    """The estimator about a planned experiment.
+    """The default estimator about a planned experiment, with the noise that the data sheets state.
 
     Attributes:
-        linear: of channel A alone.
-        regressor: whitened, (r, p).
+        linear: of channel A alone. regressor: whitened, (r, p).
     """
 
-    linear: LinearModel
-    regressor: np.ndarray
+    def __init__(self, planned: Planned):
+        self.linear = linear_model(planned.observed, planned.noise, "A")
+        regressor = planned.nominal.parameters.regressor(self.linear.smoothed.joint_angles)
+        rows = np.zeros((len(planned.observed), SIZE, regressor.shape[2]))
+        rows[:, ROWS["A"]] = regressor
+        self.regressor = self.linear.whitening(rows)
 
     def change(self, candidate: Candidate, point: int) -> np.ndarray:
         """Of the estimate by an effect, (p, s) [m per unit of each size]; one without size: (p, 1) [m]."""
@@ -130,15 +131,6 @@ class BiasWeights:
             # The planned readings are free of it; taking it away from them brings it in.
             added = -presence_column(self.linear, candidate, point)
         return np.linalg.lstsq(self.regressor, added, rcond=None)[0]
-
-
-def weights(planned: Planned) -> BiasWeights:
-    """Return the covariance of the default estimator, with the noise that the data sheets state."""
-    linear = linear_model(planned.observed, planned.noise, "A")
-    regressor = planned.nominal.parameters.regressor(linear.smoothed.joint_angles)
-    rows = np.zeros((len(planned.observed), SIZE, regressor.shape[2]))
-    rows[:, ROWS["A"]] = regressor
-    return BiasWeights(linear, linear.whitening(rows))
 
 
 def own_change(planned: Planned, candidate: Candidate, point: int) -> np.ndarray:

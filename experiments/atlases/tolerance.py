@@ -7,14 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import Column, columns
 from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Table
 from tulip_testbed.base.table_files import finite
 from tulip_testbed.discovery.candidates import Candidate, candidates
 from tulip_testbed.effects.catalogue import catalogue
-from tulip_testbed.experiments.atlases.planned_experiment import Planned, estimates, noisy, streams, weights
+from tulip_testbed.experiments.atlases.planned_experiment import (
+    BiasWeights,
+    Planned,
+    estimates,
+    noisy,
+    streams,
+)
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 
@@ -46,10 +52,13 @@ class ErrorSource:
     words: str
 
     @property
+    def parameter(self) -> str:
+        return self.candidate.effect.parameters[self.candidate.effect.sizes[self.size]].name
+
+    @property
     def label(self) -> str:
         """Return effect and target, and the parameter if the effect has several."""
-        parameter = self.candidate.effect.parameters[self.candidate.effect.sizes[self.size]].name
-        return self.candidate.label + (f" {parameter}" if len(self.candidate.effect.sizes) > 1 else "")
+        return self.candidate.label + f" {self.parameter}" * (len(self.candidate.effect.sizes) > 1)
 
     @property
     def sizes(self) -> np.ndarray:
@@ -80,18 +89,19 @@ class Tolerance(Result):
 
     def together(self, effect: str) -> float:
         """S.d. in units of all errors of a kind, independent, that keep the root mean square bias there."""
-        mine = [k for k, source in enumerate(self.sources) if source.candidate.effect.name == effect]
-        return _kept(np.sqrt((self.bias[mine] ** 2).sum(axis=0)))
+        return _kept(np.sqrt((self.bias[self._of(effect)] ** 2).sum(axis=0)))
+
+    def _of(self, effect: str) -> list[int]:
+        return [k for k, source in enumerate(self.sources) if source.candidate.effect.name == effect]
 
     def tables(self) -> list[Table | str]:
-        """Return the biases and the tolerances that follow."""
         difference = np.abs(self.simulated - self.bias)
         k, j = np.unravel_index(int(difference.argmax()), difference.shape)
         names = self.planned.nominal.parameters.names
-        columns = [Column(str(number), format=".2f", extra=True) for number in range(1, len(names) + 1)]
+        numbered = [Column(str(number), format=".2f", extra=True) for number in range(1, len(names) + 1)]
         biases = Table(
             "Bias of every parameter, by its number, in standard errors of the default estimator",
-            (Column("error"), Column("of"), *columns),
+            columns("error", "of", *numbered),
             [[s.label, s.words, *bias.tolist()] for s, bias in zip(self.sources, self.bias, strict=True)],
             "`tulip robot` tells the names of the parameters.",
         )
@@ -105,17 +115,9 @@ class Tolerance(Result):
         ]
 
     def tolerance_table(self) -> Table:
-        """Return how large every error may be."""
-        columns = (
-            Column("error"),
-            Column("of"),
-            Column("biases most"),
-            Column("by", "s.e.", "+.3f"),
-            Column("simulated", "s.e.", "+.3f"),
-            Column("allowed alone", format=".2g"),
-            Column("allowed s.d. if all of a kind err", format=".2g"),
-            Column("unit"),
-        )
+        biases = ("by", "s.e.", "+.3f"), ("simulated", "s.e.", "+.3f")
+        allowed = ("allowed alone", "", ".2g"), ("allowed s.d. if all of a kind err", "", ".2g")
+        heads = columns("error", "of", "biases most", *biases, *allowed, "unit")
         names, rows, told = self.planned.nominal.parameters.names, [], set()
         for k, source in enumerate(self.sources):
             worst = int(np.abs(self.bias[k]).argmax())
@@ -138,16 +140,12 @@ class Tolerance(Result):
                 ]
             )
             told.add(effect)
-        return Table(
-            f"Tolerances that keep the bias of every parameter below {ALLOWED} standard errors", columns, rows
-        )
+        title = f"Tolerances that keep the bias of every parameter below {ALLOWED} standard errors"
+        return Table(title, heads, rows)
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON document; biases in standard errors, amounts in SI units."""
         planned, difference = self.planned, np.abs(self.simulated - self.bias)
-        kinds = {
-            name: [k for k, s in enumerate(self.sources) if s.candidate.effect.name == name] for name in UNITS
-        }
         return finite(
             {
                 "preset": planned.sensors,
@@ -160,9 +158,7 @@ class Tolerance(Result):
                     {
                         "effect": source.candidate.effect.name,
                         "target": source.candidate.target or None,
-                        "parameter": source.candidate.effect.parameters[
-                            source.candidate.effect.sizes[source.size]
-                        ].name,
+                        "parameter": source.parameter,
                         "unit": source.words,
                         "amount": source.amount,
                         "bias_se": self.bias[k].tolist(),
@@ -176,7 +172,7 @@ class Tolerance(Result):
                     {
                         "effect": name,
                         "unit": words,
-                        "alone_units": min(map(self.allowed, kinds[name])),
+                        "alone_units": min(map(self.allowed, self._of(name))),
                         "together_units": self.together(name),
                     }
                     for name, (_, words) in UNITS.items()
@@ -196,7 +192,6 @@ def _kept(bias: np.ndarray) -> float:
 
 
 def sources(planned: Planned) -> tuple[ErrorSource, ...]:
-    """Every plate, joint and cell that may err."""
     effects = {name: catalogue()[name] for name in UNITS}
     return tuple(
         ErrorSource(candidate, size, *UNITS[candidate.effect.name])
@@ -206,8 +201,7 @@ def sources(planned: Planned) -> tuple[ErrorSource, ...]:
 
 
 def tolerance(planned: Planned, progress: Progress = silent) -> Tolerance:
-    """Predict all biases and simulate them."""
-    estimator, every = weights(planned), sources(planned)
+    estimator, every = BiasWeights(planned), sources(planned)
     predicted = np.array([estimator.change(source.candidate, 0) @ source.sizes for source in every])
     plain = planned.runs[:CHECKED]
     without = estimates(plain, planned.nominal)
@@ -227,7 +221,6 @@ def erring(planned: Planned, source: ErrorSource) -> list[Measurements]:
     rig = candidate.effect.inject(planned.rig, candidate.target, candidate.values(source.sizes))
     # What instruments make of readings moves nothing.
     only_misread = replace(rig, misread=None) == planned.rig
-    solved_plan = (
-        replace(planned.solved_plan, rig=rig) if only_misread else solve_plan(rig, planned.solved_plan.plan)
-    )
-    return noisy(solved_plan, streams(planned.seed, CHECKED))
+    solved = planned.solved_plan
+    solved = replace(solved, rig=rig) if only_misread else solve_plan(rig, solved.plan)
+    return noisy(solved, streams(planned.seed, CHECKED))

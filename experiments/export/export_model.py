@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import tempfile
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -15,12 +16,11 @@ from scipy.linalg import block_diag
 from tulip_testbed.base.errors import InputError, listed, shortened, warn
 from tulip_testbed.base.files import check_new, present, read_bytes, write_bytes
 from tulip_testbed.effects.instance import EffectInstance, injected
+from tulip_testbed.effects.motion_effects import INERTIA
 from tulip_testbed.effects.true_robot import true_model
 from tulip_testbed.experiments.export.exported_model import ExportedModel, TotalMass, exported_links
-from tulip_testbed.experiments.export.identified_inertias import with_identified_inertias
-from tulip_testbed.experiments.export.inertial_text import with_inertias, with_places
-from tulip_testbed.experiments.export.published_links import PublishedLinks, published_links
-from tulip_testbed.experiments.export.written_urdf import written_urdf
+from tulip_testbed.experiments.export.model_text import with_inertias, with_places, written_urdf
+from tulip_testbed.experiments.export.published_links import PublishedLinks
 from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.robot_import.skeleton import LEAST_MASS
 from tulip_testbed.experiments.robot_import.urdf import find_mesh
@@ -55,48 +55,34 @@ OVERRULING = {  # settings of an MJCF's <compiler> that change inertias, and wha
     "settotalmass": "-1",
 }
 ALIKE = 1e-6  # of a pseudo-inertia, in its own metric
+MOST = 0.9  # of the way from a link's inertia to that of a flat body: as far as data may change it
 LEVEL = 1e-3  # of chi-square: estimate and CAD that are farther apart contradict each other
 
 
-@dataclass(frozen=True)
-class Export:
-    """The file to be written.
-
-    Attributes:
-        path: of the model, .xml or .urdf.
-        source: the published file of which `tulip robot` made the robot: its inertias are replaced instead
-            of those of the prepared robot; None: the robot's own MJCF.
-        adopted: effects that the laboratory is known to have. lengths: put its link lengths into the file.
-    """
-
-    path: Path
-    source: Path | None = None
-    adopted: tuple[EffectInstance, ...] = ()
-    lengths: bool = False
-
-
 def export_model(
-    identification: Identification, robot: Robot, export: Export, weighed: tuple[float, float] | None = None
+    identification: Identification,
+    robot: Robot,
+    path: Path,
+    source: Path | None = None,
+    adopted: Sequence[EffectInstance] = (),
+    lengths: bool = False,
+    weighed: tuple[float, float] | None = None,
 ) -> ExportedModel:
-    """Write the identified robot.
+    """Write the identified robot; see `tulip_testbed.export_model`.
 
     Args:
-        robot: the nominal one, CAD.
+        adopted: effects that the laboratory is known to have. lengths: put its link lengths into the file.
         weighed: mass of the robot on a scale and its standard error [kg]; None: that of the identification.
-
-    Raises:
-        InputError: a file that exists, of another ending or of another robot, or whose settings overrule its
-            inertias.
     """
-    _check(identification, robot, export)
-    model = _lengthened(robot, export)
+    _check(identification, robot, path, source)
+    model = _lengthened(robot, adopted, source) if lengths else robot.model
     parameters = base_parameters(robot, model, identification.parameters.support)
     links, full = parameters.tree.links, identification.full
-    source = None if export.source is None else published_links(export.source, robot)
+    bodies = None if source is None else PublishedLinks(source, robot)
     cad = pseudo_inertias(robot.model)
-    if source is not None:
-        cad = source.by_link(robot.model.nbody - 1)
-    elif export.path.suffix.lower() == ".urdf":
+    if bodies is not None:
+        cad = bodies.by_link(robot.model.nbody - 1)
+    elif path.suffix.lower() == ".urdf":
         cad[cad[:, 3, 3] <= LEAST_MASS] = 0.0  # which stands for none, where a file needs a mass
     reference, inertias = with_identified_inertias(solid(cad), identification, links)
     ellipsoids = bounding_ellipsoids(robot.visual_model, reference)
@@ -112,43 +98,34 @@ def export_model(
     slope[:-1, -1] = full.value
     known = slope @ block_diag(full.covariance, mass_error**2) @ slope.T
     shares = data_shares(consistent.pseudo, target.from_standard, known)
-    content, notes = _content(robot, model, export, source, parameters, consistent)
+    content, notes = _content(robot, model, path, source, bodies, parameters, consistent)
     notes = (*notes, *inertias)
-    left_out = [
-        str(effect) for effect in export.adopted if effect.effect.name != LENGTH or not export.lengths
-    ]
-    if left_out:
+    if left_out := [str(effect) for effect in adopted if effect.effect.name != LENGTH or not lengths]:
         notes = (*notes, f"Adopted, but not in the file: {listed(left_out)}")
     if consistent.misfit:
-        notes = (
-            "No physically consistent robot has the base parameters; the exported one is the nearest, "
-            f"{consistent.misfit:.3g} standard errors away.",
-            *notes,
-        )
+        nearest = f"the exported one is the nearest, {consistent.misfit:.3g} standard errors away"
+        notes = (f"No physically consistent robot has the base parameters; {nearest}.", *notes)
     result = ExportedModel(
         links=exported_links(links, cad, consistent.pseudo, shares),
         base_parameters=consistent.value,
         constant=identification.constant,
         misfit_in_standard_errors=float(np.sqrt(away @ np.linalg.solve(full.covariance, away))),
         total_mass=TotalMass(float(mass), "weighed" if weighed else "by the measured forces"),
-        file=str(export.path),
+        file=str(path),
         notes=notes,
     )
-    write_bytes(export.path, content, new=True)
+    write_bytes(path, content, new=True)
     if consistent.misfit:
-        warn(f"{export.path}: {notes[0]}")
+        warn(f"{path}: {notes[0]}")
     if chi2_sf(result.misfit_in_standard_errors**2, len(full.value)) < LEVEL:
-        warn(f"{export.path}: {result.misfit_line} One of both is wrong; `check` and `discover` say more")
+        warn(f"{path}: {result.misfit_line} One of both is wrong; `check` and `discover` say more")
     return result
 
 
-def _check(identification: Identification, robot: Robot, export: Export) -> None:
-    """Refuse what cannot be exported."""
-    if export.path.suffix.lower() not in ENDINGS:
-        raise InputError(
-            f"{export.path}: found a name that ends in '{export.path.suffix}', expected {listed(ENDINGS)}"
-        )
-    check_new(export.path)
+def _check(identification: Identification, robot: Robot, path: Path, source: Path | None) -> None:
+    if path.suffix.lower() not in ENDINGS:
+        raise InputError(f"{path}: found a name that ends in '{path.suffix}', expected {listed(ENDINGS)}")
+    check_new(path)
     parameters = base_parameters(robot, support=identification.parameters.support)
     known, count = identification.parameters, len(identification.full.numbers)
     if known.tree.links != parameters.tree.links or known.names != parameters.names:
@@ -160,23 +137,16 @@ def _check(identification: Identification, robot: Robot, export: Export) -> None
         raise InputError(
             f"found an estimate of {count} of {len(parameters.names)} base parameters, expected all"
         )
-    if export.source is not None and _kind(export.source) != export.path.suffix.lower():
+    if source is not None and _kind(source) != path.suffix.lower():
         raise InputError(
-            f"{export.path}: found the ending '{export.path.suffix}', expected {_kind(export.source)}, that "
-            f"of the source {export.source}"
+            f"{path}: found the ending '{path.suffix}', expected {_kind(source)}, that of the source {source}"
         )
 
 
-def _lengthened(robot: Robot, export: Export) -> mujoco.MjModel:
-    """Return the robot's model, on request with the link lengths that were adopted.
-
-    Raises:
-        InputError: there are none, or they shall go into a published file.
-    """
-    if not export.lengths:
-        return robot.model
-    lengths = [effect for effect in export.adopted if effect.effect.name == LENGTH]
-    if not lengths or export.source is not None:
+def _lengthened(robot: Robot, adopted: Sequence[EffectInstance], source: Path | None) -> mujoco.MjModel:
+    """Return the robot's model with the link lengths that were adopted."""
+    lengths = [effect for effect in adopted if effect.effect.name == LENGTH]
+    if not lengths or source is not None:
         wrong = "a source" if lengths else f"no adopted {LENGTH}"
         raise InputError(f"lengths: found {wrong}, expected {LENGTH} effects and the robot's own file")
     return true_model(injected(preset_rig("ideal", robot), lengths))
@@ -186,28 +156,78 @@ def _kind(source: Path) -> str:
     return ".urdf" if b"<robot" in read_bytes(source)[:4096] else ".xml"
 
 
+def with_identified_inertias(
+    reference: np.ndarray, identification: Identification, links: tuple[str, ...]
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Return CAD's pseudo-inertias with what a motion determines of them, and a note.
+
+    The change leaves base parameters and total mass as they are. If a link would not be physically consistent
+    with it, the whole change is made smaller.
+
+    Args:
+        reference: CAD's, (n_links, 4, 4), positive definite; zero for a link without mass.
+    """
+    calibration = identification.calibration
+    found = [] if calibration is None else calibration.families
+    found = [one for one in found if one.family.effect.name == INERTIA.name]
+    if calibration is None or not found:
+        return reference, ()
+    if calibration.observed is None:
+        note = "Inertias follow CAD. Export the measurement folder for what the motion determines."
+        return reference, (note,)
+    (one,) = found
+    known, count = one.determined, len(one.value)
+    numbers = np.array([int(target) - 1 for target in one.family.targets])
+    directions = calibration.observed.motion.directions[:, numbers[known]]
+    heavy = np.flatnonzero(reference[:, 3, 3] > 0)
+    change = pseudo_change((directions @ one.value[known]).reshape(-1, 10))[heavy]
+    inverse = np.linalg.inv(np.linalg.cholesky(reference[heavy]))
+    sizes = np.linalg.eigvalsh(inverse @ change @ inverse.mT)
+    share = min(1.0, MOST / max(float(-sizes.min()), MOST))
+    out = reference.copy()
+    out[heavy] += share * change
+    most = np.abs(sizes).max(axis=1)
+    note = f"The motion determines {known.sum()} of {count} directions of the inertial parameters"
+    if known.any():
+        link, size = links[heavy[most.argmax()]], 100 * share * most.max()
+        note += f"; they change the inertia of {link} by up to {size:.2g} %, that of other links by less"
+    if share < 1:
+        note += f". A consistent robot can have {100 * share:.0f} % of this change"
+    return out, (f"{note}.",)
+
+
+def pseudo_change(change: np.ndarray) -> np.ndarray:
+    """Return the change of pseudo-inertias by that of `inertial_parameters`, (n, 10) -> (n, 4, 4)."""
+    out = np.zeros((len(change), 4, 4))
+    xx, xy, yy, xz, yz, zz = change[:, 4:].T
+    inertia = np.moveaxis(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), 2, 0)
+    out[:, :3, :3] = np.trace(inertia, axis1=1, axis2=2)[:, None, None] / 2 * np.eye(3) - inertia
+    out[:, :3, 3] = out[:, 3, :3] = change[:, 1:4]
+    out[:, 3, 3] = change[:, 0]
+    return out
+
+
 def _content(
     robot: Robot,
     model: mujoco.MjModel,
-    export: Export,
-    source: PublishedLinks | None,
+    path: Path,
+    source: Path | None,
+    bodies: PublishedLinks | None,
     parameters: BaseParameters,
     consistent: ConsistentRobot,
 ) -> tuple[bytes, tuple[str, ...]]:
     """Return the bytes of the model, read back and compared, and notes on them."""
-    if source is not None and export.source is not None:
-        if _kind(export.source) == ".xml":
-            _check_compiler(export.source)
-        content = with_inertias(read_bytes(export.source), source.changed(consistent.pseudo), export.source)
-        read = _published(content, export, robot)
-        notes = _missing_files(export.source, export.path)
-    elif export.path.suffix.lower() == ".urdf":
+    if source is not None and bodies is not None:
+        if _kind(source) == ".xml":
+            _check_compiler(source)
+        content = with_inertias(read_bytes(source), bodies.changed(consistent.pseudo), source)
+        read = _published(content, path, robot)
+        notes = _missing_files(source, path)
+    elif path.suffix.lower() == ".urdf":
         content = written_urdf(robot, model, consistent.pseudo)
-        read = _published(content, export, replace(robot, model=model))
-        notes = (
-            "The URDF is generated from the robot's MJCF: links, hinges, limits and inertias, without "
-            "shapes and motors.",
-        )
+        read = _published(content, path, replace(robot, model=model))
+        parts = "links, hinges, limits and inertias, without shapes and motors"
+        notes = (f"The URDF is generated from the robot's MJCF: {parts}.",)
     else:
         check_unchanged(robot, robot.model_file)
         _check_compiler(robot.model_file)
@@ -229,11 +249,11 @@ def _content(
             write_bytes(place, content)
             model = load_spec(place, folder).compile()
         parameters = base_parameters(robot, model, parameters.support)
-        read, notes = pseudo_inertias(model), _missing_files(robot.model_file, export.path)
+        read, notes = pseudo_inertias(model), _missing_files(robot.model_file, path)
     apart = float(np.abs(parameters.values(standard_of(read)) - consistent.value).max())
     if not apart <= EXACT:
         raise InputError(
-            f"{export.path}: the base parameters of the written file are {1e3 * apart:.3g} mm away from the "
+            f"{path}: the base parameters of the written file are {1e3 * apart:.3g} mm away from the "
             "stated ones; a setting of the file overrules its inertias (<compiler>: boundmass, "
             "balanceinertia)"
         )
@@ -245,7 +265,7 @@ def _content(
     if not off.max() <= ALIKE:
         worst = parameters.tree.links[off.argmax()]
         raise InputError(
-            f"{export.path}: the inertia of {worst} in the written file is away from the stated one by "
+            f"{path}: the inertia of {worst} in the written file is away from the stated one by "
             f"{off.max():.2g} of it; a setting of the file overrules its inertias (<compiler>: settotalmass, "
             "boundinertia, boundmass, balanceinertia)"
         )
@@ -276,12 +296,12 @@ def _check_compiler(file: Path) -> None:
                 )
 
 
-def _published(content: bytes, export: Export, robot: Robot) -> np.ndarray:
+def _published(content: bytes, path: Path, robot: Robot) -> np.ndarray:
     """Read a file back as a published one; returns the pseudo-inertias of the robot's links, (n, 4, 4)."""
     with tempfile.TemporaryDirectory() as scratch:
-        place = Path(scratch) / export.path.name
+        place = Path(scratch) / path.name
         write_bytes(place, content)
-        return published_links(place, robot).by_link(robot.model.nbody - 1)
+        return PublishedLinks(place, robot).by_link(robot.model.nbody - 1)
 
 
 def _missing_files(source: Path, path: Path) -> tuple[str, ...]:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import columns
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Array, Result
 from tulip_testbed.base.table import Cell, Table
-from tulip_testbed.experiments.usable_parameters import ConstantError
+from tulip_testbed.experiments.parameter_tables import ConstantError
 from tulip_testbed.identification.cad_prior import CENTER_SD, MASS_SD
 from tulip_testbed.identification.pseudo_inertia import central, standard_of
 
@@ -66,19 +66,11 @@ class ExportedModel(Result):
     notes: tuple[str, ...]
 
     def tables(self) -> list[Table | str]:
-        """Return what changed in every link, the total mass, the misfit and the file."""
-        columns = [
-            Column("link"),
-            Column("mass, CAD", "kg", ".3f"),
-            Column("mass", "kg", ".3f"),
-            Column("mass from data", "%", ".0f", 100),
-        ]
+        masses = ("mass, CAD", "kg", ".3f"), ("mass", "kg", ".3f"), ("mass from data", "%", ".0f", 100)
+        heads = columns("link", *masses)
         for axis in "xyz":
-            columns += [
-                Column(f"{axis}, CAD", "mm", ".1f", 1e3, extra=True),
-                Column(axis, "mm", ".1f", 1e3),
-                Column(f"{axis} from data", "%", ".0f", 100, extra=True),
-            ]
+            cad = (f"{axis}, CAD", "mm", ".1f", 1e3, True)
+            heads += columns(cad, (axis, "mm", ".1f", 1e3), (f"{axis} from data", "%", ".0f", 100, True))
         rows = []
         for k, link in enumerate(self.links):
             names = ("mass_cad", "mass", "mass_data_share")
@@ -91,7 +83,7 @@ class ExportedModel(Result):
             "where the data do not determine them; statics cannot."
         )
         return [
-            Table("Masses and centres of mass of the links", tuple(columns), rows, note),
+            Table("Masses and centres of mass of the links", heads, rows, note),
             f"Total mass: {number(self.total_mass.value, '.3f')} kg, {self.total_mass.source}.",
             str(self.constant),
             self.misfit_line,
@@ -101,7 +93,6 @@ class ExportedModel(Result):
 
     @property
     def misfit_line(self) -> str:
-        """Say how the base parameters of the file stand to the estimate."""
         if not self.misfit_in_standard_errors:
             return "The base parameters of the exported robot are those of the estimate."
         return (
@@ -114,12 +105,7 @@ class ExportedModel(Result):
 def exported_links(
     names: Sequence[str], cad: np.ndarray, pseudo: np.ndarray, shares: np.ndarray
 ) -> tuple[ExportedLink, ...]:
-    """Describe the links.
-
-    Args:
-        names: (n,). cad, pseudo: pseudo-inertias before and after, (n, 4, 4).
-        shares: how much of mass and centre is data, (n, 4).
-    """
+    """Describe links by pseudo-inertias before and after, (n, 4, 4), and the data's shares, (n, 4)."""
     links = []
     none = 0.0, np.zeros(3), np.zeros((3, 3))  # of a link without mass
     for name, *both, share in zip(names, pseudo, cad, shares, strict=True):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
@@ -18,9 +17,10 @@ from tulip_testbed.sim.robot import Robot, joint_names
 APART = 1e-6  # m, and as a sine: hinges that are farther apart are not the same
 
 
-@dataclass(frozen=True, eq=False)
 class PublishedLinks:
-    """Bodies of a published file, of which several may be fixed to each other in one link.
+    """Bodies of a published MJCF or URDF, of which several may be fixed to each other in one link of a robot.
+
+    Hinges of the same name have to lie on the same axes at zero angles; other robots are refused.
 
     Attributes:
         names: of the bodies with mass. link: number of the robot's link that each belongs to, (b,).
@@ -28,10 +28,29 @@ class PublishedLinks:
         transform: homogeneous, from the bodies' own frames to those of the links, (b, 4, 4).
     """
 
-    names: tuple[str, ...]
-    link: np.ndarray
-    pseudo: np.ndarray
-    transform: np.ndarray
+    def __init__(self, path: Path, robot: Robot):
+        source = read_published(path)
+        model, data = source.model, source.at_zero(joint_names(robot.model))
+        other = mujoco.MjData(robot.model)
+        other.qpos[[int(robot.model.joint(name).qposadr[0]) for name in joint_names(robot.model)]] = 0.0
+        mujoco.mj_kinematics(robot.model, other)
+        onto = _alignment(path, (model, data), (robot.model, other))
+        of_hinge = {name: int(robot.model.joint(name).bodyid[0]) - 1 for name in joint_names(robot.model)}
+        link = np.zeros(
+            model.nbody, int
+        )  # of the robot, that moves with a body: that of the next hinge above
+        for body in range(1, model.nbody):
+            first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+            hinges = [model.joint(k).name for k in range(first, first + count)]
+            own = [of_hinge[name] for name in hinges if name in of_hinge]
+            link[body] = own[0] if own else link[model.body_parentid[body]]
+        bodies = np.flatnonzero((model.body_rootid == source.root) & (model.body_mass > LEAST_MASS))
+        self.link = link[bodies]
+        poses = [_pose(data, body) for body in bodies.tolist()]
+        links = zip(poses, self.link, strict=True)
+        self.transform = np.array([np.linalg.inv(_pose(other, k + 1)) @ onto @ pose for pose, k in links])
+        self.names = tuple(model.body(body).name for body in bodies)
+        self.pseudo = moved(pseudo_inertias(model)[bodies - 1], self.transform)
 
     def by_link(self, count: int) -> np.ndarray:
         """Return the sum of the pseudo-inertias of every link, (count, 4, 4)."""
@@ -56,37 +75,6 @@ class PublishedLinks:
             stretched = moved(each[k], _stretch(sums[self.link[k]], wanted[self.link[k]]))
             by_body[name] = moved(stretched, np.linalg.inv(self.transform[k]))
         return by_body
-
-
-def published_links(path: Path, robot: Robot) -> PublishedLinks:
-    """Match the bodies of a published MJCF or URDF with the links of a robot.
-
-    Hinges of the same name have to lie on the same axes at zero angles.
-
-    Raises:
-        InputError: no MJCF or URDF, or one of another robot.
-    """
-    source = read_published(path)
-    model, data = source.model, source.at_zero(joint_names(robot.model))
-    other = mujoco.MjData(robot.model)
-    other.qpos[[int(robot.model.joint(name).qposadr[0]) for name in joint_names(robot.model)]] = 0.0
-    mujoco.mj_kinematics(robot.model, other)
-    onto = _alignment(path, (model, data), (robot.model, other))
-    of_hinge = {name: int(robot.model.joint(name).bodyid[0]) - 1 for name in joint_names(robot.model)}
-    link = np.zeros(model.nbody, int)  # of the robot, that moves with a body: that of the next hinge above
-    for body in range(1, model.nbody):
-        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
-        hinges = [model.joint(k).name for k in range(first, first + count)]
-        own = [of_hinge[name] for name in hinges if name in of_hinge]
-        link[body] = own[0] if own else link[model.body_parentid[body]]
-    bodies = np.flatnonzero((model.body_rootid == source.root) & (model.body_mass > LEAST_MASS))
-    links = link[bodies]
-    poses = [_pose(data, body) for body in bodies.tolist()]
-    transform = np.array(
-        [np.linalg.inv(_pose(other, link + 1)) @ onto @ pose for pose, link in zip(poses, links, strict=True)]
-    )
-    names = tuple(model.body(body).name for body in bodies)
-    return PublishedLinks(names, links, moved(pseudo_inertias(model)[bodies - 1], transform), transform)
 
 
 def _pose(data: mujoco.MjData, body: int) -> np.ndarray:

@@ -44,6 +44,7 @@ from tulip_testbed.experiments.montecarlo.run_columns import (
     matrix,
     read_runs,
 )
+from tulip_testbed.experiments.parameter_tables import usable_line
 from tulip_testbed.experiments.run_file import (
     PLAN_FOLDER,
     ROBOT,
@@ -55,7 +56,6 @@ from tulip_testbed.experiments.run_file import (
     check_robot,
     configuration_of,
 )
-from tulip_testbed.experiments.usable_parameters import usable_line
 from tulip_testbed.experiments.usable_plan import plan_hash, planned_parameters
 from tulip_testbed.identification.statistics import relative_standard_errors
 from tulip_testbed.measurements import PosturePlan

@@ -108,11 +108,7 @@ def order_of_placement(
 def stances_in_order(
     planner: MotionPlanner, placements: Sequence[int], progress: Progress = silent
 ) -> list[np.ndarray]:
-    """Order the rows of every support on every placement.
-
-    Args:
-        placements: their numbers, in order.
-    """
+    """Order the rows of every support on every placement; the placements are in order."""
 
     def way(start: int, end: int) -> float:
         duration, kind = planner.way(start, end)

@@ -15,7 +15,6 @@ from tulip_testbed.experiments.protocols.motion_loads import LoadsInMotion, Moti
 from tulip_testbed.identification.feasibility import place_polygon, stability_margin, support_polygon
 from tulip_testbed.identification.inverse_kinematics import InverseKinematics
 from tulip_testbed.identification.link_clearances import (
-    LinkPairs,
     clearances_at,
     link_pairs,
     reference_posture,
@@ -46,9 +45,8 @@ FREE, HOIST, LIFT = "free", "hoist", "lift"
 DIGITS = 6  # of an angle [rad], its derivatives and a torque, in a file
 
 
-@dataclass(frozen=True, eq=False)
 class MotionLimits:
-    """Limits of a robot's motions.
+    """Limits of a robot's motions: of margins that its plans keep at rest beyond stability, half.
 
     Attributes:
         ranges: of the joints, (n, 2) [rad].
@@ -59,27 +57,15 @@ class MotionLimits:
         pairs: links that must keep a distance, in the frame of the right and of the left foot.
     """
 
-    ranges: np.ndarray
-    torques: np.ndarray
-    stability_margin: float
-    sole_margin: float
-    lifted: float
-    pairs: tuple[LinkPairs, LinkPairs]
-
-
-def motion_limits(robot: Robot) -> MotionLimits:
-    """Return the limits of a robot: of margins that its plans keep at rest beyond stability, half."""
-    margins = planning_margins(robot)
-    ranges = planning_ranges(robot) if "planning" in robot.settings else None
-    feet = (robot, with_feet_exchanged(robot))
-    return MotionLimits(
-        ranges=joint_ranges(robot.model),
-        torques=torque_limits(robot),
-        stability_margin=0.0 if ranges is None else ranges.stability_margin,
-        sole_margin=0.0 if ranges is None else SHARE * ranges.sole_margin,
-        lifted=SHARE * margins.lifted,
-        pairs=(link_pairs(feet[0], margins.link_clearance), link_pairs(feet[1], margins.link_clearance)),
-    )
+    def __init__(self, robot: Robot):
+        margins = planning_margins(robot)
+        planned = planning_ranges(robot) if "planning" in robot.settings else None
+        self.ranges, self.torques = joint_ranges(robot.model), torque_limits(robot)
+        self.stability_margin = 0.0 if planned is None else planned.stability_margin
+        self.sole_margin = 0.0 if planned is None else SHARE * planned.sole_margin
+        self.lifted = SHARE * margins.lifted
+        feet = (robot, with_feet_exchanged(robot))
+        self.pairs = tuple(link_pairs(one, margins.link_clearance) for one in feet)
 
 
 def dynamic_room(limits: MotionLimits, loads: MotionLoads, support: str) -> dict[str, float]:
@@ -199,7 +185,7 @@ class MotionPlanner:
 
     def __init__(self, robot: Robot, plan: PosturePlan, speed: float = SPEED):
         self.robot, self.plan, self.speed = robot, plan, speed
-        self.limits: MotionLimits = motion_limits(robot)
+        self.limits = MotionLimits(robot)
         self.loads = LoadsInMotion(robot)
         self.chain = self.loads.chain
         self.inverse = InverseKinematics(robot, robot.model)
@@ -224,11 +210,7 @@ class MotionPlanner:
         return ", ".join(dict.fromkeys(name for leg in legs for name in leg.lacks))
 
     def angles(self, start: int, end: int, rate: float, slower: float) -> np.ndarray:
-        """Return the joint angles on the way between two rows, without the first, (k, n) [rad].
-
-        Args:
-            rate: of the instants [Hz]. slower: factor of the durations.
-        """
+        """Return the joint angles between two rows, at a rate [Hz] and without the first, (k, n) [rad]."""
         legs, _ = self._legs(start, end)
         counts = [int(np.ceil(slower * leg.duration * rate)) for leg in legs]
         parts = (leg.path(np.arange(1, n + 1) / n) for leg, n in zip(legs, counts, strict=True))
@@ -238,35 +220,20 @@ class MotionPlanner:
         """Return the motion between two rows of one placement and support."""
         legs, kind = self._legs(start, end)
         plan, support = self.plan, str(self.plan.support[start])
-        times, angles, speeds, accelerations, torques = [], [], [], [], []
-        before = 0.0
+        parts, before = [], 0.0
         for k, leg in enumerate(legs):
-            count = STRIDE * round(leg.duration * RATE / STRIDE)
-            part = np.linspace(0.0, 1.0, count + 1)
-            at = part * leg.duration
-            loads = self.loads.at(at, leg.path(part), support)
+            part = np.linspace(0.0, 1.0, STRIDE * round(leg.duration * RATE / STRIDE) + 1)
+            at, angles = part * leg.duration, leg.path(part)
+            speeds, accelerations = leg.path(part, 1) / leg.duration, leg.path(part, 2) / leg.duration**2
+            torques = self.loads.at(at, angles, support).torques
             first = int(k > 0)  # the stop on the way is the end of the leg before
-            times.append(before + at[first:])
-            angles.append(leg.path(part)[first:])
-            speeds.append((leg.path(part, 1) / leg.duration)[first:])
-            accelerations.append((leg.path(part, 2) / leg.duration**2)[first:])
-            torques.append(loads.torques[first:])
+            parts.append([values[first:] for values in (before + at, angles, speeds, accelerations, torques)])
             before += leg.duration
         room = {name: min(leg.room[name] for leg in legs) for name in legs[0].room}
-        return Motion(
-            start=int(plan.posture[start]),
-            end=int(plan.posture[end]),
-            placement=int(plan.placement[start]),
-            kind=kind,
-            via_stance=len(legs) > 1,
-            times=np.concatenate(times),
-            angles=np.concatenate(angles),
-            speeds=np.concatenate(speeds),
-            accelerations=np.concatenate(accelerations),
-            torques=np.concatenate(torques),
-            room=room,
-            reason=self.lacks(start, end),
-        )
+        ends = (int(plan.posture[start]), int(plan.posture[end]), int(plan.placement[start]))
+        times, angles, speeds, accelerations, torques = map(np.concatenate, zip(*parts, strict=True))
+        way = (times, angles, speeds, accelerations, torques)
+        return Motion(*ends, kind, len(legs) > 1, *way, room, self.lacks(start, end))
 
     def _legs(self, start: int, end: int) -> tuple[list[_Leg], str]:
         """Return the legs of the motion between two rows, and its kind.

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
 
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.progress import Advance, Progress, silent
 from tulip_testbed.base.result import Outside, Result
@@ -62,7 +63,6 @@ class MotionPlan(Result):
     notes: tuple[str, ...] = ()
 
     def tables(self) -> list[Table | str]:
-        """Return a summary, and where the plan is."""
         rows = {
             "segments": f"{self.segments}",
             "time of motion": f"{self.minutes:.1f} min ({self.samples} samples)",
@@ -72,7 +72,7 @@ class MotionPlan(Result):
             f"{self.inertial_mm / self.noise_mm:.2g} of the noise ({self.preset}: {self.noise_mm:.2g} mm)",
         }
         rows |= {f"motions left out: {cause}": f"{count}" for cause, count in self.left_out.items()}
-        table = Table("Motion", (Column("what"), Column("value")), [list(row) for row in rows.items()])
+        table = Table("Motion", columns("what", "value"), [list(row) for row in rows.items()])
         return [table, *self.notes]
 
 
@@ -96,11 +96,10 @@ def moving_plan(
     plan = plan.take(np.sort(first))  # in motion nothing is repeated
     planner = MotionPlanner(robot, plan, speed)
     stances = stances_in_order(planner, list(dict.fromkeys(plan.placement.tolist())), progress)
-    ways: list[list[tuple[int, int]]] = []
-    left_out = Counter[str]()
+    ways, left_out = list[list[tuple[int, int]]](), Counter[str]()
     for rows in stances:
         ways.append([])
-        for start, end in zip(rows[:-1].tolist(), rows[1:].tolist(), strict=True):
+        for start, end in pairwise(rows.tolist()):
             if planner.way(start, end)[1] == FREE:
                 ways[-1].append((start, end))
             else:
@@ -124,10 +123,9 @@ def moving_plan(
     moving = replace(plan.take(np.concatenate(stances)), made=made, motion=motion)
     notes = (TOO_FAST,) if inertial > FAST * noise else ()
     if minutes is not None:
-        needed = f"At {speed:g} rad/s the motions take {at_limit:.1f} min"
         short = at_limit > minutes
         budget = f", more than {minutes:g}." if short else f"; they are {slower:.1f} times slower."
-        notes = (needed + budget, *notes)
+        notes = (f"At {speed:g} rad/s the motions take {at_limit:.1f} min{budget}", *notes)
     return MotionPlan(
         segments=len(motion.segments),
         samples=len(motion),

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import InputError, at_least, look_up
 from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.result import Result
@@ -65,7 +65,6 @@ class LaboratoryProtocol(Result):
 
     @property
     def placements(self) -> list[int]:
-        """Return the numbers of the placements in order."""
         return list(dict.fromkeys(self.plan.placement.tolist()))
 
     @property
@@ -82,7 +81,6 @@ class LaboratoryProtocol(Result):
         return (set_downs * times.placement_time + held + self.motion_time) / 3600
 
     def to_json(self) -> dict[str, Any]:
-        """Return the order and what is to be known of it, for JSON."""
         kinds = Counter(motion.kind if motion else "set_down" for motion in self.motions)
         stances = sum(motion.via_stance for motion in self.motions if motion and motion.kind == FREE)
         both, moved = {"plan": self.given, "protocol": self.plan}, {}
@@ -98,9 +96,9 @@ class LaboratoryProtocol(Result):
             "order": self.plan.posture.tolist(),
             "placement_of_row": self.plan.placement.tolist(),
             "motions": {
-                "free": kinds[FREE],
+                FREE: kinds[FREE],
                 "via_stance": stances,
-                "hoist": kinds[HOIST],
+                HOIST: kinds[HOIST],
                 "set_down": kinds["set_down"],
             },
             "motion_minutes": self.motion_time / 60,
@@ -113,7 +111,6 @@ class LaboratoryProtocol(Result):
         }
 
     def tables(self) -> list[Table | str]:
-        """Return a summary and what a person should know."""
         content = self.to_json()
         kinds, moved, drift = content["motions"], content["marks_moved_mm"], content["drift_inflation"]
         rows = {
@@ -132,8 +129,7 @@ class LaboratoryProtocol(Result):
             ),
         }
         place = [] if self.folder is None else [f"Protocol: {self.folder}"]
-        columns = (Column("what"), Column("value"))
-        summary = Table("Protocol", columns, [list(row) for row in rows.items()])
+        summary = Table("Protocol", columns("what", "value"), list(rows.items()))
         return [summary, *self.notes, *self.missing, *place]
 
 

@@ -63,9 +63,6 @@ def stance_of(
     Args:
         names: of right and left foot, if the geometry does not tell.
         sole: reach in front of the ankle and behind it, width, height of the ankle, if it does not tell [m].
-
-    Raises:
-        InputError: no two feet with soles.
     """
     pair, toes = _pair(skeleton, names)
     ankles = [skeleton.data.xanchor[skeleton.model.joint(skeleton.hinges([link])[-1]).id] for link in pair]

@@ -73,11 +73,9 @@ class Skeleton:
 
     @property
     def links(self) -> range:
-        """Return the numbers of the links."""
         return range(1, self.model.nbody)
 
     def name(self, link: int) -> str:
-        """Return the name of a link."""
         return self.model.body(link).name
 
     def hinges(self, links: Collection[int] | None = None) -> list[str]:
@@ -131,11 +129,7 @@ class Skeleton:
 
 
 def skeleton_of(source: SourceFile, fixed: Collection[str] = ()) -> Skeleton:
-    """Return the links of a model; what nothing drives is fixed to the link above it.
-
-    Args:
-        fixed: more hinges that shall not move, at their zero.
-    """
+    """Return the links of a model; what nothing drives, and what is to be `fixed`, has no joint."""
     moving = source.driven - frozenset(fixed)
     spec = tree_spec(source.model, source.at_zero(source.driven), source.root, moving)
     spec.compiler.fusestatic = True

@@ -54,9 +54,6 @@ def standing(
         soles: middle of each sole in its foot's frame, (3,) [m].
         reference: angles near which the joints stay, by name [rad].
         distances: between p pairs of links that should not touch, by joint angles (m, n), (m, p) [m].
-
-    Raises:
-        InputError: none was found, with what is missed.
     """
     model = robot.model
     data, names = mujoco.MjData(model), joint_names(model)

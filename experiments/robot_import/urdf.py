@@ -64,11 +64,7 @@ class Parsed:
 
 
 def read_urdf(path: Path) -> Parsed:
-    """Parse a URDF.
-
-    Raises:
-        InputError: no URDF, or numbers in it that are none.
-    """
+    """Parse a URDF; numbers in it that are none are refused."""
     content = read_bytes(path, MOST_URDF)
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
         raise InputError(f"{path}: found a document type declaration, which URDF does not have")

@@ -63,11 +63,7 @@ class ValuesOfMap(BaseModel):
     unit: str | list[str]
 
     def columns(self, device: str) -> dict[str, MappingEntry]:
-        """Return the mapping of a device's values.
-
-        Raises:
-            InputError: more or less units than values.
-        """
+        """Return the mapping of a device's values; more or fewer units than values are refused."""
         units = [self.unit] * len(self.names) if isinstance(self.unit, str) else self.unit
         if len(units) != len(self.names):
             raise InputError(

@@ -34,6 +34,10 @@ class SignCheck:
     confirmed: dict[str, str]
     doubtful: list[str]
 
+    def of(self, column: str) -> str | None:
+        """Return what confirms the sign of a column, or that of all values of its device."""
+        return self.confirmed.get(column) or self.confirmed.get(column.rpartition(".")[0])
+
 
 Evidence = Iterator[tuple[str, str, str]]  # column, what confirms its sign, what is doubtful; "" for none
 

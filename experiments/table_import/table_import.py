@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import InputError, listed, look_up
 from tulip_testbed.base.files import new_folder, read_bytes, sha256, write_bytes
 from tulip_testbed.base.numbers import number
@@ -96,13 +96,12 @@ class ImportedTable(Result):
         return int(bool(self.problems))
 
     def tables(self) -> list[Table | str]:
-        """Return the mapping, and what was assumed and is to be decided."""
-        names = ("of the contract", "of the table", "unit", "sign", "found by", "sign checked by")
+        heads = columns("of the contract", "of the table", "unit", "sign", "found by", "sign checked by")
         rows = [
             [name, source.column, source.unit or "", f"{source.sign:+d}", source.by, source.checked or ""]
             for name, source in self.mapped.items()
         ]
-        parts: list[Table | str] = [Table("Columns", tuple(map(Column, names)), rows)]
+        parts: list[Table | str] = [Table("Columns", heads, rows)]
         if self.unused:
             parts.append(f"Not read: {listed(self.unused)}")
         for title, lines in (("Assumed", self.assumed), ("Problems", self.problems)):
@@ -116,13 +115,7 @@ class ImportedTable(Result):
 
 
 def import_table(table: Path, robot: Robot, folder: Path, stated: ImportMap) -> ImportedTable:
-    """Write a measurement folder with a laboratory's own table, which is read through a mapping.
-
-    Args:
-        table: CSV or Parquet, one row a held posture; or the log of a moving robot, see `read_log`.
-        folder: a new one; it is written only if nothing necessary is missing.
-        stated: what the table does not say itself.
-    """
+    """Write a measurement folder with a laboratory's own table, see `tulip_testbed.import_table`."""
     stated = stated.model_copy(update={"columns": with_units(stated.columns)})
     return _Import(read_log(table), robot, stated).carried_out(Path(folder))
 
@@ -180,13 +173,10 @@ class _Import:
                 if series is None
                 else self._reduced(proposal, manifest, series, folder)
             )
-        mapped = {}
-        for name in (*proposal.exact, *proposal.mapping):
-            checked = signs.confirmed.get(name) or signs.confirmed.get(name.rpartition(".")[0])
-            mapped[name] = MappedColumn(name, None, 1, "name", checked)
-            if (entry := proposal.mapping.get(name)) is not None:
-                by = "statement" if name in stated.columns else "words of the name"
-                mapped[name] = MappedColumn(entry.column, entry.unit, entry.sign, by, checked)
+        mapped = {name: MappedColumn(name, None, 1, "name", signs.of(name)) for name in proposal.exact}
+        for name, entry in proposal.mapping.items():
+            by = "statement" if name in stated.columns else "words of the name"
+            mapped[name] = MappedColumn(entry.column, entry.unit, entry.sign, by, signs.of(name))
         mapped |= {name: MappedColumn(name, None, 1, "added", None) for name in self.added}
         unchecked = [
             name
@@ -212,27 +202,25 @@ class _Import:
             look_up("joint", joint, joints, "map: key 'constant_joints'")
         if stated.contacts is not None and stated.plates is not None:
             raise InputError("map: found 'contacts' and 'plates', expected one of them")
-        if stated.gravity is None:
-            self.assumed.append(f"gravity {GRAVITY:g} m/s2")
-        if stated.weighed_mass is None:
-            self.assumed.append("the weighed mass is unknown")
         entries = stated.contacts or []
         wrenches = [entry for entry in entries if isinstance(entry, WrenchEntry)]
-        if any(entry.covariance is None for entry in wrenches):
-            self.assumed.append(
-                "the contact sensors' `covariance` is unknown: every averaged reading is taken to err by "
-                f"{ASSUMED_FORCE:g} N or {ASSUMED_MOMENT:g} Nm (1 s.d.)"
-            )
-        if any(isinstance(entry, CopEntry) and entry.sd is None for entry in entries):
-            self.assumed.append(
-                "the `sd` of the centres of pressure is unknown: their forces are taken to err by "
-                f"{ASSUMED_FORCE:g} N and the moments by {ASSUMED_MOMENT:g} Nm (1 s.d.)"
-            )
-        if any(entry.mount == "foot" and entry.below is None for entry in wrenches):
-            self.assumed.append(
-                "no `below` is stated: the foot is assumed to have no mass below its sensor, as in a sole; "
-                "an ankle's sensor does not weigh the foot, whose mass and centre it needs"
-            )
+        assumed = {
+            f"gravity {GRAVITY:g} m/s2": stated.gravity is None,
+            "the weighed mass is unknown": stated.weighed_mass is None,
+            "the contact sensors' `covariance` is unknown: every averaged reading is taken to err by "
+            f"{ASSUMED_FORCE:g} N or {ASSUMED_MOMENT:g} Nm (1 s.d.)": any(
+                entry.covariance is None for entry in wrenches
+            ),
+            "the `sd` of the centres of pressure is unknown: their forces are taken to err by "
+            f"{ASSUMED_FORCE:g} N and the moments by {ASSUMED_MOMENT:g} Nm (1 s.d.)": any(
+                isinstance(entry, CopEntry) and entry.sd is None for entry in entries
+            ),
+            "no `below` is stated: the foot is assumed to have no mass below its sensor, as in a sole; "
+            "an ankle's sensor does not weigh the foot, whose mass and centre it needs": any(
+                entry.mount == "foot" and entry.below is None for entry in wrenches
+            ),
+        }
+        self.assumed += [text for text, holds in assumed.items() if holds]
         plain = json.loads(stated.model_dump_json(exclude_none=True))
         corners = {"front_left": [1, 1], "front_right": [1, -1], "rear_right": [-1, -1], "rear_left": [-1, 1]}
         nothing = {side: {"cells": corners, "top_height": 0.0} for side in ("right", "left")}

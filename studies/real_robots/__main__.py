@@ -19,7 +19,7 @@ import tulip_testbed as tt
 from studies.study_real_robots import ICUB, ROBOTS
 from studies.teaching.style import DOCS, GREY, X, card, save_svg
 from tulip_testbed.experiments.posture_splits import by_halves
-from tulip_testbed.experiments.predict import cad_errors, corrected_errors, problem_of
+from tulip_testbed.experiments.predict import PredictionProblem, cad_errors, corrected_errors
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import nominal_robot
 
@@ -35,7 +35,7 @@ def main(data: Path) -> None:
         robot = tt.load_robot(f"{scratch}/icub/robot.toml")
         tt.import_table(data / LOG, robot, out=f"{scratch}/yoga", map=[str(MAP)])
         m = tt.read_measurements(f"{scratch}/yoga")
-    problem = problem_of(m, robot, nominal_robot(robot, common_support(m.support)))
+    problem = PredictionProblem(m, nominal_robot(robot, common_support(m.support)))
     cad, corrected = np.empty((2, len(m), 2))
     for train, test in by_halves(m).folds:
         of_cad = cad_errors(problem, train)

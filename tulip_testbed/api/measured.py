@@ -25,7 +25,6 @@ from tulip_testbed.experiments.check_folder import Preflight, check_folder, chec
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR
 from tulip_testbed.experiments.discovering import discover_effects
 from tulip_testbed.experiments.discovery_result import Discovered
-from tulip_testbed.experiments.export.export_model import Export
 from tulip_testbed.experiments.export.export_model import export_model as _export_model
 from tulip_testbed.experiments.export.exported_model import ExportedModel
 from tulip_testbed.experiments.export.identified_run import identified_run
@@ -287,4 +286,4 @@ def export_model(
         identification, adopted = identified_run(run, robot)
         weighed = identification.measurements.weighed_mass
     place = None if source is None else Path(source)
-    return _export_model(identification, robot, Export(file, place, adopted, lengths), weighed)
+    return _export_model(identification, robot, file, place, adopted, lengths, weighed)
