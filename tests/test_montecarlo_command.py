@@ -27,7 +27,7 @@ from tulip_testbed.sim.plan_folder import write_plan
 from tulip_testbed.sim.statics.static_run import run_statics
 
 TULIP = [sys.executable, "-c", "from tulip_testbed.cli.entry import run; run()"]
-RUNS = 60
+RUNS = 110  # five chunks of 25 or fewer: two of them are there long before the last
 
 
 @pytest.fixture(scope="module")
@@ -64,13 +64,13 @@ def test_interrupted_and_killed_it_ends_as_if_undisturbed(small, tmp_path):
     process = stop(tulip(small, broken), broken, 1, signal.SIGINT)
     out, err = process.communicate()
     assert process.returncode == 130
-    assert "broken holds 25 of 60 runs; the same command resumes" in " ".join(err.split())
+    assert "broken holds 25 of 110 runs; the same command resumes" in " ".join(err.split())
     assert "Traceback" not in err
     assert out == ""
     assert not (broken / "report.json").exists()
 
     stop(tulip(small, broken, "--workers", "2"), broken, 2, signal.SIGKILL).communicate()
-    assert len(list(broken.glob("runs/*.parquet"))) == 2
+    assert 2 <= len(list(broken.glob("runs/*.parquet"))) < 5
 
     resumed = subprocess.run(tulip(small, broken), capture_output=True, text=True, check=False)
     straight = subprocess.run(
