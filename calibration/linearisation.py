@@ -270,17 +270,20 @@ def _yields(observed: Observation, families: Families) -> _Yields:
     torques, soles = load_rates(observed)
     # Load to the front turns a sole about +y, load to the left about -x.
     leans = (soles[:, :, ::-1] * np.array([[-1.0], [1.0]])).reshape(len(observed), 4, -1)
+    # As a sole turns about its centre its sole point rises: that of the swing foot over the stance foot's.
+    rises = leans * (observed.nominal.sole_rises * [[-1.0], [1.0]]).reshape(4, 1)
     tilts = [*range(at["stance_tilt"].start, at["swing_tilt"].stop)]
+    rise = at["rise"].start
     field, member, rate = [], [], [np.zeros((len(observed), 0, torques.shape[2]))]
     for family, numbers in split_members(families, np.arange(sum(map(len, families)))):
         for k, number in enumerate(numbers.tolist()) if family.name in OF_LOADS else ():
             if family.name == "sole-compliance":
-                field, member = field + tilts, member + [number] * len(tilts)
-                rate.append(leans)
+                field, member = [*field, *tilts, rise], member + [number] * (len(tilts) + 1)
+                rate += [leans, rises.sum(axis=1, keepdims=True)]
             elif family.name == "foot-compliance":
                 tilt = 2 * ("right", "left").index(family.targets[k // 2]) + k % 2
-                field, member = [*field, tilts[tilt]], [*member, number]
-                rate.append(leans[:, [tilt]])
+                field, member = [*field, tilts[tilt], rise], [*member, number, number]
+                rate += [leans[:, [tilt]], rises[:, [tilt]]]
             else:
                 joint = joints.index(family.targets[k])
                 field, member = [*field, joint], [*member, number]

@@ -42,8 +42,11 @@ def _with_lean(observed: Observation, target: str, values: Values) -> Observatio
     # Load to the front turns about +y, load to the left about -x.
     about = softness * np.array([-1.0, 1.0])
     lean = about * observed.sole_loads[..., ::-1]
+    stance, swing = ((lean * observed.nominal.sole_rises).sum(axis=2)).T
     leaning = observed.changed(
-        stance_tilt=observed.stance_tilt + lean[:, 0], swing_tilt=observed.swing_tilt + lean[:, 1]
+        stance_tilt=observed.stance_tilt + lean[:, 0],
+        swing_tilt=observed.swing_tilt + lean[:, 1],
+        swing_rise=observed.swing_rise + swing - stance,
     )
     faster = observed.motion.loads_faster
     if not faster.any():
@@ -97,6 +100,7 @@ def _on_corner(observed: Observation, target: str, values: Values, spread: float
     side = observed.nominal.robot.feet.index(foot)
     down = observed.foot_loads[0][:, side]
     center = observed.sole_loads[:, side] / np.where(np.abs(down) > 1e-6, down, np.inf)[:, None]
+    center = center + observed.nominal.sole_centers[side]
     reach = np.linalg.norm(observed.cells[side]) / np.sqrt(2)  # of the four cells together, along one axis
     noise = observed.cell_sd * reach / np.maximum(down, 1e-6)
     tilt, rise = _attitude(observed.nominal.soles[side], CORNERS.index(corner), center, noise, spread)
@@ -173,15 +177,15 @@ def _level(observed: Observation, target: str, values: Values, spread: float = 0
 EFFECTS = (
     Effect(
         name="sole-compliance",
-        sentence="Both soles yield in roll and pitch about the point below the ankle.",
+        sentence="Both soles yield in roll and pitch about their centres.",
         parameters=(Parameter("compliance", "rad/Nm", prior=np.radians(0.05), positive=True),),
         mechanism=Physics(_soften_soles, _with_lean),
         words="The soles of both feet yield by {0}.",
         explanation="""The soles of both feet yield under load: a rubber layer tilts as the centre of pressure
         moves.
 
-        The foot leans towards its load, about the point of the sole below the ankle. The compliance is added
-        to the one that the robot's description states.
+        The foot leans towards its load, about the centre of its sole, and with it the point below the ankle
+        rises or sinks. The compliance is added to the one that the robot's description states.
         """,
     ),
     Effect(

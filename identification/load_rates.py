@@ -41,4 +41,8 @@ def load_rates(observed: Observation) -> tuple[np.ndarray, np.ndarray]:
     yaw = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
     c, s = np.cos(yaw), np.sin(yaw)
     moments[:, 1] = np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=1) @ moments[:, 1]
+    for foot, (center, bears) in enumerate(
+        zip(observed.nominal.sole_centers, observed.contacts.bears, strict=True)
+    ):
+        moments[:, foot, :, foot * k : (foot + 1) * k] -= np.outer(center, bears)
     return torques, moments

@@ -39,6 +39,17 @@ class Nominal:
     points: np.ndarray
     swing_frame: int
 
+    @property
+    def sole_centers(self) -> np.ndarray:
+        """Return the centre of each sole from its sole point, in the foot's axes, (2, 2) [m]."""
+        return self.soles.mean(axis=1) - self.points[:, :2]
+
+    @property
+    def sole_rises(self) -> np.ndarray:
+        """Return the rise of each sole point by roll and pitch about its sole's centre, (2, 2) [m/rad]."""
+        x, y = self.sole_centers.T
+        return np.column_stack([-y, x])
+
     def center_of_mass(self, joint_angles: np.ndarray, support: np.ndarray | None = None) -> np.ndarray:
         """Compute the projection of the centre of mass in the base frame, (m, 2) [m].
 

@@ -187,7 +187,7 @@ class Observation:
 
     @cached_property
     def sole_loads(self) -> np.ndarray:
-        """Return force times lever about each sole point along the foot's x and y, (m, 2, 2) [Nm].
+        """Return force times lever about the centre of each sole along the foot's x and y, (m, 2, 2) [Nm].
 
         Cells give the point of the force on the floor; at the height of the sole it is displaced by the
         horizontal force between the feet.
@@ -198,7 +198,8 @@ class Observation:
         push = self.depth * self.loads.internal_wrench[:, :2]
         stance = down[:, :1] * point[:, 0] - push
         swing = down[:, 1:] * (point[:, 1] - place[:, :2]) + push
-        return np.stack([stance, turned(-yaw, swing)], axis=1)
+        by_points = np.stack([stance, turned(-yaw, swing)], axis=1)
+        return by_points - down[..., None] * self.nominal.sole_centers
 
     @cached_property
     def contact_poses(self) -> np.ndarray:

@@ -26,7 +26,7 @@ class Compliance:
 
     Attributes:
         sole: vertical compliance of a sole [m/N].
-        sole_tilt: compliance of a sole in roll and pitch about the point below the ankle [rad/(N m)].
+        sole_tilt: compliance of a sole in roll and pitch about its centre [rad/(N m)].
         cell: vertical compliance of every load cell [m/N].
         right_roll, right_pitch, left_roll, left_pitch: what one sole yields about one axis in addition to
             `sole_tilt` [rad/(N m)].
@@ -52,8 +52,9 @@ def add_compliance(spec: mujoco.MjSpec, robot: Robot, compliance: Compliance) ->
     for foot, (roll, pitch) in zip(robot.feet, compliance.tilt.tolist(), strict=True):
         if max(compliance.sole, roll, pitch) > 0:
             corners = [spec.geom(f"{foot}_{corner}") for corner in CORNERS]
-            height = float(corners[0].pos[2] - corners[0].size[0])
-            sole = _hang(spec, spec.body(foot), f"{foot}_sole", [0.0, 0.0, height], corners)
+            center = np.mean([corner.pos for corner in corners], axis=0)
+            center[2] -= corners[0].size[0]
+            sole = _hang(spec, spec.body(foot), f"{foot}_sole", center.tolist(), corners)
             if compliance.sole > 0:
                 _spring(sole, "z", mujoco.mjtJoint.mjJNT_SLIDE, [0, 0, 1], compliance.sole)
             if roll > 0:

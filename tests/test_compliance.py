@@ -21,7 +21,7 @@ from tulip_testbed.sim.drives import Drives, add_drives
 from tulip_testbed.sim.dynamics.hold import hold, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import sole_corners, sole_point
+from tulip_testbed.sim.robot import sole_corners
 
 PENDULUM = """
 <mujoco>
@@ -57,7 +57,7 @@ def spring(stand: Stand, name: str) -> float:
 
 def test_a_sole_gives_way_by_its_load(robot, model, plan):
     stand = standing(robot, model, plan, compliance=Compliance(sole=1e-5, sole_tilt=5e-4))
-    # The cells carry the foot's load; its moments about the point below the ankle tilt the sole.
+    # The cells carry the foot's load; its moments about the centre of the sole tilt it.
     loads = stand.cell_forces().reshape(2, 4).sum(axis=1)
     mujoco.mj_rnePostConstraint(stand.model, stand.data)
     for foot, sole, load in zip(robot.feet, stand.soles, loads, strict=True):
@@ -65,7 +65,7 @@ def test_a_sole_gives_way_by_its_load(robot, model, plan):
         body = stand.data.body(sole)
         wrench, centre = stand.data.cfrc_ext[sole], stand.data.subtree_com[stand.torso]
         ankle = stand.data.body(foot)
-        point = sole_point(model, foot) + np.array([0, 0, spring(stand, f"{foot}_sole_z")])
+        point = sole_corners(model, foot).mean(axis=0) + np.array([0, 0, spring(stand, f"{foot}_sole_z")])
         point = ankle.xpos + ankle.xmat.reshape(3, 3) @ point
         moment = body.xmat.reshape(3, 3).T @ (wrench[:3] + np.cross(centre - point, wrench[3:]))
         for k, way in enumerate(("roll", "pitch")):

@@ -199,7 +199,7 @@ def test_noise_reaches_what_yields(found, ordinary, nominal):
     """A cell that reads more, or a plate recorded elsewhere, changes angles and tilts without compliances."""
     observed, at = observe(ordinary[0].measurements, nominal), fields(found.observed)
     expected = found.background().yielding
-    free = [*range(at["cells"].start), *range(at["stance_tilt"].start, at["swing_tilt"].stop)]
+    free = [*range(at["cells"].start), *range(at["stance_tilt"].start, at["rise"].stop)]
     for reading, field, step in ((2, "cell_forces", 0.1), (5, "cell_forces", 0.1), (8, "plate_poses", 1e-4)):
         ends = []
         for sign in (1, -1):

@@ -248,8 +248,8 @@ def test_the_force_shows_a_foot_that_pitches(robot):
 
 
 def test_no_prediction_sees_the_moments_that_it_predicts(robot):
-    """With a sole as soft as it may be, an error of a centre of pressure is an error of the prediction."""
-    soft = tt.Laboratory(robot, sensors="foot-ft").with_effects("foot-compliance:right=0.002,0.002")
+    """With a soft sole, an error of a centre of pressure is an error of the prediction."""
+    soft = tt.Laboratory(robot, sensors="foot-ft").with_effects("foot-compliance:right=0.0012,0.0012")
     m: Any = soft.run(on_right_foot(), seed=4, engine="statics").measurements
     nominal = nominal_robot(robot, "right")
     found = self_calibrate(observe(m, nominal))
