@@ -116,6 +116,17 @@ def test_a_removal_points_where_the_physics_goes(text, noiseless, few, base, nom
     assert 0.8 < slope < 1.2
 
 
+@pytest.mark.parametrize(("target", "values"), [("left", (0.0005, 0.0005)), ("right", (0.0, 0.001))])
+def test_as_a_sole_tilts_about_its_centre_the_ankle_rises(target, values, noiseless, few, base, nominal):
+    """The point below the ankle lies behind the centre: the legs show its height, some 0.1 mm."""
+    effect = catalogue()["foot-compliance"]
+    found = statically(effect.inject(noiseless, target, values), few)
+    simulated, predicted = changes(nominal, base, found, effect, target, values, absorbed=False)
+    height = simulated[:, 5]
+    assert np.abs(height).max() > 0.1  # mm
+    assert predicted[:, 5] == pytest.approx(height, abs=0.03 * np.abs(height).max())
+
+
 @settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 @pytest.mark.parametrize("name", [e.name for e in effects_on(None) if e.misreads and e.name != LOGGED])
