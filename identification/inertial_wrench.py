@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.cad_prior import CENTER_SD, MASS_SD
@@ -20,7 +19,6 @@ from tulip_testbed.sim.robot import rotation_matrices
 INERTIA_SD = 0.3  # relative, of the second moments of a link's density about its centre; assumed
 LENGTH = 1.0  # m: a force counts as a shift of the centre of pressure by it over the weight
 MOST_DIRECTIONS, LEAST_SHIFT = 12, 1e-5  # of inertial parameters that the base parameters leave open; m
-CLOSE, LEAST_ROWS = 0.6, 4  # gap of rows that follow each other, in windows, less one; for a spline
 QUADRATURE = ((-(3**-0.5), 3 / 14), (0.0, 4 / 7), (3**-0.5, 3 / 14))
 
 
@@ -151,16 +149,6 @@ def beyond_weight(nominal: Nominal, measurements: Measurements) -> BeyondWeight:
     directions = rest @ turn[:, ::-1][:, :MOST_DIRECTIONS][:, most]
     none = np.zeros((len(measurements), 2, 2))
     return BeyondWeight(by_cad, by_all @ known, by_all @ directions, directions, none)
-
-
-def faster(measurements: Measurements, values: np.ndarray) -> np.ndarray:
-    """Differentiate values of rows twice by time, (m, ...); zero where rows do not follow each other."""
-    time, out = measurements.time, np.zeros_like(values)
-    breaks = 1 + np.flatnonzero(~(np.abs(np.diff(time) / measurements.window[:-1] - 1) < CLOSE))
-    for rows in np.split(np.arange(len(time)), breaks):
-        if len(rows) >= LEAST_ROWS:
-            out[rows] = CubicSpline(time[rows], values[rows])(time[rows], 2)
-    return out
 
 
 def _depth(measurements: Measurements) -> float:

@@ -18,7 +18,7 @@ from tulip_testbed.identification.ballast import Ballast, ballast_of, known_weig
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.cad_prior import CadPrior
 from tulip_testbed.identification.contact_readings import ContactReadings, of_cells, of_wrenches
-from tulip_testbed.identification.inertial_wrench import HELD, BeyondWeight, beyond_weight, faster
+from tulip_testbed.identification.inertial_wrench import HELD, BeyondWeight, beyond_weight
 from tulip_testbed.identification.joint_loads import Loads, joint_loads, servo_stiffness
 from tulip_testbed.identification.kinematics import Tree
 from tulip_testbed.identification.noise_in_time import Decorrelation, NoiseInTime, decorrelation
@@ -192,14 +192,22 @@ class Observation:
         Cells give the point of the force on the floor; at the height of the sole it is displaced by the
         horizontal force between the feet.
         """
-        down, point = self.foot_loads
+        push = self.depth * self.loads.internal_wrench[:, :2]
+        _, turn = self.swing_sole
+        yaw = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
+        return self._about_centers(self.cell_forces) + np.stack([-push, turned(-yaw, push)], axis=1)
+
+    def _about_centers(self, readings: np.ndarray) -> np.ndarray:
+        """Return force times lever about the centres of the soles of readings of the contacts, (m, 2, 2)."""
+        forces = readings.reshape(len(self), 2, -1)
+        down = (forces * self.contacts.bears).sum(axis=2)[..., None]
+        stance, swing = (
+            (forces[..., None] * self.cell_places.reshape(*forces.shape, 2)).sum(axis=2).swapaxes(0, 1)
+        )
         place, turn = self.swing_sole
         yaw = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
-        push = self.depth * self.loads.internal_wrench[:, :2]
-        stance = down[:, :1] * point[:, 0] - push
-        swing = down[:, 1:] * (point[:, 1] - place[:, :2]) + push
-        by_points = np.stack([stance, turned(-yaw, swing)], axis=1)
-        return by_points - down[..., None] * self.nominal.sole_centers
+        swing = turned(-yaw, swing - down[:, 1] * place[:, :2])
+        return np.stack([stance, swing], axis=1) - down * self.nominal.sole_centers
 
     @cached_property
     def contact_poses(self) -> np.ndarray:
@@ -321,9 +329,12 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
             else np.zeros((m, 2), bool)
         ),
     )
-    if not observed.moves or not observed.in_feet:
+    changing = measurements.wrench_accelerations
+    if not observed.moves or not observed.in_feet or changing is None:
         return observed
-    return observed.changed(motion=replace(motion, loads_faster=faster(measurements, observed.sole_loads)))
+    assert contacts.by_channel is not None
+    readings = np.nan_to_num(changing) @ contacts.by_channel.T
+    return observed.changed(motion=replace(motion, loads_faster=observed._about_centers(readings)))
 
 
 def _each(measurements: Measurements, of_rows: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:

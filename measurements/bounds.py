@@ -11,6 +11,7 @@ from pydantic import AfterValidator, Field, Strict
 MOST_ANGLE = 1e3  # rad
 MOST_LENGTH = 1e4  # m, from the base frame to a plate and from a plate to a cell
 MOST_FORCE = 1e5  # N, on a cell
+MOST_FORCE_ACCELERATION = 1e9  # N/s2 and Nm/s2, of a contact
 MOST_SPEED, MOST_ACCELERATION = 1e3, 1e4  # rad/s of a joint; m/s2 of the base, rad/s2 of a joint
 MOST_GAIN = 1e6  # Nm/rad, of a servo
 LEAST_CELL_SPREAD = 1e-3  # m, r.m.s. of a plate's cells about their best line

@@ -74,12 +74,20 @@ def _read_wrenches(entries: list[WrenchEntry], table: MappedTable, loaded: np.nd
         _present(table, "wrench", channels, entry.name, stands)
         for entry, stands in zip(entries, loaded, strict=True)
     ]
-    spreads = [table.matrix(f"wrench_std.{entry.name}", channels, True) for entry in entries]
+    prefix = "wrench_acceleration"
+    optional = {"wrenches_sd": "wrench_std"}
+    if table.has(f"{prefix}.{entries[0].name}.{channels[0]}"):
+        optional["wrench_accelerations"] = prefix
     return {
         "cells": NO_CELLS,
         "contacts": contacts_of(entries),
         "wrenches": np.stack(readings, axis=1),
-        "wrenches_sd": np.stack(spreads, axis=1),
+        **{
+            field: np.stack(
+                [table.matrix(f"{name}.{entry.name}", channels, True) for entry in entries], axis=1
+            )
+            for field, name in optional.items()
+        },
     }
 
 

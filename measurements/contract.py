@@ -18,13 +18,14 @@ from tulip_testbed.measurements.bounds import (
     MOST_ACCELERATION,
     MOST_ANGLE,
     MOST_FORCE,
+    MOST_FORCE_ACCELERATION,
     MOST_LENGTH,
     MOST_SPEED,
 )
 from tulip_testbed.measurements.cells import PLATES
 from tulip_testbed.measurements.contact_entries import wrong_contacts
 from tulip_testbed.measurements.contacts import Contacts
-from tulip_testbed.measurements.data import Measurements, feet_in_contact, vertical_forces
+from tulip_testbed.measurements.data import OF_WRENCHES, Measurements, feet_in_contact, vertical_forces
 from tulip_testbed.measurements.header import SensorSheet
 from tulip_testbed.measurements.manifest import RobotEntry, manifest_of
 from tulip_testbed.measurements.manipulations import Experiment
@@ -72,6 +73,7 @@ RULES = {  # by the first word of a column's name
     "cell_std": Rule(0.0, MOST_FORCE, gaps=True),
     "wrench": Rule(-MOST_FORCE, MOST_FORCE, gaps=True),
     "wrench_std": Rule(0.0, MOST_FORCE, gaps=True),
+    "wrench_acceleration": Rule(-MOST_FORCE_ACCELERATION, MOST_FORCE_ACCELERATION, gaps=True),
     "speed": Rule(0.0, MOST_SPEED, gaps=True),
     "acceleration": Rule(-MOST_ACCELERATION, MOST_ACCELERATION, gaps=True),
 }
@@ -180,7 +182,7 @@ def _check_constants(m: Measurements, where: str) -> None:
                 raise InputError(
                     f"{where}: {name}: found other than zeros, expected zeros: sensors are in the feet"
                 )
-    for name in ("wrenches", "wrenches_sd"):
+    for name in OF_WRENCHES.values():
         if m.contacts is None and getattr(m, name) is not None:
             raise InputError(f"{where}: {name}: found readings without contacts, expected None")
 

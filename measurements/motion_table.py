@@ -7,13 +7,21 @@ from pathlib import Path
 import numpy as np
 
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.measurements.data import Measurements
+from tulip_testbed.measurements.data import OF_WRENCHES, Measurements
 from tulip_testbed.measurements.trajectory import runs
 
 MOTION, SEGMENT = "motion", "segment"  # name of the table; of the column that `Measurements.posture` holds
 MOST_SAMPLES = 500_000
 LEAST_RATE, MOST_RATE = 20.0, 10_000.0  # Hz
-NOT_OF_SAMPLES = ("window", "samples", "q_std", "cell_std", "wrench_std", "q_rate", "q_acceleration")
+NOT_OF_SAMPLES = (
+    "window",
+    "samples",
+    "q_std",
+    "cell_std",
+    "q_rate",
+    "q_acceleration",
+    *list(OF_WRENCHES)[1:],
+)
 
 
 def motion_columns(samples: Measurements) -> dict[str, np.ndarray]:

@@ -67,7 +67,7 @@ def test_the_ground_accelerates_the_center_of_mass(robot, truth, motion, on_grou
 @pytest.mark.filterwarnings("ignore:.*identifiable")
 def test_the_body_is_accelerated_as_its_foot_rocks(robot, tmp_path):
     """The direction of MuJoCo's forces is that of a body that rocks, not of one that only leans."""
-    exact = replace(draw_truth(robot, None), compliance=[0.2 * _tipping(robot)] * 2)
+    exact = replace(draw_truth(robot, None), compliance=[0.35 * _tipping(robot)] * 2)
     motion = simulate(robot, exact, SECONDS, np.random.default_rng(2))
     columns = log(robot, exact, motion, np.random.default_rng(3))
     table, names = np.column_stack(list(columns.values())), ",".join(columns)
@@ -82,7 +82,7 @@ def test_the_body_is_accelerated_as_its_foot_rocks(robot, tmp_path):
         )[1:-1, 3:5].std(axis=0)
         for one in (rocks, leans)
     ]
-    assert (left[0] < 0.6 * left[1]).all()
+    assert (left[0] < 0.31 * left[1]).all()
 
 
 @pytest.mark.parametrize("frame", FRAMES)

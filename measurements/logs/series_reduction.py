@@ -169,6 +169,9 @@ def _rows(samples: Measurements, windows: list[_Window], window: float) -> Measu
     def rate(one: _Window, values: np.ndarray) -> np.ndarray:
         return one.weights[1] @ values
 
+    def acceleration(one: _Window, values: np.ndarray) -> np.ndarray:
+        return one.weights[2] @ values
+
     def spread(one: _Window, values: np.ndarray) -> np.ndarray:
         off = values - one.powers @ (one.solve @ values)
         return np.linalg.norm(off, axis=0) / np.sqrt(len(values) - DEGREE - 1)
@@ -189,8 +192,9 @@ def _rows(samples: Measurements, windows: list[_Window], window: float) -> Measu
         window=np.full(len(windows), window),
         samples=np.array([one.weights.shape[1] for one in windows], float),
         joint_rates=each("joint_angles", rate),
-        joint_accelerations=each("joint_angles", lambda one, values: one.weights[2] @ values),
+        joint_accelerations=each("joint_angles", acceleration),
         cell_rates=each("cell_forces", rate),
+        wrench_accelerations=each("wrenches", acceleration),
         **readings,
     )
 
