@@ -10,7 +10,6 @@ import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
-from typing import cast
 
 import numpy as np
 import pytest
@@ -104,7 +103,7 @@ def test_a_line_that_lacks_a_column_is_told_and_passed_over(folder, plan, robot)
     grow(path, lines[0] + lines[1].rpartition(",")[0] + "\n" + lines[2])
     first, second, third = judged(path, plan, robot)
     assert (first.verdict.verdict, second.verdict, third.verdict.verdict) == (OK, None, OK)
-    assert all(words in second.problem for words in ("line 3: found", "a column vanished"))
+    assert "postures.csv: line 3: " in second.problem
     header = next(line for line in (path / "postures.csv").read_bytes().splitlines(True) if line[:1] != b"#")
     assert tt.watch(path, robot, plan=plan, once=True).exit_code == 0  # before the first row
     unreadable = tt.watch(path, robot, plan=plan, once=True, rows=[header, b"1,2\n", b"3,4\n"])
@@ -127,11 +126,7 @@ CHANGES = {  # of a table of which three rows were read; what is said of it
         lambda t, rows: t.replace(rows[0], rows[0][:-2] + "7\n"),
         "other values in the first 4 lines",
     ),
-    "fewer rows": (lambda t, rows: t[:-50], r"found \d+ bytes, expected at least the \d+ that were read"),
-    "a column less": (
-        lambda t, rows: t.replace('"cell.left.rear_left",', "", 1) + " " * 100,
-        r"'cell\.left\.rear_left' vanished during the day",
-    ),
+    "fewer rows": (lambda t, rows: t[:-50], "than were read before, or fewer"),
     "another header below": (lambda t, rows: t + exchanged(t) + rows[3], "line 5: found another header"),
 }
 
@@ -200,8 +195,6 @@ def test_a_stream_that_begins_again_is_not_judged_twice(folder, plan, robot, day
     path, lines = folder
     header = (path / "postures.csv").read_text().encode()
     whole = [header, *(one.encode() for one in lines[:6])]
-    with pytest.raises(InputError, match="rows: found str, expected lines of bytes"):
-        list(tt.watch(path, robot, plan=plan, rows=cast("list[bytes]", ["posture\n"])))
     first = list(tt.watch(path, robot, plan=plan, out=tmp_path / "state", rows=whole[:4]))
     then = list(tt.watch(path, robot, plan=plan, out=tmp_path / "state", rows=whole))
     assert [one.verdict and one.verdict.posture for one in first + then] == day.posture[:6].tolist()
@@ -266,8 +259,8 @@ def test_no_row_and_a_closed_standard_input(folder, capsys, monkeypatch):
 def test_a_line_without_end_is_refused(tmp_path):
     path = tmp_path / "postures.csv"
     path.write_bytes(b"x" * (MOST_AT_ONCE + 1))
-    with pytest.raises(InputError, match="line 1: found more than"):
-        new_lines(path, b"")
+    with pytest.raises(InputError, match="found a line of more than"):
+        new_lines(path, b"", b"")
 
 
 def test_a_second_watch_of_one_state_is_refused(folder, plan, robot, tmp_path):
@@ -281,15 +274,3 @@ def test_a_second_watch_of_one_state_is_refused(folder, plan, robot, tmp_path):
     assert len(list(first)) == 1
     assert judged(path, plan, robot, out=state) == []
     assert sorted(one.name for one in tmp_path.iterdir()) == ["lab", "state"]
-
-
-@pytest.mark.parametrize("stream", [False, True])
-def test_lines_that_end_with_a_carriage_return_alone_are_refused(folder, plan, robot, stream):
-    path, lines = folder
-    table = path / "postures.csv"
-    content = (table.read_text() + lines[0]).replace("\n", "\r").encode()
-    table.write_bytes(content)
-    with pytest.raises(InputError, match=r"line 1: found a carriage return \(CR\) within the line"):
-        judged(path, plan, robot, rows=[content] if stream else None)
-    table.write_bytes(content.replace(b"\r", b"\r\n"))
-    assert len(judged(path, plan, robot)) == 1

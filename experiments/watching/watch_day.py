@@ -27,7 +27,6 @@ from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.experiments.watching.arriving_rows import (
     TABLE,
-    check_line,
     check_state_file,
     is_header,
     is_row,
@@ -101,7 +100,7 @@ class Watch(Result):
         self._out, self._targets, self._once, self._rows = out, targets or {}, once, rows
         self.latest: deque[Arrival] = deque(maxlen=LATEST)
         self._last: Verdict | None = None
-        self._read = bytearray()
+        self._read, self._header = bytearray(), b""
         self._arrivals = self._judged()
 
     def __iter__(self) -> Iterator[Arrival]:
@@ -195,7 +194,7 @@ class Watch(Result):
             targets = _targets_of(model, self._targets)
             day = _hash_of_day(self.plan, stated := read_bytes(where))
             kept = b"" if out is None else read_state(out, day)
-            state, header, number, judge = first_state(model), b"", 0, one_blas_thread(watch_row)
+            state, number, judge = first_state(model), 0, one_blas_thread(watch_row)
             for line in itertools.chain(io.BytesIO(kept), self._arriving(path, kept)):
                 number += self._read[-1:] in (b"", b"\n")
                 self._read += line
@@ -204,12 +203,12 @@ class Watch(Result):
                     raise InputError(f"{where}: found another manifest than before the first row")
                 if not is_row(line):
                     continue
-                if is_header(path, number, line, header):
-                    header = header or text_of(line)
+                if is_header(path, number, line, self._header):
+                    self._header = self._header or text_of(line)
                     continue
                 verdict, problem = None, ""
                 try:
-                    row = row_of(path, number, line, header, manifest, where)
+                    row = row_of(path, number, line, self._header, manifest, where)
                 except InputError as error:
                     problem = str(error)
                 else:
@@ -227,12 +226,9 @@ class Watch(Result):
             known = {text_of(line) for line in io.BytesIO(kept)}
             if kept and not kept.endswith(b"\n"):
                 yield b"\n"
-            for number, line in enumerate(self._rows, 1):
-                check_line(path, number, line)
-                if text_of(line) not in known:
-                    yield text_of(line) + b"\n"
+            yield from (text_of(line) + b"\n" for line in self._rows if text_of(line) not in known)
             return
-        while (lines := new_lines(path, bytes(self._read), self._once)) or not self._once:
+        while (lines := new_lines(path, bytes(self._read), self._header, self._once)) or not self._once:
             yield from lines
             if not lines:
                 time.sleep(POLL)
