@@ -103,12 +103,6 @@ def noisy(solved_plan: SolvedPlan, of: Sequence[np.random.SeedSequence]) -> list
     return [run.measurements for run in run_statics(solved_plan, of, all_solved=True)]
 
 
-def estimates(runs: Sequence[Measurements], nominal: Nominal) -> np.ndarray:
-    """Return the base parameters of every run by the default estimator, (runs, p) [m]."""
-    of_runs = (regression(nominal.parameters, run, nominal.robot, "plan") for run in runs)
-    return np.array([estimate_by(each, MIXED_MODEL).value for each in of_runs])
-
-
 class BiasWeights:
     """The default estimator about a planned experiment, with the noise that the data sheets state.
 
