@@ -48,7 +48,7 @@ def found(plan):
 
 
 def row_of(found, label, name=""):
-    (row,) = (r for r in found.rows if (r.candidate.label, r.name) == (label, name))
+    (row,) = (r for r in found.effects if (r.label, r.name) == (label, name))
     return row
 
 
@@ -76,12 +76,13 @@ def test_detectable_sizes_are_found_by_nine_of_ten_simulated_experiments(plan, f
     runs, hits = 16, []
     for label in ("cell-gain:left.rear_left", "encoder-offset:right_knee", "sole-compliance"):
         row = row_of(found, label)
-        solved_plan = changed(plan, row.candidate, [row.detectable])
+        candidate = candidate_of(plan, row.effect, row.target or "")
+        solved_plan = changed(plan, candidate, [row.detectable])
         for run in noisy(solved_plan, streams(SEED + 1, runs)):
             observed = observe(run, plan.nominal)
             linear = linear_model(observed, noise_of(observed))
-            columns = candidate_columns(linear, [row.candidate])
-            hits.append(marginal_fits(columns, linear.residual)[0].p < found.level)
+            columns = candidate_columns(linear, [candidate])
+            hits.append(marginal_fits(columns, linear.residual)[0].p < found.level_of_each)
     # 90 % of 48, less 2.7 standard deviations of the binomial; at half the size it would be about 10 %.
     assert sum(hits) >= 38
     assert sum(hits) < len(hits)
@@ -91,10 +92,12 @@ def test_absorbed_effects_are_named_with_their_bias(plan, found):
     mass = row_of(found, "payload:torso", "mass")
     assert not mass.visible
     assert set(mass.by_channel.values()) == {np.inf}
-    moved = shifts_by(plan, changed(plan, mass.candidate, [mass.prior, 0.0, 0.0, 0.0]))
-    error = (moved - mass.bias) / plan.standard_errors
-    assert np.abs(mass.bias / plan.standard_errors).max() > 10
-    assert np.abs(error).max() < 0.02 * np.abs(mass.bias / plan.standard_errors).max()
+    moved = shifts_by(
+        plan, changed(plan, candidate_of(plan, "payload", "torso"), [mass.prior_sd, 0.0, 0.0, 0.0])
+    )
+    error = (moved - mass.bias_at_prior_m) / plan.standard_errors
+    assert np.abs(mass.bias_at_prior_se).max() > 10
+    assert np.abs(error).max() < 0.02 * np.abs(mass.bias_at_prior_se).max()
 
 
 def candidate_of(plan, name, target):
@@ -148,31 +151,32 @@ def test_angles_are_those_of_the_subspaces():
 
 
 def test_structural_twins_share_a_group(found):
-    named = [{found.shown[k].label for k in group} for group in found.groups]
+    named = [set(group) for group in found.groups]
     for pair in (
         {"plate-translation:right", "plate-translation:left"},
         {"cell-tare:left.front_left", "cell-tare:left.rear_right"},
     ):
         assert any(pair <= group for group in named), pair
     for group in found.groups:
-        assert max(found.angle[a, b] for a in group for b in group) < ISOLABLE
+        numbers = [found.shown.index(label) for label in group]
+        assert found.angle_rad[np.ix_(numbers, numbers)].max() < ISOLABLE
 
 
 def test_document_is_what_the_rows_say(found):
     said = found.to_json()
-    assert len(said["effects"]) == len(found.rows)
+    assert len(said["effects"]) == len(found.effects)
     assert set(said["effects"][0]["by_channel"]) == set(CHANNELS)
     assert len(said["angle_rad"]) == len(said["shown"])
     entry = next(e for e in said["effects"] if e["effect"] == "plate-translation" and e["parameter"] == "y")
     row = row_of(found, f"plate-translation:{entry['target']}", "y")
-    at_found = np.array(entry["bias_at_prior_se"]) * row.detectable / row.prior
+    at_found = np.array(entry["bias_at_prior_se"]) * row.detectable / row.prior_sd
     assert entry["bias_at_detectable_se"] == pytest.approx(at_found)
     frame = found.to_frame()
-    assert frame["detectable"].tolist() == [row.detectable for row in found.rows]
+    assert frame["detectable"].tolist() == [row.detectable for row in found.effects]
     assert frame["unit"][frame["effect"] == "plate-yaw"].eq("rad").all()
     opening, kinds, closing = found.tables()
-    assert opening.startswith(f"{len(found.planned.observed)} of ")
-    assert {row[0] for row in kinds.rows} == {row.candidate.effect.name for row in found.rows}
+    assert opening.startswith(f"{found.postures} of ")
+    assert {row[0] for row in kinds.rows} == {row.effect for row in found.effects}
     assert f"of {len(found.shown)} effects" in closing
 
 

@@ -138,11 +138,10 @@ def write_atlas(folder: Path, found: Atlas) -> None:
 
 def atlas_page(found: Atlas) -> Page:
     """Make the page of all effects, with a box to search them."""
-    facts = (("sensors", found.planned.sensors), ("seed", str(found.planned.seed)))
+    facts = (("sensors", found.preset), ("seed", str(found.seed)))
     sections = [Section(table.title, tables=(table,)) for table in atlas_tables(found)]
-    robot = found.planned.nominal.robot
     return Page(
-        f"{robot.name}: atlas",
+        f"{found.robot}: atlas",
         "",
         f"{opening(found)} {closing(found)}",
         facts,
