@@ -191,13 +191,15 @@ def test_lines_of_a_stream_as_lines_of_json(folder, day, capsys, monkeypatch):
     assert len(errors) == 25
 
 
-def test_a_stream_that_begins_again_is_not_judged_twice(folder, plan, robot, day, tmp_path):
+@pytest.mark.parametrize("without", ["", "time"])
+def test_a_stream_that_begins_again_is_not_judged_twice(folder, plan, robot, day, tmp_path, without):
     path, lines = folder
-    header = (path / "postures.csv").read_text().encode()
-    whole = [header, *(one.encode() for one in lines[:6])]
-    first = list(tt.watch(path, robot, plan=plan, out=tmp_path / "state", rows=whole[:4]))
-    then = list(tt.watch(path, robot, plan=plan, out=tmp_path / "state", rows=whole))
-    assert [one.verdict and one.verdict.posture for one in first + then] == day.posture[:6].tolist()
+    cut = [line.rstrip("\n").split(",") for line in ((path / "postures.csv").read_text(), *lines[:6])]
+    kept = [k for k, name in enumerate(cut[0]) if name.strip('"') != without]
+    whole = [",".join(line[k] for k in kept).encode() + b"\n" for line in cut]
+    first, then = (judged(path, plan, robot, out=tmp_path / "state", rows=r) for r in (whole[:4], whole))
+    assert [one.line for one in then] == [5, 6, 7]
+    assert [one.verdict.posture for one in first + then] == day.posture[:6].tolist()
 
 
 def test_the_lines_that_a_person_sees(folder, capsys):
@@ -230,20 +232,6 @@ def test_killed_and_started_again_it_goes_on(folder, day, tmp_path):
     # The row before the kill may be judged again, since its state was not written yet; none is left out.
     assert list(dict.fromkeys(told)) == day.posture.tolist()
     assert len(told) <= ROWS + 1
-
-
-def test_a_stream_without_times_goes_on(folder, plan, robot, tmp_path):
-    path, lines = folder
-    header = (path / "postures.csv").read_text()
-    at = [name.strip('"') for name in header.strip().split(",")].index("time")
-
-    def rows(count: int) -> list[bytes]:
-        cut = [one.rstrip("\n").split(",") for one in (header, *lines[:count])]
-        return [",".join(one[:at] + one[at + 1 :]).encode() + b"\n" for one in cut]
-
-    state = tmp_path / "day.state"
-    assert [one.line for one in judged(path, plan, robot, out=state, rows=rows(2))] == [2, 3]
-    assert [one.line for one in judged(path, plan, robot, out=state, rows=rows(3))] == [4]
 
 
 def test_no_row_and_a_closed_standard_input(folder, capsys, monkeypatch):
