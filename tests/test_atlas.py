@@ -67,8 +67,8 @@ def shifts_by(plan, solved_plan):
         data = (regression(plan.nominal.parameters, run, plan.nominal.robot, "plan") for run in runs)
         return np.array([estimate_by(each, MIXED_MODEL).value for each in data])
 
-    with_it = estimates(noisy(solved_plan, streams(SEED, CHECKED)))
-    return (with_it - estimates(plan.runs[:CHECKED])).mean(axis=0)
+    with_it, without = (noisy(solved, streams(SEED, CHECKED)) for solved in (solved_plan, plan.solved_plan))
+    return (estimates(with_it) - estimates(without)).mean(axis=0)
 
 
 @pytest.mark.slow

@@ -44,7 +44,6 @@ class Planned:
         solved_plan: those that the nominal robot can be measured in, solved.
         observed: what sensors without noise would show, with the preset's data sheets.
         noise: as those sheets state.
-        runs: noisy runs, every posture that has an equilibrium, the same rows in each.
         standard_errors: of the base parameters by the default estimator, root mean square over the
             runs, (p,) [m].
         seed: of the runs. sensors: name of the preset.
@@ -55,7 +54,6 @@ class Planned:
     solved_plan: SolvedPlan
     observed: Observation
     noise: Noise
-    runs: tuple[Measurements, ...]
     standard_errors: np.ndarray
     seed: int
     sensors: str
@@ -86,7 +84,7 @@ def planned(plan: PosturePlan, sensors: str, robot: Robot, seed: int) -> Planned
         for run in runs
     ]
     errors = np.sqrt(np.mean(variance, axis=0))
-    return Planned(rig, plan, solved_plan, observed, noise_of(observed), tuple(runs), errors, seed, sensors)
+    return Planned(rig, plan, solved_plan, observed, noise_of(observed), errors, seed, sensors)
 
 
 def usable(plan: PosturePlan, postures: np.ndarray) -> PosturePlan:

@@ -26,7 +26,6 @@ TEXT, COUNTS = "failure", ("run", "rows", "dropped")  # columns of texts and of 
 SCALARS = ("chi_square", "residual_dof")
 # Of a parameter: the estimate and its s.e.; both if imperfections that the data do not show were known.
 QUANTITIES = ("value", "se", "dof", "given", "given_se")
-NOT_NEGATIVE = (*SCALARS, "se", "dof", "given_se", "rows", "dropped")
 EXACT: Mapping[str, float] = {}
 MOST = 1e12  # of any number of a run: larger ones lose their last digits when they are squared
 
@@ -150,20 +149,14 @@ def errors_of(runs: Columns, model: str, numbers: Sequence[int], quantity: str =
 def _check_identified(path: Path, columns: Columns) -> None:
     """Refuse what no run that could be identified gives; names the file, the column and the run."""
     for name, values in columns.items():
-        if name in ("run", "failure"):
+        if name in ("run", TEXT):
             continue
-        what = (name.split(".")[1:2] or [name.rpartition("_")[2]])[0]
-        low = 0.0 if what in NOT_NEGATIVE else -MOST
-        fine = (values >= low) & ((np.abs(values) <= MOST) | (what == "dof"))
-        fine &= (values > 0) | (what not in ("dof", "residual_dof"))
-        fine |= np.isnan(values) & (what == "chi_square")
+        fine = np.isnan(values) if name.endswith("chi_square") else np.zeros(len(values), bool)
+        fine |= values > 0 if "dof" in name else np.abs(values) <= MOST
         if not fine.all():
-            at = int(np.argmin(fine))
-            expected = "more than 0" if what.endswith("dof") else "0 or more" if low == 0 else "a number"
-            raise InputError(
-                f"{path}: column '{name}', run {columns['run'][at]}: found {values[at]:g}, "
-                f"expected {expected} below {MOST:g}"
-            )
+            at, expected = int(np.argmin(fine)), "above 0" if "dof" in name else f"below {MOST:g}"
+            found = f"column '{name}', run {columns['run'][at]}: found {values[at]:g}"
+            raise InputError(f"{path}: {found}, expected a number {expected}")
 
 
 def layout_of(robot: Robot, parameters: BaseParameters) -> Layout:
