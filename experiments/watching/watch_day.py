@@ -135,7 +135,7 @@ class Watch(Result):
         )
         rows = []
         for k, (name, error) in enumerate(self._last.standard_errors.items(), 1):
-            target = self._target(name)
+            target = self._targets[name]
             met = Cell("yes", mark="pass") if error <= target else Cell("no", mark="warn")
             wanted = math.isfinite(target)
             rows.append([k, name, 1e3 * error, 1e3 * target if wanted else None, met if wanted else ""])
@@ -176,8 +176,8 @@ class Watch(Result):
             told.append(f"Largest standard error: {number(1e3 * errors[name], '.2f')} mm ({name}).")
         else:
             told.append("The postures do not determine all base parameters yet.")
-        if self._targets:
-            missed = sum(error > self._target(name) for name, error in errors.items())
+        if any(map(math.isfinite, self._targets.values())):
+            missed = sum(error > self._targets[name] for name, error in errors.items())
             told.append(f"Targets that are not met: {missed} of {len(errors)}.")
         return " ".join(told)
 
@@ -191,7 +191,8 @@ class Watch(Result):
                 stack.enter_context(alone_on(out))
             manifest = read_manifest(self.folder)
             model = self._model(manifest, where)
-            targets = _targets_of(model, self._targets)
+            self._targets = _targets_of(model.nominal.parameters.names, self._targets)
+            targets = np.array(list(self._targets.values()))
             day = _hash_of_day(self.plan, stated := read_bytes(where))
             kept = b"" if out is None else read_state(out, day)
             state, number, judge = first_state(model), 0, one_blas_thread(watch_row)
@@ -245,9 +246,6 @@ class Watch(Result):
         check_robot(nominal_robot(self.robot).parameters, nothing, self.robot, str(self.folder))
         return day_model(self.plan, self.robot, header)
 
-    def _target(self, name: str) -> float:
-        return self._targets.get(name, self._targets.get(EVERY, math.inf))
-
 
 def read_targets(texts: Sequence[str]) -> dict[str, float]:
     """Read targets that are written NAME=MILLIMETRES, by base parameter or "all" [m]."""
@@ -273,16 +271,11 @@ def _hash_of_day(plan: PosturePlan, manifest: bytes) -> str:
     return whole.hexdigest()
 
 
-def _targets_of(model: DayModel, given: Mapping[str, float]) -> np.ndarray | None:
-    """Return the standard error that is wanted of every base parameter, (p,) [m]; None: none is."""
-    if not given:
-        return None
-    names = model.nominal.parameters.names
-    targets = np.full(len(names), np.inf)
-    for name, value in sorted(given.items(), key=lambda each: each[0] != EVERY):
+def _targets_of(names: Sequence[str], given: Mapping[str, float]) -> dict[str, float]:
+    """Return the standard error that is wanted of every base parameter [m]; infinite: none is."""
+    for name, value in given.items():
         look_up("parameter", name, (EVERY, *names), "targets")
         expect(f"targets: {name}", value, float)
         if not 0 < value < np.inf:
             raise InputError(f"targets: {name}: found {value:g}, expected a standard error above 0 [m]")
-        targets[slice(None) if name == EVERY else names.index(name)] = value
-    return targets
+    return {name: given.get(name, given.get(EVERY, math.inf)) for name in names}
