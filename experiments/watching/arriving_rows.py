@@ -57,8 +57,11 @@ def new_lines(path: Path, read: bytes, header: bytes, once: bool = False) -> lis
             "may only be added at the end"
         )
     lines = list(io.BytesIO(content))
-    if max(map(len, lines), default=0) > MOST_LINE:
-        raise InputError(f"{path}: found a line of more than {MOST_LINE} bytes, expected rows")
+    if any(len(line) > MOST_LINE or b"\r" in text_of(line) for line in lines):
+        raise InputError(
+            f"{path}: found a line of more than {MOST_LINE} bytes or with a carriage return (CR) within, "
+            "expected lines that end with LF or CR LF"
+        )
     if lines and not lines[-1].endswith(b"\n"):
         whole = len(_names(lines[-1])) == len(_names(header)) > 1 and len(content) < MOST_AT_ONCE
         lines = lines if once and whole else lines[:-1]
@@ -99,7 +102,7 @@ def row_of(
     try:
         return measurements_in(manifest, TableFile(path, header + b"\n" + text_of(line) + b"\n"), where)
     except InputError as error:
-        place = str(error).removeprefix(f"{path}: ").replace(", row 1", "")
+        place = str(error).removeprefix(f"{path}: ").removeprefix("line 2: ").replace(", row 1", "")
         raise InputError(f"{path}: line {number}: {shortened(place, 400)}") from None
 
 

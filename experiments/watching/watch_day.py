@@ -227,7 +227,8 @@ class Watch(Result):
             known = {text_of(line) for line in io.BytesIO(kept)}
             if kept and not kept.endswith(b"\n"):
                 yield b"\n"
-            yield from (text_of(line) + b"\n" for line in self._rows if text_of(line) not in known)
+            lines = (text_of(expect("rows", line, bytes)) for line in self._rows)
+            yield from (line + b"\n" for line in lines if line not in known)
             return
         while (lines := new_lines(path, bytes(self._read), self._header, self._once)) or not self._once:
             yield from lines
