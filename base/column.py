@@ -70,6 +70,8 @@ class Column:
         if estimate:
             known = math.isfinite(low) and math.isfinite(high)
             return f"{self.text(estimate[0])} ({f'{first} to {last}' if known else 'no interval'})"
+        if math.isnan(low):
+            return ""
         if math.isinf(low):
             return f"at most {last}"
         return f"at least {first}" if math.isinf(high) else f"{first} to {last}"

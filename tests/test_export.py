@@ -282,15 +282,11 @@ def test_a_place_within_a_frame_is_refused(tmp_path):
     assert changed == text.replace(b'pos="0 0 1"', b'pos="0.0 0.0 2.0"')
 
 
-@pytest.mark.parametrize(
-    "setting", ['balanceinertia="true"', 'boundinertia="0.05"', 'boundmass="0.1"', 'inertiafromgeom="true"']
-)
-def test_a_source_whose_compiler_overrules_the_inertias_is_refused(setting, found, robot, tmp_path):
+def test_a_source_whose_compiler_overrules_the_inertias_is_refused(found, robot, tmp_path):
     source = shutil.copytree(robot.model_file.parent, tmp_path / "robot") / "changed.xml"
-    name, text = setting.partition("=")[0], robot.model_file.read_text()
-    text = re.sub(rf' {name}="[^"]*"', "", text)
-    source.write_text(text.replace("<compiler ", f"<compiler {setting} ", 1))
-    with pytest.raises(InputError, match=name):
+    text = re.sub(r' inertiafromgeom="[^"]*"', "", robot.model_file.read_text())
+    source.write_text(text.replace("<compiler ", '<compiler inertiafromgeom="true" ', 1))
+    with pytest.raises(InputError, match=r"a setting of the file overrules inertias .*inertiafromgeom"):
         tt.export_model(found, robot, out=tmp_path / "out.xml", source=source)
     assert not (tmp_path / "out.xml").exists()
 

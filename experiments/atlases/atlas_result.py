@@ -4,22 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tulip_testbed.base.column import Column, columns
-from tulip_testbed.base.result import Result
+from tulip_testbed.base.result import Array, InMemory, Result
 from tulip_testbed.base.table import Table
-from tulip_testbed.base.table_files import finite
-from tulip_testbed.discovery.candidates import Candidate
-from tulip_testbed.discovery.detectability import POWER
-from tulip_testbed.discovery.selection import LEVEL
-from tulip_testbed.effects.effect import Parameter
+from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.instance import effect_label
 from tulip_testbed.effects.targets import PLACEMENTS
-from tulip_testbed.experiments.atlases.planned_experiment import Planned
 from tulip_testbed.identification.residual_channels import CHANNELS
 
 PAGE = "atlas.html"
@@ -37,43 +32,58 @@ LEGEND = (
 
 @dataclass(frozen=True)
 class AtlasRow:
-    """One size of one candidate.
+    """One size of one effect, in SI units, and its biases if it is not modelled, (p,).
 
     Attributes:
-        size: number among the effect's sizes; None: the effect has none, it is there or not.
+        parameter: name of the size; None: the effect has none, it is there or not.
+        prior_sd: of the size.
         detectable: least size that is found with 90 % probability, by all channels; infinite: never.
             Of an effect without size 1: found, infinite: not found with that probability.
         by_channel: the same for each channel alone.
         visible: whether the search would consider it at all.
-        bias: of the base parameters if it is not modelled, at one prior s.d. (if it is there), (p,) [m].
+        nearest, nearest_angle_rad: the effect that looks most like it, and the angle to it; None: none.
+        group: number of its group of look-alikes, from 1.
+        bias_at_prior_m, bias_at_prior_se: at one prior s.d. (if it is there), in standard errors too.
+        bias_at_detectable_se: at the detectable size; NaN where there is none.
     """
 
-    candidate: Candidate
-    size: int | None
+    effect: str
+    target: str | None
+    parameter: str | None
+    unit: str
+    prior_sd: float | None
     detectable: float
     by_channel: dict[str, float]
     visible: bool
-    bias: np.ndarray
+    nearest: str | None
+    nearest_angle_rad: float | None
+    isolable: bool | None
+    group: int | None
+    bias_at_prior_m: Array
+    bias_at_prior_se: Array
+    bias_at_detectable_se: Array
 
     @property
-    def parameter(self) -> Parameter | None:
-        """Of the effect that this is the size of."""
-        effect = self.candidate.effect
-        return None if self.size is None else effect.parameters[effect.sizes[self.size]]
+    def label(self) -> str:
+        """Return effect and target."""
+        return effect_label(self.effect, self.target)
 
     @property
     def name(self) -> str:
-        """Of the parameter; "" where the effect has one only."""
-        return self.parameter.name if self.parameter and len(self.candidate.effect.sizes) > 1 else ""
+        """Return the parameter; "" where the effect has one only."""
+        return self.parameter if self.parameter and len(catalogue()[self.effect].sizes) > 1 else ""
 
     @property
-    def prior(self) -> float:
-        return 1.0 if self.size is None else float(self.candidate.prior[self.size])
+    def display(self) -> tuple[float, str]:
+        """Return scale and unit in which sizes are shown."""
+        named = (one for one in catalogue()[self.effect].parameters if one.name == self.parameter)
+        return next((one.display for one in named), (1.0, ""))
 
-    @property
-    def bias_undetected(self) -> np.ndarray:
-        """At the detectable size, (p,) [m]; NaN where there is none."""
-        return self.bias * (self.detectable / self.prior if np.isfinite(self.detectable) else np.nan)
+    def shown(self, size: float | None) -> Any:
+        """Return a size in the unit that it is shown in; of an effect without one whether it is found."""
+        if self.parameter is None or size is None:
+            return True if size is None or np.isfinite(size) else np.inf
+        return self.display[0] * size
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,27 +91,39 @@ class Atlas(Result):
     """Effects that a plan detects, distinguishes and hides.
 
     Attributes:
-        rows: sizes of all candidates, in the catalogue's order.
-        shown: candidates that could be observed, (n,).
-        angle: between them, (n, n) [rad]. groups: of look-alikes among them, by their numbers.
-        tests: number of independent tests to which the catalogue is equivalent. level: of each.
-        folder: where its page is; None: nowhere.
+        postures: that can be measured, of so many `planned` ones.
+        power: with which an effect is found. level: of the whole search.
+        tests: number of independent tests to which the catalogue is equivalent. level_of_each: of them.
+        standard_error_m: of the base parameters by the default estimator, (p,) [m].
+        effects: sizes of all effects, in the catalogue's order.
+        shown: effects that could be observed, (n,). angle_rad: between them, (n, n) [rad].
+        groups: of look-alikes among them.
+        robot: its name. folder: where the page is; None: nowhere.
     """
 
-    planned: Planned
-    rows: tuple[AtlasRow, ...]
-    shown: tuple[Candidate, ...]
-    angle: np.ndarray
-    groups: tuple[tuple[int, ...], ...]
-    tests: float
+    preset: str
+    seed: int
+    postures: int
+    planned: int
+    power: float
     level: float
-    folder: Path | None = None
+    tests: float
+    level_of_each: float
+    isolable_rad: float
+    parameters: tuple[str, ...]
+    standard_error_m: Array
+    effects: tuple[AtlasRow, ...]
+    groups: tuple[tuple[str, ...], ...]
+    shown: tuple[str, ...]
+    angle_rad: Array
+    robot: InMemory[str]
+    folder: InMemory[Path | None] = None
 
     def tables(self) -> list[Table | str]:
         page = [] if self.folder is None else [f"Atlas: {self.folder / PAGE}"]
         return [
             opening(self),
-            kind_table(self, _one_placement(self)),
+            kind_table(_one_placement(self)),
             f"{len(self.groups)} groups of effects cannot be distinguished. {closing(self)}",
             *page,
         ]
@@ -109,71 +131,14 @@ class Atlas(Result):
     def to_frame(self) -> Any:
         """Return a pandas DataFrame with one row a size of an effect, in SI units."""
         kept = ("effect", "target", "parameter", "unit", "prior_sd", "detectable", "visible", "nearest")
-        rows = [[row[name] for name in kept] for row in self._document()["effects"]]
+        rows = [[getattr(row, name) for name in kept] for row in self.effects]
         return Table("Effects", tuple(map(Column, kept)), rows).frame()
 
-    def nearest(self, number: int) -> tuple[int, float]:
-        """Return the other candidate that looks most like one, and the angle to it [rad]."""
-        angle = np.where(np.arange(len(self.angle)) == number, np.inf, self.angle[number])
-        return int(angle.argmin()), float(angle.min())
 
-    @cached_property
-    def numbers(self) -> dict[int, int]:
-        """Return the numbers of the candidates that are shown, by their identity."""
-        return {id(candidate): k for k, candidate in enumerate(self.shown)}
-
-    def similar(self, row: AtlasRow) -> tuple[str | None, float | None]:
-        """Return the effect that looks most like that of a row, and the angle to it [rad]; None: none."""
-        number = self.numbers.get(id(row.candidate))
-        if number is None or len(self.shown) < 2:
-            return None, None
-        other, angle = self.nearest(number)
-        return self.shown[other].label, angle
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the JSON document; sizes in SI units, biases in m and standard errors."""
-        return finite(self._document())
-
-    def _document(self) -> dict[str, Any]:
-        planned, errors, effects = self.planned, self.planned.standard_errors, []
-        for row in self.rows:
-            (nearest, angle), number = self.similar(row), self.numbers.get(id(row.candidate))
-            effects.append(
-                {
-                    "effect": row.candidate.effect.name,
-                    "target": row.candidate.target or None,
-                    "parameter": row.parameter.name if row.parameter else None,
-                    "unit": row.parameter.unit if row.parameter else "",
-                    "prior_sd": None if row.size is None else row.prior,
-                    "detectable": row.detectable,
-                    "by_channel": row.by_channel,
-                    "visible": row.visible,
-                    "nearest": nearest,
-                    "nearest_angle_rad": angle,
-                    "isolable": None if angle is None else bool(angle >= ISOLABLE),
-                    "group": next((n for n, group in enumerate(self.groups, 1) if number in group), None),
-                    "bias_at_prior_m": row.bias.tolist(),
-                    "bias_at_prior_se": (row.bias / errors).tolist(),
-                    "bias_at_detectable_se": (row.bias_undetected / errors).tolist(),
-                }
-            )
-        return {
-            "preset": planned.sensors,
-            "seed": planned.seed,
-            "postures": len(planned.observed),
-            "planned": len(planned.plan),
-            "power": POWER,
-            "level": LEVEL,
-            "tests": self.tests,
-            "level_of_each": self.level,
-            "isolable_rad": ISOLABLE,
-            "parameters": list(planned.nominal.parameters.names),
-            "standard_error_m": errors.tolist(),
-            "effects": effects,
-            "groups": [[self.shown[k].label for k in group] for group in self.groups],
-            "shown": [candidate.label for candidate in self.shown],
-            "angle_rad": self.angle.tolist(),
-        }
+def nearest_angles(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return for every effect the number of the one that looks most like it, and the angle to it [rad]."""
+    others = np.where(np.eye(len(angle), dtype=bool), np.inf, angle)
+    return others.argmin(axis=1), others.min(axis=1)
 
 
 def atlas_tables(atlas: Atlas) -> tuple[Table, ...]:
@@ -189,39 +154,37 @@ def atlas_tables(atlas: Atlas) -> tuple[Table, ...]:
 
 
 def opening(atlas: Atlas) -> str:
-    planned = atlas.planned
     return (
-        f"{len(planned.observed)} of {len(planned.plan)} postures can be measured; the catalogue is "
-        f"equivalent to {atlas.tests:.0f} independent tests, each at the level {100 * atlas.level:.2g} %."
+        f"{atlas.postures} of {atlas.planned} postures can be measured; the catalogue is equivalent to "
+        f"{atlas.tests:.0f} independent tests, each at the level {100 * atlas.level_of_each:.2g} %."
     )
 
 
 def closing(atlas: Atlas) -> str:
     count = len(atlas.shown)
-    isolable = sum(atlas.nearest(k)[1] >= ISOLABLE for k in range(count)) if count > 1 else 0
+    isolable = int((nearest_angles(atlas.angle_rad)[1] >= ISOLABLE).sum()) if count > 1 else 0
     return f"{isolable} of {count} effects that are detected can be isolated from all others."
 
 
-def kind_table(atlas: Atlas, rows: list[AtlasRow]) -> Table:
+def kind_table(rows: list[AtlasRow]) -> Table:
     sizes = ("plausible", "", ".2g"), ("found from", "", ".2g")
     bias = ("largest bias", "s.e.", ".2g")
     heads = columns("effect", "unit", "detected", *sizes, ("angle", "deg", ".0f"), bias)
     kinds: dict[tuple[str, str], list[AtlasRow]] = {}
     for row in rows:
-        unit = row.parameter.display[1] if row.parameter else ""
-        kinds.setdefault((row.candidate.effect.name, unit), []).append(row)
+        kinds.setdefault((row.effect, row.display[1]), []).append(row)
     lines = []
     for (name, unit), of in kinds.items():
-        sizes = [_size(row, row.detectable) for row in of if np.isfinite(row.detectable)]
-        near = [np.degrees(angle) for _, angle in map(atlas.similar, of) if angle is not None]
-        biases = [float(np.abs(row.bias / atlas.planned.standard_errors).max()) for row in of]
+        sizes = [row.shown(row.detectable) for row in of if np.isfinite(row.detectable)]
+        near = [np.degrees(row.nearest_angle_rad) for row in of if row.nearest_angle_rad is not None]
+        biases = [float(np.abs(row.bias_at_prior_se).max()) for row in of]
         known = [value for value in biases if np.isfinite(value)]
         lines.append(
             [
                 name,
                 unit,
                 f"{sum(row.visible for row in of)} of {len(of)}",
-                _range([_size(row, row.prior) for row in of]),
+                _range([row.shown(row.prior_sd) for row in of]),
                 _range(sizes),
                 _range(near),
                 (max(known) if max(known) >= NO_BIAS else 0.0) if known else None,
@@ -252,33 +215,31 @@ def effect_table(atlas: Atlas, rows: list[AtlasRow], title: str) -> Table:
         *(Column(name, extra=True) for name in ("of the parameter", "most similar effect")),
         *(Column(f"by {channel}", format=".2g", extra=True) for channel in CHANNELS),
     )
-    errors, names = atlas.planned.standard_errors, atlas.planned.nominal.parameters.names
     lines = []
     for row in rows:
-        similar, angle = atlas.similar(row)
-        bias = row.bias / errors
+        angle, bias = row.nearest_angle_rad, row.bias_at_prior_se
         known = bool(np.isfinite(bias).all())
         worst = int(np.abs(bias).argmax()) if known else 0
         lines.append(
             [
-                row.candidate.label,
+                row.label,
                 row.name,
-                row.parameter.display[1] if row.parameter else "",
-                _size(row, row.prior),
-                _size(row, row.detectable),
+                row.display[1],
+                row.shown(row.prior_sd),
+                row.shown(row.detectable),
                 None if angle is None else float(np.degrees(angle)),
                 float(bias[worst]) if known else None,
-                float(row.bias_undetected[worst] / errors[worst]) if known else None,
-                names[worst] if known and abs(bias[worst]) >= NO_BIAS else "",
-                similar or "",
-                *(_size(row, row.by_channel[c]) for c in CHANNELS),
+                float(row.bias_at_detectable_se[worst]) if known else None,
+                atlas.parameters[worst] if known and abs(bias[worst]) >= NO_BIAS else "",
+                row.nearest or "",
+                *(row.shown(row.by_channel[c]) for c in CHANNELS),
             ]
         )
     return Table(title, heads, lines)
 
 
 def group_table(atlas: Atlas) -> Table:
-    rows = [[k, [atlas.shown[n].label for n in group]] for k, group in enumerate(atlas.groups, 1)]
+    rows = [[k, list(group)] for k, group in enumerate(atlas.groups, 1)]
     bound = f"{np.degrees(ISOLABLE):.0f} deg"
     title = f"Effects that these postures cannot distinguish (an angle below {bound} to another of the group)"
     return Table(title, columns(("group", "", "d"), "effects"), rows)
@@ -287,18 +248,11 @@ def group_table(atlas: Atlas) -> Table:
 def _one_placement(atlas: Atlas) -> list[AtlasRow]:
     """Return the rows, of those that concern one placement only the one that is hardest to detect."""
     out, worst = [], {}
-    for row in atlas.rows:
-        if row.candidate.effect.targets is not PLACEMENTS:
+    for row in atlas.effects:
+        if catalogue()[row.effect].targets is not PLACEMENTS:
             out.append(row)
             continue
-        key = (row.candidate.effect.name, row.size)
+        key = (row.effect, row.parameter)
         if key not in worst or row.detectable > worst[key].detectable:
             worst[key] = row
     return out + list(worst.values())
-
-
-def _size(row: AtlasRow, value: float) -> Any:
-    """Return a size in the unit that it is shown in; of an effect without one whether it is found."""
-    if row.parameter is None:
-        return True if np.isfinite(value) else np.inf
-    return row.parameter.display[0] * value

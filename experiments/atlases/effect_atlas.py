@@ -12,7 +12,7 @@ from tulip_testbed.discovery.detectability import POWER, detectable_size, single
 from tulip_testbed.discovery.evidence import DETECTABLE, effective_tests
 from tulip_testbed.discovery.selection import LEVEL
 from tulip_testbed.effects.instance import MOST_PRIORS
-from tulip_testbed.experiments.atlases.atlas_result import ISOLABLE, Atlas, AtlasRow
+from tulip_testbed.experiments.atlases.atlas_result import ISOLABLE, Atlas, AtlasRow, nearest_angles
 from tulip_testbed.experiments.atlases.planned_experiment import BiasWeights, Planned, bias
 from tulip_testbed.identification.distributions import chi2_isf, normal_isf
 from tulip_testbed.identification.residual_channels import CHANNELS
@@ -27,7 +27,7 @@ def atlas(planned: Planned, rng: np.random.Generator) -> Atlas:
     single = {c: candidate_columns(linear_model(planned.observed, planned.noise, c), among) for c in CHANNELS}
     tests = effective_tests([columns], rng)
     level = single_level(LEVEL, tests)
-    estimator, rows, changing = BiasWeights(planned), [], []
+    estimator, parts, changing = BiasWeights(planned), [], []
     for k, candidate in enumerate(among):
         points = columns.projected[k]
         length = np.array([np.linalg.norm(column) for column in points])
@@ -43,11 +43,55 @@ def atlas(planned: Planned, rng: np.random.Generator) -> Atlas:
             least_size = _detectable(columns, k, point, size, level)
             by_channel = {c: _detectable(single[c], k, point, size, level) for c in CHANNELS}
             visible = bool(np.linalg.norm(column) * prior > DETECTABLE)
-            rows.append(AtlasRow(candidate, size, least_size, by_channel, visible, moved[:, size or 0]))
-    shown = [k for k in range(len(among)) if any(r.visible for r in rows if r.candidate is among[k])]
+            parts.append((k, size, least_size, by_channel, visible, moved[:, size or 0]))
+    shown = [k for k in range(len(among)) if any(part[0] == k and part[4] for part in parts)]
     angle = angles([changing[k] for k in shown])
-    alike = tuple(tuple(group) for group in groups(angle))
-    return Atlas(planned, tuple(rows), tuple(among[k] for k in shown), angle, alike, tests, level)
+    alike, names = groups(angle), [among[k].label for k in shown]
+    others, apart = nearest_angles(angle)
+    rows, errors = [], planned.standard_errors
+    for k, size, detectable, by_channel, visible, biases in parts:
+        candidate, number = among[k], shown.index(k) if k in shown else None
+        parameter = None if size is None else candidate.effect.parameters[candidate.effect.sizes[size]]
+        near = None if number is None or len(shown) < 2 else float(apart[number])
+        prior = 1.0 if size is None else float(candidate.prior[size])
+        at_detectable = biases * (detectable / prior if np.isfinite(detectable) else np.nan)
+        rows.append(
+            AtlasRow(
+                effect=candidate.effect.name,
+                target=candidate.target or None,
+                parameter=None if parameter is None else parameter.name,
+                unit="" if parameter is None else parameter.unit,
+                prior_sd=None if parameter is None else prior,
+                detectable=detectable,
+                by_channel=by_channel,
+                visible=visible,
+                nearest=None if near is None else names[others[number]],
+                nearest_angle_rad=near,
+                isolable=None if near is None else bool(near >= ISOLABLE),
+                group=next((n for n, group in enumerate(alike, 1) if number in group), None),
+                bias_at_prior_m=biases,
+                bias_at_prior_se=biases / errors,
+                bias_at_detectable_se=at_detectable / errors,
+            )
+        )
+    return Atlas(
+        preset=planned.sensors,
+        seed=planned.seed,
+        postures=len(planned.observed),
+        planned=len(planned.plan),
+        power=POWER,
+        level=LEVEL,
+        tests=tests,
+        level_of_each=level,
+        isolable_rad=ISOLABLE,
+        parameters=planned.nominal.parameters.names,
+        standard_error_m=errors,
+        effects=tuple(rows),
+        groups=tuple(tuple(names[k] for k in group) for group in alike),
+        shown=tuple(names),
+        angle_rad=angle,
+        robot=planned.nominal.robot.name,
+    )
 
 
 def _detectable(columns: CandidateColumns, k: int, point: int, size: int | None, level: float) -> float:

@@ -44,7 +44,6 @@ class Planned:
         solved_plan: those that the nominal robot can be measured in, solved.
         observed: what sensors without noise would show, with the preset's data sheets.
         noise: as those sheets state.
-        runs: noisy runs, every posture that has an equilibrium, the same rows in each.
         standard_errors: of the base parameters by the default estimator, root mean square over the
             runs, (p,) [m].
         seed: of the runs. sensors: name of the preset.
@@ -55,7 +54,6 @@ class Planned:
     solved_plan: SolvedPlan
     observed: Observation
     noise: Noise
-    runs: tuple[Measurements, ...]
     standard_errors: np.ndarray
     seed: int
     sensors: str
@@ -86,7 +84,7 @@ def planned(plan: PosturePlan, sensors: str, robot: Robot, seed: int) -> Planned
         for run in runs
     ]
     errors = np.sqrt(np.mean(variance, axis=0))
-    return Planned(rig, plan, solved_plan, observed, noise_of(observed), tuple(runs), errors, seed, sensors)
+    return Planned(rig, plan, solved_plan, observed, noise_of(observed), errors, seed, sensors)
 
 
 def usable(plan: PosturePlan, postures: np.ndarray) -> PosturePlan:
@@ -101,12 +99,6 @@ def streams(seed: int, count: int) -> list[np.random.SeedSequence]:
 def noisy(solved_plan: SolvedPlan, of: Sequence[np.random.SeedSequence]) -> list[Measurements]:
     """Return the measurements of some runs, with every posture that has an equilibrium."""
     return [run.measurements for run in run_statics(solved_plan, of, all_solved=True)]
-
-
-def estimates(runs: Sequence[Measurements], nominal: Nominal) -> np.ndarray:
-    """Return the base parameters of every run by the default estimator, (runs, p) [m]."""
-    of_runs = (regression(nominal.parameters, run, nominal.robot, "plan") for run in runs)
-    return np.array([estimate_by(each, MIXED_MODEL).value for each in of_runs])
 
 
 class BiasWeights:

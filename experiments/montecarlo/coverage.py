@@ -61,12 +61,8 @@ class ModelCoverage:
     beyond_95: Share | None = None
 
 
-@dataclass(frozen=True)
-class Estimates:
-    """Estimates of a quantity for p parameters with their intervals, (p,) and (2, p)."""
-
-    value: np.ndarray
-    interval: np.ndarray
+# Estimates of a quantity for p parameters, (p,), and their intervals, (2, p).
+Estimates = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -103,7 +99,7 @@ class Errors:
         bias = np.array([self.bias, self.bias - half, self.bias + half])
         with np.errstate(divide="ignore", invalid="ignore"):
             relative = bias / self.standard_error
-        return Estimates(relative[0], relative[1:])
+        return relative[0], relative[1:]
 
     def standard_error_ratio(self, confidence: float) -> Estimates:
         """Return the s.d. of the errors over the stated standard error, with the interval of an s.d.
@@ -115,9 +111,9 @@ class Errors:
             ratio = self.sd / self.standard_error
         tail = (1 - confidence) / 2
         if self.count < 2:
-            return Estimates(ratio, np.full((2, len(ratio)), np.nan))
+            return ratio, np.full((2, len(ratio)), np.nan)
         factors = np.sqrt((self.count - 1) / chi2_ppf([1 - tail, tail], self.count - 1))
-        return Estimates(ratio, factors[:, None] * ratio)
+        return ratio, factors[:, None] * ratio
 
     def coverage(self, confidence: float) -> Estimates:
         """Return the share of the runs whose 95 % interval held the truth."""
@@ -130,9 +126,9 @@ def share(counts: np.ndarray, count: int, confidence: float) -> Estimates:
 
     counts = np.asarray(counts)
     if not count:
-        return Estimates(np.full(len(counts), np.nan), np.full((2, len(counts)), np.nan))
+        return np.full(len(counts), np.nan), np.full((2, len(counts)), np.nan)
     interval = proportion_confint(counts, count, alpha=1 - confidence, method="beta")
-    return Estimates(counts / count, np.array(interval))
+    return counts / count, np.array(interval)
 
 
 def summarise_errors(
@@ -174,17 +170,18 @@ def model_errors(runs: Columns, model: str, numbers: tuple[int, ...], given: boo
 
 def coverage_of(errors: Errors) -> list[dict[str, Any]]:
     """Return the figures of every parameter by their names in `Coverage`."""
-    ratio = errors.standard_error_ratio(CONFIDENCE)
+    ratio, ratio_interval = errors.standard_error_ratio(CONFIDENCE)
+    held, held_interval = errors.coverage(CONFIDENCE)
     figures = {
         "bias": errors.bias,
         "bias_mc_error": errors.mc_error,
         "standard_error": errors.standard_error,
         "empirical_standard_error": errors.sd,
-        "standard_error_ratio": ratio.value,
-        "standard_error_ratio_interval": ratio.interval.T,
+        "standard_error_ratio": ratio,
+        "standard_error_ratio_interval": ratio_interval.T,
+        "coverage95": held,
+        "coverage95_interval": held_interval.T,
     }
-    held = errors.coverage(CONFIDENCE)
-    figures |= {"coverage95": held.value, "coverage95_interval": held.interval.T}
     columns = [column.tolist() for column in figures.values()]
     return [dict(zip(figures, row, strict=True)) for row in zip(*columns, strict=True)]
 
@@ -198,7 +195,7 @@ def model_coverage(errors: Errors, names: tuple[str, ...]) -> dict[str, Any]:
     rows = zip(errors.numbers.tolist(), coverage_of(errors), strict=True)
     beyond = None
     if errors.exceeded is not None and errors.count:
-        exceeded = share(np.array([errors.exceeded]), errors.count, CONFIDENCE)
-        beyond = Share(float(exceeded.value[0]), exceeded.interval[:, 0].tolist())
+        exceeded, interval = share(np.array([errors.exceeded]), errors.count, CONFIDENCE)
+        beyond = Share(float(exceeded[0]), interval[:, 0].tolist())
     parameters = [ParameterCoverage(number=n, name=names[n - 1], **row) for n, row in rows]
     return {"parameters": parameters, "beyond_95": beyond}

@@ -1,14 +1,11 @@
-"""Tables and sentences of a Monte Carlo, from its report."""
+"""Tables of a Monte Carlo."""
 
 from __future__ import annotations
 
-from typing import Any
-
 from tulip_testbed.base.column import Column
-from tulip_testbed.base.numbers import number
 from tulip_testbed.base.table import Cell, Table
-from tulip_testbed.experiments.imperfections import imperfections_line
-from tulip_testbed.experiments.montecarlo.coverage_verdict import BIAS, COVERAGE, LEVEL, RATIO
+from tulip_testbed.experiments.montecarlo.coverage import ParameterCoverage
+from tulip_testbed.experiments.montecarlo.coverage_verdict import BIAS, COVERAGE, LEVEL, RATIO, CoverageCheck
 
 LEGEND = (
     "bias: mean error; its s.e.: by the number of runs; stated s.e.: by the estimator; found s.e.: s.d. of "
@@ -18,11 +15,11 @@ LEGEND = (
 )
 
 
-def coverage_table(model: str, rows: list[dict[str, Any]]) -> Table:
+def coverage_table(model: str, rows: list[ParameterCoverage]) -> Table:
     """Return bias, standard errors and coverage of a model's parameters.
 
     Args:
-        model: "full" or "simplified". rows: its parameters, as a report has them.
+        model: "full" or "simplified". rows: its parameters.
     """
     columns = (
         Column("no.", format="d"),
@@ -42,11 +39,11 @@ def coverage_table(model: str, rows: list[dict[str, Any]]) -> Table:
         *("coverage95", "coverage95_interval"),
     )
     path = "parameters" if model == "full" else f"{model}.parameters"
-    lines = [[Cell(row[name], f"{path}.{k}.{name}") for name in names] for k, row in enumerate(rows)]
+    lines = [[Cell(getattr(row, name), f"{path}.{k}.{name}") for name in names] for k, row in enumerate(rows)]
     return Table(f"{model.capitalize()} model", columns, lines)
 
 
-def coverage_check_table(checks: list[dict[str, Any]]) -> Table:
+def coverage_check_table(checks: list[CoverageCheck]) -> Table:
     """Return the checks of the verdict."""
     columns = (
         Column("check"),
@@ -61,10 +58,10 @@ def coverage_check_table(checks: list[dict[str, Any]]) -> Table:
     rows = []
     for k, check in enumerate(checks):
         name, *others = (
-            Cell(check[key], f"checks.{k}.{key}")
+            Cell(getattr(check, key), f"checks.{k}.{key}")
             for key in ("name", "number", "value", "interval", "bounds", "beyond", "source")
         )
-        result = check["result"] if check["shown"] or check["result"] != "pass" else "inconclusive"
+        result = check.result if check.shown or check.result != "pass" else "inconclusive"
         rows.append([name, Cell(result, mark=result), *others])
     note = (
         f"Bounds: bias within {BIAS[1]:g} s.e., found over stated s.e. {RATIO[0]:g} to {RATIO[1]:g}, "
@@ -74,29 +71,3 @@ def coverage_check_table(checks: list[dict[str, Any]]) -> Table:
         "wholly inside of the bounds; inconclusive: some still reach beyond them."
     )
     return Table("Checks", columns, rows, note)
-
-
-def coverage_lines(report: dict[str, Any]) -> list[str]:
-    """Describe the total mass, the errors of all parameters together, and the runs that failed."""
-    lines = [imperfections_line(report["imperfections"], several=True)]
-    for model, figures in (("full", report), ("simplified", report["simplified"])):
-        if beyond := figures["beyond_95"]:
-            low, high = (100 * end for end in beyond["interval"])
-            lines.append(
-                f"Runs whose errors together exceed 95 % of F, {model} model: {100 * beyond['share']:.1f} % "
-                f"({low:.1f} to {high:.1f})."
-            )
-    mass = report["total_mass"]
-    if mass["bias"] is not None:
-        lines.append(
-            f"Total mass: bias {_figure(mass['bias'], '+.2f', 1e3)} g, its s.e. "
-            f"{_figure(mass['bias_mc_error'], '.2f', 1e3)} g; found over stated s.e. "
-            f"{_figure(mass['standard_error_ratio'], '.3f')}, coverage of 95 % intervals "
-            f"{_figure(mass['coverage95'], '.1f', 100)} %."
-        )
-    return lines + [f"{count} runs not identified: {reason}" for reason, count in report["failures"].items()]
-
-
-def _figure(value: float | None, spec: str, scale: float = 1.0) -> str:
-    """Format a figure of the report; "-" where the runs are too few for one."""
-    return "-" if value is None else number(scale * value, spec)

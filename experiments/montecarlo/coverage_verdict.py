@@ -69,7 +69,7 @@ def checks(runs: int, models: Mapping[str, Errors], outside: Mapping[str, float]
         outside: largest true size of a parameter that a model leaves out, by model [m].
     """
     count = models["full"].count
-    low, high = share(np.array([runs - count]), runs, 1 - 2 * LEVEL).interval[:, 0].tolist()
+    low, high = share(np.array([runs - count]), runs, 1 - 2 * LEVEL)[1][:, 0].tolist()
     failed = CoverageCheck(
         name="share of runs that could not be identified",
         result="pass" if low <= MOST_FAILED else "fail",
@@ -139,9 +139,8 @@ def _held(
     source: str,
 ) -> CoverageCheck:
     """Hold intervals against bounds; reports the parameter that lies furthest out."""
-    at_once, alone = estimate(confidence), estimate(1 - 2 * LEVEL).interval
-    (low, high), (least, most) = at_once.interval, bounds
-    beyond = np.maximum(at_once.value - most, least - at_once.value)
+    (value, (low, high)), (_, alone), (least, most) = estimate(confidence), estimate(1 - 2 * LEVEL), bounds
+    beyond = np.maximum(value - most, least - value)
     worst = int(np.argmax(np.where(np.isnan(beyond), np.inf, beyond)))
     out = ~((low <= most) & (high >= least))  # and where there is no number at all
     return CoverageCheck(
@@ -149,7 +148,7 @@ def _held(
         result="fail" if out.any() else "pass",
         shown=bool(((alone[0] >= least) & (alone[1] <= most)).all()),
         number=None if numbers is None else int(numbers[worst]),
-        value=float(at_once.value[worst]),
+        value=float(value[worst]),
         interval=[float(low[worst]), float(high[worst])],
         bounds=list(bounds),
         beyond=() if numbers is None else tuple(numbers[out].tolist()),

@@ -13,11 +13,13 @@ from pydantic import Field
 from tulip_testbed.base.document import Seed
 from tulip_testbed.base.errors import InputError, at_least, at_most, look_up, shortened
 from tulip_testbed.base.machine import machine
+from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Outside, Result
 from tulip_testbed.base.table import Table
 from tulip_testbed.base.table_files import Columns, software, write_json
 from tulip_testbed.experiments.defaults import ORDINARY
 from tulip_testbed.experiments.identification_result import ESTIMATORS
+from tulip_testbed.experiments.imperfections import imperfections_line
 from tulip_testbed.experiments.laboratory import ENGINES, Laboratory
 from tulip_testbed.experiments.montecarlo.coverage import (
     Coverage,
@@ -28,12 +30,7 @@ from tulip_testbed.experiments.montecarlo.coverage import (
     model_errors,
     summarise_errors,
 )
-from tulip_testbed.experiments.montecarlo.coverage_tables import (
-    LEGEND,
-    coverage_check_table,
-    coverage_lines,
-    coverage_table,
-)
+from tulip_testbed.experiments.montecarlo.coverage_tables import LEGEND, coverage_check_table, coverage_table
 from tulip_testbed.experiments.montecarlo.coverage_verdict import CoverageCheck, checks, shown, verdict
 from tulip_testbed.experiments.montecarlo.run_columns import (
     Layout,
@@ -167,7 +164,7 @@ class MonteCarlo(Result, ModelCoverage):
 
     def table(self) -> Table:
         """Return bias, ratio of standard errors and coverage of the full model's parameters."""
-        return coverage_table("full", self.to_json()["parameters"])
+        return coverage_table("full", self.parameters)
 
     def to_frame(self) -> Any:
         """Return a pandas DataFrame with one row per parameter of the full model, indexed by name."""
@@ -191,18 +188,36 @@ class MonteCarlo(Result, ModelCoverage):
 
     def tables(self) -> list[Table | str]:
         """Return the parameters, the checks and the verdict."""
-        report = self.to_json()
-        models = {"full": report["parameters"], "simplified": report["simplified"]["parameters"]}
         return [
-            *(coverage_table(model, rows) for model, rows in models.items() if rows),
+            *(coverage_table(name, model.parameters) for name, model in self.models.items()),
             LEGEND,
             "",
-            *coverage_lines(report),
+            *self.lines(),
             "",
-            coverage_check_table(report["checks"]),
+            coverage_check_table(self.checks),
             f"Verdict: {self.verdict}; estimator {self.estimator}, {self.runs} runs",
             *self.answers,
         ]
+
+    def lines(self) -> list[str]:
+        """Describe the total mass, the errors of all parameters together, and the runs that failed."""
+        lines = [imperfections_line(self.imperfections, several=True)]
+        for name, model in self.models.items():
+            if beyond := model.beyond_95:
+                low, high = (100 * end for end in beyond.interval)
+                lines.append(
+                    f"Runs whose errors together exceed 95 % of F, {name} model: {100 * beyond.share:.1f} % "
+                    f"({low:.1f} to {high:.1f})."
+                )
+        if self.identified:
+            mass = self.total_mass
+            lines.append(
+                f"Total mass: bias {number(1e3 * mass.bias, '+.2f')} g, its s.e. "
+                f"{number(1e3 * mass.bias_mc_error, '.2f') or '-'} g; found over stated s.e. "
+                f"{number(mass.standard_error_ratio, '.3f') or '-'}, coverage of 95 % intervals "
+                f"{100 * mass.coverage95:.1f} %."
+            )
+        return lines + [f"{count} runs not identified: {reason}" for reason, count in self.failures.items()]
 
     def write_into(self, folder: Path) -> None:
         """Write a run folder, which more runs can be added to."""
@@ -255,15 +270,11 @@ class MonteCarlo(Result, ModelCoverage):
         coverage = {model: model_coverage(errors, layout.names) for model, errors in models.items()}
         error = matrix(runs, ["mass"]) - matrix(runs, ["true_mass"])
         (mass,) = coverage_of(summarise_errors(error, matrix(runs, ["mass_se"]), matrix(runs, ["mass_dof"])))
-        left_out = {
-            model: [f"truth.{n}" for n in layout.numbers if n not in numbers]
-            for model, numbers in layout.models.items()
-        }
-        outside = {
-            model: float(np.abs(matrix(runs, names)).max(initial=0.0)) if names else 0.0
-            for model, names in left_out.items()
-        }
         judged = {model: model_errors(runs, model, n, given=True) for model, n in layout.models.items()}
+        outside = dict.fromkeys(layout.models, 0.0)
+        for model, numbers in layout.models.items():
+            for n in set(layout.numbers) - set(numbers):
+                outside[model] = max(outside[model], float(np.abs(runs[f"truth.{n}"]).max(initial=0.0)))
         done = checks(settings.runs, judged, outside)
         return cls(
             runs=settings.runs,

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -48,22 +49,14 @@ def collect(chunks: RunChunks, work: Work, advance: Callable[[int], None], worke
         advance: called with the number of runs of each chunk that was written.
         workers: processes of this machine.
     """
-    results = _compute(work, (chunks.runs_of(index) for index in chunks.missing()), workers)
-    try:
-        for columns in results:
-            advance(chunks.write(columns))
-    finally:
-        results.close()
-
-
-def _compute(work: Work, chunks: Iterable[Sequence[int]], workers: int) -> Generator[Any]:
-    """Yield the work's results in the order in which they come."""
     limits = {"n_jobs": workers, "inner_max_num_threads": 1, **watched()}
     try:
         with joblib.parallel_config("loky", **limits), deaf_to_interruptions():
             parallel = joblib.Parallel(return_as="generator_unordered", batch_size=1)
-            results = parallel(joblib.delayed(work)(chunk) for chunk in chunks)
-        yield from results
+            results = parallel(joblib.delayed(work)(chunks.runs_of(index)) for index in chunks.missing())
+        with closing(results):
+            for columns in results:
+                advance(chunks.write(columns))
     except BrokenProcessPool as error:
         codes = re.search(r"exit codes of the workers are \{(.*?)\}", str(error))
         if codes is None:
@@ -120,11 +113,9 @@ def montecarlo(
             laboratory.known,
         )
         with kept.opened(partial(begin, plan=plan, robot=robot)):
-            _collect_missing(chunks, job, workers, folder if stays else None, progress)
-    kept_in = folder if stays else None
-    result = MonteCarlo.of(
-        read_runs(chunks, layout), layout, document, plan=plan, robot=robot, folder=kept_in
-    )
+            _collect_missing(chunks, job, workers, kept_in, progress)
+    beside = {"plan": plan, "robot": robot, "folder": kept_in}
+    result = MonteCarlo.of(read_runs(chunks, layout), layout, document, **beside)
     write_json(folder / REPORT_FILE, result.to_json())
     return result
 

@@ -12,7 +12,7 @@ import pyarrow.parquet
 
 from tulip_testbed.base.errors import InputError, shortened
 from tulip_testbed.base.files import present, read_bytes, write_bytes
-from tulip_testbed.base.table_files import MOST_UNPACKED, Columns
+from tulip_testbed.base.table_files import Columns
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.montecarlo.laboratory_runs import OrdinaryOutcome, Source, stream_of
@@ -22,11 +22,10 @@ from tulip_testbed.identification.statistics import standard_errors
 from tulip_testbed.sim.outcome import Outcome
 from tulip_testbed.sim.robot import Robot
 
-TEXT = "failure"  # the column of texts; all others hold numbers
+TEXT, COUNTS = "failure", ("run", "rows", "dropped")  # columns of texts and of whole numbers
 SCALARS = ("chi_square", "residual_dof")
 # Of a parameter: the estimate and its s.e.; both if imperfections that the data do not show were known.
 QUANTITIES = ("value", "se", "dof", "given", "given_se")
-NOT_NEGATIVE = (*SCALARS, "se", "dof", "given_se", "rows", "dropped")
 EXACT: Mapping[str, float] = {}
 MOST = 1e12  # of any number of a run: larger ones lose their last digits when they are squared
 
@@ -71,43 +70,26 @@ class RunChunks:
         return len(runs)
 
     def read(self, index: int, names: Sequence[str]) -> Columns:
-        """Return the numbers of a chunk's runs and some more columns."""
+        """Return the columns of a chunk that every record has, and some more columns of numbers."""
         path, runs = self.path(index), self.runs_of(index)
-        wanted = [*dict.fromkeys(["run", *names])]
-        table = _table(path, wanted, len(runs))
-        columns = {name: _column(path, name, table.column(name)) for name in wanted} if table else {}
-        if not columns or not np.array_equal(columns["run"], runs):
+        kinds = dict.fromkeys(COUNTS, pa.int64()) | dict.fromkeys(names, pa.float64()) | {TEXT: pa.string()}
+        try:
+            table = pa.parquet.read_table(pa.BufferReader(read_bytes(path)), columns=[*kinds])
+            columns = {name: table.column(name) for name in kinds}
+        except (OSError, ValueError, KeyError, pa.ArrowException) as error:
+            raise InputError(f"{path}: cannot read ({' '.join(str(error).split())[:200]})") from None
+        for name, column in columns.items():
+            if column.type != kinds[name] or column.null_count:
+                found = f"{shortened(column.type)}, {column.null_count} rows without any"
+                raise InputError(
+                    f"{path}: column '{name}': found {found}, expected {kinds[name]} in every row"
+                )
+        if not np.array_equal(columns["run"], runs):
             raise InputError(
                 f"{path}: not the chunk of runs {runs[0]} to {runs[-1]}; remove it, and the same command "
                 "makes it again"
             )
-        return columns
-
-
-def _table(path: Path, names: list[str], rows: int) -> pa.Table | None:
-    """Return some columns of a file; None if it lacks one, has one twice, or has not as many rows."""
-    try:
-        with pa.parquet.ParquetFile(pa.BufferReader(read_bytes(path))) as file:
-            there, said = file.schema_arrow.names, file.metadata
-            if said.num_rows != rows or any(there.count(name) != 1 for name in names):
-                return None
-            groups = range(min(said.num_row_groups, rows))
-            if sum(said.row_group(k).total_byte_size for k in groups) > MOST_UNPACKED:
-                return None
-            return file.read(columns=names)
-    except (OSError, ValueError, pa.ArrowException) as error:  # ValueError: a name that is not UTF-8
-        raise InputError(f"{path}: cannot read ({' '.join(str(error).split())[:200]})") from None
-
-
-def _column(path: Path, name: str, column: pa.ChunkedArray) -> np.ndarray:
-    """Return a column of numbers, or of texts if it is `TEXT`; refuse anything else."""
-    kind, expected = column.type, "texts" if name == TEXT else "numbers"
-    numbers = pa.types.is_integer(kind) or pa.types.is_floating(kind)
-    if not (pa.types.is_string(kind) if name == TEXT else numbers) or column.null_count:
-        found = f"{column.null_count} rows without any" if column.null_count else kind
-        raise InputError(f"{path}: column '{name}': found {shortened(found)}, expected {expected}")
-    values = column.to_numpy()
-    return values.astype(float) if pa.types.is_floating(kind) else values
+        return {name: column.to_numpy() for name, column in columns.items()}
 
 
 @dataclass(frozen=True)
@@ -137,8 +119,7 @@ class Layout:
 
 def read_runs(chunks: RunChunks, layout: Layout) -> Columns:
     """Read all runs, those that could not be identified included."""
-    names = ["rows", "dropped", *layout.columns(), "failure"]
-    parts = [chunks.read(index, names) for index in range(len(chunks))]
+    parts = [chunks.read(index, layout.columns()) for index in range(len(chunks))]
     for index, part in enumerate(parts):
         _check_identified(chunks.path(index), identified(part))
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -168,20 +149,14 @@ def errors_of(runs: Columns, model: str, numbers: Sequence[int], quantity: str =
 def _check_identified(path: Path, columns: Columns) -> None:
     """Refuse what no run that could be identified gives; names the file, the column and the run."""
     for name, values in columns.items():
-        if name in ("run", "failure"):
+        if name in ("run", TEXT):
             continue
-        what = (name.split(".")[1:2] or [name.rpartition("_")[2]])[0]
-        low = 0.0 if what in NOT_NEGATIVE else -MOST
-        fine = (values >= low) & ((np.abs(values) <= MOST) | (what == "dof"))
-        fine &= (values > 0) | (what not in ("dof", "residual_dof"))
-        fine |= np.isnan(values) & (what == "chi_square")
+        fine = np.isnan(values) if name.endswith("chi_square") else np.zeros(len(values), bool)
+        fine |= values > 0 if "dof" in name else np.abs(values) <= MOST
         if not fine.all():
-            at = int(np.argmin(fine))
-            expected = "more than 0" if what.endswith("dof") else "0 or more" if low == 0 else "a number"
-            raise InputError(
-                f"{path}: column '{name}', run {columns['run'][at]}: found {values[at]:g}, "
-                f"expected {expected} below {MOST:g}"
-            )
+            at, expected = int(np.argmin(fine)), "above 0" if "dof" in name else f"below {MOST:g}"
+            found = f"column '{name}', run {columns['run'][at]}: found {values[at]:g}"
+            raise InputError(f"{path}: {found}, expected a number {expected}")
 
 
 def layout_of(robot: Robot, parameters: BaseParameters) -> Layout:

@@ -23,6 +23,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from tulip_testbed.experiments.watching.day_model import PLATES, RAMP, STANCE, DayModel
 from tulip_testbed.experiments.watching.row_columns import RowColumns
@@ -102,30 +103,28 @@ class Belief:
 
 @dataclass(frozen=True, eq=False)
 class DesignInformation:
-    """Information on the base parameters; the present placement is kept apart until it ends.
+    """Information on the base parameters and on the errors of the present placement's plates.
 
     Attributes:
-        settled: of the placements that have ended, (p, p) [1/m2].
-        own, across, within: of the present one, on the parameters, (p, p), between them and the plates'
-            errors, (p, 6), and on these, (6, 6).
+        joint: both, parameters first, (p + 6, p + 6) [1/m2].
     """
 
-    settled: np.ndarray
-    own: np.ndarray
-    across: np.ndarray
-    within: np.ndarray
+    joint: np.ndarray
 
     @classmethod
-    def none(cls, parameters: int) -> DesignInformation:
-        """Return the information before the first row."""
-        p = parameters
-        return cls(np.zeros((p, p)), np.zeros((p, p)), np.zeros((p, PLATES)), np.zeros((PLATES, PLATES)))
+    def begun(cls, settled: np.ndarray) -> DesignInformation:
+        """Return the information as a placement begins, `settled` on the parameters, (p, p) [1/m2]."""
+        return cls(block_diag(settled, np.eye(PLATES)))
 
     @property
     def whole(self) -> np.ndarray:
-        """Return the information of all rows, (p, p)."""
-        inner = np.eye(PLATES) + self.within
-        return self.settled + self.own - self.across @ np.linalg.solve(inner, self.across.T)
+        """Return the information on the base parameters alone, (p, p)."""
+        own, across, within = (
+            self.joint[:-PLATES],
+            self.joint[:-PLATES, -PLATES:],
+            self.joint[-PLATES:, -PLATES:],
+        )
+        return own[:, :-PLATES] - across @ np.linalg.solve(within, across.T)
 
     def standard_errors(self) -> np.ndarray:
         """Return the standard errors of the base parameters, (p,) [m]; infinite until all are determined."""
@@ -139,7 +138,7 @@ class DesignInformation:
 
     def placement_begun(self) -> DesignInformation:
         """Return the information as a new placement begins."""
-        return replace(self.none(len(self.settled)), settled=self.whole)
+        return self.begun(self.whole)
 
     def with_posture(self, model: DayModel, row: RowColumns) -> DesignInformation:
         """Return the information with one more posture."""
@@ -147,14 +146,8 @@ class DesignInformation:
         noise = model.noise.encoder**2 * by_angles @ by_angles.T + row.cells[CENTER, CENTER]
         base = row.state[CENTER, : model.parameters]
         plates = row.state[CENTER, -OF_PLACEMENT:-STANCE]
-        weighed = np.linalg.solve(noise, np.concatenate([base, plates], axis=1))
-        p = model.parameters
-        return replace(
-            self,
-            own=self.own + base.T @ weighed[:, :p],
-            across=self.across + base.T @ weighed[:, p:],
-            within=self.within + plates.T @ weighed[:, p:],
-        )
+        both = np.concatenate([base, plates], axis=1)
+        return DesignInformation(self.joint + both.T @ np.linalg.solve(noise, both))
 
 
 @dataclass(frozen=True, eq=False)

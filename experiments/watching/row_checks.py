@@ -22,7 +22,6 @@ from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.cells import CELLS
 
 BREAK = 3600.0  # s: a longer time between two rows is a break, or a clock that jumped
-DAY, MOST_DAYS = 86400.0, 2  # s, and a number of them: what is further apart is no day of measurements
 USUAL = 30  # rows from which the usual s.d. within a window is taken
 LEAST_ROWS = 5  # of them, from which a window is compared
 LEAST_SPEED = 1e-4  # rad/s: slower is at rest
@@ -31,18 +30,11 @@ MOST_OFF = 0.1  # rad, of a joint from its planned angle: drives sag by 0.02 rad
 
 
 def refused(state: WatchState, row: Measurements, planned: int | None) -> Finding | None:
-    """Refuse a row that is not in the plan, of another day, or there twice; None: it is none of these."""
-    posture, days = int(row.posture[0]), (float(row.time[0]) - state.time) / DAY
+    """Refuse a row that is not in the plan or there twice; None: it is neither."""
+    where = f"posture {row.posture[0]}"
     if planned is None:
-        wanted, advice = "a posture of the plan", "Look at its number."
-        return Finding("posture", "fail", f"posture {posture}", wanted, "", advice)
-    where = f"posture {posture}"
-    if abs(days) > MOST_DAYS:
-        way = "back" if days < 0 else "ahead"
-        seen, wanted = f"the time jumps {way} by {number(abs(days), '.1f')} days", f"{MOST_DAYS} days at most"
-        advice = "Correct the clock; watch another day with a state of its own."
-        return Finding("clock", "fail", seen, wanted, where, advice)
-    if days == 0 and planned == state.row:
+        return Finding("posture", "fail", where, "a posture of the plan", "", "Look at its number.")
+    if float(row.time[0]) == state.time and planned == state.row:
         # Its noise is the same, so that it would count for more than it says.
         seen, wanted = f"{where} at the same time as in the row before", "a row for every measurement"
         return Finding("order", "fail", seen, wanted, where, "Delete one of the two rows.")

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tulip_testbed.calibration.families import Family
 from tulip_testbed.calibration.linear_model import nuisances
 from tulip_testbed.calibration.member_columns import STEP, member_columns
 from tulip_testbed.experiments.watching.day_model import STANCE, DayModel
@@ -134,26 +133,14 @@ def _families(
     model: DayModel, seen: Observation, theta: np.ndarray, reach: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Differentiate the residuals and the angles by the deviates of all members, (m, 11, k), (m, j, k)."""
-    parts = [_family(seen, theta, reach, family) for family in model.families]
-    parts.insert(0, (np.zeros((len(seen), SIZE, 0)), np.zeros((*seen.joint_angles.shape, 0))))
-    columns, angles = (np.concatenate(part, axis=2) for part in zip(*parts, strict=True))
-    return columns @ model.mixing, angles @ model.mixing
-
-
-def _family(
-    seen: Observation, theta: np.ndarray, reach: np.ndarray, family: Family
-) -> tuple[np.ndarray, np.ndarray]:
-    columns, angles = [], []
-    for number, size in enumerate((STEP * family.steps).tolist()):
-        member = family.single(number, size)
-        after = member.effect.remove(seen, member.target, member.values)
-        if after.tree is not seen.tree or after.cells is not seen.cells:
-            still = np.zeros((*seen.joint_angles.shape, len(family)))
-            return member_columns(seen, theta, reach, family), still
-        change = difference(seen, after) / size
-        columns.append(-(reach @ change[..., None])[..., 0])
-        angles.append(-change[:, : seen.joint_angles.shape[1]])
-    return np.stack(columns, axis=-1), np.stack(angles, axis=-1)
+    columns, angles = [np.zeros((len(seen), SIZE, 0))], [np.zeros((*seen.joint_angles.shape, 0))]
+    for family in model.families:
+        columns.append(member_columns(seen, theta, reach, family))
+        sizes = STEP * family.steps
+        members = [family.single(number, size) for number, size in enumerate(sizes.tolist())]
+        after = [one.effect.remove(seen, one.target, one.values).joint_angles for one in members]
+        angles.append((seen.joint_angles[..., None] - np.stack(after, axis=-1)) / sizes)
+    return np.concatenate(columns, axis=2) @ model.mixing, np.concatenate(angles, axis=2) @ model.mixing
 
 
 def _faults(

@@ -27,7 +27,6 @@ from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.experiments.watching.arriving_rows import (
     TABLE,
-    check_line,
     check_state_file,
     is_header,
     is_row,
@@ -101,7 +100,7 @@ class Watch(Result):
         self._out, self._targets, self._once, self._rows = out, targets or {}, once, rows
         self.latest: deque[Arrival] = deque(maxlen=LATEST)
         self._last: Verdict | None = None
-        self._read = bytearray()
+        self._read, self._header = bytearray(), b""
         self._arrivals = self._judged()
 
     def __iter__(self) -> Iterator[Arrival]:
@@ -136,7 +135,7 @@ class Watch(Result):
         )
         rows = []
         for k, (name, error) in enumerate(self._last.standard_errors.items(), 1):
-            target = self._target(name)
+            target = self._targets[name]
             met = Cell("yes", mark="pass") if error <= target else Cell("no", mark="warn")
             wanted = math.isfinite(target)
             rows.append([k, name, 1e3 * error, 1e3 * target if wanted else None, met if wanted else ""])
@@ -177,8 +176,8 @@ class Watch(Result):
             told.append(f"Largest standard error: {number(1e3 * errors[name], '.2f')} mm ({name}).")
         else:
             told.append("The postures do not determine all base parameters yet.")
-        if self._targets:
-            missed = sum(error > self._target(name) for name, error in errors.items())
+        if any(map(math.isfinite, self._targets.values())):
+            missed = sum(error > self._targets[name] for name, error in errors.items())
             told.append(f"Targets that are not met: {missed} of {len(errors)}.")
         return " ".join(told)
 
@@ -192,10 +191,11 @@ class Watch(Result):
                 stack.enter_context(alone_on(out))
             manifest = read_manifest(self.folder)
             model = self._model(manifest, where)
-            targets = _targets_of(model, self._targets)
+            self._targets = _targets_of(model.nominal.parameters.names, self._targets)
+            targets = np.array(list(self._targets.values()))
             day = _hash_of_day(self.plan, stated := read_bytes(where))
             kept = b"" if out is None else read_state(out, day)
-            state, header, number, judge = first_state(model), b"", 0, one_blas_thread(watch_row)
+            state, number, judge = first_state(model), 0, one_blas_thread(watch_row)
             for line in itertools.chain(io.BytesIO(kept), self._arriving(path, kept)):
                 number += self._read[-1:] in (b"", b"\n")
                 self._read += line
@@ -204,12 +204,12 @@ class Watch(Result):
                     raise InputError(f"{where}: found another manifest than before the first row")
                 if not is_row(line):
                     continue
-                if is_header(path, number, line, header):
-                    header = header or text_of(line)
+                if is_header(path, number, line, self._header):
+                    self._header = self._header or text_of(line)
                     continue
                 verdict, problem = None, ""
                 try:
-                    row = row_of(path, number, line, header, manifest, where)
+                    row = row_of(path, number, line, self._header, manifest, where)
                 except InputError as error:
                     problem = str(error)
                 else:
@@ -227,12 +227,10 @@ class Watch(Result):
             known = {text_of(line) for line in io.BytesIO(kept)}
             if kept and not kept.endswith(b"\n"):
                 yield b"\n"
-            for number, line in enumerate(self._rows, 1):
-                check_line(path, number, line)
-                if text_of(line) not in known:
-                    yield text_of(line) + b"\n"
+            lines = (text_of(expect("rows", line, bytes)) for line in self._rows)
+            yield from (line + b"\n" for line in lines if line not in known)
             return
-        while (lines := new_lines(path, bytes(self._read), self._once)) or not self._once:
+        while (lines := new_lines(path, bytes(self._read), self._header, self._once)) or not self._once:
             yield from lines
             if not lines:
                 time.sleep(POLL)
@@ -248,9 +246,6 @@ class Watch(Result):
         nothing = Measurements.without_rows(header)
         check_robot(nominal_robot(self.robot).parameters, nothing, self.robot, str(self.folder))
         return day_model(self.plan, self.robot, header)
-
-    def _target(self, name: str) -> float:
-        return self._targets.get(name, self._targets.get(EVERY, math.inf))
 
 
 def read_targets(texts: Sequence[str]) -> dict[str, float]:
@@ -277,16 +272,11 @@ def _hash_of_day(plan: PosturePlan, manifest: bytes) -> str:
     return whole.hexdigest()
 
 
-def _targets_of(model: DayModel, given: Mapping[str, float]) -> np.ndarray | None:
-    """Return the standard error that is wanted of every base parameter, (p,) [m]; None: none is."""
-    if not given:
-        return None
-    names = model.nominal.parameters.names
-    targets = np.full(len(names), np.inf)
-    for name, value in sorted(given.items(), key=lambda each: each[0] != EVERY):
+def _targets_of(names: Sequence[str], given: Mapping[str, float]) -> dict[str, float]:
+    """Return the standard error that is wanted of every base parameter [m]; infinite: none is."""
+    for name, value in given.items():
         look_up("parameter", name, (EVERY, *names), "targets")
         expect(f"targets: {name}", value, float)
         if not 0 < value < np.inf:
             raise InputError(f"targets: {name}: found {value:g}, expected a standard error above 0 [m]")
-        targets[slice(None) if name == EVERY else names.index(name)] = value
-    return targets
+    return {name: given.get(name, given.get(EVERY, math.inf)) for name in names}

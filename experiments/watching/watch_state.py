@@ -97,6 +97,6 @@ def first_state(model: DayModel) -> WatchState:
     return WatchState(
         belief=Belief(np.zeros(n), model.covariance),
         changes=Changes.none(n, len(model.directions)),
-        information=DesignInformation.none(model.parameters),
+        information=DesignInformation.begun(np.zeros((model.parameters,) * 2)),
         done=np.full(len(model.plan), OPEN, np.int8),
     )

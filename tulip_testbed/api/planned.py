@@ -250,11 +250,10 @@ def tolerance(
     *,
     sensors: str = "wii",
     seed: int = DEFAULT_SEED,
-    progress: Progress = silent,
 ) -> Tolerance:
     """Compute how accurately a laboratory must be set up.
 
-    Errors of plates, floor, encoders and cells bias the parameters; the biases are predicted and simulated.
+    Errors of plates, floor, encoders and cells bias the parameters; the biases are predicted to first order.
 
     Args:
         plan: postures, or their folder, or the name of a shipped plan.
@@ -265,7 +264,7 @@ def tolerance(
     Raises:
         InputError: a plan that would not identify the robot, or that statics does not know.
     """
-    return _tolerance(_planned(plan, robot, sensors, seed), progress)
+    return _tolerance(_planned(plan, robot, sensors, seed))
 
 
 def _planned(plan: PlanSource | None, robot: Robot | None, sensors: str, seed: int) -> Planned:

@@ -12,12 +12,7 @@ from tulip_testbed.experiments.atlases.atlas_result import PAGE as ATLAS_PAGE
 from tulip_testbed.experiments.atlases.atlas_result import Atlas, atlas_tables, closing, opening
 from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.montecarlo.coverage import ParameterCoverage
-from tulip_testbed.experiments.montecarlo.coverage_tables import (
-    LEGEND,
-    coverage_check_table,
-    coverage_lines,
-    coverage_table,
-)
+from tulip_testbed.experiments.montecarlo.coverage_tables import LEGEND, coverage_check_table, coverage_table
 from tulip_testbed.experiments.montecarlo.coverage_verdict import BIAS, COVERAGE, RATIO
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
 from tulip_testbed.experiments.predict import Prediction
@@ -55,11 +50,9 @@ def write_page(path: Path, run: RunResult | Prediction) -> Page:
 
 def montecarlo_page(run: MonteCarlo) -> Page:
     """Make the page of a Monte Carlo."""
-    content = run.to_json()
     missing: list[str] = []
     rows = {model: of.parameters for model, of in run.models.items()}
-    places = {"full": content, "simplified": content["simplified"]}
-    tables = tuple(coverage_table(model, places[model]["parameters"]) for model in rows)
+    tables = tuple(coverage_table(*of) for of in rows.items())
     figures: tuple[Figure, ...] = ()
     if run.identified > 1:
         errors = run.errors_mm
@@ -68,8 +61,8 @@ def montecarlo_page(run: MonteCarlo) -> Page:
             *(drawn.error_boxes(m, [row.number for row in rows[m]], errors[m]) for m in rows),
         )
     sections = (
-        Section("Checks", tables=(coverage_check_table(content["checks"]),)),
-        Section("Coverage", (LEGEND, *coverage_lines(content)), (), figures[:3]),
+        Section("Checks", tables=(coverage_check_table(run.checks),)),
+        Section("Coverage", (LEGEND, *run.lines()), (), figures[:3]),
         Section("Errors", figures=figures[3:]),
         Section("Parameters", tables=tables),
         Section("Postures", pictures=planned_pictures(run.robot, run.plan, missing)),
@@ -145,11 +138,10 @@ def write_atlas(folder: Path, found: Atlas) -> None:
 
 def atlas_page(found: Atlas) -> Page:
     """Make the page of all effects, with a box to search them."""
-    facts = (("sensors", found.planned.sensors), ("seed", str(found.planned.seed)))
+    facts = (("sensors", found.preset), ("seed", str(found.seed)))
     sections = [Section(table.title, tables=(table,)) for table in atlas_tables(found)]
-    robot = found.planned.nominal.robot
     return Page(
-        f"{robot.name}: atlas",
+        f"{found.robot}: atlas",
         "",
         f"{opening(found)} {closing(found)}",
         facts,
