@@ -18,6 +18,7 @@ from tulip_testbed.calibration.linearisation import (
     FOOT_TILT,
     INERTIA,
     INTERNAL,
+    SQUEEZE,
     Families,
     Linearised,
     mixing_of,
@@ -181,6 +182,7 @@ class SelfCalibration:
             columns=self.problem.members[..., : len(spreads)] * spreads,
             removed=deviates / spreads,
             internal=unseen,
+            squeeze=scales[SQUEEZE] * covariance.squeeze,
             yielding=yielding(self.linear.smooth, families, phi),
         )
 

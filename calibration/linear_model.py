@@ -39,7 +39,7 @@ class Background:
         columns: derivative of the residuals by independent deviates with prior s.d. 1, (m, 11, k).
         removed: estimate of the deviates, (k,).
         internal: change of the residuals by one s.d. of forces that no cell shows, (m, 11, j); they differ
-            from posture to posture.
+            from posture to posture. squeeze: the same of those that a placement's postures share.
         yielding: what noisy readings change in the fields of `packed` through the compliances that were
             removed, (m, k, n_joints + 2 k + 6); None: nothing.
     """
@@ -47,12 +47,14 @@ class Background:
     columns: np.ndarray
     removed: np.ndarray
     internal: np.ndarray
+    squeeze: np.ndarray
     yielding: np.ndarray | None = None
 
 
 def exact(postures: int) -> Background:
     """Return the background of a laboratory in which everything is exact."""
-    return Background(np.zeros((postures, SIZE, 0)), np.zeros(0), np.zeros((postures, SIZE, 0)))
+    nothing = np.zeros((postures, SIZE, 0))
+    return Background(nothing, np.zeros(0), nothing, nothing)
 
 
 @dataclass(frozen=True)
@@ -176,7 +178,7 @@ def _round(
     if (yielding := background.yielding) is not None:
         plain = np.eye(*yielding.shape[1:]) if propagation is None else propagation
         propagation = plain + yielding
-    white = whitening(smoothed, theta, noise, channels, propagation, background.internal)
+    white = whitening(smoothed, theta, noise, channels, propagation, background.internal, background.squeeze)
     nuisance = nuisances(smoothed, channels)
     used = np.abs(nuisance).max(axis=(0, 1)) > 0
     members = background.columns.shape[2]

@@ -21,7 +21,7 @@ from tulip_testbed.calibration.linear_problem import LinearProblem
 from tulip_testbed.calibration.member_columns import member_columns
 from tulip_testbed.calibration.reml import LikelihoodFit
 from tulip_testbed.identification.joint_loads import UNSEEN
-from tulip_testbed.identification.load_rates import PLATES, load_rates
+from tulip_testbed.identification.load_rates import PLATES, load_rates, soles_by_wrench
 from tulip_testbed.identification.noise_in_time import Decorrelation
 from tulip_testbed.identification.noise_structure import NoiseStructure, Weights, groups
 from tulip_testbed.identification.observation import Observation
@@ -42,6 +42,7 @@ from tulip_testbed.identification.variance_components import MARK_PRIOR, NO_PRIO
 from tulip_testbed.measurements.data import feet_in_contact
 
 INTERNAL = "internal forces"
+SQUEEZE = "squeeze between the feet"  # the part of the internal forces that a placement's postures share
 FOOT_TILT = "tilt of the feet"  # another in every row, which channel D shows
 INERTIA = "inertial forces"  # of a robot that moves, by CAD's inertias and measured accelerations
 ROW_TILT = np.radians(0.2)  # one s.d. at scale 1, assumed
@@ -50,6 +51,9 @@ ROW_TILT = np.radians(0.2)  # one s.d. at scale 1, assumed
 # 94 % with 3, 91 % with an estimated scale.
 SYSTEMATIC = 5.0
 INTERNAL_PRIOR = 0.01  # s.d. of the logarithm of the scale of the unseen wrench: it is not estimated
+# A foot is put down not quite where the servos want it, and the closed legs push it as long as it stands. How
+# far off is assumed [m, m, rad], so its scale is estimated, with a factor of two as s.d.
+PUT_DOWN, SQUEEZE_PRIOR = np.array([0.002, 0.002, 0.004]), 0.7
 CHANNELS = "AFTC"
 Families = Sequence[Family | FreeEffect]
 OF_LOADS = ("joint-compliance", "sole-compliance", "foot-compliance")
@@ -66,7 +70,7 @@ def own_sources(observed: Observation) -> tuple[str, ...]:
 
 def sources_of(observed: Observation) -> tuple[str, ...]:
     """Name all sources of noise whose scale is estimated."""
-    return (*own_sources(observed), "right plate", "left plate")
+    return (*own_sources(observed), SQUEEZE, "right plate", "left plate")
 
 
 @dataclass(frozen=True)
@@ -95,7 +99,8 @@ class ResidualCovariance:
 
     Attributes:
         reach: derivative of the residuals by the readings, through the compliances too, (m, 11, n + 2 k + 6).
-        internal: change of the residuals by one s.d. of each component of the internal wrench, (m, 11, 3).
+        internal: change of the residuals by one s.d. of each component of the internal wrench in a row,
+            (m, 11, 3). squeeze: the same by what a placement's rows share of it.
         tilt: change by one s.d. of the tilt of each foot in each row, (m, 11, 4); nothing without channel D.
         inertia: change by the inertial forces of each row, (m, 11, 1); no columns for a robot that is held.
         unsure: change by one s.d. of what the readings do not show of each effect, (m, 11, u).
@@ -104,6 +109,7 @@ class ResidualCovariance:
 
     reach: np.ndarray
     internal: np.ndarray
+    squeeze: np.ndarray
     tilt: np.ndarray
     inertia: np.ndarray
     unsure: np.ndarray
@@ -142,8 +148,9 @@ def linearised(
         )
         # The mean square: with that of an estimate that is too small, the estimate would seem too certain.
         square = np.maximum(phi, 0.0) ** 2 + state.variance
-        yielding = np.sqrt(joint_compliance(families, square, clean.tree.joints))
-        pushed = slope[..., at["angles"]] @ (yielding[:, None] * state.smooth.loads.levers)
+        pushed = slope.take(yields.field, axis=2) @ (
+            np.sqrt(square)[yields.member][:, None] * yields.by_wrench
+        )
         unsure = slope @ _unsure(state.smooth, families, phi)
         feet = np.repeat(feet_in_contact(clean.measurements.support), 2, axis=1)[:, None]
         tilt = ROW_TILT * feet * slope[..., at["stance_tilt"].start : at["swing_tilt"].stop]
@@ -151,7 +158,8 @@ def linearised(
         motion = tilt[..., :0]
         if clean.moves:
             motion = slope[..., at["shift"].start : at["push"].stop] @ clean.motion.by_cad[..., None]
-        parts = (pushed * SYSTEMATIC * UNSEEN, tilt, motion)
+        squeeze = pushed @ (state.smooth.loads.closed * PUT_DOWN)
+        parts = (pushed * SYSTEMATIC * UNSEEN, squeeze, tilt, motion)
         covariance = _covariance(reach, parts, unsure, noise, clean)
     else:
         covariance = _with_unsure(covariance, slope @ _unsure(state.smooth, families, phi))
@@ -258,16 +266,21 @@ class _Yields:
         field, member: numbers of the field and of the compliance among the members, (c,).
         rate: derivative by the readings of the contacts and six coordinates of plates, as the
             compliance is removed, (m, c, 2 k + 6).
+        by_wrench: derivative by the internal wrench, (m, c, 3).
     """
 
     field: np.ndarray
     member: np.ndarray
     rate: np.ndarray
+    by_wrench: np.ndarray
 
 
 def _yields(observed: Observation, families: Families) -> _Yields:
     at, joints = fields(observed), observed.tree.joints
     torques, soles = load_rates(observed)
+    width = torques.shape[2]
+    torques = np.concatenate([torques, observed.loads.levers], axis=2)
+    soles = np.concatenate([soles, soles_by_wrench(observed)], axis=3)
     # Load to the front turns a sole about +y, load to the left about -x.
     leans = (soles[:, :, ::-1] * np.array([[-1.0], [1.0]])).reshape(len(observed), 4, -1)
     # As a sole turns about its centre its sole point rises: that of the swing foot over the stance foot's.
@@ -288,7 +301,8 @@ def _yields(observed: Observation, families: Families) -> _Yields:
                 joint = joints.index(family.targets[k])
                 field, member = [*field, joint], [*member, number]
                 rate.append(torques[:, [joint]])
-    return _Yields(np.array(field, int), np.array(member, int), np.concatenate(rate, axis=1))
+    every = np.concatenate(rate, axis=1)
+    return _Yields(np.array(field, int), np.array(member, int), every[..., :width], every[..., width:])
 
 
 def yielding(observed: Observation, families: Families, phi: np.ndarray) -> np.ndarray:
@@ -371,7 +385,7 @@ def _unsure(observed: Observation, families: Families, phi: np.ndarray) -> np.nd
 
 def _covariance(
     reach: np.ndarray,
-    unseen: tuple[np.ndarray, np.ndarray, np.ndarray],
+    unseen: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
     unsure: np.ndarray,
     noise: Noise,
     observed: Observation,
@@ -379,15 +393,15 @@ def _covariance(
     at = fields(observed)
     used = residuals_in_use(observed)
     cells, angles = noise.cell * reach[..., at["cells"]], noise.encoder * reach[..., at["angles"]]
-    own = [part @ part.mT for part in (angles, cells, unseen[0], *(u for u in unseen[1:] if u.shape[2]))]
+    own = [part @ part.mT for part in (angles, cells, unseen[0], *(u for u in unseen[2:] if u.shape[2]))]
     fixed = np.where(used[..., None], floor(noise), np.eye(SIZE)) + unsure @ unsure.mT
     structure = NoiseStructure(
         placement=groups(observed.measurements.placement),
         stance=groups(observed.stance),
         fixed=fixed,
         own=np.stack(own),
-        shared=noise.plates * reach[..., at["plates"]],
-        owner=np.repeat([len(own), len(own) + 1], 3),
+        shared=np.concatenate([unseen[1], noise.plates * reach[..., at["plates"]]], axis=2),
+        owner=len(own) + np.repeat(np.arange(3), 3),
         free=constants_of_stances(used),
     )
     return ResidualCovariance(reach, *unseen, unsure, structure)
@@ -412,6 +426,7 @@ def _doubt(observed: Observation) -> np.ndarray:
             SHEET_PRIOR if stated else NO_PRIOR,
             INTERNAL_PRIOR,
             *[NO_PRIOR] * (has_direction(observed) + observed.moves),
+            SQUEEZE_PRIOR,
             *([MARK_PRIOR, SHEET_PRIOR] if placed else [NO_PRIOR] * 2),
         ]
     )

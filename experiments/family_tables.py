@@ -112,6 +112,7 @@ def budget_table(found: SelfCalibration, names: tuple[str, ...], contacts: Conta
     plates = "right, left plate: errors of their recorded places; "
     note = (
         f"{sensors}, encoders: their noise; {'' if in_feet else plates}internal forces: between the feet, "
-        f"which no {one} shows; spreads: how well spreads and scales are known; a family: its members."
+        f"which no {one} shows; squeeze: the same in all of a placement's postures; spreads: how well "
+        "spreads and scales are known; a family: its members."
     )
     return Table("Budget of the standard errors", heads, rows, note)

@@ -25,6 +25,8 @@ class Loads:
     Attributes:
         torques: torque of the load on each joint about its axis, (m, n_joints) [Nm].
         internal_wrench: horizontal force and torsion of the ground on the swing foot, (m, 3) [N, N, Nm].
+        closed: internal wrench per displacement along x and y and about z of the point of the load on the
+            swing foot, which the closed legs resist, (m, 3, 3) [N/m, N/rad, Nm/m, Nm/rad].
         sharing: torque that the closed legs take off every joint when one of them turns by an angle,
             (m, n_joints, n_joints) [Nm/rad].
         levers: torque on every joint per unit of the internal wrench, (m, n_joints, 3) [m, m, -].
@@ -37,6 +39,7 @@ class Loads:
 
     torques: np.ndarray
     internal_wrench: np.ndarray
+    closed: np.ndarray
     sharing: np.ndarray
     levers: np.ndarray
     doubt: np.ndarray
@@ -108,8 +111,8 @@ def joint_loads(
     # The pseudoinverse; the small term keeps it finite where the legs leave a component free.
     square = scaled.mT @ scaled
     scale = np.trace(square, axis1=1, axis2=2)[:, None, None]
-    inverse = np.linalg.solve(square + ROUNDING * np.where(scale > 0, scale, 1.0) * np.eye(3), scaled.mT)
-    inverse = inverse * weigh
+    closed = np.linalg.inv(square + ROUNDING * np.where(scale > 0, scale, 1.0) * np.eye(3))
+    inverse = closed @ scaled.mT * weigh
     push, wrench_by = -(inverse @ torque[..., None])[..., 0], -inverse @ by
     torques_by = by + unknown @ wrench_by
     of_cells = torques_by[..., : 2 * k]
@@ -118,6 +121,7 @@ def joint_loads(
     return Loads(
         torques=torque + (unknown @ push[..., None])[..., 0],
         internal_wrench=push,
+        closed=closed * both[:, None, None],
         sharing=unknown @ inverse / weigh**2,
         levers=unknown,
         doubt=np.sqrt(variance),

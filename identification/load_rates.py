@@ -35,14 +35,25 @@ def load_rates(observed: Observation) -> tuple[np.ndarray, np.ndarray]:
     moments[:, 0, :, :k] = cells[:, 0]
     moments[:, 1, :, k : 2 * k] = cells[:, 1] - place[:, :2, None] * observed.contacts.bears[1]
     moments[..., 2 * k :] = down[..., None, None] * points.reshape(m, 2, 2, PLATES)
-    push = observed.depth * wrench[:, :2]
-    moments[:, 0] -= push
-    moments[:, 1] += push
-    yaw = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
-    c, s = np.cos(yaw), np.sin(yaw)
-    moments[:, 1] = np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=1) @ moments[:, 1]
+    moments[:, 1] = _into_the_foot(turn) @ moments[:, 1]
     for foot, (center, bears) in enumerate(
         zip(observed.nominal.sole_centers, observed.contacts.bears, strict=True)
     ):
         moments[:, foot, :, foot * k : (foot + 1) * k] -= np.outer(center, bears)
-    return torques, moments
+    return torques, moments + soles_by_wrench(observed) @ wrench[:, None]
+
+
+def soles_by_wrench(observed: Observation) -> np.ndarray:
+    """Differentiate the load of both soles by the internal wrench, (m, 2, 2, 3); see `load_rates`."""
+    out = np.zeros((len(observed), 2, 2, 3))
+    both = observed.depth * (observed.measurements.support == "double")[:, None, None]
+    out[:, 0, :, :2] = -both * np.eye(2)
+    out[:, 1, :, :2] = both * _into_the_foot(observed.swing_sole[1])
+    return out
+
+
+def _into_the_foot(turn: np.ndarray) -> np.ndarray:
+    """Return the rotations about z into the axes of a foot turned like this, (m, 3, 3) -> (m, 2, 2)."""
+    yaw = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=1)

@@ -137,8 +137,8 @@ class Whitening:
         reach: derivative by the readings (angles, cells, plates), (m, 11, n_joints + 14); it differs from
             `sensitivity` if removed effects depend on noisy readings.
         own: part of each posture's covariance that it does not share, (m, 11, 11).
-        levers: one s.d. of each plate coordinate in the residuals, which a placement's postures share,
-            (m, 11, 6).
+        levers: one s.d. in the residuals of what a placement's postures share: plate coordinates, and then
+            forces that no reading shows, (m, 11, 6 + j).
         placement, stance: of each posture, (m,).
         log_volume: logarithm of the determinant of the covariance, but for a constant.
     """
@@ -196,6 +196,7 @@ def whitening(
     channels: str = "AFTC",
     propagation: np.ndarray | None = None,
     internal: np.ndarray | None = None,
+    squeeze: np.ndarray | None = None,
 ) -> Whitening:
     """Return the whitening coordinates of some channels of an experiment.
 
@@ -204,7 +205,8 @@ def whitening(
         propagation: derivative of all fields with respect to the readings, (m, k, n_joints + 14), if
             effects were removed from the experiment; None: the fields are the readings.
         internal: change of the residuals by one s.d. of independent errors of every posture that no reading
-            shows, (m, 11, j); None: there are none.
+            shows, (m, 11, j); None: there are none. squeeze: the same of errors that a placement's postures
+            share.
     """
     slope, at = sensitivity(observed, theta), fields(observed)
     reach = slope[..., : at["plates"].stop] if propagation is None else slope @ propagation
@@ -213,6 +215,7 @@ def whitening(
     if internal is not None and internal.shape[2]:
         own = own + internal @ internal.mT
     levers = reach[..., at["plates"]] * noise.plates
+    levers = levers if squeeze is None else np.concatenate([levers, squeeze], axis=2)
     used = residuals_in_use(observed) & _in_channels(channels)
     placement, stance = observed.measurements.placement, observed.stance
     rows, blocks, volume = _factored(own, levers, placement, stance, used)
@@ -235,7 +238,7 @@ def _factored(
     for number in np.unique(placement):
         inside = np.flatnonzero(placement == number)
         numbers = (inside[:, None] * SIZE + np.arange(SIZE)).ravel()
-        shared = levers[inside].reshape(-1, 6)
+        shared = levers[inside].reshape(-1, levers.shape[2])
         block, each = shared @ shared.T, np.arange(len(inside))
         block.reshape(len(inside), SIZE, len(inside), SIZE)[each, :, each] += own[inside]
         keep = used[inside].ravel()
