@@ -11,11 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import tulip_testbed as tt
 from tests.test_refusals import refuse
 from tulip_testbed.base.files import sha256
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.estimators import least_squares
 from tulip_testbed.identification.noise_structure import Groups, groups
+from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.preflight import preflight
 from tulip_testbed.identification.preflight.agreement import fit, shifts
 from tulip_testbed.identification.preflight.excitation import predicted_standard_errors
@@ -135,7 +137,7 @@ def test_no_folder_that_can_be_read_breaks_the_preflight(
         plate_poses=part.plate_poses + scale * pose,
         sensors=SensorSheet(sd, sd, sd, sd, None if sd is None else (sd, sd, sd)),
     )
-    assert len(preflight(odd, nominal)) == 22
+    assert len(preflight(odd, nominal)) == 23
 
 
 SAMPLES = 600  # of a window of 30 s
@@ -254,3 +256,42 @@ def test_without_a_series_the_spread_within_windows_stands_in(part):
     finding = steady_windows(dataclasses.replace(part, cell_forces_sd=spread))
     assert finding.result == "warn"
     assert "s.d. exactly 0: cell.right.front_right" in finding.seen
+
+
+def wiring(m, robot):
+    """Return the finding on the cells' wiring."""
+    (found,) = [one for one in preflight(m, nominal_robot(robot)) if one.name == "wiring of cells"]
+    return found
+
+
+@pytest.mark.parametrize(
+    ("order", "sign", "words"),
+    [
+        ((0, 1, 2, 7, 4, 5, 6, 3), (1,) * 8, "cell.right.rear_left and cell.left.rear_left"),
+        (range(8), (1, 1, 1, 1, 1, -1, 1, 1), "cell.left.front_right has the wrong sign"),
+        (range(8), (1, 1, 1 / 9.81, 1, 1, 1, 1, 1), "cell.right.rear_right is read in kilograms"),
+        ((3, 0, 1, 2, 4, 5, 6, 7), (1,) * 8, "the right plate's cells are turned by 90 degrees"),
+        ((0, 1, 2, 3, 5, 4, 7, 6), (1,) * 8, "the left plate's cells are mirrored, left for right"),
+        ((4, 5, 6, 7, 0, 1, 2, 3), (1,) * 8, "the right plate's cells are read in place of the left plate's"),
+    ],
+)
+def test_cells_that_are_connected_otherwise_are_named_and_gross(order, sign, words, wii, robot):
+    m = wii.measurements
+    found = wiring(dataclasses.replace(m, cell_forces=m.cell_forces[:, list(order)] * sign), robot)
+    assert (found.result, found.gross) == ("fail", True)
+    assert found.seen.startswith(words)
+
+
+def test_two_cells_of_a_plate_that_are_swapped_are_left_to_a_discovery(wii, robot):
+    m = wii.measurements
+    found = wiring(dataclasses.replace(m, cell_forces=m.cell_forces[:, [0, 1, 2, 3, 4, 6, 5, 7]]), robot)
+    assert (found.result, found.gross) == ("fail", False)
+    assert found.where == "cell.left.front_right and cell.left.rear_right are read in each other's place"
+
+
+@pytest.mark.parametrize("sensors", ["wii", "force-plate"])
+@pytest.mark.parametrize("effect", [None, "cell-crosstalk=0.1", "sole-compliance=0.004", "tilt=0.08,0.08"])
+def test_no_other_fault_is_taken_for_a_wrong_wiring(sensors, effect, robot):
+    laboratory = tt.Laboratory(robot, sensors=sensors).with_effects(*[effect] if effect else [])
+    found = wiring(laboratory.run(tt.plans.random, seed=4, engine="statics").measurements, robot)
+    assert found.result == "pass"

@@ -81,8 +81,8 @@ def test_cad_carries_what_the_postures_do_not_determine(wii, robot):
     cad = nominal_robot(robot)
     assert found.data_share[20] < 0.1
     assert abs(found.value[20] - cad.value[20]) < 1e-3
-    # The torso is known by the data in all directions, which contradict each other in that ankle alone.
-    assert found.data_share[[0, 9, 16]].min() > 0.8
+    # The torso is known more by the data than by CAD in all directions.
+    assert found.data_share[[0, 9, 16]].min() > 0.5
     # What the moving joints show is as it was.
     whole = wii.identification.full
     both = np.hypot(found.standard_error, whole.standard_error)

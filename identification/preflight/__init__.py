@@ -7,6 +7,7 @@ from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.preflight import (
     agreement,
+    cell_wiring,
     leg_closure,
     plate_checks,
     readings,
@@ -32,7 +33,10 @@ from tulip_testbed.measurements import Measurements, Series
 
 __all__ = ["FAIL_LEVEL", "RESULTS", "WARN_LEVEL", "Finding", "preflight", "worst_of"]
 
-FORCES = ("load inside soles", "repeats", "single postures", "single placements", "scatter about the model")
+FORCES = (
+    *("wiring of cells", "load inside soles", "repeats"),
+    *("single postures", "single placements", "scatter about the model"),
+)
 LEGS = ("feet on plates", "legs close", "feet stay")
 READINGS = (
     *("joint limits", "stuck readings", "cell loads", "stated noise", "steady windows", "settling"),
@@ -89,10 +93,11 @@ def preflight(
         findings += _skip((*LEGS, *FORCES), reason)
         return [*findings, identifiable(m, nominal_robot(nominal.robot, common_support(m.support)), None)]
     findings += [plate_checks.feet_on_plates(m, nominal), *leg_closure.legs(m, nominal, usual)]
-    if loads.result == "fail":
-        findings += _skip(FORCES, "correct the cells' loads first")
-        return [*findings, identifiable(m, nominal, None)]
     noise = reading_noise(m, nominal)
+    if loads.result == "fail":
+        wiring, *_ = _fits(m, nominal, noise, usual)
+        findings += [wiring, *_skip(FORCES[1:], "correct the cells' loads first")]
+        return [*findings, identifiable(m, nominal, None)]
     findings += [plate_checks.load_in_soles(m, nominal), agreement.repeats(m, nominal, noise)]
     return [*findings, *_fits(m, nominal, noise, usual), identifiable(m, nominal, noise)]
 
@@ -127,9 +132,9 @@ def _fits(m: Measurements, nominal: Nominal, noise: ReadingNoise, usual: Usual) 
     try:
         found = agreement.fit(m, regression(nominal.parameters, m, nominal.robot), noise)
     except InputError as problem:
-        return _skip(FORCES[2:], str(problem))
+        return _skip((FORCES[0], *FORCES[3:]), str(problem))
     single = agreement.single_postures(m, found), agreement.single_placements(m, found)
-    return [*single, agreement.scatter(found, usual)]
+    return [cell_wiring.wiring(m, found), *single, agreement.scatter(found, usual)]
 
 
 def _skip(names: tuple[str, ...], reason: str) -> list[Finding]:

@@ -100,7 +100,7 @@ class AgreementFit:
     Attributes:
         weights: V^-1.
         model: columns of the model, X, (m, 2, p). weighted: V^-1 X. covariance: (X' V^-1 X)^-1, (p, p).
-        score: V^-1 times the residuals, (m, 2) [1/m].
+        residual: (m, 2) [m]. score: V^-1 times the residuals, (m, 2) [1/m].
         square: the chi-square of the residuals.
         dof: 2m - p.
     """
@@ -109,6 +109,7 @@ class AgreementFit:
     model: np.ndarray
     weighted: np.ndarray
     covariance: np.ndarray
+    residual: np.ndarray
     score: np.ndarray
     square: float
     dof: int
@@ -176,7 +177,14 @@ def fit(measurements: Measurements, data: Regression, noise: ReadingNoise) -> Ag
     residual = output - model @ theta
     score = weights(residual)
     return AgreementFit(
-        weights, model, weighted, covariance, score[..., 0], float(np.vdot(residual, score)), dof
+        weights,
+        model,
+        weighted,
+        covariance,
+        residual[..., 0],
+        score[..., 0],
+        float(np.vdot(residual, score)),
+        dof,
     )
 
 
