@@ -17,6 +17,8 @@ NAME = "wiring of cells"
 # Chi-square that another wiring has to save, in units of what is then left for a degree of freedom. Of other
 # effects five times as large as usual, cross-talk of cells and soft soles save up to 80 (development seeds).
 DECISIVE = 100.0
+LEAST_DOF = 20  # with fewer, one of some seventy wirings may fit faulty readings by chance
+ROUNDING = 1e-9  # of a chi-square: less of it cannot be told from what the model explains
 MISREAD = {"has the wrong sign": -1.0, "is read in kilograms": 9.81, "is read in pounds": 4.448}
 TURNED = {  # corners of a plate that are read in place of each, in the order of `CORNERS`
     "turned by 90 degrees": (1, 2, 3, 0),
@@ -48,6 +50,8 @@ def wiring(measurements: Measurements, found: AgreementFit | None) -> Finding:
     """
     if found is None:
         return skipped(NAME, NO_CELL_SD)
+    if found.dof < LEAST_DOF:
+        return skipped(NAME, f"{found.dof} degrees of freedom, fewer than {LEAST_DOF}")
     force, positions, wirings = loads(measurements), cell_positions(measurements), _wirings()
     stated, columns = center_of_pressure(measurements), []
     for one in wirings:
@@ -104,5 +108,6 @@ def _squares(found: AgreementFit, residuals: np.ndarray) -> np.ndarray:
     across = np.tensordot(found.weighted, columns, axes=((0, 1), (0, 1)))
     out = np.full(residuals.shape[2], np.inf)
     square = (columns * found.weights(columns)).sum(axis=(0, 1))
-    out[possible] = square - (across * (found.covariance @ across)).sum(axis=0)
+    left = square - (across * (found.covariance @ across)).sum(axis=0)
+    out[possible] = np.maximum(left, ROUNDING * square)
     return out
