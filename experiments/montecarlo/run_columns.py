@@ -152,9 +152,14 @@ def _check_identified(path: Path, columns: Columns) -> None:
         if name in ("run", TEXT):
             continue
         fine = np.isnan(values) if name.endswith("chi_square") else np.zeros(len(values), bool)
-        fine |= values > 0 if "dof" in name else np.abs(values) <= MOST
+        low, expected = -MOST, f"below {MOST:g} in size"
+        if "dof" in name:
+            low, expected = np.nextafter(0, 1), "above 0"
+        elif ".se." in name or ".given_se." in name:
+            low, expected = 0.0, f"from 0 to {MOST:g}"
+        fine |= (values >= low) & ((values <= MOST) | ("dof" in name))
         if not fine.all():
-            at, expected = int(np.argmin(fine)), "above 0" if "dof" in name else f"below {MOST:g}"
+            at = int(np.argmin(fine))
             found = f"column '{name}', run {columns['run'][at]}: found {values[at]:g}"
             raise InputError(f"{path}: {found}, expected a number {expected}")
 
