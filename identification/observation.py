@@ -329,12 +329,12 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
             else np.zeros((m, 2), bool)
         ),
     )
-    changing = measurements.wrench_accelerations
-    if not observed.moves or not observed.in_feet or changing is None:
+    rates, faster = measurements.wrench_rates, measurements.wrench_accelerations
+    if not observed.moves or not observed.in_feet or rates is None or faster is None:
         return observed
     assert contacts.by_channel is not None
-    readings = np.nan_to_num(changing) @ contacts.by_channel.T
-    return observed.changed(motion=replace(motion, loads_faster=observed._about_centers(readings)))
+    by = [observed._about_centers(np.nan_to_num(one) @ contacts.by_channel.T) for one in (rates, faster)]
+    return observed.changed(motion=replace(motion, load_rates=by[0], loads_faster=by[1]))
 
 
 def _each(measurements: Measurements, of_rows: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import tulip_testbed as tt
 from studies.real_robots.records import (
+    DELAY,
     FRAMES,
     GRAVITY,
     ROCKS,
@@ -24,6 +25,7 @@ from studies.real_robots.records import (
     true_spec,
 )
 from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.motion_effects import DAMPING
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import residuals
@@ -76,13 +78,15 @@ def test_the_body_is_accelerated_as_its_foot_rocks(robot, tmp_path):
     tt.import_table(tmp_path / "a.csv", robot, out=tmp_path / "rows", map=[str(tmp_path / "map.toml")])
     rocks = observe(tt.read_measurements(tmp_path / "rows"), nominal_robot(robot, "left"))
     leans = rocks.changed(motion=replace(rocks.motion, loads_faster=0 * rocks.motion.loads_faster))
+    late = DAMPING.remove(rocks, "left", tuple(DELAY * np.array(exact.compliance)))
     left = [
         residuals(
             catalogue()["foot-compliance"].remove(one, "left", tuple(exact.compliance)), one.nominal.value
         )[1:-1, 3:5].std(axis=0)
-        for one in (rocks, leans)
+        for one in (rocks, leans, late)
     ]
     assert (left[0] < 0.31 * left[1]).all()
+    assert (left[2] < 0.75 * left[0]).all()
 
 
 @pytest.mark.parametrize("frame", FRAMES)
