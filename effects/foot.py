@@ -59,6 +59,7 @@ def leaned(observed: Observation, lean: np.ndarray) -> Observation:
     """Return the observation with both feet leaned about the centres of their soles, (m, 2, 2) [rad]."""
     stance, swing = ((lean * observed.nominal.sole_rises).sum(axis=2)).T
     return observed.changed(
+        cell_forces=observed.seen_from(lean) if observed.upright else observed.cell_forces,
         stance_tilt=observed.stance_tilt + lean[:, 0],
         swing_tilt=observed.swing_tilt + lean[:, 1],
         swing_rise=observed.swing_rise + swing - stance,

@@ -56,7 +56,8 @@ def _without_damping(observed: Observation, target: str, values: Values) -> Obse
 
 def _injected(rig: Rig, target: str, values: Values) -> NoReturn:
     raise InputError(
-        "effects: found 'inertia', 'foot-damping' or 'contact-lag', expected a random robot or a preset with a lag"
+        "effects: found 'inertia', 'contact-lag' or 'foot-damping', expected a random robot or a preset with "
+        "a lag"
     )
 
 

@@ -118,7 +118,8 @@ class BeyondWeight:
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
 
-HELD = BeyondWeight(*(np.zeros(size) for size in ((0, 5), (0, 5, 0), (0, 5, 0), (0, 0), (0, 2, 2), (0, 2, 2))))
+NOTHING = ((0, 5), (0, 5, 0), (0, 5, 0), (0, 0), (0, 2, 2), (0, 2, 2))
+HELD = BeyondWeight(*map(np.zeros, NOTHING))
 
 
 def beyond_weight(nominal: Nominal, measurements: Measurements) -> BeyondWeight:

@@ -50,7 +50,8 @@ from tulip_testbed.measurements.stated_convention import StatedConvention
 
 MAY_LACK = (
     *("support", "time", "window", "samples", "q_std", "q_command", "motor", "cell_std"),
-    *("wrench_std", "wrench_rate", "wrench_acceleration", "speed", "acceleration", "q_rate", "q_acceleration"),
+    *("wrench_std", "wrench_rate", "wrench_acceleration"),
+    *("speed", "acceleration", "q_rate", "q_acceleration"),
 )
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+AXES, WORLD = "axes of the wrench", "world"
+
 
 @dataclass(frozen=True)
 class StatedConvention:

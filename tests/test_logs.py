@@ -106,7 +106,8 @@ def test_forces_change_as_fast_in_rows_as_in_samples(imported, bowing):
     wrenches[:, 0] = offset + 10 * np.sin(pace * time)[:, None]
     m = reduced(dataclasses.replace(made, wrenches=wrenches), WEIGHT, window=1.0, step=0.5).measurements
     assert m.wrenches is not None
-    assert m.wrench_rates is not None and m.wrench_accelerations is not None
+    assert m.wrench_rates is not None
+    assert m.wrench_accelerations is not None
     swing = m.wrenches[:, 0] - offset
     assert swing.std() > 2
     np.testing.assert_allclose(m.wrench_accelerations[:, 0], -(pace**2) * swing, atol=0.01 * pace**2 * 10)
