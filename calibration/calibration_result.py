@@ -39,6 +39,7 @@ from tulip_testbed.identification.residual_noise import Noise
 HALF_95 = float(ndtri(0.975))  # half of a normal 95 % interval in s.d.
 STEADY = 3.0  # s.e. by which the last linearisation may move a number that can be believed
 PRIOR_ONLY = 0.5  # share of its prior's variance from which a member is known by its prior only
+OF_CAD = "CAD"  # what its prior leaves open, with the weighing
 
 
 @dataclass(frozen=True)
@@ -304,7 +305,13 @@ def result_of(
         observed=clean,
         theta=theta,
         covariance=covariance,
-        sources=("weighing", "contacts", *_named(clean), *map(_source, families), "spreads"),
+        sources=(
+            "weighing" if clean.cad is None else OF_CAD,
+            "contacts",
+            *_named(clean),
+            *map(_source, families),
+            "spreads",
+        ),
         shares=shares,
         interval_dof=satterthwaite(variance, np.diagonal(slopes, axis1=1, axis2=2), scales, most),
         joint_dof=of_f_test(covariance, slopes, scales, most),
