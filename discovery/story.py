@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tulip_testbed.base.numbers import number
+from tulip_testbed.calibration.calibration_result import HALF_95
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.detectability import by_kind
 from tulip_testbed.discovery.discover import (
@@ -157,21 +158,17 @@ def _also(found: Discovery) -> list[str]:
 
 def _largest(found: Discovery) -> list[str]:
     """Tell the ordinary imperfections that differ most from zero, one of each family."""
-    sized = []
-    for one in found.calibrated:
-        (value, interval), *_ = sorted(
-            zip(one.values, one.intervals, strict=True), key=lambda each: -_errors(*each)
-        )
-        sized.append((_errors(value, interval), str(one.label), one))
+    sized = [(max(map(_errors, one.values, one.intervals)), str(one.label), one) for one in found.calibrated]
     clearest: dict[str, EffectInstance] = {}
-    for _, _, one in sorted(sized, key=lambda each: -each[0]):
-        clearest.setdefault(one.effect.name, one)
+    for errors, _, one in sorted(sized, key=lambda each: -each[0]):
+        if errors > HALF_95 or not clearest:
+            clearest.setdefault(one.effect.name, one)
     return [one.finding for one in clearest.values()][:SHOWN_MEMBERS]
 
 
 def _errors(value: float, interval: tuple[float, float] | None) -> float:
     """Return the size of a value in standard errors."""
-    return 0.0 if interval is None else abs(value) / max((interval[1] - interval[0]) / 3.92, 1e-300)
+    return 0.0 if interval is None else abs(value) / max((interval[1] - interval[0]) / (2 * HALF_95), 1e-300)
 
 
 def _listed(explanations: Sequence[Fitted]) -> str:

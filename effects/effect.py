@@ -19,6 +19,7 @@ DISPLAY = {
     "": (100.0, "%"),
     "rad": (180 / math.pi, "deg"),
     "rad/Nm": (180 / math.pi, "deg/Nm"),
+    "rad s/Nm": (180 / math.pi, "deg s/Nm"),
     "rad/N": (1e3 * 180 / math.pi, "deg/kN"),
     "m": (1e3, "mm"),
 }

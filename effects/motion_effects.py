@@ -86,10 +86,10 @@ LAG = Effect(
 # A foot on a sole of compliance k and time constant t yields by k (M - t dM/dt).
 DAMPING = Effect(
     "foot-damping",
-    "a foot that rocks on its sole follows its load late",
+    "A foot that rocks on its sole follows its load late.",
     tuple(Parameter(f"about {axis}", "rad s/Nm", prior=np.radians(0.05) * 0.03) for axis in "xy"),
     Physics(_injected, _without_damping),
-    "the {target} foot yields by {0} in roll and {1} in pitch less for a load that grows",
+    "The {target} foot follows its load late: it yields by {0} in roll and {1} in pitch less as that grows.",
     FEET,
     statics=False,
     searched=False,
