@@ -7,7 +7,7 @@ import itertools
 import math
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from hashlib import sha256
@@ -85,7 +85,6 @@ class Watch(Result):
         out: Path | None = None,
         targets: Mapping[str, float] | None = None,
         once: bool = False,
-        rows: Iterable[bytes] | None = None,
     ) -> None:
         """Begin to watch; everything is looked at when the first row is asked for.
 
@@ -94,10 +93,9 @@ class Watch(Result):
             out: file that keeps the state; None: it is not kept.
             targets: standard errors that are wanted, by base parameter or "all" [m].
             once: judge the rows that are there and end, rather than wait for more.
-            rows: lines of a CSV after their header, in place of the folder's table.
         """
         self.folder, self.plan, self.robot = folder, plan, robot
-        self._out, self._targets, self._once, self._rows = out, targets or {}, once, rows
+        self._out, self._targets, self._once = out, targets or {}, once
         self.latest: deque[Arrival] = deque(maxlen=LATEST)
         self._last: Verdict | None = None
         self._read, self._header = bytearray(), b""
@@ -184,7 +182,7 @@ class Watch(Result):
     def _judged(self) -> Iterator[Arrival]:
         """Yield what comes of every row; those of a kept state are judged again first, in silence."""
         out, where = self._out, self.folder / "manifest.json"
-        path = self.folder / TABLE if self._rows is None else Path("standard input")
+        path = self.folder / TABLE
         with ExitStack() as stack:
             if out is not None:
                 check_state_file(out)
@@ -196,7 +194,7 @@ class Watch(Result):
             day = _hash_of_day(self.plan, stated := read_bytes(where))
             kept = b"" if out is None else read_state(out, day)
             state, number, judge = first_state(model), 0, one_blas_thread(watch_row)
-            for line in itertools.chain(io.BytesIO(kept), self._arriving(path, kept)):
+            for line in itertools.chain(io.BytesIO(kept), self._arriving(path)):
                 number += self._read[-1:] in (b"", b"\n")
                 self._read += line
                 new = len(self._read) > len(kept)
@@ -221,15 +219,8 @@ class Watch(Result):
                 if verdict is not None and verdict.next is None:
                     return
 
-    def _arriving(self, path: Path, kept: bytes) -> Iterator[bytes]:
-        """Yield lines as they arrive; a stream may bring those again that were kept."""
-        if self._rows is not None:
-            known = {text_of(line) for line in io.BytesIO(kept)}
-            if kept and not kept.endswith(b"\n"):
-                yield b"\n"
-            lines = (text_of(expect("rows", line, bytes)) for line in self._rows)
-            yield from (line + b"\n" for line in lines if line not in known)
-            return
+    def _arriving(self, path: Path) -> Iterator[bytes]:
+        """Yield lines as they arrive."""
         while (lines := new_lines(path, bytes(self._read), self._header, self._once)) or not self._once:
             yield from lines
             if not lines:

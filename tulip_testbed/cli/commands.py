@@ -95,7 +95,7 @@ COMMANDS: dict[str, Command] = {
         "watch",
         (
             "tulip watch lab/monday --plan random --out runs/monday.state --targets all=2",
-            "logger | tulip watch lab/monday --plan plans/next --stdin --json",
+            "tulip watch lab/monday --plan plans/next --json",
         ),
     ),
     "robot": Command(

@@ -6,17 +6,14 @@ A command adds --json, progress and, where a result can be kept and the function
 from __future__ import annotations
 
 import inspect
-import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
-from functools import partial
 from inspect import Parameter, Signature
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
 
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.signatures import REQUIRED, Argument, PublicFunction
 from tulip_testbed.sim.shipped import PLAN_NAMES, TULIP
 
@@ -120,17 +117,6 @@ def read_standard_errors(
     return read_targets(value)
 
 
-def read_standard_input(
-    stdin: Annotated[
-        bool, tyro.conf.arg(help="read the rows as CSV lines after a header from standard input")
-    ] = False,
-) -> Iterable[bytes] | None:
-    """Return the lines of standard input, if they are to be read."""
-    if stdin and sys.stdin is None:
-        raise InputError("stdin: standard input is closed, expected rows")
-    return iter(partial(sys.stdin.buffer.readline, 2**21), b"") if stdin else None  # a line may never end
-
-
 def read_plain_laboratory(robot: Any, sensors: SensorsName = "wii", corrections: Corrections = None) -> Any:
     """Set up a laboratory without hidden effects."""
     from tulip_testbed.experiments.laboratory import Laboratory
@@ -161,7 +147,6 @@ READERS: dict[str, Callable[..., Any]] = {
     "Effects": read_corrections,
     "Mapping[str, float] | None": read_stated_tolerances,
     "Targets | None": read_standard_errors,
-    "Iterable[bytes] | None": read_standard_input,
     "Laboratory": read_laboratory,
     "PlainLaboratory": read_plain_laboratory,
 }
