@@ -1,7 +1,5 @@
 """An ordinary laboratory: a little wrong in every way that the self-calibrating estimator knows of."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -4,8 +4,6 @@ Identified wrong; the cause found among a hundred small imperfections; identifie
 `tulip`'s own commands, in the full dynamics; the truth is read here alone.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import sys

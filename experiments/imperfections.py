@@ -1,7 +1,5 @@
 """Repeat an experiment in ordinary laboratories, each a little wrong in its own way."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Degrees of freedom of estimated variances, for t intervals and F tests."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

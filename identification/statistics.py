@@ -1,7 +1,5 @@
 """Measures of an estimate's accuracy (eqs 12, 13 and 15)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

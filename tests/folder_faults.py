@@ -1,7 +1,5 @@
 """Faults of a measurement folder, planted one at a time, and healthy folders."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

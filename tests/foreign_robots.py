@@ -13,8 +13,6 @@ Sensors, lights, cameras, the floor and all contacts but the soles' are left out
 
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path

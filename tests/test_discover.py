@@ -1,7 +1,5 @@
 """Finding the missing effect: residuals, evidence, verdicts, the adopted model."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 from types import SimpleNamespace

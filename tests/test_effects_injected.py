@@ -1,7 +1,5 @@
 """Effects in the laboratory: what they change, what they leave, and when."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """`tulip export`: the file loads, holds the stated base parameters, and is otherwise the user's own."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re

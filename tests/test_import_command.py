@@ -1,7 +1,5 @@
 """`tulip import`: a laboratory's own table becomes a measurement folder, and no sign or unit is guessed."""
 
-from __future__ import annotations
-
 import json
 import re
 import tomllib

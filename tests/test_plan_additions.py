@@ -1,7 +1,5 @@
 """What a plan may hold beside its optimal postures: the next ones, repeats, postures on one foot."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Optimal postures: derivatives, constraints held against independent code, small plans."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

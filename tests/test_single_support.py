@@ -1,7 +1,5 @@
 """Postures on one foot, in both engines and in the estimate, in the frame of the foot that carries."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

@@ -1,7 +1,5 @@
 """`tulip watch`: what it says of postures as they come, and when it says stop."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 from types import SimpleNamespace
 from typing import Any

@@ -1,7 +1,5 @@
 """`tulip watch` on folders that grow: bad input, the state, and the command itself."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """A day for the tests of `tulip watch`: measured once, and as a folder that grows."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

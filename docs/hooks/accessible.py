@@ -1,7 +1,5 @@
 """Name for screen readers what the theme leaves without a name."""
 
-from __future__ import annotations
-
 from typing import Any
 
 SEARCH = '<div class="md-search" data-md-component="search" role="dialog"'

@@ -1,7 +1,5 @@
 """Turn the equations of a page, `$...$` and `$$...$$`, into MathML, which browsers draw without a script."""
 
-from __future__ import annotations
-
 import re
 from html import unescape
 from typing import Any

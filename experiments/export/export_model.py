@@ -1,7 +1,5 @@
 """Write the identified robot as a model file: consistent, checked, and otherwise the user's own file."""
 
-from __future__ import annotations
-
 import os
 import tempfile
 import xml.etree.ElementTree as ET

@@ -1,7 +1,5 @@
 """The text of a model file: inertias replaced, every other byte as it is; an MJCF as a URDF."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass

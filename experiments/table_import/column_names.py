@@ -1,7 +1,5 @@
 """Find which column of a laboratory's table is which of the contract's, by its name and no more."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from typing import NamedTuple

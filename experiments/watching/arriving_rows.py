@@ -3,8 +3,6 @@
 A watch keeps the bytes of all lines that it has read; nothing before their end may change.
 """
 
-from __future__ import annotations
-
 import io
 import itertools
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Watch a day: read rows as they arrive, judge each, and keep the state."""
 
-from __future__ import annotations
-
 import io
 import itertools
 import math

@@ -1,7 +1,5 @@
 """Check a posture as soon as its row is there, against everything that was measured before it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Generalised least squares with placement effects, without and with the encoders' errors."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.linalg import block_diag
 

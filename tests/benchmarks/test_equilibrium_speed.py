@@ -1,7 +1,5 @@
 """A posture's static equilibrium against its hold in full dynamics, in one run."""
 
-from __future__ import annotations
-
 import dataclasses
 import time
 

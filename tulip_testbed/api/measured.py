@@ -1,7 +1,5 @@
 """Functions of a measured robot: check, identify, discover, propose, predict, export."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

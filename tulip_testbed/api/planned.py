@@ -1,7 +1,5 @@
 """Functions of a plan of postures: search, atlas, protocol, watch."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The commands of the command line: which function of the library each of them calls."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal

@@ -3,8 +3,6 @@
 A command adds --json, progress and, where a result can be kept and the function writes none itself, --out.
 """
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
@@ -243,10 +241,9 @@ def _options(argument: Argument) -> Iterator[Parameter]:
         if name == ROBOT and reader is not read_robot:
             yield from _options(Argument(ROBOT, "Robot | None", None, False, ""))
             continue
-        kind = eval(option.annotation, reader.__globals__)
         default = REQUIRED if option.default is Parameter.empty else option.default
         by_place = argument.by_place and name == VALUE
-        yield _option(argument.name if name == VALUE else name, kind, default, by_place)
+        yield _option(argument.name if name == VALUE else name, option.annotation, default, by_place)
 
 
 def _kind(argument: Argument) -> Any:
