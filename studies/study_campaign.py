@@ -6,8 +6,6 @@ one experiment confuses with another; in every second one the ordinary imperfect
 Campaigns that are done are kept; the same command carries out the others.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path

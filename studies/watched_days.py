@@ -1,7 +1,5 @@
 """Days for the study of `tulip watch`: ordinary laboratories, and faults that begin in the middle."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
