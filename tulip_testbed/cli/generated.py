@@ -210,20 +210,20 @@ def _carry_out(function: PublicFunction, given: dict[str, Any], out: Path | None
 
 def _follow(watch: Any, as_json: bool) -> None:
     """Show what arrives while it arrives."""
-    from tulip_testbed.cli.terminal import live_table, print_json, say, show
+    from tulip_testbed.cli.terminal import print_json, say, show, show_whole
 
-    with nullcontext() if as_json else live_table() as update:
-        for arrival in watch:
-            verdict = arrival.verdict
-            if verdict is None:
-                say(f"tulip: {arrival.problem}")
-            elif as_json:
-                print_json(verdict.to_json(), indent=None)
-                if verdict.verdict != "ok" or verdict.stop:
-                    say(str(verdict))
-            if update is not None:
-                update(watch.latest_table(), "" if verdict is None else str(verdict))
-    if not watch.latest:
+    arrived = False
+    for arrival in watch:
+        arrived, verdict = True, arrival.verdict
+        if verdict is None:
+            say(f"tulip: {arrival.problem}")
+        elif not as_json:
+            show_whole([str(verdict)])
+        else:
+            print_json(verdict.to_json(), indent=None)
+            if verdict.verdict != "ok" or verdict.stop:
+                say(str(verdict))
+    if not arrived:
         say(str(watch))
     elif not as_json:
         show(*watch.tables())
