@@ -13,7 +13,7 @@ import numpy as np
 
 import tulip_testbed as tt
 from studies.runner import Settings, header, row
-from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements import Measurements, joined
 
 RUNS = 13, 65  # of one laboratory; the contract allows 10,000 rows
 SETTINGS = Settings(seed=0, only=("check", "identify", "discover"))
@@ -22,19 +22,7 @@ COMMAND = sys.executable, "-c", "from tulip_testbed.cli.entry import run; run()"
 
 def as_one(runs: list[Measurements]) -> Measurements:
     """Return several runs of one laboratory as one experiment."""
-    first, out = runs[0], {}
-    steps = {
-        "placement": first.placement.max(),
-        "posture": first.posture.max(),
-        "time": 1.1 * first.time.max(),
-    }
-    for field in dataclasses.fields(first):
-        each = [getattr(run, field.name) for run in runs]
-        if isinstance(each[0], np.ndarray) and field.name not in ("cells", "top_height"):
-            step = steps.get(field.name)
-            moved = each if step is None else [part + k * step for k, part in enumerate(each)]
-            out[field.name] = np.concatenate(moved)
-    return dataclasses.replace(first, **out)
+    return dataclasses.replace(joined(runs), experiments=(), experiment=None)
 
 
 def cost(command: str, folder: Path) -> tuple[float, float]:
@@ -57,8 +45,8 @@ def study(settings: Settings) -> Iterator[str]:
     with tempfile.TemporaryDirectory() as place:
         for count in counts:
             measured, folder = as_one(runs[:count]), Path(place) / str(count)
+            placements = len(np.unique(measured.placement))
             tt.write_measurements(folder, measured)
             for command in settings.only:
                 seconds, memory = cost(command, folder)
-                size = len(measured), len(np.unique(measured.placement))
-                yield row(command, *size, f"{seconds:.2g}", f"{memory:.2f}")
+                yield row(command, len(measured), placements, f"{seconds:.2g}", f"{memory:.2f}")

@@ -11,15 +11,27 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
-from tests.watched import growing_folder, measured_day
+from tests.test_watch import measured_day
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.watching.arriving_rows import MOST_AT_ONCE, new_lines
 from tulip_testbed.experiments.watching.watch_day import read_targets
 from tulip_testbed.experiments.watching.watch_row import OK
-from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements import Measurements, write_measurements
 
 ROWS = 12
+
+
+def growing_folder(folder: Path, rows: Measurements) -> list[str]:
+    """Write a measurement folder whose table has its header alone; return the lines of its rows."""
+    write_measurements(folder, rows)
+    (folder / "postures.parquet").unlink()
+    manifest = json.loads((folder / "manifest.json").read_text())
+    del manifest["tables"]
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    header, *lines = (folder / "postures.csv").read_text().splitlines(keepends=True)
+    (folder / "postures.csv").write_text(header)
+    return lines
 
 
 @pytest.fixture(scope="module")
