@@ -25,7 +25,7 @@ from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.measurements import write_measurements
 from tulip_testbed.viewer import balance_series as balance
 from tulip_testbed.viewer import postures_view as postures
-from tulip_testbed.viewer import window
+from tulip_testbed.viewer import robot_view, window
 from tulip_testbed.viewer.balance_series import inset
 from tulip_testbed.viewer.robot_view import undrawn
 from tulip_testbed.viewer.subject import measured, planned, validated
@@ -189,6 +189,24 @@ def test_links_that_nothing_shows_are_told():
         </worldbody></mujoco>"""
     )
     assert undrawn(model) == ["bare"]
+
+
+def test_a_box_of_its_inertia_stands_for_a_bare_link():
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><body name="brick"><geom type="box" size="0.1 0.2 0.3" pos="1 0 0"/></body>
+        </worldbody></mujoco>"""
+    )
+    box = robot_view.inertia_box(model, 1)
+    assert box.half_sizes is not None and box.centers is not None
+    assert sorted(box.half_sizes.as_arrow_array().to_pylist()[0]) == pytest.approx([0.1, 0.2, 0.3])
+    assert box.centers.as_arrow_array().to_pylist() == [[1, 0, 0]]
+
+
+def test_a_robot_with_sensors_in_its_feet_stands_on_no_boards(robot, plan):
+    few = plan.take(plan.placement == 1)
+    log = tt.Laboratory(robot, "foot-ideal").run(few, 3, "statics").measurements
+    assert measured(log, robot).sensors_in_feet
+    assert not planned(few, robot).sensors_in_feet
 
 
 def test_a_polygon_may_have_no_inside(plan, robot):

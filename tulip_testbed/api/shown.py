@@ -129,10 +129,7 @@ def _warn_of_bare_links(robot: Robot) -> None:
     from tulip_testbed.viewer.robot_view import undrawn
 
     if bare := undrawn(robot.visual_model):
-        warn(
-            f"{robot.model_file.name}: no geom shows the links {listed(bare)}; their frames and masses stand "
-            "alone"
-        )
+        warn(f"{robot.model_file.name}: no geom shows {listed(bare)}; boxes of their inertia stand for them")
 
 
 @checked

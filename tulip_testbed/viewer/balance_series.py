@@ -31,7 +31,8 @@ def log_balance(canvas: Canvas, subject: Subject) -> None:
     corners = subject.board.size / 2 * np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]])
     boards = [[_closed(place_polygon(corners, plate)) for plate in plates] for plates in subject.plates]
     soles = subject.nominal.geometry(subject.joint_angles, subject.support).soles
-    _strips_above(canvas, "above/plates", boards, (158, 184, 204), 2.0)
+    if not subject.sensors_in_feet:
+        _strips_above(canvas, "above/plates", boards, (158, 184, 204), 2.0)
     _strips_above(canvas, "above/soles", [[_closed(s) for s in row] for row in soles], (130, 130, 130), 2.0)
     _strips(canvas, "support_polygon", [[_closed(p)] for p in subject.polygons], POLYGON)
     if subject.least_margin:

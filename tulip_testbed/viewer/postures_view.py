@@ -20,6 +20,8 @@ from tulip_testbed.viewer.robot_view import (
 )
 from tulip_testbed.viewer.subject import Subject
 
+SOLE = np.array([0.3, 0.15])  # m, of the picture around a foot that stands on no board
+
 
 def log_postures(recording: rr.RecordingStream, subject: Subject) -> None:
     """Log all data of the postures and the blueprint."""
@@ -67,12 +69,17 @@ def log_links(canvas: Canvas, subject: Subject) -> None:
 
 def posture_views(subject: Subject) -> dict[str, list[rrb.View]]:
     """Return the views of the robot, of the ground, of the curves and of the numbers."""
-    ground = [above_view(subject.plates, subject.board.size)]
+    size = SOLE if subject.sensors_in_feet else subject.board.size
+    ground = [above_view(subject.plates, size)]
     if subject.cop is not None:
         ground.append(close_up_view(subject))
     return {
         "robot": [
-            space_view(subject, "Robot on its plates", ["$origin/**", "- $origin/masses/**"]),
+            space_view(
+                subject,
+                "Robot" if subject.sensors_in_feet else "Robot on its plates",
+                ["$origin/**", "- $origin/masses/**"],
+            ),
             space_view(
                 subject,
                 "Masses of the links",

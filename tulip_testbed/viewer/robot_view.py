@@ -15,6 +15,8 @@ from tulip_testbed.viewer.subject import Subject
 SHOWN_GROUPS = (0, 1, 2)  # as MuJoCo's own viewer; collision geometry stands in the others
 MARKER = 0.025  # m, radius of the marker of 1 kg
 CELL_RADIUS = 0.012  # m
+DOT = 0.01  # m: geoms within a smaller radius, as the corners of a sole, do not show a link
+BARE_COLOUR = (150, 156, 166)
 BOARD_COLOUR, THICKNESS = (158, 184, 204), 0.6  # share of the height that is board, not cell
 METRES_PER_WEIGHT = 1.0  # an arrow of this length carries the robot's whole weight
 EYE = (1.5, -1.05, 0.85)  # m, of a robot as tall as TULip
@@ -26,24 +28,25 @@ GEOM = mujoco.mjtGeom
 def log_geometry(recording: rr.RecordingStream, path: str, model: mujoco.MjModel) -> None:
     """Log every link's geoms, in the link's frame, once for all times.
 
-    A link whose geoms are all in hidden groups is drawn with those.
+    A link whose geoms are all in hidden groups is drawn with those, and one that no geom shows as the box of
+    its inertia.
     """
     for body in range(1, model.nbody):
         of_body = np.flatnonzero(model.geom_bodyid == body)
         shown = of_body[np.isin(model.geom_group[of_body], SHOWN_GROUPS)]
-        for geom in shown if len(shown) else of_body:
-            if (shape := _shape(model, int(geom))) is not None:
-                recording.log(f"{path}/{model.body(body).name}/geom{geom}", shape, static=True)
+        shapes = {f"geom{geom}": _shape(model, int(geom)) for geom in (shown if len(shown) else of_body)}
+        if model.body(body).name in undrawn(model):
+            shapes["inertia"] = inertia_box(model, body)
+        for name, shape in shapes.items():
+            if shape is not None:
+                recording.log(f"{path}/{model.body(body).name}/{name}", shape, static=True)
 
 
 def undrawn(model: mujoco.MjModel) -> list[str]:
-    """Return the links that have a mass but no drawn geom."""
-    return [
-        model.body(body).name
-        for body in range(1, model.nbody)
-        if model.body_mass[body] > 0
-        and not any(_shape(model, int(geom)) for geom in np.flatnonzero(model.geom_bodyid == body))
-    ]
+    """Return the links that have a mass but no drawn geom larger than a dot."""
+    large = [geom for geom in np.flatnonzero(model.geom_rbound > DOT) if _shape(model, int(geom))]
+    drawn = set(model.geom_bodyid[large])
+    return [model.body(k).name for k in range(1, model.nbody) if model.body_mass[k] > 0 and k not in drawn]
 
 
 def log_motion(canvas: Canvas, subject: Subject) -> None:
@@ -85,13 +88,15 @@ def log_masses(canvas: Canvas, subject: Subject, masses: dict[str, np.ndarray]) 
 
 
 def height_of(subject: Subject) -> float:
-    """Return the height of the robot's highest geom over the ground, the median of all postures [m]."""
+    """Return the height of the highest geom or link's centre of mass, the median of all postures [m]."""
     model, tree = subject.nominal.robot.model, subject.nominal.parameters.tree
     rotations, positions = subject.nominal.geometry(subject.joint_angles, subject.support).frames
     frame = np.array(tree.frame_of_link)[model.geom_bodyid - 1]
     # Rows of the rotations that give z; a geom's own sphere reaches as far upwards as in any direction.
     middle = positions[:, frame, 2] + (rotations[:, frame, 2] * model.geom_pos).sum(axis=-1)
-    return float(np.median((middle + model.geom_rbound).max(axis=1)))
+    links = np.array(tree.frame_of_link)
+    centres = positions[:, links, 2] + (rotations[:, links, 2] * model.body_ipos[1:]).sum(axis=-1)
+    return float(np.median(np.column_stack([middle + model.geom_rbound, centres]).max(axis=1)))
 
 
 def space_view(subject: Subject, name: str, contents: list[str]) -> rrb.Spatial3DView:
@@ -113,7 +118,9 @@ def space_view(subject: Subject, name: str, contents: list[str]) -> rrb.Spatial3
 
 
 def log_plates(canvas: Canvas, subject: Subject) -> None:
-    """Log boards and cells at their recorded poses; the boards' top is z = 0."""
+    """Log boards and cells at their recorded poses; the boards' top is z = 0. Sensors in feet have none."""
+    if subject.sensors_in_feet:
+        return
     for k, plate in enumerate(PLATES):
         poses, height = subject.plates[:, k], float(subject.top_height[k])
         half = [*(subject.board.size / 2), THICKNESS * (height or subject.board.top_height) / 2]
@@ -184,6 +191,19 @@ def _shape(model: mujoco.MjModel, geom: int) -> rr.AsComponents | None:
         end = position - Rotation.from_quat([x, y, z, w]).apply([0, 0, size[1]])
         return rr.Capsules3D(translations=[end], **along)
     return None
+
+
+def inertia_box(model: mujoco.MjModel, body: int) -> rr.Boxes3D:
+    """Return the box of even density that has the mass and the inertia of a link."""
+    of_axes = model.body_inertia[body].sum() / 2 - model.body_inertia[body]  # integrals of x^2, y^2, z^2
+    w, x, y, z = model.body_iquat[body]
+    return rr.Boxes3D(
+        half_sizes=[np.sqrt(3 * np.maximum(of_axes, 0) / model.body_mass[body])],
+        centers=[model.body_ipos[body]],
+        quaternions=[rr.Quaternion(xyzw=[x, y, z, w])],
+        colors=[BARE_COLOUR],
+        fill_mode=rr.components.FillMode.Solid,
+    )
 
 
 def _mesh(model: mujoco.MjModel, geom: int, rgba: np.ndarray) -> rr.Mesh3D:

@@ -75,6 +75,12 @@ class Subject:
         return self.nominal.mass * self.gravity
 
     @property
+    def sensors_in_feet(self) -> bool:
+        """Return whether the feet stand on the ground, not on plates."""
+        contacts = self.measurements.contacts if self.measurements else None
+        return contacts is not None and contacts.mount == "foot"
+
+    @property
     def residual(self) -> np.ndarray | None:
         """CoP minus the estimate's CoM (eq. 12), (m, 2) [m]."""
         if self.cop is None or "estimate" not in self.com:
