@@ -161,11 +161,13 @@ def test_times_that_run_backward_and_another_weight_are_noticed(table, stated, t
 def test_a_unit_that_is_not_written_has_to_be_stated(table, stated, tmp_path):
     def strip(columns):
         columns["RKnee"] = columns.pop("RKnee [deg]")
+        columns["RKnee std"] = 0 * columns["RKnee"]
 
     path = table(change=strip)
     found = tt.import_table(path, out=tmp_path / "data", map=[stated(WRENCHES)])
     assert found.folder is None
     assert not (tmp_path / "data").exists()
+    assert any("no unit is written in the name: 'RKnee std'; state it" in text for text in found.assumed)
     assert found.problems == (
         "q.right_knee: column 'RKnee' has no unit in its name; state one of rad, mrad, deg",
     )

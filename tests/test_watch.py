@@ -187,6 +187,7 @@ def test_a_window_that_moved(watched, day):
     assert verdict.verdict == NOT_SETTLED
     assert verdict.next == int(row.posture[0])
     assert verdict.findings[0].advice.startswith("Wait longer")
+    assert str(verdict).startswith(f"posture {row.posture[0]}: not settled - settled: ")
 
 
 def test_rows_that_cannot_be_used(watched, day):

@@ -144,13 +144,9 @@ class Verdict:
             "stop": self.stop or None,
         }
 
-    @property
-    def seen(self) -> str:
-        """Return the findings as one text."""
-        return "; ".join(f"{finding.name}: {finding.seen}" for finding in self.findings)
-
     def __str__(self) -> str:
-        seen = f" - {self.seen}" if self.findings else ""
+        found = "; ".join(f"{finding.name}: {finding.seen}" for finding in self.findings)
+        seen = f" - {found}" if found else ""
         then = "" if self.next is None else f"; next {self.next}, {self.left} left"
         stop = f"; stop: {self.stop}" if self.stop else ""
         return f"posture {self.posture}: {self.verdict}{seen}{then}{stop}"
