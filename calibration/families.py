@@ -4,12 +4,11 @@ A family holds alike errors, such as the zeros of all encoders. Its tolerance is
 the sensors; how large the errors of a laboratory really are, in tolerances, is estimated.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from numbers import Real
+from typing import Self
 
 import numpy as np
 
@@ -166,7 +165,7 @@ class Family:
         each = values.reshape(len(self.targets), -1).tolist()
         return [EffectInstance(self.effect, t, tuple(v)) for t, v in zip(self.targets, each, strict=True)]
 
-    def lying_about(self, sizes: Mapping[str, tuple[float, ...]]) -> Family:
+    def lying_about(self, sizes: Mapping[str, tuple[float, ...]]) -> Self:
         """Return the family with these means of the prior, by label; the others are zero."""
         zero = (0.0,) * len(self.effect.parameters)
         each = [sizes.get(effect_label(self.name, target), zero) for target in self.targets]

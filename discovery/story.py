@@ -1,7 +1,5 @@
 """A discovery in sentences for the laboratory."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """An effect: one physical cause that the nominal model lacks, with its simulation and its removal."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

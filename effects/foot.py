@@ -1,7 +1,5 @@
 """Effects on how the feet stand: soles that yield, something under a corner, a board that rocks."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Effects that only a robot that moves shows: inertial parameters, and clocks that differ."""
 
-from __future__ import annotations
-
 from typing import NoReturn
 
 import numpy as np

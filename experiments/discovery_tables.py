@@ -1,7 +1,5 @@
 """Tables of a discovery."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from statistics import NormalDist

@@ -1,7 +1,5 @@
 """A self-calibration as JSON and as tables: families, members, and what limits the base parameters."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The result of an identification: parameters by name, tables, a JSON document."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Tables and sentences of parameters: estimates with the truth and the paper, links, what can be used."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math

@@ -1,8 +1,7 @@
 """The wrench of the ground that the nominal robot needs to hold a posture, or to move as it was measured."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
+from typing import Self
 
 import mujoco
 import numpy as np
@@ -112,7 +111,7 @@ class BeyondWeight:
     load_rates: np.ndarray
     loads_faster: np.ndarray
 
-    def take(self, rows: np.ndarray) -> BeyondWeight:
+    def take(self, rows: np.ndarray) -> Self:
         """Return some rows."""
         names = ("by_cad", "slope", "unknown", "load_rates", "loads_faster")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})

@@ -1,7 +1,5 @@
 """Columns of the contact sensors of a measurement folder, and how they are read."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The contract of measurements: what every row and every figure has to be, in a folder as in memory."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path

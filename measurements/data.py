@@ -1,9 +1,7 @@
 """Posture plans, measurements and plate geometry as plain arrays."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -73,7 +71,7 @@ class PosturePlan:
         """Count the different postures; a repeated one counts once."""
         return len(np.unique(self.posture))
 
-    def take(self, rows: np.ndarray) -> PosturePlan:
+    def take(self, rows: np.ndarray) -> Self:
         """Select postures by a mask or by indices in any order, without a motion."""
         names = ("joint_angles", "posture", "placement", "support", "swing_pose")
         torques = None if self.torques is None else self.torques[rows]
@@ -164,7 +162,7 @@ class Measurements(MeasurementHeader):
     experiment: np.ndarray | None = None
 
     @classmethod
-    def from_arrays(cls, header: MeasurementHeader, **rows: Any) -> Measurements:
+    def from_arrays(cls, header: MeasurementHeader, **rows: Any) -> Self:
         """Return measurements that were made in memory.
 
         Args:
@@ -203,7 +201,7 @@ class Measurements(MeasurementHeader):
         return made
 
     @classmethod
-    def without_rows(cls, header: MeasurementHeader) -> Measurements:
+    def without_rows(cls, header: MeasurementHeader) -> Self:
         """Return measurements to which rows are to be appended."""
         channels = 0 if header.contacts is None else len(header.contacts.channels)
         rows: dict[str, Any] = {
@@ -249,7 +247,7 @@ class Measurements(MeasurementHeader):
         """Return the index of every row's experiment, (m,)."""
         return np.zeros(len(self), int) if self.experiment is None else self.experiment
 
-    def take(self, rows: np.ndarray) -> Measurements:
+    def take(self, rows: np.ndarray) -> Self:
         """Select rows by a mask or by indices in any order."""
         values = {name: getattr(self, name) for name in OF_ROWS}
         return replace(self, **{name: v[rows] for name, v in values.items() if v is not None})

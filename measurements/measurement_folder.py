@@ -1,7 +1,5 @@
 """The measurement folder: manifest.json and postures.parquet (or .csv)."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Logs of a moving robot: every reader gives the same table, and rows obey the equation of motion."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Simulated records of a humanoid on one foot keep the laws of mechanics and hide what their truth names."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import mujoco

@@ -1,7 +1,5 @@
 """The result of a Monte Carlo: its figures are a JSON document, and its folder holds the runs behind them."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path

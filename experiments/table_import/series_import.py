@@ -1,7 +1,5 @@
 """Import the log of a moving robot: from samples to rows of measurements in the contract's own columns."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Audit the conventions of a log: every hypothesis and how likely the measured wrenches make it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """How a log may write wrenches and joint angles: axes, signs, points and orders, and how late it may be."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """The preflight: checks of a measurement folder for faults."""
 
-from __future__ import annotations
-
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import Nominal, nominal_robot

@@ -1,7 +1,5 @@
 """Reduce a series of samples to rows, each with the mean motion and readings of a short window."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections import Counter
 from collections.abc import Callable

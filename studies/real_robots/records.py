@@ -5,8 +5,6 @@ a spline through random postures in full dynamics. The sensor is MuJoCo's own, b
 axes in which a log writes the wrench, its sign, and where the sensor sits are drawn.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
