@@ -9,7 +9,7 @@ DRAW ?= possible
 SHARED := --numprocesses auto --maxprocesses 4 --dist worksteal --durations 10 --draw $(DRAW)
 STUDIES := $(subst _,-,$(patsubst studies/study_%.py,study-%,$(wildcard studies/study_*.py)))
 
-.PHONY: setup validate demo test test-slow test-all test-without-drivers durations test-docs lint docs oracle studies $(STUDIES) teaching pictures constraints clean
+.PHONY: setup validate demo test test-slow test-all test-without-drivers durations test-docs lint docs bench oracle studies $(STUDIES) teaching pictures constraints clean
 
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
 	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)
@@ -51,6 +51,9 @@ lint: setup
 
 docs: setup  ## the documentation as a site: site/index.html
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict  # --quiet would hide warnings from --strict too
+
+bench: setup  ## times and memory of commands against their rows, as ratios in one run
+	$(BIN)/python -m studies size --size 0.25
 
 # One BLAS thread: Pinocchio and FIGAROH call linear algebra without the library's own limit
 # (base/threads.py); with more, products of small matrices wait for each other on a busy machine.

@@ -41,7 +41,8 @@ def study(settings: Settings) -> Iterator[str]:
     counts = [settings.count(count) for count in RUNS]
     seeds = range(settings.seed, settings.seed + max(counts))
     runs = [laboratory.run(tt.plans.random, seed, "statics").measurements for seed in seeds]
-    yield header("command", "rows", "placements", "seconds", "GB")
+    yield header("command", "rows", "placements", "seconds", "times the first", "GB")
+    first: dict[str, float] = {}
     with tempfile.TemporaryDirectory() as place:
         for count in counts:
             measured, folder = as_one(runs[:count]), Path(place) / str(count)
@@ -49,4 +50,6 @@ def study(settings: Settings) -> Iterator[str]:
             tt.write_measurements(folder, measured)
             for command in settings.only:
                 seconds, memory = cost(command, folder)
-                yield row(command, len(measured), placements, f"{seconds:.2g}", f"{memory:.2f}")
+                ratio = seconds / first.setdefault(command, seconds)
+                cells = f"{seconds:.2g}", f"{ratio:.1f}", f"{memory:.2f}"
+                yield row(command, len(measured), placements, *cells)
