@@ -14,6 +14,7 @@ LEAST = 1e-9  # m: s.d. of a base parameter that the links' masses and centres d
 # Ends of the scales of these s.d.: no CAD model is better than 2 % of a mass and 2 mm of a centre, and with
 # more than 20 % masses would be absurd. Assumed.
 BEST, WORST = 0.1, 1.0
+RANK = 1e-10  # of the largest singular value
 POINTS = 12  # of each scale, over which the posterior is summed
 
 
@@ -129,3 +130,32 @@ def cad_prior(parameters: BaseParameters, standard: np.ndarray, mass_sd: float =
     by_center = CENTER_SD * by_standard[..., 1:] * mass[:, None]
     roots = mass_sd * by_mass / total, by_center.reshape(len(value), -1) / total
     return CadPrior(value, *roots, mass_sd * float(np.linalg.norm(mass)))
+
+
+def expected_standard(
+    parameters: BaseParameters,
+    standard: np.ndarray,
+    value: np.ndarray,
+    mass: float,
+    scales: tuple[float, float] = (1.0, 1.0),
+) -> np.ndarray:
+    """Return what CAD's prior expects of links whose base parameters and total mass are known.
+
+    It is the mean of the normal distribution under these conditions: of the changes that satisfy them, that
+    which is least in the s.d. of the prior.
+
+    Args:
+        standard: by CAD, (n, 4) [kg, kg m]. value: base parameters, (p,) [m]. mass: of the robot [kg].
+        scales: of the s.d. of masses and of centres.
+    """
+    n, own = len(standard), standard[:, 0]
+    root = np.zeros((n, 4, n, 4))  # standard parameters by independent deviates of mass and centre
+    link = np.arange(n)
+    root[link, :, link, 0] = scales[0] * MASS_SD * standard
+    for axis in (1, 2, 3):
+        root[link, axis, link, axis] = scales[1] * CENTER_SD * own
+    root = root.reshape(4 * n, 4 * n)
+    rows = np.vstack([parameters.from_standard, np.tile([1.0, 0.0, 0.0, 0.0], n)])
+    lack = mass * np.append(value, 1.0) - rows @ standard.ravel()
+    deviates = np.linalg.lstsq(rows @ root, lack, rcond=RANK)[0]
+    return standard + (root @ deviates).reshape(n, 4)

@@ -12,6 +12,7 @@ import numpy as np
 from tulip_testbed.identification.nominal import link_boxes
 from tulip_testbed.sim.robot import rotation_matrices
 
+LEAST_PART = 0.1  # of a mass
 LEAST_GYRATION = 1e-3  # m: radius that a link has at least along every axis, or it would be flat
 REACH = 0.5  # of the ellipsoid that CAD's own inertia takes up at most
 
@@ -53,6 +54,21 @@ def central(pseudo: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
 def moved(pseudo: np.ndarray, transform: np.ndarray) -> np.ndarray:
     """Return pseudo-inertias in another frame by a homogeneous transform from the old to it, (..., 4, 4)."""
     return transform @ pseudo @ transform.mT
+
+
+def at_standard(pseudo: np.ndarray, standard: np.ndarray) -> np.ndarray:
+    """Return pseudo-inertias of the same shape with other masses and centres, (n, 4, 4).
+
+    The standard parameters are (n, 4) [kg, kg m]. A mass becomes no less than `LEAST_PART` of what it was.
+    """
+    heavy = np.flatnonzero(pseudo[:, 3, 3] > 0)
+    part = np.maximum(standard[heavy, 0] / pseudo[heavy, 3, 3], LEAST_PART)
+    shift = np.tile(np.eye(4), (len(heavy), 1, 1))
+    before, wanted = pseudo[heavy, :3, 3] / pseudo[heavy, 3, 3, None], standard[heavy, 1:]
+    shift[:, :3, 3] = wanted / (part * pseudo[heavy, 3, 3])[:, None] - before
+    out = pseudo.copy()
+    out[heavy] = part[:, None, None] * moved(pseudo[heavy], shift)
+    return out
 
 
 def solid(pseudo: np.ndarray) -> np.ndarray:

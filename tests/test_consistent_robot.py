@@ -9,9 +9,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
-from tulip_testbed.identification.cad_prior import MASS_SD
+from tulip_testbed.identification.cad_prior import CENTER_SD, MASS_SD, expected_standard
 from tulip_testbed.identification.consistent_robot import Target, consistent_robot, data_shares
 from tulip_testbed.identification.pseudo_inertia import (
+    at_standard,
     bounding_ellipsoids,
     central,
     pseudo_inertia,
@@ -192,3 +193,32 @@ def test_data_shares(cad):
         cad.reference, np.zeros((1, 4 * len(shares))), np.diag([0, MASS_SD**2 * heavy.sum()])
     )
     assert doubtful[:, 0] == pytest.approx(alone[:, 0] / 2, rel=1e-9)
+
+
+def test_the_prior_expects_what_a_regression_on_many_robots_says(cads):
+    """Links whose base parameters are known, against the least squares of robots drawn from the prior."""
+    cad, rng = cads[0], np.random.default_rng(3)
+    by_cad = standard_parameters(cad.robot.model)
+    drawn = np.tile(by_cad, (40000, 1, 1))
+    drawn[..., 1:] += by_cad[:, :1] * CENTER_SD * rng.standard_normal(drawn[..., 1:].shape)
+    drawn += MASS_SD * rng.standard_normal(drawn.shape[:2])[..., None] * by_cad
+    shown = np.concatenate(
+        [drawn.reshape(40000, -1) @ cad.parameters.from_standard.T, drawn[..., :1].sum(axis=1)], axis=1
+    )
+    columns = np.column_stack([np.ones(40000), shown])
+    slopes = np.linalg.lstsq(columns, drawn.reshape(40000, -1), rcond=1e-10)[0]
+    mass = shown[0, -1]
+    expected = expected_standard(cad.parameters, by_cad, shown[0, :-1] / mass, mass)
+    assert expected == pytest.approx((columns[0] @ slopes).reshape(-1, 4), abs=0.06)
+    assert np.abs(expected - by_cad).max() > 0.3
+
+
+def test_a_link_of_the_same_shape_has_other_mass_and_centre(cads):
+    cad, rng = cads[0], np.random.default_rng(4)
+    wanted = standard_parameters(cad.robot.model)
+    wanted = wanted * rng.uniform(0.5, 2, (len(wanted), 1)) + 0.01 * wanted[:, :1] * [0, 1, 0, 0]
+    changed = at_standard(cad.reference, wanted)
+    for before, after, standard in zip(cad.reference, changed, wanted, strict=True):
+        (old, _, inertia), (mass, center, new) = central(before), central(after)
+        assert [mass, *(mass * center)] == pytest.approx(standard)
+        assert new == pytest.approx(mass / old * inertia)

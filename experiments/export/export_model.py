@@ -21,7 +21,7 @@ from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.robot_import.skeleton import LEAST_MASS
 from tulip_testbed.experiments.robot_import.urdf import find_mesh
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters
-from tulip_testbed.identification.cad_prior import cad_prior
+from tulip_testbed.identification.cad_prior import cad_prior, expected_standard
 from tulip_testbed.identification.consistent_robot import (
     ConsistentRobot,
     Target,
@@ -30,6 +30,7 @@ from tulip_testbed.identification.consistent_robot import (
 )
 from tulip_testbed.identification.distributions import chi2_sf
 from tulip_testbed.identification.pseudo_inertia import (
+    at_standard,
     bounding_ellipsoids,
     moved,
     pseudo_inertias,
@@ -73,7 +74,12 @@ def export_model(
     ellipsoids = bounding_ellipsoids(robot.visual_model, reference)
     mass, mass_error = weighed or identification.mass
     value, covariance = full.value, full.covariance
-    if full.standard is None:  # CAD is not in it yet
+    if full.cad_scales is not None:
+        # The postures do not determine all parameters, so CAD says where the masses are that do not show.
+        scales = full.cad_scales
+        expected = expected_standard(parameters, standard_of(reference), value, mass, scales)
+        reference = at_standard(reference, expected)
+    elif full.standard is None:  # CAD is not in it yet
         value, covariance = cad_prior(parameters, standard_of(cad)).combined(value, covariance)
     target = Target(parameters.from_standard[full.numbers - 1], value, covariance, mass)
     consistent = consistent_robot(reference, ellipsoids, target)
