@@ -149,7 +149,7 @@ def check_measurements(
     if corrections:
         check_robot(nominal.parameters, measurements, robot, source)
         corrected, _ = without(measurements, nominal, corrections)
-    findings = preflight(corrected, nominal, series, partial(usual_changes, corrected, nominal))
+    findings = preflight(corrected, nominal, series, partial(usual_changes, nominal=nominal))
     if corrections:  # corrected records of the plates hold what moves the centre of pressure otherwise
         recorded = plate_poses(measurements)
         findings = [recorded if finding.name == recorded.name else finding for finding in findings]
@@ -211,14 +211,14 @@ def warn_of_faults(
         raise InputError(f"{source}: found {in_units.seen}; expected {in_units.expected}; `check` says more")
     if corrections:
         measurements, _ = without(measurements, nominal, corrections)
-    usual = partial(usual_changes, measurements, nominal, tolerances)
+    usual = partial(usual_changes, nominal=nominal, tolerances=tolerances)
     findings = preflight(measurements, nominal, usual_changes=usual)
-    if refuse and (gross := [finding for finding in findings if finding.gross]):
+    if gross := [finding for finding in findings if finding.gross]:
         found = "; ".join(f"'{one.name}': {one.seen}" for one in gross)
-        raise FaultyError(
-            f"{source}: found gross faults, which no effect explains ({found}); "
-            f"expected none: correct them as `check` advises, or {refuse}"
-        )
+        found = f"{source}: found gross faults, which no effect explains ({found}); expected none: correct"
+        if refuse:
+            raise FaultyError(f"{found} them as `check` advises, or {refuse}")
+        warn(f"{found} them as `check` advises, for no number that is found from these measurements holds")
     if faults := [finding for finding in findings if finding.result == "fail"]:
         names = listed(repr(finding.name) for finding in faults)
         warn(f"{source}: found faults in {names}; `check` says more")
