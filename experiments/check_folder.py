@@ -213,15 +213,16 @@ def warn_of_faults(
         measurements, _ = without(measurements, nominal, corrections)
     usual = partial(usual_changes, nominal=nominal, tolerances=tolerances)
     findings = preflight(measurements, nominal, usual_changes=usual)
-    if gross := [finding for finding in findings if finding.gross]:
-        found = "; ".join(f"'{one.name}': {one.seen}" for one in gross)
-        found = f"{source}: found gross faults, which no effect explains ({found}); expected none: correct"
-        if refuse:
-            raise FaultyError(f"{found} them as `check` advises, or {refuse}")
-        warn(f"{found} them as `check` advises, for no number that is found from these measurements holds")
+    gross = "; ".join(f"'{one.name}': {one.seen}" for one in findings if one.gross)
+    if refuse and gross:
+        raise FaultyError(
+            f"{source}: found gross faults, which no effect explains ({gross}); "
+            f"expected none: correct them as `check` advises, or {refuse}"
+        )
     if faults := [finding for finding in findings if finding.result == "fail"]:
         names = listed(repr(finding.name) for finding in faults)
-        warn(f"{source}: found faults in {names}; `check` says more")
+        words = f", gross ones, which no effect explains ({gross}): no result holds until these are corrected"
+        warn(f"{source}: found faults in {names}{words if gross else ''}; `check` says more")
 
 
 def _refuse_other_robot(folder: Path, nominal: Nominal) -> None:

@@ -290,7 +290,9 @@ def test_cells_that_are_connected_otherwise_in_some_rows_are_named_with_these(wh
     forces[np.ix_(rows, [2, 6])] = forces[np.ix_(rows, [6, 2])]
     found = wiring(dataclasses.replace(m, cell_forces=forces), robot)
     assert (found.result, found.gross) == ("fail", True)
-    assert found.where == f"cell.right.rear_right and cell.left.rear_right are read in each other's place {when}"
+    assert (
+        found.where == f"cell.right.rear_right and cell.left.rear_right are read in each other's place {when}"
+    )
 
 
 @pytest.mark.parametrize("reads", [0.0, 20.0])
