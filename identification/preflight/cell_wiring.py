@@ -127,15 +127,15 @@ def _squares(found: AgreementFit, change: np.ndarray, placement: Groups, late: n
         Of the rows since each of these, of those until the placement's end, and of its own, (g, s + 2);
         infinite where a change is not finite or there is no such row.
     """
-    finite = np.isfinite(change).all(axis=1)
-    column = np.where(finite[:, None], change, 0.0)[..., None] * late[:, None]
+    finite = np.isfinite(change.sum(axis=1, keepdims=True))
+    column = np.where(finite, change, 0.0)[..., None] * late[:, None]
     score = found.score[..., None] + 0.5 * found.weights(column)  # of the square's change
     across, along, bad = (
         _spans(placement.sums(part))
         for part in (
             column.mT @ found.weighted,
             (column * score).sum(axis=1),
-            1.0 * (late & ~finite[:, None]),
+            1.0 * (late & ~finite),
         )
     )
     own = found.square + 2 * along
