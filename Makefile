@@ -52,10 +52,10 @@ lint: setup
 docs: setup  ## the documentation as a site: site/index.html
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict  # --quiet would hide warnings from --strict too
 
-bench: setup  ## ratios of times, in one run
-	$(BIN)/python -m pytest -q -s tests/benchmarks -o addopts= --benchmark-only
+bench: setup  ## times and memory of commands against their rows, as ratios in one run
+	$(BIN)/python -m studies size --size 0.25
 
-# One BLAS thread: Pinocchio, FIGAROH and the benchmarks call linear algebra without the library's own limit
+# One BLAS thread: Pinocchio and FIGAROH call linear algebra without the library's own limit
 # (base/threads.py); with more, products of small matrices wait for each other on a busy machine.
 oracle: export OPENBLAS_NUM_THREADS = 1
 oracle: $(ORACLE)/.done  ## ask Pinocchio and FIGAROH again (2 GB) and compare

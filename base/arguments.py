@@ -1,7 +1,5 @@
 """Refuse arguments of another type than their annotations say, before any work begins."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import cache, reduce, wraps
 from inspect import Parameter, signature

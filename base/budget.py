@@ -1,7 +1,5 @@
 """How much processor time and memory a long search may use."""
 
-from __future__ import annotations
-
 import os
 import time
 from dataclasses import dataclass, field

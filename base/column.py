@@ -1,7 +1,5 @@
 """A column of a table: its name, its unit, and how its values are shown."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

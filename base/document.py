@@ -1,7 +1,5 @@
 """JSON documents with checked values: the class that writes a document reads it again."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Annotated, Any, Self

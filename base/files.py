@@ -1,7 +1,5 @@
 """Read arbitrary files safely, and write files and folders so that they appear whole or not at all."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import functools

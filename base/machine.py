@@ -1,7 +1,5 @@
 """The machine that computes: its processor, on which the last digits of linear algebra depend."""
 
-from __future__ import annotations
-
 import platform
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Format a number so that a person can read it."""
 
-from __future__ import annotations
-
 import math
 
 LARGE = 1e7  # from here on a number has an exponent

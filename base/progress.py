@@ -1,7 +1,5 @@
 """How long work says how far it is; who calls it decides whether it is shown."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from typing import Protocol

@@ -1,7 +1,5 @@
 """The one shape of a result: tables for people, a JSON document for machines, a folder to keep."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

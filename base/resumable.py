@@ -1,7 +1,5 @@
 """A folder of work that may be interrupted: the same call goes on in it, alone; others are refused."""
 
-from __future__ import annotations
-
 import errno
 import os
 from collections.abc import Callable, Iterator

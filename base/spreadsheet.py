@@ -1,7 +1,5 @@
 """Convert CSV as written by spreadsheets and people into one plain form."""
 
-from __future__ import annotations
-
 import csv
 import io
 import re

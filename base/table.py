@@ -1,7 +1,5 @@
 """A table: columns with units and rows of plain values, rendered as text, HTML, Markdown or a data frame."""
 
-from __future__ import annotations
-
 import io
 import json
 import re

@@ -1,7 +1,5 @@
 """Tables and JSON documents on disk: write them atomically, and read them without trusting them."""
 
-from __future__ import annotations
-
 import copy
 import json
 import math
@@ -9,7 +7,7 @@ from collections.abc import Sequence
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pyarrow as pa
@@ -163,7 +161,7 @@ class TableFile:
             raise InputError(f"{path}: found no rows, expected one per posture")
 
     @classmethod
-    def of_columns(cls, path: Path, columns: Columns) -> TableFile:
+    def of_columns(cls, path: Path, columns: Columns) -> Self:
         """Return columns of numbers, (n,) each, that were read from a file of another kind."""
         made = cls.__new__(cls)
         made.path, made.most_rows = path, len(next(iter(columns.values()), ()))
@@ -172,7 +170,7 @@ class TableFile:
         made.types = made._unique(made.table.column_names, made.table.schema.types)
         return made
 
-    def with_columns(self, columns: Columns) -> TableFile:
+    def with_columns(self, columns: Columns) -> Self:
         """Return the table with more columns, (n,) each, which replace those of the same names."""
         more = copy.copy(self)
         more.table = more.table.drop_columns([name for name in columns if name in more.table.column_names])

@@ -1,7 +1,5 @@
 """How many cores are used: one by linear algebra, so that results do not depend on it; and processes."""
 
-from __future__ import annotations
-
 import functools
 import os
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """The wording of pydantic's complaints, about documents and about arguments."""
 
-from __future__ import annotations
-
 from numbers import Real
 
 from pydantic import ValidationError

@@ -1,7 +1,5 @@
 """A process ends soon after the one that it works for, however that one ended."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

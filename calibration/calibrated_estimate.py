@@ -1,7 +1,5 @@
 """The self-calibrating estimator: base parameters of the full and the simplified model."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np

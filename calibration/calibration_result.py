@@ -29,16 +29,17 @@ from tulip_testbed.calibration.linearisation import (
 from tulip_testbed.calibration.member_removal import members_removed
 from tulip_testbed.calibration.reml import LikelihoodFit, fit, parts_of_variance
 from tulip_testbed.effects.instance import EffectInstance, removed
-from tulip_testbed.identification.degrees_of_freedom import of_f_test, satterthwaite
 from tulip_testbed.identification.estimators import Unseen
 from tulip_testbed.identification.noise_in_time import NoiseInTime
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import has_twist, moved_by, packed, unpacked
 from tulip_testbed.identification.residual_noise import Noise
+from tulip_testbed.identification.statistics import of_f_test, satterthwaite
 
 HALF_95 = float(ndtri(0.975))  # half of a normal 95 % interval in s.d.
 STEADY = 3.0  # s.e. by which the last linearisation may move a number that can be believed
 PRIOR_ONLY = 0.5  # share of its prior's variance from which a member is known by its prior only
+OF_CAD = "CAD"  # what its prior leaves open, with the weighing
 
 
 @dataclass(frozen=True)
@@ -304,7 +305,13 @@ def result_of(
         observed=clean,
         theta=theta,
         covariance=covariance,
-        sources=("weighing", "contacts", *_named(clean), *map(_source, families), "spreads"),
+        sources=(
+            "weighing" if clean.cad is None else OF_CAD,
+            "contacts",
+            *_named(clean),
+            *map(_source, families),
+            "spreads",
+        ),
         shares=shares,
         interval_dof=satterthwaite(variance, np.diagonal(slopes, axis1=1, axis2=2), scales, most),
         joint_dof=of_f_test(covariance, slopes, scales, most),

@@ -4,19 +4,18 @@ A family holds alike errors, such as the zeros of all encoders. Its tolerance is
 the sensors; how large the errors of a laboratory really are, in tolerances, is estimated.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from numbers import Real
+from typing import Self
 
 import numpy as np
 
 from tulip_testbed.base.errors import InputError, look_up, shortened
 from tulip_testbed.effects.catalogue import NamedEffect, catalogue, every_effect, targets_in
 from tulip_testbed.effects.instance import MOST_PRIORS, EffectInstance, effect_label
-from tulip_testbed.effects.motion_effects import INERTIA, LAG, directions
+from tulip_testbed.effects.motion_effects import DAMPING, INERTIA, LAG, directions
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.measurements import SensorSheet
 from tulip_testbed.measurements.bounds import LEAST_DEVIATION
@@ -26,6 +25,7 @@ from tulip_testbed.measurements.manipulations import Experiment
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.sensors import PRESETS
 
+DELAY = 0.03  # s, of a sole that yields; assumed
 # Tolerance of every family [SI] by preset. Assumed: no data sheet states them.
 TOLERANCES: dict[str, tuple[float, float]] = {
     # name: (wii, force-plate)
@@ -60,6 +60,7 @@ TOLERANCES: dict[str, tuple[float, float]] = {
     "cell-side-force": (0.0, 0.0),  # likewise
     "inertia": (1.0, 1.0),  # of CAD's uncertainty, of a robot that moves
     "contact-lag": (0.01, 0.002),  # s, of plates under a robot that moves; assumed
+    "foot-damping": (DELAY * np.radians(0.5) / 20,) * 2,  # of feet with six axes that move; assumed
 }
 EXACT = dict.fromkeys(TOLERANCES, 0.0)  # tolerances of a laboratory without ordinary imperfections
 OF_PLATES = (
@@ -164,7 +165,7 @@ class Family:
         each = values.reshape(len(self.targets), -1).tolist()
         return [EffectInstance(self.effect, t, tuple(v)) for t, v in zip(self.targets, each, strict=True)]
 
-    def lying_about(self, sizes: Mapping[str, tuple[float, ...]]) -> Family:
+    def lying_about(self, sizes: Mapping[str, tuple[float, ...]]) -> Self:
         """Return the family with these means of the prior, by label; the others are zero."""
         zero = (0.0,) * len(self.effect.parameters)
         each = [sizes.get(effect_label(self.name, target), zero) for target in self.targets]
@@ -310,7 +311,12 @@ def families_in(
             for family in families
         )
     if observed.moves:
-        shown = ((INERTIA, directions(observed)), (LAG, ("",) if not observed.in_feet else ()))
+        rocking = SOLE in [family.name for family in families] and observed.motion.load_rates.any()
+        shown = (
+            (INERTIA, directions(observed)),
+            (LAG, () if observed.in_feet else ("",)),
+            (DAMPING, PLATES if rocking else ()),
+        )
         families = (
             *families,
             *(

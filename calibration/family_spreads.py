@@ -4,8 +4,6 @@ With B the information about the members and b their moment, both without the fl
 the members and S = (I + R B R)^-1, the families add 1/2 (-ln|S| - b' R S R b) to the objective.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ r = N nu + G phi + e: nu holds the base parameters (A) and the error of the weig
 the effects; e the noise, white after whitening, which removes the swing foot's pose in each stance (C).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -1,9 +1,8 @@
 """The linear model of which a restricted likelihood is taken."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Self
 
 import numpy as np
 
@@ -61,7 +60,7 @@ class LinearProblem:
         ends = np.cumsum([0, *self.sizes]).tolist()
         return [slice(a, b) for a, b in pairwise(ends)]
 
-    def decorrelated(self) -> LinearProblem:
+    def decorrelated(self) -> Self:
         """Return the same problem with noise that is uncorrelated in time."""
         if self.in_time is None:
             return self
@@ -70,7 +69,7 @@ class LinearProblem:
         )
         return replace(self, whole=self.in_time(self.whole), noise=noise, in_time=None)
 
-    def in_use(self) -> tuple[LinearProblem, np.ndarray]:
+    def in_use(self) -> tuple[Self, np.ndarray]:
         """Return the problem without the residuals that no posture uses and members that no residual shows.
 
         Returns:

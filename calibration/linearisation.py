@@ -58,7 +58,7 @@ CHANNELS = "AFTC"
 Families = Sequence[Family | FreeEffect]
 OF_LOADS = ("joint-compliance", "sole-compliance", "foot-compliance")
 # With CAD as prior data say too little of how wide a family is, but of this one.
-OF_CONTACTS = ("foot-compliance",)
+OF_CONTACTS = ("foot-compliance", "foot-damping")
 
 
 def own_sources(observed: Observation) -> tuple[str, ...]:

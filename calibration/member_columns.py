@@ -1,7 +1,5 @@
 """How the residuals change with the members of the families and with the sizes of effects."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tulip_testbed.calibration.families import Family

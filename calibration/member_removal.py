@@ -9,8 +9,6 @@ centres of mass by 20 mm. Where the data determine the base parameters, torques 
 model's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -136,12 +136,13 @@ def center_errors(calibration: SelfCalibration, others: Observation) -> np.ndarr
     A row's own force, its size and direction, may predict its moments; its moments may not. Where a
     correction depends on the load, such as a foot that yields, what it says of its own load is undone:
     the error e of a centre of pressure changes its residual by J e. How the body is accelerated as it rocks
-    follows from the moments, so it is left out.
+    and how late the foot is follow from the moments, so they are left out.
 
     Args:
         calibration: made without those postures.
     """
-    motion = replace(others.motion, loads_faster=0 * others.motion.loads_faster)
+    nothing = 0 * others.motion.loads_faster
+    motion = replace(others.motion, load_rates=nothing, loads_faster=nothing)
     others = replace(others, cad=calibration.observed.cad, motion=motion)
     _, linear, clean, scales = _linearised(calibration, others)
     structure = linear.covariance.structure

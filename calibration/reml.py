@@ -18,8 +18,6 @@ of the estimates holds the uncertainty of the scales to first order (Kass and St
 hold noise, G' V_0^-1 G is corrected for it (Nakamura 1990).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import chain
 

@@ -9,8 +9,6 @@ with the members' columns at the readings without the members and without the no
 the columns are computed again, until nothing moves (Gauss-Newton).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

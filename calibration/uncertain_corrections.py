@@ -1,7 +1,5 @@
 """The uncertainty of corrections that were removed from measurements, carried to the base parameters."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Changes that ordinary imperfections of usual size make to readings that noise alone should change."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """An effect on a target, before and after its sizes are fitted."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product

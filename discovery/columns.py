@@ -1,7 +1,5 @@
 """Columns of the design matrix: how the whitened residuals change with each candidate's sizes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol

@@ -1,7 +1,5 @@
 """How large an effect must be for an experiment to show it, and how it biases the base parameters unseen."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache

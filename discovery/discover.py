@@ -1,7 +1,5 @@
 """From measurements to a verdict: none, calibrated, named, described, ambiguous or unknown."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -3,8 +3,6 @@
 The comparison with the predictions cannot detect misreadings, because prediction and injection cancel.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """95 % intervals of the parameters of a fitted effect."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -5,8 +5,6 @@ projected columns G with the Bayes factor ln BF = b'(A + T^-2)^-1 b / 2 - ln|I +
 b = G'r. T and a correction are those of `size_prior`; a size that cannot be negative has half of it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 
 import numpy as np

@@ -4,8 +4,6 @@ Scales of the noise are estimated, so that what the model lacks can hide in them
 for plates that were recorded badly. A scale several times its sheet is therefore a finding of its own.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from tulip_testbed.base.errors import listed

@@ -4,8 +4,6 @@ The linear columns of base parameters, ordinary imperfections and explanations i
 the information on all of them. Noise is independent from placement to placement, so that informations add.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise, permutations

@@ -1,7 +1,5 @@
 """Cross-validation over placements: do the effects predict placements that took no part in the fit?"""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

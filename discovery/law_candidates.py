@@ -6,8 +6,6 @@ products of the sensitivities, which differ from zero within a placement alone. 
 never made: time and memory grow with the postures, not with their square.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, replace

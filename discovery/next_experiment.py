@@ -1,9 +1,8 @@
 """Rank the experiments that would settle between explanations, by what they settle a minute."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -244,7 +243,7 @@ class Prospect:
         calibration: SelfCalibration,
         doubts: Sequence[Doubt],
         experiment: Experiment,
-    ) -> Prospect:
+    ) -> Self:
         """Compute what every placement of the pool would tell."""
         whole = with_planned(now, pool.readings, experiment)
         new = len(whole.measurements.experiments) - 1

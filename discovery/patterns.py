@@ -1,7 +1,5 @@
 """Patterns without a name in the residuals: they show whether anything is unexplained, and where."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import chain, islice

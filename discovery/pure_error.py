@@ -1,7 +1,5 @@
 """Pure error: the noise that repeated postures show, regardless of the model."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import combinations
 

@@ -5,8 +5,6 @@ sinks and shifts its load. The difference is simulated for the measured postures
 to the prediction.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 

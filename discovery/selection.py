@@ -6,8 +6,6 @@ estimated again. A family whose spread grew because of one member thus competes 
 of its own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 

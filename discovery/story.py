@@ -1,12 +1,11 @@
 """A discovery in sentences for the laboratory."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
 
 from tulip_testbed.base.numbers import number
+from tulip_testbed.calibration.calibration_result import HALF_95
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.detectability import by_kind
 from tulip_testbed.discovery.discover import (
@@ -128,9 +127,8 @@ def _headline(found: Discovery) -> str:
             if one.spread95[0] > 1
         ]
         return (
-            "Ordinary imperfections explain the gap; no single cause stands out. The clearest of them: "
-            + "; ".join(_largest(found))
-            + "."
+            "Ordinary imperfections explain the gap; no single cause stands out. The clearest of each kind: "
+            + " ".join(_largest(found))
             + (f" Larger than usual: {', '.join(wide)}." if wide else "")
         )
     closest = ", ".join(found.fit.labels)
@@ -157,29 +155,18 @@ def _also(found: Discovery) -> list[str]:
 
 
 def _largest(found: Discovery) -> list[str]:
-    """Describe the ordinary imperfections that differ most from zero."""
-    sized = []
-    for one in found.calibrated:
-        (value, interval), *_ = sorted(
-            zip(one.values, one.intervals, strict=True), key=lambda each: -_errors(*each)
-        )
-        sized.append((_errors(value, interval), str(one.label), one))
-    best = sorted(sized, key=lambda each: -each[0])[:SHOWN_MEMBERS]
-    return [f"{label} ({', '.join(_written(one))})" for _, label, one in best]
+    """Tell the ordinary imperfections that differ most from zero, one of each family."""
+    sized = [(max(map(_errors, one.values, one.intervals)), str(one.label), one) for one in found.calibrated]
+    clearest: dict[str, EffectInstance] = {}
+    for errors, _, one in sorted(sized, key=lambda each: -each[0]):
+        if errors > HALF_95 or not clearest:
+            clearest.setdefault(one.effect.name, one)
+    return [one.finding for one in clearest.values()][:SHOWN_MEMBERS]
 
 
 def _errors(value: float, interval: tuple[float, float] | None) -> float:
     """Return the size of a value in standard errors."""
-    return 0.0 if interval is None else abs(value) / max((interval[1] - interval[0]) / 3.92, 1e-300)
-
-
-def _written(one: EffectInstance) -> list[str]:
-    return [
-        p.text(value, interval)
-        for p, value, interval in zip(
-            one.effect.parameters_on(one.target), one.values, one.intervals, strict=True
-        )
-    ]
+    return 0.0 if interval is None else abs(value) / max((interval[1] - interval[0]) / (2 * HALF_95), 1e-300)
 
 
 def _listed(explanations: Sequence[Fitted]) -> str:

@@ -1,7 +1,5 @@
 """Members of a family that are too large for the others: they become effects of their own."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import ndtri
 

@@ -1,7 +1,5 @@
 """Effects on the load cells of the plates."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

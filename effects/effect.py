@@ -1,7 +1,5 @@
 """An effect: one physical cause that the nominal model lacks, with its simulation and its removal."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -19,6 +17,7 @@ DISPLAY = {
     "": (100.0, "%"),
     "rad": (180 / math.pi, "deg"),
     "rad/Nm": (180 / math.pi, "deg/Nm"),
+    "rad s/Nm": (180 / math.pi, "deg s/Nm"),
     "rad/N": (1e3 * 180 / math.pi, "deg/kN"),
     "m": (1e3, "mm"),
 }

@@ -1,7 +1,5 @@
 """Effects on the encoders of joints."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

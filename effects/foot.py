@@ -1,7 +1,5 @@
 """Effects on how the feet stand: soles that yield, something under a corner, a board that rocks."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 
@@ -42,12 +40,7 @@ def _with_lean(observed: Observation, target: str, values: Values) -> Observatio
     # Load to the front turns about +y, load to the left about -x.
     about = softness * np.array([-1.0, 1.0])
     lean = about * observed.sole_loads[..., ::-1]
-    stance, swing = ((lean * observed.nominal.sole_rises).sum(axis=2)).T
-    leaning = observed.changed(
-        stance_tilt=observed.stance_tilt + lean[:, 0],
-        swing_tilt=observed.swing_tilt + lean[:, 1],
-        swing_rise=observed.swing_rise + swing - stance,
-    )
+    leaning = leaned(observed, lean)
     faster = observed.motion.loads_faster
     if not faster.any():
         return leaning
@@ -58,6 +51,17 @@ def _with_lean(observed: Observation, target: str, values: Values) -> Observatio
     height = observed.loaded_center[:, 2:]
     push = height * np.column_stack([pitch, -roll]) / observed.measurements.gravity
     return leaning.changed(push=observed.push + push, shift=observed.shift - height * push)
+
+
+def leaned(observed: Observation, lean: np.ndarray) -> Observation:
+    """Return the observation with both feet leaned about the centres of their soles, (m, 2, 2) [rad]."""
+    stance, swing = ((lean * observed.nominal.sole_rises).sum(axis=2)).T
+    return observed.changed(
+        cell_forces=observed.seen_from(lean) if observed.upright else observed.cell_forces,
+        stance_tilt=observed.stance_tilt + lean[:, 0],
+        swing_tilt=observed.swing_tilt + lean[:, 1],
+        swing_rise=observed.swing_rise + swing - stance,
+    )
 
 
 def _tilted(observed: Observation, side: int, tilt: np.ndarray, rise: np.ndarray) -> Observation:

@@ -1,7 +1,5 @@
 """Change a laboratory: its scene, its readings, from when on, and the known masses on its robot."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -1,10 +1,8 @@
 """An effect on a target with values: how it is written, read, checked, simulated and removed."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from pydantic import ConfigDict, GetCoreSchemaHandler, with_config
@@ -92,7 +90,7 @@ class EffectInstance:
     @classmethod
     def parse(
         cls, text: str, robot: Robot, placements: Sequence[int] | None = None, where: str = "effect"
-    ) -> EffectInstance:
+    ) -> Self:
         """Read `name:target=value,value`, with values in SI units and choices by name.
 
         Args:
@@ -184,7 +182,7 @@ class EffectInstance:
         )
 
     @classmethod
-    def from_document(cls, document: EffectDocument) -> EffectInstance:
+    def from_document(cls, document: EffectDocument) -> Self:
         """Read what `document` returned; `check_instance` tells whether a robot has this effect.
 
         Raises:

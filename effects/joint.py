@@ -1,7 +1,5 @@
 """Effects between a joint's encoder and its link."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import mujoco

@@ -4,8 +4,6 @@ A target names a device by its place in the ordinary set-up. `@K` after it means
 long as what belongs to it lasts (a session, a zero, a survey).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Effects on the masses and the lengths of links."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import mujoco

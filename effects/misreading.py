@@ -1,7 +1,5 @@
 """A misreading: an effect on readings alone, as a function of the measurements."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,16 +1,16 @@
 """Effects that only a robot that moves shows: inertial parameters, and clocks that differ."""
 
-from __future__ import annotations
-
 from typing import NoReturn
 
 import numpy as np
 
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.effects.effect import Effect, Parameter, Physics
+from tulip_testbed.effects.foot import leaned
 from tulip_testbed.effects.lasting import Values
-from tulip_testbed.effects.targets import WHOLE, Targets
+from tulip_testbed.effects.targets import FEET, WHOLE, Targets
 from tulip_testbed.identification.observation import Observation
+from tulip_testbed.measurements.cells import PLATES
 from tulip_testbed.sim.rig import Rig
 
 
@@ -44,9 +44,18 @@ def _without_lag(observed: Observation, target: str, values: Values) -> Observat
     return observed.changed(joint_angles=observed.joint_angles - values[0] * m.joint_rates)
 
 
+def _without_damping(observed: Observation, target: str, values: Values) -> Observation:
+    lean = np.zeros_like(observed.motion.load_rates)
+    side = PLATES.index(target)
+    # Load to the front turns about +y, load to the left about -x; it turns by so much less as it grows.
+    lean[:, side] = np.array(values) * [1.0, -1.0] * observed.motion.load_rates[:, side, ::-1]
+    return leaned(observed, lean)
+
+
 def _injected(rig: Rig, target: str, values: Values) -> NoReturn:
     raise InputError(
-        "effects: found 'inertia' or 'contact-lag', expected a random robot or a preset with a lag"
+        "effects: found 'inertia', 'contact-lag' or 'foot-damping', expected a random robot or a preset with "
+        "a lag"
     )
 
 
@@ -72,4 +81,15 @@ LAG = Effect(
     statics=False,
     searched=False,
 )
-MOTION_EFFECTS = (INERTIA, LAG)
+# A foot on a sole of compliance k and time constant t yields by k (M - t dM/dt).
+DAMPING = Effect(
+    "foot-damping",
+    "A foot that rocks on its sole follows its load late.",
+    tuple(Parameter(f"about {axis}", "rad s/Nm", prior=np.radians(0.05) * 0.03) for axis in "xy"),
+    Physics(_injected, _without_damping),
+    "The {target} foot follows its load late: it yields by {0} in roll and {1} in pitch less as that grows.",
+    FEET,
+    statics=False,
+    searched=False,
+)
+MOTION_EFFECTS = (INERTIA, LAG, DAMPING)

@@ -1,7 +1,5 @@
 """Effects on where a plate is recorded to be, and on where on it a load seems to be."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """Read effects that are asked for by name, and draw random ones."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Remove effects from measurements, for an identification that knows the nominal laboratory only."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """A force on a link: simulated by a rope, a spring whose other end is far away, and removed by its moment."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import mujoco

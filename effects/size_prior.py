@@ -5,8 +5,6 @@ Estimates use the normal distribution that has the same slope at the present siz
 Hunter and Lange 2004); ln of the ratio of both densities there corrects the evidence.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -1,7 +1,5 @@
 """Effects of the robot's surroundings and of the procedure: the floor, ropes, the wait after a move."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import mujoco

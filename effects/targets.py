@@ -1,7 +1,5 @@
 """Targets of effects: a joint, cell, plate, link, corner of a foot, placement, or the whole."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

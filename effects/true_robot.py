@@ -1,7 +1,5 @@
 """The robot that really stands in a laboratory whose effects change it."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Zeros of instruments that wander slowly, as a random walk does."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tulip_testbed.effects.effect import Parameter

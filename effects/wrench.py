@@ -1,7 +1,5 @@
 """Effects on force-torque sensors."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial

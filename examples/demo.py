@@ -4,8 +4,6 @@ Identified wrong; the cause found among a hundred small imperfections; identifie
 `tulip`'s own commands, in the full dynamics; the truth is read here alone.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import sys
@@ -24,7 +22,6 @@ EFFECT = f"encoder-offset:right_ankle_roll={SIZE}"
 SETTING = ("--sensors", "force-plate", "--seed", "3", "--robot-spread", "0.1", "--imperfections", "1")
 NAIVE = ("--estimator", "mixed-model")
 ODD = 3.0  # standard errors that one parameter in 370 exceeds by chance
-SOURCES = 4  # parts of the budget that are shown
 
 
 def main(folder: Path) -> int:
@@ -40,7 +37,6 @@ def main(folder: Path) -> int:
     _say(f"   ... and its parameters are wrong: {_judged(wrong)}.")
     before = _run("identify", data, "--json")
     _say(f"   With ordinary imperfections as unknowns: {_judged(_errors(before, truth))}.")
-    _say(f"   Most of the variance comes from {_budget(before)}.")
     _say("3. What does the model lack?")
     document = _run("discover", data, "--out", found, "--json")
     _say(f"   Verdict: {document['verdict']}.")
@@ -52,8 +48,6 @@ def main(folder: Path) -> int:
     after = _run("identify", data, "--corrections", found / "rig", "--json")
     right = _errors(after, truth)
     _say(f"   Now {_judged(right)}.")
-    _say(f"   The standard errors are {_ratio(after, before):.2f} times as large as before.")
-    _say(f"   Most of the variance comes from {_budget(after)}.")
     value = document["adopted"][0]["parameters"][0]
     _say(f"   Hidden {SIZE} rad on top of that encoder's own error, {_hidden(truth):.5f} rad in all; ")
     _say(f"   found {value['value']:.5f} [{value['low95']:.5f}, {value['high95']:.5f}].")
@@ -61,15 +55,7 @@ def main(folder: Path) -> int:
     model, new = folder / "identified.xml", folder / "new"
     _run("export", found, "--out", model)
     _run(
-        "plan",
-        "random",
-        "--placements",
-        "12",
-        "--per-placement",
-        "5",
-        "--seed",
-        "8",
-        "--out",
+        *["plan", "random", "--placements", "12", "--per-placement", "5", "--seed", "8", "--out"],
         folder / "plan",
     )
     _run("simulate", folder / "plan", "--out", new, *SETTING, "--engine", "statics")
@@ -92,20 +78,6 @@ def _hidden(truth: Path) -> float:
     return sum(
         one["parameters"][0]["value"] for one in effects if (one["name"], one["target"]) == (name, target)
     )
-
-
-def _budget(document: dict[str, Any]) -> str:
-    """Name the largest sources of the parameters' variance, on average over the parameters."""
-    calibration = document["calibration"]
-    mean = np.mean(calibration["shares"], axis=1)
-    largest = sorted(zip(mean, calibration["sources"], strict=True), reverse=True)[:SOURCES]
-    return ", ".join(f"{source} ({100 * share:.0f} %)" for share, source in largest)
-
-
-def _ratio(document: dict[str, Any], other: dict[str, Any]) -> float:
-    """Return the median ratio of two identifications' standard errors."""
-    own, others = (np.array(one["full"]["standard_error"]) for one in (document, other))
-    return float(np.median(own / others))
 
 
 def _errors(document: dict[str, Any], truth: Path) -> np.ndarray:

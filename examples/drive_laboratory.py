@@ -4,8 +4,6 @@ Run it: python examples/drive_laboratory.py. The controller knows what a real on
 model and the cells: where one plate carries too much, it moves the commanded centre of mass away from it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from tulip_testbed.identification.inverse_kinematics import InverseKinematics

@@ -1,7 +1,5 @@
 """Preflight of a measurement folder: what is missing, what is wrong, and what to do about it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial

@@ -1,7 +1,5 @@
 """The verdict: checks that pass, fail or are not evaluated, each with its threshold."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Sequence

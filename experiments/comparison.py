@@ -1,7 +1,5 @@
 """Two runs side by side: what was set otherwise and what came out otherwise."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

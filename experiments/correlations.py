@@ -1,7 +1,5 @@
 """Correlations of an estimate's parameters (eq. 15), by name."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Integral

@@ -1,7 +1,5 @@
 """A plan and what it promises: condition number, standard errors, correlations, margins."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from dataclasses import dataclass

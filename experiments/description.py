@@ -1,7 +1,5 @@
 """Everything that can be wrong with a robot's description, said before any work is done with it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any
 

@@ -1,7 +1,5 @@
 """The whole discovery: search, identification before and after by one estimator, check in full dynamics."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from tulip_testbed.base.budget import Budget

@@ -1,7 +1,5 @@
 """Curves of a discovery: residuals over the experiment, and its laws with the residuals on them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

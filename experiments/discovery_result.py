@@ -1,7 +1,5 @@
 """The result of a discovery: verdict, effects, evidence, the robot identified before and after."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Tables of a discovery."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from statistics import NormalDist
@@ -47,8 +45,8 @@ def gap_table(heldout: HeldOut) -> Table:
         rows.append([name, *(Cell(value, f"heldout.{key}.{k}") for k, value in values)])
     note = (
         "Before: the nominal model, everything exact. After: ordinary imperfections and the explanations, "
-        "estimated from the other placements. Both are relative to the noise as it is estimated then. In "
-        "millimetres and newtons the last number is that noise."
+        "estimated from the other placements. Both are relative to the noise and to what those placements "
+        "leave open, such as unknown zeros. In millimetres and newtons the last number is the noise."
     )
     return Table("Residuals on held-out placements, as multiples of the noise", heads, rows, note)
 

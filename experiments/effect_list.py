@@ -1,7 +1,5 @@
 """The effects that can be simulated: listed, or one explained."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from inspect import cleandoc
 from typing import Any

@@ -1,7 +1,5 @@
 """The start of a measurement folder: a manifest and a row to copy, or to fill in."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from typing import Any

@@ -1,14 +1,12 @@
 """A self-calibration as JSON and as tables: families, members, and what limits the base parameters."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
 
 from tulip_testbed.base.column import columns
 from tulip_testbed.base.table import Cell, Table
-from tulip_testbed.calibration.calibration_result import CalibratedFamily, SelfCalibration
+from tulip_testbed.calibration.calibration_result import OF_CAD, CalibratedFamily, SelfCalibration
 from tulip_testbed.calibration.families import TOLERANCES
 from tulip_testbed.effects.catalogue import acts_on, catalogue
 from tulip_testbed.measurements.contacts import Contacts
@@ -81,6 +79,8 @@ def first_to_improve(found: SelfCalibration) -> str:
     share = found.shares.mean(axis=1)
     first = int(np.argmax(share))
     part = f"{100 * share[first]:.0f} % of the variance"
+    if found.sources[first] == OF_CAD:
+        return f"to improve first: what the postures leave to CAD, {part} on average over the parameters"
     return f"to improve first: {found.sources[first]}, {part} on average over the parameters"
 
 

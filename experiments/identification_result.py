@@ -1,7 +1,5 @@
 """The result of an identification: parameters by name, tables, a JSON document."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -45,6 +43,7 @@ from tulip_testbed.identification.base_parameters import (
     base_parameters,
     common_support,
     simplified_numbers,
+    standard_parameters,
 )
 from tulip_testbed.identification.distributions import t_ppf
 from tulip_testbed.identification.estimators import ESTIMATORS as OF_REGRESSION
@@ -215,7 +214,8 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
             UnknownNameError: another model.
         """
         look_up("model", model, MODELS, "model")
-        return parameter_table(model, getattr(self, model), self.parameters, at_rest=self.at_rest)
+        cad = self.parameters.values(standard_parameters(self.robot.model))
+        return parameter_table(model, getattr(self, model), self.parameters, at_rest=self.at_rest, cad=cad)
 
     def to_frame(self, model: str = "full") -> Any:
         """Return a pandas DataFrame with one row per parameter of a model and its name as the index."""
@@ -234,14 +234,18 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
         """Say what of the estimate can be used."""
         matrix = self._regressor()
         variance = np.einsum("mij,jk,mik->mi", matrix, self.full.covariance, matrix)
-        shares, sums = self.full.relative_standard_error, known_sums(self.full)
-        return usable_line(shares, np.sqrt(variance.mean()), len(sums)) if self.at_rest else NOT_AT_REST
+        sums = known_sums(self.full)
+        return (
+            usable_line(self.full.well_identified, np.sqrt(variance.mean()), len(sums))
+            if self.at_rest
+            else NOT_AT_REST
+        )
 
     def answer(self) -> list[Table | str]:
         """Return what is known well, whether that is right, what can be used and what to do next."""
-        table, shares = self.table(), self.full.relative_standard_error
+        table = self.table()
         title = f"Full model: parameters that are known better than {WELL_IDENTIFIED:.0f} %"
-        rows = [row for row, share in zip(table.rows, shares, strict=True) if share < WELL_IDENTIFIED]
+        rows = [row for row, well in zip(table.rows, self.full.well_identified, strict=True) if well]
         improve = self.calibration if self.at_rest else None
         first = f"; {first_to_improve(improve)}" if improve is not None else ""
         known = [replace(table, title=title, rows=rows), *known_sums(self.full)] if self.at_rest else []

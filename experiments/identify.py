@@ -1,7 +1,5 @@
 """Identify a robot from measurements: the full model and the simplified one."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 

@@ -1,7 +1,5 @@
 """Tables and sentences of parameters: estimates with the truth and the paper, links, what can be used."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math
@@ -116,6 +114,7 @@ def parameter_table(
     at_rest: bool = True,
     least_squares: Estimate | None = None,
     where: str = "",
+    cad: np.ndarray | None = None,
 ) -> Table:
     """Return a model's parameters, with the truth and the paper's Table II where these are known.
 
@@ -126,14 +125,14 @@ def parameter_table(
         at_rest: whether the estimator's iteration ended; otherwise no parameter is well identified.
         least_squares: the paper's estimate from the same data; compared with Table II.
         where: of the estimates in the run's JSON, such as "identification.".
+        cad: all base parameters by CAD, (p,) [m], which the table shows where CAD was a prior; None: without.
     """
 
     def values(name: str, of: Estimate = estimate, start: str = where, mark: str = "") -> list[Cell]:
         path = f"{start}{model}.{name}"
         return [Cell(value, f"{path}.{k}", mark) for k, value in enumerate(_plain(getattr(of, name)))]
 
-    shares = estimate.relative_standard_error
-    well = [at_rest and bool(share < WELL_IDENTIFIED) for share in shares]
+    well = [at_rest and bool(known) for known in estimate.well_identified]
     columns: list[tuple[Column, Sequence[Any]]] = [
         (Column("no.", format="d"), values("numbers")),
         (Column("parameter"), values("names")),
@@ -167,6 +166,11 @@ def parameter_table(
     links = [united_links(parameters, number) for number in estimate.numbers.tolist()]
     if estimate.data_share is not None:
         columns.append((Column("from data", "%", ".0f", 100), estimate.data_share.tolist()))
+        if cad is not None:
+            nominal = cad[estimate.numbers - 1]
+            off = (estimate.value - nominal) / estimate.standard_error
+            columns.append((_millimetres("CAD"), nominal.tolist()))
+            columns.append((Column("off CAD", "s.e.", "+.1f"), off.tolist()))
     columns.append((Column("links", extra=True), links))
     title = f"{model.capitalize()} model{', compared with Table II' if beside else ''}"
     note = f"{residual_line(shown, model, paper)} {placements_line(shown)}"
@@ -311,16 +315,16 @@ def known_sums(estimate: Estimate) -> list[str]:
     return found
 
 
-def usable_line(shares: np.ndarray, missed: float, sums: int = 0) -> str:
+def usable_line(well: np.ndarray, missed: float, sums: int = 0) -> str:
     """Say how much of a full model can be used.
 
     Args:
-        shares: relative standard errors, (p,) [%]. missed: standard error of the predicted centre of mass per
-            axis [m]. sums: see `known_sums`.
+        well: which parameters are well identified, (p,) bool. missed: standard error of the predicted centre
+            of mass per axis [m]. sums: see `known_sums`.
     """
     others = f" and {sums} sum{'s' * (sums > 1)} of others" if sums else ""
     return (
-        f"Usable: {(shares < WELL_IDENTIFIED).sum()} of {len(shares)} parameters{others} are known better "
+        f"Usable: {well.sum()} of {len(well)} parameters{others} are known better "
         f"than {WELL_IDENTIFIED:.0f} %; the centre of mass of these postures is predicted within "
         f"± {number(1.96e3 * float(missed), '.2g')} mm per axis (95 %)."
     )

@@ -1,7 +1,5 @@
 """The smallest distances between the links of a robot in a plan's postures and on the paths between them."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Check and carry out a search for a plan; its states lie in a folder, from which the same call goes on."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Splits of measured postures into a part that trains and a part that is predicted."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

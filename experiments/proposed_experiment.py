@@ -1,7 +1,5 @@
 """A proposed experiment as a plan folder: postures, manipulations and numbered steps for the laboratory."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, astuple, dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The rig folder: a laboratory with effects that were found, as the new nominal one."""
 
-from __future__ import annotations
-
 import difflib
 import hashlib
 from collections.abc import Sequence

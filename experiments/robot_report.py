@@ -1,7 +1,5 @@
 """Report on a robot: its file, its needs in the laboratory, its standard and its base parameters."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass

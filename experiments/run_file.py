@@ -1,7 +1,5 @@
 """run.json: how a run was made, with which versions, from which files, and the hashes of what it wrote."""
 
-from __future__ import annotations
-
 import dataclasses
 import shutil
 from collections.abc import Sequence

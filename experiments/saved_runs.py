@@ -1,7 +1,5 @@
 """Runs of any kind, read from their folders."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from tulip_testbed.experiments.discovery_result import Discovered

@@ -1,7 +1,5 @@
 """Simulate an experiment and write its measurements, apart from its truth."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass

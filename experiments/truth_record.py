@@ -1,7 +1,5 @@
 """truth.json: what only a simulation knows, kept apart from the measurements; postures that were dropped."""
 
-from __future__ import annotations
-
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Plans that a robot can be identified from: the shipped ones, random ones, and what is refused."""
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import fields, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The main job: simulate, identify, compare with the truth, give a verdict."""
 
-from __future__ import annotations
-
 import dataclasses
 import time
 

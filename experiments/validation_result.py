@@ -1,7 +1,5 @@
 """The result of a validation: estimates, the truth, checks and the verdict."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Self

@@ -1,7 +1,5 @@
 """Known masses on the robot, which are part of the nominal model in the rows of their experiments."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -6,8 +6,6 @@ three columns. A hinge leaves its axis fixed, R_parent a = R_child a, and so mer
 that stays vertical has no column in x and y. The remaining columns are independent.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

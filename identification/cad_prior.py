@@ -1,9 +1,8 @@
 """Base parameters as a robot's own model states them, for postures that do not determine all of them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -35,7 +34,7 @@ class CadPrior:
     mass_sd: float
     scales: tuple[float, float] = (1.0, 1.0)
 
-    def at(self, scales: tuple[float, float]) -> CadPrior:
+    def at(self, scales: tuple[float, float]) -> Self:
         """Return the prior with s.d. of other scales."""
         masses, centers = np.divide(scales, self.scales).tolist()
         return replace(
@@ -56,7 +55,7 @@ class CadPrior:
         volume = float(np.log(np.abs(np.diag(self.precision_root))).sum())
         return volume - float(_cost_of(np.array(self.scales)).sum())
 
-    def rescaled(self, change: np.ndarray, covariance: np.ndarray) -> CadPrior:
+    def rescaled(self, change: np.ndarray, covariance: np.ndarray) -> Self:
         """Return the prior with the scales whose squares are the posterior mean, by the marginal likelihood.
 
         The change of the base parameters from CAD is (p,) [m], its covariance with this prior (p, p). With

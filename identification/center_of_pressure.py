@@ -1,7 +1,5 @@
 """Centre of pressure, load and total mass by the contacts: eight cells (eq. 11) or any kind of sensor."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

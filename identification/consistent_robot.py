@@ -11,8 +11,6 @@ every link lies in its ellipsoid (`pseudo_inertia.bounding_ellipsoids`): positiv
 alone would put a centre of mass anywhere.
 """
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import dataclass, replace
 

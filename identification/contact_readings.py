@@ -4,10 +4,9 @@ Every reading, of a cell or of a channel of a wrench sensor, adds to the vertica
 force times place: `bears` and `levers` say how much a unit of it adds. A cell bears its force at its place.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -67,7 +66,7 @@ class ContactReadings:
         noise = np.linalg.norm(self.by_reading, axis=1)
         return self.zero_sd > UNSURE * noise
 
-    def take(self, rows: np.ndarray) -> ContactReadings:
+    def take(self, rows: np.ndarray) -> Self:
         """Return the readings of some rows, by a mask or by indices."""
         below = None if self.below is None else self.below[rows]
         return replace(self, values=self.values[rows], below=below)

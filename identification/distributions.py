@@ -4,8 +4,6 @@ They are those of `scipy.stats` to the last bit. Loading that takes a third of a
 need of it is imported where it is used.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtrc, chdtri, fdtrc, fdtri, gammaincinv, log_ndtr, ndtr, ndtri, stdtr, stdtrit

@@ -1,7 +1,5 @@
 """Constraints on a posture: limits, support polygon, feet and boards (section IV)."""
 
-from __future__ import annotations
-
 import numpy as np
 import scipy
 

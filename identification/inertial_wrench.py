@@ -1,8 +1,7 @@
 """The wrench of the ground that the nominal robot needs to hold a posture, or to move as it was measured."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
+from typing import Self
 
 import mujoco
 import numpy as np
@@ -100,23 +99,26 @@ class BeyondWeight:
         unknown: change by independent deviates of s.d. 1 of what the base parameters leave open of the
             inertial parameters, (m, 5, k), the largest first.
         directions: the inertial parameters' change by these deviates, (10 n_links, k).
-        loads_faster: second derivative of the moments about the soles, by which a body on soft feet is
-            accelerated, (m, 2, 2) [Nm/s2]; see `Observation.sole_loads`.
+        load_rates, loads_faster: first and second derivative of the moments about the soles, (m, 2, 2) [Nm/s,
+            Nm/s2], see `Observation.sole_loads`. Soles yield late by the first, and by the second a body on
+            soft feet is accelerated.
     """
 
     by_cad: np.ndarray
     slope: np.ndarray
     unknown: np.ndarray
     directions: np.ndarray
+    load_rates: np.ndarray
     loads_faster: np.ndarray
 
-    def take(self, rows: np.ndarray) -> BeyondWeight:
+    def take(self, rows: np.ndarray) -> Self:
         """Return some rows."""
-        names = ("by_cad", "slope", "unknown", "loads_faster")
+        names = ("by_cad", "slope", "unknown", "load_rates", "loads_faster")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
 
-HELD = BeyondWeight(*(np.zeros(size) for size in ((0, 5), (0, 5, 0), (0, 5, 0), (0, 0), (0, 2, 2))))
+NOTHING = ((0, 5), (0, 5, 0), (0, 5, 0), (0, 0), (0, 2, 2), (0, 2, 2))
+HELD = BeyondWeight(*map(np.zeros, NOTHING))
 
 
 def beyond_weight(nominal: Nominal, measurements: Measurements) -> BeyondWeight:
@@ -148,7 +150,7 @@ def beyond_weight(nominal: Nominal, measurements: Measurements) -> BeyondWeight:
     most = squares[::-1][:MOST_DIRECTIONS] > LEAST_SHIFT**2
     directions = rest @ turn[:, ::-1][:, :MOST_DIRECTIONS][:, most]
     none = np.zeros((len(measurements), 2, 2))
-    return BeyondWeight(by_cad, by_all @ known, by_all @ directions, directions, none)
+    return BeyondWeight(by_cad, by_all @ known, by_all @ directions, directions, none, none)
 
 
 def _depth(measurements: Measurements) -> float:

@@ -1,7 +1,5 @@
 """Differential inverse kinematics from task space to joint angles (the only importer of mink)."""
 
-from __future__ import annotations
-
 import mink
 import mujoco
 import numpy as np

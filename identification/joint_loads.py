@@ -1,7 +1,5 @@
 """Static loads of the nominal robot in a held posture: centre of mass and torque on every joint."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -1,11 +1,10 @@
 """Distances between the links of a robot that may collide, and between its links and the ground."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Self
 
 import mujoco
 import numpy as np
@@ -90,7 +89,7 @@ class LinkPairs:
     begin: np.ndarray
     needed: np.ndarray
 
-    def take(self, chosen: np.ndarray) -> LinkPairs:
+    def take(self, chosen: np.ndarray) -> Self:
         """Return some of the pairs, (p,) bool."""
         kept = np.flatnonzero(chosen)
         parts = [self.between[self.begin[k] : self.begin[k + 1]] for k in kept]

@@ -1,7 +1,5 @@
 """Paths between postures: the distances between links on the way, and orders of postures that keep them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

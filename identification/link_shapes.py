@@ -1,7 +1,5 @@
 """The shapes of a robot's links, by which links collide with each other and with the ground."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

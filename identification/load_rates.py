@@ -1,7 +1,5 @@
 """How the static loads of joints and soles change with the readings of the cells and the plates' poses."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tulip_testbed.identification.observation import Observation

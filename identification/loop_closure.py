@@ -6,8 +6,6 @@ a data sheet and without masses. The foot's x, y and yaw hold more information, 
 or been put down again.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from tulip_testbed.identification import kinematics

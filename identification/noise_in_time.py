@@ -7,8 +7,6 @@ inverse of a root of the matrix of correlations are uncorrelated. A residual tha
 decorrelated over the others.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -20,10 +20,11 @@ from tulip_testbed.identification.cad_prior import CadPrior
 from tulip_testbed.identification.contact_readings import ContactReadings, of_cells, of_wrenches
 from tulip_testbed.identification.inertial_wrench import HELD, BeyondWeight, beyond_weight
 from tulip_testbed.identification.joint_loads import Loads, joint_loads, servo_stiffness
-from tulip_testbed.identification.kinematics import Tree
+from tulip_testbed.identification.kinematics import Tree, turned_about
 from tulip_testbed.identification.noise_in_time import Decorrelation, NoiseInTime, decorrelation
 from tulip_testbed.identification.nominal import Nominal, PostureGeometry
 from tulip_testbed.measurements import Measurements, as_joined
+from tulip_testbed.measurements.stated_convention import AXES, WORLD
 from tulip_testbed.sim.scene import plate_masses
 
 LONG_GAP = 1.5  # of the median time between a placement's postures
@@ -177,6 +178,28 @@ class Observation:
         contacts = self.measurements.contacts
         return contacts is not None and contacts.mount == "foot"
 
+    @property
+    def upright(self) -> bool:
+        """Return whether the sensors in the feet were logged in the world's axes, which do not lean."""
+        return any(
+            (one.what, one.hypothesis, one.applied) == (AXES, WORLD, True)
+            for one in self.measurements.conventions
+        )
+
+    def seen_from(self, lean: np.ndarray) -> np.ndarray:
+        """Return the readings of wrench sensors in feet that lean, (m, 2, 2) [rad], (m, 2 k)."""
+        contacts = self.measurements.contacts
+        assert contacts is not None
+        forces = self.cell_forces.reshape(len(self), 2, -1) @ self.contacts.by_reading.T
+        out = np.empty_like(forces)
+        for side, pose in enumerate(contacts.pose):
+            turn = turned_about(pose[3:])
+            angle = np.column_stack([lean[:, side], np.zeros(len(self))]) @ turn
+            for part in (slice(0, 3), slice(3, 6)):
+                out[:, side, part] = forces[:, side, part] - np.cross(angle, forces[:, side, part])
+        assert self.contacts.by_channel is not None
+        return (out @ self.contacts.by_channel.T).reshape(len(self), -1)
+
     @cached_property
     def foot_loads(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the vertical force on both feet, (m, 2) [N], and its point on the ground, (m, 2, 2) [m]."""
@@ -329,12 +352,12 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
             else np.zeros((m, 2), bool)
         ),
     )
-    changing = measurements.wrench_accelerations
-    if not observed.moves or not observed.in_feet or changing is None:
+    rates, faster = measurements.wrench_rates, measurements.wrench_accelerations
+    if not observed.moves or not observed.in_feet or rates is None or faster is None:
         return observed
     assert contacts.by_channel is not None
-    readings = np.nan_to_num(changing) @ contacts.by_channel.T
-    return observed.changed(motion=replace(motion, loads_faster=observed._about_centers(readings)))
+    by = [observed._about_centers(np.nan_to_num(one) @ contacts.by_channel.T) for one in (rates, faster)]
+    return observed.changed(motion=replace(motion, load_rates=by[0], loads_faster=by[1]))
 
 
 def _each(measurements: Measurements, of_rows: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:

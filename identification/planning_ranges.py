@@ -3,8 +3,6 @@
 Margins that the table does not state are in proportion to the robot's size.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 from typing import Any
@@ -92,7 +90,7 @@ def planning_ranges(robot: Robot) -> PlanningRanges:
             raise InputError(f"{where}: unknown key '{key}'; {choices(key, known)}")
         if name in values:
             raise InputError(f"{where}: found '{name}' and '{name}_deg', expected one of them")
-        numbers = numbers_of(f"{where}: key '{key}'", value, is_range=fields[name].type == "Range")
+        numbers = numbers_of(f"{where}: key '{key}'", value, is_range=fields[name].type == Range)
         in_rad = numbers if key == name else np.deg2rad(numbers).tolist()
         values[name] = tuple(in_rad) if isinstance(in_rad, list) else in_rad
     for name, f in fields.items():

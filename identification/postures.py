@@ -1,7 +1,5 @@
 """Draw random feasible postures (section IV, steps 1 to 5)."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections import Counter
 from collections.abc import Callable

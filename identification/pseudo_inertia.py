@@ -6,8 +6,6 @@ frame, h = m c and the mass m. A link is physically consistent if and only if P 
 identification"): its mass is positive and its moments of inertia satisfy the triangle inequality.
 """
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -9,8 +9,6 @@ produce, where B is one s.d. of each encoder times the derivative of H by its an
 plan.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from tulip_testbed.base.errors import InputError, listed

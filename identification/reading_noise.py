@@ -1,7 +1,5 @@
 """Effect of the stated sensor noise on the centre of pressure and on its model."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

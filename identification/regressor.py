@@ -1,8 +1,7 @@
 """The stacked regressor and output (eq. 7)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 
@@ -77,7 +76,7 @@ class Regression:
     robot: Robot | None = None
     mass: tuple[float, float] | None = None
 
-    def keep(self, numbers: list[int]) -> Regression:
+    def keep(self, numbers: list[int]) -> Self:
         """Return the simplified model, which keeps these parameters and sets the others to zero."""
         if unknown := set(numbers) - set(self.numbers.tolist()):
             raise InputError(

@@ -7,8 +7,6 @@ from the kinematics (x, y). With it the tilt of a foot cancels. C: closure of th
 of the swing foot from the joint angles, and its x, y and yaw, which are constant in a placement.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 

@@ -1,7 +1,5 @@
 """Noise of an experiment's residuals, and coordinates in which it is white."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -7,8 +7,6 @@ V = E + sum_k exp(2 tau_k) K_k has one block per placement. tau maximises the re
 Newton's steps use the average information (Gilmour, Thompson and Cullis 1995).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

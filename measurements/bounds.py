@@ -1,7 +1,5 @@
 """Bounds of the figures in a measurement folder, as types for its manifest."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from pydantic import AfterValidator, Field, Strict

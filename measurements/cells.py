@@ -1,7 +1,5 @@
 """Two plates on four cells each: names of the cells, geometry of a plate, and where two boards lie."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

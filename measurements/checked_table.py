@@ -1,7 +1,5 @@
 """Tables verified by the hashes in their folder's manifest."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path

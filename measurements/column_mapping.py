@@ -1,7 +1,5 @@
 """Read a laboratory's own table: its names, units and signs are mapped to those of the contract."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple

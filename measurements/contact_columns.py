@@ -1,7 +1,5 @@
 """Columns of the contact sensors of a measurement folder, and how they are read."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -74,10 +72,11 @@ def _read_wrenches(entries: list[WrenchEntry], table: MappedTable, loaded: np.nd
         _present(table, "wrench", channels, entry.name, stands)
         for entry, stands in zip(entries, loaded, strict=True)
     ]
-    prefix = "wrench_acceleration"
-    optional = {"wrenches_sd": "wrench_std"}
-    if table.has(f"{prefix}.{entries[0].name}.{channels[0]}"):
-        optional["wrench_accelerations"] = prefix
+    optional = {"wrenches_sd": "wrench_std"} | {
+        field: name
+        for field, name in (("wrench_rates", "wrench_rate"), ("wrench_accelerations", "wrench_acceleration"))
+        if table.has(f"{name}.{entries[0].name}.{channels[0]}")
+    }
     return {
         "cells": NO_CELLS,
         "contacts": contacts_of(entries),

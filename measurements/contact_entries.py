@@ -1,9 +1,7 @@
 """The contact sensors in the manifest of a measurement folder, version 2."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import (
@@ -115,7 +113,7 @@ class _Mounted(_Entry):
     top_height: Length | None = None
 
     @model_validator(mode="after")
-    def _has_a_place(self, info: ValidationInfo) -> _Mounted:
+    def _has_a_place(self, info: ValidationInfo) -> Self:
         wanted, other = ("pose", "top_height") if self.mount == "foot" else ("top_height", "pose")
         unknown = self.mount == "foot" and (info.context or {}).get(UNKNOWN_POSE)
         if getattr(self, wanted) is None and not unknown:
@@ -133,7 +131,7 @@ class WrenchEntry(_Mounted):
     below: BelowEntry | None = None
 
     @model_validator(mode="after")
-    def _fits_its_channels(self) -> WrenchEntry:
+    def _fits_its_channels(self) -> Self:
         if tuple(self.channels) not in CHANNEL_SETS:
             valid = " or ".join(str(list(channels)) for channels in CHANNEL_SETS)
             raise ValueError(f"expected channels {valid}")

@@ -1,7 +1,5 @@
 """Contact sensors that measure a wrench: six-axis plates, or force-torque sensors in the feet."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

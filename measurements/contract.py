@@ -1,7 +1,5 @@
 """The contract of measurements: what every row and every figure has to be, in a folder as in memory."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
@@ -73,6 +71,7 @@ RULES = {  # by the first word of a column's name
     "cell_std": Rule(0.0, MOST_FORCE, gaps=True),
     "wrench": Rule(-MOST_FORCE, MOST_FORCE, gaps=True),
     "wrench_std": Rule(0.0, MOST_FORCE, gaps=True),
+    "wrench_rate": Rule(-MOST_FORCE_ACCELERATION, MOST_FORCE_ACCELERATION, gaps=True),
     "wrench_acceleration": Rule(-MOST_FORCE_ACCELERATION, MOST_FORCE_ACCELERATION, gaps=True),
     "speed": Rule(0.0, MOST_SPEED, gaps=True),
     "acceleration": Rule(-MOST_ACCELERATION, MOST_ACCELERATION, gaps=True),

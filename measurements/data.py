@@ -1,9 +1,7 @@
 """Posture plans, measurements and plate geometry as plain arrays."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -73,7 +71,7 @@ class PosturePlan:
         """Count the different postures; a repeated one counts once."""
         return len(np.unique(self.posture))
 
-    def take(self, rows: np.ndarray) -> PosturePlan:
+    def take(self, rows: np.ndarray) -> Self:
         """Select postures by a mask or by indices in any order, without a motion."""
         names = ("joint_angles", "posture", "placement", "support", "swing_pose")
         torques = None if self.torques is None else self.torques[rows]
@@ -86,7 +84,7 @@ OF_ROWS = (  # fields of `Measurements` with a value for every row
     *("posture", "placement", "support", "time", "window", "samples"),
     *("joint_angles", "joint_angles_sd", "command", "motor", "cell_forces", "cell_forces_sd"),
     *("plate_poses", "wrenches", "wrenches_sd", "speed", "acceleration", "experiment"),
-    *("joint_rates", "joint_accelerations", "cell_rates", "wrench_accelerations"),
+    *("joint_rates", "joint_accelerations", "cell_rates", "wrench_rates", "wrench_accelerations"),
 )
 OF_JOINTS = {  # fields with a value for every joint, by the prefix of their columns
     "q": "joint_angles",
@@ -99,6 +97,7 @@ OF_JOINTS = {  # fields with a value for every joint, by the prefix of their col
 OF_WRENCHES = {  # fields with a value for every channel of both wrench sensors, likewise
     "wrench": "wrenches",
     "wrench_std": "wrenches_sd",
+    "wrench_rate": "wrench_rates",
     "wrench_acceleration": "wrench_accelerations",
 }
 KINDS = {"posture": "iu", "placement": "iu", "support": "U"}  # of numbers, where they are not any
@@ -106,7 +105,7 @@ OF_KIND = {"iu": "whole numbers", "iuf": "numbers", "U": "texts"}
 UNUSUAL = (np.float16, np.longdouble)  # of three digits, and of no use to linear algebra
 MAY_BE_NONE = (
     *("command", "motor", "torques", "wrenches_sd", "speed", "acceleration"),
-    *("joint_rates", "joint_accelerations", "cell_rates", "wrench_accelerations"),
+    *("joint_rates", "joint_accelerations", "cell_rates", "wrench_rates", "wrench_accelerations"),
 )
 
 
@@ -133,8 +132,8 @@ class Measurements(MeasurementHeader):
         joint_rates, joint_accelerations: of a robot that moves, (m, n_joints) [rad/s, rad/s2]; None: held.
         cell_rates: rate of the cells' readings, (m, 8) [N/s], of rows that were reduced in memory; None: no
             folder of rows holds it.
-        wrench_accelerations: second derivative of the wrench sensors' readings, (m, 2, c) [N/s2, Nm/s2], mean
-            over the window; None: not known.
+        wrench_rates, wrench_accelerations: first and second derivative of the wrench sensors' readings,
+            (m, 2, c) [N/s, Nm/s; N/s2, Nm/s2], means over the window; None: not known.
         experiment: index of every row's experiment, (m,); None: there is at most one.
     """
 
@@ -158,11 +157,12 @@ class Measurements(MeasurementHeader):
     joint_rates: np.ndarray | None = None
     joint_accelerations: np.ndarray | None = None
     cell_rates: np.ndarray | None = None
+    wrench_rates: np.ndarray | None = None
     wrench_accelerations: np.ndarray | None = None
     experiment: np.ndarray | None = None
 
     @classmethod
-    def from_arrays(cls, header: MeasurementHeader, **rows: Any) -> Measurements:
+    def from_arrays(cls, header: MeasurementHeader, **rows: Any) -> Self:
         """Return measurements that were made in memory.
 
         Args:
@@ -201,7 +201,7 @@ class Measurements(MeasurementHeader):
         return made
 
     @classmethod
-    def without_rows(cls, header: MeasurementHeader) -> Measurements:
+    def without_rows(cls, header: MeasurementHeader) -> Self:
         """Return measurements to which rows are to be appended."""
         channels = 0 if header.contacts is None else len(header.contacts.channels)
         rows: dict[str, Any] = {
@@ -247,7 +247,7 @@ class Measurements(MeasurementHeader):
         """Return the index of every row's experiment, (m,)."""
         return np.zeros(len(self), int) if self.experiment is None else self.experiment
 
-    def take(self, rows: np.ndarray) -> Measurements:
+    def take(self, rows: np.ndarray) -> Self:
         """Select rows by a mask or by indices in any order."""
         values = {name: getattr(self, name) for name in OF_ROWS}
         return replace(self, **{name: v[rows] for name, v in values.items() if v is not None})

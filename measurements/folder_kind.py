@@ -1,7 +1,5 @@
 """Tell measurement, plan, run and rig folders apart, and name the kind in messages."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from tulip_testbed.base.errors import InputError

@@ -1,7 +1,5 @@
 """The header of measurements: what holds for all of their rows, as the manifest of a folder states it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any

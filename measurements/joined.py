@@ -1,7 +1,5 @@
 """Several experiments with one robot as one set of measurements, whose rows know their experiment."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """manifest.json of a measurement folder: its keys and their bounds, in both versions."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime

@@ -4,8 +4,6 @@ Manipulations are texts of a small grammar in the order in which they were carri
 state of the laboratory, not a change since the experiment before.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """The measurement folder: manifest.json and postures.parquet (or .csv)."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -50,7 +48,8 @@ from tulip_testbed.measurements.stated_convention import StatedConvention
 
 MAY_LACK = (
     *("support", "time", "window", "samples", "q_std", "q_command", "motor", "cell_std"),
-    *("wrench_std", "wrench_acceleration", "speed", "acceleration", "q_rate", "q_acceleration"),
+    *("wrench_std", "wrench_rate", "wrench_acceleration"),
+    *("speed", "acceleration", "q_rate", "q_acceleration"),
 )
 
 

@@ -1,7 +1,5 @@
 """The table of a robot that moves: one row per sample, in segments without interruption."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

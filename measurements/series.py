@@ -1,7 +1,5 @@
 """The optional raw series: all samples of all windows in one long table."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

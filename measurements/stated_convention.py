@@ -1,8 +1,8 @@
 """A convention of the log that measurements were made from, as an audit found it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+
+AXES, WORLD = "axes of the wrench", "world"
 
 
 @dataclass(frozen=True)

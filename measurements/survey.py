@@ -1,7 +1,5 @@
 """Collect all faults that keep a measurement folder from being read."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The commanded motion of a plan that moves."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

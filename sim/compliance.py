@@ -1,7 +1,5 @@
 """Compliant soles and load cells: springs between foot and sole, and between board and cells."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import mujoco

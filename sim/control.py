@@ -1,7 +1,5 @@
 """Joint PD control with torque limits: replace the model's motors by position servos."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import mujoco

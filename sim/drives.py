@@ -4,8 +4,6 @@ The laboratory supplies in its own scene the rotor inertia and the friction that
 file stays as it is.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import mujoco

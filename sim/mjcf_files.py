@@ -1,7 +1,5 @@
 """Find the files that an MJCF makes MuJoCo open, and check them before MuJoCo opens any."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 from dataclasses import dataclass, field

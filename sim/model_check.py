@@ -4,8 +4,6 @@ Such features put forces on a robot at rest: the full dynamics would act on them
 and the regressor would not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import mujoco

@@ -1,7 +1,5 @@
 """Outcome of a simulated experiment: the measurements and, separate from them, the truth."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from tulip_testbed.base.result import Array

@@ -1,7 +1,5 @@
 """Paths between postures that keep both feet in place (a closed kinematic chain)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import mujoco

@@ -1,7 +1,5 @@
 """The plan folder: plan.json and postures.parquet (or .csv)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The two force plates in the scene: their poses, and the readings of their cells."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Steps of an experiment that both engines share, from the order of postures to the data contract."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Random robots that differ from the nominal one as a built robot differs from its design."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Findings on a robot and its scene before a simulation: what will go wrong, and what is assumed instead."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache

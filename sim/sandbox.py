@@ -1,7 +1,5 @@
 """Read models in a separate process first, so that a crash or an endless loop of MuJoCo is harmless."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import signal

@@ -1,7 +1,5 @@
 """The scene: the robot on its two plates, as a rig requires it."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import mujoco

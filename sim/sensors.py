@@ -1,10 +1,8 @@
 """Encoders, load cells and wrench sensors: data-sheet figures, presets and simulated readings."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import scipy
@@ -53,7 +51,7 @@ class WrenchSensors:
     below_center_sd: float = 0.0
 
     @property
-    def exact(self) -> WrenchSensors:
+    def exact(self) -> Self:
         """Return such sensors without errors; what is not known of their zeros remains."""
         none = (0.0,) * len(self.channels)
         without = {"repeatability": none, "noise": none, "resolution": none}
@@ -65,7 +63,7 @@ class WrenchSensors:
         parts = (self.repeatability[:count], self.noise[:count], self.resolution[:count])
         return list(zip(*parts, strict=True))
 
-    def only(self, channels: tuple[str, ...]) -> WrenchSensors:
+    def only(self, channels: tuple[str, ...]) -> Self:
         """Return sensors of which only some channels are read."""
         kept = [self.channels.index(channel) for channel in channels]
         repeatability, noise, resolution, zero_sd = (

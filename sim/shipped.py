@@ -1,7 +1,5 @@
 """Paths of the files that come with the project; this module loads nothing else."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 _ROOT = Path(__file__).resolve().parent.parent

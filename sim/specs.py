@@ -1,7 +1,5 @@
 """Specs (MjSpec): read from a file, without meshes that only a viewer needs, compiled."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Wrench sensors in or under the feet: their frames, their place in the scene, and what is below them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import mujoco

@@ -3,8 +3,6 @@
 Needs libosmesa6, mesa-vulkan-drivers and chromium.
 """
 
-from __future__ import annotations
-
 import io
 import tempfile
 import time

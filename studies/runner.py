@@ -5,8 +5,6 @@ published tables, and `study(settings)`, which yields lines of Markdown as soon 
 line of its docstring is its entry in the list of studies.
 """
 
-from __future__ import annotations
-
 import ast
 import importlib
 import os

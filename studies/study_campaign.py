@@ -6,8 +6,6 @@ one experiment confuses with another; in every second one the ordinary imperfect
 Campaigns that are done are kept; the same command carries out the others.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,10 +17,10 @@ from studies.runner import Settings, header, row, share, shipped_plan
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import write_text
 from tulip_testbed.base.threads import one_blas_thread
-from tulip_testbed.calibration.ordinary_laboratory import ordinary_members
 from tulip_testbed.discovery.discover import AMBIGUOUS, NAMED
 from tulip_testbed.experiments.discovering import discover_effects
 from tulip_testbed.experiments.identify import identify
+from tulip_testbed.experiments.imperfections import ordinary_members
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.identification.statistics import standard_errors

@@ -5,8 +5,6 @@ MuJoCo loads the file and computes the centre of mass of 100 new random postures
 robot and for CAD. Angles are exact and there is no noise: only the models differ.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path

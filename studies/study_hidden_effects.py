@@ -6,8 +6,6 @@ parameters. It takes hours. After Ctrl-C the study reports on the cases so far; 
 the others. `--case NUMBER` carries out one case again and keeps its measurements.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

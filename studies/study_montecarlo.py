@@ -3,8 +3,6 @@
 Exact laboratories, in statics; `tulip montecarlo` makes the table of ordinary ones.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

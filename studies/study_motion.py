@@ -5,8 +5,6 @@ what `discover` says of such records, as they are and with one instrument at fau
 postures in statics, another moves through the same ones in the full dynamics.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 from collections import Counter

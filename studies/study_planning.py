@@ -1,7 +1,5 @@
 """Search Table I's six optimal plans and join the best three: the shipped plan (docs/studies/planning.md; 3 minutes)."""
 
-from __future__ import annotations
-
 import dataclasses
 import time
 from collections.abc import Iterator

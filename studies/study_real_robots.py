@@ -5,8 +5,6 @@ sign that nobody states. The robots' files are not ours; docs/studies/real-robot
 Every step of a case is kept, with its seconds; after Ctrl-C the study reports on the steps so far.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import time

@@ -4,8 +4,6 @@ The parts: `clean` days, `faults` that begin at posture 40 and slow `drifts`, al
 and faults in the full dynamics.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

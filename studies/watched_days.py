@@ -1,16 +1,14 @@
 """Days for the study of `tulip watch`: ordinary laboratories, and faults that begin in the middle."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.calibration.ordinary_laboratory import ordinary_members
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.experiments.imperfections import ordinary_members
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.watching.alarm import levels
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model

@@ -9,8 +9,6 @@ move with the right foot at rest: Pinocchio's regressor of joint torques, its ro
 Of this project only the robots' files, the planned angles and the height of the sole go in.
 """
 
-from __future__ import annotations
-
 import tempfile
 from importlib.metadata import version
 from pathlib import Path

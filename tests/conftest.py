@@ -1,7 +1,5 @@
 """Fixtures shared by the tests; the experiments in the full dynamics run once for all processes."""
 
-from __future__ import annotations
-
 import dataclasses
 import fcntl
 import gc

@@ -1,7 +1,5 @@
 """Measurement folders of version 2 by hand: contacts, and readings that carry what cells do."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from pathlib import Path

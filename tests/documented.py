@@ -1,7 +1,5 @@
 """The commands and the Python of a documentation page: read, run and compared with what the page shows."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import re

@@ -1,7 +1,5 @@
 """Decide whether this machine can draw, by drawing: rerun by Vulkan, MuJoCo by OpenGL, Chromium."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -5,8 +5,6 @@ of a test and of the processes that it started, summed over its parameters. What
 tests (imports, collection) is a row of its own.
 """
 
-from __future__ import annotations
-
 import ast
 import csv
 import os

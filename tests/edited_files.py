@@ -1,7 +1,5 @@
 """Write rig folders, and change texts in files."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

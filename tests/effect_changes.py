@@ -1,7 +1,5 @@
 """Compare what an effect changes in a simulation with its prediction."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tulip_testbed.effects.catalogue import catalogue

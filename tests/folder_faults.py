@@ -1,7 +1,5 @@
 """Faults of a measurement folder, planted one at a time, and healthy folders."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -55,26 +53,6 @@ def left_plate(axis: int, change: Callable[[np.ndarray], np.ndarray]) -> Fault:
     return edited("plate_poses", edit)
 
 
-def swapped(pick: Callable[[Random], tuple[Any, Any]]) -> Fault:
-    """Interchange cells."""
-
-    def edit(values: np.ndarray, m: Measurements, rng: Random) -> None:
-        first, second = pick(rng)
-        values[:, [*first, *second]] = values[:, [*second, *first]]
-
-    return edited("cell_forces", edit)
-
-
-def within(rng: Random) -> tuple[list, list]:
-    first, second = 4 * rng.integers(2) + rng.choice(4, size=2, replace=False)
-    return [first], [second]
-
-
-def turn(values: np.ndarray, m: Measurements, rng: Random) -> None:
-    plate = 4 * rng.integers(2) + np.arange(4)
-    values[:, plate] = values[:, np.roll(plate, 1)]
-
-
 def transpose_digits(values: np.ndarray, m: Measurements, rng: Random) -> None:
     """Write 36 for 63: the error is nine times the difference of the digits."""
     values[rng.integers(len(m)), rng.integers(8)] += 9.0 * rng.choice([-3, -2, 2, 3])
@@ -122,14 +100,6 @@ FAULTS: dict[str, tuple[Fault, str]] = {
         cell(lambda f, m, rng: (m.sensors.cell_sd or 0.0) * rng.standard_normal(len(f))),
         "cell loads",
     ),
-    "two cells of a plate swapped": (swapped(within), "wiring of cells"),
-    "two cells of different plates swapped": (
-        swapped(lambda rng: ([rng.integers(4)], [4 + rng.integers(4)])),
-        "wiring of cells",
-    ),
-    "right and left plate swapped": (swapped(lambda rng: (range(4), range(4, 8))), "wiring of cells"),
-    "one cell's sign wrong": (cell(lambda f, m, rng: -f), "wiring of cells"),
-    "a plate's cells turned by 90 degrees": (edited("cell_forces", turn), "wiring of cells"),
     "one force with two digits transposed": (edited("cell_forces", transpose_digits), "single postures"),
     "one row pasted over another": (paste_row, "stuck readings"),
     "forces of two postures interchanged": (edited("cell_forces", mix_rows), "single postures"),

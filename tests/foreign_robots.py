@@ -13,24 +13,19 @@ Sensors, lights, cameras, the floor and all contacts but the soles' are left out
 
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
 
 import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.measurements.cells import CORNERS
+from tulip_testbed.experiments.robot_import.feet import Foot, Stance
+from tulip_testbed.experiments.robot_import.robot_import import compose
+from tulip_testbed.experiments.robot_import.skeleton import Skeleton
 from tulip_testbed.sim.robot import load_spec
 from tulip_testbed.sim.specs import compile_spec
-
-CORNER_RADIUS = 0.002  # m
-# Per Nm of torque limit, as TULip's drives: rotor inertia, damping, dry friction.
-ARMATURE, DAMPING, FRICTION = 0.003, 0.04, 0.05
 
 # The columns are the new x, y, z axes in the old frame.
 LEFT_UP_FORWARD = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # old x, y, z
@@ -123,22 +118,35 @@ ltoesrx = [-20, 0]
 
 
 def foreign_robot(name: str) -> mujoco.MjSpec:
-    """The robot alone, as this project wants it, built anew from the compiled original."""
-    about = ROBOTS[name]
-    old = original_model(name)
-    turns = [about.turned.get(old.body(i).name, np.eye(3)) for i in range(old.nbody)]
-    spec = mujoco.MjSpec()
-    spec.modelname = name
-    spec.compiler.degree = False
-    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
-    bodies = [spec.worldbody]
-    for i in range(1, old.nbody):
-        bodies.append(_add_body(bodies[old.body_parentid[i]], old, i, turns))
-    for i in range(old.nu):
-        _add_motor(spec, old, i)
+    """The robot alone, composed as an import does it, with soles and posture as they are stated here."""
+    about, model = ROBOTS[name], original_model(name)
+    for ours in (model.dof_armature, model.dof_damping, model.dof_frictionloss):
+        ours[:] = 0
+    model.geom_contype[:] = model.geom_conaffinity[:] = 0
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    skeleton = Skeleton(model, data)
+
+    def axes(link: int) -> np.ndarray:
+        return skeleton.pose(link)[1] @ about.turned.get(skeleton.name(link), np.eye(3))
+
+    feet = []
+    rear, front, outer, inner, bottom = about.sole
     for foot, mirror in zip(about.feet, (1, -1), strict=True):
-        _add_sole(spec.body(foot), about.sole, mirror)
-    _add_stand(spec, about)
+        link, (right, left) = model.body(foot).id, sorted((mirror * outer, mirror * inner))
+        corners = [[front, left], [front, right], [rear, right], [rear, left]]
+        corners = np.column_stack([corners, np.full(4, bottom)])
+        feet.append(Foot(link, axes(link), skeleton.pose(link)[0], corners))
+    limits = model.actuator_gear[:, 0] * model.actuator_ctrlrange[:, 1]
+    names = [model.joint(joint).name for joint in model.actuator_trnid[:, 0]]
+    torques = dict(zip(names, limits.tolist(), strict=True))
+    stance = Stance((feet[0], feet[1]), axes(1), frozenset(), ())
+    spec, _ = compose(name, skeleton, stance, torques, 1.0)
+    stand = spec.copy().compile()
+    qpos = stand.qpos0.copy()
+    for joint, angle in about.stand.items():
+        qpos[stand.joint(joint).qposadr[0]] = angle
+    spec.add_key(name="stand", qpos=qpos)
     return spec
 
 
@@ -173,90 +181,3 @@ def original_model(name: str) -> mujoco.MjModel:
         raise InputError("dm_control is not installed, expected it beside this project")
     source = Path(package.origin).parent / ROBOTS[name].file
     return compile_spec(load_spec(source), str(source))
-
-
-def _add_body(parent: mujoco.MjsBody, old: mujoco.MjModel, i: int, turns: list[np.ndarray]) -> mujoco.MjsBody:
-    before, turn = turns[old.body_parentid[i]], turns[i]
-    body = parent.add_body(
-        name=old.body(i).name,
-        pos=before.T @ old.body_pos[i],
-        quat=_quaternion(before.T @ _rotation(old.body_quat[i]) @ turn),
-        mass=old.body_mass[i],
-        ipos=turn.T @ old.body_ipos[i],
-        iquat=_quaternion(turn.T @ _rotation(old.body_iquat[i])),
-        inertia=old.body_inertia[i],
-        explicitinertial=True,
-    )
-    for j in range(old.body_jntadr[i], old.body_jntadr[i] + old.body_jntnum[i]):
-        if old.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE:
-            body.add_freejoint(name=old.joint(j).name)
-            continue
-        body.add_joint(
-            name=old.joint(j).name,
-            type=mujoco.mjtJoint.mjJNT_HINGE,
-            pos=turn.T @ old.jnt_pos[j],
-            axis=turn.T @ old.jnt_axis[j],
-            range=old.jnt_range[j],
-            solref_friction=[0.002, 1],
-            solimp_friction=[0.9999, 0.9999, 0.001, 0.5, 2],
-        )
-    for g in range(old.body_geomadr[i], old.body_geomadr[i] + old.body_geomnum[i]):
-        body.add_geom(
-            name=old.geom(g).name,
-            type=mujoco.mjtGeom(old.geom_type[g]),
-            size=old.geom_size[g],
-            pos=turn.T @ old.geom_pos[g],
-            quat=_quaternion(turn.T @ _rotation(old.geom_quat[g])),
-            rgba=[0.7, 0.6, 0.5, 1],
-            group=2,
-            contype=0,
-            conaffinity=0,
-        )
-    return body
-
-
-def _add_motor(spec: mujoco.MjSpec, old: mujoco.MjModel, i: int) -> None:
-    """A motor as it was (gear and ctrlrange), and on its joint what a drive brings with it."""
-    gear, control = old.actuator_gear[i], old.actuator_ctrlrange[i]
-    joint = spec.joint(old.joint(old.actuator_trnid[i, 0]).name)
-    motor = spec.add_actuator(name=old.actuator(i).name, target=joint.name, gear=gear, ctrlrange=control)
-    motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
-    torque = gear[0] * control[1]
-    joint.armature, joint.frictionloss = ARMATURE * torque, FRICTION * torque
-    joint.damping = [DAMPING * torque, 0, 0]
-
-
-def _add_sole(foot: mujoco.MjsBody, sole: tuple[float, ...], mirror: int) -> None:
-    rear, front, outer, inner, bottom = sole
-    left, right = max(mirror * outer, mirror * inner), min(mirror * outer, mirror * inner)
-    for corner in CORNERS:
-        foot.add_geom(
-            name=f"{foot.name}_{corner}",
-            type=mujoco.mjtGeom.mjGEOM_SPHERE,
-            size=[CORNER_RADIUS, 0, 0],
-            pos=[
-                front if "front" in corner else rear,
-                left if "left" in corner else right,
-                bottom + CORNER_RADIUS,
-            ],
-            rgba=[0.1, 0.1, 0.1, 1],
-            group=3,
-            contype=1,
-            conaffinity=0,
-        )
-
-
-def _add_stand(spec: mujoco.MjSpec, about: Foreign) -> None:
-    model = spec.compile()
-    qpos = model.qpos0.copy()
-    for joint, angle in about.stand.items():
-        qpos[model.joint(joint).qposadr[0]] = angle
-    spec.add_key(name="stand", qpos=qpos)
-
-
-def _rotation(quaternion: np.ndarray) -> np.ndarray:
-    return Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
-
-
-def _quaternion(rotation: np.ndarray) -> np.ndarray:
-    return Rotation.from_matrix(rotation).as_quat(scalar_first=True)

@@ -1,7 +1,5 @@
 """What plans are compared with: postures on both feet, and torques on one foot, by MuJoCo."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Look at what a person sees: rerun and Chromium without a screen."""
 
-from __future__ import annotations
-
 import base64
 import json
 import os

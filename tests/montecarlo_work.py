@@ -1,7 +1,5 @@
 """A Monte Carlo without a laboratory: small linear regressions whose errors are known."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Robots that move on a foot, by MuJoCo's inverse dynamics."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 

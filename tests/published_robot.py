@@ -1,7 +1,5 @@
 """A small humanoid as people publish them: a URDF with all that makes such files hard to use."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

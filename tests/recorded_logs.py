@@ -1,7 +1,5 @@
 """Logs of a person who bows, as laboratories write them: tables, MATLAB, YARP, ROS 2; and broken ones."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet

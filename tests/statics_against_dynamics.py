@@ -1,7 +1,5 @@
 """Compare static equilibria with the full dynamics, in laboratories that differ from the usual one."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A synthetic laboratory: the regressor of the true angles, and drawn errors. No physics, so it is fast."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

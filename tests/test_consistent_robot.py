@@ -1,7 +1,5 @@
 """The nearest consistent robot, against solutions that share nothing with it."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

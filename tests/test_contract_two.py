@@ -1,7 +1,5 @@
 """The measurement folder, version 2: contact sensors of any kind, joints that are not logged, other names."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Finding the missing effect: residuals, evidence, verdicts, the adopted model."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 from types import SimpleNamespace
@@ -19,7 +17,6 @@ from tulip_testbed.base.budget import Budget
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.families import TOLERANCES
 from tulip_testbed.calibration.linear_model import linear_model
-from tulip_testbed.calibration.ordinary_laboratory import ordinary_members
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.discovery.candidates import Fitted, candidates, standing_out
 from tulip_testbed.discovery.discover import _crowded, _reasons, discover, stands_out
@@ -29,6 +26,7 @@ from tulip_testbed.discovery.patterns import patterns
 from tulip_testbed.discovery.story import story
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.instance import EffectInstance, check_instances
+from tulip_testbed.experiments.imperfections import ordinary_members
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_noise import noise_of

@@ -1,7 +1,5 @@
 """Compare the removal of every effect of the catalogue with simulations with and without it."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

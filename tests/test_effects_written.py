@@ -1,7 +1,5 @@
 """Effects as they are written, corrected for twice or of another robot; a catalogue that nobody changes."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import cache
 

@@ -1,7 +1,5 @@
 """The static equilibrium against MuJoCo's statics, its full dynamics, and itself."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

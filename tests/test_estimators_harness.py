@@ -11,10 +11,9 @@ from scipy.stats import t as t_distribution
 from tests.synthetic import WII
 from tests.test_refusals import refuse
 from tulip_testbed.identification import distributions as d
-from tulip_testbed.identification.degrees_of_freedom import of_f_test, satterthwaite
 from tulip_testbed.identification.distributions import f_ppf
 from tulip_testbed.identification.estimators import ESTIMATORS, MIXED_MODEL, estimate_by
-from tulip_testbed.identification.statistics import standard_errors
+from tulip_testbed.identification.statistics import of_f_test, satterthwaite, standard_errors
 from tulip_testbed.measurements import SensorSheet
 
 

@@ -1,7 +1,5 @@
 """`tulip export`: the file loads, holds the stated base parameters, and is otherwise the user's own."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re
@@ -18,7 +16,7 @@ import tulip_testbed as tt
 from tests.published_robot import write_published
 from tulip_testbed.base.errors import InputError, InputWarning
 from tulip_testbed.experiments.export.export_model import export_model
-from tulip_testbed.experiments.export.model_text import with_inertias, with_places
+from tulip_testbed.experiments.export.model_text import with_inertias
 from tulip_testbed.experiments.export.published_links import PublishedLinks
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
@@ -246,40 +244,10 @@ def test_a_body_in_an_included_file_is_refused(robot, found, tmp_path):
         export_model(found, other, tmp_path / "a.xml")
 
 
-def test_adopted_lengths_on_request(run, found, robot, tmp_path):
-    """The lower leg reaches 4 mm farther down to the ankle, and nothing else moves."""
-    known = (
-        tt.Laboratory(robot, "force-plate")
-        .with_known("link-length:right_lower_leg=0.004", "encoder-offset:right_knee=0.01")
-        .known
-    )
-    for ending in ("xml", "urdf"):
-        made = export_model(found, robot, tmp_path / f"a.{ending}", adopted=known, lengths=True)
-        assert any("right_knee" in note and "not in the file" in note for note in made.notes)
-        assert not any("lower_leg" in note for note in made.notes)
-    model = mujoco.MjModel.from_xml_path(str(tmp_path / "a.xml"))
-    moved = model.body_pos - robot.model.body_pos
-    longer = np.zeros_like(moved)
-    longer[model.body("right_ankle").id, 2] = -0.004
-    assert np.abs(moved - longer).max() < 1e-12
-    value = base_parameters(robot, model).values(standard_parameters(model))
-    assert np.abs(value - made.base_parameters).max() < 1e-9
-    before, after = robot.model_file.read_bytes(), (tmp_path / "a.xml").read_bytes()
-    one, other = (outside(text).splitlines() for text in (before, after))
-    changed = [(a, b) for a, b in zip(one, other, strict=True) if a != b]
-    assert len(changed) == 1
-    assert b'<body name="right_ankle" pos="' in changed[0][1]
-    urdf = (tmp_path / "a.urdf").read_text()
-    place = model.body("right_ankle").pos.tolist()
-    assert f'<origin xyz="{" ".join(map(repr, place))}"' in urdf
-
-
-def test_a_place_within_a_frame_is_refused(tmp_path):
-    text = b'<mujoco><worldbody><frame pos="1 0 0"><body name="a" pos="0 0 1"/></frame></worldbody></mujoco>'
-    with pytest.raises(InputError, match="expected its place in the body itself"):
-        with_places(text, {"a": (np.array([1.0, 0, 1]), np.array([1.0, 0, 2]))}, tmp_path / "x.xml")
-    changed = with_places(text, {"a": (np.array([0.0, 0, 1]), np.array([0.0, 0, 2]))}, tmp_path / "x.xml")
-    assert changed == text.replace(b'pos="0 0 1"', b'pos="0.0 0.0 2.0"')
+def test_what_was_adopted_and_is_not_in_the_file_is_told(found, robot, tmp_path):
+    known = tt.Laboratory(robot, "force-plate").with_known("encoder-offset:right_knee=0.01").known
+    made = export_model(found, robot, tmp_path / "a.xml", adopted=known)
+    assert any("right_knee" in note and "not in the file" in note for note in made.notes)
 
 
 def test_a_source_whose_compiler_overrules_the_inertias_is_refused(found, robot, tmp_path):

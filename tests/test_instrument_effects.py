@@ -3,8 +3,6 @@
 Simulation and removal of an instrument effect may share a formula: these numbers hold sign and definition.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

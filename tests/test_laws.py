@@ -1,7 +1,5 @@
 """Laws: the grammar, their removal, the search and what it says."""
 
-from __future__ import annotations
-
 import json
 import pickle
 from dataclasses import replace

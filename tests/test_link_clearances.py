@@ -1,7 +1,5 @@
 """Links keep apart in planned postures and between them, held against collision runs of MuJoCo's own."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 

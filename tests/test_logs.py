@@ -1,7 +1,5 @@
 """Logs of a moving robot: every reader gives the same table, and rows obey the equation of motion."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from pathlib import Path
@@ -99,17 +97,20 @@ def test_means_are_exact_for_cubic_motion_by_any_clock(imported, bowing):
 
 
 def test_forces_change_as_fast_in_rows_as_in_samples(imported, bowing):
-    """Mean and mean second derivative of a sine have the ratio of its values, with two rows a period too."""
+    """Means of a sine and of its derivatives have the ratio of its values, with two rows a period too."""
     time, pace, offset = np.arange(0, 30, 0.01), 5.4, 0.8 * WEIGHT
     made = samples(imported, bowing, time)
     wrenches = made.wrenches.copy()
     wrenches[:, 0] = offset + 10 * np.sin(pace * time)[:, None]
     m = reduced(dataclasses.replace(made, wrenches=wrenches), WEIGHT, window=1.0, step=0.5).measurements
     assert m.wrenches is not None
+    assert m.wrench_rates is not None
     assert m.wrench_accelerations is not None
     swing = m.wrenches[:, 0] - offset
     assert swing.std() > 2
     np.testing.assert_allclose(m.wrench_accelerations[:, 0], -(pace**2) * swing, atol=0.01 * pace**2 * 10)
+    rates = pace * (swing[2:] - swing[:-2]) / 2 / np.sin(pace * 0.5)
+    np.testing.assert_allclose(m.wrench_rates[1:-1, 0], rates, atol=0.01 * pace * 10)
     assert np.isnan(m.wrench_accelerations[:, 1]).all()
 
 

@@ -1,7 +1,5 @@
 """Plans of mixed support: what every row keeps, by independent routes, and what the search gains."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

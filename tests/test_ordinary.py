@@ -11,12 +11,11 @@ import pytest
 import tulip_testbed as tt
 from tests.test_refusals import refuse
 from tulip_testbed.calibration.families import families_of, tolerances_of
-from tulip_testbed.calibration.ordinary_laboratory import draw_members, ordinary_members
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.experiments.checks import correlation_checks, data_correlation_checks
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, ORDINARY
 from tulip_testbed.experiments.identification_result import Identification
-from tulip_testbed.experiments.imperfections import drawn, single_stream
+from tulip_testbed.experiments.imperfections import draw_members, drawn, ordinary_members, single_stream
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.laboratory_runs import OrdinaryOutcome, source_of, stream_of
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, Settings

@@ -1,7 +1,5 @@
 """Where results may go and what a path may be: one message each, and nobody's files are lost."""
 
-from __future__ import annotations
-
 import os
 import resource
 import signal

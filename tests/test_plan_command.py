@@ -1,7 +1,5 @@
 """`tulip plan` as a person meets them: interrupted, gone on with, refused, drawn."""
 
-from __future__ import annotations
-
 import io
 import json
 import shutil

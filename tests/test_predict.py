@@ -1,7 +1,5 @@
 """`tulip predict`: models are scored on postures that took no part, and the truth decides who should win."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Six standing windows of a real iCub: import, check and predict, on data that are not in the repository."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

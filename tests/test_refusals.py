@@ -3,8 +3,6 @@
 Changes that are drawn at random, and what the commands make of them, are in `tests/fuzz`.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

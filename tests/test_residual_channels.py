@@ -1,7 +1,5 @@
 """Residual channels of the nominal model, their noise, and patterns and candidates in noise alone."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

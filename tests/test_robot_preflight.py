@@ -1,7 +1,5 @@
 """Robots as people bring them: what the laboratory supplies, warns of or refuses, at once and by name."""
 
-from __future__ import annotations
-
 import dataclasses
 import warnings
 

@@ -1,7 +1,5 @@
 """Postures on one foot, in both engines and in the estimate, in the frame of the foot that carries."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 
@@ -13,6 +11,7 @@ from tests.statics_against_dynamics import compare, without_friction
 from tests.test_refusals import refuse
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.experiments.usable_plan import joined as one_after_another
 from tulip_testbed.experiments.validate import validate
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.center_of_pressure import center_of_pressure, load_shares
@@ -192,14 +191,9 @@ def test_the_whole_job_in_full_dynamics(robot, plan, balanced):
 
 def joined(first: PosturePlan, second: PosturePlan) -> PosturePlan:
     """Two plans after one another, the second's numbers behind the first's."""
-    columns: dict[str, Any] = {
-        name: np.concatenate([getattr(first, name), getattr(second, name)])
-        for name in ("joint_angles", "support", "swing_pose")
-    }
-    for name in ("posture", "placement"):
-        ahead = getattr(first, name)
-        columns[name] = np.concatenate([ahead, ahead.max() + getattr(second, name)])
-    return dataclasses.replace(first, **columns)
+    names = ("posture", "placement")
+    behind: Any = {name: getattr(first, name).max() + getattr(second, name) for name in names}
+    return one_after_another([first, dataclasses.replace(second, **behind)])
 
 
 def statics(rig: Rig, plan: PosturePlan) -> Measurements:

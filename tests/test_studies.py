@@ -1,7 +1,5 @@
 """The studies: their runner, hidden effects, and the signatures in the docs."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Iterator
 from dataclasses import replace

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, kstest, norm
 
-from tulip_testbed.calibration.ordinary_laboratory import ordinary_members
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.calibration.usual_changes import usual_changes
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import EffectInstance, instances_of
 from tulip_testbed.experiments.check_folder import check_measurements
 from tulip_testbed.experiments.identify import identify
+from tulip_testbed.experiments.imperfections import ordinary_members
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.preflight.usual import beyond

@@ -197,7 +197,8 @@ def test_a_box_of_its_inertia_stands_for_a_bare_link():
         </worldbody></mujoco>"""
     )
     box = robot_view.inertia_box(model, 1)
-    assert box.half_sizes is not None and box.centers is not None
+    assert box.half_sizes is not None
+    assert box.centers is not None
     assert sorted(box.half_sizes.as_arrow_array().to_pylist()[0]) == pytest.approx([0.1, 0.2, 0.3])
     assert box.centers.as_arrow_array().to_pylist() == [[1, 0, 0]]
 

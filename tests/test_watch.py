@@ -1,7 +1,5 @@
 """`tulip watch`: what it says of postures as they come, and when it says stop."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 from types import SimpleNamespace
 from typing import Any
@@ -9,8 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.watched import measured_day, model_of, one_row, play
+from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.watching.alarm import fault_of_changes, levels
+from tulip_testbed.experiments.watching.day_model import DayModel, day_model
 from tulip_testbed.experiments.watching.recursive_estimate import (
     OF_PLACEMENT,
     Belief,
@@ -24,16 +23,41 @@ from tulip_testbed.experiments.watching.watch_row import (
     OK,
     REPEAT,
     UNPLANNED,
+    Verdict,
     planned_row,
+    watch_row,
 )
-from tulip_testbed.experiments.watching.watch_state import AGAIN, OPEN
+from tulip_testbed.experiments.watching.watch_state import AGAIN, OPEN, WatchState, first_state
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.reading_noise import ReadingNoise, placement_levers, reading_noise
 from tulip_testbed.identification.regressor import regression
 from tulip_testbed.identification.variance_components import MARK_RATIO
-from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.robot import Robot
 
-ONSET = 35
+SEED, ONSET = 3, 35
+
+
+def measured_day(robot: Robot, plan: PosturePlan) -> Measurements:
+    """Measure the plan's first placements by statics."""
+    few = plan.take(plan.placement <= 9)
+    return Laboratory(robot, "force-plate").run(few, SEED, "statics").measurements
+
+
+def one_row(rows: Measurements, k: int) -> Measurements:
+    """Return one row."""
+    return rows.take(np.array([k]))
+
+
+def play(
+    model: DayModel, rows: Measurements, state: WatchState | None = None, targets: np.ndarray | None = None
+) -> tuple[WatchState, list[Verdict]]:
+    """Play rows one after the other."""
+    state, out = state or first_state(model), []
+    for k in range(len(rows)):
+        state, verdict = watch_row(model, state, one_row(rows, k), targets)
+        out.append(verdict)
+    return state, out
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +67,7 @@ def day(robot, plan) -> Measurements:
 
 @pytest.fixture(scope="module")
 def watched(robot, plan, day):
-    return model_of(robot, plan.take(plan.placement <= 9), day)
+    return day_model(plan.take(plan.placement <= 9), robot, day)
 
 
 @pytest.fixture(scope="module")
@@ -163,6 +187,7 @@ def test_a_window_that_moved(watched, day):
     assert verdict.verdict == NOT_SETTLED
     assert verdict.next == int(row.posture[0])
     assert verdict.findings[0].advice.startswith("Wait longer")
+    assert str(verdict).startswith(f"posture {row.posture[0]}: not settled - settled: ")
 
 
 def test_rows_that_cannot_be_used(watched, day):
@@ -215,7 +240,7 @@ def test_the_standard_errors_are_those_of_generalised_least_squares(robot, day, 
 
 
 def test_the_limits_follow_from_the_plan(watched, robot, plan, day):
-    longer = levels(model_of(robot, plan, day))
+    longer = levels(day_model(plan, robot, day))
     assert longer.row < levels(watched).row
     assert longer.ratio > levels(watched).ratio
 

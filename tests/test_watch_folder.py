@@ -1,29 +1,37 @@
-"""`tulip watch` on folders that grow and on streams: bad input, the state, and the command itself."""
+"""`tulip watch` on folders that grow: bad input, the state, and the command itself."""
 
-from __future__ import annotations
-
-import io
 import json
 import os
 import signal
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import tulip_testbed as tt
-from tests.watched import growing_folder, measured_day
+from tests.test_watch import measured_day
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.watching.arriving_rows import MOST_AT_ONCE, new_lines
 from tulip_testbed.experiments.watching.watch_day import read_targets
 from tulip_testbed.experiments.watching.watch_row import OK
-from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements import Measurements, write_measurements
 
 ROWS = 12
+
+
+def growing_folder(folder: Path, rows: Measurements) -> list[str]:
+    """Write a measurement folder whose table has its header alone; return the lines of its rows."""
+    write_measurements(folder, rows)
+    (folder / "postures.parquet").unlink()
+    manifest = json.loads((folder / "manifest.json").read_text())
+    del manifest["tables"]
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    header, *lines = (folder / "postures.csv").read_text().splitlines(keepends=True)
+    (folder / "postures.csv").write_text(header)
+    return lines
 
 
 @pytest.fixture(scope="module")
@@ -104,11 +112,15 @@ def test_a_line_that_lacks_a_column_is_told_and_passed_over(folder, plan, robot)
     first, second, third = judged(path, plan, robot)
     assert (first.verdict.verdict, second.verdict, third.verdict.verdict) == (OK, None, OK)
     assert all(words in second.problem for words in ("postures.csv: line 3: found ", "one per column name"))
-    header = next(line for line in (path / "postures.csv").read_bytes().splitlines(True) if line[:1] != b"#")
-    assert tt.watch(path, robot, plan=plan, once=True).exit_code == 0  # before the first row
-    unreadable = tt.watch(path, robot, plan=plan, once=True, rows=[header, b"1,2\n", b"3,4\n"])
-    assert [one.verdict for one in unreadable] == [None, None]
-    assert unreadable.exit_code == 1
+
+
+def test_a_watch_that_read_no_row_fails(folder, plan, robot):
+    path, _ = folder
+    grow(path, "1,2\n3,4\n")
+    watch = tt.watch(path, robot, plan=plan, once=True)
+    assert watch.exit_code == 0  # before the first row
+    assert [one.verdict for one in watch] == [None, None]
+    assert watch.exit_code == 1
 
 
 def exchanged(text: str) -> str:
@@ -174,40 +186,19 @@ def test_targets_are_in_millimetres():
     assert read_targets(["all=2", "torso.x=0.5"]) == {"all": 2e-3, "torso.x": 5e-4}
 
 
-def test_lines_of_a_stream_as_lines_of_json(folder, day, capsys, monkeypatch):
+def test_the_lines_that_a_program_and_a_person_see(folder, day, capsys):
     path, lines = folder
-    header = (path / "postures.csv").read_text()
-
-    arriving = [header, *lines[:3], lines[3].rstrip()]
-    stdin = SimpleNamespace(buffer=io.BytesIO("".join(arriving).encode()))
-    monkeypatch.setattr(sys, "stdin", stdin)
-    assert main(["watch", str(path), "--plan", "random", "--stdin", "--json"]) == 0
+    watch = ["watch", str(path), "--plan", "random", "--once"]
+    assert main([*watch, "--json"]) == 0
+    assert capsys.readouterr() == ("", "No row has arrived.\n")
+    grow(path, "".join(lines[:3]))
+    assert main([*watch, "--json"]) == 0
     out, err = capsys.readouterr()
     told = [json.loads(line) for line in out.splitlines()]
-    assert err == ""
-    assert [one["posture"] for one in told] == day.posture[:4].tolist()
-    errors = told[0].pop("standard_errors")
+    assert (err, [one["posture"] for one in told]) == ("", day.posture[:3].tolist())
+    assert len(told[0].pop("standard_errors")) == 25
     assert told[0] == {"posture": 1, "verdict": OK, "findings": [], "next": 2, "stop": None}
-    assert len(errors) == 25
-
-
-@pytest.mark.parametrize("without", ["", "time"])
-def test_a_stream_that_begins_again_is_not_judged_twice(folder, plan, robot, day, tmp_path, without):
-    path, lines = folder
-    cut = [line.rstrip("\n").split(",") for line in ((path / "postures.csv").read_text(), *lines[:6])]
-    kept = [k for k, name in enumerate(cut[0]) if name.strip('"') != without]
-    whole = [",".join(line[k] for k in kept).encode() + b"\n" for line in cut]
-    first, then = (judged(path, plan, robot, out=tmp_path / "state", rows=r) for r in (whole[:4], whole))
-    with pytest.raises(InputError, match="rows: found the str 'posture', expected bytes"):
-        judged(path, plan, robot, rows=["posture"])
-    assert [one.line for one in then] == [5, 6, 7]
-    assert [one.verdict.posture for one in first + then] == day.posture[:6].tolist()
-
-
-def test_the_lines_that_a_person_sees(folder, capsys):
-    path, lines = folder
-    grow(path, "".join(lines[:3]))
-    assert main(["watch", str(path), "--plan", "random", "--once", "--targets", "all=3"]) == 0
+    assert main([*watch, "--targets", "all=3"]) == 0
     out = capsys.readouterr().out
     assert "posture 3: ok; next 4" in out
     assert "Next: posture 4; 147 left." in out
@@ -234,16 +225,6 @@ def test_killed_and_started_again_it_goes_on(folder, day, tmp_path):
     # The row before the kill may be judged again, since its state was not written yet; none is left out.
     assert list(dict.fromkeys(told)) == day.posture.tolist()
     assert len(told) <= ROWS + 1
-
-
-def test_no_row_and_a_closed_standard_input(folder, capsys, monkeypatch):
-    path, _ = folder
-    watch = ["watch", str(path), "--plan", "mixed", "--json"]
-    assert main([*watch, "--once"]) == 0
-    assert capsys.readouterr() == ("", "No row has arrived.\n")
-    monkeypatch.setattr(sys, "stdin", None)
-    assert main([*watch, "--stdin"]) == 2
-    assert "standard input is closed" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("content", [b"x" * (MOST_AT_ONCE + 1), b"posture,time\r1,2\r"])

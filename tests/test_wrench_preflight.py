@@ -1,7 +1,5 @@
 """Preflight of wrench sensors: what they carry, what must cancel, and which checks need cells."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from typing import Any

@@ -3,8 +3,6 @@
 Their readings are compared with cells, with MuJoCo's contact forces and weights, and with the data sheet.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

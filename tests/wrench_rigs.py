@@ -1,7 +1,5 @@
 """Laboratories with wrench sensors, and what their readings are in the base frame by MuJoCo alone."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

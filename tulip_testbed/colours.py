@@ -1,7 +1,5 @@
 """Okabe and Ito's palette: colours that colour-blind people can distinguish, one for each thing shown."""
 
-from __future__ import annotations
-
 CELL_COLOURS = ("#0072B2", "#56B4E9", "#009E73", "#E69F00")
 PALETTE = (*CELL_COLOURS, "#D55E00", "#CC79A7", "#999999", "#F0E442")
 MEASURED, ESTIMATE, TRUTH, NOMINAL = "#D55E00", "#0072B2", "#009E73", "#999999"

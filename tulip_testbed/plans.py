@@ -4,8 +4,6 @@
 `plans.mixed` 108 on both feet, on the right and on the left one; they are read when they are first asked for.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

@@ -4,8 +4,6 @@ The command line runs without OpenGL (`tulip_testbed.cli.entry`), and a broken d
 child with EGL or else OSMesa draws. It reads a request (JSON) and writes the images (npy).
 """
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -1,7 +1,5 @@
 """Fill `<!-- generated: NAME -->` of the reference pages from the program itself."""
 
-from __future__ import annotations
-
 import os
 import re
 import warnings

@@ -1,7 +1,5 @@
 """Show links that leave docs/ as plain file names: on GitHub they lead to the file, which the site lacks."""
 
-from __future__ import annotations
-
 import logging
 import os
 import re

@@ -4,8 +4,6 @@ Written `WHAT/OF/SHAPE`, for instance `encoder:right_knee/own-angle/sine`. A sha
 `-gain`: the error is then in proportion to the cell's own load. In names, `/` is written `%2F` and `%` `%25`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache

@@ -5,8 +5,6 @@ of mass by a soft spring to a point a kilometre away. Its removal moves the cent
 moment about the floor of the cells; what pulls down is added to the weight.
 """
 
-from __future__ import annotations
-
 import copyreg
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """How a law misreads encoders, cells or a plate's survey, by the quantities that an observation shows."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -3,8 +3,6 @@
 Within the range [from, to] in which a law was learned; beyond, a function keeps its value at the end.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

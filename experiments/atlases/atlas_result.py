@@ -1,7 +1,5 @@
 """The atlas of a plan: what the plan detects, what it cannot detect, what it cannot distinguish."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from pathlib import Path

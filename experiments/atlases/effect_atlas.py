@@ -1,7 +1,5 @@
 """The atlas of a plan: which effects it would detect, distinguish or hide, before anything is measured."""
 
-from __future__ import annotations
-
 import numpy as np
 import scipy
 

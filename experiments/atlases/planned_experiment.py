@@ -5,8 +5,6 @@ effect adds to the residuals of the centre of pressure. An effect that changes t
 wrong length) moves, besides, what is estimated. Both together are the bias against the nominal robot.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """How exactly a laboratory must be set up: bias by small errors of plates, floor, encoders and cells."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,12 +1,9 @@
 """Write the identified robot as a model file: consistent, checked, and otherwise the user's own file."""
 
-from __future__ import annotations
-
 import os
 import tempfile
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -15,11 +12,10 @@ from scipy.linalg import block_diag
 
 from tulip_testbed.base.errors import InputError, listed, shortened, warn
 from tulip_testbed.base.files import check_new, present, read_bytes, write_bytes
-from tulip_testbed.effects.instance import EffectInstance, injected
+from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.motion_effects import INERTIA
-from tulip_testbed.effects.true_robot import true_model
 from tulip_testbed.experiments.export.exported_model import ExportedModel, TotalMass, exported_links
-from tulip_testbed.experiments.export.model_text import with_inertias, with_places, written_urdf
+from tulip_testbed.experiments.export.model_text import with_inertias, written_urdf
 from tulip_testbed.experiments.export.published_links import PublishedLinks
 from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.robot_import.skeleton import LEAST_MASS
@@ -41,10 +37,8 @@ from tulip_testbed.identification.pseudo_inertia import (
     standard_of,
 )
 from tulip_testbed.sim.mjcf_files import mjcf_files
-from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, check_unchanged, load_spec, rotation_matrices
 
-LENGTH = "link-length"
 ENDINGS = (".xml", ".urdf")
 EXACT = 1e-9  # m: how far the base parameters of the file may be from the stated ones
 ALIKE = 1e-6  # of a pseudo-inertia, in its own metric
@@ -58,18 +52,16 @@ def export_model(
     path: Path,
     source: Path | None = None,
     adopted: Sequence[EffectInstance] = (),
-    lengths: bool = False,
     weighed: tuple[float, float] | None = None,
 ) -> ExportedModel:
     """Write the identified robot; see `tulip_testbed.export_model`.
 
     Args:
-        adopted: effects that the laboratory is known to have. lengths: put its link lengths into the file.
+        adopted: effects that the laboratory is known to have.
         weighed: mass of the robot on a scale and its standard error [kg]; None: that of the identification.
     """
     _check(identification, robot, path, source)
-    model = _lengthened(robot, adopted, source) if lengths else robot.model
-    parameters = base_parameters(robot, model, identification.parameters.support)
+    parameters = base_parameters(robot, support=identification.parameters.support)
     links, full = parameters.tree.links, identification.full
     bodies = None if source is None else PublishedLinks(source, robot)
     cad = pseudo_inertias(robot.model)
@@ -91,10 +83,10 @@ def export_model(
     slope[:-1, -1] = full.value
     known = slope @ block_diag(full.covariance, mass_error**2) @ slope.T
     shares = data_shares(consistent.pseudo, target.from_standard, known)
-    content, notes = _content(robot, model, path, source, bodies, parameters, consistent)
+    content, notes = _content(robot, path, source, bodies, parameters, consistent)
     notes = (*notes, *inertias)
-    if left_out := [str(effect) for effect in adopted if effect.effect.name != LENGTH or not lengths]:
-        notes = (*notes, f"Adopted, but not in the file: {listed(left_out)}")
+    if adopted:
+        notes = (*notes, f"Adopted, but not in the file: {listed(map(str, adopted))}")
     if consistent.misfit:
         nearest = f"the exported one is the nearest, {consistent.misfit:.3g} standard errors away"
         notes = (f"No physically consistent robot has the base parameters; {nearest}.", *notes)
@@ -134,15 +126,6 @@ def _check(identification: Identification, robot: Robot, path: Path, source: Pat
         raise InputError(
             f"{path}: found the ending '{path.suffix}', expected {_kind(source)}, that of the source {source}"
         )
-
-
-def _lengthened(robot: Robot, adopted: Sequence[EffectInstance], source: Path | None) -> mujoco.MjModel:
-    """Return the robot's model with the link lengths that were adopted."""
-    lengths = [effect for effect in adopted if effect.effect.name == LENGTH]
-    if not lengths or source is not None:
-        wrong = "a source" if lengths else f"no adopted {LENGTH}"
-        raise InputError(f"lengths: found {wrong}, expected {LENGTH} effects and the robot's own file")
-    return true_model(injected(preset_rig("ideal", robot), lengths))
 
 
 def _kind(source: Path) -> str:
@@ -202,7 +185,6 @@ def pseudo_change(change: np.ndarray) -> np.ndarray:
 
 def _content(
     robot: Robot,
-    model: mujoco.MjModel,
     path: Path,
     source: Path | None,
     bodies: PublishedLinks | None,
@@ -210,13 +192,14 @@ def _content(
     consistent: ConsistentRobot,
 ) -> tuple[bytes, tuple[str, ...]]:
     """Return the bytes of the model, read back and compared, and notes on them."""
+    model = robot.model
     if source is not None and bodies is not None:
         content = with_inertias(read_bytes(source), bodies.changed(consistent.pseudo), source)
         read = _published(content, path, robot)
         notes = _missing_files(source, path)
     elif path.suffix.lower() == ".urdf":
-        content = written_urdf(robot, model, consistent.pseudo)
-        read = _published(content, path, replace(robot, model=model))
+        content = written_urdf(robot, consistent.pseudo)
+        read = _published(content, path, robot)
         parts = "links, hinges, limits and inertias, without shapes and motors"
         notes = (f"The URDF is generated from the robot's MJCF: {parts}.",)
     else:
@@ -224,12 +207,6 @@ def _content(
         links = zip(parameters.tree.links, consistent.pseudo, strict=True)
         heavy = {name: pseudo for name, pseudo in links if pseudo[3, 3] > 0}
         content = with_inertias(read_bytes(robot.model_file), heavy, robot.model_file)
-        places = {}  # old and new, of bodies that were moved; where the robot stands is no length
-        for k in np.flatnonzero(robot.model.body_parentid > 0):
-            name, old = robot.model.body(k).name, robot.model.body_pos[k]
-            if np.abs(model.body(name).pos - old).max() > 1e-12:
-                places[name] = old, model.body(name).pos
-        content = with_places(content, places, robot.model_file)
         with tempfile.TemporaryDirectory() as scratch:  # a copy of the robot's files
             folder = Path(scratch)
             for name in robot.hashes:

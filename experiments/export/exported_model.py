@@ -1,7 +1,5 @@
 """What `tulip export` tells: what changed in the links, how much of it is data, which file was written."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

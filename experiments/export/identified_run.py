@@ -1,7 +1,5 @@
 """The identification that a folder holds."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from tulip_testbed.base.errors import InputError, warn

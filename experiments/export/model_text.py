@@ -1,6 +1,4 @@
-"""The text of a model file: inertias and places replaced, every other byte as it is; an MJCF as a URDF."""
-
-from __future__ import annotations
+"""The text of a model file: inertias replaced, every other byte as it is; an MJCF as a URDF."""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -21,7 +19,6 @@ ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # of MJCF's fulliner
 INDENT = b"  "
 FASTEST = 100.0  # rad/s: a URDF needs a limit of the speed, which an MJCF does not have
 TAG = re.compile(rb"""(?:[^"'>]|"[^"]*"|'[^']*')*>""")  # quoted values may hold a '>'
-POSITION = re.compile(rb"""(\spos\s*=\s*)("[^"]*"|'[^']*')""")
 
 
 @dataclass
@@ -56,25 +53,6 @@ def with_inertias(content: bytes, pseudo: Mapping[str, np.ndarray], where: Path)
             changes.append((element.after - 2, element.after, closing))
         else:
             changes.append((element.after, element.after, _new_line(content, element.start) + text))
-    return _changed(content, changes)
-
-
-def with_places(content: bytes, places: Mapping[str, tuple[np.ndarray, np.ndarray]], where: Path) -> bytes:
-    """Return an MJCF with the places of bodies in their parents replaced, old and new, (3,) [m], by name."""
-    changes = []
-    _, elements = _elements(content, where)
-    for name, (old, new) in places.items():
-        element = elements.get(name)
-        tag = b"" if element is None else content[element.start : element.after]
-        position = POSITION.search(tag)
-        values = [] if position is None else position[2][1:-1].split()
-        if element is None or position is None or not np.allclose(np.array(values, float), old, atol=1e-12):
-            raise InputError(
-                f'{where}: found no <body name={quoteattr(shortened(name))} pos="{joined(old)}">, expected '
-                "its place in the body itself: write what a <frame> adds into it"
-            )
-        start = element.start + position.start(2)
-        changes.append((start, start + len(position[2]), f'"{joined(new)}"'.encode()))
     return _changed(content, changes)
 
 
@@ -151,20 +129,20 @@ def _new_line(content: bytes, start: int) -> bytes:
     return ending + line + INDENT if not line.strip() else b""
 
 
-def written_urdf(robot: Robot, model: mujoco.MjModel, pseudo: np.ndarray) -> bytes:
+def written_urdf(robot: Robot, pseudo: np.ndarray) -> bytes:
     """Return a URDF of the robot with other inertias.
 
     The frame of a link is the body's frame, moved to its last hinge where that is elsewhere. A body with
     several hinges gets links without mass between them. Shapes, motors and sensors are left out.
 
     Args:
-        model: the robot alone, which gives the lengths.
         pseudo: pseudo-inertias of the links in the frames of the bodies, (n_links, 4, 4).
 
     Raises:
         InputError: a hinge whose zero is not where the file draws it (`ref`), which a URDF cannot express.
     """
-    torques, rotations = joint_torques(robot.spec), rotation_matrices(model.body_quat)
+    model, torques = robot.model, joint_torques(robot.spec)
+    rotations = rotation_matrices(model.body_quat)
     lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(robot.name)}>"]
     if (pseudo[:, 3, 3] == 0).any() or (model.body_jntnum > 1).any():
         # MuJoCo refuses links that move without mass; other programs pass over this.

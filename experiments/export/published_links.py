@@ -1,7 +1,5 @@
 """The bodies of a published file behind the links of the robot that `tulip robot` made of it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

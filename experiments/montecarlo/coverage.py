@@ -1,7 +1,5 @@
 """Errors of estimates over many runs compared with the standard errors that the estimator stated."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 

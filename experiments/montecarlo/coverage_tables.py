@@ -1,7 +1,5 @@
 """Tables of a Monte Carlo."""
 
-from __future__ import annotations
-
 from tulip_testbed.base.column import Column
 from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.experiments.montecarlo.coverage import ParameterCoverage

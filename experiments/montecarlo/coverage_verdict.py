@@ -15,8 +15,6 @@ Their part of a standard error is what their prior says; laboratories that are d
 can neither confirm nor refute it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial

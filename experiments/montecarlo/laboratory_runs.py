@@ -1,7 +1,5 @@
 """Where the runs come from: static equilibria solved directly, or the full dynamics."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """The result of a Monte Carlo: its figures are a JSON document, and its folder holds the runs behind them."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -54,7 +52,7 @@ from tulip_testbed.experiments.run_file import (
     configuration_of,
 )
 from tulip_testbed.experiments.usable_plan import plan_hash, planned_parameters
-from tulip_testbed.identification.statistics import relative_standard_errors
+from tulip_testbed.identification.statistics import WELL_IDENTIFIED, relative_standard_errors
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.random_robots import check_spread
@@ -310,7 +308,7 @@ def _usable(runs: Columns, full: Errors, robot: Robot, plan: PosturePlan) -> str
     truth, parameters = matrix(runs, [f"truth.{n}" for n in numbers]), planned_parameters(robot, plan)
     moved = parameters.regressor(plan.joint_angles, plan.support) @ errors_of(runs, "full", numbers).T
     shares = relative_standard_errors(truth.mean(axis=0), full.standard_error)
-    return usable_line(shares, float(np.sqrt((moved**2).mean())))
+    return usable_line(shares < WELL_IDENTIFIED, float(np.sqrt((moved**2).mean())))
 
 
 def montecarlo_file(laboratory: Laboratory, plan: PosturePlan, settings: Settings) -> MonteCarloFile:

@@ -1,7 +1,5 @@
 """The whole Monte Carlo: check, begin or resume, compute, summarise."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from collections.abc import Callable, Sequence

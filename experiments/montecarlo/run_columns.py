@@ -1,7 +1,5 @@
 """The record of a run: one row of the results."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The order in which a plan is measured: short ways, and time that grows with nothing else."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Motions from one posture to the next while the feet stay where they are, and their files."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Loads of the nominal robot in motion: torques of the drives, zero-moment point, loads of the feet."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import mujoco

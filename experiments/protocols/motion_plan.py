@@ -1,7 +1,5 @@
 """A plan that moves: free motions between the postures of every placement, at a speed that fits a budget."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass, replace
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """The protocol of a laboratory day: a plan in the order in which it is measured, and the motions between."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Find the feet, their soles and the directions of a robot by its geometry."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Read a robot as people publish it: an MJCF or a URDF."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

@@ -3,8 +3,6 @@
 Drives, planning ranges and margins that the published file lacks are scaled to the robot.
 """
 
-from __future__ import annotations
-
 import json
 import tempfile
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """A robot without its file's peculiarities: MuJoCo has fixed to every link all that moves with it."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from itertools import product

@@ -1,7 +1,5 @@
 """Find the posture in which a robot stands: knees bent, soles level, centre of mass between them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

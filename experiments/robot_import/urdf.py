@@ -1,7 +1,5 @@
 """Read a URDF: find its meshes in any format, and make MuJoCo keep all its links."""
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ET
 from collections import Counter

@@ -1,7 +1,5 @@
 """The user's statements about an imported table: a TOML file, or entries NAME=COLUMN:UNIT:SIGN."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Import the log of a moving robot: from samples to rows of measurements in the contract's own columns."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
@@ -38,7 +36,10 @@ LEAST_ROWS = 200
 FEW = 0.2  # of the rows
 STILL = 0.02  # rad: without a joint that moves more, nothing moves
 COMPUTED = (*WHOLE, "window", "samples", "speed", "acceleration")  # columns that samples do not have
-COMPUTED_OF = ("q_std", "q_rate", "q_acceleration", "cell_std", "wrench_std", "wrench_acceleration")
+COMPUTED_OF = (
+    *("q_std", "q_rate", "q_acceleration", "cell_std"),
+    *("wrench_std", "wrench_rate", "wrench_acceleration"),
+)
 
 
 def series_of(table: TableFile, stated: ImportMap) -> SeriesOfMap | None:

@@ -1,7 +1,5 @@
 """Hold the signs of an imported table against the robot where both feet on the ground can tell them."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Import a laboratory's own table: propose a mapping, write a measurement folder, check it with the robot."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import asdict, dataclass, replace

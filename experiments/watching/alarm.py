@@ -4,8 +4,6 @@ The error rates are of a whole day: the sum of `FALSE_ALARMS` is the probability
 in which nothing begins.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

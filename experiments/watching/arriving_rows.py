@@ -1,9 +1,7 @@
-"""Rows of a measurement folder's table while they arrive: in a file that grows, or as lines of a stream.
+"""Rows of a measurement folder's table while they arrive in a file that grows.
 
 A watch keeps the bytes of all lines that it has read; nothing before their end may change.
 """
-
-from __future__ import annotations
 
 import io
 import itertools

@@ -5,8 +5,6 @@ deviates of the ordinary imperfections, errors of the placement's recorded plate
 stance). Before the first row x is normal with mean zero.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """Checks that a single row can fail without any model of the day: order, plausible readings, and rest."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tulip_testbed.base.numbers import number

@@ -1,13 +1,10 @@
 """Watch a day: read rows as they arrive, judge each, and keep the state."""
 
-from __future__ import annotations
-
 import io
 import itertools
 import math
 import time
-from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from hashlib import sha256
@@ -37,11 +34,10 @@ from tulip_testbed.experiments.watching.arriving_rows import (
     write_state,
 )
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
-from tulip_testbed.experiments.watching.watch_row import CHANGED, OK, Verdict, watch_row
+from tulip_testbed.experiments.watching.watch_row import Verdict, watch_row
 from tulip_testbed.experiments.watching.watch_state import first_state
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.regressor import check_robot
-from tulip_testbed.identification.residual_channels import CHANNELS
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.measurements.manifest import Manifest
 from tulip_testbed.measurements.measurement_folder import header_in, read_manifest
@@ -49,7 +45,6 @@ from tulip_testbed.sim.robot import Robot
 
 POLL = 0.25  # s, between two looks at a file
 EVERY = "all"
-LATEST = 12  # rows that are shown
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,9 +67,6 @@ class Watch(Result):
     It ends when every posture of the plan is measured. The state is written after a row was yielded: a
     process that is killed between both yields that row again. A hidden file next to the state, .NAME.lock,
     keeps a second watch of the same state out.
-
-    Attributes:
-        latest: arrivals of the last rows.
     """
 
     def __init__(
@@ -85,7 +77,6 @@ class Watch(Result):
         out: Path | None = None,
         targets: Mapping[str, float] | None = None,
         once: bool = False,
-        rows: Iterable[bytes] | None = None,
     ) -> None:
         """Begin to watch; everything is looked at when the first row is asked for.
 
@@ -94,12 +85,11 @@ class Watch(Result):
             out: file that keeps the state; None: it is not kept.
             targets: standard errors that are wanted, by base parameter or "all" [m].
             once: judge the rows that are there and end, rather than wait for more.
-            rows: lines of a CSV after their header, in place of the folder's table.
         """
         self.folder, self.plan, self.robot = folder, plan, robot
-        self._out, self._targets, self._once, self._rows = out, targets or {}, once, rows
-        self.latest: deque[Arrival] = deque(maxlen=LATEST)
+        self._out, self._targets, self._once = out, targets or {}, once
         self._last: Verdict | None = None
+        self._rows = 0  # that arrived
         self._read, self._header = bytearray(), b""
         self._arrivals = self._judged()
 
@@ -108,7 +98,7 @@ class Watch(Result):
 
     def __next__(self) -> Arrival:
         arrival = next(self._arrivals)
-        self.latest.append(arrival)
+        self._rows += 1
         if arrival.verdict is not None:
             self._last = arrival.verdict
         return arrival
@@ -116,7 +106,7 @@ class Watch(Result):
     @property
     def exit_code(self) -> int:
         """Return 1 if rows arrived and none could be read, and else 0."""
-        return int(self._last is None and bool(self.latest))
+        return int(self._last is None and self._rows > 0)
 
     def to_json(self) -> dict[str, Any]:
         """Return the document of the last verdict; empty before the first one."""
@@ -125,7 +115,7 @@ class Watch(Result):
     def tables(self) -> list[Table | str]:
         """Return the standard errors with their targets, and what to do now."""
         if self._last is None:
-            return [] if self.latest else ["No row has arrived."]
+            return [] if self._rows else ["No row has arrived."]
         columns = (
             Column("no.", format="d"),
             Column("parameter"),
@@ -141,22 +131,6 @@ class Watch(Result):
             rows.append([k, name, 1e3 * error, 1e3 * target if wanted else None, met if wanted else ""])
         note = "By the data sheets and the postures so far; the readings' scatter does not enter."
         return [Table("Standard errors of the base parameters", columns, rows, note), self.advice()]
-
-    def latest_table(self) -> Table:
-        """Return the last postures and what to do now."""
-        channels = (Column(channel, format=".1f") for channel in CHANNELS)
-        columns = (Column("posture", format="d"), Column("verdict"), *channels, Column("found"))
-        rows = []
-        for arrival in self.latest:
-            if (verdict := arrival.verdict) is None:
-                nothing = [math.nan] * len(CHANNELS)
-                rows.append([None, Cell("unreadable", mark="fail"), *nothing, arrival.problem])
-                continue
-            mark = {OK: "pass", CHANGED: "fail"}.get(verdict.verdict, "warn")
-            misfit = [verdict.misfit[channel] for channel in CHANNELS]
-            rows.append([verdict.posture, Cell(verdict.verdict, mark=mark), *misfit, verdict.seen])
-        title = "Last postures; misfit by channel in standard deviations"
-        return Table(title, columns, rows, self.advice())
 
     def advice(self) -> str:
         """Say what to do now, and how the standard errors stand."""
@@ -184,7 +158,7 @@ class Watch(Result):
     def _judged(self) -> Iterator[Arrival]:
         """Yield what comes of every row; those of a kept state are judged again first, in silence."""
         out, where = self._out, self.folder / "manifest.json"
-        path = self.folder / TABLE if self._rows is None else Path("standard input")
+        path = self.folder / TABLE
         with ExitStack() as stack:
             if out is not None:
                 check_state_file(out)
@@ -196,7 +170,7 @@ class Watch(Result):
             day = _hash_of_day(self.plan, stated := read_bytes(where))
             kept = b"" if out is None else read_state(out, day)
             state, number, judge = first_state(model), 0, one_blas_thread(watch_row)
-            for line in itertools.chain(io.BytesIO(kept), self._arriving(path, kept)):
+            for line in itertools.chain(io.BytesIO(kept), self._arriving(path)):
                 number += self._read[-1:] in (b"", b"\n")
                 self._read += line
                 new = len(self._read) > len(kept)
@@ -221,15 +195,8 @@ class Watch(Result):
                 if verdict is not None and verdict.next is None:
                     return
 
-    def _arriving(self, path: Path, kept: bytes) -> Iterator[bytes]:
-        """Yield lines as they arrive; a stream may bring those again that were kept."""
-        if self._rows is not None:
-            known = {text_of(line) for line in io.BytesIO(kept)}
-            if kept and not kept.endswith(b"\n"):
-                yield b"\n"
-            lines = (text_of(expect("rows", line, bytes)) for line in self._rows)
-            yield from (line + b"\n" for line in lines if line not in known)
-            return
+    def _arriving(self, path: Path) -> Iterator[bytes]:
+        """Yield lines as they arrive."""
         while (lines := new_lines(path, bytes(self._read), self._header, self._once)) or not self._once:
             yield from lines
             if not lines:

@@ -1,7 +1,5 @@
 """Check a posture as soon as its row is there, against everything that was measured before it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -119,7 +117,6 @@ class Verdict:
         next: number of the posture to measure next; None: all are measured.
         standard_errors: of the base parameters so far, by name [m]; infinite until they are determined.
         stop: why the day may end; "" if it should not.
-        misfit: innovation of each channel, root mean square in standard deviations; NaN: not in use.
         left: postures of the plan that are still to be measured.
         onset: posture at which a change began; None: there is none.
     """
@@ -130,7 +127,6 @@ class Verdict:
     next: int | None
     standard_errors: Mapping[str, float]
     stop: str
-    misfit: Mapping[str, float]
     left: int
     onset: int | None = None
 
@@ -148,15 +144,12 @@ class Verdict:
             "stop": self.stop or None,
         }
 
-    @property
-    def seen(self) -> str:
-        """Return the findings as one text."""
-        return "; ".join(f"{finding.name}: {finding.seen}" for finding in self.findings)
-
     def __str__(self) -> str:
-        seen = f" - {self.seen}" if self.findings else ""
-        then = "" if self.next is None else f"; next {self.next}"
-        return f"posture {self.posture}: {self.verdict}{seen}{then}"
+        found = "; ".join(f"{finding.name}: {finding.seen}" for finding in self.findings)
+        seen = f" - {found}" if found else ""
+        then = "" if self.next is None else f"; next {self.next}, {self.left} left"
+        stop = f"; stop: {self.stop}" if self.stop else ""
+        return f"posture {self.posture}: {self.verdict}{seen}{then}{stop}"
 
 
 def watch_row(
@@ -173,7 +166,6 @@ def watch_row(
     """
     posture, level = int(row.posture[0]), levels(model)
     planned = planned_row(model, state, posture, int(row.placement[0]))
-    misfit: Mapping[str, float] = dict.fromkeys(CHANNELS, float("nan"))
     wrong = refused(state, row, planned)
     verdict, findings = UNPLANNED if planned is None else UNUSABLE, [] if wrong is None else [wrong]
     if planned is not None and wrong is None:
@@ -187,7 +179,6 @@ def watch_row(
             spreads = np.concatenate([state.spreads, spreads])[-USUAL:] if len(state.spreads) else spreads
             columns = row_columns(model, row).row(0)
             innovation = state.belief.predict(model, columns)
-            misfit = _misfit(innovation)
             state = replace(state, spreads=spreads)
             state, verdict, told = _judge(model, state, columns, innovation, planned, level)
             findings = [*told, *findings]
@@ -204,7 +195,6 @@ def watch_row(
         next=next_posture(model, state, verdict == OK),
         standard_errors=dict(zip(model.nominal.parameters.names, errors.tolist(), strict=True)),
         stop=stop,
-        misfit=misfit,
         left=left,
         onset=None if state.fault is None else state.fault.posture,
     )

@@ -1,7 +1,5 @@
 """Audit the conventions of a log: every hypothesis and how likely the measured wrenches make it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -23,7 +21,6 @@ from tulip_testbed.identification.conventions.log_conventions import (
     PREPARED,
     PUBLISHED,
     SENSOR,
-    WORLD,
     ContactFrames,
     WrenchConvention,
     contact_frames,
@@ -36,7 +33,7 @@ from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.contacts import WRENCH
 from tulip_testbed.measurements.data import feet_in_contact
-from tulip_testbed.measurements.stated_convention import StatedConvention
+from tulip_testbed.measurements.stated_convention import AXES, WORLD, StatedConvention
 
 DECISIVE = 8.0  # of the log-likelihood, over that of the next hypothesis
 WORST_FORCE, WORST_MOMENT = 0.1, 0.05  # r.m.s. residual over the weight [-, m], beyond which nothing fits
@@ -49,7 +46,7 @@ OF_POSTURE = (SENSOR, PREPARED, PUBLISHED)  # axes that follow from the joint an
 LAGS = np.linspace(-0.5, 0.5, 21)  # s
 LEAST_ROWS, LEAST_SERIES = 3, 40  # for an audit, and for a lag
 NAMES = {
-    "axes": "axes of the wrench",
+    "axes": AXES,
     "sign": "sign of the wrench",
     "about": "point of the moments",
     "order": "order of the channels",

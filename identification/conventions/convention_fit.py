@@ -5,8 +5,6 @@ prior, and by a residual of unknown covariance that lasts. They are fitted under
 that a robot 10 % off, a foot that rocks, or a sensor with cross-talk does not decide for a wrong one.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

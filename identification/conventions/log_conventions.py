@@ -1,7 +1,5 @@
 """How a log may write wrenches and joint angles: axes, signs, points and orders, and how late it may be."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -13,9 +11,10 @@ from tulip_testbed.identification.kinematics import turned_about
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.data import feet_in_contact
+from tulip_testbed.measurements.stated_convention import WORLD
 from tulip_testbed.sim.robot import rotation_matrices
 
-SENSOR, PREPARED, PUBLISHED, WORLD = "sensor", "base link", "base link as published", "world"
+SENSOR, PREPARED, PUBLISHED = "sensor", "base link", "base link as published"
 FOOT = "a point of the foot"
 ON_ROBOT, ON_GROUND = "of the ground on the robot", "of the robot on the ground"
 FORCES, MOMENTS = "forces first", "moments first"

@@ -1,7 +1,5 @@
 """Physically consistent base parameters: the nearest to the estimate that a real robot can have."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Least squares corrected for the encoders' errors in the regressor, and for no other errors."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The result of every estimator."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -11,10 +9,13 @@ from pydantic import computed_field
 from tulip_testbed.base.result import Array, InMemory, Numbers
 from tulip_testbed.identification.statistics import (
     HIGH_CORRELATION,
+    WELL_IDENTIFIED,
     high_correlations,
     relative_standard_errors,
     standard_errors,
 )
+
+MOSTLY = 0.5  # of a parameter's prior variance, that the data of a well identified one removed
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +127,12 @@ class Estimate:
     def relative_standard_error(self) -> Array:
         """Return the standard error over the estimate (eq. 13), (p,) [%]."""
         return relative_standard_errors(self.value, self.standard_error)
+
+    @property
+    def well_identified(self) -> np.ndarray:
+        """Return which parameters have a small relative standard error that is not CAD's, (p,) bool."""
+        known = self.relative_standard_error < WELL_IDENTIFIED
+        return known if self.data_share is None else known & (self.data_share > MOSTLY)
 
     @computed_field
     @property

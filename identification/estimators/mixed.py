@@ -1,15 +1,13 @@
 """Generalised least squares with placement effects, without and with the encoders' errors."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.linalg import block_diag
 
-from tulip_testbed.identification.degrees_of_freedom import of_f_test, satterthwaite
 from tulip_testbed.identification.estimators.errors_in_variables import bounded_excess
 from tulip_testbed.identification.estimators.estimate import Estimate
 from tulip_testbed.identification.estimators.ordinary import residual_sigma, solve
 from tulip_testbed.identification.regressor import Regression
+from tulip_testbed.identification.statistics import of_f_test, satterthwaite
 from tulip_testbed.identification.variance_components import Components, fit_components
 
 

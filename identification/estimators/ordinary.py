@@ -1,7 +1,5 @@
 """Ordinary least squares on the centre of pressure (eq. 8)."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Link masses and centres of mass: the measurements combined with the robot's own model as prior."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Huber's M-estimator, which gives outlying postures less weight."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

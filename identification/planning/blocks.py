@@ -8,8 +8,6 @@ A plan has very many local optima, since each posture ends at a corner of the fe
 exchange algorithm (1972), postures are exchanged for candidates if that reduces the objective.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

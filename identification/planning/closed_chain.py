@@ -4,8 +4,6 @@ In double support twelve equations determine twelve joints: the swing foot's pos
 (3) and the centre of mass (3). For F(q, u) = 0 the implicit function theorem gives dq/du = -(dF/dq)^-1 dF/du.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

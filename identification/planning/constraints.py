@@ -1,7 +1,5 @@
 """All constraints on a posture as inequalities g(u) >= 0, with derivatives."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ Every function accepts complex numbers, since derivatives are computed by comple
 whether a corner is on the hull, use the real parts.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

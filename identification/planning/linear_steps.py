@@ -5,8 +5,6 @@ Most variables of an optimal plan end at a constraint. Steps to the corners of t
 sparse, since a posture depends on its own and its swing foot's variables only; scipy's HiGHS solves them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

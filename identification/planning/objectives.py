@@ -5,8 +5,6 @@ approximated by smooth ones: the p-norms of the eigenvalues of M and M^-1 tend t
 (1/p) ln(tr M^p tr M^-p) tends to ln cond(M) (p = 1: ln tr M tr M^-1).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -4,8 +4,6 @@ They are written for the foot that the problem calls the stance foot. Standing o
 on the stance foot of the robot with its feet exchanged (`from_other_foot`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache

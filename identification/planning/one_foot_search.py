@@ -9,8 +9,6 @@ drives have, and on the way from one to the next, in the laboratory's 2 s, the s
 its limit even between near ones.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Make an optimal plan for a robot, describe its margins, and add repeated postures."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """The planning problem: nominal kinematics, masses, drives, soles and ranges of a robot, as arrays."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise, product
 

@@ -4,8 +4,6 @@ Every round ends with a checkpoint. Its random numbers depend only on the seed a
 interrupted and resumed search ends with identical bits.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

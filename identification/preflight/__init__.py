@@ -1,7 +1,5 @@
 """The preflight: checks of a measurement folder for faults."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -6,8 +6,6 @@ tested one by one as mean shifts in the best fitting model (Cook and Weisberg 19
 of the others if that exceeds the stated one.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

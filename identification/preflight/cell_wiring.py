@@ -1,7 +1,5 @@
 """Preflight: cells that are read in each other's place, turned on a plate, or with a wrong sign or unit."""
 
-from __future__ import annotations
-
 import itertools
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Preflight: parameters that these postures identify, and their predicted accuracy."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tulip_testbed.base.errors import InputError

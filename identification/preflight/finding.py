@@ -1,7 +1,5 @@
 """A finding of the preflight, and the levels at which checks warn and fail."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Preflight: closure of the legs, and feet that stay in place."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tulip_testbed.identification.distributions import normal_sf

@@ -1,7 +1,5 @@
 """Preflight of a robot that moves: clock, segments, clipped readings, lag of the contact sensors."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tulip_testbed.identification.base_parameters import common_support

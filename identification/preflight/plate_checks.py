@@ -1,7 +1,5 @@
 """Preflight: plate poses, feet on their plates, and loads inside the soles."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tulip_testbed.base.numbers import number

@@ -1,7 +1,5 @@
 """Preflight: sensors that are stuck, saturated, unconnected or too coarse, and understated noise."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tulip_testbed.base.numbers import number

@@ -1,7 +1,5 @@
 """Preflight: steadiness of the averaged windows."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tulip_testbed.base.numbers import number

@@ -1,7 +1,5 @@
 """Preflight: the right robot, SI units, and joint limits."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tulip_testbed.base.numbers import number

@@ -5,8 +5,6 @@ of each imperfection. Three tests have V = I + K K' in common: what no imperfect
 single rows, and single directions, those of the imperfections among them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Preflight: the cells carry the robot's weight, the same in all postures."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tulip_testbed.identification.distributions import t_sf

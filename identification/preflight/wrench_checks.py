@@ -1,7 +1,5 @@
 """Preflight of wrench sensors: vertical forces that carry the robot, horizontal ones that cancel."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tulip_testbed.identification.contact_readings import noise_of_wrenches

@@ -1,7 +1,5 @@
 """Join devices that were logged by clocks of their own."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Read a log of any known kind as one table."""
 
-from __future__ import annotations
-
 import io
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """Reduce a series of samples to rows, each with the mean motion and readings of a short window."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections import Counter
 from collections.abc import Callable
@@ -194,6 +192,7 @@ def _rows(samples: Measurements, windows: list[_Window], window: float) -> Measu
         joint_rates=each("joint_angles", rate),
         joint_accelerations=each("joint_angles", acceleration),
         cell_rates=each("cell_forces", rate),
+        wrench_rates=each("wrenches", rate),
         wrench_accelerations=each("wrenches", acceleration),
         **readings,
     )

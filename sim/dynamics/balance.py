@@ -1,7 +1,5 @@
 """Balance of forces, moments, torques and energy in every hold, independent of MuJoCo's solver."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import mujoco

@@ -1,7 +1,5 @@
 """Run a whole experiment in the full dynamics: hold, measure and record every placement of a plan."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Sequence
 

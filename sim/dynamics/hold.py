@@ -1,7 +1,5 @@
 """Move the robot to a posture, let it come to rest and hold it, in the full dynamics of MuJoCo."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

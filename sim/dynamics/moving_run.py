@@ -1,7 +1,5 @@
 """Run a plan that moves in the full dynamics: the servos follow its trajectory, sensors are sampled."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace

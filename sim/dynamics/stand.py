@@ -1,7 +1,5 @@
 """One placement in MuJoCo: the robot on its two plates, and the quantities read from it."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -8,8 +8,6 @@ joint, and a pair of opposite `xfrc_applied` between a foot and its plate. The u
 creep, and no constant force exceeds the available friction.
 """
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -8,8 +8,6 @@ plan in full dynamics (docs/explanation/equilibrium.md) and give distributions, 
 of a single posture.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from tulip_testbed.sim.statics.forces import axial_vector

@@ -1,9 +1,8 @@
 """The robot's mechanism in a laboratory, as plain arrays."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import mujoco
 import numpy as np
@@ -211,7 +210,7 @@ class Mechanism:
     rocking: tuple[RockingBoard | None, RockingBoard | None]
     names: tuple[str, ...]
 
-    def with_play(self, fraction: float) -> Mechanism:
+    def with_play(self, fraction: float) -> Self:
         """Return the mechanism with this fraction of the springs' free play, about its middle."""
         springs = [
             (k, ((low + high - fraction * (high - low)) / 2, (low + high + fraction * (high - low)) / 2), row)
@@ -254,7 +253,7 @@ class Mechanism:
         return out
 
     @property
-    def balanced(self) -> Mechanism:
+    def balanced(self) -> Self:
         """Return the mechanism with boards that rock balanced on their diagonals."""
         right, left = (board and replace(board, balanced=True) for board in self.rocking)
         return replace(self, rocking=(right, left))

@@ -1,7 +1,5 @@
 """Read the mechanism from a laboratory's scene, compiled with everything that the rig changes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Wrenches that sensors in or under the feet feel, at solved equilibria."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tulip_testbed.sim.sensors import ANKLE, PLATE

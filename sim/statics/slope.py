@@ -5,8 +5,6 @@ that the moment of the loads behind a body changes by sum (w x (c - o)) x f = B 
 B = sum (c - o) f'. The sums of c f' are taken from the leaves to the torso, as those of the loads are.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

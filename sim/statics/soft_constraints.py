@@ -4,8 +4,6 @@ A constraint of depth x and impedance d bears K d^2 x / ((1 - d) mobility) with 
 dampratio)^2. It is a spring; its mobility is the inverse inertia that the solver assumes.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import mujoco

@@ -1,7 +1,5 @@
 """Solve for static equilibria: Newton's method once a posture, a chord method for all its runs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -4,8 +4,6 @@ Plates are laid, postures commanded and tracked with errors, and sensors read an
 dynamics; only the motion of the robot is left out. docs/explanation/equilibrium.md compares the two.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Draw the laboratory of a case and hide something in it that it shows clearly."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 

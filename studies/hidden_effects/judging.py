@@ -1,7 +1,5 @@
 """Carry out one case and compare what the tool says with the truth."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

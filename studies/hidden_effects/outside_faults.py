@@ -3,8 +3,6 @@
 Each acts on one joint, cell or plate, chosen by a number, in proportion to one size, or on the whole.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

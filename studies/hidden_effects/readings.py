@@ -1,7 +1,5 @@
 """Readings of faulty instruments in an experiment by statics, by formulas of the study's own."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property

@@ -5,8 +5,6 @@ a spline through random postures in full dynamics. The sensor is MuJoCo's own, b
 axes in which a log writes the wrench, its sign, and where the sensor sits are drawn.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -39,6 +37,7 @@ TURN, CROSS_TALK, ARM = 0.6, 0.01, 0.03  # deg; relative; m: range of moments ov
 ZERO, NOISE, STEP_OF = (2.0, 0.1), (0.2, 0.01), (0.05, 0.002)  # N, Nm
 ENCODER_ZERO, ENCODER_NOISE, ENCODER_STEP = 0.15, 0.02, 0.088  # deg
 UNKNOWN_PLACE = 0.05  # m, as a user states who does not know where in the foot the sensor sits
+DELAY = 0.03  # s, of the soles
 IMU, NOT_LOGGED = 0.2, 5.0  # deg; the heading of the world's axes may be any
 # The motion.
 KNOTS, FINE = 40, 0.05  # postures; s between the times at which the centre of mass is led
@@ -171,7 +170,7 @@ def on_left_foot(robot: Robot, truth: Truth) -> mujoco.MjModel:
     foot = grow(spec.worldbody, old.body(robot.swing_foot).id, 0, 0, 1)
     for name, axis, compliance in zip(ROCKS, np.eye(3), truth.compliance, strict=False):
         joint = foot.add_joint(name=name, pos=middle, axis=axis)
-        joint.stiffness, joint.damping = [1 / compliance, 0, 0], [0.03 / compliance, 0, 0]  # polynomials
+        joint.stiffness, joint.damping = [1 / compliance, 0, 0], [DELAY / compliance, 0, 0]  # polynomials
     place = sole_point(robot.model, robot.swing_foot) + truth.origin
     foot.add_site(name="sensor", pos=place, quat=_quaternion(Rotation.from_rotvec(truth.turn).as_matrix()))
     for kind in (mujoco.mjtSensor.mjSENS_FORCE, mujoco.mjtSensor.mjSENS_TORQUE):

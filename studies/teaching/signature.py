@@ -4,8 +4,6 @@ The CoP that the plates measure is compared with the one that the measured angle
 parameters predict. A fit of the base parameters to such data absorbs a part of it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Draw the signature of every effect of the catalogue, a small picture each."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Iterator
 from pathlib import Path

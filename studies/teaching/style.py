@@ -1,7 +1,5 @@
 """The look that all teaching pictures share: palette, letters, a white card that is legible in both modes."""
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The quantity that explains an effect's error of the centre of pressure, for the axis of its picture."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -5,8 +5,6 @@ with the intact input's result); "right" (accepted, with that of an independent 
 or right.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -1,7 +1,5 @@
 """Edit JSON documents: other values, types, lengths and names, more keys or fewer."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator
 from typing import Any

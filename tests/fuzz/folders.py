@@ -1,7 +1,5 @@
 """Unusual and broken measurement and plan folders, and what has to come of each."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

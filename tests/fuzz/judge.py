@@ -1,7 +1,5 @@
 """Does an input end in a right result, or in one message with exit code 2 and nothing left behind?"""
 
-from __future__ import annotations
-
 import codecs
 import json
 import os

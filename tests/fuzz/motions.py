@@ -1,7 +1,5 @@
 """Unusual and broken samples of a motion, and what has to come of each."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyarrow as pa
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """What is compared of a result, and the same read and computed from the files in another way."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import xml.etree.ElementTree as ET

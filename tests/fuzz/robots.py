@@ -1,7 +1,5 @@
 """Unusual and broken robots, description (TOML) and MJCF, and what has to come of each."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """What people hand to the program: its kinds of change, an intact input, and the command that reads it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Robots and measurements: load, read, write, import; and how every function reads what it is given."""
 
-from __future__ import annotations
-
 import atexit
 import shutil
 import tempfile

@@ -1,7 +1,5 @@
 """Functions of a measured robot: check, identify, discover, propose, predict, export."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -253,7 +251,6 @@ def export_model(
     *,
     out: str | Path,
     source: str | Path | None = None,
-    lengths: bool = False,
 ) -> ExportedModel:
     """Write the identified robot as a model file (MJCF or URDF).
 
@@ -267,7 +264,6 @@ def export_model(
         robot: the nominal robot, whose masses are CAD's; TULip if None.
         out: new model file, .xml or .urdf.
         source: published MJCF or URDF of which the robot was made: its inertias are replaced instead.
-        lengths: put the link lengths that a discovery or a folder adopted into the file.
 
     Returns:
         mass, centre and inertia of every link before and after, how much of each is data, and how far the
@@ -286,4 +282,4 @@ def export_model(
         identification, adopted = identified_run(run, robot)
         weighed = identification.measurements.weighed_mass
     place = None if source is None else Path(source)
-    return _export_model(identification, robot, file, place, adopted, lengths, weighed)
+    return _export_model(identification, robot, file, place, adopted, weighed)

@@ -1,8 +1,6 @@
 """Functions of a plan of postures: search, atlas, protocol, watch."""
 
-from __future__ import annotations
-
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -341,7 +339,6 @@ def watch(
     out: str | Path | None = None,
     targets: Targets | None = None,
     once: bool = False,
-    rows: Iterable[bytes] | None = None,
 ) -> Watch:
     """Check postures while they are measured, and say when to stop.
 
@@ -356,7 +353,6 @@ def watch(
         out: file that keeps the state, so that a watch that was killed goes on; None: it is not kept.
         targets: standard errors at which to stop, by base parameter or "all" [m].
         once: judge the rows that are there and end.
-        rows: lines of a CSV after their header, in place of the folder's postures.csv.
 
     Returns:
         an iterator of what came of every row, as soon as it is there; `verdict` says what it shows, which
@@ -368,4 +364,4 @@ def watch(
     """
     robot = robot or load_robot()
     place = None if out is None else Path(out)
-    return Watch(Path(folder), plan_of(plan, robot), robot, place, targets, once, rows)
+    return Watch(Path(folder), plan_of(plan, robot), robot, place, targets, once)

@@ -1,7 +1,5 @@
 """Functions that show: the view and the report."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

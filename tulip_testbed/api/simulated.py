@@ -1,7 +1,5 @@
 """Functions of a virtual laboratory: simulate, validate and Monte Carlo."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path

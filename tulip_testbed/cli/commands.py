@@ -1,7 +1,5 @@
 """The commands of the command line: which function of the library each of them calls."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
@@ -95,7 +93,7 @@ COMMANDS: dict[str, Command] = {
         "watch",
         (
             "tulip watch lab/monday --plan random --out runs/monday.state --targets all=2",
-            "logger | tulip watch lab/monday --plan plans/next --stdin --json",
+            "tulip watch lab/monday --plan plans/next --json",
         ),
     ),
     "robot": Command(

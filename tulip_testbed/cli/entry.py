@@ -1,7 +1,5 @@
 """The console script: ends quietly when interrupted while the libraries are still loading."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

@@ -3,20 +3,15 @@
 A command adds --json, progress and, where a result can be kept and the function writes none itself, --out.
 """
 
-from __future__ import annotations
-
 import inspect
-import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
-from functools import partial
 from inspect import Parameter, Signature
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
 
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.signatures import REQUIRED, Argument, PublicFunction
 from tulip_testbed.sim.shipped import PLAN_NAMES, TULIP
 
@@ -120,17 +115,6 @@ def read_standard_errors(
     return read_targets(value)
 
 
-def read_standard_input(
-    stdin: Annotated[
-        bool, tyro.conf.arg(help="read the rows as CSV lines after a header from standard input")
-    ] = False,
-) -> Iterable[bytes] | None:
-    """Return the lines of standard input, if they are to be read."""
-    if stdin and sys.stdin is None:
-        raise InputError("stdin: standard input is closed, expected rows")
-    return iter(partial(sys.stdin.buffer.readline, 2**21), b"") if stdin else None  # a line may never end
-
-
 def read_plain_laboratory(robot: Any, sensors: SensorsName = "wii", corrections: Corrections = None) -> Any:
     """Set up a laboratory without hidden effects."""
     from tulip_testbed.experiments.laboratory import Laboratory
@@ -161,7 +145,6 @@ READERS: dict[str, Callable[..., Any]] = {
     "Effects": read_corrections,
     "Mapping[str, float] | None": read_stated_tolerances,
     "Targets | None": read_standard_errors,
-    "Iterable[bytes] | None": read_standard_input,
     "Laboratory": read_laboratory,
     "PlainLaboratory": read_plain_laboratory,
 }
@@ -227,20 +210,20 @@ def _carry_out(function: PublicFunction, given: dict[str, Any], out: Path | None
 
 def _follow(watch: Any, as_json: bool) -> None:
     """Show what arrives while it arrives."""
-    from tulip_testbed.cli.terminal import live_table, print_json, say, show
+    from tulip_testbed.cli.terminal import print_json, say, show, show_whole
 
-    with nullcontext() if as_json else live_table() as update:
-        for arrival in watch:
-            verdict = arrival.verdict
-            if verdict is None:
-                say(f"tulip: {arrival.problem}")
-            elif as_json:
-                print_json(verdict.to_json(), indent=None)
-                if verdict.verdict != "ok" or verdict.stop:
-                    say(str(verdict))
-            if update is not None:
-                update(watch.latest_table(), "" if verdict is None else str(verdict))
-    if not watch.latest:
+    arrived = False
+    for arrival in watch:
+        arrived, verdict = True, arrival.verdict
+        if verdict is None:
+            say(f"tulip: {arrival.problem}")
+        elif not as_json:
+            show_whole([str(verdict)])
+        else:
+            print_json(verdict.to_json(), indent=None)
+            if verdict.verdict != "ok" or verdict.stop:
+                say(str(verdict))
+    if not arrived:
         say(str(watch))
     elif not as_json:
         show(*watch.tables())
@@ -258,10 +241,9 @@ def _options(argument: Argument) -> Iterator[Parameter]:
         if name == ROBOT and reader is not read_robot:
             yield from _options(Argument(ROBOT, "Robot | None", None, False, ""))
             continue
-        kind = eval(option.annotation, reader.__globals__)
         default = REQUIRED if option.default is Parameter.empty else option.default
         by_place = argument.by_place and name == VALUE
-        yield _option(argument.name if name == VALUE else name, kind, default, by_place)
+        yield _option(argument.name if name == VALUE else name, option.annotation, default, by_place)
 
 
 def _kind(argument: Argument) -> Any:

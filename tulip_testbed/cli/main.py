@@ -4,8 +4,6 @@ A message names a parameter of the library's function, such as `robot_spread`: i
 which may also be written --robot_spread. The simulator is loaded only when a command runs: help is quick.
 """
 
-from __future__ import annotations
-
 import errno
 import functools
 import io

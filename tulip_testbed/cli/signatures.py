@@ -1,7 +1,5 @@
 """The functions of the API as their source has them, read without loading the library."""
 
-from __future__ import annotations
-
 import ast
 import re
 from dataclasses import dataclass

@@ -1,17 +1,14 @@
 """Output of the commands: results go to stdout, everything else to stderr."""
 
-from __future__ import annotations
-
 import json
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from threading import Event, Thread
 from typing import Any
 
 from rich.console import Console
-from rich.live import Live
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -86,19 +83,6 @@ def print_json(document: dict[str, Any], indent: int | None = 1) -> None:
         sys.stdout.flush()
     except BrokenPipeError:
         fall_silent()
-
-
-@contextmanager
-def live_table() -> Iterator[Callable[[Table, str], None]]:
-    """Show a table on stdout that changes in its place; a pipe or a file gets a line of text each time.
-
-    It is updated by the yielded function with the table and the line, which may be empty.
-    """
-    if not sys.stdout.isatty():
-        yield lambda table, line: show_whole([line] if line else [])
-        return
-    with Live(console=_console(), auto_refresh=False) as screen:
-        yield lambda table, line: screen.update(table, refresh=True)
 
 
 def fall_silent() -> None:

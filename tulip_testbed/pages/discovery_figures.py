@@ -1,7 +1,5 @@
 """Figures of a discovery's page."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The page of a discovery: the findings, the residuals before and after, and the evidence."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -3,8 +3,6 @@
 The browser gives texts and lines the page's colours.
 """
 
-from __future__ import annotations
-
 import gzip
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """A page and its sections, filled into the template."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from importlib.resources import files
 from typing import Any

@@ -1,7 +1,5 @@
 """Drawn postures for a page."""
 
-from __future__ import annotations
-
 import base64
 import io
 from dataclasses import dataclass

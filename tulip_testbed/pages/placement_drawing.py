@@ -1,7 +1,5 @@
 """A placement from above as SVG in millimetres of the paper: boards, foot marks, datum, calibration bar."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from html import escape

@@ -1,7 +1,5 @@
 """The folder of a laboratory day: pages to print, trajectories, the start of the measurements."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 from typing import Any

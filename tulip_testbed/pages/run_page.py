@@ -1,7 +1,5 @@
 """The page of any result; those of a Monte Carlo, a prediction and an atlas are made here."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from tulip_testbed.base.files import check_new, new_folder, write_bytes, write_text

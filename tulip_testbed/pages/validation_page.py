@@ -1,7 +1,5 @@
 """The page of a validation."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tulip_testbed.experiments.correlations import NO_CORRELATION

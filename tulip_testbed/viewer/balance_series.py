@@ -1,7 +1,5 @@
 """Support polygon, CoP and projections of the CoM: in space, from above, close up."""
 
-from __future__ import annotations
-
 import numpy as np
 import rerun as rr
 from scipy.spatial import HalfspaceIntersection, QhullError

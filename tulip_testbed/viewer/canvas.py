@@ -1,7 +1,5 @@
 """Log things on a time line: a style that holds for all rows, and columns with an entry a row."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

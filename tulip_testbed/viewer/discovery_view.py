@@ -1,7 +1,5 @@
 """A discovery: the gap before and after side by side, residuals over the experiment, the evidence."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

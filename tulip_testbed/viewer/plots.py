@@ -1,7 +1,5 @@
 """Curves over the postures and the panel with a posture's numbers."""
 
-from __future__ import annotations
-
 import numpy as np
 import rerun as rr
 

@@ -1,7 +1,5 @@
 """Log postures, a plan's, a measurement folder's or a validation's, and arrange their views."""
 
-from __future__ import annotations
-
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb

@@ -1,7 +1,5 @@
 """The robot from its MJCF's own geometry, posed by the nominal kinematics, on its plates and their loads."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import rerun as rr

@@ -1,7 +1,5 @@
 """The view of a run, a plan, measurements, or a folder of them."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 

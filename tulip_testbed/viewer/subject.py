@@ -1,7 +1,5 @@
 """The data of postures that a view shows, as plain arrays."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from typing import Any
 

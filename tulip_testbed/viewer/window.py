@@ -1,7 +1,5 @@
 """Where a recording goes: into a file or a window."""
 
-from __future__ import annotations
-
 import atexit
 import os
 import signal
