@@ -48,6 +48,7 @@ AMBIGUOUS: Verdict = "ambiguous"
 UNKNOWN: Verdict = "unknown"
 ADOPTED = (NAMED, DESCRIBED)  # verdicts whose effects are added to the model
 REPORTED_PATTERNS, RUNNERS_UP = 5, 5
+CROWD = 3  # members of a family; with half of it or more, they are no exceptions
 # Of a plausible size; below it an effect without a family is ordinary: nothing stands quite still. Assumed.
 NEGLIGIBLE = 0.05
 CERTAIN = float(ndtri(0.999))  # s.e. by which an effect has to lie beyond its family's spread
@@ -305,7 +306,9 @@ def _concluded(
     # A law need not be exact: what it leaves is tolerated if it predicts what it has not seen.
     tolerated = described and validation is not None and validation.holds
     clearest = left[0]
+    names = [fit.terms[k].candidate.effect.name for k in outside]
     reasons = _reasons(selection, None if tolerated else clearest, validation, fitted.lost)
+    reasons = (*_crowded(names, selection.calibration.families), *reasons)
     verdict = _verdict(selection, reasons, [equivalents[k] for k in outside], described)
     adopted = tuple(with_intervals(final, k) for k in range(len(fit.terms)))
     null = selection.null
@@ -376,6 +379,19 @@ def _reasons(
             f"({', '.join('all channels' if key == 'AFTC' else f'channel {key}' for key in bad)})."
         )
     return tuple(out)
+
+
+def _crowded(names: Sequence[str], families: Sequence[CalibratedFamily]) -> list[str]:
+    """Say of which families so many members stand out that one cause is likelier than all of these."""
+    out = []
+    for one in families:
+        count, others = names.count(one.family.name), len(one.family.targets)
+        if count >= max(CROWD, others):
+            out.append(
+                f"{count} of {count + others} members of the family {one.family.name} stand out at once: one "
+                "cause that the catalogue lacks is likelier."
+            )
+    return out
 
 
 def _unexplained(selection: Selection) -> list[str]:

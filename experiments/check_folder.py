@@ -147,7 +147,7 @@ def check_measurements(
     if corrections:
         check_robot(nominal.parameters, measurements, robot, source)
         corrected, _ = without(measurements, nominal, corrections)
-    findings = preflight(corrected, nominal, series, partial(usual_changes, corrected, nominal))
+    findings = preflight(corrected, nominal, series, partial(usual_changes, nominal=nominal))
     if corrections:  # corrected records of the plates hold what moves the centre of pressure otherwise
         recorded = plate_poses(measurements)
         findings = [recorded if finding.name == recorded.name else finding for finding in findings]
@@ -209,17 +209,18 @@ def warn_of_faults(
         raise InputError(f"{source}: found {in_units.seen}; expected {in_units.expected}; `check` says more")
     if corrections:
         measurements, _ = without(measurements, nominal, corrections)
-    usual = partial(usual_changes, measurements, nominal, tolerances)
+    usual = partial(usual_changes, nominal=nominal, tolerances=tolerances)
     findings = preflight(measurements, nominal, usual_changes=usual)
-    if refuse and (gross := [finding for finding in findings if finding.gross]):
-        found = "; ".join(f"'{one.name}': {one.seen}" for one in gross)
+    gross = "; ".join(f"'{one.name}': {one.seen}" for one in findings if one.gross)
+    if refuse and gross:
         raise FaultyError(
-            f"{source}: found gross faults, which no effect explains ({found}); "
+            f"{source}: found gross faults, which no effect explains ({gross}); "
             f"expected none: correct them as `check` advises, or {refuse}"
         )
     if faults := [finding for finding in findings if finding.result == "fail"]:
         names = listed(repr(finding.name) for finding in faults)
-        warn(f"{source}: found faults in {names}; `check` says more")
+        words = f", gross ones, which no effect explains ({gross}): no result holds until these are corrected"
+        warn(f"{source}: found faults in {names}{words if gross else ''}; `check` says more")
 
 
 def _refuse_other_robot(folder: Path, nominal: Nominal) -> None:

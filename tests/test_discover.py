@@ -19,7 +19,7 @@ from tulip_testbed.calibration.families import TOLERANCES
 from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.discovery.candidates import Fitted, candidates, standing_out
-from tulip_testbed.discovery.discover import _reasons, discover, stands_out
+from tulip_testbed.discovery.discover import _crowded, _reasons, discover, stands_out
 from tulip_testbed.discovery.effect_intervals import TIME_GAIN
 from tulip_testbed.discovery.excessive_noise import excessive_noise
 from tulip_testbed.discovery.patterns import patterns
@@ -99,6 +99,15 @@ def check_named(found, hidden):
                 assert estimate == value
             else:
                 assert abs(value - sum(interval) / 2) < 1.5 * (interval[1] - interval[0]) / 2
+
+
+@pytest.mark.parametrize(
+    ("named", "others", "crowded"), [(4, 4, True), (3, 3, True), (3, 5, False), (2, 0, False)]
+)
+def test_half_of_a_family_is_no_exception(named, others, crowded):
+    family: Any = SimpleNamespace(family=SimpleNamespace(name="link-length", targets=("",) * others))
+    found = _crowded(["link-length"] * named, [family])
+    assert [f"{named} of {named + others} members" in text for text in found] == [True] * crowded
 
 
 @pytest.mark.slow

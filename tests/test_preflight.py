@@ -21,7 +21,7 @@ from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.preflight import preflight
 from tulip_testbed.identification.preflight.agreement import fit, shifts
 from tulip_testbed.identification.preflight.excitation import predicted_standard_errors
-from tulip_testbed.identification.preflight.readings import longest_run
+from tulip_testbed.identification.preflight.readings import cell_loads, longest_run
 from tulip_testbed.identification.preflight.settling import series_agrees, settling, steady_windows
 from tulip_testbed.identification.reading_noise import ReadingNoise, reading_noise
 from tulip_testbed.identification.regressor import regression, stacked_regressor
@@ -280,6 +280,30 @@ def test_cells_that_are_connected_otherwise_are_named_and_gross(order, sign, wor
     found = wiring(dataclasses.replace(m, cell_forces=m.cell_forces[:, list(order)] * sign), robot)
     assert (found.result, found.gross) == ("fail", True)
     assert found.seen.startswith(words)
+
+
+@pytest.mark.parametrize("when", ["in placement 4", "since posture 19 (row 18, placement 4)"])
+def test_cells_that_are_connected_otherwise_in_some_rows_are_named_with_these(when, precise, robot):
+    m = precise
+    rows = m.placement == 4 if when.startswith("in") else np.arange(len(m)) >= 17
+    forces = m.cell_forces.copy()
+    forces[rows] = forces[rows][:, [0, 1, 6, 3, 4, 5, 2, 7]]
+    found = wiring(dataclasses.replace(m, cell_forces=forces), robot)
+    assert (found.result, found.gross) == ("fail", True)
+    assert (
+        found.where == f"cell.right.rear_right and cell.left.rear_right are read in each other's place {when}"
+    )
+
+
+@pytest.mark.parametrize("reads", [0.0, 20.0])
+def test_a_cell_that_is_dead_in_one_placement_is_named_and_gross(reads, precise):
+    forces = precise.cell_forces.copy()
+    forces[precise.placement == 4, 6] = reads
+    found = cell_loads(dataclasses.replace(precise, cell_forces=forces))
+    assert (found.result, found.gross) == ("fail", True)
+    assert found.where == "cell.left.rear_right is dead in placement 4"
+    heavier = dataclasses.replace(precise, cell_forces=1.05 * precise.cell_forces)
+    assert not cell_loads(heavier).gross  # the sum is wrong, but no cell stands still
 
 
 def test_two_cells_of_a_plate_that_are_swapped_are_left_to_a_discovery(wii, robot):

@@ -1,5 +1,9 @@
 """The preflight: checks of a measurement folder for faults."""
 
+from dataclasses import replace
+
+import numpy as np
+
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
@@ -70,8 +74,10 @@ def preflight(
     if m.contacts is not None:
         return [*findings, *_of_wrenches(m, nominal, usual_changes)]
     loads = readings.cell_loads(m)
-    # Cells whose loads are wrong say nothing about how much yields.
-    usual = exact(len(m)) if usual_changes is None or loads.result == "fail" else usual_changes()
+    # Cells whose loads are wrong say nothing about how much yields: as if both feet bore the same.
+    level = np.full_like(m.cell_forces, np.median(m.cell_forces.sum(axis=1)) / m.cell_forces.shape[1])
+    read = replace(m, cell_forces=level) if loads.result == "fail" else m
+    usual = exact(len(m)) if usual_changes is None else usual_changes(read)
     findings += [
         units.joint_limits(m, nominal),
         readings.stuck(m),
@@ -93,8 +99,8 @@ def preflight(
     findings += [plate_checks.feet_on_plates(m, nominal), *leg_closure.legs(m, nominal, usual)]
     noise = reading_noise(m, nominal)
     if loads.result == "fail":
-        wiring, *_ = _fits(m, nominal, noise, usual)
-        findings += [wiring, *_skip(FORCES[1:], "correct the cells' loads first")]
+        findings += _fits(m, nominal, noise, None)
+        findings += _skip(FORCES[1:], "correct the cells' loads first")
         return [*findings, identifiable(m, nominal, None)]
     findings += [plate_checks.load_in_soles(m, nominal), agreement.repeats(m, nominal, noise)]
     return [*findings, *_fits(m, nominal, noise, usual), identifiable(m, nominal, noise)]
@@ -103,7 +109,7 @@ def preflight(
 def _of_wrenches(m: Measurements, nominal: Nominal, usual_changes: UsualChanges | None) -> list[Finding]:
     """Run the checks that wrench sensors allow."""
     reason = "needs the readings of vertical cells; there are wrench sensors"
-    usual = exact(len(m)) if usual_changes is None else usual_changes()
+    usual = exact(len(m)) if usual_changes is None else usual_changes(m)
     findings = [
         units.joint_limits(m, nominal),
         readings.stuck(m),
@@ -125,12 +131,14 @@ def _of_wrenches(m: Measurements, nominal: Nominal, usual_changes: UsualChanges 
     return [*findings, identifiable(m, nominal_robot(nominal.robot, common_support(m.support)), None)]
 
 
-def _fits(m: Measurements, nominal: Nominal, noise: ReadingNoise, usual: Usual) -> list[Finding]:
-    """Run the checks that need a fitted model."""
+def _fits(m: Measurements, nominal: Nominal, noise: ReadingNoise, usual: Usual | None) -> list[Finding]:
+    """Run the checks that need a fitted model; without usual changes that of the wiring alone."""
     try:
         found = agreement.fit(m, regression(nominal.parameters, m, nominal.robot), noise)
     except InputError as problem:
-        return _skip((FORCES[0], *FORCES[3:]), str(problem))
+        return _skip(FORCES[:1] if usual is None else (FORCES[0], *FORCES[3:]), str(problem))
+    if usual is None:
+        return [cell_wiring.wiring(m, found)]
     single = agreement.single_postures(m, found), agreement.single_placements(m, found)
     return [cell_wiring.wiring(m, found), *single, agreement.scatter(found, usual)]
 

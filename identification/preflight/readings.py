@@ -19,6 +19,7 @@ from tulip_testbed.measurements.data import feet_in_contact
 LEAST_TIES, TIED_SHARE = 3, 0.05  # number and share of rows at the same extreme that count as a fault
 STANDING = 0.5  # of the weight; the cells carry more in every posture
 UNLOADED = 0.01  # of the weight; a cell that never carries more is not under the board
+STEADY, LACKING = 0.002, 0.03  # of the weight: a dead cell's readings, and what the sum then lacks; assumed
 PULLING_WARN, PULLING_FAIL = 0.05, 0.2  # of the weight; a board's tare explains the first (8.6 N of 226)
 UNSTATED_NOISE = 0.01  # of the weight, assumed without a stated cell_sd
 STEPS = tuple(sorted((k * 10.0**n for n in range(-6, 3) for k in (1, 2, 5)), reverse=True))
@@ -67,6 +68,10 @@ def cell_loads(measurements: Measurements) -> Finding:
     texts = [f"cell.{name} never carries {100 * UNLOADED:.0f} % of the weight" for name in idle]
     results = ["fail"] * len(idle)
     where = ", ".join(f"cell.{name}" for name in idle)
+    if dead := _dead(m, weight):
+        results.append("fail")
+        texts = dead
+        where = where or dead[0].partition(":")[0]
     light = np.flatnonzero(total < STANDING * weight)
     if light.size:
         results.append("fail")
@@ -83,8 +88,42 @@ def cell_loads(measurements: Measurements) -> Finding:
         "; ".join(texts) or lowest,
         f"every cell loaded, none below {-(PULLING_WARN + noise) * weight:.0f} N (a board's share)",
         where,
-        "Check plug, sign and tare of the cell, a board on three corners, and a foot beyond its cells.",
+        "Check plug, sign and tare of the cell, a board on three corners, and a foot beyond its cells; "
+        "leave out placements in which a cell is dead.",
+        gross=bool(dead),
     )
+
+
+def _dead(m: Measurements, weight: float) -> list[str]:
+    """Find cells that read one value in all postures of a placement where the sum is not the weight.
+
+    Zero is no load that stays by chance. Of other readings only one may be steady.
+    """
+    noise = usable_sd(m.sensors.cell_sd) or UNSTATED_NOISE * weight
+    known = weight if m.weighed_mass is None else m.weighed_mass[0] * m.gravity
+    level, off = STEADY * weight + 6 * noise, m.cell_forces.sum(axis=1) - known
+    found: dict[int, list[int]] = {}
+    count = 0
+    for place in np.unique(m.placement).tolist():
+        rows = m.placement == place
+        lacking = np.sqrt((off[rows] ** 2).mean())
+        untested = rows.sum() < LEAST_TIES or (m.support[rows] != "double").any()
+        if untested or lacking < max(LACKING * weight, 4 * noise * np.sqrt(len(CELLS))):
+            continue
+        count += 1
+        spread, most = np.ptp(m.cell_forces[rows], axis=0), np.abs(m.cell_forces[rows]).max(axis=0)
+        zero = np.flatnonzero((most < level) & (off[rows].mean() < -0.5 * lacking))
+        first, second = np.partition(spread, 1)[:2]
+        steady = zero if zero.size else np.flatnonzero((spread == first) & (first < level < second / 2))
+        for cell in steady.tolist():
+            found.setdefault(cell, []).append(place)
+    return [
+        f"cell.{CELLS[cell]} is dead in placement {', '.join(few(list(map(str, places))))}: it reads about "
+        f"{m.cell_forces[np.isin(m.placement, places), cell].mean():.2g} N in all postures, and the sum of "
+        "the cells is not the weight"
+        for cell, places in found.items()
+        if 2 * len(places) >= count  # another cause leaves some steady by chance
+    ]
 
 
 def resolution(measurements: Measurements) -> Finding:

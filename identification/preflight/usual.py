@@ -12,6 +12,7 @@ import numpy as np
 
 from tulip_testbed.identification.distributions import chi2_sf, normal_sf
 from tulip_testbed.identification.preflight.finding import bonferroni, result_of
+from tulip_testbed.measurements import Measurements
 
 RANK = 1e-6  # part of the information about the best known direction, below which one is not known
 UNUSUAL = 3.0  # tolerances, from which an imperfection is worth a warning
@@ -38,7 +39,7 @@ class Usual:
     unseen: np.ndarray
 
 
-UsualChanges = Callable[[], Usual]
+UsualChanges = Callable[[Measurements], Usual]
 
 
 def exact(rows: int) -> Usual:
