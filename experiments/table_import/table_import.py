@@ -40,7 +40,7 @@ from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.measurements import Measurements, read_measurements, write_measurements
 from tulip_testbed.measurements.cells import PLATES
 from tulip_testbed.measurements.column_mapping import MappedTable, check_mapping
-from tulip_testbed.measurements.contact_entries import CopEntry, WrenchEntry
+from tulip_testbed.measurements.contact_entries import UNKNOWN, CopEntry, WrenchEntry
 from tulip_testbed.measurements.contacts import POSE
 from tulip_testbed.measurements.contract import WHOLE
 from tulip_testbed.measurements.logs.log_file import read_log
@@ -210,6 +210,10 @@ class _Import:
             "the contact sensors' `covariance` is unknown: every averaged reading is taken to err by "
             f"{ASSUMED_FORCE:g} N or {ASSUMED_MOMENT:g} Nm (1 s.d.)": any(
                 entry.covariance is None for entry in wrenches
+            ),
+            "the contact sensors' `zero` is unknown: it is estimated; if they were tared, state the s.d. of "
+            "what that left of every channel, such as `zero = [2, 2, 2, 0.1, 0.1, 0.1]` [N, Nm]": any(
+                entry.zero == UNKNOWN for entry in wrenches
             ),
             "the `sd` of the centres of pressure is unknown: their forces are taken to err by "
             f"{ASSUMED_FORCE:g} N and the moments by {ASSUMED_MOMENT:g} Nm (1 s.d.)": any(
