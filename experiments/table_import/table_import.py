@@ -51,6 +51,10 @@ from tulip_testbed.sim.robot import Robot, joint_names, sole_point
 
 GRAVITY = 9.81  # m/s2
 AS_WRITTEN = ("time", "window", "samples", "speed", "acceleration")  # exact names that others use too
+NO_CONTACTS = (
+    "contacts: not stated; state kind, mount, channels, zero and pose of both as [[contacts]], "
+    "or the cells and heights of [plates] (docs/reference/measurements.md)"
+)
 LIFTED = 0.05  # of the weight, below which a foot may be in the air
 SIGNED = ("q.", "wrench.", "cop.", "plate.", "motor.", "q_command.")  # columns with a sign begin with one
 
@@ -141,18 +145,24 @@ class _Import:
         """Map the table, write the folder if nothing is missing, and check the signs."""
         manifest, stated, series = self._manifest(), self.stated, self.series
         names = known_columns(manifest) if series is None else sampled(known_columns(manifest))
+        joints = tuple(manifest.joints)
+        contacts = stated.contacts is not None or stated.plates is not None
+        if not contacts and any(name.startswith(("wrench.", "cop.")) for name in stated.columns):
+            raise InputError(f"map: {NO_CONTACTS}")
+        angles = [name for name in stated.columns if name.startswith("q.")]
+        if len(angles) > 1 and not set(angles) & {f"q.{joint}" for joint in joints}:
+            raise InputError(
+                f"map: found {listed(angles, 3)}, none of them a joint of {self.robot.name}; "
+                "give the robot that was measured as `robot`"
+            )
         check_mapping(stated.columns, names, "map", "columns")
         for name, entry in stated.columns.items():
             look_up("column", entry.column, self.table.types, f"{self.table.path}: map of {name}")
-        joints = tuple(manifest.joints)
-        if stated.contacts is None and stated.plates is None:
+        if not contacts:
             names = tuple(name for name in names if not name.startswith(("cell", "plate.")))
             angles = [f"q.{joint}" for joint in joints if joint not in stated.constant_joints]
             required = tuple(name for name in names if name in (*WHOLE, *angles))
-            self.missing.append(
-                "contacts: not stated; state kind, mount, channels, zero and pose of both as [[contacts]], "
-                "or the cells and heights of [plates] (docs/reference/measurements.md)"
-            )
+            self.missing.append(NO_CONTACTS)
         else:
             required = required_columns(joints, manifest.contacts, stated.constant_joints)
         if series is not None:
