@@ -132,7 +132,9 @@ def conventions(measurements: Measurements, nominal: Nominal) -> Finding:
     log = [f"{one.what}: {one.hypothesis}" for one in measurements.conventions if one.applied]
     converted = [one for one in log if one not in taken]
     changed = found.convention != WrenchConvention()
-    seen = f"likeliest are {', '.join(taken)}; not explained are {force:.1f} % of the weight and {moment:.1f} mm"
+    seen = (
+        f"likeliest are {', '.join(taken)}; not explained are {force:.1f} % of the weight and {moment:.1f} mm"
+    )
     if found.problems and not changed:
         seen = "; ".join(found.problems)
     if converted:
