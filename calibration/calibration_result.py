@@ -35,7 +35,6 @@ from tulip_testbed.identification.noise_in_time import NoiseInTime
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import has_twist, moved_by, packed, unpacked
 from tulip_testbed.identification.residual_noise import Noise
-from tulip_testbed.measurements.cells import PLATES
 
 HALF_95 = float(ndtri(0.975))  # half of a normal 95 % interval in s.d.
 STEADY = 3.0  # s.e. by which the last linearisation may move a number that can be believed
@@ -334,7 +333,7 @@ def _named(observed: Observation) -> list[str]:
     """Return `sources_of` in words that fit the contact sensors."""
     words = {} if has_twist(observed) else {"cells": "contact sensors"}
     if observed.in_feet:
-        words |= {f"{side} plate": f"{side} foot's place" for side in PLATES}
+        words |= {f"{side} plate": f"{side} foot's place" for side in ("right", "left")}
     return [words.get(name, name) for name in sources_of(observed)]
 
 
