@@ -51,11 +51,11 @@ class UnknownNameError(InputError, KeyError):
     __str__ = InputError.__str__  # that of KeyError would quote the message
 
 
-def listed(names) -> str:
+def listed(names, most: int = MOST_LISTED) -> str:
     """Join names for an error message, in their own order; of very many only the first."""
     first = [str(name) for name in names]
-    more = f" and {len(first) - MOST_LISTED} more" if len(first) > MOST_LISTED else ""
-    return ", ".join(first[:MOST_LISTED]) + more
+    more = f" and {len(first) - most} more" if len(first) > most else ""
+    return ", ".join(first[:most]) + more
 
 
 def most_frequent(reasons: Counter[str]) -> str:

@@ -332,6 +332,8 @@ def result_of(
 def _named(observed: Observation) -> list[str]:
     """Return `sources_of` in words that fit the contact sensors."""
     words = {} if has_twist(observed) else {"cells": "contact sensors"}
+    if observed.in_feet:
+        words |= {f"{side} plate": f"{side} foot's place" for side in ("right", "left")}
     return [words.get(name, name) for name in sources_of(observed)]
 
 

@@ -72,15 +72,18 @@ class Preflight(Result):
     def tables(self) -> list[Table | str]:
         if self.complaints is not None:
             return self._lacks(self.complaints)
-        both = [(check, Cell(check.result, mark=check.result)) for check in self.checks]
+        evaluated = [check for check in self.checks if check.result != NOT_EVALUATED]
+        both = [(check, Cell(check.result, mark=check.result)) for check in evaluated]
         rows = [[check.name, result, check.seen, check.expected] for check, result in both]
         parts: list[Table | str] = [Table("Preflight", columns("check", "result", "found", "expected"), rows)]
         faulty = ("warn", "fail")
         if rows := [[c.name, result, c.where, c.advice] for c, result in both if c.result in faulty]:
             parts.append(Table("Advice", columns("check", "result", "where", "what to do"), rows))
-        skipped = [check.seen for check in self.checks if check.result == NOT_EVALUATED]
-        reasons = [f"{skipped.count(reason)} ({reason})" for reason in dict.fromkeys(skipped)]
-        parts += [f"Not evaluated: {'; '.join(reasons)}."] if skipped else []
+        skipped: dict[str, list[str]] = {}
+        for check in self.checks:
+            if check.result == NOT_EVALUATED:
+                skipped.setdefault(check.seen, []).append(check.name)
+        parts += [f"Not evaluated: {', '.join(names)} ({reason})." for reason, names in skipped.items()]
         parts.append(f"{self.rows} rows of {self.postures} postures on {self.placements} placements.")
         return [*parts, f"Verdict: {self.verdict} ({counts_line(self.counts)})"]
 

@@ -14,7 +14,7 @@ from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import Observation, observe
-from tulip_testbed.identification.residual_channels import ANCHORED, fields, residuals_in_use
+from tulip_testbed.identification.residual_channels import ANCHORED, fields, has_direction, residuals_in_use
 from tulip_testbed.identification.residual_noise import whitening
 
 # What each part is called, its unit, how many of it go on one SI unit, its channel.
@@ -31,6 +31,10 @@ SHOWN = (
     ("swing foot's y", "mm", 1e3, "C"),
     ("swing foot's yaw", "mrad", 1e3, "C"),
 )
+ALONG = {  # what six-axis sensors in the feet have in place of the twist
+    "twist, right plate": ("force's direction along x", "mrad", 1e3, "T"),
+    "twist, left plate": ("force's direction along y", "mrad", 1e3, "T"),
+}
 POINTS = 200
 DRAWN = (g.ENCODER, g.ENCODERS, g.CELL, g.CELLS_OF)  # what errs by one number a reading
 LEAST_INFORMATION = 1e-12
@@ -61,9 +65,10 @@ def residual_curves(discovery: Discovered) -> list[Curve]:
     sd = _spread(discovery, observed)
     before, after = (about_stances(discovery.residual(side), observed.stance) for side in ("before", "after"))
     order = time_order(discovery)
+    shown = [ALONG.get(one[0], one) for one in SHOWN] if has_direction(observed) else SHOWN
     return [
         Curve(channel, name, unit, *(scale * side[order, j] for side in (before, after, sd)))
-        for j, (name, unit, scale, channel) in enumerate(SHOWN)
+        for j, (name, unit, scale, channel) in enumerate(shown)
     ]
 
 

@@ -226,7 +226,7 @@ class Discovered(SavedRun):
         right, following = ANSWERS[self.verdict]
         safe = self.verdict not in ("ambiguous", "unknown")
         usable = (self.after or self.before).usable if safe else INCOMPLETE
-        return f"Right: {right}.", usable, f"Next: {following}."
+        return f"Is it right? {right}.", usable, f"Next: {following}."
 
     def tables(self) -> list[Table | str]:
         parts: list[Table | str] = [f"Verdict: {self.verdict}", *self.story, "", *self.answers, ""]

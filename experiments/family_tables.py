@@ -109,9 +109,9 @@ def budget_table(found: SelfCalibration, names: tuple[str, ...], contacts: Conta
     heads = columns("parameter", ("s.e.", "mm", ".2f", 1e3), "largest parts of its variance")
     sensors, one = ("cells", "cell") if contacts is None else ("contact sensors", "sensor")
     in_feet = contacts is not None and contacts.mount == "foot"
-    plates = "right, left plate: errors of their recorded places; "
+    places = "foot's place: common to a placement" if in_feet else "plate: errors of its recorded place"
     note = (
-        f"{sensors}, encoders: their noise; {'' if in_feet else plates}internal forces: between the feet, "
+        f"{sensors}, encoders: their noise; right, left {places}; internal forces: between the feet, "
         f"which no {one} shows; squeeze: the same in all of a placement's postures; spreads: how well "
         "spreads and scales are known; a family: its members."
     )

@@ -254,7 +254,7 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
             *known,
             mass_line(*self.mass),
             "",
-            "Right: measurements alone cannot tell. `validate` tests the estimator on a known robot.",
+            "Is it right? measurements alone cannot tell. `validate` tests the estimator on a known robot.",
             self.usable,
             f"Next: `discover` asks whether the model lacks an effect{first}.",
             "`--full` shows all parameters, correlations, ordinary imperfections and the budget of errors.",

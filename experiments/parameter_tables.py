@@ -247,8 +247,8 @@ def placements_line(estimate: Estimate) -> str:
             "equals the s.e.; this happens often with few placements."
         )
     return (
-        f"Errors common to a placement: s.d. {1e3 * right:.2f} mm of the right plate, {1e3 * left:.2f} mm of "
-        "the left."
+        f"Errors common to a placement: s.d. {1e3 * right:.2f} mm under the right foot, {1e3 * left:.2f} mm "
+        "under the left."
     )
 
 

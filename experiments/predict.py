@@ -206,9 +206,11 @@ def _score(
             notes.append(f"No model with corrections by {split.name}: {reason}.")
             found.pop(WITH_CORRECTIONS)
     if problem.zeros.shape[2]:
+        assert m.contacts is not None
+        known = "known by their s.d. only" if np.isfinite(m.contacts.zero_sd).all() else "unknown"
         notes.append(
-            "The sensors' zeros are unknown: those of every model, CAD too, are fitted in training, and the "
-            f"weight is that of the {'weighed' if m.weighed_mass else 'nominal'} mass."
+            f"The sensors' zeros are {known}: those of every model, CAD too, are fitted freely in training, "
+            f"and the weight is that of the {'weighed' if m.weighed_mass else 'nominal'} mass."
         )
     if scales:
         low, high = (number(end, ".2f") for end in (min(scales), max(scales)))

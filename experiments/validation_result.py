@@ -147,13 +147,13 @@ class Validation(SavedRun):
         results = {check.name: check.result for check in self.checks if check.result != "not evaluated"}
         if failed := [name for name, result in results.items() if result == "fail"]:
             return (
-                f"Right: no, {len(failed)} of {len(results)} checks failed: {', '.join(failed)}.",
+                f"Is it right? no, {len(failed)} of {len(results)} checks failed: {', '.join(failed)}.",
                 "Usable: nothing, until the cause is found.",
                 "Next: repeat with another `seed`; some 4 % of correct laboratories fail by chance.",
             )
         return (
-            f"Right: yes, within the standard errors: all {len(results)} evaluated checks passed. Effects "
-            "that the simulator does not model are not ruled out.",
+            f"Is it right? yes, within the standard errors: all {len(results)} evaluated checks passed. "
+            "Effects that the simulator does not model are not ruled out.",
             self.identification.usable,
             "Next: `montecarlo` tests whether the standard errors are too large; `plan optimal` finds "
             "postures that determine more.",

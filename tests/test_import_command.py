@@ -232,18 +232,19 @@ def test_wrong_statements_are_named(table, stated, tmp_path, changes, words):
     refuse(words, tt.import_table, table(), out=tmp_path / "data", map=[stated(text), *entries])
 
 
-def test_the_documented_statements_can_be_read():
+def test_the_documented_statements_can_be_read(tmp_path):
     guide = (EXAMPLE.parent / "your-data.md").read_text()
-    statement, plates, values, series = map(
-        tomllib.loads, re.findall(r"```toml\n(.*?)```", guide, flags=re.DOTALL)
-    )
+    *texts, log = re.findall(r"```toml\n(.*?)```", guide, flags=re.DOTALL)
+    statement, plates = map(tomllib.loads, texts)
     (foot,) = statement.pop("contacts")
     assert ImportMap.model_validate(statement | plates).plates is not None
     contacts = [with_unknowns(foot | {"name": name}) for name in ("right", "left")]
-    found = ImportMap.model_validate(statement | {"contacts": contacts} | series)
-    assert found.series is not None
-    assert ImportMap.model_validate(values).values is not None
+    found = ImportMap.model_validate(statement | {"contacts": contacts})
     assert found.columns["q.right_knee"].sign == -1
+    (tmp_path / "log.toml").write_text(log)
+    of_log = read_map(tmp_path / "log.toml")
+    assert of_log.series is not None
+    assert of_log.columns["wrench.left.mz"].column == "left_foot_ft.6"
     whole = read_map([str(ROOT / "examples" / "icub_stand.toml")])
     assert whole.contacts is not None
     assert len(whole.constant_joints) == 6

@@ -229,6 +229,7 @@ def test_every_reader_gives_the_same_rows(bowing, tmp_path, name):
     write(tmp_path / name)
     result = import_log(bowing, tmp_path / name, columns)
     assert result.folder is not None, result.problems
+    assert any("`zero` is unknown" in text for text in result.assumed)
     m = tt.read_measurements(result.folder)
     assert len(m) == 10
     wrenches, _, rates, _ = moved(m)

@@ -97,7 +97,7 @@ def test_a_failed_verdict_names_the_checks_and_a_hostile_name_stays_text(run_fol
     first, *others = saved.checks
     checks = (dataclasses.replace(first, result="fail", name=name), *others)
     found = validation_page(dataclasses.replace(saved, checks=checks))
-    assert found.sentence.startswith("Right: no, 1 of ")
+    assert found.sentence.startswith("Is it right? no, 1 of ")
     assert name in found.sentence
     assert "<script>alert(1)" not in html(found)
 

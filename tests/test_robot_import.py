@@ -217,7 +217,7 @@ ROD = '<geom type="capsule" size=".01" fromto="-.05 0 -.05 .1 0 -.05"/>'
             r"found closed loops \(<equality> left3 and right3\): statics does not determine their forces",
         ),
         (mjcf(foot=ROD), "on a line or narrower than"),
-        (mjcf(foot=""), "found no geometry of any link, expected that of feet; state them by name"),
+        (mjcf(foot=""), "the lowest links right5, left5, expected that of soles; state `feet`"),
         ("<sdf><model/></sdf>", "found an SDF, expected an MJCF or a URDF"),
         ("<robot><link name='a'/></robot>", "found no hinge joint, expected a robot on two legs"),
         ("<robot", "not a URDF file"),

@@ -64,7 +64,6 @@ def test_the_ground_accelerates_the_center_of_mass(robot, truth, motion, on_grou
     assert on_ground[0][:, 2].mean() == pytest.approx(mass * GRAVITY, rel=0.003)
 
 
-@pytest.mark.filterwarnings("ignore:.*identifiable")
 def test_the_body_is_accelerated_as_its_foot_rocks(robot, tmp_path):
     """The direction of MuJoCo's forces is that of a body that rocks, not of one that only leans."""
     exact = replace(draw_truth(robot, None), compliance=[0.35 * _tipping(robot)] * 2)
@@ -77,7 +76,6 @@ def test_the_body_is_accelerated_as_its_foot_rocks(robot, tmp_path):
     assert (left[2] < 0.75 * left[0]).all()
 
 
-@pytest.mark.filterwarnings("ignore:.*identifiable")
 def test_a_log_in_axes_that_do_not_lean_becomes_one_in_axes_that_do(robot, tmp_path):
     exact = replace(draw_truth(robot, None), compliance=[0.35 * _tipping(robot)] * 2, imu=[0.0, 0.0, 1.0])
     motion, left = simulate(robot, exact, SECONDS, np.random.default_rng(2)), {}
@@ -139,4 +137,6 @@ def test_wrenches_in_axes_that_turn_become_the_same_rows(robot, truth, motion, t
         wrenches = tt.read_measurements(out).wrenches
         assert wrenches is not None
         rows.append(wrenches[:, 1])
+        audited = next(one for one in tt.check(out, robot).checks if one.name == "conventions")
+        assert ("the log had axes of the wrench: base link" in audited.seen) == (frame == "base")
     assert rows[1] == pytest.approx(rows[0], abs=0.002)

@@ -172,7 +172,7 @@ class MonteCarlo(Result, ModelCoverage):
     def answers(self) -> tuple[str, str, str]:
         """Say whether the estimator is right, what this experiment gives, and what to do next."""
         if not self.identified:
-            return "Right: no run could be identified.", self.usable, "Next: other postures."
+            return "Is it right? no run could be identified.", self.usable, "Next: other postures."
         failed = ", ".join(check.name for check in self.checks if check.result == "fail")
         right, following = {
             "pass": (f"yes, {self.identified} runs show it", "measure the plan (`protocol`)"),
@@ -182,7 +182,7 @@ class MonteCarlo(Result, ModelCoverage):
                 "ask for more runs in the same folder; coverage needs some 5000",
             ),
         }[self.verdict]
-        return f"Right: {right}.", self.usable, f"Next: {following}."
+        return f"Is it right? {right}.", self.usable, f"Next: {following}."
 
     def tables(self) -> list[Table | str]:
         """Return the parameters, the checks and the verdict."""

@@ -103,11 +103,19 @@ def _pair(skeleton: Skeleton, names: tuple[str, str] | None) -> tuple[list[int],
             raise InputError(f"feet: found '{names[0]}' twice, expected the right and the left one")
         return [skeleton.model.body(name).id for name in names], frozenset()
     heights = np.array([np.inf, *(skeleton.lowest(link, UP) for link in skeleton.links)])
+    ends = [k for k in skeleton.links if k not in skeleton.model.body_parentid]
+    for end in ends:
+        if not skeleton.solid(end):  # it reaches at least as low as its centre of mass
+            heights[end] = skeleton.data.xipos[end, 2]
     order = [int(k) for k in np.argsort(heights) if np.isfinite(heights[k]) and k > 1]
-    if not order:
-        raise InputError("found no geometry of any link, expected that of feet; state them by name")
     first = order[0]
     others = [k for k in order if k not in skeleton.path(first) and first not in skeleton.path(k)]
+    if unknown := [skeleton.name(k) for k in (first, *others[:1]) if not skeleton.solid(k)]:
+        raise InputError(
+            f"found no geometry of the lowest links {listed(unknown)}, expected that of soles; state `feet`, "
+            "the right and the left one of the ends of chains "
+            f"{listed(skeleton.name(k) for k in order if k in ends)}, and `sole`"
+        )
     if not others or heights[others[0]] - heights[first] > 0.1:
         raise InputError(
             f"found one lowest link, '{skeleton.name(first)}', and no other at its height; expected two "
@@ -136,7 +144,7 @@ def _sole(skeleton: Skeleton, link: int) -> tuple[Array, Array]:
     """Return the points of a sole, (k, 3) [m], and its normal, (3,), out of the ground."""
     name = skeleton.name(link)
     if not skeleton.solid(link):
-        raise InputError(f"foot '{name}': found no geometry, expected a sole; state its corners")
+        raise InputError(f"foot '{name}': found no geometry, expected a sole; state `sole`")
     normal = UP
     for _ in range(REFINED):
         points, _ = _lowest_points(skeleton, link, normal)

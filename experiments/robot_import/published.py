@@ -73,7 +73,7 @@ def read_here(path: Path) -> SourceFile:
             reference[joint.name] = float(np.clip(angle, *joint.range)) if joint.limited[0] else angle
     assumed += _left_out(model, root)
     bad = sorted({*parsed.unread, *unread})
-    problems = [f"{len(bad)} meshes are missing or cannot be read: {listed(bad)}"] if bad else []
+    problems = [f"{len(bad)} meshes are missing or cannot be read: {listed(bad, 3)}"] if bad else []
     return SourceFile(
         model=model,
         root=root,

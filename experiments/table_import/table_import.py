@@ -38,7 +38,7 @@ from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.measurements import Measurements, read_measurements, write_measurements
 from tulip_testbed.measurements.cells import PLATES
 from tulip_testbed.measurements.column_mapping import MappedTable, check_mapping
-from tulip_testbed.measurements.contact_entries import CopEntry, WrenchEntry
+from tulip_testbed.measurements.contact_entries import UNKNOWN, CopEntry, WrenchEntry
 from tulip_testbed.measurements.contacts import POSE
 from tulip_testbed.measurements.contract import WHOLE
 from tulip_testbed.measurements.logs.log_file import read_log
@@ -49,6 +49,10 @@ from tulip_testbed.sim.robot import Robot, joint_names, sole_point
 
 GRAVITY = 9.81  # m/s2
 AS_WRITTEN = ("time", "window", "samples", "speed", "acceleration")  # exact names that others use too
+NO_CONTACTS = (
+    "contacts: not stated; state kind, mount, channels, zero and pose of both as [[contacts]], "
+    "or the cells and heights of [plates] (docs/reference/measurements.md)"
+)
 LIFTED = 0.05  # of the weight, below which a foot may be in the air
 SIGNED = ("q.", "wrench.", "cop.", "plate.", "motor.", "q_command.")  # columns with a sign begin with one
 
@@ -139,18 +143,24 @@ class _Import:
         """Map the table, write the folder if nothing is missing, and check the signs."""
         manifest, stated, series = self._manifest(), self.stated, self.series
         names = known_columns(manifest) if series is None else sampled(known_columns(manifest))
+        joints = tuple(manifest.joints)
+        contacts = stated.contacts is not None or stated.plates is not None
+        if not contacts and any(name.startswith(("wrench.", "cop.")) for name in stated.columns):
+            raise InputError(f"map: {NO_CONTACTS}")
+        angles = [name for name in stated.columns if name.startswith("q.")]
+        if len(angles) > 1 and not set(angles) & {f"q.{joint}" for joint in joints}:
+            raise InputError(
+                f"map: found {listed(angles, 3)}, none of them a joint of {self.robot.name}; "
+                "give the robot that was measured as `robot`"
+            )
         check_mapping(stated.columns, names, "map", "columns")
         for name, entry in stated.columns.items():
             look_up("column", entry.column, self.table.types, f"{self.table.path}: map of {name}")
-        joints = tuple(manifest.joints)
-        if stated.contacts is None and stated.plates is None:
+        if not contacts:
             names = tuple(name for name in names if not name.startswith(("cell", "plate.")))
             angles = [f"q.{joint}" for joint in joints if joint not in stated.constant_joints]
             required = tuple(name for name in names if name in (*WHOLE, *angles))
-            self.missing.append(
-                "contacts: not stated; state kind, mount, channels, zero and pose of both as [[contacts]], "
-                "or the cells and heights of [plates] (docs/reference/measurements.md)"
-            )
+            self.missing.append(NO_CONTACTS)
         else:
             required = required_columns(joints, manifest.contacts, stated.constant_joints)
         if series is not None:
@@ -208,6 +218,10 @@ class _Import:
             "the contact sensors' `covariance` is unknown: every averaged reading is taken to err by "
             f"{ASSUMED_FORCE:g} N or {ASSUMED_MOMENT:g} Nm (1 s.d.)": any(
                 entry.covariance is None for entry in wrenches
+            ),
+            "the contact sensors' `zero` is unknown: it is estimated; if they were tared, state the s.d. of "
+            "what that left of every channel, such as `zero = [2, 2, 2, 0.1, 0.1, 0.1]` [N, Nm]": any(
+                entry.zero == UNKNOWN for entry in wrenches
             ),
             "the `sd` of the centres of pressure is unknown: their forces are taken to err by "
             f"{ASSUMED_FORCE:g} N and the moments by {ASSUMED_MOMENT:g} Nm (1 s.d.)": any(

@@ -103,11 +103,13 @@ def drift(measurements: Measurements, nominal: Nominal, usual: Usual) -> Finding
         p_values.append(p_value)
         texts.append(f"{label} {change:+.2f} {unit}, s.e. {error:.2f}")
     p_value = bonferroni(np.array(p_values))
-    hours = f"{np.ptp(clock) / 3600:.1f} h" if timed else "the experiment (row order; no times given)"
+    hours = np.ptp(clock) / 3600
+    length = f"{hours:.1f} h" if hours >= 1 else f"{60 * hours:.1f} min"
+    length = length if timed else "the experiment (row order; no times given)"
     return Finding(
         name,
         result_of(p_value),
-        f"over {hours}: {'; '.join(texts)}",
+        f"over {length}: {'; '.join(texts)}",
         "no change beyond its standard error",
         list(channels)[int(np.argmin(p_values))],
         "Let cells and amplifiers warm up, tare between placements, check the encoders' zeros at the end.",

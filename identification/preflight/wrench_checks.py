@@ -127,13 +127,20 @@ def conventions(measurements: Measurements, nominal: Nominal) -> Finding:
     force, moment = 100 * found.residual[:3].max(), 1e3 * found.residual[3:].max()
     taken = [f"{row.what}: {row.hypothesis}" for row in found.rows if row.applied]
     taken += [found.doubt] if found.doubt else []
+    log = [f"{one.what}: {one.hypothesis}" for one in measurements.conventions if one.applied]
+    converted = [one for one in log if one not in taken]
     changed = found.convention != WrenchConvention()
+    seen = (
+        f"likeliest are {', '.join(taken)}; not explained are {force:.1f} % of the weight and {moment:.1f} mm"
+    )
+    if found.problems and not changed:
+        seen = "; ".join(found.problems)
+    if converted:
+        seen += f"; the folder holds wrenches as the contract has them, the log had {', '.join(converted)}"
     return Finding(
         CONVENTIONS,
         "fail" if changed else "warn" if found.problems else "pass",
-        f"likeliest are {', '.join(taken)}; not explained are {force:.1f} % of the weight and {moment:.1f} mm"
-        if changed or not found.problems
-        else "; ".join(found.problems),
+        seen,
         "wrenches of the ground on the robot in the sensor's axes, and joints as in the robot's file",
         advice="Import the log with `import`, which reads it in the likeliest convention, or correct `map`.",
     )
