@@ -31,11 +31,12 @@ def log_geometry(recording: rr.RecordingStream, path: str, model: mujoco.MjModel
     A link whose geoms are all in hidden groups is drawn with those, and one that no geom shows as the box of
     its inertia.
     """
+    bare = undrawn(model)
     for body in range(1, model.nbody):
         of_body = np.flatnonzero(model.geom_bodyid == body)
         shown = of_body[np.isin(model.geom_group[of_body], SHOWN_GROUPS)]
         shapes = {f"geom{geom}": _shape(model, int(geom)) for geom in (shown if len(shown) else of_body)}
-        if model.body(body).name in undrawn(model):
+        if model.body(body).name in bare:
             shapes["inertia"] = inertia_box(model, body)
         for name, shape in shapes.items():
             if shape is not None:
