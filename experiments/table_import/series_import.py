@@ -24,17 +24,23 @@ from tulip_testbed.measurements.logs.joined_clocks import in_order
 from tulip_testbed.measurements.logs.series_reduction import (
     LIFTED,
     OVERLAP,
+    loads,
     reduced,
     supports,
     usual_window,
 )
 from tulip_testbed.measurements.manifest import Manifest
 from tulip_testbed.measurements.measurement_folder import rows_in
+from tulip_testbed.measurements.trajectory import runs
 
 TICK = 0.2  # s: rows that are closer, in a table of LEAST_ROWS or more, are samples
 LEAST_ROWS = 200
 FEW = 0.2  # of the rows
 STILL = 0.02  # rad: without a joint that moves more, nothing moves
+# A sensor whose zero is off reads a load in the air. There the other sole is not level with it, and the load,
+# below a share of the weight, is the same whatever way the foot points.
+LIGHT, SAME = 0.25, 0.01  # of the weight
+LEVEL = np.array([0.03, 0.1, 0.1])  # m, rad, rad: height, roll and pitch of a sole against the other
 COMPUTED = (*WHOLE, "window", "samples", "speed", "acceleration")  # columns that samples do not have
 COMPUTED_OF = (
     *("q_std", "q_rate", "q_acceleration", "cell_std"),
@@ -98,7 +104,7 @@ def series_rows(
     weight = nominal.mass * manifest.gravity
     by_load = not table.has("support")
     if by_load:
-        samples = dataclasses.replace(samples, support=supports(samples, weight))
+        samples = dataclasses.replace(samples, support=_support(samples, nominal, weight))
     if convention is not None:
         samples = rewritten(samples, contact_frames(nominal, samples), convention)
     window = series.window or usual_window(manifest.sensors.encoder_resolution)
@@ -125,11 +131,33 @@ def series_rows(
     if by_load:
         kinds = [f"{int((rows.support == kind).sum())} {kind}" for kind in dict.fromkeys(rows.support)]
         assumed.append(
-            f"a foot with less than {100 * LIFTED:.0f} % of the weight is in the air: support {listed(kinds)}"
+            f"a foot with less than {100 * LIFTED:.0f} % of the weight is in the air, or with a constant load "
+            f"below {100 * LIGHT:.0f} % where it is not level with the other: support {listed(kinds)}"
         )
     moved = np.ptp(rows.joint_angles, axis=0).max()
     still = f"nothing moves: no joint by more than {STILL:g} rad, expected a log of a robot that moves"
     return rows, assumed, [still] if moved < STILL else []
+
+
+def _support(samples: Measurements, nominal: Nominal, weight: float) -> np.ndarray:
+    """Return on which feet the robot stands by its contact sensors and its legs, (n,).
+
+    It is "" where it stands on none, or while a foot lands or lifts.
+    """
+    support, share = supports(samples, weight), loads(samples) / weight
+    light = (support == "double") & (share < LIGHT).any(axis=1)
+    both = (support == "double") & ~light
+    if not both.any() or not light.any():
+        return support
+    pose = nominal.swing_sole(samples.joint_angles)[:, 2:5]
+    off = light & (np.abs(pose - np.median(pose[both], axis=0)) > LEVEL).any(axis=1)
+    least = share.min(axis=1)
+    for run in runs(light):
+        if off[run].any():
+            same = off[run] & (np.abs(least[run] - np.median(least[run][off[run]])) < SAME)
+            air = np.where(share[run, 0] < share[run, 1], "left", "right")
+            support[run] = np.where(same, air, "")
+    return support
 
 
 def added_columns(count: int, series: SeriesOfMap) -> dict[str, np.ndarray]:

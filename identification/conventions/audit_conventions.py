@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from tulip_testbed.base.table import Table
 from tulip_testbed.identification.conventions.convention_fit import (
     ConventionFit,
     NeededWrench,
+    constant_reading,
     effective_rows,
     fit_convention,
     needed,
@@ -24,6 +26,7 @@ from tulip_testbed.identification.conventions.log_conventions import (
     ContactFrames,
     WrenchConvention,
     contact_frames,
+    in_sensors,
     other_readings,
     rewritten,
     shifted,
@@ -114,10 +117,14 @@ def convention_table(conventions: Sequence[StatedConvention]) -> Table:
 class _Tried:
     convention: WrenchConvention
     fit: ConventionFit
+    log_likelihood: float
 
-    @property
-    def log_likelihood(self) -> float:
-        return self.fit.log_likelihood
+
+class _Counted(NamedTuple):
+    """How many independent rows the rows count for, and those of each foot in the air, right and left."""
+
+    rows: float
+    air: tuple[float, float]
 
 
 def can_be_audited(measurements: Measurements) -> bool:
@@ -135,9 +142,10 @@ def audit_conventions(measurements: Measurements, nominal: Nominal) -> Conventio
     m = _usable(measurements)
     m = m.take(np.arange(0, len(m), -(-len(m) // MOST_ROWS)))
     need, frames = needed(nominal, m), contact_frames(nominal, m)
-    counted = FIRST_COUNTED * len(m)
+    counted = _Counted(FIRST_COUNTED * len(m), (1.0, 1.0))
     best = _tried(m, need, frames, counted)[0]
-    counted = effective_rows(best.fit.residual)
+    air = _in_the_air(m, frames, best.convention)
+    counted = _Counted(effective_rows(best.fit.residual), tuple(effective_rows(one) for one in air))
     tried = _tried(m, need, frames, counted)
     best, rows, undecided = tried[0], [], []
     for aspect in ASPECTS:
@@ -181,7 +189,7 @@ def audit_conventions(measurements: Measurements, nominal: Nominal) -> Conventio
     others, contradictions = _joints(m, nominal, likely, best.log_likelihood, counted)
     problems += contradictions
     out += ([_origin(best.fit.origin)] if fits else []) + others
-    lag = _lag(m, need, frames, best, counted) if fits else np.full(2, np.nan)
+    lag = _lag(m, need, frames, best, counted.rows) if fits else np.full(2, np.nan)
     if abs(lag[0]) > max(4 * lag[1], 0.02):
         problems.append(f"the contact sensors are {lag[0]:.3f} +- {lag[1]:.3f} s behind the joints")
     applied = measurements
@@ -197,10 +205,10 @@ def _usable(m: Measurements) -> Measurements:
     return m.take(np.flatnonzero(read.all(axis=1) & np.isfinite(m.joint_angles).all(axis=1)))
 
 
-def _tried(m: Measurements, need: NeededWrench, frames: ContactFrames, rows: float) -> list[_Tried]:
+def _tried(m: Measurements, need: NeededWrench, frames: ContactFrames, counted: _Counted) -> list[_Tried]:
     """Fit every convention, the likeliest first; those in the world's axes at their likeliest yaw."""
     tried = [
-        _fitted(m, need, frames, one, rows)
+        _fitted(m, need, frames, one, counted)
         for convention in ALL
         if convention.axes != PUBLISHED or not np.allclose(frames.published, np.eye(3))
         for one in ([replace(convention, yaw=y) for y in YAWS] if convention.axes == WORLD else [convention])
@@ -210,7 +218,7 @@ def _tried(m: Measurements, need: NeededWrench, frames: ContactFrames, rows: flo
         best = max(world, key=_likelihood)
         for step in FINER:
             turned = [replace(best.convention, yaw=best.convention.yaw + k * step) for k in (-2, -1, 1, 2)]
-            best = max(best, *(_fitted(m, need, frames, one, rows) for one in turned), key=_likelihood)
+            best = max(best, *(_fitted(m, need, frames, one, counted) for one in turned), key=_likelihood)
         tried.append(best)
     return sorted(tried, key=_likelihood, reverse=True)
 
@@ -220,11 +228,26 @@ def _likelihood(tried: _Tried) -> float:
 
 
 def _fitted(
-    m: Measurements, need: NeededWrench, frames: ContactFrames, convention: WrenchConvention, rows: float
+    m: Measurements,
+    need: NeededWrench,
+    frames: ContactFrames,
+    convention: WrenchConvention,
+    counted: _Counted,
 ) -> _Tried:
     body = None if convention.about == FOOT else frames.body
     measured = total_in_base(m, frames, convention)
-    return _Tried(convention, fit_convention(measured, need, convention.axes == WORLD, body, rows))
+    fit = fit_convention(measured, need, convention.axes == WORLD, body, counted.rows)
+    air = zip(_in_the_air(m, frames, convention), counted.air, strict=True)
+    zeros = sum(constant_reading(read, need.weight, rows) for read, rows in air if len(read))
+    return _Tried(convention, fit, fit.log_likelihood + zeros)
+
+
+def _in_the_air(m: Measurements, frames: ContactFrames, convention: WrenchConvention) -> list[np.ndarray]:
+    """Return what each foot in the air reads, as far as it was logged, right and left, (k, 6) [N, Nm]."""
+    assert m.wrenches is not None
+    read = in_sensors(m.wrenches, frames, convention)
+    air = ~feet_in_contact(m.support) & np.isfinite(read).all(axis=2)
+    return [read[air[:, side], side] for side in (0, 1)]
 
 
 def _ranked(tried: list[_Tried], aspect: str) -> list[tuple[str, float]]:
@@ -266,7 +289,7 @@ def _origin(origin: np.ndarray) -> ConventionRow:
 
 
 def _joints(
-    m: Measurements, nominal: Nominal, likely: list[WrenchConvention], reached: float, counted: float
+    m: Measurements, nominal: Nominal, likely: list[WrenchConvention], reached: float, counted: _Counted
 ) -> tuple[list[ConventionRow], list[str]]:
     """Return other readings of the joints that are likelier than the one taken, in any likely convention."""
     found = []
@@ -287,9 +310,7 @@ def _joints(
     return [as_named, *rows], told
 
 
-def _lag(
-    m: Measurements, need: NeededWrench, frames: ContactFrames, best: _Tried, counted: float
-) -> np.ndarray:
+def _lag(m: Measurements, need: NeededWrench, frames: ContactFrames, best: _Tried, rows: float) -> np.ndarray:
     """Return by how much the wrenches are late, and its s.d., (2,) [s]; NaN: unknown."""
     if len(m) < LEAST_SERIES or not (np.diff(m.time) > 0).all():
         return np.full(2, np.nan)
@@ -297,7 +318,7 @@ def _lag(
     body, world = None if best.convention.about == FOOT else frames.body, best.convention.axes == WORLD
     likelihood = np.array(
         [
-            fit_convention(shifted(measured, m.time, lag), need, world, body, counted).log_likelihood
+            fit_convention(shifted(measured, m.time, lag), need, world, body, rows).log_likelihood
             for lag in LAGS
         ]
     )

@@ -124,6 +124,18 @@ def fit_convention(
     )
 
 
+def constant_reading(readings: np.ndarray, weight: float, rows: float) -> float:
+    """Return the log-likelihood of what a foot in the air reads: in the sensor's axes its zero, a constant.
+
+    In other axes the zero turns with the foot. What is below the sensor weighs and accelerates, too.
+
+    Args:
+        readings: of a foot in the air, (k, 6) [N, Nm]. rows: how many independent rows they count for.
+    """
+    floor = np.repeat([FLOOR_FORCE, FLOOR_MOMENT], 3) * weight
+    return -0.5 * rows * float(np.log1p(readings.var(axis=0) / floor**2).sum())
+
+
 def effective_rows(residual: np.ndarray) -> float:
     """Return how many independent rows m consecutive rows count for, by their correlation with the next."""
     centred = residual - residual.mean(axis=0)

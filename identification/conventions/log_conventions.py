@@ -111,21 +111,28 @@ def total_in_base(
     return each.sum(axis=1)
 
 
+def in_sensors(wrenches: np.ndarray, frames: ContactFrames, convention: WrenchConvention) -> np.ndarray:
+    """Return logged wrenches as the contract has them: in the sensor's frame, on the robot, (m, 2, 6)."""
+    there = in_base(wrenches, frames, convention)
+    force, moment = there[..., :3], there[..., 3:] - np.cross(frames.origins, there[..., :3])
+    parts = [(frames.sensors.mT @ part[..., None])[..., 0] for part in (force, moment)]
+    return np.concatenate(parts, axis=-1)
+
+
 def rewritten(
     measurements: Measurements, frames: ContactFrames, convention: WrenchConvention
 ) -> Measurements:
-    """Return measurements with wrenches as the contract has them: in the sensor's frame, on the robot."""
+    """Return measurements with wrenches as the contract has them, see `in_sensors`."""
     assert measurements.wrenches is not None
-    there = in_base(measurements.wrenches, frames, convention)
-    force, moment = there[..., :3], there[..., 3:] - np.cross(frames.origins, there[..., :3])
-    parts = [(frames.sensors.mT @ part[..., None])[..., 0] for part in (force, moment)]
     # The turned s.d. would need the readings' covariances; a mean over each triple keeps their size.
     sd = measurements.wrenches_sd
     if sd is not None and convention != WrenchConvention():
         sd = sd if convention.order == FORCES else np.roll(sd, 3, axis=-1)
         size = np.sqrt((sd.reshape(*sd.shape[:2], 2, 3) ** 2).mean(axis=3))
         sd = np.repeat(size, 3, axis=2)
-    return replace(measurements, wrenches=np.concatenate(parts, axis=-1), wrenches_sd=sd)
+    return replace(
+        measurements, wrenches=in_sensors(measurements.wrenches, frames, convention), wrenches_sd=sd
+    )
 
 
 def other_readings(measurements: Measurements, joint_range: np.ndarray) -> Iterator[tuple[str, Measurements]]:

@@ -69,7 +69,7 @@ def supports(samples: Measurements, weight: float) -> np.ndarray:
     Args:
         weight: of the robot [N].
     """
-    right, left = (_loads(samples) >= LIFTED * weight).T
+    right, left = (loads(samples) >= LIFTED * weight).T
     return np.select([right & left, right, left], ["double", "right", "left"], "")
 
 
@@ -105,16 +105,16 @@ def reduced(
         starts = starts[starts <= there[-1] - window + 1e-9]
         ends = [rows.start + np.searchsorted(there, starts + shift - 1e-9) for shift in (0.0, window)]
         found += list(zip(starts.tolist(), *(end.tolist() for end in ends), strict=True))
-    carried, loaded = feet_in_contact(samples.support), _loads(samples) >= LIFTED * weight
+    carried, loaded = feet_in_contact(samples.support), loads(samples) >= LIFTED * weight
     dropped, windows = Counter[str](), []
     for start, a, b in found:
         inside = slice(a, b)
         edges = np.concatenate([[start], time[inside], [start + window]])
         if b - a < LEAST_SAMPLES or np.diff(edges).max() > GAP * window:
             dropped[MISSED] += 1
-        elif (samples.support[inside] != samples.support[a]).any():
+        elif not samples.support[a] or (samples.support[inside] != samples.support[a]).any():
             dropped[MOVING] += 1
-        elif not carried[a].any() or not loaded[inside][:, carried[a]].all():
+        elif not loaded[inside][:, carried[a]].all():
             dropped[NO_LOAD] += 1
         else:
             windows.append(_Window(start, inside, *_weights(time[inside] - start - window / 2, window)))
@@ -144,13 +144,13 @@ def reduced_motion(
 
 def unloaded(samples: Measurements) -> np.ndarray:
     """Return in which samples a foot that stands carries hardly anything, (n,)."""
-    lost = feet_in_contact(samples.support) & (_loads(samples) < LIFTED * _weight(samples))
+    lost = feet_in_contact(samples.support) & (loads(samples) < LIFTED * _weight(samples))
     return np.any(lost, axis=1)
 
 
 def _weight(samples: Measurements) -> float:
     weighed = samples.weighed_mass
-    return weighed[0] * samples.gravity if weighed else float(np.median(_loads(samples).sum(axis=1)))
+    return weighed[0] * samples.gravity if weighed else float(np.median(loads(samples).sum(axis=1)))
 
 
 def _rows(samples: Measurements, windows: list[_Window], window: float) -> Measurements:
@@ -227,7 +227,7 @@ def _weights(time: np.ndarray, window: float) -> tuple[np.ndarray, np.ndarray, n
     return weights, powers, solve
 
 
-def _loads(m: Measurements) -> np.ndarray:
+def loads(m: Measurements) -> np.ndarray:
     """Return the size of the force on each foot, 0 where none was recorded, (n, 2) [N]."""
     if m.contacts is None:
         return m.cell_forces.reshape(-1, 2, 4).sum(axis=2)
