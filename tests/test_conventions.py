@@ -21,6 +21,7 @@ from tulip_testbed.identification.conventions.log_conventions import (
     SENSOR,
     WORLD,
     WrenchConvention,
+    contact_frames,
 )
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.measurements import Measurements
@@ -133,6 +134,22 @@ def test_the_convention_of_a_record_is_found_and_undone(convention, record):
         assert best.applied
         assert not second.applied
         assert second.log_likelihood < -DECISIVE
+
+
+def test_the_zero_of_a_foot_in_the_air_tells_the_axes(record):
+    """The weight of that foot hangs below its sensor, too."""
+    nominal, some = nominal_robot(record.robot), np.arange(0, COUNT, 6)
+    log = logged(record, WrenchConvention(PREPARED)).take(some)
+    zero, weight = np.array([24.0, -6.0, 24.0]), 0.01 * nominal_robot(record.robot).mass * GRAVITY
+    force = contact_frames(nominal, log).sensors[:, 0] @ zero - [0.0, 0.0, weight]
+    wrenches = readings(log)
+    wrenches[:, 0, :3] = (record.body[some].mT @ force[..., None])[..., 0]
+    silent = audit_conventions(log, nominal)
+    found = audit_conventions(dataclasses.replace(log, wrenches=wrenches), nominal)
+    assert found.convention == WrenchConvention(PREPARED)
+    for axes in (SENSOR, WORLD, PUBLISHED):
+        before, after = (next(r for r in one.rows if r.hypothesis == axes) for one in (silent, found))
+        assert after.log_likelihood < before.log_likelihood - DECISIVE
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
+from tests.moving_robots import moving
 from tests.recorded_logs import BAD, CHANNELS, KINDS, motion, unit, write_dumper, write_table
 from tests.test_refusals import check_words, rows
+from tulip_testbed.experiments.table_import.series_import import _support
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.regressor import regression, with_cad_where_needed
@@ -150,6 +152,23 @@ def test_support_follows_from_the_loads_and_transitions_are_left_out(imported, b
         "in which a foot lands or lifts": 3,
         "in which a foot that stands carries less than 5 % of the weight": 2,
     }
+
+
+def test_a_foot_whose_sensor_has_a_zero_is_in_the_air_where_the_legs_do_not_close(robot):
+    nominal = nominal_robot(robot)
+    weight = nominal.mass * 9.81
+    made = moving(robot, np.random.default_rng(0), 500)
+    angles = np.zeros_like(made.joint_angles)
+    knee = [k for k, joint in enumerate(made.joints) if "knee" in joint and "left" in joint]
+    angles[200:, knee] = 0.4
+    wrenches = np.zeros((500, 2, 6))
+    wrenches[:200, :, 1] = 0.5 * weight
+    wrenches[200:, :, 1] = [0.9 * weight, 0.12 * weight]
+    wrenches[200:250, 1, 1] = np.linspace(0.24, 0.14, 50) * weight  # a toe that still pushes
+    made = dataclasses.replace(made, joint_angles=angles, wrenches=wrenches)
+    assert _support(made, nominal, weight).tolist() == ["double"] * 200 + [""] * 50 + ["right"] * 250
+    level = dataclasses.replace(made, joint_angles=np.zeros_like(angles))
+    assert set(_support(level, nominal, weight)) == {"double"}
 
 
 def test_a_gap_in_the_clock_costs_its_windows_alone(imported, bowing):

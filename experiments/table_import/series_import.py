@@ -131,8 +131,8 @@ def series_rows(
     if by_load:
         kinds = [f"{int((rows.support == kind).sum())} {kind}" for kind in dict.fromkeys(rows.support)]
         assumed.append(
-            f"a foot with less than {100 * LIFTED:.0f} % of the weight is in the air, or with a constant load "
-            f"below {100 * LIGHT:.0f} % where it is not level with the other: support {listed(kinds)}"
+            f"in the air is a foot with less than {100 * LIFTED:.0f} % of the weight, or raised or tilted "
+            f"with a constant load below {100 * LIGHT:.0f} %: support {listed(kinds)}"
         )
     moved = np.ptp(rows.joint_angles, axis=0).max()
     still = f"nothing moves: no joint by more than {STILL:g} rad, expected a log of a robot that moves"

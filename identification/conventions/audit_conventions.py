@@ -11,10 +11,10 @@ from tulip_testbed.base.table import Table
 from tulip_testbed.identification.conventions.convention_fit import (
     ConventionFit,
     NeededWrench,
-    constant_reading,
     effective_rows,
     fit_convention,
     needed,
+    reading_in_the_air,
 )
 from tulip_testbed.identification.conventions.log_conventions import (
     ALL,
@@ -124,7 +124,7 @@ class _Counted(NamedTuple):
     """How many independent rows the rows count for, and those of each foot in the air, right and left."""
 
     rows: float
-    air: tuple[float, float]
+    air: Sequence[float]
 
 
 def can_be_audited(measurements: Measurements) -> bool:
@@ -142,10 +142,11 @@ def audit_conventions(measurements: Measurements, nominal: Nominal) -> Conventio
     m = _usable(measurements)
     m = m.take(np.arange(0, len(m), -(-len(m) // MOST_ROWS)))
     need, frames = needed(nominal, m), contact_frames(nominal, m)
-    counted = _Counted(FIRST_COUNTED * len(m), (1.0, 1.0))
+    aloft = [min(1.0, len(read)) for read, _ in _in_the_air(m, frames, WrenchConvention())]
+    counted = _Counted(FIRST_COUNTED * len(m), aloft)
     best = _tried(m, need, frames, counted)[0]
     air = _in_the_air(m, frames, best.convention)
-    counted = _Counted(effective_rows(best.fit.residual), tuple(effective_rows(one) for one in air))
+    counted = _Counted(effective_rows(best.fit.residual), [effective_rows(read) for read, _ in air])
     tried = _tried(m, need, frames, counted)
     best, rows, undecided = tried[0], [], []
     for aspect in ASPECTS:
@@ -237,17 +238,22 @@ def _fitted(
     body = None if convention.about == FOOT else frames.body
     measured = total_in_base(m, frames, convention)
     fit = fit_convention(measured, need, convention.axes == WORLD, body, counted.rows)
-    air = zip(_in_the_air(m, frames, convention), counted.air, strict=True)
-    zeros = sum(constant_reading(read, need.weight, rows) for read, rows in air if len(read))
-    return _Tried(convention, fit, fit.log_likelihood + zeros)
+    zeros = [
+        reading_in_the_air(read, upright, need.weight, rows)
+        for (read, upright), rows in zip(_in_the_air(m, frames, convention), counted.air, strict=True)
+    ]
+    return _Tried(convention, fit, fit.log_likelihood + sum(zeros))
 
 
-def _in_the_air(m: Measurements, frames: ContactFrames, convention: WrenchConvention) -> list[np.ndarray]:
-    """Return what each foot in the air reads, as far as it was logged, right and left, (k, 6) [N, Nm]."""
+def _in_the_air(
+    m: Measurements, frames: ContactFrames, convention: WrenchConvention
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return what each foot in the air reads, as far as it was logged, (k, 6), and the vertical, (k, 3)."""
     assert m.wrenches is not None
     read = in_sensors(m.wrenches, frames, convention)
     air = ~feet_in_contact(m.support) & np.isfinite(read).all(axis=2)
-    return [read[air[:, side], side] for side in (0, 1)]
+    upright = frames.sensors[:, :, 2]
+    return [(read[air[:, side], side], upright[air[:, side], side]) for side in (0, 1)]
 
 
 def _ranked(tried: list[_Tried], aspect: str) -> list[tuple[str, float]]:

@@ -21,6 +21,8 @@ TURN = np.radians(2.0)  # of the sensor
 ORIGIN = 0.05  # m, of the point of the moments
 ZERO_FORCE, ZERO_MOMENT = 0.05, 0.02  # constant part, of the weight and weight times metre
 FLOOR_FORCE, FLOOR_MOMENT = 0.003, 0.001  # likewise: a residual below it is none
+FEWEST = 3  # rows for a correlation
+BELOW, BELOW_ARM = 0.02, 0.05  # of the weight, m: what hangs below a sensor in the air
 ROUNDS = 5
 MOST_LASTING = 0.9  # correlation of a row with the next: more is a wrong convention, not noise
 
@@ -124,23 +126,35 @@ def fit_convention(
     )
 
 
-def constant_reading(readings: np.ndarray, weight: float, rows: float) -> float:
+def reading_in_the_air(readings: np.ndarray, upright: np.ndarray, weight: float, rows: float) -> float:
     """Return the log-likelihood of what a foot in the air reads: in the sensor's axes its zero, a constant.
 
-    In other axes the zero turns with the foot. What is below the sensor weighs and accelerates, too.
+    In other axes the zero turns with the foot. The foot's own weight, with unknown centre, may hang below the
+    sensor.
 
     Args:
-        readings: of a foot in the air, (k, 6) [N, Nm]. rows: how many independent rows they count for.
+        readings: (k, 6) [N, Nm]. upright: vertical direction in the sensor's axes, (k, 3).
+        rows: how many independent rows they count for.
     """
+    if not rows:
+        return 0.0
     floor = np.repeat([FLOOR_FORCE, FLOOR_MOMENT], 3) * weight
-    return -0.5 * rows * float(np.log1p(readings.var(axis=0) / floor**2).sum())
+    turned = upright - upright.mean(axis=0)
+    hangs = np.zeros((len(turned), 6, 4))
+    hangs[:, :3, 0] = BELOW * turned
+    hangs[:, 3:, 1:] = BELOW * BELOW_ARM * np.cross(np.eye(3), turned[:, None]).mT
+    matrix = (weight * hangs / floor[:, None]).reshape(-1, 4) * np.sqrt(rows / len(turned))
+    output = ((readings - readings.mean(axis=0)) / floor).ravel() * np.sqrt(rows / len(turned))
+    found = np.linalg.solve(np.eye(4) + matrix.T @ matrix, matrix.T @ output)
+    residual = (output - matrix @ found).reshape(-1, 6)
+    return -0.5 * rows * float(np.log1p((residual**2).sum(axis=0) / rows).sum())
 
 
 def effective_rows(residual: np.ndarray) -> float:
     """Return how many independent rows m consecutive rows count for, by their correlation with the next."""
+    if len(residual) < FEWEST:
+        return float(len(residual))
     centred = residual - residual.mean(axis=0)
     scaled = centred / np.maximum(centred.std(axis=0), 1e-12)
-    lasting = (
-        float(np.clip((scaled[1:] * scaled[:-1]).mean(), 0.0, MOST_LASTING)) if len(residual) > 2 else 0.0
-    )
+    lasting = float(np.clip((scaled[1:] * scaled[:-1]).mean(), 0.0, MOST_LASTING))
     return len(residual) * (1 - lasting) / (1 + lasting)

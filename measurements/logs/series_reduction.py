@@ -112,10 +112,12 @@ def reduced(
         edges = np.concatenate([[start], time[inside], [start + window]])
         if b - a < LEAST_SAMPLES or np.diff(edges).max() > GAP * window:
             dropped[MISSED] += 1
-        elif not samples.support[a] or (samples.support[inside] != samples.support[a]).any():
+        elif (samples.support[inside] != samples.support[a]).any():
             dropped[MOVING] += 1
         elif not loaded[inside][:, carried[a]].all():
             dropped[NO_LOAD] += 1
+        elif not samples.support[a]:
+            dropped[MOVING] += 1
         else:
             windows.append(_Window(start, inside, *_weights(time[inside] - start - window / 2, window)))
     return Reduced(_rows(samples, windows, window), dict(dropped))
