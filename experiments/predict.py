@@ -185,7 +185,7 @@ def _score(
     rows = np.concatenate([test for _, test in split.folds])
     models = (*MODELS, *([] if change is None else [EXPORTED]))
     found: dict[str, list[np.ndarray]] = {name: [] for name in models}
-    scales = []
+    scales, unsteady = [], 0
     for train, test in split.folds:
         if not len(train):
             raise InputError(f"{split.name}: found no posture to train with, expected two blocks or more")
@@ -201,16 +201,24 @@ def _score(
         if WITH_CORRECTIONS not in found:
             continue
         try:
-            found[WITH_CORRECTIONS].append(corrected_errors(problem, adopted, train, test))
+            errors, steady = corrected_errors(problem, adopted, train, test)
+            found[WITH_CORRECTIONS].append(errors)
+            unsteady += not steady
         except (InputError, np.linalg.LinAlgError) as reason:
             notes.append(f"No model with corrections by {split.name}: {reason}.")
             found.pop(WITH_CORRECTIONS)
     if problem.zeros.shape[2]:
         assert m.contacts is not None
         known = "known by their s.d. only" if np.isfinite(m.contacts.zero_sd).all() else "unknown"
+        how = "within it" if np.isfinite(m.contacts.zero_sd).all() else "freely"
         notes.append(
-            f"The sensors' zeros are {known}: those of every model, CAD too, are fitted freely in training, "
+            f"The sensors' zeros are {known}: those of every model, CAD too, are fitted {how} in training, "
             f"and the weight is that of the {'weighed' if m.weighed_mass else 'nominal'} mass."
+        )
+    if unsteady:
+        notes.append(
+            f"{WITH_CORRECTIONS} by {split.name}: in {unsteady} of {len(split.folds)} trainings the estimate "
+            "did not come to rest; what it predicts there means nothing."
         )
     if scales:
         low, high = (number(end, ".2f") for end in (min(scales), max(scales)))
@@ -263,14 +271,14 @@ def _beats(cad: np.ndarray, residual: np.ndarray, block: np.ndarray) -> bool | N
 @one_blas_thread
 def corrected_errors(
     problem: PredictionProblem, adopted: Sequence[EffectInstance], train: np.ndarray, test: np.ndarray
-) -> np.ndarray:
-    """Return the residuals of what `identify` estimates, with its corrections, (n, 2) [m]."""
+) -> tuple[np.ndarray, bool]:
+    """Return the residuals of what `identify` estimates, with its corrections, (n, 2) [m]; was it steady."""
     nominal, m = problem.observed.nominal, problem.observed.measurements
     data = regression(nominal.parameters, m.take(train), nominal.robot)
     observed, found = as_log_shows(with_cad_where_needed(problem.observed, data), rows=train)
     if found is None or adopted:
         found = self_calibrate(observed.take(train), effects=adopted)
-    return center_errors(found, observed.take(test))
+    return center_errors(found, observed.take(test)), found.steady
 
 
 def _with_prior(problem: PredictionProblem, train: np.ndarray, test: np.ndarray) -> tuple[np.ndarray, float]:
@@ -323,17 +331,18 @@ class PredictionProblem:
         observed: the measurements in the nominal laboratory.
         matrix: H, (m, 2, p). center: centre of pressure, (m, 2) [m]. residual: of CAD, (m, 2) [m].
         spread: root of the prior's covariance of the base parameters, (p, k) [m].
-        zeros: change of the residual by one s.d. of sensors' zeros of which nothing is known, and of the
-            weight if it is not either, (m, 2, z).
+        zeros: change of the residual by one s.d. of sensors' zeros that are not known well, and of the
+            weight if it is not known, (m, 2, z).
     """
 
     def __init__(self, m: Measurements, nominal: Nominal):
         self.observed = observe(m, nominal)
         self.matrix = nominal.parameters.regressor(m.joint_angles, m.support)
         self.center, self.zeros = contact_pressure(m, nominal).center, np.zeros((len(m), 2, 0))
-        unknown = self.observed.contacts.unsure
-        if m.wrenches is not None and unknown.any():
-            self.center, self.zeros = _about_zeros(m, nominal, unknown)
+        contacts = self.observed.contacts
+        if contacts.zero_sd is not None and contacts.unknown is not None and contacts.unsure.any():
+            sd = np.where(contacts.unknown, np.inf, contacts.zero_sd)
+            self.center, self.zeros = _about_zeros(m, nominal, np.where(contacts.unsure, sd, 0.0))
         self.residual = self.center - nominal.center_of_mass(m.joint_angles, m.support)
         self.spread = cad_prior(nominal.parameters, standard_parameters(nominal.robot.model)).root
 
@@ -343,14 +352,14 @@ def _rows(values: np.ndarray, chosen: np.ndarray) -> np.ndarray:
     return values[chosen].reshape(2 * len(chosen), -1)
 
 
-def _about_zeros(m: Measurements, nominal: Nominal, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _about_zeros(m: Measurements, nominal: Nominal, zero_sd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the centre of pressure, (m, 2) [m], and its change by one s.d. of zeros, (m, 2, z).
 
     The vertical forces hold the zeros too: the moments are divided by the robot's weight, so that zeros
     enter linearly.
 
     Args:
-        unknown: channels whose zeros are unknown, (2, c).
+        zero_sd: of each channel's zero, infinite if nothing is known of it, (2, c) [N, Nm].
     """
 
     def center(wrenches: np.ndarray) -> np.ndarray:
@@ -364,16 +373,15 @@ def _about_zeros(m: Measurements, nominal: Nominal, unknown: np.ndarray) -> tupl
 
     assert m.wrenches is not None
     here, columns, weight = center(m.wrenches), [], []
-    for side, channel in np.argwhere(unknown):
-        zero = np.zeros(unknown.shape)
+    for side, channel in np.argwhere(zero_sd):
+        zero = np.zeros(zero_sd.shape)
         zero[side, channel] = 1.0
-        columns.append(center(m.wrenches + zero) - here)
+        change, sd = center(m.wrenches + zero) - here, zero_sd[side, channel]
+        if (size := float(np.sqrt((change**2).mean()))) > SMALLEST:
+            columns.append(change * (sd if np.isfinite(sd) else WIDE / size))
     if m.weighed_mass is None:  # an error of the weight is no error of the CAD model's centre of mass
         mass = standard_parameters(nominal.robot.model)[:, 0]
         # By the moments that CAD expects: by the measured ones, any could be made to vanish.
         expected = nominal.center_of_mass(m.joint_angles, m.support)
         weight = [expected * MASS_SD * np.linalg.norm(mass) / mass.sum()]
-    changes = np.stack([*columns, np.zeros_like(here)], axis=2)
-    size = np.sqrt((changes**2).mean(axis=(0, 1)))
-    zeros = WIDE * changes[..., size > SMALLEST] / size[size > SMALLEST]
-    return here, np.concatenate([zeros, *(one[..., None] for one in weight)], axis=2)
+    return here, np.stack([*columns, *weight], axis=2) if columns or weight else np.zeros((*here.shape, 0))

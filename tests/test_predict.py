@@ -16,9 +16,11 @@ from tulip_testbed.experiments.predict import (
     IDENTIFIED,
     MODELS,
     WITH_CORRECTIONS,
+    PredictionProblem,
 )
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
 from tulip_testbed.identification.cad_prior import cad_prior
+from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.measurements import write_measurements
 
 SEED = 4217  # development seeds are 0 to 99
@@ -204,6 +206,18 @@ def test_unknown_zeros_of_sensors_in_the_feet_are_no_merit_of_identification(rob
     assert any(note.startswith("The sensors' zeros are unknown") for note in found.notes)
     if spread is None:
         assert total(found, IDENTIFIED) == pytest.approx(total(found, CAD), rel=0.03)
+
+
+def test_zeros_that_are_stated_are_fitted_within_their_s_d(robot):
+    m = measured(tt.Laboratory(robot, sensors="foot-ft"), None).take(np.arange(20))
+    assert m.contacts is not None
+    rms = []
+    for sd in (1.0, 2.0, np.inf):
+        contacts = dataclasses.replace(m.contacts, zero_sd=np.full((2, 6), sd))
+        problem = PredictionProblem(dataclasses.replace(m, contacts=contacts), nominal_robot(robot))
+        rms.append(np.sqrt((problem.zeros**2).mean()))
+    assert rms[1] == pytest.approx(2 * rms[0])
+    assert rms[2] > 5 * rms[1]
 
 
 @pytest.mark.slow

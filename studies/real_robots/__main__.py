@@ -40,7 +40,7 @@ def main(data: Path) -> None:
     for train, test in by_halves(m).folds:
         of_cad = cad_errors(problem, train)
         cad[test] = of_cad[test] - of_cad[train].mean(axis=0)
-        corrected[test] = corrected_errors(problem, (), train, test)
+        corrected[test], _ = corrected_errors(problem, (), train, test)
     order, measured = np.argsort(m.time), problem.center - problem.center.mean(axis=0)
     for k, axis in enumerate("xy"):
         with card(8.2, 2.9) as (figure, ax):
