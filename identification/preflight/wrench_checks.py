@@ -59,7 +59,7 @@ def carried_weight(measurements: Measurements, nominal: Nominal) -> Finding:
 
 
 def horizontal_forces(measurements: Measurements, nominal: Nominal) -> Finding:
-    """Check that the feet's horizontal forces cancel in double support; with unknown zeros, that they stay."""
+    """Check that horizontal forces cancel in double support, or stay the same with unknown zeros."""
     m, contacts = measurements, measurements.contacts
     assert contacts is not None
     both = m.support == "double"
