@@ -2,7 +2,7 @@
 
 A: centre of pressure minus the regressor's prediction (x, y). F: sum of the cell forces minus the weight.
 T: twist of the right and the left plate, f1 - f2 + f3 - f4; six-axis sensors in the feet, which have no
-twist, hold channel D there: the direction of the force, horizontal over vertical, against the vertical seen
+twist, have the direction of the force there, horizontal over vertical, against the vertical seen
 from the kinematics (x, y). With it the tilt of a foot cancels. C: closure of the legs: height, roll and pitch
 of the swing foot from the joint angles, and its x, y and yaw, which are constant in a placement.
 """
@@ -89,7 +89,7 @@ def difference(before: Observation, after: Observation) -> np.ndarray:
 def residuals(observed: Observation, theta: np.ndarray) -> np.ndarray:
     """Compute the residuals of all channels, (m, 11) [m, m, N, N, N, m, rad, rad, m, m, rad].
 
-    Those of channel D, in the place of T, are in rad. The base parameters theta are (p,) [m].
+    Those of the direction, in channel T, are in rad. The base parameters theta are (p,) [m].
     """
     out = np.empty((len(observed), SIZE))
     out[:, ROWS["A"]] = center(observed) - observed.geometry.regressor @ theta
