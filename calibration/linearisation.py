@@ -101,7 +101,7 @@ class ResidualCovariance:
         reach: derivative of the residuals by the readings, through the compliances too, (m, 11, n + 2 k + 6).
         internal: change of the residuals by one s.d. of each component of the internal wrench in a row,
             (m, 11, 3). squeeze: the same by what a placement's rows share of it.
-        tilt: change by one s.d. of the tilt of each foot in each row, (m, 11, 4); nothing without a direction.
+        tilt: change by one s.d. of the tilt of each foot in each row, (m, 11, 4); 0 without a direction.
         inertia: change by the inertial forces of each row, (m, 11, 1); no columns for a robot that is held.
         unsure: change by one s.d. of what the readings do not show of each effect, (m, 11, u).
         structure: of all of them, by the scales of `sources_of`.
