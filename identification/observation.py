@@ -196,8 +196,7 @@ class Observation:
             turn = turned_about(pose[3:])
             angle = np.column_stack([lean[:, side], np.zeros(len(self))]) @ turn
             for part in (slice(0, 3), slice(3, 6)):
-                moved = np.cross(angle, forces[:, side, part])  # to the second order, since the weight is large
-                out[:, side, part] = forces[:, side, part] - moved + np.cross(angle, moved) / 2
+                out[:, side, part] = forces[:, side, part] - np.cross(angle, forces[:, side, part])
         assert self.contacts.by_channel is not None
         return (out @ self.contacts.by_channel.T).reshape(len(self), -1)
 

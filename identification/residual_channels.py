@@ -93,7 +93,7 @@ def residuals(observed: Observation, theta: np.ndarray) -> np.ndarray:
     """
     out = np.empty((len(observed), SIZE))
     out[:, ROWS["A"]] = center(observed) - observed.geometry.regressor @ theta
-    down = (carried(observed) * _bears(observed)).sum(axis=1)
+    down = carried(observed) @ observed.contacts.bears.ravel()
     out[:, ROWS["F"]] = (down - observed.weight - observed.lift)[:, None]
     if has_twist(observed):
         out[:, ROWS["T"]] = observed.cell_forces.reshape(-1, 2, 4) @ TWIST
@@ -141,27 +141,6 @@ def has_twist(observed: Observation) -> bool:
 def has_direction(observed: Observation) -> bool:
     """Return whether the contacts are six-axis sensors in the feet, which measure the force's direction."""
     return observed.in_feet and observed.contacts.pushes is not None
-
-
-def _bears(observed: Observation) -> np.ndarray:
-    """Return the vertical force by a unit of each reading, (m, 2 k); a foot that leans shows it along three."""
-    bears, pushes = observed.contacts.bears, observed.contacts.pushes
-    if pushes is None or not observed.in_feet:
-        return np.tile(bears.ravel(), (len(observed), 1))
-    tilts = np.stack([observed.stance_tilt, observed.swing_tilt], axis=1)
-    roll, pitch = tilts[..., :1], tilts[..., 1:]
-    upright = 1 - (roll**2 + pitch**2) / 2
-    return (upright * bears + roll * pushes[:, 1] - pitch * pushes[:, 0]).reshape(len(observed), -1)
-
-
-def _bears_less(observed: Observation) -> np.ndarray:
-    """Differentiate the vertical force by roll and pitch of both feet, (m, 4) [N]."""
-    each, pushes = carried(observed).reshape(len(observed), 2, -1), observed.contacts.pushes
-    assert pushes is not None
-    tilts = np.stack([observed.stance_tilt, observed.swing_tilt], axis=1)
-    down = (each * observed.contacts.bears).sum(axis=2, keepdims=True)
-    along = (each[:, :, None] * pushes).sum(axis=3)
-    return (along[..., ::-1] * [1.0, -1.0] - tilts * down).reshape(len(observed), 4)
 
 
 def _off_vertical(observed: Observation) -> np.ndarray:
@@ -289,14 +268,13 @@ def sensitivity(observed: Observation, theta: np.ndarray) -> np.ndarray:
     if has_twist(observed):
         lever = lever - bears.reshape(-1, 1) * _measured(observed)[:, None]
     out[:, 0:2, at["cells"]] = (lever / total[:, None, None] * contact[..., None]).transpose(0, 2, 1)
-    out[:, 2, at["cells"]] = contact * _bears(observed)
+    out[:, 2, at["cells"]] = contact * bears.ravel()
     if has_twist(observed):
         out[:, 3, at["cells"].start : at["cells"].start + 4] = TWIST
         out[:, 4, at["cells"].start + 4 : at["cells"].stop] = TWIST
     if has_direction(observed):
         out[:, ROWS["T"], at["cells"]] = _pushes(observed) * contact[:, None] / total[:, None, None]
         out[:, ROWS["T"], at["stance_tilt"].start : at["swing_tilt"].stop] = -_leaning(observed)
-        out[:, ROWS["F"].start, at["stance_tilt"].start : at["swing_tilt"].stop] = _bears_less(observed)
         out[:, ROWS["T"], at["push"]] = -np.eye(2)
         yaws = [at["plates"].start + 2, at["plates"].start + 5]
         out[:, ROWS["T"], yaws] = _across(observed) / total[:, None, None]
