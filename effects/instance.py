@@ -365,8 +365,7 @@ def removed(observed: Observation, instances: Sequence[EffectInstance]) -> Obser
     """Return the observation with these effects removed, in the reverse order of their stages."""
     if observed.upright and (leaning := [one for one in instances if one.effect.name in LEANING]):
         others = [one for one in instances if one not in leaning]
-        rest = removed(observed, others)
-        out = rest
+        out = rest = removed(observed, others)
         for one in leaning:
             out = one.effect.remove(out, one.target, one.values)
         return misread_in_feet(observed, others, rest, out)
