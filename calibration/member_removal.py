@@ -16,7 +16,7 @@ import numpy as np
 
 from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.linearisation import OF_LOADS, Families, joint_compliance, split_members
-from tulip_testbed.effects.instance import EffectInstance, removed
+from tulip_testbed.effects.instance import EffectInstance, misread_in_feet, removed
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.cad_prior import CENTER_SD, MASS_SD
 from tulip_testbed.identification.observation import Observation
@@ -64,10 +64,11 @@ def members_removed(
 def _removed(observed: Observation, instances: Sequence[EffectInstance]) -> Observation:
     """Remove effects; compliances last, and together, since the loads hardly depend on them."""
     yielding = [instance for instance in instances if instance.effect.name in OF_LOADS]
-    out = rest = removed(observed, [one for one in instances if one.effect.name not in OF_LOADS])
+    others = [instance for instance in instances if instance.effect.name not in OF_LOADS]
+    out = rest = removed(observed, others)
     for instance in yielding:
         out = moved_by(out, rest, removed(rest, [instance]))
-    return out
+    return misread_in_feet(observed, others, rest, out)
 
 
 def instances_of_members(families: Families, phi: np.ndarray) -> list[EffectInstance]:

@@ -24,6 +24,7 @@ from tulip_testbed.sim.robot import Robot
 
 MOST_PRIORS = 100.0  # a value of more prior standard deviations than this is refused as a wrong unit
 DOUBTFUL_PRIORS = 10.0  # a value of more is doubtful
+LEANING = ("sole-compliance", "foot-compliance", "foot-damping")  # effects by which feet lean
 
 
 @with_config(ConfigDict(extra="forbid", strict=True))
@@ -362,9 +363,33 @@ def injected(rig: Rig, instances: Sequence[EffectInstance]) -> Rig:
 
 def removed(observed: Observation, instances: Sequence[EffectInstance]) -> Observation:
     """Return the observation with these effects removed, in the reverse order of their stages."""
+    if observed.upright and (leaning := [one for one in instances if one.effect.name in LEANING]):
+        others = [one for one in instances if one not in leaning]
+        out = rest = removed(observed, others)
+        for one in leaning:
+            out = one.effect.remove(out, one.target, one.values)
+        return misread_in_feet(observed, others, rest, out)
     for found in reversed(_in_order(instances)):
         observed = found.effect.remove(observed, found.target, found.values)
     return observed
+
+
+def misread_in_feet(
+    observed: Observation, others: Sequence[EffectInstance], rest: Observation, leaning: Observation
+) -> Observation:
+    """Return the observation of feet that lean, with what the sensors misread removed in the feet's axes.
+
+    Software turned the readings to the world's axes after the sensors had misread them. So they are turned
+    back first, as far as the feet are found to lean.
+
+    Args:
+        others: effects that were removed from `observed` to give `rest`. leaning: `rest` with feet that lean.
+    """
+    if not others or not observed.upright:
+        return leaning
+    tilts = [np.stack([one.stance_tilt, one.swing_tilt], axis=1) for one in (rest, leaning)]
+    back = observed.changed(cell_forces=observed.seen_from(tilts[1] - tilts[0]))
+    return leaning.changed(cell_forces=removed(back, others).cell_forces)
 
 
 def as_manipulated(instances: Sequence[EffectInstance], experiment: Experiment) -> tuple[EffectInstance, ...]:
