@@ -99,19 +99,12 @@ def header_of(rig: Rig) -> MeasurementHeader:
     s = rig.sensors
     plates = nominal_plates(rig.robot)
     samples = _samples(rig)
-    sheet = SensorSheet(
-        encoder_sd=averaged_sd(*s.encoder, samples),
-        encoder_resolution=s.encoder_resolution,
-    )
+    sheet = SensorSheet(encoder_sd=averaged_sd(*s.encoder, samples), encoder_resolution=s.encoder_resolution)
     on_ground = s.wrench is None or s.wrench.place == PLATE
     if on_ground:
         sheet = replace(sheet, placement_sd=s.placement_sd)
     if s.wrench is None:
-        sheet = replace(
-            sheet,
-            cell_sd=averaged_sd(*s.cell, samples),
-            cell_resolution=s.cell_resolution,
-        )
+        sheet = replace(sheet, cell_sd=averaged_sd(*s.cell, samples), cell_resolution=s.cell_resolution)
     return MeasurementHeader(
         robot={
             "model": rig.robot.model_file.name,

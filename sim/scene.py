@@ -34,10 +34,7 @@ SOLVER = (
     *("solver", "jacobian", "iterations", "ls_iterations", "ls_tolerance"),
     *("noslip_iterations", "noslip_tolerance", "ccd_iterations", "ccd_tolerance"),
 )
-OPTIONS = (
-    *SOLVER,
-    *("impratio", "density", "viscosity", "magnetic", "wind", "disableflags", "enableflags"),
-)
+OPTIONS = (*SOLVER, *("impratio", "density", "viscosity", "magnetic", "wind", "disableflags", "enableflags"))
 SIZES = ("memory", "njmax", "nconmax")
 # Defaults of elements that the laboratory adds to a robot's scene.
 LIMITS = ("limited", "range", "margin", "actfrclimited", "actfrcrange", "solref_limit", "solimp_limit")

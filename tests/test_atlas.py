@@ -15,13 +15,7 @@ from tulip_testbed.discovery.evidence import marginal_fits
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.experiments.atlases.atlas_result import ISOLABLE
 from tulip_testbed.experiments.atlases.effect_atlas import angles, atlas
-from tulip_testbed.experiments.atlases.planned_experiment import (
-    BiasWeights,
-    bias,
-    noisy,
-    planned,
-    streams,
-)
+from tulip_testbed.experiments.atlases.planned_experiment import BiasWeights, bias, noisy, planned, streams
 from tulip_testbed.experiments.atlases.tolerance import tolerance
 from tulip_testbed.identification.estimators import MIXED_MODEL, estimate_by
 from tulip_testbed.identification.observation import observe

@@ -11,12 +11,7 @@ from hypothesis import strategies as st
 from scipy.stats import ks_2samp
 
 import tulip_testbed as tt
-from tests.statics_against_dynamics import (
-    compare,
-    excess_sag,
-    laboratories,
-    pulled,
-)
+from tests.statics_against_dynamics import compare, excess_sag, laboratories, pulled
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.imperfections import drawn
 from tulip_testbed.experiments.laboratory import Laboratory

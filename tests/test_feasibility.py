@@ -22,11 +22,7 @@ from tulip_testbed.identification.feasibility import (
 from tulip_testbed.identification.planning.footing import footing
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning.search import design_of
-from tulip_testbed.identification.planning_ranges import (
-    Margins,
-    planning_margins,
-    planning_ranges,
-)
+from tulip_testbed.identification.planning_ranges import Margins, planning_margins, planning_ranges
 from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.measurements import lay_boards

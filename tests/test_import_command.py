@@ -103,11 +103,7 @@ def test_a_table_of_its_own_names_is_imported(table, stated, measured, tmp_path)
     assert m.plate_poses == pytest.approx(measured.plate_poses)
     knee = found.mapped["q.right_knee"]
     assert knee == MappedColumn(
-        column="RKnee [deg]",
-        unit="deg",
-        sign=1,
-        by="words of the name",
-        checked="range of the joint",
+        column="RKnee [deg]", unit="deg", sign=1, by="words of the name", checked="range of the joint"
     )
     assert "closed legs" in {one.checked for one in found.mapped.values()}
     assert found.mapped["wrench.left.fz"].checked == "weight"

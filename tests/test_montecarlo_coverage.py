@@ -10,11 +10,7 @@ from scipy.stats import binom, f, t
 
 from tests.montecarlo_work import LAYOUT, TRUTH, Regressions, result_of, run_regressions
 from tulip_testbed.base.table import Table
-from tulip_testbed.experiments.montecarlo.coverage import (
-    Errors,
-    model_errors,
-    summarise_errors,
-)
+from tulip_testbed.experiments.montecarlo.coverage import Errors, model_errors, summarise_errors
 from tulip_testbed.experiments.montecarlo.coverage_verdict import (
     LEVEL,
     CoverageCheck,

@@ -11,12 +11,7 @@ from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.motion_effects import INERTIA, LAG
 from tulip_testbed.identification import inertial_wrench
 from tulip_testbed.identification.inertial_wrench import beyond_weight, inertial_parameters
-from tulip_testbed.identification.noise_in_time import (
-    WHITE,
-    NoiseInTime,
-    decorrelation,
-    noise_in_time_of,
-)
+from tulip_testbed.identification.noise_in_time import WHITE, NoiseInTime, decorrelation, noise_in_time_of
 from tulip_testbed.identification.nominal import nominal_robot
 
 STEP, WINDOW = 0.25, 0.5  # s, from row to row, of a row

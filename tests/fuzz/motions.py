@@ -37,14 +37,8 @@ TABLES: dict[str, tuple] = {
     "drop a column": (drop_a_column, REFUSED),
     "poisoned samples": (cells((np.nan, np.inf, -np.inf, 1e300, None), "q.", "cell.", "plate."), REFUSED),
     "poisoned times": (cells((np.nan, np.inf, -np.inf, None), "time"), REFUSED),
-    "a time that stands": (
-        whole({"time": lambda v: 0 * v}),
-        refused("column 'time', row 2", "increases"),
-    ),
-    "a time that goes back": (
-        whole({"time": lambda v: -v}),
-        refused("column 'time', row 2", "increases"),
-    ),
+    "a time that stands": (whole({"time": lambda v: 0 * v}), refused("column 'time', row 2", "increases")),
+    "a time that goes back": (whole({"time": lambda v: -v}), refused("column 'time', row 2", "increases")),
     "another epoch": (whole({"time": lambda v: v + 1.6e9}), RIGHT),
     "a slow clock": (whole({"time": lambda v: 1e6 * v}), refused(WHOLE, "no window")),
     "a fast clock": (whole({"time": lambda v: 1e-6 * v}), refused(WHOLE, "no window")),

@@ -83,12 +83,7 @@ class OpenView(Result):
 
 
 @checked
-def view(
-    shown: Viewed,
-    robot: RunRobot = None,
-    *,
-    save: str | Path | None = None,
-) -> OpenView:
+def view(shown: Viewed, robot: RunRobot = None, *, save: str | Path | None = None) -> OpenView:
     """Show a plan, measurements or a run in rerun.
 
     The view shows postures, forces and errors.
@@ -134,10 +129,7 @@ def _warn_of_bare_links(robot: Robot) -> None:
 
 @checked
 def report(
-    shown: Reported,
-    out: str | Path | None = None,
-    other: Reported | None = None,
-    robot: RunRobot = None,
+    shown: Reported, out: str | Path | None = None, other: Reported | None = None, robot: RunRobot = None
 ) -> WrittenReport | Comparison:
     """Write a run as one HTML page that needs no network.
 
