@@ -34,12 +34,6 @@ def record_error(rig: Rig, rng: np.random.Generator, placements: int) -> np.ndar
     return sd * rng.standard_normal((placements, 2, 3))
 
 
-def support_of(plan: PosturePlan, posture: np.ndarray) -> np.ndarray:
-    """Look up the support of postures by their numbers, same shape."""
-    by_number = dict(zip(plan.posture.tolist(), plan.support.tolist(), strict=True))
-    return np.array([by_number[number] for number in posture.tolist()])
-
-
 def choose_repeats(plan: PosturePlan, count: int, rng: np.random.Generator) -> frozenset[int]:
     """Draw the numbers of the postures to measure twice; none if the plan has repeats of its own."""
     if plan.postures < len(plan):
