@@ -107,16 +107,16 @@ def readings(m: Measurements) -> np.ndarray:
 @pytest.mark.parametrize(
     "convention",
     [
+        WrenchConvention(PREPARED, ON_ROBOT, PREPARED, MOMENTS),
         *(
             pytest.param(one, marks=pytest.mark.slow)
             for one in (
                 WrenchConvention(),
                 WrenchConvention(PREPARED, ON_GROUND),
                 WrenchConvention(PUBLISHED),
+                WrenchConvention(WORLD, ON_GROUND, yaw=YAW),
             )
         ),
-        WrenchConvention(PREPARED, ON_ROBOT, PREPARED, MOMENTS),
-        WrenchConvention(WORLD, ON_GROUND, yaw=YAW),
     ],
 )
 def test_the_convention_of_a_record_is_found_and_undone(convention, record):

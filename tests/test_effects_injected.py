@@ -261,6 +261,7 @@ def test_draws_are_valid_and_of_all_kinds(statics, robot):
     assert np.std(sizes) == pytest.approx(np.radians(1.0), rel=0.5)
 
 
+@pytest.mark.slow
 def test_a_rig_is_the_new_nominal_laboratory(tmp_path, robot, capsys):
     write_rig(tmp_path / "rig", robot, [EffectInstance.parse(OFFSET, robot, [1])])
     hidden = by_command(tmp_path / "hidden", "--effects", OFFSET)

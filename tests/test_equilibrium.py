@@ -42,7 +42,6 @@ LABORATORIES = [
     "soft soles",
     "soft cells",
 ]
-QUICK = ("soft cells",)
 LEVEL = 0.01
 
 
@@ -51,9 +50,8 @@ def solved_plan(rig, plan):
     return solve_plan(rig, plan)
 
 
-@pytest.mark.parametrize(
-    "name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in LABORATORIES]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LABORATORIES)
 def test_the_dynamics_come_to_rest_in_it(rig, plan, name):
     check_rest(laboratories(rig)[name], plan.take(np.flatnonzero(plan.placement == 2)))
 

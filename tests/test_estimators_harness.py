@@ -65,6 +65,7 @@ def test_the_simplified_model_keeps_its_numbers(bench, name):
     assert np.abs(error / standard_errors(found.covariance)).max() < 6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ESTIMATORS)
 def test_few_placements_and_single_postures_are_no_obstacle(bench, name):
     data = bench.draw(np.random.default_rng(4), **WII)

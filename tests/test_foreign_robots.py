@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import tomllib
-from functools import cache
 from pathlib import Path
 
 import mujoco
@@ -23,19 +22,6 @@ from tulip_testbed.sim.scene import laboratory_scene, nominal_plates
 from tulip_testbed.sim.specs import compile_spec
 
 NAMES = sorted(ROBOTS)
-PLANNED = ["humanoid", pytest.param("humanoid_CMU", marks=pytest.mark.slow)]  # of 56 joints
-
-
-@pytest.fixture(scope="module")
-def plan_of(foreign):
-    """Plan eight placements of five postures each for a robot, once."""
-
-    @cache
-    def made(name):
-        robot = foreign[name]
-        return random_postures(robot, nominal_plates(robot)[0], 8, 5, 110)
-
-    return made
 
 
 def feet_and_com(model, robot, angles):
@@ -53,9 +39,17 @@ def feet_and_com(model, robot, angles):
     return np.array(frames), data.subtree_com[1].copy()
 
 
-@pytest.mark.parametrize("name", PLANNED)
-def test_planned_postures_stand_on_both_soles_and_move_every_joint(name, foreign, plan_of):
-    robot, plan = foreign[name], plan_of(name)
+def test_planned_postures_stand_on_both_soles_and_move_every_joint(foreign, humanoid_plan):
+    check_planned(foreign["humanoid"], humanoid_plan)
+
+
+@pytest.mark.slow
+def test_postures_of_56_joints_do_so_too(foreign):
+    robot = foreign["humanoid_CMU"]
+    check_planned(robot, random_postures(robot, nominal_plates(robot)[0], 8, 5, 110))
+
+
+def check_planned(robot, plan):
     model, ranges = robot.model, planning_ranges(robot)
     for angles, pose in zip(plan.joint_angles, plan.swing_pose, strict=True):
         (stance, swing), com = feet_and_com(model, robot, angles)

@@ -24,7 +24,6 @@ from tulip_testbed.identification.planning.optimal_plan import SearchTask, small
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning.search import design_of
 from tulip_testbed.identification.planning_ranges import planning_margins
-from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.robot import joint_names
 from tulip_testbed.sim.scene import nominal_plates
@@ -39,8 +38,8 @@ def humanoid(foreign):
 
 
 @pytest.fixture(scope="module")
-def random_plan(humanoid):
-    return random_postures(humanoid, nominal_plates(humanoid)[0], 4, 5, 411)
+def random_plan(humanoid_plan):
+    return humanoid_plan.take(humanoid_plan.placement <= 4)
 
 
 @pytest.fixture(scope="module")

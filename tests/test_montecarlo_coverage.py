@@ -190,6 +190,7 @@ def test_an_estimator_on_a_bound_is_rarely_failed_for_it():
     assert sum(check.result == "fail" for check in ratios) <= MOST
 
 
+@pytest.mark.slow
 def test_an_estimator_on_a_bound_is_rarely_shown_to_be_right():
     assert sum(found[2].shown for found in outcomes(1.1, 1, 2500, 114)) <= MOST
     assert sum(shown(found) for found in outcomes(1.0, 25, 5000, 115)) > 250

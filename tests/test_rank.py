@@ -66,6 +66,7 @@ def test_every_joint_at_rest_is_found_at_every_noise(parameters, plan, joint, no
     assert "not determined separately" in judged(parameters, angles, max(noise, ENCODER / 100))
 
 
+@pytest.mark.slow
 def test_cad_carries_what_the_postures_do_not_determine(wii, robot):
     measured = wii.measurements
     rng = np.random.default_rng(114)

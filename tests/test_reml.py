@@ -292,6 +292,7 @@ def test_evidence_of_two_members_by_quadrature():
     )
 
 
+@pytest.mark.slow
 def test_noise_in_a_column_does_not_draw_its_member_to_zero():
     """Many small experiments with a noisy column: the corrected information gives the member on average."""
     rng = np.random.default_rng(1)

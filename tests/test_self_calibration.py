@@ -230,6 +230,7 @@ def soft(robot, nominal):
     return laboratory.run(tt.plans.random, seed=1, engine="statics").measurements
 
 
+@pytest.mark.slow
 def test_noisy_loads_leave_no_pattern_in_soft_joints(soft, nominal):
     """The noise of the loads passes into the angles that the compliances correct."""
     found = self_calibrate(observe(soft, nominal))
@@ -314,6 +315,7 @@ def test_an_estimate_that_does_not_come_to_rest_is_warned_of(ordinary, robot):
         warn_of_unrest(identify(sharp, robot), "restless")
 
 
+@pytest.mark.slow
 def test_sensors_finer_than_contacts_are_exact(plan, robot):
     """A stated noise of 1e-12 N is none: the laboratory's own residuals take its place."""
     measured = Laboratory(robot, "ideal").run(plan, 1, "statics").measurements

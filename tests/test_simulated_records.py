@@ -29,6 +29,7 @@ from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import residuals
 from tulip_testbed.sim.robot import joint_names, sole_corners, sole_point
 
+pytestmark = pytest.mark.slow  # of records for a study, not of anything that users call
 SECONDS = 8.0
 EDGE = slice(100, -100)  # rows away from the ends of a filter
 
