@@ -109,11 +109,6 @@ def robots(model):
     return np.array([draw_robot(model, SPREAD, rng) for _ in range(2000)])
 
 
-def scene_of(rig, model, standard) -> mujoco.MjModel:
-    changed = dataclasses.replace(rig, edit=edit_of(model, standard))
-    return compile_spec(laboratory_scene(changed, np.zeros((2, 3))), "scene")
-
-
 def test_masses_scatter_as_stated(robots, model):
     logarithm = np.log(robots[:, :, 0] / model.body_mass[1:])
     np.testing.assert_allclose(logarithm.std(axis=0), SPREAD, rtol=0.08)
@@ -144,7 +139,8 @@ def test_the_scene_becomes_the_robot(name, robot, foreign):
     robot = robot if name == "tulip" else foreign[name]
     model = robot.model
     standard = draw_robot(model, SPREAD, np.random.default_rng(123))
-    scene = scene_of(preset_rig("ideal", robot), model, standard)
+    rig = dataclasses.replace(preset_rig("ideal", robot), edit=edit_of(model, standard))
+    scene = compile_spec(laboratory_scene(rig, np.zeros((2, 3))), "scene")
     links = [scene.body(model.body(k).name).id for k in range(1, model.nbody)]
     np.testing.assert_allclose(scene.body_mass[links], standard[:, 0], rtol=1e-12)
     moments = scene.body_mass[links, None] * scene.body_ipos[links]

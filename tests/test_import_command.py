@@ -49,11 +49,6 @@ def measured():
     return read_measurements(EXAMPLE)
 
 
-def camel(joint):
-    side, *rest = joint.split("_")
-    return side[0].upper() + "".join(word.capitalize() for word in rest)
-
-
 @pytest.fixture
 def table(measured, tmp_path):
     """Write a table of a laboratory with names, units and signs of its own."""
@@ -62,7 +57,9 @@ def table(measured, tmp_path):
         columns = {"posture": measured.posture, "placement": measured.placement, "time": measured.time}
         for k, joint in enumerate(measured.joints):
             sign = -1 if joint in turned else 1
-            columns[f"{camel(joint)} [deg]"] = sign * np.rad2deg(measured.joint_angles[:, k])
+            side, *rest = joint.split("_")
+            camel = side[0].upper() + "".join(map(str.capitalize, rest))
+            columns[f"{camel} [deg]"] = sign * np.rad2deg(measured.joint_angles[:, k])
         for name, values in measured.columns().items():
             if name.startswith("plate."):
                 columns[name.replace(".", "_") + ("_rad" if name.endswith("yaw") else "_m")] = values

@@ -128,16 +128,12 @@ def test_distances_are_those_of_all_shapes(name, robot, foreign):
         for k, (first, second) in enumerate(pairs.names):
             if second == GROUND:
                 continue
-            own = [[g for g in geoms_of(model, link) if g not in corners] for link in (first, second)]
+            bodies = [model.body(link).id for link in (first, second)]
+            own = [set(np.flatnonzero(model.geom_bodyid == body)) - corners for body in bodies]
             every = [
                 mujoco.mj_geomDistance(model, data, a, b, 0.05, None) for a, b in itertools.product(*own)
             ]
             assert found.distance[row, k] == pytest.approx(min(every), abs=1e-6)
-
-
-def geoms_of(model, link):
-    first = model.body(link).geomadr[0]
-    return range(first, first + model.body(link).geomnum[0])
 
 
 def test_derivatives_of_the_distances(problem, random_plan):
