@@ -29,7 +29,6 @@ from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import residuals
 from tulip_testbed.sim.robot import joint_names, sole_corners, sole_point
 
-pytestmark = pytest.mark.slow  # of records for a study, not of anything that users call
 SECONDS = 8.0
 EDGE = slice(100, -100)  # rows away from the ends of a filter
 
@@ -55,6 +54,7 @@ def on_ground(robot, truth, motion):
     return force, moment + np.cross(turns @ (place + truth.origin), force)
 
 
+@pytest.mark.slow
 def test_the_ground_accelerates_the_center_of_mass(robot, truth, motion, on_ground):
     mass = true_spec(robot, truth).compile().body_mass.sum()
     assert mass == pytest.approx(robot.model.body_mass.sum(), rel=0.15)
@@ -65,6 +65,7 @@ def test_the_ground_accelerates_the_center_of_mass(robot, truth, motion, on_grou
     assert on_ground[0][:, 2].mean() == pytest.approx(mass * GRAVITY, rel=0.003)
 
 
+@pytest.mark.slow
 def test_the_body_is_accelerated_as_its_foot_rocks(robot, tmp_path):
     """The direction of MuJoCo's forces is that of a body that rocks, not of one that only leans."""
     exact = replace(draw_truth(robot, None), compliance=[0.35 * _tipping(robot)] * 2)
@@ -77,6 +78,7 @@ def test_the_body_is_accelerated_as_its_foot_rocks(robot, tmp_path):
     assert (left[2] < 0.75 * left[0]).all()
 
 
+@pytest.mark.slow
 def test_a_log_in_axes_that_do_not_lean_becomes_one_in_axes_that_do(robot, tmp_path):
     exact = replace(draw_truth(robot, None), compliance=[0.35 * _tipping(robot)] * 2, imu=[0.0, 0.0, 1.0])
     motion, left = simulate(robot, exact, SECONDS, np.random.default_rng(2)), {}
@@ -106,6 +108,7 @@ def unexplained_directions(observed, truth):
     return residuals(clean, observed.nominal.value)[1:-1, 3:5].std(axis=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frame", FRAMES)
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_log_is_in_the_axes_that_the_truth_names(frame, sign, robot, motion):
@@ -126,6 +129,7 @@ def test_a_log_is_in_the_axes_that_the_truth_names(frame, sign, robot, motion):
     assert np.abs(right).max() < 2
 
 
+@pytest.mark.slow
 def test_wrenches_in_axes_that_turn_become_the_same_rows(robot, truth, motion, tmp_path):
     rows = []
     for frame in ("sensor", "base"):
