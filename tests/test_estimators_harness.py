@@ -177,6 +177,7 @@ def test_one_scale_with_known_degrees_of_freedom_gives_them_back():
     assert of_f_test(covariance, 0 * covariance[None], uncertainty, 70) == 70
 
 
+@pytest.mark.slow
 def test_the_f_test_keeps_its_level_where_few_groups_tell_a_variance():
     """Two blocks of parameters, each with a variance of its own known with 6 and 20 degrees of freedom."""
     rng = np.random.default_rng(5)

@@ -11,6 +11,7 @@ import pytest
 import tulip_testbed as tt
 from tests.recorded_logs import BAD, CHANNELS, KINDS, motion, unit, write_dumper, write_table
 from tests.test_refusals import check_words, rows
+from tulip_testbed.experiments.posture_splits import by_halves
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.regressor import regression, with_cad_where_needed
@@ -170,6 +171,14 @@ def test_identification_predicts_a_person_better_than_cad_does(imported, bowing)
     assert x["CAD with offset"] < x["constant"]
     assert predicted.beats_cad is True
     assert predicted.beats_cad_with_offset is not True
+
+
+def test_no_window_trains_that_overlaps_one_that_is_predicted(imported, bowing):
+    observed = observe(imported, nominal_robot(bowing, "right"))
+    for train, test in by_halves(imported).folds:
+        apart = np.abs(imported.time[train][:, None] - imported.time[test])
+        assert (apart >= imported.window[train][:, None]).all()
+        assert len(observed.take(train).motion.by_cad) == len(train)
 
 
 def test_a_moving_record_has_cad_as_prior_even_where_its_rows_have_full_rank(imported, bowing):

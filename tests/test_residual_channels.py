@@ -119,6 +119,7 @@ def test_what_an_instrument_does_leaves_the_noise_as_it_was(solved_plan, nominal
     assert abs(sizes[1] - sizes[0]) < 10
 
 
+@pytest.mark.slow
 def test_columns_hold_no_noise_of_the_residuals(solved_plan, nominal):
     """Sizes of every candidate over noise alone: no systematic pull on any (t over 20 runs, 0.05 %)."""
     pulls = []

@@ -70,12 +70,13 @@ def test_a_frame_without_mass_is_no_target_and_draws_no_numbers(pair_of_robots):
     assert np.array_equal(drawn[0], np.delete(drawn[1], names[1].index("imu"), axis=0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "texts",
     [
         pytest.param([ODD_OPTION], id="options"),
-        pytest.param([PAIR], id="contacts", marks=pytest.mark.slow),
-        pytest.param([ODD_GEOM, ODD_DEFAULT], id="defaults", marks=pytest.mark.slow),
+        pytest.param([PAIR], id="contacts"),
+        pytest.param([ODD_GEOM, ODD_DEFAULT], id="defaults"),
     ],
 )
 def test_what_is_set_in_the_robots_file_does_not_act_in_its_scene(edited_tulip, plan, texts):

@@ -78,7 +78,6 @@ def test_the_body_is_accelerated_as_its_foot_rocks(robot, tmp_path):
     assert (left[2] < 0.75 * left[0]).all()
 
 
-@pytest.mark.slow
 def test_a_log_in_axes_that_do_not_lean_becomes_one_in_axes_that_do(robot, tmp_path):
     exact = replace(draw_truth(robot, None), compliance=[0.35 * _tipping(robot)] * 2, imu=[0.0, 0.0, 1.0])
     motion, left = simulate(robot, exact, SECONDS, np.random.default_rng(2)), {}
@@ -129,7 +128,6 @@ def test_a_log_is_in_the_axes_that_the_truth_names(frame, sign, robot, motion):
     assert np.abs(right).max() < 2
 
 
-@pytest.mark.slow
 def test_wrenches_in_axes_that_turn_become_the_same_rows(robot, truth, motion, tmp_path):
     rows = []
     for frame in ("sensor", "base"):

@@ -277,7 +277,10 @@ def test_a_push_is_removed_at_the_height_of_the_readings(robot, mixed_few, name,
 
 @pytest.mark.parametrize(
     ("name", "engine"),
-    [*((name, "statics") for name in NAMES), ("foot-ft", "dynamics"), ("plate-cop", "dynamics")],
+    [
+        *((name, "statics") for name in NAMES),
+        *(pytest.param(name, "dynamics", marks=pytest.mark.slow) for name in ("foot-ft", "plate-cop")),
+    ],
 )
 def test_both_engines_hand_over_what_the_contract_takes(tmp_path, robot, plan, name, engine):
     run: Any = tt.Laboratory(robot, sensors=name).run(plan.take(np.arange(1)), 2, engine, workers=1)
