@@ -259,11 +259,7 @@ class TableFile:
             )
 
     def numbers(
-        self,
-        name: str,
-        missing_allowed: bool = False,
-        low: float = -math.inf,
-        high: float = math.inf,
+        self, name: str, missing_allowed: bool = False, low: float = -math.inf, high: float = math.inf
     ) -> np.ndarray:
         """Return a column of finite numbers in [low, high], (m,); NaN for allowed missing values."""
         if missing_allowed and not self.has(name):

@@ -8,15 +8,8 @@ from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.calibration.families import TOLERANCES
-from tulip_testbed.calibration.self_calibration import (
-    as_log_shows,
-    least_determined,
-    self_calibrate,
-)
-from tulip_testbed.calibration.uncertain_corrections import (
-    changes_by_corrections,
-    with_uncertain_corrections,
-)
+from tulip_testbed.calibration.self_calibration import as_log_shows, least_determined, self_calibrate
+from tulip_testbed.calibration.uncertain_corrections import changes_by_corrections, with_uncertain_corrections
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.identification.estimators import Estimate
 from tulip_testbed.identification.observation import Observation

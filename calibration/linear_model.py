@@ -197,7 +197,7 @@ def _round(
     solution = np.zeros(len(kept))
     solution[np.flatnonzero(kept)[order[:rank]]] = -np.linalg.solve(triangle, gain)
     theta = theta + solution[: len(theta)]
-    smoothed = _smoothed(observed, white, left[: len(white.rows)], noise)
+    smoothed = without_noise(observed, white.precision_weighted(left[: len(white.rows)]), white.reach, noise)
     return LinearModel(observed, smoothed, theta, noise, white, basis, known, left, "F" in channels)
 
 
@@ -205,10 +205,6 @@ def _pivoted_qr(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     """Return Q, R and the order of the columns of a QR decomposition with column pivoting."""
     basis, triangle, order = qr(matrix, mode="economic", pivoting=True)
     return np.asarray(basis), np.asarray(triangle), np.asarray(order)
-
-
-def _smoothed(observed: Observation, white: Whitening, left: np.ndarray, noise: Noise) -> Observation:
-    return without_noise(observed, white.precision_weighted(left), white.reach, noise)
 
 
 def without_noise(observed: Observation, pull: np.ndarray, reach: np.ndarray, noise: Noise) -> Observation:

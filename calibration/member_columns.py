@@ -6,14 +6,7 @@ from tulip_testbed.calibration.families import Family
 from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import (
-    SIZE,
-    VARYING,
-    fields,
-    packed,
-    residuals,
-    unpacked,
-)
+from tulip_testbed.identification.residual_channels import SIZE, VARYING, fields, packed, residuals, unpacked
 
 STEP = 1e-2  # of an effect's plausible size, of the difference quotient
 

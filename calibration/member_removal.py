@@ -44,15 +44,16 @@ def members_removed(
     """
     compliance = joint_compliance(families, phi, observed.tree.joints)
     loaded = with_estimated_loads(observed, theta, covariance, compliance)
-    every = instances_of_members(families, phi)
+    members = [(family, family.instances(values)) for family, values in split_members(families, phi)]
+    every = [instance for _, instances in members for instance in instances]
     sized = [instance for instance in every if instance.effect.sizes]
     # Exchanged readings are undone as they are, and first: they are the last to act.
     loaded = removed(loaded, [instance for instance in every if not instance.effect.sizes])
     free = [
         instance
-        for family, values in split_members(families, phi)
+        for family, instances in members
         if isinstance(family, FreeEffect) and len(family) and family.name not in OF_LOADS
-        for instance in family.instances(values)
+        for instance in instances
     ]
     if not free or errors is None:
         return _removed(loaded, sized)
@@ -69,12 +70,6 @@ def _removed(observed: Observation, instances: Sequence[EffectInstance]) -> Obse
     for instance in yielding:
         out = moved_by(out, rest, removed(rest, [instance]))
     return misread_in_feet(observed, others, rest, out)
-
-
-def instances_of_members(families: Families, phi: np.ndarray) -> list[EffectInstance]:
-    return [
-        instance for family, values in split_members(families, phi) for instance in family.instances(values)
-    ]
 
 
 def with_estimated_loads(

@@ -318,11 +318,7 @@ def _joint(
     slope[:, :k] = -2 * doubtful
     slope[:, known] = 0.0
     slope[:p, k:] = -noise.flat @ noise.gram[:p, p:-1] @ slope[p:, k:]
-    return (
-        np.concatenate([score, spread.gradient]),
-        hessian,
-        (estimate, covariance, slope),
-    )
+    return (np.concatenate([score, spread.gradient]), hessian, (estimate, covariance, slope))
 
 
 def _result(

@@ -335,8 +335,7 @@ def fit_in_addition(adopted: JointFit, term: Fitted) -> Fitted:
     linear = adopted.partialled_out
     found = gauss_newton(linear, (term,))
     return replace(
-        found.terms[0],
-        log_bayes_factor=found.log_bayes_factor - log_choices(term.candidate, linear.observed),
+        found.terms[0], log_bayes_factor=found.log_bayes_factor - log_choices(term.candidate, linear.observed)
     )
 
 

@@ -24,12 +24,7 @@ from tulip_testbed.discovery.candidate_search import (
 from tulip_testbed.discovery.candidates import Candidate, Fitted
 from tulip_testbed.discovery.evidence import sidak
 from tulip_testbed.discovery.joint_fit import joint_fit
-from tulip_testbed.discovery.law_candidates import (
-    is_law,
-    ranked_and_counted,
-    ranked_laws,
-    with_best_points,
-)
+from tulip_testbed.discovery.law_candidates import is_law, ranked_and_counted, ranked_laws, with_best_points
 from tulip_testbed.discovery.selection import LEVEL, Selection, is_decisive
 from tulip_testbed.discovery.unusual_members import STANDS_OUT, too_wide, with_unusual_members
 from tulip_testbed.effects.laws import LAW

@@ -44,13 +44,8 @@ SEARCHED = (
 )
 PROMISES = (
     *("condition_number", "preset", "sigma_mm", "predicted_standard_error_mm"),
-    *(
-        "predicted_relative_standard_error_percent",
-        "well_identified",
-        "correlations",
-        "margins",
-        "clearances",
-    ),
+    *("predicted_relative_standard_error_percent", "well_identified", "correlations", "margins"),
+    "clearances",
 )
 
 

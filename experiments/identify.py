@@ -7,11 +7,7 @@ import numpy as np
 
 from tulip_testbed.base.errors import InputError, look_up, warn
 from tulip_testbed.base.numbers import number
-from tulip_testbed.calibration.calibrated_estimate import (
-    SELF_CALIBRATING,
-    Calibrate,
-    calibrated_estimates,
-)
+from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING, Calibrate, calibrated_estimates
 from tulip_testbed.calibration.families import check_tolerances
 from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.self_calibration import self_calibrate

@@ -28,11 +28,7 @@ from tulip_testbed.effects.instance import (
 )
 from tulip_testbed.effects.true_robot import true_base_parameters, true_model
 from tulip_testbed.experiments.defaults import DEFAULT_SEED
-from tulip_testbed.identification.base_parameters import (
-    BaseParameters,
-    base_parameters,
-    common_support,
-)
+from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, common_support
 from tulip_testbed.measurements import Experiment, Measurements, PosturePlan
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.dynamics.moving_run import run_motion

@@ -122,7 +122,9 @@ def made_by(command: str, configuration: Made, robot: Robot) -> RunFile[Made]:
 
 def write_run_file(path: Path, made: RunFile[Made]) -> None:
     """Write run.json with the hashes of all other files of its folder."""
-    made.model_copy(update={"outputs": hashes_in(path.parent)}).write(path)
+    files = sorted(file for file in path.parent.rglob("*") if file.is_file())
+    outputs = {str(file.relative_to(path.parent)): sha256(file) for file in files}
+    made.model_copy(update={"outputs": outputs}).write(path)
 
 
 class SavedRun(Result):
@@ -150,12 +152,6 @@ class SavedRun(Result):
             raise InputError(f"{folder / RUN_FILE}: key 'outputs': found no {RESULT_FILE}")
         check_files(folder, made.outputs, RUN_FILE)
         return super().load(folder, *context)
-
-
-def hashes_in(folder: Path) -> dict[str, str]:
-    """Return the sha256 of every file in a folder, by its path there."""
-    paths = sorted(path for path in folder.rglob("*") if path.is_file())
-    return {str(path.relative_to(folder)): sha256(path) for path in paths}
 
 
 def check_files(folder: Path, outputs: dict[str, str], by: str, key: str = "outputs") -> None:

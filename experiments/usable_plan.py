@@ -71,11 +71,7 @@ def identifiable_regressor(source: str, robot: Robot, plan: PosturePlan) -> np.n
 
 
 def random_plan(
-    robot: Robot,
-    placements: int = 10,
-    per_placement: int = 5,
-    seed: int = 1,
-    progress: Progress = silent,
+    robot: Robot, placements: int = 10, per_placement: int = 5, seed: int = 1, progress: Progress = silent
 ) -> PosturePlan:
     """Draw random feasible postures, `per_placement` on each placement of the feet."""
     at_least("placements", placements, 1)

@@ -77,10 +77,7 @@ class BaseParameters:
         return (support == "left") & (self.support in ROWS_ON_EITHER)
 
     def regressor(
-        self,
-        joint_angles: np.ndarray,
-        support: np.ndarray | None = None,
-        rotations: np.ndarray | None = None,
+        self, joint_angles: np.ndarray, support: np.ndarray | None = None, rotations: np.ndarray | None = None
     ) -> np.ndarray:
         """Compute the base regressor R_b(q) of x_CoM and y_CoM (eq. 6), (m, 2, p) [-].
 
@@ -99,10 +96,7 @@ class BaseParameters:
         return rotations[:, frames, :2, axes].transpose(1, 2, 0) @ self.combination
 
     def slope(
-        self,
-        joint_angles: np.ndarray,
-        support: np.ndarray | None = None,
-        rotations: np.ndarray | None = None,
+        self, joint_angles: np.ndarray, support: np.ndarray | None = None, rotations: np.ndarray | None = None
     ) -> np.ndarray:
         """Compute the derivative of the base regressor by every joint angle, (m, 2, n_joints, p) [1/rad].
 

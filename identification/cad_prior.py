@@ -38,12 +38,7 @@ class CadPrior:
     def at(self, scales: tuple[float, float]) -> Self:
         """Return the prior with s.d. of other scales."""
         masses, centers = np.divide(scales, self.scales).tolist()
-        return replace(
-            self,
-            by_mass=masses * self.by_mass,
-            by_center=centers * self.by_center,
-            scales=scales,
-        )
+        return replace(self, by_mass=masses * self.by_mass, by_center=centers * self.by_center, scales=scales)
 
     @property
     def root(self) -> np.ndarray:

@@ -30,8 +30,7 @@ def foot_clearance(first: np.ndarray, second: np.ndarray) -> float:
     first, second = support_polygon(first), support_polygon(second)
     # Separating axis: the polygons are apart only if one lies entirely outside an edge of the other.
     apart = max(
-        -edge_distances(second, first).max(axis=0).min(),
-        -edge_distances(first, second).max(axis=0).min(),
+        -edge_distances(second, first).max(axis=0).min(), -edge_distances(first, second).max(axis=0).min()
     )
     if apart <= 0:
         return 0.0

@@ -21,26 +21,19 @@ MOST_DIRECTIONS, LEAST_SHIFT = 12, 1e-5  # of inertial parameters that the base 
 QUADRATURE = ((-(3**-0.5), 3 / 14), (0.0, 4 / 7), (3**-0.5, 3 / 14))
 
 
-def needed_wrench(nominal: Nominal, measurements: Measurements) -> np.ndarray:
-    """Compute force and moment of the ground in the base frame, (m, 6) [N, Nm].
-
-    The base foot is flat and at rest, and the moment is about its sole point. In double support it is the sum
-    of both feet. Without rates or accelerations of the joints these are zero.
-    """
-    return link_wrenches(nominal, measurements)[0].sum(axis=1)
-
-
 def link_wrenches(nominal: Nominal, measurements: Measurements) -> tuple[np.ndarray, np.ndarray]:
     """Compute what each link needs, (m, n_links, 6) [N, Nm], and its centre of mass, (m, n_links, 3) [m].
 
-    See `needed_wrench`.
+    The sum over the links is the wrench of the ground, in double support on both feet, in the base frame. The
+    base foot is flat and at rest, and moments are about its sole point. Without rates or accelerations of the
+    joints these are zero.
     """
     regressor, centers = _regressor(nominal, measurements)
     return np.einsum("mlik,lk->mli", regressor, inertial_parameters(nominal.robot.model)), centers
 
 
 def wrench_regressor(nominal: Nominal, measurements: Measurements) -> np.ndarray:
-    """Compute the regressor of `needed_wrench`, (m, 6, n_links, 10), for `inertial_parameters`.
+    """Compute the regressor of the sum of `link_wrenches`, (m, 6, n_links, 10), for `inertial_parameters`.
 
     Atkeson, An and Hollerbach 1986.
     """

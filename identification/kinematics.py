@@ -274,16 +274,6 @@ def frame_shifts(tree: Tree, like: Tree, base: int, rotations: np.ndarray) -> np
     return shift
 
 
-def place_on_feet(positions: np.ndarray, swing: int, origin: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Put the swing foot to its place in the rows, (m,) bool, that stand on it, (m, n_frames, 3) [m].
-
-    Positions are those of `frame_positions` from the stance foot, with rotations of `seen_from` in these
-    rows; the swing foot's link has its origin there in its own base frame, (3,) [m].
-    """
-    positions[rows] += origin - positions[rows, None, swing]
-    return positions
-
-
 def roll_pitch_yaw(rotations: np.ndarray) -> np.ndarray:
     """Return the angles about x, y and z, in this order, of rotations (m, 3, 3), (m, 3) [rad]."""
     return np.column_stack(

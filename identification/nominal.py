@@ -204,7 +204,8 @@ class PostureGeometry:
             return rotations, origins + shift
         stance, swing = -self.nominal.points
         origins = kinematics.frame_positions(self.tree, self.base, self.rotations, stance)
-        kinematics.place_on_feet(origins, self.nominal.swing_frame, swing, self.on_swing_foot)
+        rows = self.on_swing_foot  # where the swing foot's link has its origin in its own base frame
+        origins[rows] += swing - origins[rows, None, self.nominal.swing_frame]
         return self.rotations, origins
 
     @cached_property

@@ -129,13 +129,11 @@ def _check_manipulations(one: Measurements, name: str) -> None:
 def _check_pair(first: Measurements, name: str, second: Measurements, other: str) -> None:
     """Refuse two experiments that do not belong together."""
     both = f"{other} and {name}"
+    same_hash = first.robot["sha256"] == second.robot["sha256"] is not None
     for key in ("sha256", "model", "stance_foot", "swing_foot"):
         a, b = first.robot[key], second.robot[key]
-        if (
-            a != b
-            and not (key == "sha256" and None in (a, b))
-            and not (key == "model" and _same_hash(first, second))
-        ):
+        unknown = key == "sha256" and None in (a, b)
+        if a != b and not unknown and not (key == "model" and same_hash):
             raise InputError(
                 f"{both}: key 'robot.{key}': found '{shortened(b)}' and '{shortened(a)}', expected one robot "
                 "with one nominal model"
@@ -174,10 +172,6 @@ def _check_weights(first: Measurements, second: Measurements, both: str) -> None
             f"without the known masses of 'manipulations', expected the same within {MOST_OFF:g} s.d. "
             f"({spread:.2g} kg): a manipulation is missing or wrong"
         )
-
-
-def _same_hash(first: Measurements, second: Measurements) -> bool:
-    return first.robot["sha256"] is not None and first.robot["sha256"] == second.robot["sha256"]
 
 
 def _kind(one: Measurements) -> str:

@@ -69,9 +69,7 @@ def add_drives(spec: mujoco.MjSpec, drives: Drives) -> None:
         )
         stiffness = torque_limit(spec, actuator) / drives.wind_up
         spring = spec.add_tendon(
-            name=motor.name,
-            stiffness=stiffness,
-            springlength=[-drives.backlash / 2, drives.backlash / 2],
+            name=motor.name, stiffness=stiffness, springlength=[-drives.backlash / 2, drives.backlash / 2]
         )
         spring.wrap_joint(joint.name, 1.0)
         spring.wrap_joint(motor.name, -1.0)

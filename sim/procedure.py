@@ -34,12 +34,6 @@ def record_error(rig: Rig, rng: np.random.Generator, placements: int) -> np.ndar
     return sd * rng.standard_normal((placements, 2, 3))
 
 
-def support_of(plan: PosturePlan, posture: np.ndarray) -> np.ndarray:
-    """Look up the support of postures by their numbers, same shape."""
-    by_number = dict(zip(plan.posture.tolist(), plan.support.tolist(), strict=True))
-    return np.array([by_number[number] for number in posture.tolist()])
-
-
 def choose_repeats(plan: PosturePlan, count: int, rng: np.random.Generator) -> frozenset[int]:
     """Draw the numbers of the postures to measure twice; none if the plan has repeats of its own."""
     if plan.postures < len(plan):
@@ -99,19 +93,12 @@ def header_of(rig: Rig) -> MeasurementHeader:
     s = rig.sensors
     plates = nominal_plates(rig.robot)
     samples = _samples(rig)
-    sheet = SensorSheet(
-        encoder_sd=averaged_sd(*s.encoder, samples),
-        encoder_resolution=s.encoder_resolution,
-    )
+    sheet = SensorSheet(encoder_sd=averaged_sd(*s.encoder, samples), encoder_resolution=s.encoder_resolution)
     on_ground = s.wrench is None or s.wrench.place == PLATE
     if on_ground:
         sheet = replace(sheet, placement_sd=s.placement_sd)
     if s.wrench is None:
-        sheet = replace(
-            sheet,
-            cell_sd=averaged_sd(*s.cell, samples),
-            cell_resolution=s.cell_resolution,
-        )
+        sheet = replace(sheet, cell_sd=averaged_sd(*s.cell, samples), cell_resolution=s.cell_resolution)
     return MeasurementHeader(
         robot={
             "model": rig.robot.model_file.name,

@@ -34,10 +34,7 @@ SOLVER = (
     *("solver", "jacobian", "iterations", "ls_iterations", "ls_tolerance"),
     *("noslip_iterations", "noslip_tolerance", "ccd_iterations", "ccd_tolerance"),
 )
-OPTIONS = (
-    *SOLVER,
-    *("impratio", "density", "viscosity", "magnetic", "wind", "disableflags", "enableflags"),
-)
+OPTIONS = (*SOLVER, *("impratio", "density", "viscosity", "magnetic", "wind", "disableflags", "enableflags"))
 SIZES = ("memory", "njmax", "nconmax")
 # Defaults of elements that the laboratory adds to a robot's scene.
 LIMITS = ("limited", "range", "margin", "actfrclimited", "actfrcrange", "solref_limit", "solimp_limit")
@@ -148,7 +145,9 @@ def laboratory_scene(rig: Rig, plate_poses: np.ndarray) -> mujoco.MjSpec:
     if rig.sensors.wrench is not None and rig.sensors.wrench.place == ANKLE:
         add_foot_sensors(spec, rig.robot.feet, rig.sensors.wrench.mounting)
     place_plates(spec, plate_poses)
-    set_solver(spec)
+    # How MuJoCo solves for the constraint forces, in any scene of the laboratory.
+    _copy(SOLVER, mujoco.MjSpec().option, spec.option)
+    spec.option.tolerance = SOLVER_TOLERANCE
     if rig.edit is not None:
         rig.edit(spec)
     return spec
@@ -163,12 +162,6 @@ def boards_under(rig: Rig, foot_poses: np.ndarray) -> np.ndarray:
     turn = np.moveaxis(np.array([[c, s], [-s, c]]), (0, 1), (-2, -1))
     soles = corners @ turn + foot_poses[..., None, :2]
     return np.array([lay_boards(pair, size, rig.protocol.plate_gap) for pair in soles])
-
-
-def set_solver(spec: mujoco.MjSpec) -> None:
-    """Set how MuJoCo solves for the constraint forces in any scene of the laboratory."""
-    _copy(SOLVER, mujoco.MjSpec().option, spec.option)
-    spec.option.tolerance = SOLVER_TOLERANCE
 
 
 def make_plain(spec: mujoco.MjSpec) -> None:

@@ -12,11 +12,7 @@ from tulip_testbed.sim.compliance import Compliance
 from tulip_testbed.sim.drives import Drives
 from tulip_testbed.sim.outcome import Attempt
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.statics.forces import (
-    Load,
-    StaticState,
-    sole_poses,
-)
+from tulip_testbed.sim.statics.forces import Load, StaticState, sole_poses
 from tulip_testbed.sim.statics.sensed_wrenches import sensed_wrenches
 from tulip_testbed.sim.statics.solve import cell_forces, solve_by_newton
 from tulip_testbed.sim.statics.solved_plan import SolvedPlan, feet_in_base

@@ -33,7 +33,9 @@ def test_the_readme_begins_with_what_its_block_reads(tmp_path, monkeypatch):
     assert len(names["fit"]) == 25
 
 
-@pytest.mark.parametrize("page", ["docs/reference/measurements.md", "docs/how-to/effects.md"])
+@pytest.mark.parametrize(
+    "page", ["docs/reference/measurements.md", "docs/how-to/effects.md", "docs/how-to/composer.md"]
+)
 def test_the_python_of_a_page_runs(page, monkeypatch):
     monkeypatch.chdir(ROOT)
     exec("".join(blocks(page, "python")), {})

@@ -152,6 +152,7 @@ def test_help_has_an_example(command, capsys):
     assert f"tulip {command}" in capsys.readouterr().out.split("Example:")[1]
 
 
+@pytest.mark.slow
 def test_the_installed_script_runs_whole(tmp_path):
     data, truth = tmp_path / "data", tmp_path / "truth.json"
     command = [Path(sys.executable).parent / "tulip", "simulate", "--engine", "statics", "--seed", "5"]

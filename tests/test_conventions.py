@@ -108,16 +108,16 @@ def readings(m: Measurements) -> np.ndarray:
 @pytest.mark.parametrize(
     "convention",
     [
+        WrenchConvention(PREPARED, ON_ROBOT, PREPARED, MOMENTS),
         *(
             pytest.param(one, marks=pytest.mark.slow)
             for one in (
                 WrenchConvention(),
                 WrenchConvention(PREPARED, ON_GROUND),
                 WrenchConvention(PUBLISHED),
+                WrenchConvention(WORLD, ON_GROUND, yaw=YAW),
             )
         ),
-        WrenchConvention(PREPARED, ON_ROBOT, PREPARED, MOMENTS),
-        WrenchConvention(WORLD, ON_GROUND, yaw=YAW),
     ],
 )
 def test_the_convention_of_a_record_is_found_and_undone(convention, record):
@@ -164,6 +164,7 @@ def test_joints_that_are_read_wrongly_are_told(joint, record):
     assert any(f"{joint}: sign turned" in text for text in found.problems)
 
 
+@pytest.mark.slow
 def test_a_delay_of_the_sensors_is_measured(record):
     log = logged(record, WrenchConvention())
     late = [np.interp(log.time - 0.1, log.time, channel) for channel in readings(log)[:, 1].T]
@@ -174,6 +175,7 @@ def test_a_delay_of_the_sensors_is_measured(record):
     assert found.lag[1] < 0.05
 
 
+@pytest.mark.slow
 def test_a_record_that_fits_nothing_says_so_with_the_best_two(record):
     log = logged(record, WrenchConvention())
     rng = np.random.default_rng(221)

@@ -26,10 +26,6 @@ LOADED = (
 )
 
 
-def loaded_from_elsewhere(text: str) -> list[str]:
-    return [address for pattern in LOADED for address in pattern.findall(text)]
-
-
 def navigation() -> list[str]:
     class Loader(yaml.SafeLoader):
         pass
@@ -65,7 +61,10 @@ def test_the_site_loads_nothing_from_elsewhere():
     built = [p for p in (ROOT / "site").rglob("*") if p.suffix in (".html", ".css")]
     if not built:
         pytest.skip("`make docs` has not been run")
-    assert {str(p): found for p in built if (found := loaded_from_elsewhere(p.read_text()))} == {}
+    loaded = {
+        str(page): [a for pattern in LOADED for a in pattern.findall(page.read_text())] for page in built
+    }
+    assert not any(loaded.values()), loaded
 
 
 TUTORIALS = [
@@ -75,25 +74,20 @@ PAGES = ["README.md", *TUTORIALS, "docs/how-to/next-experiment.md", "docs/how-to
 EVERY = ["README.md", *sorted(str(path.relative_to(ROOT)) for path in (ROOT / "docs").rglob("*.md"))]
 
 
-def play(page: str, slow: bool, folder, monkeypatch) -> None:
-    if not (folder / "docs").exists():
-        (folder / "docs").symlink_to(ROOT / "docs")
-    monkeypatch.chdir(folder)
-    monkeypatch.setenv("COLUMNS", WIDTH)
-    names: dict = {}
-    for step in steps(page):
-        if step.slow and not slow:
-            continue
-        printed = output(step, names)
-        if step.shown is not None:
-            assert matches(step.shown, printed), f"{page}: {step.code}\n--- printed ---\n{printed}"
-
-
 @pytest.mark.parametrize("slow", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_the_pages_in_order_in_one_folder_print_what_they_show(slow, tmp_path, monkeypatch):
     assert sorted(TUTORIALS) == sorted(str(path.relative_to(ROOT)) for path in DOCS.glob("tutorials/*.md"))
+    (tmp_path / "docs").symlink_to(ROOT / "docs")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", WIDTH)
     for page in PAGES if slow else TUTORIALS[:1]:
-        play(page, slow, tmp_path, monkeypatch)
+        names: dict = {}
+        for step in steps(page):
+            if step.slow and not slow:
+                continue
+            said = output(step, names)
+            if step.shown is not None:
+                assert matches(step.shown, said), f"{page}: {step.code}\n--- printed ---\n{said}"
 
 
 def test_every_command_of_every_page_can_be_parsed():

@@ -44,9 +44,8 @@ PHYSICS = {  # values and the least cosine
     "logged-command:right_knee": ((1,), 0.9),  # dry friction bears a part of the load unseen
     "logged-command:left_hip_roll": ((1,), 0.9),
 }
-ONLY_DYNAMICS = "lifted-corner:left_foot.front_left"
 DYNAMICS = {
-    ONLY_DYNAMICS: ((0.0003,), 0.85),  # the loads do not show how far a foot rocked
+    "lifted-corner:left_foot.front_left": ((0.0003,), 0.85),  # the loads do not show how far a foot rocked
     "rocking:right.front_left": ((0.0003,), 0.95),
     "joint-compliance:right_knee": ((0.0005,), 0.95),
     "tether-spring": ((20.0,), 0.95),
@@ -57,9 +56,8 @@ DYNAMICS = {
 # Left out: link lengths, which also change base parameters that two placements cannot identify, and play in
 # an ankle, which takes its own load away (cosine 0.89, 1.00 and, here, 0.74, slope 0.71: no close bound).
 LEFT_OUT = ("link-length:right_lower_leg", "link-length:left_hip", "backlash:left_ankle_roll")
-QUICKLY = ("lifted-corner:left_foot.front_left", "payload-step:torso")
-SLOWLY = {k: v for k, v in (PHYSICS | DYNAMICS).items() if k not in (*QUICKLY, *LEFT_OUT)}
-SLOWLY["backlash:left_hip_pitch"] = ((0.005,), 0.9)  # friction decides where in its play a joint rests
+MOVED = {k: v for k, v in (PHYSICS | DYNAMICS).items() if k not in LEFT_OUT}
+MOVED["backlash:left_hip_pitch"] = ((0.005,), 0.9)  # friction decides where in its play a joint rests
 
 
 @pytest.fixture(scope="module")
@@ -142,16 +140,11 @@ def test_any_misreading_is_removed(name, data, noiseless, robot, base, nominal):
         assert getattr(cleaned, name) == pytest.approx(getattr(base, name), abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        ONLY_DYNAMICS,
-        *(pytest.param(t, marks=pytest.mark.slow) for t in (DYNAMICS | SLOWLY) if t != ONLY_DYNAMICS),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("text", MOVED)
 def test_a_removal_points_where_the_full_dynamics_goes(text, noiseless, two, moved, nominal):
     effect, target = split(text)
-    values, least = (DYNAMICS | SLOWLY)[text]
+    values, least = MOVED[text]
     found = run_dynamics(effect.inject(noiseless, target, values), two, SEED).measurements
     assert len(found) >= len(moved.measurements) - (2 if text in DYNAMICS else 4)
     # Two placements have fewer equations than base parameters.

@@ -3,7 +3,6 @@
 import json
 import pickle
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -216,10 +215,6 @@ def test_a_hidden_effect_leaves_the_noise_and_the_folder_as_they_are(tmp_path):
     assert truth["configuration"]["statics"] is True
 
 
-def everything_in(folder: Path) -> bytes:
-    return b"".join(path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file())
-
-
 @pytest.mark.parametrize("style", [(), ("--json",)])
 def test_a_random_effect_tells_the_truth_file_alone(style, tmp_path, capsys):
     by_command(tmp_path / "data", "--effects", "random", "--truth", tmp_path / "truth.json", *style)
@@ -229,7 +224,8 @@ def test_a_random_effect_tells_the_truth_file_alone(style, tmp_path, capsys):
     printed = "".join(capsys.readouterr()).replace("\n", "").replace(str(tmp_path), "")
     # Joints and cells are column names; a reason for a lost posture could be a hint.
     words = [effect["name"], "effect", "random", "dropped 1", "lost sole"]
-    folder = everything_in(tmp_path / "data").decode("latin-1")
+    files = [path for path in (tmp_path / "data").rglob("*") if path.is_file()]
+    folder = b"".join(path.read_bytes() for path in files).decode("latin-1")
     values = [repr(parameter["value"])[:8] for parameter in effect["parameters"]]
     assert not [word for word in words if word in printed]
     assert not [word for word in [effect["name"], "effect", "random", *values] if word in folder]
@@ -261,6 +257,7 @@ def test_draws_are_valid_and_of_all_kinds(statics, robot):
     assert np.std(sizes) == pytest.approx(np.radians(1.0), rel=0.5)
 
 
+@pytest.mark.slow
 def test_a_rig_is_the_new_nominal_laboratory(tmp_path, robot, capsys):
     write_rig(tmp_path / "rig", robot, [EffectInstance.parse(OFFSET, robot, [1])])
     hidden = by_command(tmp_path / "hidden", "--effects", OFFSET)

@@ -11,12 +11,7 @@ from hypothesis import strategies as st
 from scipy.stats import ks_2samp
 
 import tulip_testbed as tt
-from tests.statics_against_dynamics import (
-    compare,
-    excess_sag,
-    laboratories,
-    pulled,
-)
+from tests.statics_against_dynamics import compare, excess_sag, laboratories, pulled
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.imperfections import drawn
 from tulip_testbed.experiments.laboratory import Laboratory
@@ -47,7 +42,6 @@ LABORATORIES = [
     "soft soles",
     "soft cells",
 ]
-QUICK = ("soft cells",)
 LEVEL = 0.01
 
 
@@ -56,9 +50,8 @@ def solved_plan(rig, plan):
     return solve_plan(rig, plan)
 
 
-@pytest.mark.parametrize(
-    "name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in LABORATORIES]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LABORATORIES)
 def test_the_dynamics_come_to_rest_in_it(rig, plan, name):
     check_rest(laboratories(rig)[name], plan.take(np.flatnonzero(plan.placement == 2)))
 

@@ -65,6 +65,7 @@ def test_the_simplified_model_keeps_its_numbers(bench, name):
     assert np.abs(error / standard_errors(found.covariance)).max() < 6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ESTIMATORS)
 def test_few_placements_and_single_postures_are_no_obstacle(bench, name):
     data = bench.draw(np.random.default_rng(4), **WII)
@@ -176,6 +177,7 @@ def test_one_scale_with_known_degrees_of_freedom_gives_them_back():
     assert of_f_test(covariance, 0 * covariance[None], uncertainty, 70) == 70
 
 
+@pytest.mark.slow
 def test_the_f_test_keeps_its_level_where_few_groups_tell_a_variance():
     """Two blocks of parameters, each with a variance of its own known with 6 and 20 degrees of freedom."""
     rng = np.random.default_rng(5)

@@ -22,11 +22,7 @@ from tulip_testbed.identification.feasibility import (
 from tulip_testbed.identification.planning.footing import footing
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning.search import design_of
-from tulip_testbed.identification.planning_ranges import (
-    Margins,
-    planning_margins,
-    planning_ranges,
-)
+from tulip_testbed.identification.planning_ranges import Margins, planning_margins, planning_ranges
 from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.measurements import lay_boards
@@ -116,18 +112,14 @@ def test_impossible_ranges_say_what_blocks(robot, plate, monkeypatch):
         random_postures(robot, plate, 1, 1, 0, ranges)
 
 
-def with_table(robot, **table):
-    settings = robot.settings | {"planning": robot.settings["planning"] | table}
-    return dataclasses.replace(robot, settings=settings)
-
-
 def test_tulips_margins_are_exactly_those_of_its_published_plans(robot):
     expected = Margins(foot_load=25.0, foot_moment=0.55, leg_clearance=0.01, link_clearance=0.01, lifted=0.02)
     assert planning_margins(robot) == expected
 
 
 def test_the_description_states_margins(robot, plate):
-    stated = with_table(robot, foot_load=10, board=0.02, link_clearance=0)
+    table = robot.settings["planning"] | {"foot_load": 10, "board": 0.02, "link_clearance": 0}
+    stated = dataclasses.replace(robot, settings=robot.settings | {"planning": table})
     margins = planning_margins(stated)
     assert (margins.foot_load, margins.board, margins.link_clearance) == (10.0, 0.02, 0.0)
     assert margins.foot_moment == 0.55

@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import tomllib
-from functools import cache
 from pathlib import Path
 
 import mujoco
@@ -23,19 +22,6 @@ from tulip_testbed.sim.scene import laboratory_scene, nominal_plates
 from tulip_testbed.sim.specs import compile_spec
 
 NAMES = sorted(ROBOTS)
-PLANNED = ["humanoid", pytest.param("humanoid_CMU", marks=pytest.mark.slow)]  # of 56 joints
-
-
-@pytest.fixture(scope="module")
-def plan_of(foreign):
-    """Plan eight placements of five postures each for a robot, once."""
-
-    @cache
-    def made(name):
-        robot = foreign[name]
-        return random_postures(robot, nominal_plates(robot)[0], 8, 5, 110)
-
-    return made
 
 
 def feet_and_com(model, robot, angles):
@@ -53,9 +39,17 @@ def feet_and_com(model, robot, angles):
     return np.array(frames), data.subtree_com[1].copy()
 
 
-@pytest.mark.parametrize("name", PLANNED)
-def test_planned_postures_stand_on_both_soles_and_move_every_joint(name, foreign, plan_of):
-    robot, plan = foreign[name], plan_of(name)
+def test_planned_postures_stand_on_both_soles_and_move_every_joint(foreign, humanoid_plan):
+    check_planned(foreign["humanoid"], humanoid_plan)
+
+
+@pytest.mark.slow
+def test_postures_of_56_joints_do_so_too(foreign):
+    robot = foreign["humanoid_CMU"]
+    check_planned(robot, random_postures(robot, nominal_plates(robot)[0], 8, 5, 110))
+
+
+def check_planned(robot, plan):
     model, ranges = robot.model, planning_ranges(robot)
     for angles, pose in zip(plan.joint_angles, plan.swing_pose, strict=True):
         (stance, swing), com = feet_and_com(model, robot, angles)
@@ -115,11 +109,6 @@ def robots(model):
     return np.array([draw_robot(model, SPREAD, rng) for _ in range(2000)])
 
 
-def scene_of(rig, model, standard) -> mujoco.MjModel:
-    changed = dataclasses.replace(rig, edit=edit_of(model, standard))
-    return compile_spec(laboratory_scene(changed, np.zeros((2, 3))), "scene")
-
-
 def test_masses_scatter_as_stated(robots, model):
     logarithm = np.log(robots[:, :, 0] / model.body_mass[1:])
     np.testing.assert_allclose(logarithm.std(axis=0), SPREAD, rtol=0.08)
@@ -150,7 +139,8 @@ def test_the_scene_becomes_the_robot(name, robot, foreign):
     robot = robot if name == "tulip" else foreign[name]
     model = robot.model
     standard = draw_robot(model, SPREAD, np.random.default_rng(123))
-    scene = scene_of(preset_rig("ideal", robot), model, standard)
+    rig = dataclasses.replace(preset_rig("ideal", robot), edit=edit_of(model, standard))
+    scene = compile_spec(laboratory_scene(rig, np.zeros((2, 3))), "scene")
     links = [scene.body(model.body(k).name).id for k in range(1, model.nbody)]
     np.testing.assert_allclose(scene.body_mass[links], standard[:, 0], rtol=1e-12)
     moments = scene.body_mass[links, None] * scene.body_ipos[links]

@@ -49,11 +49,6 @@ def measured():
     return read_measurements(EXAMPLE)
 
 
-def camel(joint):
-    side, *rest = joint.split("_")
-    return side[0].upper() + "".join(word.capitalize() for word in rest)
-
-
 @pytest.fixture
 def table(measured, tmp_path):
     """Write a table of a laboratory with names, units and signs of its own."""
@@ -62,7 +57,9 @@ def table(measured, tmp_path):
         columns = {"posture": measured.posture, "placement": measured.placement, "time": measured.time}
         for k, joint in enumerate(measured.joints):
             sign = -1 if joint in turned else 1
-            columns[f"{camel(joint)} [deg]"] = sign * np.rad2deg(measured.joint_angles[:, k])
+            side, *rest = joint.split("_")
+            camel = side[0].upper() + "".join(map(str.capitalize, rest))
+            columns[f"{camel} [deg]"] = sign * np.rad2deg(measured.joint_angles[:, k])
         for name, values in measured.columns().items():
             if name.startswith("plate."):
                 columns[name.replace(".", "_") + ("_rad" if name.endswith("yaw") else "_m")] = values
@@ -103,11 +100,7 @@ def test_a_table_of_its_own_names_is_imported(table, stated, measured, tmp_path)
     assert m.plate_poses == pytest.approx(measured.plate_poses)
     knee = found.mapped["q.right_knee"]
     assert knee == MappedColumn(
-        column="RKnee [deg]",
-        unit="deg",
-        sign=1,
-        by="words of the name",
-        checked="range of the joint",
+        column="RKnee [deg]", unit="deg", sign=1, by="words of the name", checked="range of the joint"
     )
     assert "closed legs" in {one.checked for one in found.mapped.values()}
     assert found.mapped["wrench.left.fz"].checked == "weight"

@@ -15,10 +15,7 @@ from tulip_testbed.effects.instance import removed
 from tulip_testbed.effects.lasting import acting, arranged, epochs, targets_over
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.observation import observe
-from tulip_testbed.identification.residual_channels import (
-    residuals,
-    residuals_in_use,
-)
+from tulip_testbed.identification.residual_channels import residuals, residuals_in_use
 from tulip_testbed.measurements import Experiment, joined
 from tulip_testbed.measurements.cells import CELLS
 from tulip_testbed.measurements.joined import separate

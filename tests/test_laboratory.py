@@ -32,6 +32,7 @@ def test_the_centre_of_pressure_is_the_com(ideal):
         assert np.sqrt(((center_of_pressure(measured) - truth) ** 2).mean()) < most
 
 
+@pytest.mark.slow
 def test_results_do_not_depend_on_workers(robot, plan):
     part = plan.take(np.flatnonzero(plan.placement <= 2)[[0, 1, 5, 6]])
     rig = preset_rig("wii", robot)

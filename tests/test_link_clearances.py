@@ -24,7 +24,6 @@ from tulip_testbed.identification.planning.optimal_plan import SearchTask, small
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning.search import design_of
 from tulip_testbed.identification.planning_ranges import planning_margins
-from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.robot import joint_names
 from tulip_testbed.sim.scene import nominal_plates
@@ -39,8 +38,8 @@ def humanoid(foreign):
 
 
 @pytest.fixture(scope="module")
-def random_plan(humanoid):
-    return random_postures(humanoid, nominal_plates(humanoid)[0], 4, 5, 411)
+def random_plan(humanoid_plan):
+    return humanoid_plan.take(humanoid_plan.placement <= 4)
 
 
 @pytest.fixture(scope="module")
@@ -129,16 +128,12 @@ def test_distances_are_those_of_all_shapes(name, robot, foreign):
         for k, (first, second) in enumerate(pairs.names):
             if second == GROUND:
                 continue
-            own = [[g for g in geoms_of(model, link) if g not in corners] for link in (first, second)]
+            bodies = [model.body(link).id for link in (first, second)]
+            own = [set(np.flatnonzero(model.geom_bodyid == body)) - corners for body in bodies]
             every = [
                 mujoco.mj_geomDistance(model, data, a, b, 0.05, None) for a, b in itertools.product(*own)
             ]
             assert found.distance[row, k] == pytest.approx(min(every), abs=1e-6)
-
-
-def geoms_of(model, link):
-    first = model.body(link).geomadr[0]
-    return range(first, first + model.body(link).geomnum[0])
 
 
 def test_derivatives_of_the_distances(problem, random_plan):

@@ -10,11 +10,7 @@ from scipy.stats import binom, f, t
 
 from tests.montecarlo_work import LAYOUT, TRUTH, Regressions, result_of, run_regressions
 from tulip_testbed.base.table import Table
-from tulip_testbed.experiments.montecarlo.coverage import (
-    Errors,
-    model_errors,
-    summarise_errors,
-)
+from tulip_testbed.experiments.montecarlo.coverage import model_errors, summarise_errors
 from tulip_testbed.experiments.montecarlo.coverage_verdict import (
     LEVEL,
     CoverageCheck,
@@ -136,15 +132,14 @@ def test_failed_runs_fail_the_verdict(tmp_path):
     assert all(isinstance(part, Table | str) for part in nothing.tables())
 
 
-def drawn(rng: np.random.Generator, factor: float, size: int, runs: int) -> Errors:
-    """Errors of runs that are `factor` times as large as stated."""
-    z = factor * rng.standard_normal((runs, size))
-    return summarise_errors(z, np.ones_like(z), np.array(1e9), tuple(range(1, size + 1)))
-
-
 def outcomes(factor: float, size: int, runs: int, seed: int) -> list[list[CoverageCheck]]:
-    rng = np.random.default_rng(seed)
-    return [checks(runs, {"full": drawn(rng, factor, size, runs)}, {"full": 0.0}) for _ in range(300)]
+    """Judge errors of runs that are `factor` times as large as stated."""
+    rng, found = np.random.default_rng(seed), []
+    for _ in range(300):
+        z = factor * rng.standard_normal((runs, size))
+        errors = summarise_errors(z, np.ones_like(z), np.array(1e9), tuple(range(1, size + 1)))
+        found.append(checks(runs, {"full": errors}, {"full": 0.0}))
+    return found
 
 
 def test_what_only_a_prior_knows_is_no_error_of_the_estimator():
@@ -194,6 +189,7 @@ def test_an_estimator_on_a_bound_is_rarely_failed_for_it():
     assert sum(check.result == "fail" for check in ratios) <= MOST
 
 
+@pytest.mark.slow
 def test_an_estimator_on_a_bound_is_rarely_shown_to_be_right():
     assert sum(found[2].shown for found in outcomes(1.1, 1, 2500, 114)) <= MOST
     assert sum(shown(found) for found in outcomes(1.0, 25, 5000, 115)) > 250

@@ -20,7 +20,7 @@ from tulip_testbed.calibration.families import Family
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.effects.motion_effects import LAG, MOTION_EFFECTS
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
-from tulip_testbed.identification.inertial_wrench import inertial_parameters, needed_wrench
+from tulip_testbed.identification.inertial_wrench import inertial_parameters, link_wrenches
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.preflight import motion_checks
@@ -60,10 +60,8 @@ def test_forces_of_the_ground_are_those_that_the_motion_needs(robot, moved):
     """MuJoCo against our inverse dynamics of the encoders' readings, in windows of half a second."""
     m = moved.measurements
     assert 0.45 < np.abs(m.joint_rates).max() <= 0.5
-    wrench, depth = (
-        needed_wrench(nominal_robot(robot), m),
-        m.top_height[0],
-    )  # cells are below the boards' tops
+    wrench = link_wrenches(nominal_robot(robot), m)[0].sum(axis=1)
+    depth = m.top_height[0]  # cells are below the boards' tops
     moments = np.column_stack([-wrench[:, 4], wrench[:, 3]]) - depth * wrench[:, :2]
     off = center_of_pressure(m) - moments / wrench[:, 2:3]
     assert np.sqrt((off**2).mean(axis=0)).max() < 1e-4
@@ -232,7 +230,7 @@ def test_what_late_contacts_read_is_known_with_the_inertial_forces(robot, moved)
 def test_the_lever_of_horizontal_forces_counts_once_in_the_lag(robot, moved, depth, monkeypatch):
     """On deep plates an error of the lever changes the lag by milliseconds."""
     nominal, m = nominal_robot(robot), replace(moved.measurements, top_height=np.full(2, depth))
-    wrench, step = needed_wrench(nominal, m), 1e-4 * m.joint_rates
+    wrench, step = link_wrenches(nominal, m)[0].sum(axis=1), 1e-4 * m.joint_rates
     ahead, place, behind = (nominal.center_of_mass(m.joint_angles + k * step) for k in (1, 0, -1))
     moments = np.column_stack([-wrench[:, 4], wrench[:, 3]]) - depth * wrench[:, :2]
     added = moments / wrench[:, 2:3] - place

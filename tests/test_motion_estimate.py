@@ -11,12 +11,7 @@ from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.motion_effects import INERTIA, LAG
 from tulip_testbed.identification import inertial_wrench
 from tulip_testbed.identification.inertial_wrench import beyond_weight, inertial_parameters
-from tulip_testbed.identification.noise_in_time import (
-    WHITE,
-    NoiseInTime,
-    decorrelation,
-    noise_in_time_of,
-)
+from tulip_testbed.identification.noise_in_time import WHITE, NoiseInTime, decorrelation, noise_in_time_of
 from tulip_testbed.identification.nominal import nominal_robot
 
 STEP, WINDOW = 0.25, 0.5  # s, from row to row, of a row
@@ -99,7 +94,7 @@ def test_white_noise_does_not_last():
 
 def test_rows_become_uncorrelated_over_the_rows_that_have_a_residual():
     lasting, rng = NoiseInTime(0.8, 4.0), np.random.default_rng(404)
-    _, time, segment, _ = series(rng, lasting)
+    _, time, segment, _ = series(rng, lasting, segments=3, rows=40)
     used = np.ones((len(time), 2), bool)
     used[:, 1] = rng.random(len(time)) < 0.7
     found = decorrelation(time, segment, WINDOW, lasting, used)

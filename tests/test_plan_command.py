@@ -109,7 +109,7 @@ def test_an_edited_state_is_refused_by_name(interrupted, tmp_path, changes, word
 
 def test_the_next_postures_and_their_description(data, tmp_path, capsys):
     out = tmp_path / "next"
-    options = ("--after", str(data), "--placements", "1", "--hops", "2", "--seed", "311")
+    options = ("--after", str(data), "--placements", "1", "--hops", "1", "--seed", "311")
     said = told(capsys, "plan", "optimal", "--out", out, *options, "--repeats", "1")
     assert said["postures"] == 6
     assert said["final_objective"] < said["measured_objective"]

@@ -1,6 +1,7 @@
 """`tulip predict`: models are scored on postures that took no part, and the truth decides who should win."""
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
@@ -40,8 +41,9 @@ def measured(laboratory, spread):
 
 @pytest.fixture(scope="module")
 def heavier(laboratory):
-    """Masses that differ by 10 %, centres by a tenth of half an edge."""
-    return measured(laboratory, 0.1)
+    """Masses that differ by 10 %, centres by a tenth of half an edge; on twenty placements."""
+    found = measured(laboratory, 0.1)
+    return found.take(found.placement <= 20)
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +73,19 @@ def test_a_robot_unlike_its_cad_is_predicted_better_by_identification(predicted)
     assert predicted.beats_cad_with_offset is True
     assert [one.name for one in predicted.models] == [*MODELS, *MODELS]
     assert predicted.verdict.startswith("Identified beats CAD: yes. ")
+
+
+def test_a_prediction_is_reported_with_all_models_in_memory_and_from_its_document(predicted, tmp_path):
+    (tmp_path / "found.json").write_text(json.dumps(predicted.to_json()))
+    tt.report(predicted, tmp_path / "memory.html")
+    tt.report(tmp_path / "found.json", tmp_path / "document.html")
+    page = (tmp_path / "memory.html").read_text()
+    assert page == (tmp_path / "document.html").read_text()
+    for one in predicted.models:
+        assert f"{one.name} in y {one.rms_mm.y:.2f} mm" in page
+    assert predicted.verdict in page
+    with pytest.raises(tt.InputError, match="expected two runs"):
+        tt.report(predicted, other=tmp_path / "found.json")
 
 
 @pytest.mark.slow

@@ -168,12 +168,10 @@ def test_everything_is_measured_once_and_repeats_are_spread(small_protocol, smal
     again = [n for n in small_protocol.placements if n > small_plan.placement.max()]
     assert again  # boards are laid anew
     assert all(
-        motion is None for k, motion in enumerate(small_protocol.motions) if not k or changes_at(plan, k)
+        motion is None
+        for k, motion in enumerate(small_protocol.motions)
+        if not k or plan.placement[k] != plan.placement[k - 1]
     )
-
-
-def changes_at(plan, k):
-    return plan.placement[k] != plan.placement[k - 1]
 
 
 def test_time_grows_with_nothing_else(robot):

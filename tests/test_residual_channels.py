@@ -119,6 +119,7 @@ def test_what_an_instrument_does_leaves_the_noise_as_it_was(solved_plan, nominal
     assert abs(sizes[1] - sizes[0]) < 10
 
 
+@pytest.mark.slow
 def test_columns_hold_no_noise_of_the_residuals(solved_plan, nominal):
     """Sizes of every candidate over noise alone: no systematic pull on any (t over 20 runs, 0.05 %)."""
     pulls = []
@@ -126,14 +127,10 @@ def test_columns_hold_no_noise_of_the_residuals(solved_plan, nominal):
         observed = observe(run.measurements, nominal)
         plain = linear_model(observed, noise_of(observed))
         columns = candidate_columns(plain, [c for c in candidates(observed) if c.effect.name == "cell-gain"])
-        pulls.append([one.sizes[0] for one in _in_order(columns, plain)])
+        by_label = {one.label: one for one in ranked([columns], plain.residual)}
+        pulls.append([by_label[one.label].sizes[0] for one in columns.candidates])
     t = np.mean(pulls, axis=0) / np.std(pulls, axis=0, ddof=1) * np.sqrt(len(pulls))
     assert (np.abs(t) < student.ppf(1 - 0.00025, len(pulls) - 1)).all()
-
-
-def _in_order(columns, plain):
-    by_label = {one.label: one for one in ranked([columns], plain.residual)}
-    return [by_label[c.label] for c in columns.candidates]
 
 
 def test_every_effect_is_shown_or_hides_or_shows_weakly(discovered):

@@ -55,11 +55,6 @@ def planned(plan: PosturePlan, robot: Robot, placements: int) -> PosturePlan:
     return dataclasses.replace(few, robot={"model": robot.model_file.name, "sha256": robot.model_hash})
 
 
-def without_keyframe(text: str) -> str:
-    start, end = text.index("<keyframe>"), text.index("</keyframe>") + len("</keyframe>")
-    return text[start:end]
-
-
 @pytest.fixture
 def pair_of_robots(edited_tulip):
     """TULip, and TULip with an IMU's frame at its right shank."""
@@ -75,12 +70,13 @@ def test_a_frame_without_mass_is_no_target_and_draws_no_numbers(pair_of_robots):
     assert np.array_equal(drawn[0], np.delete(drawn[1], names[1].index("imu"), axis=0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "texts",
     [
         pytest.param([ODD_OPTION], id="options"),
-        pytest.param([PAIR], id="contacts", marks=pytest.mark.slow),
-        pytest.param([ODD_GEOM, ODD_DEFAULT], id="defaults", marks=pytest.mark.slow),
+        pytest.param([PAIR], id="contacts"),
+        pytest.param([ODD_GEOM, ODD_DEFAULT], id="defaults"),
     ],
 )
 def test_what_is_set_in_the_robots_file_does_not_act_in_its_scene(edited_tulip, plan, texts):
@@ -155,7 +151,8 @@ def test_too_little_armature_and_soft_friction_are_supplied_and_said(edited_tuli
 
 
 def test_a_missing_or_straight_stand_is_said(edited_tulip, tmp_path):
-    key = without_keyframe(TULIP.with_name("tulip.xml").read_text())
+    text = TULIP.with_name("tulip.xml").read_text()
+    key = text[text.index("<keyframe>") : text.index("</keyframe>") + len("</keyframe>")]
     (finding,) = robot_findings(edited_tulip(f"tulip.xml: {key} =>"))
     assert finding.name == "stand"
     assert "zero posture" in finding.assumed

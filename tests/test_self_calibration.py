@@ -230,6 +230,7 @@ def soft(robot, nominal):
     return laboratory.run(tt.plans.random, seed=1, engine="statics").measurements
 
 
+@pytest.mark.slow
 def test_noisy_loads_leave_no_pattern_in_soft_joints(soft, nominal):
     """The noise of the loads passes into the angles that the compliances correct."""
     found = self_calibrate(observe(soft, nominal))
@@ -309,11 +310,13 @@ def test_the_zero_of_a_sensor_is_no_family_to_leave_out(robot):
 def test_an_estimate_that_does_not_come_to_rest_is_warned_of(ordinary, robot):
     """Cells without noise by their sheet: nothing explains the noise that the readings have."""
     measured = ordinary[0].measurements
+    measured = measured.take(measured.placement <= 15)
     sharp = dataclasses.replace(measured, sensors=dataclasses.replace(measured.sensors, cell_sd=0.0))
     with pytest.warns(InputWarning, match="restless: the estimate did not come to rest"):
         warn_of_unrest(identify(sharp, robot), "restless")
 
 
+@pytest.mark.slow
 def test_sensors_finer_than_contacts_are_exact(plan, robot):
     """A stated noise of 1e-12 N is none: the laboratory's own residuals take its place."""
     measured = Laboratory(robot, "ideal").run(plan, 1, "statics").measurements

@@ -57,6 +57,7 @@ def on_ground(robot, truth, motion):
     return force, moment + np.cross(turns @ (place + truth.origin), force)
 
 
+@pytest.mark.slow
 def test_the_ground_accelerates_the_center_of_mass(robot, truth, motion, on_ground):
     mass = true_spec(robot, truth).compile().body_mass.sum()
     assert mass == pytest.approx(robot.model.body_mass.sum(), rel=0.15)
@@ -67,6 +68,7 @@ def test_the_ground_accelerates_the_center_of_mass(robot, truth, motion, on_grou
     assert on_ground[0][:, 2].mean() == pytest.approx(mass * GRAVITY, rel=0.003)
 
 
+@pytest.mark.slow
 def test_the_body_is_accelerated_as_its_foot_rocks(robot, tmp_path):
     """The direction of MuJoCo's forces is that of a body that rocks, not of one that only leans."""
     exact = replace(draw_truth(robot, None), compliance=[0.35 * _tipping(robot)] * 2)
@@ -125,6 +127,7 @@ def unexplained_directions(observed, truth):
     return residuals(clean, observed.nominal.value)[1:-1, 3:5].std(axis=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frame", FRAMES)
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_log_is_in_the_axes_that_the_truth_names(frame, sign, robot, motion):

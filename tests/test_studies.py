@@ -1,7 +1,6 @@
 """The studies: their runner, hidden effects, and the signatures in the docs."""
 
 import importlib
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,12 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from studies import runner, study_hidden_effects, study_planning
+from studies import runner, study_hidden_effects
 from studies.hidden_effects.hiding import NOTHING, ONE, OUTSIDE, TWO, Case, Truth
 from studies.hidden_effects.judging import Found, Outcome, carry_out
-from studies.hidden_effects.laboratories import LARGEST, USUAL, draw_laboratory, tolerance_of
 from studies.hidden_effects.readings import READERS, Readings
-from studies.runner import Settings, header, row
+from studies.runner import Settings
 from studies.study_hidden_effects import figures
 from studies.teaching.signature import example, examples
 from studies.teaching.variables import VARIABLES
@@ -27,20 +25,6 @@ from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
 
 
-@pytest.fixture
-def seen(monkeypatch: pytest.MonkeyPatch) -> list[Settings]:
-    """Put a study of one table in the place of `planning`; return the list of the settings that it gets."""
-    given: list[Settings] = []
-
-    def study(settings: Settings) -> Iterator[str]:
-        given.append(settings)
-        yield header("a", "b")
-        yield row(1, "two")
-
-    monkeypatch.setattr(study_planning, "study", study)
-    return given
-
-
 def test_every_study_has_a_module_and_a_sentence() -> None:
     found = runner.studies()
     assert {"hidden-effects", "planning", "watch"} <= found.keys()
@@ -51,30 +35,9 @@ def test_every_study_has_a_module_and_a_sentence() -> None:
         assert isinstance(module.SETTINGS, Settings)
 
 
-def test_the_file_holds_the_command_and_what_was_printed(
-    seen: list[Settings], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "a table.md"
-    assert runner.main(["planning", "--size", "0.5", "--out", str(out)]) == 0
-    text = out.read_text()
-    assert text == capsys.readouterr().out
-    assert text.startswith(f"`python -m studies planning --size 0.5 --out '{out}'` (seed 101)\n")
-    assert "\n\n| a | b |\n|---|---|\n| 1 | two |\n\n" in text
-
-
 @pytest.fixture(scope="module")
 def twelve(plan):
     return first(plan, 12)
-
-
-def test_half_of_the_families_are_absent_and_no_member_is_a_clear_fault(robot):
-    drawn = [draw_laboratory(robot, "wii", np.random.default_rng(seed)) for seed in range(40)]
-    families = [{split_label(label)[0] for label in built.effects} - {"tilt"} for built in drawn]
-    assert 0.35 < np.mean([len(some) for some in families]) / (len(USUAL) - 1) < 0.65
-    offsets = [values[0] for built in drawn for label, values in built.effects.items() if "offset" in label]
-    sizes = np.abs(offsets) / tolerance_of("encoder-offset", "wii")
-    assert sizes.max() <= LARGEST
-    assert (sizes**4).mean() / (sizes**2).mean() ** 2 > 4  # 3 of a normal distribution
 
 
 def test_the_readers_mean_what_the_catalogue_says(robot, twelve):

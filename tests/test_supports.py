@@ -14,7 +14,7 @@ from tulip_testbed.discovery.joint_fit import Data
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
-from tulip_testbed.identification.inertial_wrench import needed_wrench
+from tulip_testbed.identification.inertial_wrench import link_wrenches
 from tulip_testbed.identification.load_rates import load_rates, soles_by_wrench
 from tulip_testbed.identification.nominal import PostureGeometry, jacobian, nominal_robot
 from tulip_testbed.identification.observation import Observation, observe, turned
@@ -51,7 +51,7 @@ def test_it_is_what_inverse_dynamics_need(which, robot, foreign):
     for _ in range(3):
         one = random_robot(robot if which == "tulip" else foreign[which], rng)
         nominal, m = nominal_robot(one), moving(one, rng)
-        found = needed_wrench(nominal, m)
+        found = link_wrenches(nominal, m)[0].sum(axis=1)
         assert m.joint_rates is not None
         assert m.joint_accelerations is not None
         for row, support in enumerate(m.support):

@@ -132,6 +132,7 @@ def test_a_size_far_beyond_what_is_plausible_is_not_drawn_to_zero(joint):
     assert abs(spring.values[0] - TRUE) < 3 * error
 
 
+@pytest.mark.slow
 def test_the_uncertainty_of_a_correction_is_that_of_the_joint_estimate(held_back, joint, robot, plan):
     known: Any = identify(held_back.measurements, robot, adopted=joint.effects).calibration
     exact = [dataclasses.replace(one, intervals=()) for one in joint.effects]

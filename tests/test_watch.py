@@ -10,12 +10,7 @@ import pytest
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.watching.alarm import fault_of_changes, levels
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
-from tulip_testbed.experiments.watching.recursive_estimate import (
-    OF_PLACEMENT,
-    Belief,
-    Changes,
-    Innovation,
-)
+from tulip_testbed.experiments.watching.recursive_estimate import OF_PLACEMENT, Belief, Changes, Innovation
 from tulip_testbed.experiments.watching.row_checks import NOT_SETTLED, UNUSABLE
 from tulip_testbed.experiments.watching.row_columns import row_columns
 from tulip_testbed.experiments.watching.watch_row import (
@@ -203,8 +198,7 @@ def test_rows_that_cannot_be_used(watched, day):
 
 
 @pytest.mark.parametrize(
-    ("jump", "told"),
-    [(-1e5, "jumps back"), (1e5, "jumps ahead"), (-70.0, "row before")],
+    ("jump", "told"), [(-1e5, "jumps back"), (1e5, "jumps ahead"), (-70.0, "row before")]
 )
 def test_clocks_and_the_order_of_rows(watched, day, jump, told):
     state, _ = play(watched, day.take(np.arange(8)))

@@ -22,18 +22,6 @@ from tulip_testbed.measurements import Measurements, write_measurements
 ROWS = 12
 
 
-def growing_folder(folder: Path, rows: Measurements) -> list[str]:
-    """Write a measurement folder whose table has its header alone; return the lines of its rows."""
-    write_measurements(folder, rows)
-    (folder / "postures.parquet").unlink()
-    manifest = json.loads((folder / "manifest.json").read_text())
-    del manifest["tables"]
-    (folder / "manifest.json").write_text(json.dumps(manifest))
-    header, *lines = (folder / "postures.csv").read_text().splitlines(keepends=True)
-    (folder / "postures.csv").write_text(header)
-    return lines
-
-
 @pytest.fixture(scope="module")
 def day(robot, plan) -> Measurements:
     """The first rows of a day, every posture once."""
@@ -44,7 +32,16 @@ def day(robot, plan) -> Measurements:
 
 @pytest.fixture
 def folder(tmp_path, day) -> tuple[Path, list[str]]:
-    return tmp_path / "lab", growing_folder(tmp_path / "lab", day)
+    """Return a measurement folder whose table has its header alone, and the lines of its rows."""
+    folder = tmp_path / "lab"
+    write_measurements(folder, day)
+    (folder / "postures.parquet").unlink()
+    manifest = json.loads((folder / "manifest.json").read_text())
+    del manifest["tables"]
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    header, *lines = (folder / "postures.csv").read_text().splitlines(keepends=True)
+    (folder / "postures.csv").write_text(header)
+    return folder, lines
 
 
 def grow(folder: Path, text: str) -> None:

@@ -167,8 +167,11 @@ def test_the_dynamics_sum_up_mujocos_contacts(robot, plan, name, sticks):
         np.testing.assert_allclose(stand.wrenches()[side], expected, atol=2e-3 if name == "foot-ft" else 1e-6)
 
 
-QUICK = [("foot-ft", "heavy foot"), ("plate-ft", "soft soles")]
-SLOW = [("foot-ft", kind) for kind in ("as it is", "soft soles", "flexible drives", "pulled by ropes")]
+QUICK = [("foot-ft", "heavy foot")]
+SLOW = [
+    ("plate-ft", "soft soles"),
+    *(("foot-ft", kind) for kind in ("as it is", "soft soles", "flexible drives", "pulled by ropes")),
+]
 SLOW += [("plate-ft", "as it is"), ("sole-ft", "as it is"), ("sole-ft", "soft soles")]
 
 
@@ -237,6 +240,7 @@ def test_the_sensors_do_not_change_how_the_robot_stands(robot, plan):
     assert np.array_equal(plates.held[0].joint_angles, feet.held[0].joint_angles)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["plate-ft", "plate-cop"])
 def test_exact_plates_recover_every_parameter_of_the_shipped_plan(robot, name):
     run = laboratory(robot, name).run(tt.plans.random, 5, "statics")
@@ -273,7 +277,10 @@ def test_a_push_is_removed_at_the_height_of_the_readings(robot, mixed_few, name,
 
 @pytest.mark.parametrize(
     ("name", "engine"),
-    [*((name, "statics") for name in NAMES), ("foot-ft", "dynamics"), ("plate-cop", "dynamics")],
+    [
+        *((name, "statics") for name in NAMES),
+        *(pytest.param(name, "dynamics", marks=pytest.mark.slow) for name in ("foot-ft", "plate-cop")),
+    ],
 )
 def test_both_engines_hand_over_what_the_contract_takes(tmp_path, robot, plan, name, engine):
     run: Any = tt.Laboratory(robot, sensors=name).run(plan.take(np.arange(1)), 2, engine, workers=1)

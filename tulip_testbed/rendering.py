@@ -94,12 +94,7 @@ def standing_picture(robot: Robot) -> bytes:
 
 
 def draw(
-    robot: Robot,
-    joint_angles: np.ndarray,
-    feet: list[int],
-    plate_poses: np.ndarray,
-    width: int,
-    height: int,
+    robot: Robot, joint_angles: np.ndarray, feet: list[int], plate_poses: np.ndarray, width: int, height: int
 ) -> np.ndarray:
     """As `rendered`, in this process, whose MUJOCO_GL says how; `feet` carry the base frame."""
     import mujoco

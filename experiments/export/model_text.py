@@ -53,7 +53,9 @@ def with_inertias(content: bytes, pseudo: Mapping[str, np.ndarray], where: Path)
             changes.append((element.after - 2, element.after, closing))
         else:
             changes.append((element.after, element.after, _new_line(content, element.start) + text))
-    return _changed(content, changes)
+    for start, end, text in sorted(changes, reverse=True):
+        content = content[:start] + text + content[end:]
+    return content
 
 
 def inertial_xml(pseudo: np.ndarray, kind: str) -> bytes:
@@ -70,12 +72,6 @@ def inertial_xml(pseudo: np.ndarray, kind: str) -> bytes:
             f"<inertia {tensor}/></inertial>"
         )
     return text.encode()
-
-
-def _changed(content: bytes, changes: list[tuple[int, int, bytes]]) -> bytes:
-    for start, end, text in sorted(changes, reverse=True):
-        content = content[:start] + text + content[end:]
-    return content
 
 
 def joined(values: Iterable[float]) -> str:

@@ -47,11 +47,7 @@ class OrdinaryOutcome(Outcome):
 
 
 def source_of(
-    laboratory: Laboratory,
-    plan: PosturePlan,
-    spread: float | None,
-    engine: str,
-    imperfections: float = 0.0,
+    laboratory: Laboratory, plan: PosturePlan, spread: float | None, engine: str, imperfections: float = 0.0
 ) -> Source:
     """Make what gives the runs, so that it can travel to the workers.
 

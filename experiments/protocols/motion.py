@@ -12,11 +12,7 @@ from tulip_testbed.experiments.defaults import SPEED
 from tulip_testbed.experiments.protocols.motion_loads import LoadsInMotion, MotionLoads
 from tulip_testbed.identification.feasibility import place_polygon, stability_margin, support_polygon
 from tulip_testbed.identification.inverse_kinematics import InverseKinematics
-from tulip_testbed.identification.link_clearances import (
-    clearances_at,
-    link_pairs,
-    reference_posture,
-)
+from tulip_testbed.identification.link_clearances import clearances_at, link_pairs, reference_posture
 from tulip_testbed.identification.link_paths import SHARE, path_clearances
 from tulip_testbed.identification.planning.one_foot import with_feet_exchanged
 from tulip_testbed.identification.planning_ranges import planning_margins, planning_ranges
@@ -77,10 +73,7 @@ def dynamic_room(limits: MotionLimits, loads: MotionLoads, support: str) -> dict
     used = ((np.abs(loads.torques) + np.abs(loads.friction)) / limits.torques).max()
     polygon = support_polygon(soles)
     inside = stability_margin(np.concatenate([loads.com, loads.zmp]), polygon)  # of the nearest
-    room = {
-        TORQUE: TORQUE_SHARE - float(used),
-        SUPPORT: inside - limits.stability_margin + ROUNDING,
-    }
+    room = {TORQUE: TORQUE_SHARE - float(used), SUPPORT: inside - limits.stability_margin + ROUNDING}
     if stands.all():
         on_soles = [
             stability_margin(loads.foot_points[:, side], support_polygon(sole))

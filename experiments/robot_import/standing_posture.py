@@ -40,10 +40,7 @@ class Standing:
 
 
 def standing(
-    robot: Robot,
-    soles: tuple[Array, Array],
-    reference: dict[str, float],
-    distances: Callable[[Array], Array],
+    robot: Robot, soles: tuple[Array, Array], reference: dict[str, float], distances: Callable[[Array], Array]
 ) -> Standing:
     """Find a posture that stands.
 

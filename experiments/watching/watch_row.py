@@ -240,15 +240,11 @@ def _judge(
     return state, verdict, [*told, *findings]
 
 
-def _misfit(innovation: Innovation) -> dict[str, float]:
-    """Return the innovation of each channel in its own standard deviations, root mean square."""
-    share = innovation.value / np.sqrt(np.diag(innovation.covariance))
-    return {name: float(np.sqrt((share[ROWS[name]] ** 2).mean())) for name in CHANNELS}
-
-
 def _odd(innovation: Innovation, alone: float, again: float) -> Finding:
-    """Tell of a posture that does not fit."""
-    channel, size = max(_misfit(innovation).items(), key=lambda each: each[1])
+    """Tell of a posture that does not fit, by the channel with the largest r.m.s. innovation."""
+    share = innovation.value / np.sqrt(np.diag(innovation.covariance))
+    misfit = {name: float(np.sqrt((share[ROWS[name]] ** 2).mean())) for name in CHANNELS}
+    channel, size = max(misfit.items(), key=lambda each: each[1])
     if again < alone:
         return Finding(
             "repeats",

@@ -120,9 +120,7 @@ def fit_convention(
     where = slice(need.common.shape[2] + 2, need.common.shape[2] + 5)
     spread = np.sqrt(np.diag(np.linalg.inv(information))[where])
     return ConventionFit(
-        log_likelihood=-0.5 * float(bits),
-        residual=residual,
-        origin=ORIGIN * np.array([found[where], spread]),
+        log_likelihood=-0.5 * float(bits), residual=residual, origin=ORIGIN * np.array([found[where], spread])
     )
 
 

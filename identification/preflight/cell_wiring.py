@@ -130,11 +130,7 @@ def _squares(found: AgreementFit, change: np.ndarray, placement: Groups, late: n
     score = found.score[..., None] + 0.5 * found.weights(column)  # of the square's change
     across, along, bad = (
         _spans(placement.sums(part))
-        for part in (
-            column.mT @ found.weighted,
-            (column * score).sum(axis=1),
-            1.0 * (late & ~finite),
-        )
+        for part in (column.mT @ found.weighted, (column * score).sum(axis=1), 1.0 * (late & ~finite))
     )
     own = found.square + 2 * along
     left = np.maximum(own - ((across @ found.covariance) * across).sum(axis=2), ROUNDING * own)

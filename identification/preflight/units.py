@@ -48,11 +48,7 @@ def same_robot(measurements: Measurements, nominal: Nominal) -> Finding:
 
 def units(measurements: Measurements, nominal: Nominal) -> Finding:
     """Detect degrees instead of radians, millimetres instead of metres, kilograms instead of newtons."""
-    complaints = [
-        *_angles(measurements, nominal),
-        *_lengths(measurements),
-        *_masses(measurements, nominal),
-    ]
+    complaints = [*_angles(measurements, nominal), *_lengths(measurements), *_masses(measurements, nominal)]
     expected = "rad, m, N, kg, s"
     if not complaints:
         return Finding("units", "pass", "angles, lengths, forces and mass of plausible size", expected)

@@ -1,7 +1,7 @@
 """Join devices that were logged by clocks of their own."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +33,8 @@ def joined_devices(path: Path, devices: Sequence[Device]) -> TableFile:
 
     Samples of that clock in a gap of another device are left out.
     """
-    devices = [_ordered(path, device) for device in devices]
+    new = [in_order(f"{path}: {device.name}", device.time) for device in devices]
+    devices = [replace(d, time=d.time[k], values=d.values[k]) for d, k in zip(devices, new, strict=True)]
     first, last = (max(devices, key=lambda d: d.time[0]), min(devices, key=lambda d: d.time[-1]))
     start, end = first.time[0], last.time[-1]
     if start >= end:
@@ -65,11 +66,6 @@ def in_order(where: str, time: np.ndarray) -> np.ndarray:
         k = int((steps < 0).argmax())
         raise InputError(f"{where}: found a clock that runs backwards by {-steps[k]:.3g} s at sample {k + 2}")
     return np.append(True, steps > 0)
-
-
-def _ordered(path: Path, device: Device) -> Device:
-    new = in_order(f"{path}: {device.name}", device.time)
-    return Device(device.name, device.time[new], device.columns, device.values[new])
 
 
 def _period(device: Device) -> float:

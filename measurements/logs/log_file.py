@@ -23,15 +23,8 @@ MOST_DEPTH = 8  # of structures
 MOST_SAMPLES = 1_000_000  # rows of a log
 
 
-def read_dumper(folder: Path, files: Sequence[Path]) -> TableFile:
-    """Read the devices of a folder, joined by time.
-
-    Columns are DEVICE.1, DEVICE.2, ..., the device being named after its folder.
-    """
-    return joined_devices(folder, [_device(folder, file) for file in files])
-
-
 def _device(folder: Path, file: Path) -> Device:
+    """Read a device of a dumper, named after its folder; its columns are DEVICE.1, DEVICE.2, ..."""
     name = ".".join(file.parent.relative_to(folder).parts) or folder.name
     content = read_bytes(file).translate(PLAIN)
     try:
@@ -171,7 +164,7 @@ def read_log(path: Path) -> TableFile:
         if bags := sorted(path.glob("*.mcap")):
             return read_ros(path, bags)
         if devices := sorted(path.rglob(DATA)):
-            return read_dumper(path, devices)
+            return joined_devices(path, [_device(path, file) for file in devices])
         raise InputError(
             f"{path}: found a folder without {DATA} or *.mcap in it, expected the log of a robot"
         )

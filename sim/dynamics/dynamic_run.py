@@ -154,13 +154,14 @@ def _measurements(
     if not used:
         reasons = sorted({a.reason for a in attempts})
         raise InputError(f"none of {len(attempts)} postures could be measured: {'; '.join(reasons)}")
+    support = dict(zip(plan.posture.tolist(), plan.support.tolist(), strict=True))
     return procedure.make_measurements(
         rig,
         procedure.header_of(rig),
         {key: np.array([a.reading[key] for a, _ in used]) for key in used[0][0].reading},
         procedure.weigh(rig, mass, rng),
         posture=np.array([a.posture for a, _ in used]),
-        support=procedure.support_of(plan, np.array([a.posture for a, _ in used])),
+        support=np.array([support[a.posture] for a, _ in used]),
         placement=np.array([a.placement for a, _ in used]),
         time=np.array([t for _, t in used]),
         command=np.array([a.held.commanded for a, _ in used if a.held]),

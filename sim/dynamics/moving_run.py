@@ -115,11 +115,7 @@ def _times(rig: Rig, motion: Trajectory) -> np.ndarray:
 
 @one_blas_thread
 def _move_on_placement(
-    rig: Rig,
-    plan: PosturePlan,
-    numbers: list[int],
-    stream: np.random.SeedSequence,
-    zeros: np.ndarray | None,
+    rig: Rig, plan: PosturePlan, numbers: list[int], stream: np.random.SeedSequence, zeros: np.ndarray | None
 ) -> list[_Segment]:
     """Set up one placement and follow the segments with these numbers in the trajectory.
 

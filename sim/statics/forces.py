@@ -119,12 +119,6 @@ def sole_poses(mechanism: Mechanism, state: StaticState) -> np.ndarray:
     return np.stack(poses, axis=-2)
 
 
-def servo_torques(mechanism: Mechanism, angles: np.ndarray, command: np.ndarray) -> np.ndarray:
-    """Return the servos' static torques within their limits, (..., n_joints) [Nm]."""
-    m = mechanism
-    return np.clip(m.gain * (command - angles[..., m.motors]), -m.limit, m.limit)
-
-
 def rotation_matrix(vector: np.ndarray) -> np.ndarray:
     """Return the rotation matrices of rotation vectors, (..., 3) -> (..., 3, 3)."""
     angle = np.sqrt((vector * vector).sum(axis=-1))
@@ -246,7 +240,7 @@ def _by_body(values: np.ndarray, batch: int) -> np.ndarray:
 def drives(m: Mechanism, state: StaticState, load: Load) -> np.ndarray:
     """Return the torques of servos, springs and dry friction on the coordinates, (..., n)."""
     out = load.friction - m.stiffness * (state.angles - m.rest) + stop_torques(m.stops, state.angles)
-    out[..., m.motors] += servo_torques(m, state.angles, load.command)
+    out[..., m.motors] += np.clip(m.gain * (load.command - state.angles[..., m.motors]), -m.limit, m.limit)
     for stiffness, (low, high), row in m.springs:
         out -= (stiffness * _beyond(state.angles @ row, low, high))[..., None] * row
     return out

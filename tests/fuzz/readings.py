@@ -11,7 +11,6 @@ import pandas as pd
 
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.regressor import stacked_regressor
-from tulip_testbed.measurements import read_measurements
 from tulip_testbed.measurements.cells import CORNERS, PLATES
 from tulip_testbed.sim.robot import load_robot
 
@@ -24,22 +23,14 @@ def result(target: str, document: Any) -> dict[str, Any]:
         masses = {row["link"]: row["mass"] for row in document["standard"]}
         return {"masses": [masses[link] for link in sorted(masses)], "total": document["total_mass"]}
     found = {"postures": document["postures"], "mass": document["mass"][0]}
-    return found if target == "motion" else found | {"estimates": document["full"]["value"]}
+    return found | {"estimates": document["full"]["value"]}
 
 
 def reading(target: str, folder: Path) -> dict[str, Any]:
     """Return the same, read and computed another way: the XML's masses, ordinary least squares, ..."""
     if target == "robot":
         return _masses(folder)
-    if target == "motion":
-        return _moved(folder)
     return _planned(folder) if target == "plan" else _identification(folder)
-
-
-def _moved(folder: Path) -> dict[str, Any]:
-    """Count the rows of the samples and average their weight."""
-    rows = read_measurements(folder)
-    return {"postures": len(rows), "mass": rows.cell_forces.sum(axis=1).mean() / rows.gravity}
 
 
 def _masses(folder: Path) -> dict[str, Any]:

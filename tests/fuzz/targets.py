@@ -6,13 +6,11 @@ from typing import Any
 
 from tests.fuzz.changes import Change
 from tests.fuzz.folders import MEASUREMENT_KINDS, PLAN_KINDS
-from tests.fuzz.motions import MOTION_KINDS
 from tests.fuzz.robots import ROBOT_KINDS
 from tulip_testbed.sim.shipped import ASSETS
 
 KINDS: dict[str, dict[str, Change]] = {
     "measurements": MEASUREMENT_KINDS,
-    "motion": MOTION_KINDS,
     "plan": PLAN_KINDS,
     "robot": ROBOT_KINDS,
 }
@@ -46,11 +44,6 @@ class Intact:
     def _measurements(self, path: Path) -> None:
         how = ["--engine", "statics", "--workers", "1"]
         self.tulip(["simulate", str(self("plan")), *how, "--out", str(path)])
-
-    def _motion(self, path: Path) -> None:
-        plan = path.with_name("moving_plan")
-        self.tulip(["plan", "motion", str(self("plan")), "--out", str(plan)])
-        self.tulip(["simulate", str(plan), "--workers", "1", "--out", str(path)])
 
 
 def command(target: str, folder: Path) -> list[str]:

@@ -43,12 +43,7 @@ Proposable = Discovered | str | Path
 
 @checked
 @one_blas_thread
-def check(
-    measurements: Measured,
-    robot: Robot | None = None,
-    *,
-    corrections: Effects = (),
-) -> Preflight:
+def check(measurements: Measured, robot: Robot | None = None, *, corrections: Effects = ()) -> Preflight:
     """Check measurements for faults.
 
     Weights, drift, plates, legs, units and more are checked. If a folder is incomplete, the missing parts are
@@ -246,11 +241,7 @@ def predict(
 @checked
 @one_blas_thread
 def export_model(
-    run: Exportable,
-    robot: Robot | None = None,
-    *,
-    out: str | Path,
-    source: str | Path | None = None,
+    run: Exportable, robot: Robot | None = None, *, out: str | Path, source: str | Path | None = None
 ) -> ExportedModel:
     """Write the identified robot as a model file (MJCF or URDF).
 

@@ -83,12 +83,7 @@ class OpenView(Result):
 
 
 @checked
-def view(
-    shown: Viewed,
-    robot: RunRobot = None,
-    *,
-    save: str | Path | None = None,
-) -> OpenView:
+def view(shown: Viewed, robot: RunRobot = None, *, save: str | Path | None = None) -> OpenView:
     """Show a plan, measurements or a run in rerun.
 
     The view shows postures, forces and errors.
@@ -104,6 +99,7 @@ def view(
     """
     from tulip_testbed.viewer import ENDING as RECORDING
     from tulip_testbed.viewer import window  # rerun takes half a second to load
+    from tulip_testbed.viewer.robot_view import undrawn
     from tulip_testbed.viewer.run_view import view_of
 
     if save is not None:
@@ -119,25 +115,16 @@ def view(
         title, log = view_of(_judged(shown), robot)
     if save is None:
         window.check_display()
-    _warn_of_bare_links(robot)
+    if bare := undrawn(robot.visual_model):
+        warn(f"{robot.model_file.name}: no geom shows {listed(bare)}; boxes of their inertia stand for them")
     if save is not None:
         return OpenView(view=str(save), bytes=window.save(Path(save), title, log))
     return OpenView(closed=window.open_window(title, log))
 
 
-def _warn_of_bare_links(robot: Robot) -> None:
-    from tulip_testbed.viewer.robot_view import undrawn
-
-    if bare := undrawn(robot.visual_model):
-        warn(f"{robot.model_file.name}: no geom shows {listed(bare)}; boxes of their inertia stand for them")
-
-
 @checked
 def report(
-    shown: Reported,
-    out: str | Path | None = None,
-    other: Reported | None = None,
-    robot: RunRobot = None,
+    shown: Reported, out: str | Path | None = None, other: Reported | None = None, robot: RunRobot = None
 ) -> WrittenReport | Comparison:
     """Write a run as one HTML page that needs no network.
 

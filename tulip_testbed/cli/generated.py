@@ -129,8 +129,7 @@ def read_laboratory(
         tuple[str, ...],
         tyro.conf.UseAppendAction,
         tyro.conf.arg(
-            metavar="NAME[:TARGET]=VALUE[,VALUE]",
-            help="physical effects to hide in it (see `tulip atlas`)",
+            metavar="NAME[:TARGET]=VALUE[,VALUE]", help="physical effects to hide in it (see `tulip atlas`)"
         ),
     ] = (),
     corrections: Corrections = None,

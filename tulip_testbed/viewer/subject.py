@@ -101,11 +101,7 @@ def planned(plan: PosturePlan, robot: Robot) -> Subject:
     )
 
 
-def measured(
-    measurements: Measurements,
-    robot: Robot,
-    source: str = "measurements",
-) -> Subject:
+def measured(measurements: Measurements, robot: Robot, source: str = "measurements") -> Subject:
     """Return the subject of measurements of a source, with the estimate if the data allow one."""
     model = measurements.robot
     check_model(f"{source}: manifest.json", model["model"], model["sha256"], robot)
