@@ -37,34 +37,29 @@ def links(robot: Robot) -> tuple[str, ...]:
 
 
 @lru_cache(maxsize=8)
-def leg_links(robot: Robot) -> tuple[str, ...]:
-    """Return the links between the feet that carry exactly one more joint, at a distance from their own."""
-    tree = tree_of(robot.model)
-    moved = moved_frames(tree, tree.frame(robot.stance_foot))[:, tree.frame(robot.swing_foot)]
-    weightless = {tree.frame(name) for name in tree.links} - {tree.frame(name) for name in links(robot)}
-    return tuple(
-        link
-        for link, frame in zip(tree.links, tree.frame_of_link, strict=True)
-        if any(edge.child == frame and edge.joint >= 0 and moved[edge.joint] for edge in tree.edges)
-        and len(after := [e for e in tree.edges if e.parent == frame and e.child not in weightless]) == 1
-        and after[0].joint >= 0
-        and moved[after[0].joint]
-        and np.linalg.norm(next_joint(tree, link)[1]) > LEAST_LENGTH
-    )
+def lengthenings(robot: Robot) -> dict[str, tuple[tuple[int, np.ndarray], ...]]:
+    """Return how the joints of the links between the feet move if their link becomes 1 m longer, by link.
 
-
-def next_joint(tree: Tree, link: str) -> tuple[int, np.ndarray]:
-    """Return the index of the edge after a link and the vector there from the link's own joint.
+    Only joints of the chain from foot to foot count: an arm does not carry a foot. A link of a leg keeps its
+    own joint and moves the next one. The link that bears both legs moves both by half, away from each other.
 
     Returns:
-        index: of the edge to the next joint. vector: in the link's frame, (3,) [m].
+        By link: numbers of edges, and where their joints move in the link's frame, (3,).
     """
-    frame = tree.frame(link)
-    number, edge = next(
-        (k, edge) for k, edge in enumerate(tree.edges) if edge.parent == frame and edge.joint >= 0
-    )
-    own = next(edge for edge in tree.edges if edge.child == frame)
-    return number, edge.anchor[0] - own.anchor[1]
+    tree = tree_of(robot.model)
+    moved = moved_frames(tree, tree.frame(robot.stance_foot))[:, tree.frame(robot.swing_foot)]
+    chain = [(k, edge) for k, edge in enumerate(tree.edges) if edge.joint >= 0 and moved[edge.joint]]
+    out = {}
+    for link, frame in zip(tree.links, tree.frame_of_link, strict=True):
+        after = [(k, edge.anchor[0]) for k, edge in chain if edge.parent == frame]
+        ends = [place for _, place in after] + [edge.anchor[1] for _, edge in chain if edge.child == frame]
+        way = ends[0] - ends[1] if len(ends) == 2 else np.zeros(3)
+        if (length := np.linalg.norm(way)) > LEAST_LENGTH:
+            signs = (1.0, -1.0)
+            out[link] = tuple(
+                (k, sign * way / (length * len(after))) for (k, _), sign in zip(after, signs, strict=False)
+            )
+    return out
 
 
 def plate_of(robot: Robot, joint: str) -> str:
@@ -109,7 +104,7 @@ WRENCH_PAIRS = Targets(
     ),
 )
 LINKS = Targets("LINK", lambda robot, placements: links(robot))
-LEG_LINKS = Targets("LINK", lambda robot, placements: leg_links(robot))
+LEG_LINKS = Targets("LINK", lambda robot, placements: tuple(lengthenings(robot)))
 FOOT_CORNERS = Targets(
     "FOOT.CORNER",
     lambda robot, placements: tuple(f"{foot}.{corner}" for foot in robot.feet for corner in CORNERS),
