@@ -14,6 +14,7 @@ from tulip_testbed.measurements.contacts import WRENCH
 from tulip_testbed.sim.robot import Robot, joint_names
 
 LEAST_LENGTH = 1e-4  # m
+PARALLEL = 0.1  # rad between lengths, below which nothing tells them apart
 PLACEMENT_NUMBER = re.compile(r"0|-?[1-9][0-9]{0,15}")
 
 
@@ -36,30 +37,44 @@ def links(robot: Robot) -> tuple[str, ...]:
     return tuple(model.body(k).name for k in range(1, model.nbody) if model.body_mass[k] > 0)
 
 
+Ways = tuple[tuple[int, np.ndarray], ...]
+
+
 @lru_cache(maxsize=8)
-def lengthenings(robot: Robot) -> dict[str, tuple[tuple[int, np.ndarray], ...]]:
-    """Return how the joints of the links between the feet move if their link becomes 1 m longer, by link.
+def lengthenings(robot: Robot) -> dict[str, Ways]:
+    """Return how the joints of the links between the feet move if their link becomes longer, by link.
 
     Only joints of the chain from foot to foot count: an arm does not carry a foot. A link of a leg keeps its
-    own joint and moves the next one. The link that bears both legs moves both by half, away from each other.
+    own joint and moves the next one. The link that bears both legs moves both by half, away from each other;
+    it is left out where a leg goes on along the axis of its hip: nothing then tells these lengths apart.
 
     Returns:
-        By link: numbers of edges, and where their joints move in the link's frame, (3,).
+        By link: numbers of edges, and where their joints move in the link's frame per length, (3,).
     """
     tree = tree_of(robot.model)
     moved = moved_frames(tree, tree.frame(robot.stance_foot))[:, tree.frame(robot.swing_foot)]
     chain = [(k, edge) for k, edge in enumerate(tree.edges) if edge.joint >= 0 and moved[edge.joint]]
-    out = {}
-    for link, frame in zip(tree.links, tree.frame_of_link, strict=True):
+    out: dict[int, Ways] = {}
+    for frame in tree.frame_of_link:
         after = [(k, edge.anchor[0]) for k, edge in chain if edge.parent == frame]
-        ends = [place for _, place in after] + [edge.anchor[1] for _, edge in chain if edge.child == frame]
-        way = ends[0] - ends[1] if len(ends) == 2 else np.zeros(3)
-        if (length := np.linalg.norm(way)) > LEAST_LENGTH:
-            signs = (1.0, -1.0)
-            out[link] = tuple(
-                (k, sign * way / (length * len(after))) for (k, _), sign in zip(after, signs, strict=False)
-            )
-    return out
+        own = [edge.anchor[1] for _, edge in chain if edge.child == frame]
+        if len(after) + len(own) == 2:
+            way = after[0][1] - (*own, after[-1][1])[0]
+            length = float(np.linalg.norm(way)) * len(after)
+            if length > LEAST_LENGTH:
+                out[frame] = tuple((k, way * s / length) for (k, _), s in zip(after, (1, -1), strict=False))
+
+    def goes_on(k: int, way: np.ndarray) -> bool:
+        edge = tree.edges[k]
+        lines = [edge.placement.T @ way, *(on for _, on in out.get(edge.child, ()))]
+        aside = [np.linalg.norm(np.cross(edge.axis, line)) / np.linalg.norm(line) for line in lines]
+        return len(lines) > 1 and max(aside) < PARALLEL
+
+    return {
+        link: out[frame]
+        for link, frame in zip(tree.links, tree.frame_of_link, strict=True)
+        if frame in out and not (len(out[frame]) == 2 and any(goes_on(*way) for way in out[frame]))
+    }
 
 
 def plate_of(robot: Robot, joint: str) -> str:
