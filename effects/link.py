@@ -89,11 +89,10 @@ EFFECTS = (
     ),
     Effect(
         name="link-length",
-        sentence="A link between the feet is longer than nominal, from its joint to the next; a torso, from hip "
-        "to hip.",
+        sentence="A link between the feet is longer than nominal, from joint to joint.",
         parameters=(Parameter("length", "m", prior=0.002),),
         mechanism=Physics(_lengthen, _with_true_length),
-        words="The {target} link is {0} longer than in its drawing.",
+        words="From joint to joint the {target} link is {0} longer than in its drawing.",
         targets=LEG_LINKS,
         explanation="""A link is longer than in the drawing, from its joint to the next one. The link that bears
         both legs is wider: both hips are off by half of it. Only joints between the feet count, no arm.
