@@ -52,11 +52,11 @@ TOLERANCES: dict[str, tuple[float, float]] = {
     "wrench-origin": (1e-3, 1e-3),
     "foot-compliance": (np.radians(0.5) / 20,) * 2,  # of one foot about one axis, with six axes; assumed
     "wrench-drift": (1.0, 1.0),  # 0.1 % of a range of 1000 N
-    # Good plates state errors of the centre of pressure of some tenths of a millimetre (assumed). A real AMTI
-    # plate at 20 points against motion capture (MobMonRob/InverseDynamicsWithForcePlate) leaves 3.7 and 2.2 mm
-    # s.d. after an affine fit, errors of the motion capture among them, so at most 5.5 mm: a map leaves 0.54
-    # of a coefficient. A balance board may bend by 3 mm, but there 2 mm of `plate-translation` and gains of
-    # 1 % hide it: with it the base parameters were no better. Sensors between the presets have none.
+    # Good plates state errors of the centre of pressure of some tenths of a millimetre (assumed). A map leaves
+    # 0.54 of a coefficient's s.d. over a plate after an affine fit. A real AMTI plate at 20 points against
+    # motion capture (MobMonRob/InverseDynamicsWithForcePlate) leaves 3.7 and 2.2 mm, errors of the motion
+    # capture among them. A balance board may err by 3 mm, but there 2 mm of `plate-translation` and gains of
+    # 1 % hide it: nothing was gained with it. Sensors between the presets have none.
     "plate-map": (0.0, 3e-4),
     "cell-side-force": (0.0, 0.0),  # none unless stated: what plain cells read of a side force is not known
     "inertia": (1.0, 1.0),  # of CAD's uncertainty, of a robot that moves

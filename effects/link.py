@@ -94,8 +94,8 @@ EFFECTS = (
         mechanism=Physics(_lengthen, _with_true_length),
         words="From joint to joint the {target} link is {0} longer than in its drawing.",
         targets=LEG_LINKS,
-        explanation="""A link is longer than in the drawing, from its joint to the next one. The link that bears
-        both legs is wider: both hips are off by half of it. Only joints between the feet count, no arm.
+        explanation="""A link is longer than in the drawing, from its joint to the next one. The link that
+        bears both legs is wider: both hips are off by half of it. Only joints between the feet count.
 
         The closure of the legs shows it. In the centre of pressure it cannot be seen: the base parameters
         absorb it together with the masses beyond the link.

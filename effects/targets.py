@@ -8,10 +8,10 @@ from functools import lru_cache
 import numpy as np
 
 from tulip_testbed.base.errors import InputError, listed, look_up, shortened
-from tulip_testbed.identification.kinematics import Tree, moved_frames, tree_of
+from tulip_testbed.identification.kinematics import tree_of
 from tulip_testbed.measurements.cells import CELLS, CORNERS, PLATES
 from tulip_testbed.measurements.contacts import WRENCH
-from tulip_testbed.sim.robot import Robot, joint_names
+from tulip_testbed.sim.robot import Robot, between_feet, joint_names
 
 LEAST_LENGTH = 1e-4  # m
 PARALLEL = 0.1  # rad between lengths, below which nothing tells them apart
@@ -52,8 +52,8 @@ def lengthenings(robot: Robot) -> dict[str, Ways]:
         By link: numbers of edges, and where their joints move in the link's frame per length, (3,).
     """
     tree = tree_of(robot.model)
-    moved = moved_frames(tree, tree.frame(robot.stance_foot))[:, tree.frame(robot.swing_foot)]
-    chain = [(k, edge) for k, edge in enumerate(tree.edges) if edge.joint >= 0 and moved[edge.joint]]
+    in_chain = between_feet(robot.model, robot)
+    chain = [(k, edge) for k, edge in enumerate(tree.edges) if edge.joint >= 0 and in_chain[edge.joint]]
     out: dict[int, Ways] = {}
     for frame in tree.frame_of_link:
         after = [(k, edge.anchor[0]) for k, edge in chain if edge.parent == frame]

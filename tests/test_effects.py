@@ -57,7 +57,7 @@ DYNAMICS = {
 
 # Left out: link lengths, which also change base parameters that two placements cannot identify, and play in
 # an ankle, which takes its own load away (cosine 0.89, 1.00 and, here, 0.74, slope 0.71: no close bound).
-LEFT_OUT = ("link-length:right_lower_leg", "link-length:left_hip", "link-length:torso", "backlash:left_ankle_roll")
+LEFT_OUT = (*(text for text in PHYSICS if text.startswith("link-length")), "backlash:left_ankle_roll")
 QUICKLY = ("lifted-corner:left_foot.front_left", "payload-step:torso")
 SLOWLY = {k: v for k, v in (PHYSICS | DYNAMICS).items() if k not in (*QUICKLY, *LEFT_OUT)}
 SLOWLY["backlash:left_hip_pitch"] = ((0.005,), 0.9)  # friction decides where in its play a joint rests
