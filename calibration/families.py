@@ -52,7 +52,7 @@ TOLERANCES: dict[str, tuple[float, float]] = {
     "wrench-origin": (1e-3, 1e-3),
     "foot-compliance": (np.radians(0.5) / 20,) * 2,  # of one foot about one axis, with six axes; assumed
     "wrench-drift": (1.0, 1.0),  # 0.1 % of a range of 1000 N
-    # Good plates state errors of the centre of pressure of some tenths of a millimetre (assumed). A map leaves
+    # Good plates state errors of a centre of pressure of some tenths of a millimetre (assumed). A map leaves
     # 0.54 of a coefficient's s.d. over a plate after an affine fit. A real AMTI plate at 20 points against
     # motion capture (MobMonRob/InverseDynamicsWithForcePlate) leaves 3.7 and 2.2 mm, errors of the motion
     # capture among them. A balance board may err by 3 mm, but there 2 mm of `plate-translation` and gains of
