@@ -66,9 +66,10 @@ def lengthenings(robot: Robot) -> dict[str, Ways]:
 
     def goes_on(k: int, way: np.ndarray) -> bool:
         edge = tree.edges[k]
+        assert edge.axis is not None
         lines = [edge.placement.T @ way, *(on for _, on in out.get(edge.child, ()))]
         aside = [np.linalg.norm(np.cross(edge.axis, line)) / np.linalg.norm(line) for line in lines]
-        return len(lines) > 1 and max(aside) < PARALLEL
+        return len(lines) > 1 and bool(max(aside) < PARALLEL)
 
     return {
         link: out[frame]
