@@ -8,7 +8,7 @@ import numpy as np
 from tulip_testbed.effects.effect import Effect, Parameter, Physics, Values
 from tulip_testbed.effects.injection import STARTS, add_mass, edited, from_then_on
 from tulip_testbed.effects.ropes import link_center
-from tulip_testbed.effects.targets import LEG_LINKS, LINKS, next_joint
+from tulip_testbed.effects.targets import LEG_LINKS, LINKS, lengthenings
 from tulip_testbed.identification.kinematics import tree_of
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.rig import Rig
@@ -38,23 +38,20 @@ def _unloaded(observed: Observation, target: str, values: Values) -> Observation
 
 def _lengthen(rig: Rig, target: str, values: Values) -> Rig:
     tree = tree_of(rig.robot.model)
-    number, way = next_joint(tree, target)
-    joint = tree.joints[tree.edges[number].joint]
 
     def edit(spec: mujoco.MjSpec) -> None:
-        body = spec.joint(joint).parent
-        body.pos = body.pos + values[0] * way / np.linalg.norm(way)
+        for number, way in lengthenings(rig.robot)[target]:
+            body = spec.joint(tree.joints[tree.edges[number].joint]).parent
+            body.pos = body.pos + values[0] * way
 
     return edited(rig, edit)
 
 
 def _with_true_length(observed: Observation, target: str, values: Values) -> Observation:
-    number, way = next_joint(observed.tree, target)
-    edge = observed.tree.edges[number]
-    anchor = edge.anchor.copy()
-    anchor[0] += values[0] * way / np.linalg.norm(way)
     edges = list(observed.tree.edges)
-    edges[number] = replace(edge, anchor=anchor)
+    for number, way in lengthenings(observed.nominal.robot)[target]:
+        anchor = edges[number].anchor + values[0] * np.array([way, np.zeros(3)])
+        edges[number] = replace(edges[number], anchor=anchor)
     return observed.changed(tree=observed.tree.with_lengths(tuple(edges)))
 
 
@@ -92,12 +89,13 @@ EFFECTS = (
     ),
     Effect(
         name="link-length",
-        sentence="A link between the feet is longer than nominal, from its joint to the next.",
+        sentence="A link between the feet is longer than nominal, from joint to joint.",
         parameters=(Parameter("length", "m", prior=0.002),),
         mechanism=Physics(_lengthen, _with_true_length),
-        words="The {target} link is {0} longer than in its drawing.",
+        words="From joint to joint the {target} link is {0} longer than in its drawing.",
         targets=LEG_LINKS,
-        explanation="""A link is longer than in the drawing, from its joint to the next one.
+        explanation="""A link is longer than in the drawing, from its joint to the next one. The link that
+        bears both legs is wider: both hips are off by half of it. Only joints between the feet count.
 
         The closure of the legs shows it. In the centre of pressure it cannot be seen: the base parameters
         absorb it together with the masses beyond the link.

@@ -153,9 +153,8 @@ EFFECTS = (
         the board stay. Linear terms are those of `plate-translation`, `plate-yaw` and the gains.
 
         Six numbers per plate can imitate nearly anything that depends on where the robot stands, so a search
-        does not try them, and no ordinary laboratory has them unless a tolerance is stated: 3 mm is usual
-        for balance boards, 0.3 mm for good plates (assumed). Over the plate, a map of independent
-        coefficients leaves 0.54 of their s.d. after an affine fit.
+        does not try them. They are a family of ordinary imperfections with good plates (0.3 mm, assumed).
+        Over the plate, a map of independent coefficients leaves 0.54 of their s.d. after an affine fit.
         """,
     ),
 )

@@ -8,12 +8,13 @@ from functools import lru_cache
 import numpy as np
 
 from tulip_testbed.base.errors import InputError, listed, look_up, shortened
-from tulip_testbed.identification.kinematics import Tree, moved_frames, tree_of
+from tulip_testbed.identification.kinematics import tree_of
 from tulip_testbed.measurements.cells import CELLS, CORNERS, PLATES
 from tulip_testbed.measurements.contacts import WRENCH
-from tulip_testbed.sim.robot import Robot, joint_names
+from tulip_testbed.sim.robot import Robot, between_feet, joint_names
 
 LEAST_LENGTH = 1e-4  # m
+PARALLEL = 0.1  # rad between lengths, below which nothing tells them apart
 PLACEMENT_NUMBER = re.compile(r"0|-?[1-9][0-9]{0,15}")
 
 
@@ -36,35 +37,45 @@ def links(robot: Robot) -> tuple[str, ...]:
     return tuple(model.body(k).name for k in range(1, model.nbody) if model.body_mass[k] > 0)
 
 
+Ways = tuple[tuple[int, np.ndarray], ...]
+
+
 @lru_cache(maxsize=8)
-def leg_links(robot: Robot) -> tuple[str, ...]:
-    """Return the links between the feet that carry exactly one more joint, at a distance from their own."""
-    tree = tree_of(robot.model)
-    moved = moved_frames(tree, tree.frame(robot.stance_foot))[:, tree.frame(robot.swing_foot)]
-    weightless = {tree.frame(name) for name in tree.links} - {tree.frame(name) for name in links(robot)}
-    return tuple(
-        link
-        for link, frame in zip(tree.links, tree.frame_of_link, strict=True)
-        if any(edge.child == frame and edge.joint >= 0 and moved[edge.joint] for edge in tree.edges)
-        and len(after := [e for e in tree.edges if e.parent == frame and e.child not in weightless]) == 1
-        and after[0].joint >= 0
-        and moved[after[0].joint]
-        and np.linalg.norm(next_joint(tree, link)[1]) > LEAST_LENGTH
-    )
+def lengthenings(robot: Robot) -> dict[str, Ways]:
+    """Return how the joints of the links between the feet move if their link becomes longer, by link.
 
-
-def next_joint(tree: Tree, link: str) -> tuple[int, np.ndarray]:
-    """Return the index of the edge after a link and the vector there from the link's own joint.
+    Only joints of the chain from foot to foot count: an arm does not carry a foot. A link of a leg keeps its
+    own joint and moves the next one. The link that bears both legs moves both by half, away from each other;
+    it is left out where a leg goes on along the axis of its hip: nothing then tells these lengths apart.
 
     Returns:
-        index: of the edge to the next joint. vector: in the link's frame, (3,) [m].
+        By link: numbers of edges, and where their joints move in the link's frame per length, (3,).
     """
-    frame = tree.frame(link)
-    number, edge = next(
-        (k, edge) for k, edge in enumerate(tree.edges) if edge.parent == frame and edge.joint >= 0
-    )
-    own = next(edge for edge in tree.edges if edge.child == frame)
-    return number, edge.anchor[0] - own.anchor[1]
+    tree = tree_of(robot.model)
+    in_chain = between_feet(robot.model, robot)
+    chain = [(k, edge) for k, edge in enumerate(tree.edges) if edge.joint >= 0 and in_chain[edge.joint]]
+    out: dict[int, Ways] = {}
+    for frame in tree.frame_of_link:
+        after = [(k, edge.anchor[0]) for k, edge in chain if edge.parent == frame]
+        own = [edge.anchor[1] for _, edge in chain if edge.child == frame]
+        if len(after) + len(own) == 2:
+            way = after[0][1] - (*own, after[-1][1])[0]
+            length = float(np.linalg.norm(way)) * len(after)
+            if length > LEAST_LENGTH:
+                out[frame] = tuple((k, way * s / length) for (k, _), s in zip(after, (1, -1), strict=False))
+
+    def goes_on(k: int, way: np.ndarray) -> bool:
+        edge = tree.edges[k]
+        assert edge.axis is not None
+        lines = [edge.placement.T @ way, *(on for _, on in out.get(edge.child, ()))]
+        aside = [np.linalg.norm(np.cross(edge.axis, line)) / np.linalg.norm(line) for line in lines]
+        return len(lines) > 1 and bool(max(aside) < PARALLEL)
+
+    return {
+        link: out[frame]
+        for link, frame in zip(tree.links, tree.frame_of_link, strict=True)
+        if frame in out and not (len(out[frame]) == 2 and any(goes_on(*way) for way in out[frame]))
+    }
 
 
 def plate_of(robot: Robot, joint: str) -> str:
@@ -109,7 +120,7 @@ WRENCH_PAIRS = Targets(
     ),
 )
 LINKS = Targets("LINK", lambda robot, placements: links(robot))
-LEG_LINKS = Targets("LINK", lambda robot, placements: leg_links(robot))
+LEG_LINKS = Targets("LINK", lambda robot, placements: tuple(lengthenings(robot)))
 FOOT_CORNERS = Targets(
     "FOOT.CORNER",
     lambda robot, placements: tuple(f"{foot}.{corner}" for foot in robot.feet for corner in CORNERS),

@@ -11,6 +11,7 @@ import pytest
 
 from tests.foreign_robots import ROBOTS
 from tulip_testbed.cli.main import main
+from tulip_testbed.effects.targets import LEG_LINKS
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
 from tulip_testbed.identification.planning_ranges import free_joint_ranges, planning_ranges
 from tulip_testbed.identification.postures import random_postures
@@ -132,6 +133,11 @@ def test_half_edges_of_a_solid_box():
     model = mujoco.MjModel.from_xml_string(text)
     found = np.sort(half_edges(model), axis=1)
     np.testing.assert_allclose(found, [[0.1, 0.2, 0.3], [0.05, 0.05, 0.2]], rtol=1e-6)
+
+
+def test_lengths_are_those_between_the_feet_whatever_hangs_from_the_trunk(foreign):
+    legs = [f"{side}_{link}" for side in ("right", "left") for link in ("thigh", "shin")]
+    assert LEG_LINKS.of(foreign["humanoid"], ()) == ("pelvis", *legs)
 
 
 @pytest.mark.parametrize("name", ["tulip", *NAMES])

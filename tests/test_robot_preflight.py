@@ -70,6 +70,14 @@ def test_a_frame_without_mass_is_no_target_and_draws_no_numbers(pair_of_robots):
     assert np.array_equal(drawn[0], np.delete(drawn[1], names[1].index("imu"), axis=0))
 
 
+def test_hips_that_a_leg_continues_along_their_axis_have_no_width_of_their_own(edited_tulip, robot):
+    yaw, hip = ('name="right_hip_yaw" class="drive_60w_66" axis="0 0 1"', '<body name="right_hip">')
+    along = (yaw.replace("0 0 1", "0 1 0"), hip.replace(">", ' pos="0 -0.02 0">'))
+    changed = edited_tulip(f"tulip.xml: {yaw} => {along[0]}", f"tulip.xml: {hip} => {along[1]}")
+    _, *others = LEG_LINKS.of(robot, ())
+    assert LEG_LINKS.of(changed, ()) == ("right_hip_yaw", *others)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "texts",

@@ -49,7 +49,7 @@ def test_an_imperfection_of_almost_four_tolerances_is_a_warning_that_names_it(ro
         if one["name"] == "legs close"
     ]
     assert legs["result"] == "warn"
-    assert "encoder-offset:right_ankle_roll, 4.0 s.d. of what is usual" in legs["seen"]
+    assert "encoder-offset:right_ankle_roll, 3.9 s.d. of what is usual" in legs["seen"]
 
 
 def test_a_tolerance_of_zero_allows_nothing(robot, plan, nominal):

@@ -21,7 +21,6 @@ from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.column_mapping import MappedTable
 from tulip_testbed.measurements.contract import WHOLE
 from tulip_testbed.measurements.logs.joined_clocks import in_order
-<<<<<<< HEAD
 from tulip_testbed.measurements.logs.series_reduction import (
     LIFTED,
     OVERLAP,
@@ -30,9 +29,6 @@ from tulip_testbed.measurements.logs.series_reduction import (
     supports,
     usual_window,
 )
-=======
-from tulip_testbed.measurements.logs.series_reduction import LIFTED, OVERLAP, reduced, supports, usual_window
->>>>>>> heads/half3
 from tulip_testbed.measurements.manifest import Manifest
 from tulip_testbed.measurements.measurement_folder import rows_in
 from tulip_testbed.measurements.trajectory import runs
