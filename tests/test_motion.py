@@ -283,7 +283,7 @@ def test_families_of_a_motion_can_be_written_and_sent():
 
 def test_families_of_a_motion_are_not_told_of_holds():
     held = tt.identify("docs/how-to/your-data", tolerances={"tilt": 0})
-    assert "Taken as exact: tilt." in str(held)
+    assert "Taken as exact: tilt, plate-map." in str(held)
 
 
 def test_a_view_plays_a_motion_in_its_time(moved, robot):
