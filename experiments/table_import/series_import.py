@@ -41,6 +41,7 @@ STILL = 0.02  # rad: without a joint that moves more, nothing moves
 # below a share of the weight, is the same whatever way the foot points.
 LIGHT, SAME = 0.25, 0.01  # of the weight
 LEVEL = np.array([0.03, 0.1, 0.1])  # m, rad, rad: height, roll and pitch of a sole against the other
+ENOUGH = 500  # samples that show how the soles stand
 COMPUTED = (*WHOLE, "window", "samples", "speed", "acceleration")  # columns that samples do not have
 COMPUTED_OF = (
     *("q_std", "q_rate", "q_acceleration", "cell_std"),
@@ -149,8 +150,10 @@ def _support(samples: Measurements, nominal: Nominal, weight: float) -> np.ndarr
     both = (support == "double") & ~light
     if not both.any() or not light.any():
         return support
-    pose = nominal.swing_sole(samples.joint_angles)[:, 2:5]
-    off = light & (np.abs(pose - np.median(pose[both], axis=0)) > LEVEL).any(axis=1)
+    some = np.flatnonzero(both)[:: max(1, both.sum() // ENOUGH)]
+    level, pose = (nominal.swing_sole(samples.joint_angles[rows])[:, 2:5] for rows in (some, light))
+    off = np.zeros(len(samples), bool)
+    off[light] = (np.abs(pose - np.median(level, axis=0)) > LEVEL).any(axis=1)
     least = share.min(axis=1)
     for run in runs(light):
         if off[run].any():
