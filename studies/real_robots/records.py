@@ -217,15 +217,16 @@ def log(robot: Robot, truth: Truth, motion: Motion, rng: np.random.Generator) ->
     degrees = read(np.degrees(motion.joints + zeros), ENCODER_NOISE, ENCODER_STEP)
     left = read(motion.wrench @ np.array(truth.cross_talk).T + truth.zeros[1], sd, step)
     right = read(np.tile(truth.zeros[0], (count, 1)), sd, step)
-    turns = np.tile(np.eye(3), (count, 1, 1))
-    if truth.frame == "base":
+    turns = np.tile(np.eye(3), (count, 2, 1, 1))
+    if truth.frame != "sensor":
         turns = _in_base(robot, truth, np.radians(degrees))
-    elif truth.frame == "world":
-        turns = (Rotation.from_euler("xyz", truth.imu) * Rotation.from_euler("XY", motion.tilt)).as_matrix()
+    if truth.frame == "world":
+        lean = (Rotation.from_euler("xyz", truth.imu) * Rotation.from_euler("XY", motion.tilt)).as_matrix()
+        turns = (lean @ turns[:, 1].mT)[:, None] @ turns
     columns = {"t_s": motion.time}
     columns |= {f"{n}_deg": degrees[:, k] for k, n in enumerate(names) if n not in truth.constants}
-    for foot, wrench in (("left", left), ("right", right)):
-        turned = np.einsum("tij,tkj->tki", turns, wrench.reshape(count, 2, 3)).reshape(count, 6)
+    for side, (foot, wrench) in enumerate((("right", right), ("left", left))):
+        turned = np.einsum("tij,tkj->tki", turns[:, side], wrench.reshape(count, 2, 3)).reshape(count, 6)
         columns |= {f"{foot}_foot_{c}": truth.sign * turned[:, k] for k, c in enumerate(CHANNELS)}
     return columns
 
@@ -293,17 +294,18 @@ def _tipping(robot: Robot) -> float:
 
 
 def _in_base(robot: Robot, truth: Truth, angles: np.ndarray) -> np.ndarray:
-    """Return the left foot's axes in the published root's, as software has them from readings and CAD."""
+    """Return the feet's axes in the published root's by readings and CAD, as software does, (n, 2, 3, 3)."""
     model, data, names = robot.model, mujoco.MjData(robot.model), joint_names(robot.model)
     at = [model.joint(name).qposadr[0] for name in names]
-    known, out = [name not in truth.constants for name in names], np.empty((len(angles), 3, 3))
-    foot, root = (data.body(name).xmat.reshape(3, 3) for name in (robot.swing_foot, model.body(1).name))
+    known, out = [name not in truth.constants for name in names], np.empty((len(angles), 2, 3, 3))
+    bodies = (robot.stance_foot, robot.swing_foot, model.body(1).name)
+    right, left, root = (data.body(name).xmat.reshape(3, 3) for name in bodies)
     mujoco.mj_kinematics(model, data)
     as_published = root.copy()  # at zero angles the world's axes are the file's
     for k, row in enumerate(angles):
         data.qpos[at] = row * known
         mujoco.mj_kinematics(model, data)
-        out[k] = as_published @ root.T @ foot
+        out[k] = as_published @ root.T @ np.stack([right, left])
     return out
 
 
