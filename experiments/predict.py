@@ -209,8 +209,8 @@ def _score(
             found.pop(WITH_CORRECTIONS)
     if problem.zeros.shape[2]:
         assert m.contacts is not None
-        known = "known by their s.d. only" if np.isfinite(m.contacts.zero_sd).all() else "unknown"
-        how = "within it" if np.isfinite(m.contacts.zero_sd).all() else "freely"
+        bounded = np.isfinite(m.contacts.zero_sd).all()
+        known, how = ("known by their s.d. only", "within it") if bounded else ("unknown", "freely")
         notes.append(
             f"The sensors' zeros are {known}: those of every model, CAD too, are fitted {how} in training, "
             f"and the weight is that of the {'weighed' if m.weighed_mass else 'nominal'} mass."

@@ -11,6 +11,7 @@ import pytest
 from studies import runner, study_hidden_effects
 from studies.hidden_effects.hiding import NOTHING, ONE, OUTSIDE, TWO, Case, Truth
 from studies.hidden_effects.judging import Found, Outcome, carry_out
+from studies.hidden_effects.laboratories import LARGEST, USUAL, draw_laboratory, tolerance_of
 from studies.hidden_effects.readings import READERS, Readings
 from studies.runner import Settings
 from studies.study_hidden_effects import figures
@@ -38,6 +39,16 @@ def test_every_study_has_a_module_and_a_sentence() -> None:
 @pytest.fixture(scope="module")
 def twelve(plan):
     return first(plan, 12)
+
+
+def test_half_of_the_families_are_absent_and_no_member_is_a_clear_fault(robot):
+    drawn = [draw_laboratory(robot, "wii", np.random.default_rng(seed)) for seed in range(40)]
+    families = [{split_label(label)[0] for label in built.effects} - {"tilt"} for built in drawn]
+    assert 0.35 < np.mean([len(some) for some in families]) / (len(USUAL) - 1) < 0.65
+    offsets = [values[0] for built in drawn for label, values in built.effects.items() if "offset" in label]
+    sizes = np.abs(offsets) / tolerance_of("encoder-offset", "wii")
+    assert sizes.max() <= LARGEST
+    assert (sizes**4).mean() / (sizes**2).mean() ** 2 > 4  # 3 of a normal distribution
 
 
 def test_the_readers_mean_what_the_catalogue_says(robot, twelve):

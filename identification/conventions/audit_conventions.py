@@ -238,6 +238,8 @@ def _fitted(
     body = None if convention.about == FOOT else frames.body
     measured = total_in_base(m, frames, convention)
     fit = fit_convention(measured, need, convention.axes == WORLD, body, counted.rows)
+    if not any(counted.air):
+        return _Tried(convention, fit, fit.log_likelihood)
     zeros = [
         reading_in_the_air(read, upright, need.weight, rows)
         for (read, upright), rows in zip(_in_the_air(m, frames, convention), counted.air, strict=True)
