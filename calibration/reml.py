@@ -298,7 +298,6 @@ def _joint(
     )
     score = noise.weights.traces(noise.weighted, np.pad(covariance, (0, 1)))
     score -= np.tensordot(weighted, pushed, axes=2)
-    score += noise.log_scale / problem.doubt**2
     each = np.zeros((len(estimate), len(problem.parts)))  # members by families
     slope = np.zeros((len(estimate), k + len(problem.parts)))
     for j, part in enumerate(problem.parts):
@@ -309,7 +308,10 @@ def _joint(
     on_columns = (problem.whole.reshape(len(flat), -1).T @ solved)[:-1]
     doubtful = covariance @ on_columns
     hessian = np.zeros((k + len(problem.parts),) * 2)
-    hessian[:k, :k] = 2 * (flat.T @ solved - on_columns.T @ doubtful) + np.diag(problem.doubt**-2.0)
+    hessian[:k, :k] = 2 * (flat.T @ solved - on_columns.T @ doubtful)
+    # The average information is that about sigma^2: the likelihood's own slope bends it in ln sigma.
+    hessian[:k, :k] += np.diag(2 * score + problem.doubt**-2.0)
+    score += noise.log_scale / problem.doubt**2
     hessian[:k, k:] = 2 * (on_columns - noise.gram[:-1, :-1] @ doubtful).T @ each
     known = [k + number for number in problem.known]
     hessian[:, known] = 0.0
