@@ -12,9 +12,9 @@ R B R)^-1, it is that of V_0 plus 1/2 (-ln|S| - b' R S R b), which holds at tau 
 estimated by their logarithms. ln tau has the prior of a half-Cauchy tau (Gelman 2006): a family that no
 reading shows has its mode at tau = 1, and one that the readings do not want becomes small, but never zero.
 Four members or fewer hardly determine the spread of their family: there ln tau is normal about zero, with a
-factor of two as s.d. ln sigma is normal about the data sheet. In the scales of the noise Newton's steps use
-the average information (Gilmour, Thompson and Cullis 1995), in the spreads the Hessian itself. The covariance
-of the estimates holds the uncertainty of the scales to first order (Kass and Steffey 1989). Where columns G
+factor of two as s.d. ln sigma is normal about the data sheet. In the scales of noise that each posture has of
+its own, the average information stands for the Hessian (Gilmour, Thompson and Cullis 1995). The covariance of
+the estimates holds the uncertainty of the scales to first order (Kass and Steffey 1989). Where columns G
 hold noise, G' V_0^-1 G is corrected for it (Nakamura 1990).
 """
 
@@ -296,7 +296,7 @@ def _joint(
     pushed = np.concatenate(
         [np.zeros((*weighted.shape, 0)), *noise.weights.parts(weighted[..., None])], axis=2
     )
-    score = noise.weights.traces(noise.weighted, np.pad(covariance, (0, 1)))
+    score, pairs = noise.weights.traces(noise.weighted, np.pad(covariance, (0, 1)))
     score -= np.tensordot(weighted, pushed, axes=2)
     each = np.zeros((len(estimate), len(problem.parts)))  # members by families
     slope = np.zeros((len(estimate), k + len(problem.parts)))
@@ -309,8 +309,10 @@ def _joint(
     doubtful = covariance @ on_columns
     hessian = np.zeros((k + len(problem.parts),) * 2)
     hessian[:k, :k] = 2 * (flat.T @ solved - on_columns.T @ doubtful)
-    # The average information is that about sigma^2: the likelihood's own slope bends it in ln sigma.
-    hessian[:k, :k] += np.diag(2 * score + problem.doubt**-2.0)
+    # Of noise that placements share there is little, and the average may be far from the Hessian.
+    few = slice(k - len(pairs), k)
+    hessian[few, few] += hessian[few, few] - 2 * pairs + np.diag(2 * score[few])
+    hessian[:k, :k] += np.diag(problem.doubt**-2.0)
     score += noise.log_scale / problem.doubt**2
     hessian[:k, k:] = 2 * (on_columns - noise.gram[:-1, :-1] @ doubtful).T @ each
     known = [k + number for number in problem.known]

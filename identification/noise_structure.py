@@ -173,12 +173,16 @@ class Weights:
             levers = self.levers[..., structure.owner == k]
             yield levers @ structure.placement.sums(levers.mT @ columns)[structure.placement.number]
 
-    def traces(self, across: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-        """Return the trace of sigma_k^2 K_k (W - X C X') for every scale, (k,).
+    def traces(self, across: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return traces that the first and second derivatives of a likelihood need, Q = W - X C X'.
 
         Args:
             across: X, (m, r, n).
             covariance: C, (n, n).
+
+        Returns:
+            the trace of sigma_k^2 K_k Q for every scale, (k,), and of sigma_k^2 K_k Q sigma_l^2 K_l Q for
+            all pairs of those of `shared`, (h, h).
         """
         structure = self.structure
         left = self.of_postures.copy()
@@ -191,12 +195,16 @@ class Weights:
             for square, kernel in zip(self.square, structure.own, strict=False)
         ]
         seen = structure.placement.sums(self.levers.mT @ across)
-        weighted = (seen.reshape(-1, seen.shape[2]) @ covariance).reshape(seen.shape)
-        each = np.diagonal(self.of_levers, axis1=1, axis2=2) - (weighted * seen).sum(axis=2)
-        size = each.sum(axis=0)
-        return np.array(
-            out + [size[structure.owner == k].sum() for k in range(len(structure.own), len(structure))]
-        )
+        g, s, n = seen.shape
+        weighted = (seen.reshape(-1, n) @ covariance).reshape(g, s, n)
+        of_seen = weighted @ seen.mT
+        belongs = (structure.owner == np.arange(len(structure.own), len(structure))[:, None]).astype(float)
+        each = np.diagonal(self.of_levers - of_seen, axis1=1, axis2=2)
+        # X C X' joins placements, W does not.
+        within = (self.of_levers * (self.of_levers - 2 * of_seen)).sum(axis=0)
+        joined = [weighted[:, one > 0].reshape(-1, n).T @ seen[:, one > 0].reshape(-1, n) for one in belongs]
+        across_all = np.array([[np.vdot(a, b.T) for b in joined] for a in joined]).reshape(2 * (len(joined),))
+        return np.array([*out, *(belongs @ each.sum(axis=0))]), belongs @ within @ belongs.T + across_all
 
 
 def _inverted(matrices: np.ndarray) -> tuple[np.ndarray, float]:

@@ -151,6 +151,21 @@ def test_the_fit_is_the_minimum(seed):
     assert again.estimate == pytest.approx(found.estimate, rel=2e-2, abs=1e-2)
 
 
+def test_the_doubt_of_a_scale_against_its_prior_is_that_of_the_curvature():
+    """Placements share noise of three times its sheet: readings and sheet pull the scale apart."""
+    given = problem(6, postures=60)
+    given = dataclasses.replace(given, noise=dataclasses.replace(given.noise, shared=given.noise.shared / 3))
+    given = dataclasses.replace(given, doubt=np.array([0.7, 0.1]))
+    found = fit(given)
+    at = np.log(np.concatenate([found.scales, found.spreads]))
+    slope = [
+        np.subtract(*(objective(given, *np.split(at + e, [2]))[1] for e in (d, -d))) for d in 1e-4 * np.eye(5)
+    ]
+    assert np.sqrt(np.diag(found.scale_covariance)[:2]) == pytest.approx(
+        np.sqrt(np.diag(np.linalg.inv(np.array(slope) / 2e-4))[:2]), rel=0.02
+    )
+
+
 def test_the_estimate_is_generalised_least_squares_with_the_dense_covariance():
     given = problem(20)
     found = fit(given)
