@@ -233,6 +233,7 @@ def _factored(
 ) -> tuple[np.ndarray, tuple[tuple[slice, np.ndarray, np.ndarray], ...], float]:
     """Return `rows`, `blocks` and `log_volume` of `Whitening` from the covariance of each placement."""
     rows, blocks, at_row, volume = [], [], 0, 0.0
+    known: dict[tuple[bytes, bytes], tuple[np.ndarray, np.ndarray]] = {}  # most placements are alike
     for number in np.unique(placement):
         inside = np.flatnonzero(placement == number)
         numbers = (inside[:, None] * SIZE + np.arange(SIZE)).ravel()
@@ -240,7 +241,10 @@ def _factored(
         block, each = shared @ shared.T, np.arange(len(inside))
         block.reshape(len(inside), SIZE, len(inside), SIZE)[each, :, each] += own[inside]
         keep = used[inside].ravel()
-        contrast, of = contrasts(stance[inside], used[inside])
+        alike = (stance[inside] - stance[inside].min()).tobytes(), used[inside].tobytes()
+        if alike not in known:
+            known[alike] = contrasts(stance[inside], used[inside])
+        contrast, of = known[alike]
         contrast = contrast[:, keep]
         lower = np.linalg.cholesky(contrast @ block[keep][:, keep] @ contrast.T)
         factor = contrast  # of a placement without a residual in these channels
