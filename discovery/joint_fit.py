@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -110,6 +110,11 @@ class JointFit:
 
     @cached_property
     def _reduced(self) -> dict[int, JointFit]:
+        return {}
+
+    @cached_property
+    def ranked(self) -> dict[Hashable, list[Fitted]]:
+        """Return what was found to explain most in addition to the terms, by what was sought."""
         return {}
 
     def without(self, k: int) -> JointFit:
