@@ -16,6 +16,7 @@ import numpy as np
 from tulip_testbed.calibration.calibration_result import HALF_95, SelfCalibration
 from tulip_testbed.discovery.candidate_search import (
     DECISIVE,
+    RESTS,
     CandidateSearch,
     Judged,
     at_estimate,
@@ -58,16 +59,23 @@ class LawSelection:
 def left_to_laws(search: CandidateSearch, selection: Selection, laws: list[Candidate]) -> bool:
     """Return whether the effects of the catalogue leave anything that a law may explain.
 
-    A law that does decisively better than they is decisive in addition to them, with no family wider and no
-    noise larger than usual.
+    A law that does decisively better than they is decisive in addition to them: with no family wider and no
+    noise larger than usual, and at a glance, which misses the evidence by no more than is decisive.
     """
     if not selection.lacks_fit:
         alone = ranked_laws(selection.null.linear, laws)
         return min((sidak(one.p, selection.tests) for one in alone), default=1.0) < LEVEL
     if not selection.complete or too_wide(selection.calibration):
         return True
-    _, usual = search.fits(selection.calibration, selection.fit.terms)
-    return any(one.log_bayes_factor >= DECISIVE for one in _promising(usual, laws))
+    calibration, terms = selection.calibration, selection.fit.terms
+    _, usual = search.fits(calibration, terms)
+    near = [one for one in _promising(usual, laws) if one.log_bayes_factor >= DECISIVE]
+    search = replace(search, widest=WIDEST)
+    plain = search.glanced(terms, calibration) if near and calibration.moved < RESTS else None
+    if plain is None:
+        return bool(near)
+    glances = (search.glanced((*terms, one), calibration) for one in near)
+    return any(one is None or one.evidence > plain.evidence for one in glances)
 
 
 def select_laws(
