@@ -390,6 +390,7 @@ def at_best_time(adopted: JointFit, one: Fitted) -> Fitted:
     settings[:, timed] = near
     finer = replace(candidate, settings=settings)
     basis = np.linalg.qr(adopted.columns)[0]
-    points = [linear.project(column) for column in whitened_columns(linear, [finer])]
-    projected = [column - basis @ (basis.T @ column) for column in points]
+    flat = whitened_columns(linear, [finer])
+    whole = linear.project(np.concatenate(flat, axis=1))
+    projected = np.split(whole - basis @ (basis.T @ whole), len(flat), axis=1)
     return marginal_fits(CandidateColumns([finer], [projected]), adopted.residual)[0]
