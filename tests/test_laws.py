@@ -12,7 +12,8 @@ from pydantic import TypeAdapter
 
 from tests.effect_changes import agreement, changes, measured, statically
 from tulip_testbed.cli.main import main
-from tulip_testbed.discovery.candidate_search import CandidateSearch
+from tulip_testbed.discovery.candidate_search import CandidateSearch, first_calibration
+from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.discover import AGREEING, discover
 from tulip_testbed.discovery.joint_fit import Data
@@ -95,6 +96,23 @@ def test_a_force_is_predicted_as_it_acts(text, robot, nominal, noiseless, few):
     cosine, slope = agreement(np.array(simulated)[:, :3], np.array(predicted)[:, :3])
     assert cosine > 0.99
     assert slope == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_search_recalls_what_it_computed_of_the_same_effects_and_start(robot, plan, nominal):
+    observed = observe(measured(robot, plan.take(plan.placement <= 8), "wii"), nominal)
+    search = CandidateSearch.of(observed)
+    start = first_calibration(search.observed)
+    (offset,) = (c for c in search.candidates if c.label == "encoder-offset:right_knee")
+    terms, others = ((Fitted(offset, 0, np.array([size])),) for size in (0.0, 1e-3))
+    found = search.glanced(terms, start)
+    assert search.glanced(list(terms), start).calibration is found.calibration
+    assert search.fits(start, ())[0] is search.fits(start, [])[0]
+    for another in (
+        search.glanced(others, start),
+        search.glanced(terms, replace(start)),
+        search.of_part(observed, np.arange(len(observed))).glanced(terms, start),
+    ):
+        assert another.calibration is not found.calibration
 
 
 def test_columns_by_sensitivities_are_those_by_removal(robot, plan, nominal):
