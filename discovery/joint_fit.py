@@ -114,7 +114,7 @@ class JointFit:
 
     @cached_property
     def ranked(self) -> dict[Hashable, list[Fitted]]:
-        """Return what was found to explain most in addition to the terms, by what was sought."""
+        """Return what was found to explain most in addition to the terms, by what was searched."""
         return {}
 
     def without(self, k: int) -> JointFit:

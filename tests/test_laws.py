@@ -104,15 +104,14 @@ def test_a_search_recalls_what_it_computed_of_the_same_effects_and_start(robot, 
     start = first_calibration(search.observed)
     (offset,) = (c for c in search.candidates if c.label == "encoder-offset:right_knee")
     terms, others = ((Fitted(offset, 0, np.array([size])),) for size in (0.0, 1e-3))
-    found = search.glanced(terms, start)
-    assert search.glanced(list(terms), start).calibration is found.calibration
+    covariance, part = start.linear.covariance, search.of_part(observed, np.arange(len(observed)))
+    found = search.calibration(terms, start, covariance, 1)
+    assert search.calibration(list(terms), start, covariance, 1) is found
     assert search.fits(start, ())[0] is search.fits(start, [])[0]
-    for another in (
-        search.glanced(others, start),
-        search.glanced(terms, replace(start)),
-        search.of_part(observed, np.arange(len(observed))).glanced(terms, start),
-    ):
-        assert another.calibration is not found.calibration
+    assert search.calibration(others, start, covariance, 1) is not found
+    assert search.calibration(terms, replace(start), covariance, 1) is not found
+    assert search.calibration(terms, start, None, 1) is not found
+    assert part.calibration(terms, start, covariance, 1) is not found
 
 
 def test_columns_by_sensitivities_are_those_by_removal(robot, plan, nominal):

@@ -130,6 +130,7 @@ def test_derivatives_by_readings_are_those_of_a_removal(solved_plan, nominal):
     )
     assert propagation(observed, (offset,)) is None
     found, at = propagation(observed, (compliance,)), fields(observed)
+    assert found is not None
     knee, plain = observed.tree.joints.index("right_knee"), observed.torques
     for name, part, step in (("joint_angles", "angles", 1e-5), ("plate_poses", "plates", 1e-5)):
         moved = getattr(observed, name).copy()
@@ -137,7 +138,7 @@ def test_derivatives_by_readings_are_those_of_a_removal(solved_plan, nominal):
         own = (observed.changed(**{name: moved}).torques - plain)[:, knee] / step
         assert np.abs(own).max() > 1
         assert found[:, knee, at[part].start + 2] == pytest.approx(1e-3 * own, abs=1e-6)
-    assert not (found[:, at["plates"], at["cells"]]).any()
+    assert not found[:, at["plates"], at["cells"]].any()
 
 
 @pytest.mark.slow
