@@ -33,7 +33,7 @@ from tulip_testbed.identification.residual_channels import (
     residuals,
     residuals_in_use,
 )
-from tulip_testbed.identification.residual_noise import contrasts
+from tulip_testbed.identification.residual_noise import contrasts, without_constants
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def predicted(
     rows, covariances, channel = [], [], []
     for number in range(len(structure.placement)):
         inside = np.flatnonzero(structure.placement.number == number)
-        contrast, of = contrasts(others.stance[inside], used[inside])
+        contrast, of = contrasts(used[inside], without_constants(others.stance[inside], used[inside]))
         rows.append(contrast @ problem.whole[inside].reshape(len(inside) * SIZE, -1))
         shared = levers[inside].reshape(len(inside) * SIZE, -1)
         covariances.append(contrast @ (block_diag(*own[inside]) + shared @ shared.T) @ contrast.T)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -10,7 +10,9 @@ import numpy as np
 
 from tulip_testbed.base.budget import ROWS, Budget
 from tulip_testbed.calibration.calibration_result import SelfCalibration
-from tulip_testbed.calibration.self_calibration import self_calibrate
+from tulip_testbed.calibration.linearisation import ResidualCovariance
+from tulip_testbed.calibration.self_calibration import ROUNDS as AFRESH
+from tulip_testbed.calibration.self_calibration import STANDS, self_calibrate
 from tulip_testbed.discovery.candidates import Candidate, Fitted, candidates, change_times, log_choices
 from tulip_testbed.discovery.columns import CandidateColumns, Changes, candidate_blocks, whitened_columns
 from tulip_testbed.discovery.evidence import marginal_fits, ranked
@@ -34,7 +36,9 @@ TIMES = 60  # between postures, at most, that are tried for a change in time
 GLANCED_NEAR = 15.0  # ln of the evidence at a glance, by which others that are judged may lie below the best
 GLANCED = 0.2  # of the best gain at a glance: by so much more
 KEPT_CHANGES = 3  # sets of effects of which the candidates' changes are kept
+KEPT_FITS, KEPT_ROWS = 4, 6000  # calibrations whose fits are kept; rows of all calibrations that are kept
 ORDINARY = 1.0  # tolerances: the largest spread of a family in the search
+Key = tuple[tuple[str, tuple[float, ...]], ...]  # labels and values of effects
 
 
 @dataclass(frozen=True)
@@ -46,7 +50,7 @@ class CandidateSearch:
         candidates: effects that may be the cause.
         widest: prior s.d. of the spread of a family [tolerances]: half a normal.
         budget: when it is spent, nothing more is judged.
-        last: the last calibration, its terms and their `fits`.
+        kept: `fits` about the last calibrations. known: these and others, by what was asked.
         changes: of the candidates, by the labels of the effects that were removed before.
     """
 
@@ -55,7 +59,8 @@ class CandidateSearch:
     candidates: list[Candidate]
     widest: float = np.inf
     budget: Budget = field(default_factory=lambda: Budget(0))
-    last: list[Any] = field(default_factory=list)
+    kept: list[tuple[SelfCalibration, Key, tuple[JointFit, JointFit]]] = field(default_factory=list)
+    known: dict[Hashable, tuple[Any, SelfCalibration]] = field(default_factory=dict)
     changes: dict[tuple[str, ...], Changes] = field(default_factory=dict)
 
     @staticmethod
@@ -72,12 +77,28 @@ class CandidateSearch:
 
     def glanced(self, terms: Sequence[Fitted], start: SelfCalibration) -> Judged | None:
         """Judge by one linearisation about a start that is steady; None: it does not converge."""
-        instances, covariance = [term.instance for term in terms], start.linear.covariance
         try:
-            found = self_calibrate(self.observed, self.tolerances, instances, start, covariance, 1)
+            found = self.calibration(terms, start, start.linear.covariance, 1)
         except np.linalg.LinAlgError:
             return None
         return Judged(at_estimate(terms, found), found, self.evidence(found, terms))
+
+    def calibration(
+        self,
+        terms: Sequence[Fitted],
+        start: SelfCalibration | None,
+        covariance: ResidualCovariance | None = None,
+        rounds: int = ROUNDS,
+    ) -> SelfCalibration:
+        """Calibrate with some effects, see `self_calibrate`, or recall what was found before."""
+        key = key_of(terms), id(start), id(covariance), rounds
+        if key not in self.known:
+            instances = [term.instance for term in terms]
+            found = self_calibrate(self.observed, self.tolerances, instances, start, covariance, rounds)
+            while len(self.known) * len(self.observed) > KEPT_ROWS:
+                del self.known[next(iter(self.known))]
+            self.known[key] = (start, covariance), found
+        return self.known[key][1]
 
     def evidence(self, found: SelfCalibration, terms: Sequence[Fitted]) -> float:
         """Compute ln of the evidence for effects; the prior of positive sizes is half of `size_prior`."""
@@ -103,11 +124,15 @@ class CandidateSearch:
         Returns:
             None: with these effects the calibration does not converge.
         """
-        instances, covariance = [term.instance for term in terms], start.linear.covariance
+        covariance = start.linear.covariance
+        if not (afresh or begin) and start.moved < RESTS and key_of(terms) == key_of(start.effects):
+            glance = self.glanced(terms, start)
+            if glance is not None and glance.calibration.moved < STANDS:
+                return glance  # more linearisations would end at once
         try:
-            found = self_calibrate(self.observed, self.tolerances, instances) if afresh else begin or start
+            found = self.calibration(terms, None, rounds=AFRESH) if afresh else begin or start
             for _ in range(TRIES):
-                found = self_calibrate(self.observed, self.tolerances, instances, found, covariance, ROUNDS)
+                found = self.calibration(terms, found, covariance)
                 if found.moved < RESTS:
                     break
         except np.linalg.LinAlgError:
@@ -161,11 +186,8 @@ class CandidateSearch:
 
     def calibrated(self, judged: Judged) -> SelfCalibration:
         """Calibrate again with the covariance of the residuals that belongs to the result."""
-        instances = [term.instance for term in judged.terms]
         try:
-            return self_calibrate(
-                self.observed, self.tolerances, instances, judged.calibration, rounds=ROUNDS
-            )
+            return self.calibration(judged.terms, judged.calibration)
         except np.linalg.LinAlgError:
             return judged.calibration
 
@@ -184,7 +206,7 @@ class CandidateSearch:
             key: {which: replace(one, values=one.values[rows]) for which, one in known.items()}
             for key, known in self.changes.items()
         }
-        return replace(self, observed=observed.take(rows), last=[], changes=parts)
+        return replace(self, observed=observed.take(rows), kept=[], known={}, changes=parts)
 
     def best(self, calibration: SelfCalibration, terms: Sequence[Fitted]) -> list[Fitted]:
         """List the candidates that may explain most in addition to the terms, the best first.
@@ -201,10 +223,11 @@ class CandidateSearch:
     def fits(self, calibration: SelfCalibration, terms: Sequence[Fitted]) -> tuple[JointFit, JointFit]:
         """Fit terms with the spreads and the noise as estimated, and with none larger than usual.
 
-        The last ones are kept: the search for laws begins where the selection ended.
+        Some are kept: the search for laws begins where the selection began, and where it ended.
         """
-        if self.last and self.last[0] is calibration and self.last[1] == list(terms):
-            return self.last[2], self.last[3]
+        for about, key, both in self.kept:
+            if about is calibration and key == key_of(terms):
+                return both
         data = calibrated_data(self.observed, calibration)
         stated, found = noise_of(self.observed), calibration.noise
         usual = replace(
@@ -215,7 +238,9 @@ class CandidateSearch:
         )
         fit = joint_fit(data, terms)
         capped = joint_fit(replace(data, noise=usual, background=calibration.background(ORDINARY)), terms)
-        self.last[:] = calibration, list(terms), fit, capped
+        self.kept.append((calibration, key_of(terms), (fit, capped)))
+        if len(self.kept) > (KEPT_FITS if len(self.observed) <= ROWS else 1):
+            del self.kept[1 if len(self.kept) > 2 else 0]  # the first is asked for again
         return fit, capped
 
     def without_idle(self, judged: Judged, start: SelfCalibration) -> Judged:
@@ -238,6 +263,12 @@ class CandidateSearch:
 
         Linear columns rank badly what a gross gap needs: then the best of other kinds are listed too.
         """
+        key = tuple(candidate.label for candidate in self.candidates)
+        if key not in adopted.ranked:
+            adopted.ranked[key] = self._shortest(adopted)
+        return adopted.ranked[key]
+
+    def _shortest(self, adopted: JointFit) -> list[Fitted]:
         order = self.ranked(adopted)
         short = shortlist(adopted, order)
         least = max(short[0].log_bayes_factor - NEAR, 0.0) if short else 0.0
@@ -251,6 +282,11 @@ class CandidateSearch:
         found = {one.candidate.effect.name for one in near}
         others = [one for kind, one in best.items() if kind not in found]
         return near + [fit_in_addition(adopted, one) for one in others[: JUDGED - len(found)]]
+
+
+def key_of(terms: Sequence[Fitted | EffectInstance]) -> Key:
+    """Return labels and values of effects."""
+    return tuple((str(term.label), term.values) for term in terms)
 
 
 @dataclass(frozen=True)
@@ -354,6 +390,7 @@ def at_best_time(adopted: JointFit, one: Fitted) -> Fitted:
     settings[:, timed] = near
     finer = replace(candidate, settings=settings)
     basis = np.linalg.qr(adopted.columns)[0]
-    points = [linear.project(column) for column in whitened_columns(linear, [finer])]
-    projected = [column - basis @ (basis.T @ column) for column in points]
+    flat = whitened_columns(linear, [finer])
+    whole = linear.project(np.concatenate(flat, axis=1))
+    projected = np.split(whole - basis @ (basis.T @ whole), len(flat), axis=1)
     return marginal_fits(CandidateColumns([finer], [projected]), adopted.residual)[0]

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-import scipy
 from pydantic import computed_field
+from scipy.special import chndtrinc
 
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.result import Figure
@@ -25,12 +25,7 @@ POWER = 0.9
 @cache
 def noncentrality(freedom: int, level: float, power: float = POWER) -> float:
     """Of chi-square that exceeds its `level` quantile with probability `power`."""
-    bound = chi2_isf(level, freedom)
-
-    def missing(noncentral: float) -> float:
-        return float(scipy.stats.ncx2.sf(bound, freedom, noncentral)) - power
-
-    return float(scipy.optimize.brentq(missing, 1e-6, 1e4))  # pyrefly: ignore
+    return float(chndtrinc(chi2_isf(level, freedom), freedom, 1 - power))
 
 
 def single_level(level: float, tests: float) -> float:

@@ -18,7 +18,7 @@ from tulip_testbed.discovery.columns import Columns, Moments, candidate_columns
 from tulip_testbed.discovery.evidence import fitted_and_counted, ranked
 from tulip_testbed.effects.laws import LAW, Sentence, law_effect
 from tulip_testbed.effects.laws import grammar as g
-from tulip_testbed.effects.laws.grammar import sentences_in
+from tulip_testbed.effects.laws.grammar import sentence_of, sentences_in
 from tulip_testbed.effects.laws.misread import POSE, quantity, readings
 from tulip_testbed.effects.laws.shapes import basis, choices, learned_range, range_names
 from tulip_testbed.identification.observation import Observation
@@ -59,8 +59,10 @@ def _candidate(observed: Observation, sentence: Sentence, price: float, known: K
         tail = np.linspace(0.1, 0.9, 9)[:, None] if sentence.form == g.STEP else np.zeros((1, 0))
         return Candidate(effect, str(sentence), np.hstack([np.zeros((len(tail), 3)), tail]), price)
     x = _of_all_readings(observed, sentence, known)
-    ends = learned_range(sentence, x)
-    fixed = choices(sentence, x)
+    key = id(x), sentence.quantity, sentence.form
+    if key not in known:
+        known[key] = choices(sentence, x)
+    ends, fixed = learned_range(sentence, x), known[key]
     sizes = np.zeros((len(fixed), len(effect.sizes)))
     settings = np.hstack([sizes, fixed, np.tile(ends, (len(fixed), 1))])
     return Candidate(effect, str(sentence), settings, price)
@@ -96,7 +98,7 @@ def _columns(linear: LinearModel, laws: list[Candidate]) -> Iterator[Columns]:
         by_what[law.target.partition("/")[0]].append(law)
     known: Known = {}
     for alike in by_what.values():
-        sentence = _sentence(alike[0])
+        sentence = sentence_of(alike[0].target)
         if sentence.kind == g.FORCE:
             yield candidate_columns(linear, alike)
             continue
@@ -174,7 +176,7 @@ class _LawColumns:
 
 def _functions(observed: Observation, law: Candidate, known: Known) -> list[np.ndarray]:
     """Compute the errors of all readings one after the other by a unit of each size, (k m, s), by grid."""
-    sentence = _sentence(law)
+    sentence = sentence_of(law.target)
     x = _of_all_readings(observed, sentence, known)
     first, ends = len(law.effect.sizes), len(range_names(sentence))
     out = []
@@ -206,7 +208,3 @@ def with_best_points(law: Fitted) -> Fitted:
 def is_law(one: Candidate) -> bool:
     """Return whether a candidate is a law."""
     return one.effect.name == LAW
-
-
-def _sentence(law: Candidate) -> Sentence:
-    return Sentence(*law.target.split("/"))

@@ -16,6 +16,7 @@ import numpy as np
 from tulip_testbed.calibration.calibration_result import HALF_95, SelfCalibration
 from tulip_testbed.discovery.candidate_search import (
     DECISIVE,
+    RESTS,
     CandidateSearch,
     Judged,
     at_estimate,
@@ -23,7 +24,7 @@ from tulip_testbed.discovery.candidate_search import (
 )
 from tulip_testbed.discovery.candidates import Candidate, Fitted
 from tulip_testbed.discovery.evidence import sidak
-from tulip_testbed.discovery.joint_fit import joint_fit
+from tulip_testbed.discovery.joint_fit import JointFit, joint_fit
 from tulip_testbed.discovery.law_candidates import is_law, ranked_and_counted, ranked_laws, with_best_points
 from tulip_testbed.discovery.selection import LEVEL, Selection, is_decisive
 from tulip_testbed.discovery.unusual_members import STANDS_OUT, too_wide, with_unusual_members
@@ -58,17 +59,23 @@ class LawSelection:
 def left_to_laws(search: CandidateSearch, selection: Selection, laws: list[Candidate]) -> bool:
     """Return whether the effects of the catalogue leave anything that a law may explain.
 
-    A law that does decisively better than they is decisive in addition to them, with no family wider and no
-    noise larger than usual.
+    A law that does decisively better than they is decisive in addition to them: with no family wider and no
+    noise larger than usual, and at a glance, which misses the evidence by no more than is decisive.
     """
     if not selection.lacks_fit:
         alone = ranked_laws(selection.null.linear, laws)
         return min((sidak(one.p, selection.tests) for one in alone), default=1.0) < LEVEL
     if not selection.complete or too_wide(selection.calibration):
         return True
-    _, usual = search.fits(selection.calibration, selection.fit.terms)
-    best = max((one.log_bayes_factor for one in ranked_laws(usual.partialled_out, laws)), default=-np.inf)
-    return best >= DECISIVE
+    calibration, terms = selection.calibration, selection.fit.terms
+    _, usual = search.fits(calibration, terms)
+    near = [one for one in _promising(usual, laws) if one.log_bayes_factor >= DECISIVE]
+    search = replace(search, widest=WIDEST)
+    plain = search.glanced(terms, calibration) if near and calibration.moved < RESTS else None
+    if plain is None:
+        return bool(near)
+    glances = (search.glanced((*terms, one), calibration) for one in near)
+    return any(one is None or one.evidence > plain.evidence for one in glances)
 
 
 def select_laws(
@@ -198,12 +205,19 @@ def _near(law_search: LawSearch, calibration: SelfCalibration, terms: tuple[Fitt
     They are searched for with the spreads and the noise as estimated, and with none larger than usual.
     """
     out: dict[str, Fitted] = {}
-    pairs = {_pair(term) for term in terms}
-    others = [law for law in law_search.laws if law.target.rpartition("/")[0] not in pairs]
     for fit in law_search.search.fits(calibration, terms):
-        for one in _pairs(ranked_laws(fit.partialled_out, others))[:PAIRS]:
+        for one in _promising(fit, law_search.laws):
             out.setdefault(_pair(one), one)
     return list(out.values())
+
+
+def _promising(fit: JointFit, laws: list[Candidate]) -> list[Fitted]:
+    """List the best law of each of a few pairs in addition to a fit, but those of its terms."""
+    if LAW not in fit.ranked:
+        pairs = {_pair(term) for term in fit.terms}
+        others = [law for law in laws if law.target.rpartition("/")[0] not in pairs]
+        fit.ranked[LAW] = _pairs(ranked_laws(fit.partialled_out, others))[:PAIRS]
+    return fit.ranked[LAW]
 
 
 def _pair(one: Fitted) -> str:

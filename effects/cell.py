@@ -65,14 +65,15 @@ def _creep(load: np.ndarray, fault: InstrumentFault) -> np.ndarray:
 
 def _without_creep(read: np.ndarray, fault: InstrumentFault) -> np.ndarray:
     cell, forces, size = CELLS.index(fault.target), read.copy(), fault.size
-    creep, before = 0.0, None
+    loads, creep, before = read[:, cell].tolist(), 0.0, None
     for row, kept in _intervals(fault.time, fault.values[1]):
         grown = (1 - kept) * size / 2  # creep by each of the two loads
-        reading = forces[row, cell] - kept * creep
+        reading = loads[row] - kept * creep
         # A part of an experiment begins later: the cell bore its first load until then.
         load = reading / (1 + 2 * grown) if before is None else (reading - grown * before) / (1 + grown)
-        creep = read[row, cell] - load
-        forces[row, cell] = before = load
+        creep = loads[row] - load
+        loads[row] = before = load
+    forces[:, cell] = loads
     return forces
 
 

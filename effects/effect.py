@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from tulip_testbed.base.errors import listed
 from tulip_testbed.base.numbers import number
@@ -163,7 +164,7 @@ class Effect:
         """Whether the effect changes readings alone."""
         return isinstance(self.mechanism, Misreading)
 
-    @property
+    @cached_property
     def sizes(self) -> tuple[int, ...]:
         """Return the indices of the parameters that are estimated; the others are chosen from their grid."""
         return tuple(k for k, p in enumerate(self.parameters) if not p.grid and not p.fixed)

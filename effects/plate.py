@@ -17,7 +17,7 @@ from tulip_testbed.measurements.cells import PLATES
 from tulip_testbed.sim.robot import Robot
 
 HALF = 0.2  # m, half the side of a plate whose cells are not known, assumed
-TURNS = 60  # of the inverse of a map, which then is exact to rounding
+TURNS, EXACT = 60, 1e-15  # of the inverse of a map, at most; of the largest moment, below which none moves
 POSES = "plate_poses"
 
 
@@ -48,9 +48,12 @@ def _shown(load: np.ndarray, moment: np.ndarray, half: np.ndarray, values: Value
 
 
 def _true(load: np.ndarray, shown: np.ndarray, half: np.ndarray, values: Values) -> np.ndarray:
-    moment = shown
+    moment, most = shown, EXACT * np.abs(shown).max(initial=0.0)
     for _ in range(TURNS):
-        moment = moment - (_shown(load, moment, half, values) - shown)
+        step = _shown(load, moment, half, values) - shown
+        moment = moment - step
+        if np.abs(step).max(initial=0.0) <= most:
+            break
     return moment
 
 

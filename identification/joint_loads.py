@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -25,24 +26,75 @@ class Loads:
         internal_wrench: horizontal force and torsion of the ground on the swing foot, (m, 3) [N, N, Nm].
         closed: internal wrench per displacement along x and y and about z of the point of the load on the
             swing foot, which the closed legs resist, (m, 3, 3) [N/m, N/rad, Nm/m, Nm/rad].
-        sharing: torque that the closed legs take off every joint when one of them turns by an angle,
-            (m, n_joints, n_joints) [Nm/rad].
         levers: torque on every joint per unit of the internal wrench, (m, n_joints, 3) [m, m, -].
-        doubt: s.d. of the torques, by the noise of the cells, by what they do not show of the internal wrench
-            and by the point of the load, (m, n_joints) [Nm].
-        torques_by: derivative of the torques by the 2 k readings of the contacts, then by x and y of the
-            point of the load on the stance and the swing foot, (m, n_joints, 2 k + 4) [m, N].
-        wrench_by: the same of the internal wrench, (m, 3, 2 k + 4).
+        inverse: internal wrench that a torque on each joint leaves, (m, 3, n_joints).
+        geometry, cells, bears, cell_sd, servo_stiffness: see `joint_loads`.
+        carried: load of the foot that a joint bears, stance and swing, with its sign, (m, n_joints, 2) [N].
+        carries: that sign, (n_joints, 2).
     """
 
     torques: np.ndarray
     internal_wrench: np.ndarray
     closed: np.ndarray
-    sharing: np.ndarray
     levers: np.ndarray
-    doubt: np.ndarray
-    torques_by: np.ndarray
-    wrench_by: np.ndarray
+    inverse: np.ndarray
+    geometry: PostureGeometry
+    cells: np.ndarray
+    bears: np.ndarray
+    cell_sd: float
+    servo_stiffness: np.ndarray
+    carried: np.ndarray
+    carries: np.ndarray
+
+    @cached_property
+    def sharing(self) -> np.ndarray:
+        """Compute the torque that the closed legs take off every joint when one of them turns by an angle.
+
+        Returns:
+            (m, n_joints, n_joints) [Nm/rad].
+        """
+        return self.levers @ self.inverse * self.servo_stiffness
+
+    @cached_property
+    def _by(self) -> np.ndarray:
+        """Differentiate the torques with the internal wrench as it is, see `torques_by`."""
+        geometry, k = self.geometry, self.bears.shape[1]
+        ax, ay, _ = np.moveaxis(geometry.axes, -1, 0)
+        cell_x, cell_y = np.moveaxis(self.cells.reshape(len(ax), 2 * k, 1, 2), -1, 0)
+        of_pivots = geometry.pivots[..., 1] * ax - geometry.pivots[..., 0] * ay
+        by_cells = (
+            cell_y * ax[:, None] - cell_x * ay[:, None] - self.bears.reshape(-1, 1) * of_pivots[:, None]
+        )
+        by_cells *= np.repeat(self.carries, k, axis=1).T
+        borne = self.carried
+        by_points = np.stack([-borne * ay[..., None], borne * ax[..., None]], axis=-1).reshape(*ax.shape, 4)
+        return np.concatenate([by_cells.mT, by_points], axis=2)
+
+    @cached_property
+    def wrench_by(self) -> np.ndarray:
+        """Differentiate the internal wrench by what `torques_by` says, (m, 3, 2 k + 4)."""
+        return -self.inverse @ self._by
+
+    @cached_property
+    def torques_by(self) -> np.ndarray:
+        """Differentiate the torques by the readings of the contacts and the points of the loads.
+
+        Returns:
+            by the 2 k readings, then by x and y of the point of the load on the stance and the swing foot,
+            (m, n_joints, 2 k + 4) [m, N].
+        """
+        return self._by + self.levers @ self.wrench_by
+
+    @cached_property
+    def doubt(self) -> np.ndarray:
+        """Compute the s.d. of the torques, (m, n_joints) [Nm].
+
+        It is due to the noise of the cells, what they do not show of the internal wrench, and the point of
+        the load.
+        """
+        of_cells = self.torques_by[..., : self.bears.size]
+        variance = self.cell_sd**2 * np.einsum("mnk,mnk->mn", of_cells, of_cells) + self.levers**2 @ UNSEEN**2
+        return np.sqrt(variance + (MISPLACED * np.abs(self.carried).sum(axis=2)) ** 2)
 
     @property
     def stiffness(self) -> np.ndarray:
@@ -92,14 +144,6 @@ def joint_loads(
     lever = place[:, None] - geometry.pivots[:, :, None]
     upward = carries * (lever[..., 1] * ax[..., None] - lever[..., 0] * ay[..., None])
     torque = weight / mass * carried + (upward * down[:, None]).sum(axis=2)
-    k = bears.shape[1]
-    cell_x, cell_y = np.moveaxis(cells.reshape(len(cells), 2 * k, 1, 2), -1, 0)
-    of_pivots = geometry.pivots[..., 1] * ax - geometry.pivots[..., 0] * ay
-    by_cells = cell_y * ax[:, None] - cell_x * ay[:, None] - bears.reshape(-1, 1) * of_pivots[:, None]
-    by_cells *= np.repeat(carries, k, axis=1).T
-    borne = carries * down[:, None]
-    by_points = np.stack([-borne * ay[..., None], borne * ax[..., None]], axis=-1).reshape(*ax.shape, 4)
-    by = np.concatenate([by_cells.mT, by_points], axis=2)
     x, y, z = np.moveaxis(lever[:, :, 1] * between[:, None], -1, 0)
     unknown = np.stack([z * ay - y * az, x * az - z * ax, az * between], axis=-1)
     # In single support the swing foot bears no load.
@@ -111,20 +155,20 @@ def joint_loads(
     scale = np.trace(square, axis1=1, axis2=2)[:, None, None]
     closed = np.linalg.inv(square + ROUNDING * np.where(scale > 0, scale, 1.0) * np.eye(3))
     inverse = closed @ scaled.mT * weigh
-    push, wrench_by = -(inverse @ torque[..., None])[..., 0], -inverse @ by
-    torques_by = by + unknown @ wrench_by
-    of_cells = torques_by[..., : 2 * k]
-    variance = cell_sd**2 * np.einsum("mnk,mnk->mn", of_cells, of_cells) + unknown**2 @ UNSEEN**2
-    variance += (MISPLACED * np.abs(carries) @ down[..., None])[..., 0] ** 2
+    push = -(inverse @ torque[..., None])[..., 0]
     return Loads(
         torques=torque + (unknown @ push[..., None])[..., 0],
         internal_wrench=push,
         closed=closed * both[:, None, None],
-        sharing=unknown @ inverse / weigh**2,
         levers=unknown,
-        doubt=np.sqrt(variance),
-        torques_by=torques_by,
-        wrench_by=wrench_by,
+        inverse=inverse,
+        geometry=geometry,
+        cells=cells,
+        bears=bears,
+        cell_sd=cell_sd,
+        servo_stiffness=servo_stiffness,
+        carried=carries * down[:, None],
+        carries=carries,
     )
 
 

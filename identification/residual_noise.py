@@ -233,6 +233,7 @@ def _factored(
 ) -> tuple[np.ndarray, tuple[tuple[slice, np.ndarray, np.ndarray], ...], float]:
     """Return `rows`, `blocks` and `log_volume` of `Whitening` from the covariance of each placement."""
     rows, blocks, at_row, volume = [], [], 0, 0.0
+    known: dict[tuple[bytes, bytes], np.ndarray] = {}  # most placements are alike
     for number in np.unique(placement):
         inside = np.flatnonzero(placement == number)
         numbers = (inside[:, None] * SIZE + np.arange(SIZE)).ravel()
@@ -240,7 +241,10 @@ def _factored(
         block, each = shared @ shared.T, np.arange(len(inside))
         block.reshape(len(inside), SIZE, len(inside), SIZE)[each, :, each] += own[inside]
         keep = used[inside].ravel()
-        contrast, of = contrasts(stance[inside], used[inside])
+        alike = (stance[inside] - stance[inside[0]]).tobytes(), used[inside, ANCHORED].tobytes()
+        if alike not in known:
+            known[alike] = without_constants(stance[inside], used[inside])
+        contrast, of = contrasts(used[inside], known[alike])
         contrast = contrast[:, keep]
         lower = np.linalg.cholesky(contrast @ block[keep][:, keep] @ contrast.T)
         factor = contrast  # of a placement without a residual in these channels
@@ -253,22 +257,30 @@ def _factored(
     return np.concatenate(rows), tuple(blocks), volume
 
 
-def contrasts(stance: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return what is known of the residuals of a placement's n postures without the constants of its stances.
+def without_constants(stance: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """Return numbers that hold the residuals of a placement's n postures without its stances' constants.
+
+    Returns:
+        from all residuals, (11 n, 11 n); zero rows for what the constants hide.
+    """
+    rows = np.eye(used.size)
+    for axis in range(ANCHORED.start, ANCHORED.stop):
+        rows[axis::SIZE] = 0.0
+        for number in np.unique(stance):
+            at = SIZE * np.flatnonzero((stance == number) & used[:, axis]) + axis
+            if len(at) > 1:
+                rows[np.ix_(at[1:], at)] = helmert(len(at))
+    return rows
+
+
+def contrasts(used: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return what is known of the residuals of a placement's n postures.
+
+    Args:
+        rows: see `without_constants`.
 
     Returns:
         rows of numbers that are known, from all 11 n residuals, and the residual that each mainly holds.
     """
-    anchored = np.zeros(SIZE, bool)
-    anchored[ANCHORED] = True
-    rows = np.eye(used.size)
-    known = used & ~anchored
-    for number in np.unique(stance):
-        for axis in range(ANCHORED.start, ANCHORED.stop):
-            alike = np.flatnonzero((stance == number) & used[:, axis])
-            if len(alike) > 1:
-                at = SIZE * alike + axis
-                known[alike[1:], axis] = True
-                rows[np.ix_(at[1:], at)] = helmert(len(alike))
-    of = np.flatnonzero(known)
+    of = np.flatnonzero(used.ravel() & rows.any(axis=1))
     return rows[of], of

@@ -12,7 +12,8 @@ from pydantic import TypeAdapter
 
 from tests.effect_changes import agreement, changes, measured, statically
 from tulip_testbed.cli.main import main
-from tulip_testbed.discovery.candidate_search import CandidateSearch
+from tulip_testbed.discovery.candidate_search import CandidateSearch, first_calibration
+from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.discover import AGREEING, discover
 from tulip_testbed.discovery.joint_fit import Data
@@ -95,6 +96,22 @@ def test_a_force_is_predicted_as_it_acts(text, robot, nominal, noiseless, few):
     cosine, slope = agreement(np.array(simulated)[:, :3], np.array(predicted)[:, :3])
     assert cosine > 0.99
     assert slope == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_search_recalls_what_it_computed_of_the_same_effects_and_start(robot, plan, nominal):
+    observed = observe(measured(robot, plan.take(plan.placement <= 8), "wii"), nominal)
+    search = CandidateSearch.of(observed)
+    start = first_calibration(search.observed)
+    (offset,) = (c for c in search.candidates if c.label == "encoder-offset:right_knee")
+    terms, others = ((Fitted(offset, 0, np.array([size])),) for size in (0.0, 1e-3))
+    covariance, part = start.linear.covariance, search.of_part(observed, np.arange(len(observed)))
+    found = search.calibration(terms, start, covariance, 1)
+    assert search.calibration(list(terms), start, covariance, 1) is found
+    assert search.fits(start, ())[0] is search.fits(start, [])[0]
+    assert search.calibration(others, start, covariance, 1) is not found
+    assert search.calibration(terms, replace(start), covariance, 1) is not found
+    assert search.calibration(terms, start, None, 1) is not found
+    assert part.calibration(terms, start, covariance, 1) is not found
 
 
 def test_columns_by_sensitivities_are_those_by_removal(robot, plan, nominal):

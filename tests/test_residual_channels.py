@@ -13,7 +13,7 @@ from tulip_testbed.discovery.candidates import Fitted, candidates
 from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.detectability import by_kind
 from tulip_testbed.discovery.evidence import ranked
-from tulip_testbed.discovery.joint_fit import Data, joint_fit
+from tulip_testbed.discovery.joint_fit import Data, joint_fit, propagation
 from tulip_testbed.discovery.patterns import patterns
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.identification.observation import observe
@@ -117,6 +117,28 @@ def test_what_an_instrument_does_leaves_the_noise_as_it_was(solved_plan, nominal
         fitted = joint_fit(Data(observed, noise_of(observed)), terms)
         sizes.append(fitted.chi_square - fitted.linear.dof)
     assert abs(sizes[1] - sizes[0]) < 10
+
+
+def test_derivatives_by_readings_are_those_of_a_removal(solved_plan, nominal):
+    """A compliance is removed by the load that the cells show, an offset by nothing that is read."""
+    (run,) = run_statics(solved_plan["wii"], [np.random.SeedSequence(SEED)])
+    observed = observe(run.measurements, nominal)
+    by_label = {one.label: one for one in candidates(observed)}
+    compliance, offset = (
+        Fitted(by_label[f"{name}:right_knee"], 0, np.array([size]))
+        for name, size in (("joint-compliance", 1e-3), ("encoder-offset", 0.01))
+    )
+    assert propagation(observed, (offset,)) is None
+    found, at = propagation(observed, (compliance,)), fields(observed)
+    assert found is not None
+    knee, plain = observed.tree.joints.index("right_knee"), observed.torques
+    for name, part, step in (("joint_angles", "angles", 1e-5), ("plate_poses", "plates", 1e-5)):
+        moved = getattr(observed, name).copy()
+        moved.reshape(len(observed), -1)[:, 2] += step
+        own = (observed.changed(**{name: moved}).torques - plain)[:, knee] / step
+        assert np.abs(own).max() > 1
+        assert found[:, knee, at[part].start + 2] == pytest.approx(1e-3 * own, abs=1e-6)
+    assert not found[:, at["plates"], at["cells"]].any()
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ Written `WHAT/OF/SHAPE`, for instance `encoder:right_knee/own-angle/sine`. A sha
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import NamedTuple
 from urllib.parse import unquote
 
@@ -146,37 +146,37 @@ class Sentence:
     def __str__(self) -> str:
         return f"{self.what}/{self.of}/{self.shape}"
 
-    @property
+    @cached_property
     def kind(self) -> str:
         """Return what errs without which one, such as `encoder`."""
         return self.what.partition(":")[0]
 
-    @property
+    @cached_property
     def place(self) -> str:
         """Return which one errs, such as `right_knee`."""
         return unquote(self.what.partition(":")[2])
 
-    @property
+    @cached_property
     def field(self) -> str:
         """Return the field of the measurements that errs, "" for a force."""
         return KINDS[self.kind].field
 
-    @property
+    @cached_property
     def quantity(self) -> str:
         """Return as a function of what, without which joint's."""
         return self.of.partition(":")[0]
 
-    @property
+    @cached_property
     def joint(self) -> str:
         """Return the joint of the quantity, "" if it has none."""
         return unquote(self.of.partition(":")[2])
 
-    @property
+    @cached_property
     def form(self) -> str:
         """Return the shape of the function."""
         return self.shape.removesuffix(GAIN)
 
-    @property
+    @cached_property
     def scales(self) -> bool:
         """Return whether the error is in proportion to the cell's load."""
         return self.shape.endswith(GAIN)
@@ -194,6 +194,7 @@ def shapes_of(kind: str, quantity: str) -> tuple[str, ...]:
     return plain + tuple(f"{shape}{GAIN}" for shape in plain if gains)
 
 
+@cache
 def sentence_of(text: str, where: str = "law") -> Sentence:
     """Read `WHAT/OF/SHAPE`, without checking names against a robot.
 
