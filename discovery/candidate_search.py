@@ -28,6 +28,7 @@ NEAR = 10.0  # ln of the Bayes factor by linear columns, within which candidates
 ROUNDS = 4  # linearisations of a judgement
 RESTS = 0.5  # s.e. by which the last of them may move a number, or as many are taken once more
 TRIES = 2
+LOOKS = 2  # linearisations of a glance, at most
 LONGEST = 12
 WITHIN = 15.0  # ln of the Bayes factor by linear columns, of candidates that are shortlisted
 TIMES = 60  # between postures, at most, that are tried for a change in time
@@ -71,13 +72,24 @@ class CandidateSearch:
         )
 
     def glanced(self, terms: Sequence[Fitted], start: SelfCalibration) -> Judged | None:
-        """Judge by one linearisation about a start that is steady; None: it does not converge."""
+        """Judge by one linearisation about a start that is steady; None: it does not converge.
+
+        Where members of the start hold the same fault, it moves so far that it says nothing: others follow
+        and the best of all is returned.
+        """
         instances, covariance = [term.instance for term in terms], start.linear.covariance
-        try:
-            found = self_calibrate(self.observed, self.tolerances, instances, start, covariance, 1)
-        except np.linalg.LinAlgError:
-            return None
-        return Judged(at_estimate(terms, found), found, self.evidence(found, terms))
+        best, found = None, start
+        for _ in range(LOOKS):
+            try:
+                found = self_calibrate(self.observed, self.tolerances, instances, found, covariance, 1)
+            except np.linalg.LinAlgError:
+                break
+            judged = Judged(at_estimate(terms, found), found, self.evidence(found, terms))
+            if best is None or judged.evidence > best.evidence:
+                best = judged
+            if found.steady:
+                break
+        return best
 
     def evidence(self, found: SelfCalibration, terms: Sequence[Fitted]) -> float:
         """Compute ln of the evidence for effects; the prior of positive sizes is half of `size_prior`."""
