@@ -416,6 +416,11 @@ def _verdict(
         return UNKNOWN
     if not equivalents:
         return CALIBRATED
-    if described:
-        return DESCRIBED
-    return AMBIGUOUS if any(len(several) > 1 for several in equivalents) else NAMED
+    if any(len(set(map(_cause, several))) > 1 for several in equivalents):
+        return AMBIGUOUS
+    return DESCRIBED if described else NAMED
+
+
+def _cause(one: Fitted) -> str:
+    """Return what errs by a law, whatever it is a function of, or the effect."""
+    return one.candidate.target.partition("/")[0] if is_law(one.candidate) else one.label
