@@ -17,10 +17,11 @@ from tulip_testbed.cli.main import main
 from tulip_testbed.discovery.candidate_search import CandidateSearch, first_calibration
 from tulip_testbed.discovery.candidates import Candidate, Fitted
 from tulip_testbed.discovery.columns import candidate_columns
-from tulip_testbed.discovery.discover import AGREEING, _verdict, discover
+from tulip_testbed.discovery.discover import AGREEING, _inexact, _verdict, discover
 from tulip_testbed.discovery.joint_fit import Data
 from tulip_testbed.discovery.law_candidates import _columns, law_candidates
 from tulip_testbed.discovery.law_search import select_laws
+from tulip_testbed.discovery.patterns import Pattern
 from tulip_testbed.discovery.refit import simulated, without_noise
 from tulip_testbed.effects.instance import EffectInstance, injected, removed
 from tulip_testbed.effects.laws import law_effect, sentence_of, sentences
@@ -173,6 +174,22 @@ def test_laws_that_blame_different_things_are_ambiguous(robot):
         ([(zero,), (plain, pull)], "ambiguous"),
     ):
         assert _verdict(selection, (), equivalents, described=True) == verdict
+
+
+@pytest.mark.parametrize(
+    ("words", "tolerated"),
+    [
+        ("the reading of left_knee errs with time", True),
+        ("the reading of right_knee errs with time", False),
+        ("the cell left.front_left errs with time", False),
+        ("the swing foot's place depends on right_knee", True),
+    ],
+)
+def test_a_pattern_of_another_reading_contradicts_a_law(robot, plan, nominal, words, tolerated):
+    observed = observe(statically(preset_rig("wii", robot), plan.take(plan.placement <= 2)), nominal)
+    pattern = Pattern("AC", words, 100.0, 2, 1e-9, 1.0)
+    assert _inexact(["encoder:left_knee/angle:right_knee/curve"], pattern, observed) == tolerated
+    assert not _inexact([], pattern, observed)
 
 
 @pytest.mark.slow
