@@ -432,5 +432,5 @@ def _verdict(
 
 
 def _cause(one: Fitted) -> str:
-    """Return what errs by a law, whatever it is a function of, or the effect."""
+    """Return what errs by a law, regardless of its quantity and shape, or the effect."""
     return one.candidate.target.partition("/")[0] if is_law(one.candidate) else one.label

@@ -55,7 +55,7 @@ def ranked_pairs(
         left = own - np.einsum("inj,ink->njk", gram[k], shrunk)
         gained[k] = _evidence(left, pull - np.einsum("i,inj->nj", pull[k], shrunk)) - price
     total = (_evidence(own, pull) - price)[:, None] + gained
-    needed = np.triu((gained >= least) & (gained.T >= least), 1)
+    needed = np.triu(np.minimum(gained, gained.T) >= least, 1)
     total[~needed] = -np.inf
     best = np.argsort(-total, axis=None)[: min(count, int(needed.sum()))]
     return [(fits[k], fits[j]) for k, j in zip(*np.unravel_index(best, total.shape), strict=True)]

@@ -151,11 +151,12 @@ def test_a_law_is_seen_although_members_of_families_hold_its_fault(robot, plan, 
 
 def parsed(robot, *texts):
     """Return what texts say as fitted explanations."""
-    each = [EffectInstance.parse(text, robot) for text in texts]
-    return [
-        Fitted(Candidate(one.effect, one.target, np.array([one.values])), 0, np.array([one.values[k] for k in one.effect.sizes]))
-        for one in each
-    ]
+    out = []
+    for text in texts:
+        one = EffectInstance.parse(text, robot)
+        sizes = np.array([one.values[k] for k in one.effect.sizes])
+        out.append(Fitted(Candidate(one.effect, one.target, np.array([one.values])), 0, sizes))
+    return out
 
 
 def test_laws_that_blame_different_things_are_ambiguous(robot):
@@ -167,12 +168,13 @@ def test_laws_that_blame_different_things_are_ambiguous(robot):
         "tether=1,2",
     )
     selection: Any = SimpleNamespace(lacks_fit=True)
-    for equivalents, verdict in (
+    each: list[tuple[list[tuple[Fitted, ...]], str]] = [
         ([(zero,), (plain,)], "described"),
-        ([(zero, bent)], "described"),  # whatever it is a function of, the same cells err
+        ([(zero, bent)], "described"),  # the same cells err in both
         ([(zero, pull)], "ambiguous"),
         ([(zero,), (plain, pull)], "ambiguous"),
-    ):
+    ]
+    for equivalents, verdict in each:
         assert _verdict(selection, (), equivalents, described=True) == verdict
 
 

@@ -32,7 +32,7 @@ def readings(observed: Observation, sentence: Sentence) -> list[int]:
 
 
 def misread_by(observed: Observation, sentence: Sentence) -> list[str]:
-    """Name the joints or the cells whose readings err by a law; one of a plate's place or a force has none."""
+    """Name the joints or the cells whose readings err by a law; a plate's place or a force has none."""
     names = {"joint_angles": observed.tree.joints, "cell_forces": CELLS}.get(sentence.field, ())
     return [names[k] for k in readings(observed, sentence)] if names else []
 
