@@ -17,6 +17,7 @@ from tulip_testbed.discovery.candidates import Candidate, Fitted, candidates, ch
 from tulip_testbed.discovery.columns import CandidateColumns, Changes, candidate_blocks, whitened_columns
 from tulip_testbed.discovery.evidence import marginal_fits, ranked
 from tulip_testbed.discovery.joint_fit import Data, JointFit, gauss_newton, joint_fit, log_share_of_positive
+from tulip_testbed.discovery.pairs import ranked_pairs
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.identification.observation import Observation
@@ -26,10 +27,12 @@ MOST_TERMS = 5  # effects in one explanation
 DECISIVE = 3.0  # ln of the Bayes factor, below which two explanations are equivalent
 JUDGED = 3  # candidates, at most, that are judged of each ranking
 GROSS = 100.0  # ln of the Bayes factor by linear columns, from where the best of several kinds are judged
+PAIRS = 2  # of candidates, at most, that are judged of each ranking
 NEAR = 10.0  # ln of the Bayes factor by linear columns, within which candidates are judged
 ROUNDS = 4  # linearisations of a judgement
 RESTS = 0.5  # s.e. by which the last of them may move a number, or as many are taken once more
 TRIES = 2
+LOOKS = 2  # linearisations of a glance, at most
 LONGEST = 12
 WITHIN = 15.0  # ln of the Bayes factor by linear columns, of candidates that are shortlisted
 TIMES = 60  # between postures, at most, that are tried for a change in time
@@ -76,12 +79,23 @@ class CandidateSearch:
         )
 
     def glanced(self, terms: Sequence[Fitted], start: SelfCalibration) -> Judged | None:
-        """Judge by one linearisation about a start that is steady; None: it does not converge."""
-        try:
-            found = self.calibration(terms, start, start.linear.covariance, 1)
-        except np.linalg.LinAlgError:
-            return None
-        return Judged(at_estimate(terms, found), found, self.evidence(found, terms))
+        """Judge by one linearisation about a start that is steady; None: it does not converge.
+
+        Where members of the start hold the same fault, it moves so far that it says nothing: others follow
+        and the best of all is returned.
+        """
+        best, found = None, start
+        for _ in range(LOOKS):
+            try:
+                found = self.calibration(terms, found, start.linear.covariance, 1)
+            except np.linalg.LinAlgError:
+                break
+            judged = Judged(at_estimate(terms, found), found, self.evidence(found, terms))
+            if best is None or judged.evidence > best.evidence:
+                best = judged
+            if found.steady:
+                break
+        return best
 
     def calibration(
         self,
@@ -193,12 +207,31 @@ class CandidateSearch:
 
     def ranked(self, adopted: JointFit) -> list[Fitted]:
         """Rank all other candidates in addition to the adopted terms."""
+        others, known = self._others(adopted)
+        linear = adopted.partialled_out
+        return ranked(candidate_blocks(linear, others, known), linear.residual)
+
+    def pairs(self, calibration: SelfCalibration, terms: tuple[Fitted, ...]) -> list[Judged]:
+        """Judge the most promising pairs of candidates in addition to some terms."""
+        near: dict[tuple[str, str], tuple[Fitted, Fitted]] = {}
+        for fit in self.fits(calibration, terms):
+            for first, second in ranked_pairs(fit, *self._others(fit), DECISIVE, PAIRS):
+                near.setdefault((first.label, second.label), (first, second))
+        out = []
+        for pair in near.values():
+            judged = None if self.budget.spent else self.tried((*terms, *pair), calibration)
+            if judged is not None and judged.possible and judged.steady:
+                out.append(judged)
+        return out
+
+    def _others(self, adopted: JointFit) -> tuple[list[Candidate], Changes]:
+        """Return the candidates that were not adopted, and where their changes are kept."""
         others = [candidate for candidate in self.candidates if candidate.label not in adopted.labels]
-        linear, key = adopted.partialled_out, tuple(sorted(adopted.labels))
+        key = tuple(sorted(adopted.labels))
         kept = KEPT_CHANGES if len(self.observed) <= ROWS else 1
         if key not in self.changes and len(self.changes) == kept:
             del self.changes[next(iter(self.changes))]
-        return ranked(candidate_blocks(linear, others, self.changes.setdefault(key, {})), linear.residual)
+        return others, self.changes.setdefault(key, {})
 
     def of_part(self, observed: Observation, rows: np.ndarray) -> CandidateSearch:
         """Return the search in some postures of an experiment."""

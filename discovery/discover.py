@@ -30,6 +30,8 @@ from tulip_testbed.discovery.selection import LEVEL, Selection, select, select_w
 from tulip_testbed.discovery.unusual_members import STANDS_OUT, SURE, too_wide
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.effects.laws.grammar import sentence_of
+from tulip_testbed.effects.laws.misread import misread_by
 from tulip_testbed.effects.motion_effects import MOTION_EFFECTS
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import nominal_robot
@@ -302,14 +304,13 @@ def _concluded(
     began, observed, fit = time.perf_counter(), search.observed, fitted.fit
     final, outside, equivalents = fitted.final, fitted.outside, fitted.equivalents
     left = patterns(fit.linear, fit.residual, fit.columns)
-    described = any(is_law(fit.terms[k].candidate) for k in outside)
-    # A law need not be exact: what it leaves is tolerated if it predicts what it has not seen.
-    tolerated = described and validation is not None and validation.holds
+    laws = [fit.terms[k].candidate.target for k in outside if is_law(fit.terms[k].candidate)]
     clearest = left[0]
+    tolerated = validation is not None and validation.holds and _inexact(laws, clearest, observed)
     names = [fit.terms[k].candidate.effect.name for k in outside]
     reasons = _reasons(selection, None if tolerated else clearest, validation, fitted.lost)
     reasons = (*_crowded(names, selection.calibration.families), *reasons)
-    verdict = _verdict(selection, reasons, [equivalents[k] for k in outside], described)
+    verdict = _verdict(selection, reasons, [equivalents[k] for k in outside], bool(laws))
     adopted = tuple(with_intervals(final, k) for k in range(len(fit.terms)))
     null = selection.null
     if verdict in (*ADOPTED, AMBIGUOUS, CALIBRATED):
@@ -336,6 +337,15 @@ def _concluded(
         heldout=validation,
         wall_s=time.perf_counter() - began,
     )
+
+
+def _inexact(laws: Sequence[str], clearest: Pattern, observed: Observation) -> bool:
+    """Return whether a pattern may be what laws leave that are not exact.
+
+    That another reading errs than those that the laws blame contradicts them.
+    """
+    blamed = {name for law in laws for name in misread_by(observed, sentence_of(law))}
+    return bool(laws) and (not clearest.reading or clearest.reading in blamed)
 
 
 def stands_out(selection: Selection, term: Fitted, error: np.ndarray) -> bool:
@@ -416,6 +426,11 @@ def _verdict(
         return UNKNOWN
     if not equivalents:
         return CALIBRATED
-    if described:
-        return DESCRIBED
-    return AMBIGUOUS if any(len(several) > 1 for several in equivalents) else NAMED
+    if any(len(set(map(_cause, several))) > 1 for several in equivalents):
+        return AMBIGUOUS
+    return DESCRIBED if described else NAMED
+
+
+def _cause(one: Fitted) -> str:
+    """Return what errs by a law, regardless of its quantity and shape, or the effect."""
+    return one.candidate.target.partition("/")[0] if is_law(one.candidate) else one.label

@@ -53,6 +53,12 @@ class Pattern:
     p: float
     size: float
 
+    @property
+    def reading(self) -> str:
+        """Return the joint or the cell whose reading errs by it, "" if it speaks of no single one."""
+        about = self.words.removeprefix("the reading of ").removeprefix("the cell ")
+        return "" if about == self.words else about.partition(" errs with ")[0]
+
 
 def in_channels(pattern: Pattern) -> str:
     """Name the channels of a pattern, as "channel C" or "channels A and C"."""

@@ -203,7 +203,7 @@ def _forward(
     tests: float,
     progress: Callable[[int], None],
 ) -> tuple[SelfCalibration, tuple[Fitted, ...], bool]:
-    """Add the best candidate while it is decisive; also return whether no further one is known."""
+    """Add the best candidate, or pair, while it is decisive; also return whether no further one is known."""
     before = []
     while len(terms) < MOST_TERMS and not search.budget.spent:
         plain = search.tried(terms, calibration)
@@ -214,6 +214,9 @@ def _forward(
         every = search.judged_of(terms, near, afresh, calibration)
         progress(1)
         decisive = [one for one in every if is_decisive(one, before_all, tests)]
+        if not decisive and len(terms) + 2 <= MOST_TERMS:
+            pairs = search.pairs(calibration, terms)
+            decisive = [one for one in pairs if is_decisive(one, before_all, tests, together=2)]
         if not decisive:
             return calibration, terms, True
         best = max(decisive, key=lambda one: (one.steady, one.evidence))
@@ -255,23 +258,28 @@ def _at_best_times(
     return calibration, terms
 
 
-def is_decisive(found: Judged, before: float, tests: float) -> bool:
-    """Return whether the last effect gains more than noise would.
+def is_decisive(found: Judged, before: float, tests: float, together: int = 1) -> bool:
+    """Return whether the last effects gain more than noise would.
 
     Args:
-        before: ln of the evidence without it.
+        before: ln of the evidence without them.
+        tests: effective number of independent tests among single candidates.
+        together: how many effects were added at once.
     """
     gain = found.evidence - before
-    return gain >= DECISIVE and _chance(found.calibration, gain, tests) <= LEVEL
+    decisive = gain >= together * DECISIVE
+    return decisive and _chance(found.calibration, gain, tests**together, together) <= LEVEL
 
 
-def _chance(found: SelfCalibration, gain: float, tests: float) -> float:
-    """Compute the probability that noise alone gains as much by its last effect, over all candidates."""
-    last, error = found.effects[-1], found.effect_errors[-1]
-    parameters = last.effect.parameters_on(last.target)
-    prior = np.array([parameters[k].prior for k in last.effect.sizes])
-    likelihood = gain + float(np.log(np.maximum(prior / error, 1.0)).sum())
-    return sidak(float(chi2_sf(2 * max(likelihood, 0.0), max(len(prior), 1))), tests)
+def _chance(found: SelfCalibration, gain: float, tests: float, together: int) -> float:
+    """Compute the probability that noise alone gains as much by its last effects, over all candidates."""
+    likelihood, count = gain, 0
+    for last, error in zip(found.effects[-together:], found.effect_errors[-together:], strict=True):
+        parameters = last.effect.parameters_on(last.target)
+        prior = np.array([parameters[k].prior for k in last.effect.sizes])
+        likelihood += float(np.log(np.maximum(prior / error, 1.0)).sum())
+        count += max(len(prior), 1)
+    return sidak(float(chi2_sf(2 * max(likelihood, 0.0), count)), tests)
 
 
 def calibrated_with_best(

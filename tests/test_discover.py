@@ -18,10 +18,13 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.families import TOLERANCES
 from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.calibration.self_calibration import self_calibrate
+from tulip_testbed.discovery.candidate_search import DECISIVE
 from tulip_testbed.discovery.candidates import Fitted, candidates, standing_out
 from tulip_testbed.discovery.discover import _crowded, _reasons, discover, stands_out
 from tulip_testbed.discovery.effect_intervals import TIME_GAIN
 from tulip_testbed.discovery.excessive_noise import excessive_noise
+from tulip_testbed.discovery.joint_fit import Data
+from tulip_testbed.discovery.pairs import ranked_pairs
 from tulip_testbed.discovery.patterns import patterns
 from tulip_testbed.discovery.story import story
 from tulip_testbed.effects.injection import edited
@@ -148,6 +151,8 @@ OTHER_SEED = 7501  # no development seed
         ("force-plate", "link-length:left_lower_leg=0.006 & link-length:right_ankle=0.005", SEED),
         # Which one is off is no question: a drift of all gains, 15 tolerances large.
         ("wii", "thermal-gain-drift=0.046", SEED),
+        # Either drift alone is too little to be seen, and the sum of the forces stays as it is.
+        ("wii", "plate-drift:left=-5 & plate-drift:right=5", SEED),
         ("force-plate", "creep:left.front_right=0.02,0.1", OTHER_SEED),
         ("force-plate", "plate-drift:right=-0.5", OTHER_SEED),
         ("force-plate", "encoder-load:left_ankle_pitch=5e-6", OTHER_SEED),
@@ -317,6 +322,14 @@ def test_times_of_change_are_believed_as_far_as_95_percent_ask():
     walks = np.cumsum(jump * rng.standard_normal((2, draws, steps)) - jump**2 / 2, axis=2)
     ratio = 2 * np.maximum(walks.max(axis=(0, 2)), 0.0)
     assert (ratio < TIME_GAIN).mean() == pytest.approx(0.95, abs=0.015)
+
+
+def test_effects_that_hide_one_another_are_ranked_as_a_pair(robot, plan, nominal):
+    drifts = [("plate-drift", side, (size,)) for side, size in (("left", -5.0), ("right", 5.0))]
+    observed = observe(measured(robot, plan, "wii", *drifts), nominal)
+    null = Data(observed, noise_of(observed)).null
+    ((first, second), *_) = ranked_pairs(null, candidates(observed), {}, DECISIVE, 3)
+    assert {first.label, second.label} == {"plate-drift:left", "plate-drift:right"}
 
 
 def test_of_many_placements_those_are_sought_that_stand_out(robot, plan, nominal, monkeypatch):

@@ -3,6 +3,8 @@
 import json
 import pickle
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,12 +15,13 @@ from pydantic import TypeAdapter
 from tests.effect_changes import agreement, changes, measured, statically
 from tulip_testbed.cli.main import main
 from tulip_testbed.discovery.candidate_search import CandidateSearch, first_calibration
-from tulip_testbed.discovery.candidates import Fitted
+from tulip_testbed.discovery.candidates import Candidate, Fitted
 from tulip_testbed.discovery.columns import candidate_columns
-from tulip_testbed.discovery.discover import AGREEING, discover
+from tulip_testbed.discovery.discover import AGREEING, _inexact, _verdict, discover
 from tulip_testbed.discovery.joint_fit import Data
 from tulip_testbed.discovery.law_candidates import _columns, law_candidates
 from tulip_testbed.discovery.law_search import select_laws
+from tulip_testbed.discovery.patterns import Pattern
 from tulip_testbed.discovery.refit import simulated, without_noise
 from tulip_testbed.effects.instance import EffectInstance, injected, removed
 from tulip_testbed.effects.laws import law_effect, sentence_of, sentences
@@ -149,6 +152,62 @@ def test_joints_that_are_not_logged_have_no_laws(robot, plan, nominal):
     about = [str(sentence_of(law.target)) for law in law_candidates(held)]
     assert not any(part in one for one in about for part in ("encoder:right_knee/", "angle:right_knee/"))
     assert any("encoder:left_knee/" in one for one in about)
+
+
+def test_a_law_is_seen_although_members_of_families_hold_its_fault(robot, plan, nominal):
+    (law,) = parsed(robot, "law:encoder:right_hip_pitch/own-angle/sine=-0.055,-0.049,1,-1.54,0.09")
+    rig = injected(preset_rig("force-plate", robot), [law.instance])
+    search = CandidateSearch.of(observe(statically(rig, plan.take(plan.placement <= 12)), nominal))
+    start = first_calibration(search.observed)
+    without, seen = search.glanced((), start), search.glanced((law,), start)
+    assert without
+    assert seen
+    assert seen.evidence > without.evidence + 100
+
+
+def parsed(robot, *texts):
+    """Return what texts say as fitted explanations."""
+    out = []
+    for text in texts:
+        one = EffectInstance.parse(text, robot)
+        sizes = np.array([one.values[k] for k in one.effect.sizes])
+        out.append(Fitted(Candidate(one.effect, one.target, np.array([one.values])), 0, sizes))
+    return out
+
+
+def test_laws_that_blame_different_things_are_ambiguous(robot):
+    zero, bent, pull, plain = parsed(
+        robot,
+        "law:cells:right/nothing/constant=-1.8",
+        "law:cells:right/plate-load/linear=-2,0,250",
+        "law:force:torso/nothing/constant=1,2,3",
+        "tether=1,2",
+    )
+    selection: Any = SimpleNamespace(lacks_fit=True)
+    each: list[tuple[list[tuple[Fitted, ...]], str]] = [
+        ([(zero,), (plain,)], "described"),
+        ([(zero, bent)], "described"),  # the same cells err in both
+        ([(zero, pull)], "ambiguous"),
+        ([(zero,), (plain, pull)], "ambiguous"),
+    ]
+    for equivalents, verdict in each:
+        assert _verdict(selection, (), equivalents, described=True) == verdict
+
+
+@pytest.mark.parametrize(
+    ("words", "tolerated"),
+    [
+        ("the reading of left_knee errs with time", True),
+        ("the reading of right_knee errs with time", False),
+        ("the cell left.front_left errs with time", False),
+        ("the swing foot's place depends on right_knee", True),
+    ],
+)
+def test_a_pattern_of_another_reading_contradicts_a_law(robot, plan, nominal, words, tolerated):
+    observed = observe(statically(preset_rig("wii", robot), plan.take(plan.placement <= 2)), nominal)
+    pattern = Pattern("AC", words, 100.0, 2, 1e-9, 1.0)
+    assert _inexact(["encoder:left_knee/angle:right_knee/curve"], pattern, observed) == tolerated
+    assert not _inexact([], pattern, observed)
 
 
 @pytest.mark.slow

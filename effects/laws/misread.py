@@ -31,6 +31,12 @@ def readings(observed: Observation, sentence: Sentence) -> list[int]:
     return [0]
 
 
+def misread_by(observed: Observation, sentence: Sentence) -> list[str]:
+    """Name the joints or the cells whose readings err by a law; a plate's place or a force has none."""
+    names = {"joint_angles": observed.tree.joints, "cell_forces": CELLS}.get(sentence.field, ())
+    return [names[k] for k in readings(observed, sentence)] if names else []
+
+
 def quantity(observed: Observation, sentence: Sentence, reading: int) -> np.ndarray:
     """Return the quantity on which the error of a reading depends, (m, d) [rad, Nm, N, m, s or a fraction].
 

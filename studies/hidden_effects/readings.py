@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.effects.injection import always, edited
 from tulip_testbed.effects.targets import plate_of
 from tulip_testbed.measurements import Measurements, PosturePlan
@@ -81,11 +82,18 @@ class Readings:
         return np.concatenate([m.joint_angles, m.cell_forces], axis=1)[rows]
 
     def _again(self, rig: Rig) -> tuple[Outcome, list[int]]:
-        """Repeat the experiment with other sensors or another floor, and find the rows; no draw differs."""
+        """Repeat the experiment with other sensors or another floor, and find the rows; no draw differs.
+
+        Raises:
+            InputError: there the robot falls in a posture that was measured.
+        """
         stream = np.random.SeedSequence(self.seed)
         (found,) = run_statics(solve_plan(rig, self.plan), [stream], all_solved=True)
         rows = {time: row for row, time in enumerate(found.measurements.time.tolist())}
-        return found, [rows[time] for time in self.true.time.tolist()]
+        times = self.true.time.tolist()
+        if not rows.keys() >= set(times):
+            raise InputError(f"the robot falls in {len(set(times) - rows.keys())} postures on another floor")
+        return found, [rows[time] for time in times]
 
 
 Reader = Callable[[Readings, str, Values], None]
