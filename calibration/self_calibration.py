@@ -101,6 +101,7 @@ def self_calibrate(
         smooth = smooth.changed(tree=clean.tree, cells=clean.cells)
     latest: tuple[LinearProblem, Linearised] | None = None
     best: tuple[LinearisationPoint, Families, LikelihoodFit, Observation, float] | None = None
+    before: tuple[np.ndarray, ...] | None = None
     center = center_of(families)
     along = np.linalg.pinv(mixing_of(families)[0]) @ (phi - center) * _lengths(families)
     for count in range(rounds):
@@ -123,10 +124,10 @@ def self_calibrate(
             observed = observed.changed(cad=scaled)
             estimate[:p] += cad.center
         estimate[p + 1 :] += center
-        moved = float((np.abs(np.append(nu, phi) - estimate) / np.sqrt(np.diag(covariance))).max())
-        nu, phi, variance = estimate[: p + 1], estimate[p + 1 :], np.diag(covariance)[p + 1 :]
-        along, scales, spreads = solved.estimate[p + 1 :] * lengths, solved.scales, solved.spreads
-        errors = packed(clean) - packed(smooth)
+        step = (estimate - np.append(nu, phi)) / np.sqrt(np.diag(covariance))
+        moved, errors = float(np.abs(step).max()), packed(clean) - packed(smooth)
+        variance, scales, spreads = np.diag(covariance)[p + 1 :], solved.scales, solved.spreads
+        nu, phi, along = estimate[: p + 1], estimate[p + 1 :], solved.estimate[p + 1 :] * lengths
         clean = members_removed(observed, families, phi, nu[:p], covariance[:p, :p], errors)
         if moved < STANDS:
             break
@@ -134,6 +135,12 @@ def self_calibrate(
             # Without what they have computed, for the sake of memory.
             bare = replace(state, clean=replace(state.clean), smooth=replace(state.smooth))
             best = bare, families, solved, clean, moved
+        reached = step, nu, phi, along
+        share = _share_of_last(step, before[0]) if before is not None and count + 1 < rounds else 0.0
+        if before is not None and share:
+            nu, phi, along = (a + share * (b - a) for a, b in zip(reached[1:], before[1:], strict=True))
+            clean = members_removed(observed, families, phi, nu[:p], covariance[:p, :p], errors)
+        before = None if noisy else reached
     assert latest is not None
     # Where nothing came to rest, the steps may have led away, as they do with a large play. Where it did, an
     # earlier state has nothing to say: its noise was that of other compliances.
@@ -283,6 +290,19 @@ def _first(families: Families, start: SelfCalibration | None) -> tuple[np.ndarra
         sizes.append(family.sizes if isinstance(family, FreeEffect) else value + family.center)
         variances.append(np.where(np.isfinite(error), error**2, prior))
     return np.concatenate(sizes), np.concatenate(variances)
+
+
+def _share_of_last(step: np.ndarray, last: np.ndarray) -> float:
+    """Return the share of the last estimate in the next start, between 0 and 1 (Anderson 1965).
+
+    If the steps were linear, the mean of both estimates would move least. Steps that go back and forth about
+    the solution are damped by it; the solution itself remains the same.
+
+    Args:
+        step, last: what the latest two linearisations moved, (n,) [s.e.].
+    """
+    change = step - last
+    return float(np.clip(step @ change / max(change @ change, 1e-300), 0.0, 1.0))
 
 
 def _lengths(families: Families) -> np.ndarray:
