@@ -41,7 +41,7 @@ from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import moved_by, packed
 from tulip_testbed.identification.residual_noise import noise_of, with_cell_noise
 
-ROUNDS = 12
+ROUNDS = 16
 NEARLY_TIPPED = 0.8  # of the compliance with which a robot would tip over
 WORSE = 10.0  # ln of the evidence, by which the last linearisation may lie below the best
 LASTING, LASTING_ROUNDS = NoiseInTime(0.9, 4.0), 4
@@ -293,16 +293,16 @@ def _first(families: Families, start: SelfCalibration | None) -> tuple[np.ndarra
 
 
 def _share_of_last(step: np.ndarray, last: np.ndarray) -> float:
-    """Return the share of the last estimate in the next start, between 0 and 1 (Anderson 1965).
+    """Return the share of the last estimate in the next start, between 0 and a half (Anderson 1965).
 
-    If the steps were linear, the mean of both estimates would move least. Steps that go back and forth about
-    the solution are damped by it; the solution itself remains the same.
+    If the steps were linear, this mean of both estimates would move least. It damps steps that go back and
+    forth about the solution, which remains the same. More of the last one would hardly be a step.
 
     Args:
         step, last: what the latest two linearisations moved, (n,) [s.e.].
     """
     change = step - last
-    return float(np.clip(step @ change / max(change @ change, 1e-300), 0.0, 1.0))
+    return float(np.clip(step @ change / max(change @ change, 1e-300), 0.0, 0.5))
 
 
 def _lengths(families: Families) -> np.ndarray:
