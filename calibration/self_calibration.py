@@ -6,7 +6,7 @@ The residuals of all channels are linear about the current estimate,
 
 with the members' columns at the readings without the members and without the noise as far as both are known.
 `reml` estimates everything; then the members are removed at their estimate by the effects' own formulas and
-the columns are computed again, until nothing moves (Gauss-Newton).
+the columns are computed again, until nothing moves (Gauss-Newton, damped where it goes back and forth).
 """
 
 from collections.abc import Mapping, Sequence
