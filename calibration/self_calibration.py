@@ -296,11 +296,14 @@ def _share_of_last(step: np.ndarray, last: np.ndarray) -> float:
     """Return the share of the last estimate in the next start, between 0 and a half (Anderson 1965).
 
     If the steps were linear, this mean of both estimates would move least. It damps steps that go back and
-    forth about the solution, which remains the same. More of the last one would hardly be a step.
+    forth about the solution, which remains the same; steps that shrink to less than half need no damping.
+    More of the last one would hardly be a step.
 
     Args:
         step, last: what the latest two linearisations moved, (n,) [s.e.].
     """
+    if step @ step < 0.25 * (last @ last):
+        return 0.0
     change = step - last
     return float(np.clip(step @ change / max(change @ change, 1e-300), 0.0, 0.5))
 
