@@ -6,7 +6,7 @@ The residuals of all channels are linear about the current estimate,
 
 with the members' columns at the readings without the members and without the noise as far as both are known.
 `reml` estimates everything; then the members are removed at their estimate by the effects' own formulas and
-the columns are computed again, until nothing moves (Gauss-Newton).
+the columns are computed again, until nothing moves (Gauss-Newton, damped where it goes back and forth).
 """
 
 from collections.abc import Mapping, Sequence
@@ -41,7 +41,7 @@ from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import moved_by, packed
 from tulip_testbed.identification.residual_noise import noise_of, with_cell_noise
 
-ROUNDS = 12
+ROUNDS = 16
 NEARLY_TIPPED = 0.8  # of the compliance with which a robot would tip over
 WORSE = 10.0  # ln of the evidence, by which the last linearisation may lie below the best
 LASTING, LASTING_ROUNDS = NoiseInTime(0.9, 4.0), 4
@@ -101,6 +101,7 @@ def self_calibrate(
         smooth = smooth.changed(tree=clean.tree, cells=clean.cells)
     latest: tuple[LinearProblem, Linearised] | None = None
     best: tuple[LinearisationPoint, Families, LikelihoodFit, Observation, float] | None = None
+    before: tuple[np.ndarray, ...] | None = None
     center = center_of(families)
     along = np.linalg.pinv(mixing_of(families)[0]) @ (phi - center) * _lengths(families)
     for count in range(rounds):
@@ -123,10 +124,10 @@ def self_calibrate(
             observed = observed.changed(cad=scaled)
             estimate[:p] += cad.center
         estimate[p + 1 :] += center
-        moved = float((np.abs(np.append(nu, phi) - estimate) / np.sqrt(np.diag(covariance))).max())
-        nu, phi, variance = estimate[: p + 1], estimate[p + 1 :], np.diag(covariance)[p + 1 :]
-        along, scales, spreads = solved.estimate[p + 1 :] * lengths, solved.scales, solved.spreads
-        errors = packed(clean) - packed(smooth)
+        step = (estimate - np.append(nu, phi)) / np.sqrt(np.diag(covariance))
+        moved, errors = float(np.abs(step).max()), packed(clean) - packed(smooth)
+        variance, scales, spreads = np.diag(covariance)[p + 1 :], solved.scales, solved.spreads
+        nu, phi, along = estimate[: p + 1], estimate[p + 1 :], solved.estimate[p + 1 :] * lengths
         clean = members_removed(observed, families, phi, nu[:p], covariance[:p, :p], errors)
         if moved < STANDS:
             break
@@ -134,6 +135,12 @@ def self_calibrate(
             # Without what they have computed, for the sake of memory.
             bare = replace(state, clean=replace(state.clean), smooth=replace(state.smooth))
             best = bare, families, solved, clean, moved
+        reached = step, nu, phi, along
+        share = _share_of_last(step, before[0]) if before is not None and count + 1 < rounds else 0.0
+        if before is not None and share:
+            nu, phi, along = (a + share * (b - a) for a, b in zip(reached[1:], before[1:], strict=True))
+            clean = members_removed(observed, families, phi, nu[:p], covariance[:p, :p], errors)
+        before = None if noisy else reached
     assert latest is not None
     # Where nothing came to rest, the steps may have led away, as they do with a large play. Where it did, an
     # earlier state has nothing to say: its noise was that of other compliances.
@@ -283,6 +290,22 @@ def _first(families: Families, start: SelfCalibration | None) -> tuple[np.ndarra
         sizes.append(family.sizes if isinstance(family, FreeEffect) else value + family.center)
         variances.append(np.where(np.isfinite(error), error**2, prior))
     return np.concatenate(sizes), np.concatenate(variances)
+
+
+def _share_of_last(step: np.ndarray, last: np.ndarray) -> float:
+    """Return the share of the last estimate in the next start, between 0 and a half (Anderson 1965).
+
+    If the steps were linear, this mean of both estimates would move least. It damps steps that go back and
+    forth about the solution, which remains the same; steps that shrink to less than half need no damping.
+    More of the last one would hardly be a step.
+
+    Args:
+        step, last: what the latest two linearisations moved, (n,) [s.e.].
+    """
+    if step @ step < 0.25 * (last @ last):
+        return 0.0
+    change = step - last
+    return float(np.clip(step @ change / max(change @ change, 1e-300), 0.0, 0.5))
 
 
 def _lengths(families: Families) -> np.ndarray:

@@ -20,7 +20,7 @@ from tulip_testbed.calibration.families import (
 from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.calibration.member_columns import member_columns
 from tulip_testbed.calibration.member_removal import with_estimated_loads
-from tulip_testbed.calibration.self_calibration import least_determined, self_calibrate
+from tulip_testbed.calibration.self_calibration import _share_of_last, least_determined, self_calibrate
 from tulip_testbed.discovery.joint_fit import Data
 from tulip_testbed.discovery.patterns import patterns
 from tulip_testbed.effects.instance import instances_of, removed
@@ -314,6 +314,19 @@ def test_an_estimate_that_does_not_come_to_rest_is_warned_of(ordinary, robot):
     sharp = dataclasses.replace(measured, sensors=dataclasses.replace(measured.sensors, cell_sd=0.0))
     with pytest.warns(InputWarning, match="restless: the estimate did not come to rest"):
         warn_of_unrest(identify(sharp, robot), "restless")
+
+
+def test_steps_in_circles_come_to_rest_and_steps_ahead_are_kept():
+    """A map that turns by a third of a circle about zero, as the estimates of large cross-talk did."""
+    turn = np.array([[-0.5, -(0.75**0.5)], [0.75**0.5, -0.5]])
+    at, last, before = np.array([1.0, 0.0]), np.zeros(2), None
+    for _ in range(10):
+        step, reached = turn @ at - at, turn @ at
+        share = 0.0 if before is None else _share_of_last(step, before)
+        at, before, last = reached + share * (last - reached), step, reached
+    assert np.linalg.norm(at) < 0.05
+    assert _share_of_last(0.5 * step, step) == 0.0
+    assert _share_of_last(-100 * step, step) == 0.5
 
 
 @pytest.mark.slow
