@@ -162,9 +162,11 @@ def audit_conventions(measurements: Measurements, nominal: Nominal) -> Conventio
     fits = residual[:3].max() < WORST_FORCE and residual[3:].max() < WORST_MOMENT
     if not fits:
         force, moment = 100 * residual[:3].max(), 1e3 * residual[3:].max()
+        first = _described(best.convention)  # without the yaw of the world's axes
+        following = next(text for one in tried if (text := _described(one.convention)) != first)
         problems.append(
-            f"no convention explains the wrenches: the best, {_described(best.convention)}, leaves "
-            f"{force:.0f} % of the weight and {moment:.0f} mm, the next is {_described(tried[1].convention)}"
+            f"no convention explains the wrenches: the best, {first}, leaves {force:.0f} % of the weight and "
+            f"{moment:.0f} mm, the next is {following}"
         )
     doubt = f"the wrenches do not decide: {'; '.join(undecided)}" if fits and undecided else ""
     stated = next(one for one in tried if one.convention == WrenchConvention())
