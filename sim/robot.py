@@ -126,7 +126,7 @@ def load_robot(path: Path = TULIP, meshes: bool = False) -> Robot:
     """
     inside = Path(path) / DESCRIPTION
     if Path(path).is_dir() and not present(inside):
-        raise InputError(f"{path}: found a folder without {DESCRIPTION}, expected one that `tulip robot` wrote")
+        raise InputError(f"{path}: found a folder without {DESCRIPTION}, expected that of `tulip robot`")
     return _load(inside if present(inside) else Path(path), try_to_compile, meshes)
 
 
