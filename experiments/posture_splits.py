@@ -82,7 +82,7 @@ def stated(m: Measurements, train: Sequence[str], test: Sequence[str]) -> Split:
     second = both[1] if test else ~both[0]
     for name, rows in (("train", first), ("test", second)):
         if not rows.any():
-            raise InputError(f"{name}: found no rows, expected postures of the measurements")
+            raise InputError(f"{name}: found no posture that the other part leaves, expected one or more")
     if len(common := np.intersect1d(m.posture[first], m.posture[second])):
         raise InputError(f"train, test: found postures {listed(common)} in both, expected each in one")
     return Split("stated", ((np.flatnonzero(first), np.flatnonzero(second)),))

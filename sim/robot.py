@@ -125,6 +125,8 @@ def load_robot(path: Path = TULIP, meshes: bool = False) -> Robot:
         meshes: keep meshes without contacts, for drawing.
     """
     inside = Path(path) / DESCRIPTION
+    if Path(path).is_dir() and not present(inside):
+        raise InputError(f"{path}: found a folder without {DESCRIPTION}, expected that of `tulip robot`")
     return _load(inside if present(inside) else Path(path), try_to_compile, meshes)
 
 

@@ -125,6 +125,17 @@ def words_inside(path):
     (path / "legs" / "data.log").write_text("0 1.0 [ok] 2 3\n")
 
 
+def without_samples(path):
+    write_dumper(path)
+    (path / "legs" / "data.log").write_text("")
+
+
+def cut_line(path):
+    write_dumper(path)
+    with (path / "legs" / "data.log").open("a") as file:
+        file.write("501 1000000005\n")
+
+
 def not_a_number(path):
     write_dumper(path)
     lines = (path / "legs" / "data.log").read_text().splitlines()
@@ -160,6 +171,8 @@ BAD = {
     "clocks that do not overlap": ("log", no_overlap),
     "a clock that runs backwards": ("log", backwards),
     "words among numbers": ("log", words_inside),
+    "a device without samples": ("log", without_samples),
+    "a line that is cut": ("log", cut_line),
     "NaN in a log": ("log", not_a_number),
     "an empty folder": ("log", nothing),
     "MATLAB 7.3": ("log.mat", new_matlab),

@@ -9,7 +9,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.moving_robots import GRAVITY, by_inverse_dynamics, moving, random_robot
-from tulip_testbed.identification.conventions.audit_conventions import DECISIVE, NAMES, audit_conventions
+from tulip_testbed.identification.conventions.audit_conventions import (
+    DECISIVE,
+    NAMES,
+    _best_two,
+    audit_conventions,
+)
 from tulip_testbed.identification.conventions.log_conventions import (
     FOOT,
     FORCES,
@@ -173,6 +178,13 @@ def test_a_delay_of_the_sensors_is_measured(record):
     found = audit_conventions(dataclasses.replace(log, wrenches=wrenches), nominal_robot(record.robot))
     assert found.lag[0] == pytest.approx(0.1, abs=4 * found.lag[1])
     assert found.lag[1] < 0.05
+
+
+def test_the_best_two_conventions_differ_in_more_than_a_yaw():
+    world = [WrenchConvention(WORLD, yaw=yaw) for yaw in (0.0, 0.1)]
+    first, second = _best_two([*world, WrenchConvention()])
+    assert "axes of the wrench: world" in first
+    assert "axes of the wrench: sensor" in second
 
 
 @pytest.mark.slow

@@ -162,9 +162,10 @@ def audit_conventions(measurements: Measurements, nominal: Nominal) -> Conventio
     fits = residual[:3].max() < WORST_FORCE and residual[3:].max() < WORST_MOMENT
     if not fits:
         force, moment = 100 * residual[:3].max(), 1e3 * residual[3:].max()
+        first, following = _best_two([best.convention, *(one.convention for one in tried)])
         problems.append(
-            f"no convention explains the wrenches: the best, {_described(best.convention)}, leaves "
-            f"{force:.0f} % of the weight and {moment:.0f} mm, the next is {_described(tried[1].convention)}"
+            f"no convention explains the wrenches: the best, {first}, leaves {force:.0f} % of the weight and "
+            f"{moment:.0f} mm, the next is {following}"
         )
     doubt = f"the wrenches do not decide: {'; '.join(undecided)}" if fits and undecided else ""
     stated = next(one for one in tried if one.convention == WrenchConvention())
@@ -283,6 +284,11 @@ def _foot_or_world(
 
 def _described(convention: WrenchConvention) -> str:
     return ", ".join(f"{NAMES[aspect]}: {getattr(convention, aspect)}" for aspect in ASPECTS)
+
+
+def _best_two(conventions: Sequence[WrenchConvention]) -> list[str]:
+    """Describe the first two that differ in more than the yaw of the world's axes."""
+    return list(dict.fromkeys(map(_described, conventions)))[:2]
 
 
 def _is(shown: str, value: str) -> bool:

@@ -30,6 +30,8 @@ def identifiable(measurements: Measurements, nominal: Nominal, noise: ReadingNoi
     postures, rule = len(m), DATA_PER_PARAMETER * count // 2
     expected = f"{count} parameters, {rule} postures or more, condition number below {MOST_CONDITION}"
     advice = "Measure more, and more different, postures: `tulip plan random` draws random ones."
+    if m.joint_rates is not None:
+        advice = "Measure longer, and let every joint move further."
     seen = f"{postures} postures ({2 * postures} data points)"
     matrix = stacked_regressor(nominal.parameters, m.joint_angles, m.support)
     sd = m.sensors.encoder_sd

@@ -27,11 +27,14 @@ def _device(folder: Path, file: Path) -> Device:
     """Read a device of a dumper, named after its folder; its columns are DEVICE.1, DEVICE.2, ..."""
     name = ".".join(file.parent.relative_to(folder).parts) or folder.name
     content = read_bytes(file).translate(PLAIN)
+    if not content.strip():
+        raise InputError(f"{file}: found no samples, expected lines `index time v1 v2 ...`")
     try:
         numbers = np.loadtxt(io.BytesIO(content), ndmin=2)
     except ValueError as error:
+        reason = shortened(str(error).partition(";")[0], 120)  # without numpy's advice to programmers
         raise InputError(
-            f"{file}: {shortened(error, 120)}; expected lines `index time v1 v2 ...` of numbers alone"
+            f"{file}: {reason}; expected lines `index time v1 v2 ...` of numbers alone"
         ) from None
     if numbers.shape[1] < 3:
         raise InputError(f"{file}: found {numbers.shape[1]} numbers a line, expected `index time v1 v2 ...`")

@@ -4,6 +4,7 @@ A command adds --json, progress and, where a result can be kept and the function
 """
 
 import inspect
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from inspect import Parameter, Signature
@@ -58,7 +59,7 @@ OUT, JSON, FULL, ROBOT, VALUE, PROGRESS = "out", "json", "full", "robot", "value
 AS_JSON = Annotated[bool, tyro.conf.arg(help="print one JSON document on stdout instead of tables")]
 EVERYTHING = Annotated[bool, tyro.conf.arg(help="show all tables, not the answer alone")]
 RUN_FOLDER = Annotated[Path, tyro.conf.arg(help="new run folder")]
-SAVED = Annotated[Path | None, tyro.conf.arg(help="new folder for the result; none if left out")]
+SAVED = _shown(Path | None, "PATH", "new folder for the result; none if left out")
 
 
 def read_robot(
@@ -253,7 +254,10 @@ def _kind(argument: Argument) -> Any:
     kind = eval(plain, {"Path": Path})
     if kind == tuple[str, ...]:
         kind = Annotated[kind, tyro.conf.UseAppendAction]
-    return Annotated[kind, tyro.conf.arg(help=argument.text)] if argument.text else kind
+    said = {"help": argument.text} if argument.text else {}
+    if plain.endswith("| None"):  # tyro would show `{None}|PATH`
+        said["metavar"] = " ".join(re.findall(r"Path|float|int|str", plain)).upper()
+    return Annotated[kind, tyro.conf.arg(**said)]
 
 
 def _option(name: str, kind: Any, default: Any, by_place: bool) -> Parameter:
