@@ -113,6 +113,11 @@ def series_rows(
     rows = out.measurements
     causes = [f"{count} window{'' if count == 1 else 's'} {cause}" for cause, count in out.dropped.items()]
     left_out = f"left out: {listed(causes)}" if causes else ""
+    touching = _touching(rows, weight) if by_load else np.zeros(len(rows), bool)
+    if touching.any():
+        rows = rows.take(~touching)
+        left_out = f"{left_out}{', ' if left_out else 'left out: '}{int(touching.sum())} in which the foot in "
+        left_out += "the air still touches the ground: it reads another load than in the others"
     if not len(rows):
         raise InputError(
             f"{table.path}: found no window of {window:g} s that gives a row; "
@@ -161,6 +166,19 @@ def _support(samples: Measurements, nominal: Nominal, weight: float) -> np.ndarr
             air = np.where(share[run, 0] < share[run, 1], "left", "right")
             support[run] = np.where(same, air, "")
     return support
+
+
+def _touching(rows: Measurements, weight: float) -> np.ndarray:
+    """Return in which rows the foot in the air reads another load than in most others, (m,) bool.
+
+    A foot that is put down carries part of the weight before it counts as one that stands.
+    """
+    found, read = np.zeros(len(rows), bool), loads(rows) / weight
+    for foot, support in enumerate(("left", "right")):  # right foot in the air on the left, and reversed
+        alone = rows.support == support
+        if alone.any():
+            found |= alone & (np.abs(read[:, foot] - np.median(read[alone, foot])) > SAME)
+    return found
 
 
 def added_columns(count: int, series: SeriesOfMap) -> dict[str, np.ndarray]:
