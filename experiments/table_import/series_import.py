@@ -116,7 +116,9 @@ def series_rows(
     touching = _touching(rows, weight) if by_load else np.zeros(len(rows), bool)
     if touching.any():
         rows = rows.take(~touching)
-        left_out = f"{left_out}{', ' if left_out else 'left out: '}{int(touching.sum())} in which the foot in "
+        left_out = (
+            f"{left_out}{', ' if left_out else 'left out: '}{int(touching.sum())} in which the foot in "
+        )
         left_out += "the air still touches the ground: it reads another load than in the others"
     if not len(rows):
         raise InputError(
