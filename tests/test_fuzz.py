@@ -33,7 +33,8 @@ one of double, right, left; too few for 25; expected another posture; not the an
 hash mismatch: found sha256; hash mismatch of the robot; not a JSON;
 not determined separately; left_foot.z; right_foot.z; a folder, expected a file|a folder without;
 named pipe; a device; No such device; Permission denied; Too many levels; No such file;
-lies outside|expected a path inside; includes itself; more than 100000 elements; nested too deep; broken MJCF; <compiler>
+lies outside|expected a path inside; includes itself; more than 100000 elements; nested too deep;
+broken MJCF; <compiler>
 """
 
 quick = settings(

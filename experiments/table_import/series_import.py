@@ -111,15 +111,12 @@ def series_rows(
     window = series.window or usual_window(manifest.sensors.encoder_resolution)
     out = reduced(samples, weight, window, series.step or window / OVERLAP)
     rows = out.measurements
-    causes = [f"{count} window{'' if count == 1 else 's'} {cause}" for cause, count in out.dropped.items()]
-    left_out = f"left out: {listed(causes)}" if causes else ""
-    touching = _touching(rows, weight) if by_load else np.zeros(len(rows), bool)
-    if touching.any():
+    dropped = dict(out.dropped)
+    if by_load and (touching := _touching(rows, weight)).any():
         rows = rows.take(~touching)
-        left_out = (
-            f"{left_out}{', ' if left_out else 'left out: '}{int(touching.sum())} in which the foot in "
-        )
-        left_out += "the air still touches the ground: it reads another load than in the others"
+        dropped["in which the foot in the air still carries a part of the weight"] = int(touching.sum())
+    causes = [f"{count} window{'' if count == 1 else 's'} {cause}" for cause, count in dropped.items()]
+    left_out = f"left out: {listed(causes)}" if causes else ""
     if not len(rows):
         raise InputError(
             f"{table.path}: found no window of {window:g} s that gives a row; "
