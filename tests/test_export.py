@@ -175,6 +175,14 @@ def test_a_published_urdf_gets_the_inertias(published, found, tmp_path):
     assert beside.notes == ()
 
 
+def test_six_digits_of_a_turned_frame_are_still_the_same_robot(tmp_path):
+    urdf = write_published(tmp_path / "source")
+    head, waist, rest = urdf.read_text().partition('name="waist"')
+    urdf.write_text(head + waist + rest.replace('rpy="0 0 0"', 'rpy="0.42 -0.42 0.18"', 1))
+    robot = import_robot(urdf).write(tmp_path / "robot")
+    assert "chest" in PublishedLinks(urdf, robot).names
+
+
 def test_another_robots_urdf_is_refused(published, found, robot, tmp_path):
     urdf, _ = published
     with pytest.raises(InputError, match="expected the file that the robot is made of"):

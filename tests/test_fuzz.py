@@ -31,9 +31,10 @@ is missing; more than once; columns, expected at most; lines, expected|rows, exp
 expected numbers; expected texts|one of double; finite number|whole number below; no rows; (rad, m);
 one of double, right, left; too few for 25; expected another posture; not the angles; as their sum;
 hash mismatch: found sha256; hash mismatch of the robot; not a JSON;
-not determined separately; left_foot.z; right_foot.z; a folder, expected a file; named pipe; a device;
-No such device; Permission denied; Too many levels; No such file; lies outside|expected a path inside;
-includes itself; more than 100000 elements; nested too deep; broken MJCF; <compiler>
+not determined separately; left_foot.z; right_foot.z; a folder, expected a file|a folder without;
+named pipe; a device; No such device; Permission denied; Too many levels; No such file;
+lies outside|expected a path inside; includes itself; more than 100000 elements; nested too deep;
+broken MJCF; <compiler>
 """
 
 quick = settings(

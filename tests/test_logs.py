@@ -13,13 +13,13 @@ from tests.moving_robots import moving
 from tests.recorded_logs import BAD, CHANNELS, KINDS, motion, unit, write_dumper, write_table
 from tests.test_refusals import check_words, rows
 from tulip_testbed.experiments.posture_splits import by_halves
-from tulip_testbed.experiments.table_import.series_import import _support
+from tulip_testbed.experiments.table_import.series_import import _support, _touching
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.regressor import regression, with_cad_where_needed
 from tulip_testbed.measurements.logs.joined_clocks import TIME
 from tulip_testbed.measurements.logs.log_file import read_log
-from tulip_testbed.measurements.logs.series_reduction import reduced
+from tulip_testbed.measurements.logs.series_reduction import reduced, supports
 
 BOWING = Path(__file__).parent / "data" / "bowing"
 WEIGHT = 61.69 * 9.81
@@ -140,8 +140,6 @@ def two_feet(imported, bowing, loads):
 
 
 def test_support_follows_from_the_loads_and_transitions_are_left_out(imported, bowing):
-    from tulip_testbed.measurements.logs.series_reduction import supports
-
     loads = [*[(0.5, 0.5)] * 200, *[(0.02, 0.98)] * 200, *[(0.5, 0.5)] * 200, *[(0.0, 0.0)] * 100]
     made = two_feet(imported, bowing, loads)
     made = dataclasses.replace(made, support=supports(made, WEIGHT))
@@ -153,6 +151,14 @@ def test_support_follows_from_the_loads_and_transitions_are_left_out(imported, b
         "in which a foot lands or lifts": 3,
         "in which a foot that stands carries less than 5 % of the weight": 2,
     }
+
+
+def test_a_foot_that_is_put_down_is_not_in_the_air(imported, bowing):
+    loads = [*[(0.5, 0.5)] * 200, *[(0.045, 0.955)] * 100, *[(0.01, 0.99)] * 300]
+    made = two_feet(imported, bowing, loads)
+    made = dataclasses.replace(made, support=supports(made, WEIGHT))
+    m = reduced(made, WEIGHT, window=0.5, step=0.5).measurements
+    assert [f"{a:.1f}" for a in m.time[_touching(m, WEIGHT)]] == ["2.0", "2.5"]
 
 
 def test_a_foot_whose_sensor_has_a_zero_is_in_the_air_where_the_legs_do_not_close(robot):

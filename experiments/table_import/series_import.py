@@ -111,7 +111,11 @@ def series_rows(
     window = series.window or usual_window(manifest.sensors.encoder_resolution)
     out = reduced(samples, weight, window, series.step or window / OVERLAP)
     rows = out.measurements
-    causes = [f"{count} window{'' if count == 1 else 's'} {cause}" for cause, count in out.dropped.items()]
+    dropped = dict(out.dropped)
+    if by_load and (touching := _touching(rows, weight)).any():
+        rows = rows.take(~touching)
+        dropped["in which the foot in the air still carries a part of the weight"] = int(touching.sum())
+    causes = [f"{count} window{'' if count == 1 else 's'} {cause}" for cause, count in dropped.items()]
     left_out = f"left out: {listed(causes)}" if causes else ""
     if not len(rows):
         raise InputError(
@@ -161,6 +165,19 @@ def _support(samples: Measurements, nominal: Nominal, weight: float) -> np.ndarr
             air = np.where(share[run, 0] < share[run, 1], "left", "right")
             support[run] = np.where(same, air, "")
     return support
+
+
+def _touching(rows: Measurements, weight: float) -> np.ndarray:
+    """Return in which rows the foot in the air reads another load than in most others, (m,) bool.
+
+    A foot that is put down carries part of the weight before it counts as one that stands.
+    """
+    found, read = np.zeros(len(rows), bool), loads(rows) / weight
+    for foot, support in enumerate(("left", "right")):  # right foot in the air on the left, and reversed
+        alone = rows.support == support
+        if alone.any():
+            found |= alone & (np.abs(read[:, foot] - np.median(read[alone, foot])) > SAME)
+    return found
 
 
 def added_columns(count: int, series: SeriesOfMap) -> dict[str, np.ndarray]:
