@@ -22,6 +22,7 @@ from tulip_testbed.sim.dynamics.hold import hold, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import sole_corners
+from tulip_testbed.sim.scene import load_scene
 
 PENDULUM = """
 <mujoco>
@@ -167,6 +168,15 @@ def test_where_a_link_rests_in_its_play_is_a_clipped_normal(robot, plan):
     off = play.mechanism.unsure(observed, "left_hip_yaw", (2 * half,)).joint_angles - observed.joint_angles
     assert (off - mean)[:, at] == pytest.approx(rest.std(axis=0), abs=0.03 * half)
     assert not np.delete(off, at, axis=1).any()
+
+
+def test_a_light_load_turns_a_link_through_its_play_within_a_row_of_a_motion(robot):
+    play, width = catalogue()["backlash"], np.radians(1.0)
+    spec, edit = load_scene(robot), play.inject(preset_rig("ideal", robot), "right_knee", (width,)).edit
+    assert edit is not None
+    edit(spec)
+    speed = 1.0 / spec.joint("right_knee_play").damping[0]  # rad/s under 1 Nm
+    assert width / speed < 0.25  # s, half a row
 
 
 def test_the_noise_of_cells_without_a_sheet_counts_too(robot, plan):
