@@ -15,8 +15,8 @@ from tulip_testbed.sim.rig import Rig
 
 YIELD, PLAY = "_yield", "_play"  # suffixes of second hinges
 STIFFNESS = 1e5  # Nm/rad beyond the play, assumed: 0.006 deg under 10 Nm
-# s, damping over stiffness, assumed. It acts within the play too: with 50 times as much, a link whose load turned
-# round as the robot moved took seconds to the other end, and little of the play was found.
+# s, damping over stiffness, assumed. It acts within the play too: with 50 times as much, a link whose load
+# turned round as the robot moved took seconds to the other end, and little of the play was found.
 LOSS_TIME = 0.0001
 LEAST_STIFFNESS = 1.0  # Nm/rad, for a joint that the closed legs leave free to move
 
