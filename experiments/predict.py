@@ -12,6 +12,7 @@ from scipy.optimize import minimize
 from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.base.numbers import number
+from tulip_testbed.base.progress import Advance, Progress, silent
 from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Table
 from tulip_testbed.base.threads import one_blas_thread
@@ -130,6 +131,7 @@ def predict(
     source: str = "measurements",
     adopted: Sequence[EffectInstance] = (),
     exported: Path | None = None,
+    progress: Progress = silent,
 ) -> Prediction:
     """Score models on postures that took no part in their training; see `tulip_testbed.predict`."""
     nominal = nominal_robot(robot, common_support(measurements.support))
@@ -147,8 +149,9 @@ def predict(
     if train or test:
         splits = [stated(measurements, train, test)]
     scores, notes = list[Score](), list[str]()
-    for split in splits:
-        _score(problem, split, adopted, change, scores, notes)
+    with progress("parts left out", sum(len(split.folds) for split in splits), 0) as advance:
+        for split in splits:
+            _score(problem, split, adopted, change, scores, notes, advance)
     first = {one.name: one for one in scores if one.split == splits[0].name}
     return Prediction(
         models=tuple(scores),
@@ -179,6 +182,7 @@ def _score(
     change: np.ndarray | None,
     scores: list[Score],
     notes: list[str],
+    advance: Advance,
 ) -> None:
     """Add the scores of every model that the split allows."""
     m = problem.observed.measurements
@@ -198,15 +202,15 @@ def _score(
         residual, scale = _with_prior(problem, train, test)
         scales.append(scale)
         found[IDENTIFIED].append(residual)
-        if WITH_CORRECTIONS not in found:
-            continue
-        try:
-            errors, steady = corrected_errors(problem, adopted, train, test)
-            found[WITH_CORRECTIONS].append(errors)
-            unsteady += not steady
-        except (InputError, np.linalg.LinAlgError) as reason:
-            notes.append(f"No model with corrections by {split.name}: {reason}.")
-            found.pop(WITH_CORRECTIONS)
+        if WITH_CORRECTIONS in found:
+            try:
+                errors, steady = corrected_errors(problem, adopted, train, test)
+                found[WITH_CORRECTIONS].append(errors)
+                unsteady += not steady
+            except (InputError, np.linalg.LinAlgError) as reason:
+                notes.append(f"No model with corrections by {split.name}: {reason}.")
+                found.pop(WITH_CORRECTIONS)
+        advance(1)
     if problem.zeros.shape[2]:
         assert m.contacts is not None
         bounded = np.isfinite(m.contacts.zero_sd).all()

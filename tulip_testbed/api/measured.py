@@ -208,6 +208,7 @@ def predict(
     test: Sequence[str] = (),
     corrections: Effects = (),
     exported: str | Path | None = None,
+    progress: Progress = silent,
 ) -> Prediction:
     """Ask whether the identified model predicts better than CAD.
 
@@ -222,6 +223,7 @@ def predict(
         corrections: effects of the model with corrections, e.g. `discover(...).adopted`, or texts as for
             `Laboratory.with_effects`; their sizes are fitted in training, next to ordinary imperfections.
         exported: MJCF that was exported from other measurements of this robot, to be scored as well.
+        progress: shows how far the work is.
 
     Returns:
         r.m.s. of the centre of pressure on postures that took no part, for each model; `beats_cad` and
@@ -235,7 +237,7 @@ def predict(
     adopted = corrections_of(corrections, robot)
     file = None if exported is None else Path(exported)
     measured = measurements_of(measurements, robot, adopted)
-    return _predict(measured, robot, train, test, source, adopted, file)
+    return _predict(measured, robot, train, test, source, adopted, file, progress)
 
 
 @checked
