@@ -52,6 +52,7 @@ INDEPENDENT = 2.0  # times, that noise lasts, between rows whose noise counts as
 STANDS = 0.25  # s.e. by which nothing moves any more: the next step would move it by about a fifth of that
 
 
+@np.errstate(divide="ignore", invalid="ignore")  # a step may leave no load; then an error is raised
 def self_calibrate(
     observed: Observation,
     tolerances: Mapping[str, float] | None = None,

@@ -316,6 +316,13 @@ def test_an_estimate_that_does_not_come_to_rest_is_warned_of(ordinary, robot):
         warn_of_unrest(identify(sharp, robot), "restless")
 
 
+def test_a_step_that_leaves_no_load_is_an_error_without_warnings(ordinary, nominal, robot):
+    (louder,) = instances_of(["cell-gain:right.front_left=0.1"], robot)
+    silent = [dataclasses.replace(louder, values=(-1.0,))]
+    with pytest.raises(np.linalg.LinAlgError):
+        self_calibrate(observe(ordinary[0].measurements, nominal), effects=silent)
+
+
 def test_steps_in_circles_come_to_rest_and_steps_ahead_are_kept():
     """A map that turns by a third of a circle about zero, as the estimates of large cross-talk did."""
     turn = np.array([[-0.5, -(0.75**0.5)], [0.75**0.5, -0.5]])
