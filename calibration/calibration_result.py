@@ -11,6 +11,7 @@ from scipy.special import ndtr, ndtri
 
 from tulip_testbed.base.result import Array, Flags, InMemory
 from tulip_testbed.calibration.families import Family, tolerances_of
+from tulip_testbed.calibration.family_spreads import WIDEST
 from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.linear_model import Background
 from tulip_testbed.calibration.linear_problem import LinearProblem
@@ -37,6 +38,7 @@ from tulip_testbed.identification.residual_noise import Noise
 from tulip_testbed.identification.statistics import of_f_test, satterthwaite
 
 HALF_95 = float(ndtri(0.975))  # half of a normal 95 % interval in s.d.
+ROUNDING = 1e-6  # of a spread [tolerances]
 STEADY = 3.0  # s.e. by which the last linearisation may move a number that can be believed
 PRIOR_ONLY = 0.5  # share of its prior's variance from which a member is known by its prior only
 OF_CAD = "CAD"  # what its prior leaves open, with the weighing
@@ -125,6 +127,12 @@ class SelfCalibration:
     def steady(self) -> bool:
         """Whether the linearisations came to rest, so that the result can be believed."""
         return self.moved < STEADY
+
+    @property
+    def at_bound(self) -> tuple[str, ...]:
+        """Return the families whose spread is the largest allowed: they would be wider if they could."""
+        widest = np.exp(WIDEST) - ROUNDING
+        return tuple(one.family.name for one in self.families if one.spread >= widest)
 
     @property
     def nu(self) -> np.ndarray:

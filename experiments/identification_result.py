@@ -196,8 +196,9 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
     @computed_field
     @property
     def at_rest(self) -> bool:
-        """Return whether the iteration of the self-calibrating estimator ended; always with the others."""
-        return self.calibration is None or self.calibration.steady
+        """Return whether the self-calibrating estimator ended within its bounds; always with the others."""
+        one = self.calibration
+        return one is None or (one.steady and not one.at_bound)
 
     @computed_field
     @property

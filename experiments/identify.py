@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from tulip_testbed.base.errors import InputError, look_up, warn
+from tulip_testbed.base.errors import InputError, listed, look_up, warn
 from tulip_testbed.base.numbers import number
 from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING, Calibrate, calibrated_estimates
 from tulip_testbed.calibration.families import check_tolerances
@@ -39,10 +39,12 @@ MOST_EXTENTS = 2.0  # of the robot's model, by MuJoCo's measure
 def warn_of_unrest(found: Identification, source: str) -> None:
     """Warn of a self-calibration whose linearisations did not come to rest."""
     if found.calibration is not None and not found.at_rest:
+        wide = found.calibration.at_bound
+        of_families = f", the widest spread fits {listed(wide)}" if wide else ""
         warn(
             f"{source}: the estimate did not come to rest (its last step moved a number by "
-            f"{found.calibration.moved:.1f} standard errors): something gross is wrong, or the stated noise; "
-            "the preflight and `discover` say more"
+            f"{found.calibration.moved:.1f} standard errors{of_families}): something gross is wrong, or the "
+            "stated noise; the preflight and `discover` say more"
         )
 
 
