@@ -44,6 +44,7 @@ class Pattern:
         words: "the twist of the left plate depends on right_knee".
         gain: decrease of chi-square. dof: number of its columns. p: adjusted for all patterns (Bonferroni).
         size: root mean square in the residuals of its channels, in multiples of the noise.
+        reading: the joint or the cell whose reading errs by it, "" if it speaks of no single one.
     """
 
     channel: str
@@ -52,12 +53,7 @@ class Pattern:
     dof: int
     p: float
     size: float
-
-    @property
-    def reading(self) -> str:
-        """Return the joint or the cell whose reading errs by it, "" if it speaks of no single one."""
-        about = self.words.removeprefix("the reading of ").removeprefix("the cell ")
-        return "" if about == self.words else about.partition(" errs with ")[0]
+    reading: str = ""
 
 
 def in_channels(pattern: Pattern) -> str:
@@ -78,7 +74,7 @@ def patterns(linear: LinearModel, residual: np.ndarray, fitted: np.ndarray) -> l
     """
     basis = np.linalg.qr(fitted)[0] if fitted.shape[1] else fitted
     out = []
-    for channel, words, whole in _whitened(linear):
+    for channel, words, reading, whole in _whitened(linear):
         columns = linear.project(whole)
         columns = columns - basis @ (basis.T @ columns)
         left, size, _ = np.linalg.svd(columns, full_matrices=False)
@@ -87,22 +83,26 @@ def patterns(linear: LinearModel, residual: np.ndarray, fitted: np.ndarray) -> l
         left = left[:, size > DISTINCT * max(length, 1e-12)]
         gain = float(((left.T @ residual) ** 2).sum())
         rows = max(int(whole.any(axis=1).sum()), 1)
-        out.append(Pattern(channel, words, gain, left.shape[1], 0.0, float(np.sqrt(gain / rows))))
+        size_in_noise = float(np.sqrt(gain / rows))
+        out.append(Pattern(channel, words, gain, left.shape[1], 0.0, size_in_noise, reading))
     count = len(out)
     found = [replace(p, p=min(1.0, count * float(chi2_sf(p.gain, p.dof)))) for p in out if p.dof]
     return sorted(found, key=lambda p: (p.p, -p.gain))
 
 
-def _whitened(linear: LinearModel) -> Iterator[tuple[str, str, np.ndarray]]:
-    """Yield channel, words and whitened columns (r, k) of all patterns, a few at a time for memory's sake."""
+def _whitened(linear: LinearModel) -> Iterator[tuple[str, str, str, np.ndarray]]:
+    """Yield channel, words, reading and whitened columns (r, k) of all patterns.
+
+    They are computed a few at a time for memory's sake.
+    """
     tried = chain(_of_residuals(linear), _of_readings(linear))
     while some := list(islice(tried, AT_ONCE)):
-        whitened = linear.whitening.each([raw for _, _, raw in some])
-        yield from ((*one[:2], whole) for one, whole in zip(some, whitened, strict=True))
+        whitened = linear.whitening.each([one[-1] for one in some])
+        yield from ((*one[:-1], whole) for one, whole in zip(some, whitened, strict=True))
 
 
-def _of_residuals(linear: LinearModel) -> Iterator[tuple[str, str, np.ndarray]]:
-    """Yield each part of the residuals as a function of each quantity: channel, words, (m, 11, k)."""
+def _of_residuals(linear: LinearModel) -> Iterator[tuple[str, str, str, np.ndarray]]:
+    """Yield each part of the residuals as a function of each quantity: channel, words, "", (m, 11, k)."""
     observed = linear.observed
     there = np.zeros(len(observed) * SIZE, bool)
     there[linear.whitening.rows] = True
@@ -116,11 +116,11 @@ def _of_residuals(linear: LinearModel) -> Iterator[tuple[str, str, np.ndarray]]:
             raw = np.zeros((len(observed), SIZE, functions.shape[1] * width))
             for k in range(width):
                 raw[:, part.start + k, k::width] = functions
-            yield channel, f"{what} {how}", raw
+            yield channel, f"{what} {how}", "", raw
 
 
-def _of_readings(linear: LinearModel) -> Iterator[tuple[str, str, np.ndarray]]:
-    """Yield each reading's error as such a function, in all channels at once: channel, words, (m, 11, k)."""
+def _of_readings(linear: LinearModel) -> Iterator[tuple[str, str, str, np.ndarray]]:
+    """Yield each reading's error as such a function, in all channels: channel, words, reading, (m, 11, k)."""
     observed, slope, at = linear.smoothed, linear.whitening.sensitivity, fields(linear.observed)
     time = _powers(observed.time_fraction)
     for k, joint in enumerate(observed.tree.joints):
@@ -136,11 +136,11 @@ def _of_readings(linear: LinearModel) -> Iterator[tuple[str, str, np.ndarray]]:
         }
         for how, functions in errors.items():
             column = slope[:, :, at["angles"].start + k, None]
-            yield "AC", f"the reading of {joint} errs with {how}", column * functions[:, None]
+            yield "AC", f"the reading of {joint} errs with {how}", joint, column * functions[:, None]
     for k, cell in enumerate(CELLS if has_twist(observed) else ()):
         for how, functions in {"its load": _powers(observed.cell_forces[:, k]), "time": time}.items():
             column = slope[:, :, at["cells"].start + k, None]
-            yield "AFT", f"the cell {cell} errs with {how}", column * functions[:, None]
+            yield "AFT", f"the cell {cell} errs with {how}", cell, column * functions[:, None]
     load, before = observed.cell_forces, np.zeros_like(observed.cell_forces)
     order = np.argsort(observed.time_fraction)
     before[order[1:]] = load[order[:-1]]
@@ -152,10 +152,11 @@ def _of_readings(linear: LinearModel) -> Iterator[tuple[str, str, np.ndarray]]:
     plates = at["plates"].start
     for k, plate in enumerate(PLATES if not observed.in_feet else ()):
         columns = slope[:, :, plates + 3 * k : plates + 3 * k + 3, None] * time[:, None, None]
-        yield "AC", f"the place of the {plate} plate drifts in time", columns.reshape(*slope.shape[:2], -1)
+        columns = columns.reshape(*slope.shape[:2], -1)
+        yield "AC", f"the place of the {plate} plate drifts in time", "", columns
     contacts = "cells" if has_twist(observed) else "wrench sensors"
     for how, errors in together.items():
-        yield "AFT", f"all {contacts} err with {how}", slope[:, :, at["cells"]] @ errors[..., None]
+        yield "AFT", f"all {contacts} err with {how}", "", slope[:, :, at["cells"]] @ errors[..., None]
 
 
 def _powers(values: np.ndarray, most: int = 2) -> np.ndarray:

@@ -40,10 +40,10 @@ def warn_of_unrest(found: Identification, source: str) -> None:
     """Warn of a self-calibration whose linearisations did not come to rest."""
     if found.calibration is not None and not found.at_rest:
         wide = found.calibration.at_bound
-        of_families = f", the widest spread fits {listed(wide)}" if wide else ""
+        bound = f"; as wide as allowed: {listed(wide)}" if wide else ""
         warn(
             f"{source}: the estimate did not come to rest (its last step moved a number by "
-            f"{found.calibration.moved:.1f} standard errors{of_families}): something gross is wrong, or the "
+            f"{found.calibration.moved:.1f} standard errors{bound}): something gross is wrong, or the "
             "stated noise; the preflight and `discover` say more"
         )
 

@@ -54,6 +54,7 @@ def test_a_pattern_tells_the_reading_that_errs(robot, plan, nominal):
     linear = linear_model(observed, noise_of(observed))
     clearest = patterns(linear, linear.residual, np.zeros((len(linear.residual), 0)))[0]
     assert clearest.words.startswith("the reading of right_knee errs with")
+    assert clearest.reading == "right_knee"
     held = dataclasses.replace(observed.measurements, constant_joints={"right_knee": 0.01})
     linear = linear_model(observe(held, nominal), noise_of(observed))
     found = patterns(linear, linear.residual, np.zeros((len(linear.residual), 0)))

@@ -316,6 +316,13 @@ def test_an_estimate_that_does_not_come_to_rest_is_warned_of(ordinary, robot):
         warn_of_unrest(identify(sharp, robot), "restless")
 
 
+def test_a_family_as_wide_as_allowed_is_at_its_bound(found):
+    assert found.at_bound == ()
+    first, *others = found.families
+    wide = dataclasses.replace(found, families=(dataclasses.replace(first, spread=20.0), *others))
+    assert wide.at_bound == (first.family.name,)
+
+
 def test_a_step_that_leaves_no_load_is_an_error_without_warnings(ordinary, nominal, robot):
     (louder,) = instances_of(["cell-gain:right.front_left=0.1"], robot)
     silent = [dataclasses.replace(louder, values=(-1.0,))]
