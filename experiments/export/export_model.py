@@ -61,7 +61,8 @@ def export_model(
         adopted: effects that the laboratory is known to have.
         weighed: mass of the robot on a scale and its standard error [kg]; None: that of the identification.
     """
-    _check(identification, robot, path, source)
+    check_model_file(path, source)
+    _check_robot(identification, robot)
     parameters = base_parameters(robot, support=identification.parameters.support)
     links, full = parameters.tree.links, identification.full
     bodies = None if source is None else PublishedLinks(source, robot)
@@ -113,10 +114,18 @@ def export_model(
     return result
 
 
-def _check(identification: Identification, robot: Robot, path: Path, source: Path | None) -> None:
+def check_model_file(path: Path, source: Path | None) -> None:
+    """Refuse to write a file that exists, or whose ending is not that of a model or of its source."""
     if path.suffix.lower() not in ENDINGS:
         raise InputError(f"{path}: found a name that ends in '{path.suffix}', expected {listed(ENDINGS)}")
     check_new(path)
+    if source is not None and _kind(source) != path.suffix.lower():
+        raise InputError(
+            f"{path}: found the ending '{path.suffix}', expected {_kind(source)}, that of the source {source}"
+        )
+
+
+def _check_robot(identification: Identification, robot: Robot) -> None:
     parameters = base_parameters(robot, support=identification.parameters.support)
     known, count = identification.parameters, len(identification.full.numbers)
     if known.tree.links != parameters.tree.links or known.names != parameters.names:
@@ -127,10 +136,6 @@ def _check(identification: Identification, robot: Robot, path: Path, source: Pat
     if count != len(parameters.names):
         raise InputError(
             f"found an estimate of {count} of {len(parameters.names)} base parameters, expected all"
-        )
-    if source is not None and _kind(source) != path.suffix.lower():
-        raise InputError(
-            f"{path}: found the ending '{path.suffix}', expected {_kind(source)}, that of the source {source}"
         )
 
 

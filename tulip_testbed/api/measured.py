@@ -23,6 +23,7 @@ from tulip_testbed.experiments.check_folder import Preflight, check_folder, chec
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR
 from tulip_testbed.experiments.discovering import discover_effects
 from tulip_testbed.experiments.discovery_result import Discovered
+from tulip_testbed.experiments.export.export_model import check_model_file
 from tulip_testbed.experiments.export.export_model import export_model as _export_model
 from tulip_testbed.experiments.export.exported_model import ExportedModel
 from tulip_testbed.experiments.export.identified_run import identified_run
@@ -267,12 +268,12 @@ def export_model(
             one whose settings overrule its inertias.
     """
     robot, file = robot or load_robot(), Path(out)
-    check_new(file)
+    place = None if source is None else Path(source)
+    check_model_file(file, place)  # before a robot is identified
     adopted: tuple[EffectInstance, ...] = ()
     if isinstance(run, Identification):
         identification, weighed = run, None
     else:
         identification, adopted = identified_run(run, robot)
         weighed = identification.measurements.weighed_mass
-    place = None if source is None else Path(source)
     return _export_model(identification, robot, file, place, adopted, weighed)
