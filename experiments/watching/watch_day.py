@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from tulip_testbed.base.arguments import expect
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import InputError, look_up, shortened
 from tulip_testbed.base.files import read_bytes
 from tulip_testbed.base.numbers import number
@@ -116,21 +116,15 @@ class Watch(Result):
         """Return the standard errors with their targets, and what to do now."""
         if self._last is None:
             return [] if self._rows else ["No row has arrived."]
-        columns = (
-            Column("no.", format="d"),
-            Column("parameter"),
-            Column("s.e.", "mm", ".2f"),
-            Column("target", "mm", ".2f"),
-            Column("met"),
-        )
-        rows = []
+        figures = ("s.e.", "mm", ".2f", 1e3), ("target", "mm", ".2f", 1e3)
+        heads, rows = columns(("no.", "", "d"), "parameter", *figures, "met"), []
         for k, (name, error) in enumerate(self._last.standard_errors.items(), 1):
             target = self._targets[name]
             met = Cell("yes", mark="pass") if error <= target else Cell("no", mark="warn")
             wanted = math.isfinite(target)
-            rows.append([k, name, 1e3 * error, 1e3 * target if wanted else None, met if wanted else ""])
+            rows.append([k, name, error, target if wanted else None, met if wanted else ""])
         note = "By the data sheets and the postures so far; the readings' scatter does not enter."
-        return [Table("Standard errors of the base parameters", columns, rows, note), self.advice()]
+        return [Table("Standard errors of the base parameters", heads, rows, note), self.advice()]
 
     def advice(self) -> str:
         """Say what to do now, and how the standard errors stand."""
@@ -196,7 +190,6 @@ class Watch(Result):
                     return
 
     def _arriving(self, path: Path) -> Iterator[bytes]:
-        """Yield lines as they arrive."""
         while (lines := new_lines(path, bytes(self._read), self._header, self._once)) or not self._once:
             yield from lines
             if not lines:
@@ -232,7 +225,6 @@ def read_targets(texts: Sequence[str]) -> dict[str, float]:
 
 
 def _hash_of_day(plan: PosturePlan, manifest: bytes) -> str:
-    """Return a hash of the plan's postures and the manifest."""
     whole = sha256(manifest)
     for values in (plan.posture, plan.placement, plan.joint_angles, plan.swing_pose):
         whole.update(np.ascontiguousarray(values).tobytes())

@@ -17,7 +17,6 @@ from tulip_testbed.experiments.watching.alarm import (
     still_there,
 )
 from tulip_testbed.experiments.watching.day_model import STANCE, DayModel
-from tulip_testbed.experiments.watching.recursive_estimate import OF_PLACEMENT, Innovation
 from tulip_testbed.experiments.watching.row_checks import (
     UNUSABLE,
     USUAL,
@@ -27,7 +26,15 @@ from tulip_testbed.experiments.watching.row_checks import (
     unfit,
 )
 from tulip_testbed.experiments.watching.row_columns import RowColumns, row_columns
-from tulip_testbed.experiments.watching.watch_state import AGAIN, GAPS, MEASURED, OPEN, WatchState
+from tulip_testbed.experiments.watching.watch_state import (
+    AGAIN,
+    GAPS,
+    MEASURED,
+    OF_PLACEMENT,
+    OPEN,
+    Innovation,
+    WatchState,
+)
 from tulip_testbed.identification.distributions import chi2_sf
 from tulip_testbed.identification.observation import LONG_GAP
 from tulip_testbed.identification.preflight.finding import Finding
@@ -46,8 +53,8 @@ def planned_row(model: DayModel, state: WatchState, posture: int, placement: int
     Of a posture that the plan repeats, that is one of the same placement if there is one, and of these one
     that is not measured.
     """
-    rows = model.of_posture.get(posture)
-    if rows is None:
+    rows = np.flatnonzero(model.plan.posture == posture).tolist()
+    if not rows:
         return None
     rows = [row for row in rows if model.plan.placement[row] == placement] or rows
     by_need = sorted(rows, key=lambda row: (OPEN, AGAIN, MEASURED).index(state.done[row]))
