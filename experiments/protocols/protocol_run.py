@@ -20,6 +20,7 @@ from tulip_testbed.experiments.protocols.measuring_order import (
     stances_in_order,
 )
 from tulip_testbed.experiments.protocols.motion import FREE, HOIST, LIFT, Motion, MotionPlanner
+from tulip_testbed.experiments.usable_plan import check_measurable
 from tulip_testbed.identification.link_clearances import clearances_at
 from tulip_testbed.identification.planning.optimal_plan import with_repeats
 from tulip_testbed.measurements import PosturePlan
@@ -28,7 +29,6 @@ from tulip_testbed.sim.plan_folder import check_fits
 from tulip_testbed.sim.rig import Protocol as Procedure
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
-from tulip_testbed.sim.robot_check import check_scene, warn_of_robot
 from tulip_testbed.sim.scene import boards_under
 from tulip_testbed.sim.sensors import PRESETS
 
@@ -146,8 +146,7 @@ def protocol_of(
     if sensors is not None:
         look_up("preset", sensors, PRESETS, "sensors")
     check_fits("plan", plan, robot)
-    check_scene(preset_rig("ideal", robot))
-    warn_of_robot(robot)
+    check_measurable(robot)
     count = min(repeats, len(plan) // 5)
     extended = with_repeats(plan, count, 0) if plan.postures == len(plan) and count else plan
     planner = MotionPlanner(robot, extended, speed)
