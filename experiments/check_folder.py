@@ -154,7 +154,17 @@ def check_measurements(
     if corrections:  # corrected records of the plates hold what moves the centre of pressure otherwise
         recorded = plate_poses(measurements)
         findings = [recorded if finding.name == recorded.name else finding for finding in findings]
-    return preflight_of(corrected, nominal, [*findings, *_of_motion(corrected, nominal, samples)])
+    findings += _of_motion(corrected, nominal, samples)
+    results = [finding.result for finding in findings]
+    return Preflight(
+        verdict=worst_of([result for result in results if result != NOT_EVALUATED]),
+        robot=robot.model_file.name,
+        postures=len(np.unique(corrected.posture)),
+        rows=len(corrected),
+        placements=len(np.unique(corrected.placement)),
+        counts={result: results.count(result) for result in RESULTS},
+        checks=tuple(findings),
+    )
 
 
 def _of_motion(rows: Measurements, nominal: Nominal, samples: Measurements | None) -> list[Finding]:
@@ -240,19 +250,6 @@ def _refuse_other_robot(folder: Path, nominal: Nominal) -> None:
             f"{folder / 'manifest.json'}: found robot '{shortened(model)}' with other joints, "
             f"expected {robot.model_file.name} of {robot.name}; give the robot that was measured as `robot`"
         )
-
-
-def preflight_of(measurements: Measurements, nominal: Nominal, findings: Sequence[Finding]) -> Preflight:
-    results = [finding.result for finding in findings]
-    return Preflight(
-        verdict=worst_of([result for result in results if result != "not evaluated"]),
-        robot=nominal.robot.model_file.name,
-        postures=len(np.unique(measurements.posture)),
-        rows=len(measurements),
-        placements=len(np.unique(measurements.placement)),
-        counts={result: results.count(result) for result in RESULTS},
-        checks=tuple(findings),
-    )
 
 
 def counts_line(counts: Mapping[str, int]) -> str:

@@ -80,11 +80,11 @@ class LaboratoryProtocol(Result):
 
     def to_json(self) -> dict[str, Any]:
         kinds = Counter(motion.kind if motion else "set_down" for motion in self.motions)
-        stances = sum(motion.via_stance for motion in self.motions if motion and motion.kind == FREE)
+        free = [motion for motion in self.motions if motion and motion.kind == FREE]
+        kinds["via_stance"] = sum(motion.via_stance for motion in free)
         both, moved = {"plan": self.given, "protocol": self.plan}, {}
         for name, plan in both.items():
-            numbers = list(dict.fromkeys(plan.placement.tolist()))
-            rows = [int(np.flatnonzero(plan.placement == number)[0]) for number in numbers]
+            rows = np.sort(np.unique(plan.placement, return_index=True)[1]).tolist()
             moved[name] = float(1e3 * np.diagonal(marks_moved(self.robot, plan, rows), 1).sum())
         return {
             "robot": self.robot.model_file.name,
@@ -93,12 +93,7 @@ class LaboratoryProtocol(Result):
             "placements": self.placements,
             "order": self.plan.posture.tolist(),
             "placement_of_row": self.plan.placement.tolist(),
-            "motions": {
-                FREE: kinds[FREE],
-                "via_stance": stances,
-                HOIST: kinds[HOIST],
-                "set_down": kinds["set_down"],
-            },
+            "motions": {kind: kinds[kind] for kind in (FREE, "via_stance", HOIST, "set_down")},
             "motion_minutes": self.motion_time / 60,
             "hours": self.hours,
             "marks_moved_mm": moved,
