@@ -33,14 +33,6 @@ UNREADABLE = "could not read"
 NOT_EVALUATED = "not evaluated"
 
 
-@dataclass(frozen=True)
-class Complaints:
-    """Faults of a folder that cannot be read."""
-
-    manifest: tuple[str, ...]
-    table: tuple[str, ...]
-
-
 @dataclass(frozen=True, repr=False)
 class Preflight(Result):
     """The result of a preflight.
@@ -49,8 +41,8 @@ class Preflight(Result):
         verdict: "pass", "warn", "fail" or "could not read".
         robot: model file of the nominal robot. postures, rows, placements: how many there are.
         counts: of checks by their result. checks: all of them.
-        complaints: of a folder that could not be read; then there are no checks, but examples of a manifest
-            and of a row of the table.
+        complaints: of "manifest" and "table" of a folder that could not be read; then there are no checks,
+            but examples of a manifest and of a row of the table.
     """
 
     verdict: str
@@ -60,7 +52,7 @@ class Preflight(Result):
     placements: int = 0
     counts: dict[str, int] = field(default_factory=dict)
     checks: tuple[Finding, ...] = ()
-    complaints: Complaints | None = None
+    complaints: dict[str, list[str]] | None = None
     example_manifest: dict[str, Any] | None = None
     example_row: dict[str, float] | None = None
 
@@ -87,16 +79,16 @@ class Preflight(Result):
         parts.append(f"{self.rows} rows of {self.postures} postures on {self.placements} placements.")
         return [*parts, f"Verdict: {self.verdict} ({counts_line(self.counts)})"]
 
-    def _lacks(self, found: Complaints) -> list[Table | str]:
+    def _lacks(self, found: dict[str, list[str]]) -> list[Table | str]:
         lines = ["This folder cannot be read yet:"]
-        lines += [f"  - {text}" for text in (*found.manifest, *found.table)]
-        if found.manifest:
+        lines += [f"  - {text}" for text in (*found["manifest"], *found["table"])]
+        if found["manifest"]:
             lines += [
                 "",
                 "An example manifest.json for this robot; replace every null that you know:",
                 *compact_json(self.example_manifest or {}).splitlines(),
             ]
-        if found.table:
+        if found["table"]:
             row = self.example_row or {}
             lines += [
                 "",
@@ -122,7 +114,7 @@ def check_folder(folder: Path, robot: Robot, corrections: Sequence[EffectInstanc
         return Preflight(
             UNREADABLE,
             robot.model_file.name,
-            complaints=Complaints(tuple(wrong["manifest"]), tuple(wrong["table"])),
+            complaints=wrong,
             example_manifest=example_manifest(robot),
             example_row=example_row(robot),
         )

@@ -21,6 +21,7 @@ from tulip_testbed.discovery.discover import Discovery, Verdict, clear_of_zero
 from tulip_testbed.discovery.dynamics_check import DynamicsCheck
 from tulip_testbed.discovery.experiment_information import Explanation
 from tulip_testbed.discovery.held_out import HeldOut
+from tulip_testbed.discovery.next_experiment import NextExperiment
 from tulip_testbed.discovery.patterns import Pattern
 from tulip_testbed.discovery.pure_error import PureError
 from tulip_testbed.effects.instance import EffectInstance, check_instance
@@ -28,7 +29,7 @@ from tulip_testbed.effects.laws import LAW, Sentence, sentence_of
 from tulip_testbed.experiments import discovery_tables
 from tulip_testbed.experiments.family_tables import family_table
 from tulip_testbed.experiments.identification_result import EXPERIMENTS, Identification
-from tulip_testbed.experiments.proposed_experiment import Proposals, ProposedExperiment, propose_experiments
+from tulip_testbed.experiments.proposed_experiment import Proposals, propose_experiments
 from tulip_testbed.experiments.rig_folder import RIG
 from tulip_testbed.experiments.run_file import ROBOT, RUN_FILE, RunFile, SavedRun, write_run_file
 from tulip_testbed.identification.residual_noise import Noise
@@ -139,7 +140,7 @@ class Discovered(SavedRun):
     weakly_detectable: tuple[WeaklyDetectable, ...]
     where: str
     heldout: HeldOut
-    next_experiments: tuple[ProposedExperiment, ...]
+    next_experiments: tuple[NextExperiment, ...]
     before: Identification
     after: Identification | None
     repeats: PureError
