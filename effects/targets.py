@@ -131,14 +131,7 @@ PLACEMENTS = Targets("PLACEMENT", lambda robot, placements: tuple(str(number) fo
 def check_target(
     targets: Targets, target: str, robot: Robot, placements: Sequence[int] | None, where: str
 ) -> None:
-    """Refuse a target that does not exist.
-
-    Args:
-        placements: numbers of the experiment's placements; None: unknown, so any number is accepted.
-
-    Raises:
-        InputError: with the target that was found and the valid ones.
-    """
+    """Refuse a target that does not exist; without placements any number of one is accepted."""
     if not targets.word:
         if target:
             raise InputError(f"{where}: found target '{shortened(target)}', expected none")

@@ -145,39 +145,33 @@ def tree_of(model: mujoco.MjModel) -> Tree:
 
 @dataclass(frozen=True)
 class Step:
-    """A step outward from the base: from a known frame over an edge to the next frame."""
+    """A step outward from the base: from a known frame over an edge to the next frame.
+
+    The point on the edge's axis is given in both frames, (3,) [m] each.
+    """
 
     known: int
     new: int
     edge: Edge
     forward: bool
-
-    @property
-    def anchor_known(self) -> np.ndarray:
-        """Return the point on the axis in the known frame, (3,) [m]."""
-        return self.edge.anchor[0 if self.forward else 1]
-
-    @property
-    def anchor_new(self) -> np.ndarray:
-        """Return the point on the axis in the new frame, (3,) [m]."""
-        return self.edge.anchor[1 if self.forward else 0]
+    anchor_known: np.ndarray
+    anchor_new: np.ndarray
 
 
 def walk(tree: Tree, base: int) -> list[Step]:
     """List the steps that visit every frame from the base frame, nearest first."""
     if base in tree.walks:
         return tree.walks[base]
-    neighbours: list[list[tuple[int, Edge, bool]]] = [[] for _ in tree.frames]
+    away: list[list[Step]] = [[] for _ in tree.frames]
     for edge in tree.edges:
-        neighbours[edge.parent].append((edge.child, edge, True))
-        neighbours[edge.child].append((edge.parent, edge, False))
-    steps, visited, queue = [], {base}, [base]
+        outer, inner = edge.anchor
+        away[edge.parent].append(Step(edge.parent, edge.child, edge, True, outer, inner))
+        away[edge.child].append(Step(edge.child, edge.parent, edge, False, inner, outer))
+    steps, queue = [], [base]
     for known in queue:  # the loop appends to it
-        for new, edge, forward in neighbours[known]:
-            if new not in visited:
-                steps.append(Step(known, new, edge, forward))
-                visited.add(new)
-                queue.append(new)
+        new = [step for step in away[known] if step.new not in queue]
+        steps += new
+        queue += [step.new for step in new]
     tree.walks[base] = steps
     return steps
 

@@ -5,8 +5,8 @@ import numpy as np
 from tulip_testbed.base.numbers import number
 from tulip_testbed.experiments.watching.day_model import DayModel
 from tulip_testbed.experiments.watching.watch_state import WatchState
+from tulip_testbed.identification.preflight.feet import feet_on_plates, load_in_soles, plate_poses
 from tulip_testbed.identification.preflight.finding import Finding
-from tulip_testbed.identification.preflight.plate_checks import feet_on_plates, load_in_soles, plate_poses
 from tulip_testbed.identification.preflight.readings import cell_loads
 from tulip_testbed.identification.preflight.settling import (
     LEAST_ANGLE,

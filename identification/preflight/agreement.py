@@ -69,15 +69,8 @@ def repeats(measurements: Measurements, nominal: Nominal, noise: ReadingNoise) -
     singly = chi2_sf(squares, sizes)
     worst = int(singly.argmin())
     rows, moved = groups[worst], np.linalg.norm(differences[worst][0].reshape(-1, 2), axis=1).max()
-    p_value = bonferroni(
-        np.array(
-            [
-                chi2_sf(squares.sum(), sizes.sum()),
-                bonferroni(singly),
-                _drift_p_value(m.time, groups, differences),
-            ]
-        )
-    )
+    drift = _drift_p_value(m.time, groups, differences)
+    p_value = bonferroni([float(chi2_sf(squares.sum(), sizes.sum())), bonferroni(singly), drift])
     return Finding(
         name,
         result_of(p_value),
@@ -174,16 +167,8 @@ def fit(measurements: Measurements, data: Regression, noise: ReadingNoise) -> Ag
     theta = covariance @ np.tensordot(weighted, output, axes=((0, 1), (0, 1)))
     residual = output - model @ theta
     score = weights(residual)
-    return AgreementFit(
-        weights,
-        model,
-        weighted,
-        covariance,
-        residual[..., 0],
-        score[..., 0],
-        float(np.vdot(residual, score)),
-        dof,
-    )
+    square = float(np.vdot(residual, score))
+    return AgreementFit(weights, model, weighted, covariance, residual[..., 0], score[..., 0], square, dof)
 
 
 def single_postures(measurements: Measurements, found: AgreementFit | None) -> Finding:

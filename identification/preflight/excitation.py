@@ -17,8 +17,7 @@ MOST_CONDITION = 2600  # twice the worst of the shipped plan's sets of 50
 
 def predicted_standard_errors(matrix: np.ndarray, noise: ReadingNoise) -> np.ndarray:
     """Predict standard errors of least squares with H, (2m, p), by the stated noise, C H'VH C, (p,) [m]."""
-    _, c = solve_least_squares(matrix, np.zeros(len(matrix)))
-    half = matrix @ c
+    half = matrix @ solve_least_squares(matrix, np.zeros(len(matrix)))[1]
     spread = noise.times(half.reshape(len(noise.own), 2, -1)).reshape(half.shape)
     return standard_errors(half.T @ spread)
 

@@ -37,7 +37,7 @@ def stuck(measurements: Measurements) -> Finding:
         step = 10 * (m.sensors.encoder_sd or 1e-3)
         for k, (name, values) in enumerate(_columns("q", m.joints, m.joint_angles)):
             runs.append((name, *longest_run(values, np.abs(np.diff(m.command[:, k])) > step)))
-    p_value = bonferroni(np.array([chance for _, _, chance in runs]))
+    p_value = bonferroni([chance for _, _, chance in runs])
     faults += [
         (result_of(min(1.0, chance * len(runs))), name, f"{name} repeats a value in {length} successive rows")
         for name, length, chance in runs
