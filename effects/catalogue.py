@@ -26,6 +26,8 @@ from tulip_testbed.sim.robot import Robot
 
 SOURCES = (cell, encoder, foot, joint, link, plate, surroundings, wrench)
 WIDTH = 150  # characters of the table in plain text: sentences of two lines at most
+# Where the sensors on which an effect acts are mounted; None: cells under plates.
+MOUNTS = {"cells": (None,), "plates": (None, "ground"), "wrenches": ("ground", "foot"), "feet": ("foot",)}
 
 
 class Catalogue(Mapping[str, Effect]):
@@ -102,13 +104,8 @@ copyreg.pickle(Effect, _pickled)
 
 def acts_on(effect: Effect, contacts: Contacts | None) -> bool:
     """Return whether an effect acts on such contact sensors; None: plates on four cells each."""
-    if effect.instrument == "cells":
-        return contacts is None
-    if effect.instrument == "wrenches":
-        return contacts is not None
-    if effect.instrument == "feet":
-        return contacts is not None and contacts.mount == "foot"
-    return effect.instrument != "plates" or contacts is None or contacts.mount == "ground"
+    mount = None if contacts is None else contacts.mount
+    return not effect.instrument or mount in MOUNTS[effect.instrument]
 
 
 def effects_on(contacts: Contacts | None, statics: bool = False) -> list[Effect]:

@@ -92,19 +92,13 @@ def plate_of(robot: Robot, joint: str) -> str:
 
 
 @lru_cache(maxsize=8)
-def joints(robot: Robot) -> tuple[str, ...]:
-    """Return all joints in their order."""
-    return joint_names(robot.model)
-
-
-@lru_cache(maxsize=8)
 def leg_joints(robot: Robot) -> tuple[str, ...]:
     """Return the joints between the torso and one foot, in the order of the joints."""
-    return tuple(name for name in joints(robot) if plate_of(robot, name))
+    return tuple(name for name in joint_names(robot.model) if plate_of(robot, name))
 
 
 WHOLE = Targets("", lambda robot, placements: ("",))
-JOINTS = Targets("JOINT", lambda robot, placements: joints(robot))
+JOINTS = Targets("JOINT", lambda robot, placements: joint_names(robot.model))
 LEG_JOINTS = Targets("JOINT", lambda robot, placements: leg_joints(robot))
 PLATE_NAMES = Targets("PLATE", lambda robot, placements: PLATES)
 CELL_NAMES = Targets("PLATE.CORNER", lambda robot, placements: CELLS)

@@ -94,21 +94,19 @@ class Tree:
 def tree_of(model: mujoco.MjModel) -> Tree:
     """Read the kinematic tree of a model that holds one robot and nothing else."""
     links, frame_of_link, frames, edges, joints, ranges = [], [], [], [], [], []
-    frame_of_body: dict[int, int] = {}
     for body in range(1, model.nbody):
         name, parent = model.body(body).name, int(model.body_parentid[body])
         links.append(name)
         first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
         hinges = [j for j in range(first, first + count) if _is_hinge(model, j, root=parent == 0)]
         if parent == 0:
-            if frame_of_body or hinges:
+            if frame_of_link or hinges:
                 raise InputError(f"body '{name}': expected one root body on a free joint")
-            frame_of_body[body] = len(frames)
             frame_of_link.append(len(frames))
             frames.append(name)
             continue
         placement, position = _rotation(model.body_quat[body]), model.body_pos[body]
-        at = frame_of_body[parent]
+        at = frame_of_link[parent - 1]
         for k, joint in enumerate(hinges or [-1]):
             turns = joint >= 0
             pivot = model.jnt_pos[joint] if turns else np.zeros(3)
@@ -131,7 +129,6 @@ def tree_of(model: mujoco.MjModel) -> Tree:
                 joints.append(model.joint(joint).name)
                 limited = model.jnt_limited[joint]
                 ranges.append(model.jnt_range[joint] if limited else [-np.inf, np.inf])
-        frame_of_body[body] = at
         frame_of_link.append(at)
     return Tree(
         tuple(links),

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tulip_testbed.identification.reading_noise import usable_sd
 from tulip_testbed.identification.regressor import Regression
 
 SHEET_PRIOR = np.log(2.0)  # s.d. of ln s_k if a data sheet states s_k
@@ -182,9 +181,9 @@ def _stated(data: Regression, size: float) -> tuple[np.ndarray, np.ndarray, np.n
         positions, (2,); s.d. of the prior of each tau, (3,).
     """
     shape = np.tile(np.eye(2), (len(data.placement), 1, 1)) if data.cells is None else data.cells
-    cell = usable_sd(data.sensors.cell_sd) if data.cells is not None else None
-    factor = size / np.sqrt(np.trace(shape.mean(axis=0)) / 2) if cell is None else cell
-    prior = [NO_PRIOR if cell is None else SHEET_PRIOR]
+    cell = data.sensors.cell_sd if data.cells is not None else None
+    factor = cell or size / np.sqrt(np.trace(shape.mean(axis=0)) / 2)
+    prior = [SHEET_PRIOR if cell else NO_PRIOR]
     left = np.array(data.sensors.placement_sd or (0.0, 0.0, 0.0))
     if left[:2].any():
         prior += [MARK_PRIOR, SHEET_PRIOR]

@@ -204,7 +204,6 @@ class LaboratoryEnvironment(dm_env.Environment):
     def _observed(
         self, rig: Rig, model: mujoco.MjModel, empty: np.ndarray
     ) -> dict[str, observable.Observable]:
-        """Make all observables; those that are true values are disabled."""
         sensors, ones = rig.sensors, np.ones(len(self.names))
         interval = max(1, round(1 / (sensors.sample_rate * model.opt.timestep)))
         found: dict[str, observable.Observable] = {}

@@ -142,11 +142,13 @@ class Evaluation(Evaluated):
     """Evaluated postures on both feet.
 
     Attributes:
+        design: design variables u, (m, 9) [m, rad, m, m, rad].
         reached: whether inverse kinematics succeeded, (m,) bool.
         joint_jacobian: dq/du, (m, n, 9).
         torque: drive torques that share the load between the feet as planned, (m, n) [N m].
     """
 
+    design: np.ndarray
     reached: np.ndarray
     joint_jacobian: np.ndarray
     torque: np.ndarray
@@ -235,6 +237,7 @@ def evaluate(problem: PlanningProblem, design: np.ndarray, guess: np.ndarray) ->
         inequality_jacobian=jacobian,
         regressor=regressor,
         regressor_slopes=np.einsum("mijp,mju->mipu", by_angle, dq, optimize=True),
+        design=design,
         reached=reached,
         joint_jacobian=dq,
         torque=torque,

@@ -7,7 +7,14 @@ import numpy as np
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
-from tulip_testbed.identification.preflight import agreement, cell_wiring, feet, readings, settling, units
+from tulip_testbed.identification.preflight import (
+    agreement,
+    cell_wiring,
+    readings,
+    settling,
+    stance_checks,
+    units,
+)
 from tulip_testbed.identification.preflight import weight as forces
 from tulip_testbed.identification.preflight.excitation import identifiable
 from tulip_testbed.identification.preflight.finding import Finding, row_name, skipped
@@ -70,25 +77,24 @@ def preflight(
         forces.weight_balance(m, usual),
         forces.constant_weight(m, usual),
         forces.drift(m, nominal, usual),
-        feet.plate_poses(m),
+        stance_checks.plate_poses(m),
     ]
     if (single := m.support != "double").any():
         row = int(single.argmax())
         reason = f"{row_name(m, row)} stands on one foot ('{m.support[row]}'); this check needs both feet"
         findings += _skip((*LEGS, *FORCES), reason)
         return [*findings, identifiable(m, nominal_robot(nominal.robot, common_support(m.support)), None)]
-    findings += [feet.feet_on_plates(m, nominal), *feet.legs(m, nominal, usual)]
+    findings += [stance_checks.feet_on_plates(m, nominal), *stance_checks.legs(m, nominal, usual)]
     noise = reading_noise(m, nominal)
     if loads.result == "fail":
         findings += _fits(m, nominal, noise, None)
         findings += _skip(FORCES[1:], "correct the cells' loads first")
         return [*findings, identifiable(m, nominal, None)]
-    findings += [feet.load_in_soles(m, nominal), agreement.repeats(m, nominal, noise)]
+    findings += [stance_checks.load_in_soles(m, nominal), agreement.repeats(m, nominal, noise)]
     return [*findings, *_fits(m, nominal, noise, usual), identifiable(m, nominal, noise)]
 
 
 def _of_wrenches(m: Measurements, nominal: Nominal, usual_changes: UsualChanges | None) -> list[Finding]:
-    """Run the checks that wrench sensors allow."""
     reason = "needs the readings of vertical cells; there are wrench sensors"
     usual = exact(len(m)) if usual_changes is None else usual_changes(m)
     findings = [
@@ -104,7 +110,7 @@ def _of_wrenches(m: Measurements, nominal: Nominal, usual_changes: UsualChanges 
         *_skip(("plate poses", "feet on plates"), reason),
     ]
     if (m.support == "double").all():
-        findings += feet.legs(m, nominal, usual)
+        findings += stance_checks.legs(m, nominal, usual)
     else:
         findings += _skip(LEGS[1:], "some posture stands on one foot; this check needs both feet")
     findings += _skip(FORCES, reason)

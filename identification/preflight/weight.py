@@ -11,7 +11,6 @@ from tulip_testbed.identification.kinematics import link_rotations, turned_about
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
 from tulip_testbed.identification.preflight.usual import Beyond, Usual, beyond
-from tulip_testbed.identification.reading_noise import usable_sd
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.contacts import WRENCH, Contacts
 from tulip_testbed.measurements.data import vertical_forces
@@ -137,8 +136,8 @@ def drift(measurements: Measurements, nominal: Nominal, usual: Usual) -> Finding
 
 
 def _total_sd(measurements: Measurements) -> float | None:
-    cell_sd = usable_sd(measurements.sensors.cell_sd)
-    return None if cell_sd is None else cell_sd * np.sqrt(measurements.cell_forces.shape[1])
+    cell_sd = measurements.sensors.cell_sd
+    return cell_sd * np.sqrt(measurements.cell_forces.shape[1]) if cell_sd else None
 
 
 def _beyond(error: np.ndarray, sd: float, usual: Usual, weight_sd: float) -> Beyond:
@@ -150,7 +149,6 @@ def _beyond(error: np.ndarray, sd: float, usual: Usual, weight_sd: float) -> Bey
 
 
 def _scatter(total: np.ndarray) -> float:
-    """Return the s.d. about the mean."""
     return float(total.std(ddof=1)) if len(total) > 1 else 0.0
 
 

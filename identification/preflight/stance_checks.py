@@ -17,7 +17,7 @@ from tulip_testbed.identification.preflight.finding import (
     skipped,
 )
 from tulip_testbed.identification.preflight.usual import Usual, beyond
-from tulip_testbed.identification.reading_noise import placement_levers, placement_sd, usable_sd
+from tulip_testbed.identification.reading_noise import placement_levers, placement_sd
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.cells import PLATES
 
@@ -43,7 +43,6 @@ LEVEL = 0.05  # rad: soles that are level but for encoders, zeros and yielding
 LEG = 0.5  # m: length by which a sole's height counts as an angle
 CLEARLY = 2.0  # times worse or better, from which a turned sign is told
 EXPLAINED = 0.8  # share of the chi-square from which a joint is named
-NO_ENCODER_SD = "the manifest states no sensors.encoder_sd"
 
 
 def plate_poses(measurements: Measurements) -> Finding:
@@ -110,8 +109,8 @@ def feet_on_plates(measurements: Measurements, nominal: Nominal) -> Finding:
 def load_in_soles(measurements: Measurements, nominal: Nominal) -> Finding:
     """Check that each plate's centre of pressure is inside the sole that stands on it."""
     name, m = "load inside soles", measurements
-    cell_sd = usable_sd(m.sensors.cell_sd)
-    if cell_sd is None:
+    cell_sd = m.sensors.cell_sd
+    if not cell_sd:
         return skipped(name, "the manifest states no sensors.cell_sd")
     soles = nominal.soles_in_base(m.joint_angles)
     forces = m.cell_forces.reshape(-1, 2, 4)
@@ -197,9 +196,9 @@ def _legs_close(
 ) -> Finding:
     """Compare the swing sole's height, roll and pitch by forward kinematics with what is usual."""
     name, m = "legs close", measurements
-    encoder_sd = usable_sd(m.sensors.encoder_sd)
-    if encoder_sd is None:
-        return skipped(name, NO_ENCODER_SD)
+    encoder_sd = m.sensors.encoder_sd
+    if not encoder_sd:
+        return skipped(name, "the manifest states no sensors.encoder_sd")
     error = pose[:, CLOSED] - [m.top_height[1] - m.top_height[0], 0.0, 0.0]
     slope = slope[:, CLOSED]
     whitener, rank = _whitener(encoder_sd**2 * slope @ slope.mT + usual.unseen @ usual.unseen.mT)
