@@ -26,6 +26,8 @@ from tulip_testbed.sim.robot import Robot
 
 SOURCES = (cell, encoder, foot, joint, link, plate, surroundings, wrench)
 WIDTH = 150  # characters of the table in plain text: sentences of two lines at most
+# Where the sensors on which an effect acts are mounted; None: cells under plates.
+MOUNTS = {"cells": (None,), "plates": (None, "ground"), "wrenches": ("ground", "foot"), "feet": ("foot",)}
 
 
 class Catalogue(Mapping[str, Effect]):
@@ -44,11 +46,7 @@ class Catalogue(Mapping[str, Effect]):
         return (catalogue, ()) if self is catalogue() else (Catalogue, (tuple(self.values()),))
 
     def __getitem__(self, name: str) -> Effect:
-        """Return an effect.
-
-        Raises:
-            UnknownNameError: with the names that are close and those that are valid.
-        """
+        """Return an effect; refuse an unknown name with the valid ones."""
         return self._effects[look_up("effect", name, self._effects, "effects")]
 
     def table(self) -> Table:
@@ -86,11 +84,7 @@ def every_effect() -> Catalogue:
 
 
 def explanation(name: str) -> str:
-    """Return the physics of an effect of the catalogue.
-
-    Raises:
-        UnknownNameError: with the names that are close and those that are valid.
-    """
+    """Return the physics of an effect of the catalogue."""
     return cleandoc(catalogue()[name].explanation)
 
 
@@ -110,30 +104,17 @@ copyreg.pickle(Effect, _pickled)
 
 def acts_on(effect: Effect, contacts: Contacts | None) -> bool:
     """Return whether an effect acts on such contact sensors; None: plates on four cells each."""
-    if effect.instrument == "cells":
-        return contacts is None
-    if effect.instrument == "wrenches":
-        return contacts is not None
-    if effect.instrument == "feet":
-        return contacts is not None and contacts.mount == "foot"
-    return effect.instrument != "plates" or contacts is None or contacts.mount == "ground"
+    mount = None if contacts is None else contacts.mount
+    return not effect.instrument or mount in MOUNTS[effect.instrument]
 
 
 def effects_on(contacts: Contacts | None, statics: bool = False) -> list[Effect]:
-    """List the effects that act on such contact sensors.
-
-    Args:
-        statics: leave out those that only the full dynamics can simulate.
-    """
+    """List the effects that act on such contact sensors, and in statics those that it can simulate."""
     return [e for e in catalogue().values() if acts_on(e, contacts) and (e.statics or not statics)]
 
 
 def check_instrument(effect: Effect, contacts: Contacts | None, where: str) -> None:
-    """Refuse an effect on sensors that a laboratory does not have.
-
-    Raises:
-        InputError: with the effects that act on its sensors.
-    """
+    """Refuse an effect on sensors that a laboratory does not have."""
     if not acts_on(effect, contacts):
         sensors = "plates on cells" if contacts is None else f"wrench sensors ({contacts.mount})"
         raise InputError(

@@ -21,12 +21,10 @@ FORCES = "cell_forces"
 
 
 def _cell(fault: InstrumentFault) -> np.ndarray:
-    """Return which cell is at fault, (8,) bool."""
     return indicator(CELLS, fault.target)
 
 
 def _four(fault: InstrumentFault) -> np.ndarray:
-    """Return which cells are on the plate at fault, (8,) bool."""
     return np.repeat(indicator(PLATES, fault.target), len(CORNERS))
 
 

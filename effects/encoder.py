@@ -26,7 +26,6 @@ ROUNDING = 1e-5  # rad, of a log; servos err by a hundred times as much
 
 
 def _joint(fault: InstrumentFault) -> np.ndarray:
-    """Return which joint's encoder is at fault, (n_joints,) bool."""
     return indicator(fault.joints, fault.target)
 
 

@@ -60,21 +60,13 @@ def _edited(rig: Rig, edit: Callable[[mujoco.MjSpec], None]) -> Rig:
 
 
 def check_built(rig: Rig) -> None:
-    """Refuse a laboratory that MuJoCo cannot compile, for instance one with a negative mass.
-
-    Raises:
-        InputError: with the compiler's message.
-    """
+    """Refuse a laboratory that MuJoCo cannot compile, for instance one with a negative mass."""
     for _, stage in stages(rig):
         compile_spec(laboratory_scene(stage, np.zeros((2, 3))), str(rig.robot.path))
 
 
 def add_mass(spec: mujoco.MjSpec, link: str, mass: float, place: np.ndarray) -> None:
-    """Add a point mass to a link's mass, centre of mass and inertia.
-
-    Args:
-        place: in the link's frame, (3,) [m].
-    """
+    """Add a point mass at a place in a link's frame, (3,) [m], to its mass, centre of mass and inertia."""
     model = compile_spec(spec.copy(), spec.modelname)
     body = model.body(link)
     center, before = body.ipos.copy(), float(body.mass[0])
@@ -108,11 +100,7 @@ def manipulated(rig: Rig, experiment: Experiment) -> Rig:
 
 
 def check_experiment(rig: Rig, experiment: Experiment) -> None:
-    """Refuse manipulations that a laboratory cannot have.
-
-    Raises:
-        InputError: names the manipulation, and what is valid.
-    """
+    """Refuse manipulations that a laboratory cannot have."""
     header, state = header_of(rig), experiment.arrangement
     for text in experiment.manipulations:
         if header.contacts is not None and needs_cells(text):

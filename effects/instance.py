@@ -48,14 +48,7 @@ class EffectDocument(TypedDict):
 
 
 def effect_named(name: str, target: str, where: str, among: Mapping[str, Effect] | None = None) -> Effect:
-    """Return an effect of the catalogue, or the one that the grammar of laws makes of its target.
-
-    Args:
-        among: effects by name; None: the catalogue.
-
-    Raises:
-        InputError: with the names that are close and those that are valid.
-    """
+    """Return an effect of the catalogue, or of other ones, or the one that a law's target says."""
     if name == LAW:
         return law_effect(target, where)
     among = catalogue() if among is None else among
@@ -184,11 +177,7 @@ class EffectInstance:
 
     @classmethod
     def from_document(cls, document: EffectDocument) -> Self:
-        """Read what `document` returned; `check_instance` tells whether a robot has this effect.
-
-        Raises:
-            InputError: with what is wrong and what is valid.
-        """
+        """Read what `document` returned; `check_instance` tells whether a robot has this effect."""
         target = document["target"] or ""
         effect = effect_named(document["name"], target, "effects", every_effect())
         parameters = document["parameters"]
@@ -203,17 +192,10 @@ class EffectInstance:
         for parameter in parameters:
             value, low, high = parameter["value"], parameter["low95"], parameter["high95"]
             intervals.append(None if low is None or high is None else (low, high))
-            if low is None or high is None:
-                continue
-            if low > high:
-                raise InputError(
-                    f"{effect.name}, {parameter['name']}: found an interval from {low:g} to {high:g}, "
-                    "expected low95 up to high95"
-                )
-            if not low <= value <= high:
+            if low is not None and high is not None and not low <= value <= high:
                 raise InputError(
                     f"{effect.name}, {parameter['name']}: found {value:g} outside of its interval "
-                    f"[{low:g}, {high:g}], expected it inside"
+                    f"[{low:g}, {high:g}], expected it inside, and low95 up to high95"
                 )
         values = tuple(parameter["value"] for parameter in parameters)
         return cls(effect, target, values, tuple(intervals) if any(intervals) else ())
@@ -223,24 +205,13 @@ Effects = EffectInstance | str | Sequence[EffectInstance | str]
 
 
 def several(effects: Effects, where: str = "effects") -> tuple[EffectInstance | str, ...]:
-    """Return one effect or many as a tuple.
-
-    Raises:
-        InputError: something else.
-    """
+    """Return one effect or many as a tuple; refuse something else."""
     expect(where, effects, Effects)
     return (effects,) if isinstance(effects, EffectInstance | str) else tuple(effects)
 
 
 def instances_of(effects: Effects, robot: Robot, where: str = "effects") -> tuple[EffectInstance, ...]:
-    """Return effects, of which texts are read, with a warning for every implausible value.
-
-    Args:
-        where: place of the effects, for messages.
-
-    Raises:
-        InputError: with what is wrong and what is valid.
-    """
+    """Return effects, of which texts are read, with a warning for every implausible value."""
     found = tuple(
         EffectInstance.parse(e, robot) if isinstance(e, str) else e for e in several(effects, where)
     )
@@ -251,21 +222,13 @@ def instances_of(effects: Effects, robot: Robot, where: str = "effects") -> tupl
 
 
 def check_instances(found: Sequence[EffectInstance], robot: Robot, where: str) -> None:
-    """Refuse effects that a robot does not have: made for another one, or of impossible values.
-
-    Raises:
-        InputError: with what was found and what is valid.
-    """
+    """Refuse effects that a robot does not have: made for another one, or of impossible values."""
     for instance in found:
         check_instance(instance, robot, None, f"{where}: {instance.label}")
 
 
 def check_different(found: Sequence[EffectInstance], where: str) -> None:
-    """Refuse an effect that would be corrected for twice.
-
-    Raises:
-        InputError: names it.
-    """
+    """Refuse an effect that would be corrected for twice."""
     seen: dict[tuple[object, ...], EffectInstance] = {}
     for instance in found:
         grid = [
@@ -301,14 +264,7 @@ def _written(value: float, parameter: Parameter) -> str:
 
 
 def check_instance(found: EffectInstance, robot: Robot, placements: Sequence[int] | None, where: str) -> None:
-    """Refuse a target or a value that makes no sense.
-
-    Args:
-        placements: numbers of the experiment's placements; None: unknown, so any number is accepted.
-
-    Raises:
-        InputError: with what was found and what is valid.
-    """
+    """Refuse a target or a value that makes no sense; placements as in `EffectInstance.parse`."""
     effect = found.effect
     if len(found.values) != (count := len(effect.parameters)) or len(found.intervals) not in (0, count):
         raise InputError(
@@ -337,14 +293,7 @@ def check_instance(found: EffectInstance, robot: Robot, placements: Sequence[int
 
 
 def check_laboratory(found: EffectInstance, statics: bool, where: str) -> None:
-    """Refuse an effect that the static laboratory cannot simulate.
-
-    Args:
-        statics: whether the laboratory is static.
-
-    Raises:
-        InputError: with the effects that the static laboratory can simulate.
-    """
+    """Refuse an effect that the laboratory cannot simulate if it is static."""
     if statics and not found.effect.statics:
         known = listed(effect.name for effect in catalogue().values() if effect.statics)
         raise InputError(

@@ -6,7 +6,7 @@ import numpy as np
 
 from tulip_testbed.base.errors import InputError, at_least, look_up, shortened
 from tulip_testbed.effects.catalogue import catalogue, effects_on, targets_in
-from tulip_testbed.effects.effect import Effect, Parameter
+from tulip_testbed.effects.effect import Parameter
 from tulip_testbed.effects.instance import EffectInstance, check_laboratory, split_label
 from tulip_testbed.effects.laws import LAW
 from tulip_testbed.measurements.contacts import Contacts
@@ -24,28 +24,10 @@ def draw_effect(
 ) -> EffectInstance:
     """Draw an effect: kind and target with equal chances, sizes from their priors, the rest from its grid.
 
-    Args:
-        placements: numbers of the experiment's placements.
-        statics: whether to draw only what the static laboratory can simulate.
-        contacts: wrench sensors; None: plates on cells.
+    Arguments are those of `read_effects`.
     """
     effects = [effect for effect in effects_on(contacts, statics) if effect.searched]
-    return draw_of_kind(effects[rng.integers(len(effects))], robot, placements, rng, contacts)
-
-
-def draw_of_kind(
-    effect: Effect,
-    robot: Robot,
-    placements: Sequence[int],
-    rng: np.random.Generator,
-    contacts: Contacts | None = None,
-) -> EffectInstance:
-    """Draw an effect of a kind: target with equal chances, sizes from their priors, the rest from its grid.
-
-    Args:
-        placements: numbers of the experiment's placements.
-        contacts: wrench sensors; None: plates on cells.
-    """
+    effect = effects[rng.integers(len(effects))]
     targets = targets_in(effect, robot, contacts, tuple(int(p) for p in placements))
     target = targets[rng.integers(len(targets))]
     parameters = effect.parameters_on(target)

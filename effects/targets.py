@@ -92,19 +92,13 @@ def plate_of(robot: Robot, joint: str) -> str:
 
 
 @lru_cache(maxsize=8)
-def joints(robot: Robot) -> tuple[str, ...]:
-    """Return all joints in their order."""
-    return joint_names(robot.model)
-
-
-@lru_cache(maxsize=8)
 def leg_joints(robot: Robot) -> tuple[str, ...]:
     """Return the joints between the torso and one foot, in the order of the joints."""
-    return tuple(name for name in joints(robot) if plate_of(robot, name))
+    return tuple(name for name in joint_names(robot.model) if plate_of(robot, name))
 
 
 WHOLE = Targets("", lambda robot, placements: ("",))
-JOINTS = Targets("JOINT", lambda robot, placements: joints(robot))
+JOINTS = Targets("JOINT", lambda robot, placements: joint_names(robot.model))
 LEG_JOINTS = Targets("JOINT", lambda robot, placements: leg_joints(robot))
 PLATE_NAMES = Targets("PLATE", lambda robot, placements: PLATES)
 CELL_NAMES = Targets("PLATE.CORNER", lambda robot, placements: CELLS)
@@ -131,14 +125,7 @@ PLACEMENTS = Targets("PLACEMENT", lambda robot, placements: tuple(str(number) fo
 def check_target(
     targets: Targets, target: str, robot: Robot, placements: Sequence[int] | None, where: str
 ) -> None:
-    """Refuse a target that does not exist.
-
-    Args:
-        placements: numbers of the experiment's placements; None: unknown, so any number is accepted.
-
-    Raises:
-        InputError: with the target that was found and the valid ones.
-    """
+    """Refuse a target that does not exist; without placements any number of one is accepted."""
     if not targets.word:
         if target:
             raise InputError(f"{where}: found target '{shortened(target)}', expected none")

@@ -39,10 +39,6 @@ def true_model(rig: Rig) -> mujoco.MjModel:
 
 
 def true_base_parameters(rig: Rig, support: str = "double") -> np.ndarray:
-    """Compute the base parameters of that robot, with its own lengths, (p,) [m].
-
-    Args:
-        support: see `base_parameters`.
-    """
+    """Compute the base parameters of that robot, with its own lengths, (p,) [m]."""
     model = true_model(rig)
     return base_parameters(rig.robot, model, support).values(standard_parameters(model))

@@ -18,9 +18,10 @@ from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.removal import without
 from tulip_testbed.experiments.example import compact_json, example_manifest, example_row
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
-from tulip_testbed.identification.preflight import RESULTS, Finding, preflight, worst_of
+from tulip_testbed.identification.preflight import preflight
+from tulip_testbed.identification.preflight.finding import RESULTS, Finding, worst_of
 from tulip_testbed.identification.preflight.motion_checks import rows_of, samples_of
-from tulip_testbed.identification.preflight.plate_checks import plate_poses
+from tulip_testbed.identification.preflight.stance_checks import plate_poses
 from tulip_testbed.identification.preflight.units import units
 from tulip_testbed.identification.regressor import check_robot
 from tulip_testbed.measurements import Measurements, Series, read_measurements, read_samples, read_series

@@ -18,7 +18,6 @@ import numpy as np
 
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.cad_prior import MASS_SD
-from tulip_testbed.identification.pseudo_inertia import standard_of
 
 RANK = 1e-10  # of the largest singular value
 STEPS = 200  # of Newton's method
@@ -61,11 +60,6 @@ class ConsistentRobot:
     value: np.ndarray
     misfit: float
 
-    @property
-    def standard(self) -> np.ndarray:
-        """Return the standard parameters, (n_links, 4) [kg, kg m]."""
-        return standard_of(self.pseudo)
-
 
 def consistent_robot(reference: np.ndarray, ellipsoids: np.ndarray, target: Target) -> ConsistentRobot:
     """Find the consistent robot with the target's base parameters that is nearest to CAD.
@@ -95,7 +89,11 @@ def robot_with(
     """
     space = _space(reference, ellipsoids, target.from_standard)
     found = _nearest_to_reference(space, np.append(target.mass * target.value, target.mass), farthest)
-    return None if found is None else ConsistentRobot(_robot(space, found), target.value, 0.0)
+    if found is None:
+        return None
+    pseudo, whole = np.zeros_like(reference), space.roots @ found @ space.roots.mT
+    pseudo[space.heavy] = (whole + whole.mT) / 2
+    return ConsistentRobot(pseudo, target.value, 0.0)
 
 
 def data_shares(
@@ -140,7 +138,7 @@ class _Space:
     """Robots X as multiples of the reference, P = L X L' with the reference L L'; X = 1 is the reference.
 
     Attributes:
-        heavy: links with mass, (h,). size: number of all links.
+        heavy: links with mass, (h,).
         roots: L of each, (h, 4, 4).
         rows: base parameters times the mass and total mass are <rows, X>, (p + 1, h, 4, 4).
         basis: orthonormal matrices that span them, (k, h, 4, 4).
@@ -149,7 +147,6 @@ class _Space:
     """
 
     heavy: np.ndarray
-    size: int
     roots: np.ndarray
     rows: np.ndarray
     basis: np.ndarray
@@ -166,7 +163,6 @@ def _space(reference: np.ndarray, ellipsoids: np.ndarray, from_standard: np.ndar
     bounds = roots.mT @ ellipsoids[heavy] @ roots
     return _Space(
         heavy=heavy,
-        size=len(reference),
         roots=roots,
         rows=rows,
         basis=turned[kept].reshape(-1, len(heavy), 4, 4),
@@ -191,13 +187,6 @@ def _symmetric(root: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Return symmetric matrices G with <G, X> = w' P e_4, P = L X L', for each row w of the weights."""
     product = (weights @ root)[:, :, None] * root[3]
     return (product + product.mT) / 2
-
-
-def _robot(space: _Space, found: np.ndarray) -> np.ndarray:
-    pseudo = np.zeros((space.size, 4, 4))
-    whole = space.roots @ found @ space.roots.mT
-    pseudo[space.heavy] = (whole + whole.mT) / 2
-    return pseudo
 
 
 def _nearest_to_reference(space: _Space, wanted: np.ndarray, farthest: float) -> np.ndarray | None:

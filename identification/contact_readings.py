@@ -20,10 +20,8 @@ UNSURE = 0.5  # of a reading's noise
 LEAST_NOISE = 1e-6  # of the assumed variance, that every channel has
 # S.d. of a zero of which nothing is known, in weights of the robot; assumed: a larger one would be noticed.
 WIDE_FORCE, WIDE_MOMENT = 0.5, 0.1  # -, m
-MOVING_FORCE, MOVING_MOMENT = (
-    0.1,
-    0.03,
-)  # -, m: of a log, whose sensors were tared at some time before; assumed
+# Of a log, whose sensors were tared at some time before; assumed.
+MOVING_FORCE, MOVING_MOMENT = 0.1, 0.03  # -, m
 
 
 @dataclass(frozen=True)

@@ -94,21 +94,19 @@ class Tree:
 def tree_of(model: mujoco.MjModel) -> Tree:
     """Read the kinematic tree of a model that holds one robot and nothing else."""
     links, frame_of_link, frames, edges, joints, ranges = [], [], [], [], [], []
-    frame_of_body: dict[int, int] = {}
     for body in range(1, model.nbody):
         name, parent = model.body(body).name, int(model.body_parentid[body])
         links.append(name)
         first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
         hinges = [j for j in range(first, first + count) if _is_hinge(model, j, root=parent == 0)]
         if parent == 0:
-            if frame_of_body or hinges:
+            if frame_of_link or hinges:
                 raise InputError(f"body '{name}': expected one root body on a free joint")
-            frame_of_body[body] = len(frames)
             frame_of_link.append(len(frames))
             frames.append(name)
             continue
         placement, position = _rotation(model.body_quat[body]), model.body_pos[body]
-        at = frame_of_body[parent]
+        at = frame_of_link[parent - 1]
         for k, joint in enumerate(hinges or [-1]):
             turns = joint >= 0
             pivot = model.jnt_pos[joint] if turns else np.zeros(3)
@@ -131,7 +129,6 @@ def tree_of(model: mujoco.MjModel) -> Tree:
                 joints.append(model.joint(joint).name)
                 limited = model.jnt_limited[joint]
                 ranges.append(model.jnt_range[joint] if limited else [-np.inf, np.inf])
-        frame_of_body[body] = at
         frame_of_link.append(at)
     return Tree(
         tuple(links),
@@ -145,39 +142,33 @@ def tree_of(model: mujoco.MjModel) -> Tree:
 
 @dataclass(frozen=True)
 class Step:
-    """A step outward from the base: from a known frame over an edge to the next frame."""
+    """A step outward from the base: from a known frame over an edge to the next frame.
+
+    The point on the edge's axis is given in both frames, (3,) [m] each.
+    """
 
     known: int
     new: int
     edge: Edge
     forward: bool
-
-    @property
-    def anchor_known(self) -> np.ndarray:
-        """Return the point on the axis in the known frame, (3,) [m]."""
-        return self.edge.anchor[0 if self.forward else 1]
-
-    @property
-    def anchor_new(self) -> np.ndarray:
-        """Return the point on the axis in the new frame, (3,) [m]."""
-        return self.edge.anchor[1 if self.forward else 0]
+    anchor_known: np.ndarray
+    anchor_new: np.ndarray
 
 
 def walk(tree: Tree, base: int) -> list[Step]:
     """List the steps that visit every frame from the base frame, nearest first."""
     if base in tree.walks:
         return tree.walks[base]
-    neighbours: list[list[tuple[int, Edge, bool]]] = [[] for _ in tree.frames]
+    away: list[list[Step]] = [[] for _ in tree.frames]
     for edge in tree.edges:
-        neighbours[edge.parent].append((edge.child, edge, True))
-        neighbours[edge.child].append((edge.parent, edge, False))
-    steps, visited, queue = [], {base}, [base]
+        outer, inner = edge.anchor
+        away[edge.parent].append(Step(edge.parent, edge.child, edge, True, outer, inner))
+        away[edge.child].append(Step(edge.child, edge.parent, edge, False, inner, outer))
+    steps, queue = [], [base]
     for known in queue:  # the loop appends to it
-        for new, edge, forward in neighbours[known]:
-            if new not in visited:
-                steps.append(Step(known, new, edge, forward))
-                visited.add(new)
-                queue.append(new)
+        new = [step for step in away[known] if step.new not in queue]
+        steps += new
+        queue += [step.new for step in new]
     tree.walks[base] = steps
     return steps
 

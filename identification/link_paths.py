@@ -1,5 +1,6 @@
 """Paths between postures: the distances between links on the way, and orders of postures that keep them."""
 
+import itertools
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -93,34 +94,24 @@ def _groups(pairs: LinkPairs, chain: ClosedChain, angles: np.ndarray) -> list[np
     """Split postures (k, n) into as few sequences with free paths as a greedy search finds."""
     count = len(angles)
 
-    def free(a: int, b: int) -> bool:
+    def is_free(a: int, b: int) -> bool:
         return blocked(pairs, chain.path, angles[a], angles[b]) is None
 
-    if all(free(k, k + 1) for k in range(count - 1)):
+    if all(is_free(k, k + 1) for k in range(count - 1)):
         return [np.arange(count)]
-    room = np.full((count, count), -1.0)
-    for a in range(count):
-        for b in range(a + 1, count):
-            room[a, b] = room[b, a] = 0.0 if free(a, b) else -1.0
-    found = [_sequences(room, first) for first in range(count)]
-    order, group = min(found, key=lambda one: one[1].max())
-    return [order[group == k] for k in range(group.max() + 1)]
+    free = np.zeros((count, count), bool)
+    for a, b in itertools.combinations(range(count), 2):
+        free[a, b] = free[b, a] = is_free(a, b)
+    return [np.array(group) for group in min((_sequences(free, k) for k in range(count)), key=len)]
 
 
-def _sequences(room: np.ndarray, first: int) -> tuple[np.ndarray, np.ndarray]:
-    """Order postures along paths with room, and number the groups without a path between them.
-
-    The room on the path between each two postures is feasible where at least 0, (m, m). The order begins with
-    the posture `first`, (m,); the groups are those of the postures in this order, from 0, (m,).
-    """
-    left = [first, *(k for k in range(len(room)) if k != first)]
-    order, group = [], []
+def _sequences(free: np.ndarray, first: int) -> list[list[int]]:
+    """Order postures along free paths, (m, m) bool, beginning with one; a new group where there is none."""
+    left, groups = [k for k in range(len(free)) if k != first], [[first]]
     while left:
-        ahead = room[order[-1], left] if order else np.array([-np.inf])
-        if ahead.max() >= 0:
-            order.append(left.pop(int(ahead.argmax())))
-            group.append(group[-1])
-        else:
-            order.append(left.pop(0))
-            group.append(group[-1] + 1 if group else 0)
-    return np.array(order), np.array(group)
+        ahead = [k for k in left if free[groups[-1][-1], k]]
+        if not ahead:
+            groups.append([])
+        groups[-1].append((ahead or left)[0])
+        left.remove(groups[-1][-1])
+    return groups

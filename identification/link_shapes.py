@@ -71,7 +71,6 @@ def link_shapes(robot: Robot) -> LinkShapes:
 
 
 def _whole_spec(robot: Robot) -> mujoco.MjSpec:
-    """Return a copy of the robot's MJCF with all its meshes."""
     if robot.meshes:
         return robot.spec.copy()
     check_unchanged(robot, robot.model_file)

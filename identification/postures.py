@@ -55,7 +55,7 @@ def random_postures(
     """
     model = robot.model
     ranges, margins = ranges or planning_ranges(robot), margins or planning_margins(robot)
-    search = _Search(robot, model, plate, ranges, margins, np.random.default_rng(seed))
+    search = _Search(robot, plate, ranges, margins, np.random.default_rng(seed))
     angles, poses = [], []
     while len(angles) < placements * per_placement:
         found = search.placement(per_placement)
@@ -84,23 +84,19 @@ def random_postures(
 
 
 class _Search:
-    """State of the random search: generator, solver and counts of rejections."""
-
     def __init__(
         self,
         robot: Robot,
-        model: mujoco.MjModel,
         plate: PlateGeometry,
         ranges: PlanningRanges,
         margins: Margins,
         rng: np.random.Generator,
     ):
+        model = robot.model
         self.ranges, self.rng, self.plate, self.model = ranges, rng, plate, model
         self.solver = InverseKinematics(robot, model)
         self.corners = [sole_corners(model, foot)[:, :2] for foot in robot.feet]
-        names = joint_names(model)
-        self.limits = joint_ranges(model)
-        self.names = names
+        self.names, self.limits = joint_names(model), joint_ranges(model)
         self.free_joints = free_joint_ranges(robot, model, ranges)
         self.weight = float(model.body_subtreemass[0] * -model.opt.gravity[2])
         self.guess = standing(model)
@@ -115,8 +111,7 @@ class _Search:
         # From straight legs down to the least height of the hip; inverse kinematics decides on reachability.
         self.com_height = (highest - max(upright - ranges.least_height, 0.0), highest)
         self.rejected: Counter[str] = Counter()
-        self.attempts = 0
-        self.found = 0
+        self.attempts = self.found = 0
 
     def placement(self, wanted: int) -> list[tuple[np.ndarray, np.ndarray]]:
         """Carry out steps 1 to 5 for one placement: pairs of joint angles and swing foot pose."""
@@ -124,38 +119,31 @@ class _Search:
             r = self.ranges
             pose = np.array([self._draw(x) for x in (r.swing_x, r.swing_y, r.swing_yaw)])
             soles = np.array([self.corners[0], place_polygon(self.corners[1], pose)])
-            if not self._feet_feasible(soles):
+            if why := self._lay_boards(soles):
+                self._reject(why)
                 continue
             accepted, tries = [], 0
             while len(accepted) < wanted:
-                angles = self._posture(pose, soles, accepted[-1][0] if accepted else None)
-                tries = 0 if angles is not None else tries + 1
-                if angles is not None:
-                    accepted.append((angles, pose))
-                elif not accepted or tries > ATTEMPTS_HERE:
-                    break  # step 4: back to step 1
+                found = self._try(pose, soles, accepted[-1][0] if accepted else None)  # steps 3 and 4
+                if isinstance(found, str):
+                    self._reject(found)
+                    tries += 1
+                    if not accepted or tries > ATTEMPTS_HERE:
+                        break  # back to step 1
+                else:
+                    self.attempts += 1
+                    tries = 0
+                    accepted.append((found, pose))
             if len(accepted) == wanted:
                 self.found += wanted
                 return accepted
 
-    def _feet_feasible(self, soles: np.ndarray) -> bool:
+    def _lay_boards(self, soles: np.ndarray) -> str | None:
+        """Lay the boards under the soles, or return the violated constraint."""
         if foot_clearance(*soles) <= max(self.ranges.foot_clearance, 1e-9):
-            self._reject("foot clearance")
-            return False
+            return "foot clearance"
         self.boards = lay_boards(soles, self.plate.size, self.ranges.plate_gap)
-        if not boards_fit(soles, self.boards, self.plate):
-            self._reject("boards do not carry the feet")
-            return False
-        return True
-
-    def _posture(self, pose: np.ndarray, soles: np.ndarray, before: np.ndarray | None) -> np.ndarray | None:
-        """Attempt steps 3 and 4 once: return joint angles, or None."""
-        found = self._try(pose, soles, before)
-        if isinstance(found, str):
-            self._reject(found)
-            return None
-        self.attempts += 1
-        return found
+        return None if boards_fit(soles, self.boards, self.plate) else "boards do not carry the feet"
 
     def _try(self, pose: np.ndarray, soles: np.ndarray, before: np.ndarray | None) -> np.ndarray | str:
         """Return the joint angles of one random draw after those of `before`, or the violated constraint."""

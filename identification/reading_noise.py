@@ -15,11 +15,6 @@ from tulip_testbed.identification.nominal import Nominal, jacobian
 from tulip_testbed.measurements import Measurements
 
 
-def usable_sd(stated: float | None) -> float | None:
-    """Return a stated s.d. that can be divided by: None for zero or unknown."""
-    return stated if stated else None
-
-
 @dataclass(frozen=True)
 class ReadingNoise:
     """Stated noise of the centre of pressure minus the modelled centre of mass.

@@ -13,7 +13,7 @@ from tulip_testbed.identification.loop_closure import encoder_sd_by_closure
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.identification.rank import undetermined_directions
-from tulip_testbed.identification.reading_noise import cell_noise, placement_levers, usable_sd
+from tulip_testbed.identification.reading_noise import cell_noise, placement_levers
 from tulip_testbed.identification.residual_channels import by_weight, fields, sensitivity
 from tulip_testbed.measurements import Measurements, SensorSheet
 from tulip_testbed.sim.plan_folder import check_model
@@ -214,7 +214,7 @@ def regression(
         load_share=pressure.load_share,
         slope=slope,
         known_slope=known_slope,
-        encoder_sd=usable_sd(sheet.encoder_sd) if by_closure is None else by_closure,
+        encoder_sd=sheet.encoder_sd or None if by_closure is None else by_closure,
         cells=cells,
         levers=levers,
         sensors=sheet,

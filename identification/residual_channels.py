@@ -208,10 +208,11 @@ def center(observed: Observation) -> np.ndarray:
     about its sole point, which moves the centre of mass in proportion to its height; the nominal height is
     accurate enough. Known masses are taken off.
     """
-    whole = _measured(observed) - observed.shift
-    if (rows := observed.geometry.on_swing_foot).any():
+    whole, rows = _measured(observed) - observed.shift, observed.geometry.on_swing_foot
+    if rows.any():
         whole[rows] -= observed.geometry.stance_sole[rows, :2]
-    if (tilt := carrying_tilt(observed)).any():
+    tilt = np.where(rows[:, None], observed.swing_tilt, observed.stance_tilt)  # of the foot that carries
+    if tilt.any():
         roll, pitch = tilt.T
         whole = whole - observed.loaded_center[:, 2:] * np.column_stack([pitch, -roll])
     return whole if observed.ballast is None else observed.ballast.without(whole)
@@ -240,12 +241,6 @@ def by_weight(observed: Observation) -> np.ndarray:
     if not has_twist(observed):
         out[:, :2] = -_measured(observed) / _total(observed)[:, None]
     return out
-
-
-def carrying_tilt(observed: Observation) -> np.ndarray:
-    """Return roll and pitch of the foot in whose frame a posture is seen, (m, 2) [rad]."""
-    rows = observed.geometry.on_swing_foot
-    return np.where(rows[:, None], observed.swing_tilt, observed.stance_tilt)
 
 
 def swing_pose(observed: Observation) -> np.ndarray:

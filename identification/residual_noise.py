@@ -137,7 +137,6 @@ class Whitening:
         own: part of each posture's covariance that it does not share, (m, 11, 11).
         levers: one s.d. in the residuals of what a placement's postures share: plate coordinates, and then
             forces that no reading shows, (m, 11, 6 + j).
-        placement, stance: of each posture, (m,).
         log_volume: logarithm of the determinant of the covariance, but for a constant.
     """
 
@@ -147,8 +146,6 @@ class Whitening:
     reach: np.ndarray
     own: np.ndarray
     levers: np.ndarray
-    placement: np.ndarray
-    stance: np.ndarray
     log_volume: float
 
     def __call__(self, residuals: np.ndarray) -> np.ndarray:
@@ -214,18 +211,13 @@ def whitening(
         own = own + internal @ internal.mT
     levers = reach[..., at["plates"]] * noise.plates
     levers = levers if squeeze is None else np.concatenate([levers, squeeze], axis=2)
-    used = residuals_in_use(observed) & _in_channels(channels)
+    wanted = np.zeros(SIZE, bool)
+    for channel in channels:
+        wanted[ROWS[channel]] = True
+    used = residuals_in_use(observed) & wanted
     placement, stance = observed.measurements.placement, observed.stance
     rows, blocks, volume = _factored(own, levers, placement, stance, used)
-    return Whitening(rows, blocks, slope, reach, own, levers, placement, stance, volume)
-
-
-def _in_channels(channels: str) -> np.ndarray:
-    """Return which residuals of a posture belong to some channels, (11,) bool."""
-    out = np.zeros(SIZE, bool)
-    for channel in channels:
-        out[ROWS[channel]] = True
-    return out
+    return Whitening(rows, blocks, slope, reach, own, levers, volume)
 
 
 def _factored(

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tulip_testbed.identification.reading_noise import usable_sd
 from tulip_testbed.identification.regressor import Regression
 
 SHEET_PRIOR = np.log(2.0)  # s.d. of ln s_k if a data sheet states s_k
@@ -52,17 +51,6 @@ class Components:
     slopes: np.ndarray
 
 
-@dataclass(frozen=True)
-class _Fit:
-    value: float
-    gradient: np.ndarray
-    curvature: np.ndarray
-    inverse: np.ndarray
-    information: np.ndarray
-    gain: np.ndarray
-    slopes: np.ndarray
-
-
 def fit_components(data: Regression, encoders: np.ndarray | None) -> Components:
     """Fit the variance components.
 
@@ -92,42 +80,40 @@ def fit_components(data: Regression, encoders: np.ndarray | None) -> Components:
     levers = (plates * _levers(data)).reshape(2 * count, 2, 3)[rows] * inside[..., None, None]
     kernels = np.stack([diagonal(cells), *(levers[:, :, k] @ levers[:, :, k].mT for k in (0, 1))])
 
-    tau = np.zeros(3)
-    best = _evaluate(tau, fixed, kernels, whole, prior)
+    tau, gained = np.zeros(3), np.inf
+    value, gradient, curvature, best = _evaluate(tau, fixed, kernels, whole, prior)
     for _ in range(MOST_STEPS):
-        step = np.clip(-np.linalg.solve(best.curvature, best.gradient), -MOST_STEP, MOST_STEP)
-        if abs(step @ best.gradient) < CONVERGED:
+        step = np.clip(-np.linalg.solve(curvature, gradient), -MOST_STEP, MOST_STEP)
+        if abs(step @ gradient) < CONVERGED or gained < CONVERGED:
             break
         for shrink in 0.5 ** np.arange(20):
             trial = np.clip(tau + shrink * step, -MOST_TAU, MOST_TAU)
             found = _evaluate(trial, fixed, kernels, whole, prior)
-            if found.value <= best.value:
+            if found[0] <= value:
                 break
         else:
             break
-        gained = best.value - found.value
-        tau, best = trial, found
-        if gained < CONVERGED:
-            break
+        gained, tau = value - found[0], trial
+        value, gradient, curvature, best = found
     scale = np.exp(tau)
     right, left = scale[1:] * position
     return Components(
-        inverse=best.inverse,
         rows=rows,
         triangle=triangle,
-        information=best.information,
-        gain=best.gain,
         scale=scale,
         placement_sd=(float(right), float(left)),
-        covariance=np.linalg.inv(best.curvature),
-        slopes=best.slopes,
+        covariance=np.linalg.inv(curvature),
+        **best,
     )
 
 
 def _evaluate(
     tau: np.ndarray, fixed: np.ndarray, kernels: np.ndarray, whole: np.ndarray, prior: np.ndarray
-) -> _Fit:
-    """Return minus the log-likelihood, its gradient and average information in tau, with Q instead of H."""
+) -> tuple[float, np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """Return minus the log-likelihood, its gradient and average information in tau, with Q instead of H.
+
+    The last are attributes of `Components`.
+    """
     part = np.exp(2 * tau)
     scaled = part[:, None, None, None] * kernels
     covariance = fixed + scaled.sum(axis=0)
@@ -154,15 +140,9 @@ def _evaluate(
     back = np.einsum("gab,kgb->kga", inverse, pushed)
     on_basis = np.tensordot(back, whole[..., :-1], axes=((1, 2), (0, 1)))
     curved = 2 * (np.tensordot(pushed, back, axes=((1, 2), (1, 2))) - on_basis @ root @ on_basis.T)
-    return _Fit(
-        value=0.5 * (log_determinant + log_information + unexplained + ((tau / prior) ** 2).sum()),
-        gradient=score + tau / prior**2,
-        curvature=curved + np.diag(prior**-2.0),
-        inverse=inverse,
-        information=information,
-        gain=gain,
-        slopes=slopes,
-    )
+    value = 0.5 * (log_determinant + log_information + unexplained + ((tau / prior) ** 2).sum())
+    parts = {"inverse": inverse, "information": information, "gain": gain, "slopes": slopes}
+    return value, score + tau / prior**2, curved + np.diag(prior**-2.0), parts
 
 
 def _rows(placement: np.ndarray) -> np.ndarray:
@@ -201,9 +181,9 @@ def _stated(data: Regression, size: float) -> tuple[np.ndarray, np.ndarray, np.n
         positions, (2,); s.d. of the prior of each tau, (3,).
     """
     shape = np.tile(np.eye(2), (len(data.placement), 1, 1)) if data.cells is None else data.cells
-    cell = usable_sd(data.sensors.cell_sd) if data.cells is not None else None
-    factor = size / np.sqrt(np.trace(shape.mean(axis=0)) / 2) if cell is None else cell
-    prior = [NO_PRIOR if cell is None else SHEET_PRIOR]
+    cell = data.sensors.cell_sd if data.cells is not None else None
+    factor = cell or size / np.sqrt(np.trace(shape.mean(axis=0)) / 2)
+    prior = [SHEET_PRIOR if cell else NO_PRIOR]
     left = np.array(data.sensors.placement_sd or (0.0, 0.0, 0.0))
     if left[:2].any():
         prior += [MARK_PRIOR, SHEET_PRIOR]

@@ -204,7 +204,6 @@ class LaboratoryEnvironment(dm_env.Environment):
     def _observed(
         self, rig: Rig, model: mujoco.MjModel, empty: np.ndarray
     ) -> dict[str, observable.Observable]:
-        """Make all observables; those that are true values are disabled."""
         sensors, ones = rig.sensors, np.ones(len(self.names))
         interval = max(1, round(1 / (sensors.sample_rate * model.opt.timestep)))
         found: dict[str, observable.Observable] = {}
@@ -233,15 +232,7 @@ class LaboratoryEnvironment(dm_env.Environment):
         return found
 
     def _command(self, action: np.ndarray) -> np.ndarray:
-        count = len(self.names)
-        try:
-            command = np.asarray(action, dtype=float)
-        except (TypeError, ValueError):
-            raise InputError(f"action: found {shortened(repr(action))}, expected {count} numbers") from None
-        if command.shape != (count,):
-            raise InputError(f"action: found shape {command.shape}, expected ({count},)")
-        if not np.isfinite(command).all():
-            raise InputError(f"action: found a number that is not finite: {shortened(command)}")
+        command = _checked(action, (len(self.names),), "action")
         if self._actuation == "angles" and np.abs(command).max() > TURN:
             far = command[np.abs(command).argmax()]
             raise InputError(f"action: found an angle of {far:g}, expected radians within a turn")

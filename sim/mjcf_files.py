@@ -133,7 +133,6 @@ def _hash(content: bytes) -> str:
 
 
 def _not_finite(token: str) -> bool:
-    """Return whether a token is a number that is infinite or not a number."""
     try:
         return not abs(float(token)) < float("inf")
     except ValueError:

@@ -78,9 +78,10 @@ class ClosedChain:
             error = np.concatenate([_difference(a, w) for a, w in zip(actual, wanted, strict=True)])
             if np.abs(error).max() < TOLERANCE:
                 break
-            jacobian = np.vstack(
-                [self._jacobian(foot, sole) for foot, (sole, _) in zip(self.feet, actual, strict=True)]
-            )
+            jacobian = np.zeros((12, self.model.nv))
+            for k, (foot, (sole, _)) in enumerate(zip(self.feet, actual, strict=True)):
+                place, turn = jacobian[6 * k : 6 * k + 3], jacobian[6 * k + 3 : 6 * k + 6]
+                mujoco.mj_jac(self.model, self.data, place, turn, sole, foot)
             change = np.linalg.lstsq(jacobian[:, self.dofs[self.coupled]], error, rcond=1e-6)[0]
             angles = angles.copy()
             angles[self.coupled] -= change
@@ -97,11 +98,6 @@ class ClosedChain:
             (data.xpos[foot] + rotation @ sole, rotation)
             for foot, rotation, sole in zip(self.feet, rotations, self.soles, strict=True)
         ]
-
-    def _jacobian(self, foot: int, point: np.ndarray) -> np.ndarray:
-        jacobian = np.zeros((6, self.model.nv))
-        mujoco.mj_jac(self.model, self.data, jacobian[:3], jacobian[3:], point, foot)
-        return jacobian
 
 
 def smooth_path(

@@ -127,7 +127,7 @@ def load_robot(path: Path = TULIP, meshes: bool = False) -> Robot:
     inside = Path(path) / DESCRIPTION
     if Path(path).is_dir() and not present(inside):
         raise InputError(f"{path}: found a folder without {DESCRIPTION}, expected that of `tulip robot`")
-    return _load(inside if present(inside) else Path(path), try_to_compile, meshes)
+    return _load(inside if present(inside) else Path(path), meshes, new=True)
 
 
 def _elsewhere(path: Path, hashes: tuple[tuple[str, str], ...], described: dict[str, Any]) -> Robot:
@@ -139,15 +139,13 @@ def _elsewhere(path: Path, hashes: tuple[tuple[str, str], ...], described: dict[
 
 @lru_cache(maxsize=8)
 def _reloaded(path: Path, hashes: tuple[tuple[str, str], ...]) -> Robot:
-    robot = _load(path, lambda model, files: None, meshes=False)  # the first process has compiled it safely
+    robot = _load(path, meshes=False, new=False)  # the first process has compiled it safely
     if tuple(robot.hashes.items()) != hashes:
         raise InputError(f"{path}: a file of the robot was changed while it was in use")
     return robot
 
 
-def _load(
-    path: Path, compile_safely: Callable[[Path, dict[Path, dict[Path, str]]], None], meshes: bool
-) -> Robot:
+def _load(path: Path, meshes: bool, new: bool) -> Robot:
     settings = _description(path)
     path = Path(os.path.realpath(path))
     check_path(path)  # the folder's names too: MuJoCo reads UTF-8 alone
@@ -158,7 +156,8 @@ def _load(
     files = {model_file: _files(model_file, folder)}
     with suppress(InputError):  # a broken scene is refused by what stands on it
         files[scene_file or plate_file] = _files(scene_file or plate_file, folder)
-    compile_safely(model_file, files)
+    if new:
+        try_to_compile(model_file, files)
     spec = read_spec(model_file)
     check_before_compiling(spec, str(model_file))
     spec = spec if meshes else without_meshes(spec, str(model_file))
@@ -189,7 +188,6 @@ def _load(
 
 
 def _description(path: Path) -> dict[str, Any]:
-    """Read a robot's description and check its most important keys."""
     if path.suffix.lower() in PUBLISHED and present(path):
         raise InputError(
             f"{path}: found a model, expected a description (TOML): `tulip robot` makes one of it"
@@ -239,7 +237,6 @@ def _files(path: Path, folder: Path) -> dict[Path, str]:
 
 
 def _named(files: Mapping[Path, str], folder: Path) -> list[tuple[str, str]]:
-    """Return the files' names in the robot's folder with their hashes."""
     return [
         (path.relative_to(folder).as_posix() if path.is_relative_to(folder) else path.name, found)
         for path, found in files.items()

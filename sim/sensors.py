@@ -66,12 +66,9 @@ class WrenchSensors:
     def only(self, channels: tuple[str, ...]) -> Self:
         """Return sensors of which only some channels are read."""
         kept = [self.channels.index(channel) for channel in channels]
-        repeatability, noise, resolution, zero_sd = (
-            tuple(figures[k] for k in kept)
-            for figures in (self.repeatability, self.noise, self.resolution, self.zero_sd)
-        )
-        errors = {"repeatability": repeatability, "noise": noise, "resolution": resolution}
-        return replace(self, channels=channels, zero_sd=zero_sd, **errors)
+        names = ("repeatability", "noise", "resolution", "zero_sd")
+        figures = {name: tuple(getattr(self, name)[k] for k in kept) for name in names}
+        return replace(self, channels=channels, **figures)
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from tulip_testbed.identification.pseudo_inertia import (
     pseudo_inertia,
     pseudo_inertias,
     solid,
+    standard_of,
 )
 from tulip_testbed.sim.random_robots import draw_robot
 
@@ -62,8 +63,9 @@ def check(cad, wanted, found):
         assert moments[0] > 0
         assert moments[0] + moments[1] > moments[2]
         assert np.trace(bound @ one) > -1e-9 * mass
-    assert np.abs(cad.parameters.values(found.standard) - found.value).max() < 1e-11
-    assert found.standard[:, 0].sum() == pytest.approx(wanted.mass, rel=1e-11)
+    standard = standard_of(found.pseudo)
+    assert np.abs(cad.parameters.values(standard) - found.value).max() < 1e-11
+    assert standard[:, 0].sum() == pytest.approx(wanted.mass, rel=1e-11)
 
 
 @settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

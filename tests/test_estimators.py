@@ -13,10 +13,14 @@ from tests.test_refusals import refuse
 from tulip_testbed.identification import variance_components
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
 from tulip_testbed.identification.estimators import MIXED_MODEL, estimate_by, solve_least_squares
-from tulip_testbed.identification.estimators.consistent import corner_parameters
 from tulip_testbed.identification.estimators.errors_in_variables import bounded_excess
 from tulip_testbed.identification.estimators.ordinary import by_qr
-from tulip_testbed.identification.estimators.prior import CENTER_SD, MASS_SD, identifiable_masses
+from tulip_testbed.identification.estimators.prior import (
+    CENTER_SD,
+    MASS_SD,
+    corner_parameters,
+    identifiable_masses,
+)
 from tulip_testbed.identification.loop_closure import encoder_sd_by_closure
 from tulip_testbed.identification.regressor import Regression
 from tulip_testbed.identification.statistics import (

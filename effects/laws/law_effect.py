@@ -37,7 +37,6 @@ TURN = 180 / np.pi
 
 
 def _pull(rig: Rig, target: str, values: Values) -> Rig:
-    """Return the laboratory with a force on a link, in the base frame."""
     sentence, force = sentence_of(target), np.array(values[:3])
     size = float(np.linalg.norm(force))
     if size == 0:
@@ -61,7 +60,6 @@ def _pull(rig: Rig, target: str, values: Values) -> Rig:
 
 
 def _without_pull(observed: Observation, target: str, values: Values) -> Observation:
-    """Return the observation without the force."""
     sentence = sentence_of(target)
     time = observed.time_fraction
     part = {g.CONSTANT: np.ones(len(time)), g.LINEAR: time}.get(sentence.form)

@@ -10,7 +10,7 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.numbers import number
 from tulip_testbed.identification.center_of_pressure import contact_pressure
 from tulip_testbed.identification.nominal import Nominal
-from tulip_testbed.identification.preflight.leg_closure import CLEARLY, LEVEL, misclosures
+from tulip_testbed.identification.preflight.stance_checks import CLEARLY, LEVEL, misclosures
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.cells import PLATES
 

@@ -7,8 +7,8 @@ from tulip_testbed.experiments.watching.day_model import DayModel
 from tulip_testbed.experiments.watching.watch_state import WatchState
 from tulip_testbed.identification.preflight import settling
 from tulip_testbed.identification.preflight.finding import Finding
-from tulip_testbed.identification.preflight.plate_checks import feet_on_plates, load_in_soles, plate_poses
 from tulip_testbed.identification.preflight.readings import cell_loads
+from tulip_testbed.identification.preflight.stance_checks import feet_on_plates, load_in_soles, plate_poses
 from tulip_testbed.identification.preflight.units import joint_limits, units
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.cells import CELLS

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -55,20 +56,6 @@ NAMES = {
     "order": "order of the channels",
 }
 
-CHANGES = {
-    "axes": "wrenches are turned to the sensor's axes",
-    "sign": "wrenches change their sign",
-    "about": "moments are moved to the sensor's origin",
-    "order": "forces and moments change places",
-}
-
-
-@dataclass(frozen=True)
-class ConventionRow(StatedConvention):
-    """A hypothesis, and what reading the measurements so changes."""
-
-    change: str
-
 
 @dataclass(frozen=True)
 class Conventions:
@@ -80,27 +67,22 @@ class Conventions:
         problems: what is not decided or contradicts the log.
         doubt: hypotheses between which the wrenches do not decide; "" if they do.
         residual: r.m.s. of the unexplained force and moment over the weight, x, y, z, (6,) [-, m].
-        origin: of the moments from its stated place, and s.d., (2, 3) [m].
         lag: by which the contact sensors are behind the joints and its s.d., (2,) [s]; NaN: unknown.
         applied: the measurements with wrenches as the contract has them.
     """
 
-    rows: tuple[ConventionRow, ...]
+    rows: tuple[StatedConvention, ...]
     convention: WrenchConvention
     problems: tuple[str, ...]
     doubt: str
     residual: np.ndarray
-    origin: np.ndarray
     lag: np.ndarray
     applied: Measurements
 
     @property
     def stated(self) -> tuple[StatedConvention, ...]:
         """Return the hypotheses as manifest and document have them."""
-        return tuple(
-            StatedConvention(row.what, row.hypothesis, round(row.log_likelihood, 2), row.applied)
-            for row in self.rows
-        )
+        return tuple(replace(row, log_likelihood=round(row.log_likelihood, 2)) for row in self.rows)
 
 
 def convention_table(conventions: Sequence[StatedConvention]) -> Table:
@@ -113,11 +95,13 @@ def convention_table(conventions: Sequence[StatedConvention]) -> Table:
     return Table("Conventions", tuple(map(Column, names)), rows)
 
 
-@dataclass(frozen=True)
-class _Tried:
+class _Tried(NamedTuple):
+    log_likelihood: float
     convention: WrenchConvention
     fit: ConventionFit
-    log_likelihood: float
+
+
+_likelihood = attrgetter("log_likelihood")
 
 
 class _Counted(NamedTuple):
@@ -178,12 +162,9 @@ def audit_conventions(measurements: Measurements, nominal: Nominal) -> Conventio
     chosen = replace(best.convention, yaw=yaw) if settled else WrenchConvention()
     top = max(one[2] for one in rows)
     out = [
-        ConventionRow(
-            what=NAMES[aspect],
-            hypothesis=value,
-            log_likelihood=likelihood - top,
-            applied=_is(value, getattr(chosen, aspect)),
-            change="nothing" if _is(value, getattr(WrenchConvention(), aspect)) else CHANGES[aspect],
+        # The value applied is the one shown, alone or first.
+        StatedConvention(
+            NAMES[aspect], value, likelihood - top, value.partition(",")[0] == getattr(chosen, aspect)
         )
         for aspect, value, likelihood in rows
     ]
@@ -197,7 +178,7 @@ def audit_conventions(measurements: Measurements, nominal: Nominal) -> Conventio
     applied = measurements
     if settled and chosen != WrenchConvention():
         applied = rewritten(measurements, contact_frames(nominal, measurements), chosen)
-    found = Conventions(tuple(out), chosen, tuple(problems), doubt, residual, best.fit.origin, lag, applied)
+    found = Conventions(tuple(out), chosen, tuple(problems), doubt, residual, lag, applied)
     return replace(found, applied=replace(applied, conventions=found.stated))
 
 
@@ -225,10 +206,6 @@ def _tried(m: Measurements, need: NeededWrench, frames: ContactFrames, counted: 
     return sorted(tried, key=_likelihood, reverse=True)
 
 
-def _likelihood(tried: _Tried) -> float:
-    return tried.log_likelihood
-
-
 def _fitted(
     m: Measurements,
     need: NeededWrench,
@@ -240,12 +217,12 @@ def _fitted(
     measured = total_in_base(m, frames, convention)
     fit = fit_convention(measured, need, convention.axes == WORLD, body, counted.rows)
     if not any(counted.air):
-        return _Tried(convention, fit, fit.log_likelihood)
+        return _Tried(fit.log_likelihood, convention, fit)
     zeros = [
         reading_in_the_air(read, upright, need.weight, rows)
         for (read, upright), rows in zip(_in_the_air(m, frames, convention), counted.air, strict=True)
     ]
-    return _Tried(convention, fit, fit.log_likelihood + sum(zeros))
+    return _Tried(fit.log_likelihood + sum(zeros), convention, fit)
 
 
 def _in_the_air(
@@ -260,7 +237,6 @@ def _in_the_air(
 
 
 def _ranked(tried: list[_Tried], aspect: str) -> list[tuple[str, float]]:
-    """Return the values of one aspect with their best log-likelihood, the best first."""
     best: dict[str, float] = {}
     for one in tried:
         best.setdefault(getattr(one.convention, aspect), one.log_likelihood)
@@ -287,24 +263,18 @@ def _described(convention: WrenchConvention) -> str:
 
 
 def _best_two(conventions: Sequence[WrenchConvention]) -> list[str]:
-    """Describe the first two that differ in more than the yaw of the world's axes."""
     return list(dict.fromkeys(map(_described, conventions)))[:2]
 
 
-def _is(shown: str, value: str) -> bool:
-    """Return whether a value is the one shown, alone or first."""
-    return shown.partition(",")[0] == value
-
-
-def _origin(origin: np.ndarray) -> ConventionRow:
+def _origin(origin: np.ndarray) -> StatedConvention:
     (x, y, _), sd = 1e3 * origin[0], 1e3 * origin[1, :2].max()
     text = f"{x:+.0f} mm in x, {y:+.0f} mm in y from its stated place, s.d. {sd:.0f} mm; z not determined"
-    return ConventionRow("place of that point", text, 0.0, False, "a constant moment")
+    return StatedConvention("place of that point", text, 0.0, False)
 
 
 def _joints(
     m: Measurements, nominal: Nominal, likely: list[WrenchConvention], reached: float, counted: _Counted
-) -> tuple[list[ConventionRow], list[str]]:
+) -> tuple[list[StatedConvention], list[str]]:
     """Return other readings of the joints that are likelier than the one taken, in any likely convention."""
     found = []
     for what, other in other_readings(m, nominal.parameters.tree.joint_range):
@@ -313,11 +283,8 @@ def _joints(
         found.append((best - reached, what))
     found.sort(reverse=True)
     better = [one for one in found if one[0] > 0]
-    rows = [
-        ConventionRow("joints", what, gain, False, "the model's posture")
-        for gain, what in (better or found)[:3]
-    ]
-    as_named = ConventionRow("joints", "as the columns are named", 0.0, True, "nothing")
+    rows = [StatedConvention("joints", what, gain, False) for gain, what in (better or found)[:3]]
+    as_named = StatedConvention("joints", "as the columns are named", 0.0, True)
     told = [
         f"joints: '{what}' is likelier by {gain:.0f}; state it" for gain, what in found if gain > DECISIVE
     ]

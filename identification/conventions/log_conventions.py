@@ -1,6 +1,7 @@
 """How a log may write wrenches and joint angles: axes, signs, points and orders, and how late it may be."""
 
 import itertools
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -18,7 +19,6 @@ SENSOR, PREPARED, PUBLISHED = "sensor", "base link", "base link as published"
 FOOT = "a point of the foot"
 ON_ROBOT, ON_GROUND = "of the ground on the robot", "of the robot on the ground"
 FORCES, MOMENTS = "forces first", "moments first"
-TURNS = ("roll", "pitch", "yaw")
 OUTSIDE = np.radians(10.0)  # of a joint's range, that a reading may be
 APART = np.radians(3.0)  # a range so nearly symmetric has no wrong end
 OF_ANGLES = ("joint_angles", "joint_rates", "joint_accelerations")
@@ -143,25 +143,22 @@ def other_readings(measurements: Measurements, joint_range: np.ndarray) -> Itera
     """
     m, joints = measurements, measurements.joints
     logged = [k for k, joint in enumerate(joints) if joint not in m.constant_joints]
+    same = np.arange(len(joints))
     for k in logged:
-        ends = joint_range[k].sum()
-        turned = [(f"{joints[k]}: sign turned", 0.0)]
+        ends, factor = joint_range[k].sum(), np.where(same == k, -1.0, 1.0)
+        yield from _possible(f"{joints[k]}: sign turned", _read(m, factor, same, k, 0.0), joint_range)
         if np.isfinite(ends) and abs(ends) > APART:
-            turned.append((f"{joints[k]}: counted from the other end of its range", ends))
-        for what, zero in turned:
-            factor = np.where(np.arange(len(joints)) == k, -1.0, 1.0)
-            yield from _possible(what, _read(m, factor, np.arange(len(joints)), k, zero), joint_range)
+            what = f"{joints[k]}: counted from the other end of its range"
+            yield from _possible(what, _read(m, factor, same, k, ends), joint_range)
     groups: dict[str, list[int]] = {}
     for k in logged:
-        if any(turn in joints[k] for turn in TURNS):
-            stem = joints[k]
-            for turn in TURNS:
-                stem = stem.replace(turn, "*")
+        stem = re.sub("roll|pitch|yaw", "*", joints[k])
+        if stem != joints[k]:
             groups.setdefault(stem, []).append(k)
     for group in groups.values():
         for order in itertools.permutations(group):
             if list(order) != group:
-                source = np.arange(len(joints))
+                source = same.copy()
                 source[group] = order
                 names = ", ".join(joints[k] for k in group)
                 what = f"{names}: read in the order {', '.join(joints[k] for k in order)}"

@@ -4,13 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from tulip_testbed.base.errors import look_up
-from tulip_testbed.identification.estimators.consistent import physically_consistent
 from tulip_testbed.identification.estimators.errors_in_variables import corrected_least_squares
 from tulip_testbed.identification.estimators.estimate import Estimate, StandardEstimate, Unseen
 from tulip_testbed.identification.estimators.mixed import mixed_model, placement_effects
-from tulip_testbed.identification.estimators.ordinary import least_squares, solve_least_squares
-from tulip_testbed.identification.estimators.prior import with_prior
-from tulip_testbed.identification.estimators.robust import huber
+from tulip_testbed.identification.estimators.ordinary import huber, least_squares, solve_least_squares
+from tulip_testbed.identification.estimators.prior import physically_consistent, with_prior
 from tulip_testbed.identification.regressor import Regression
 
 

@@ -5,7 +5,7 @@ from scipy.linalg import block_diag
 
 from tulip_testbed.identification.estimators.errors_in_variables import bounded_excess
 from tulip_testbed.identification.estimators.estimate import Estimate
-from tulip_testbed.identification.estimators.ordinary import residual_sigma, solve
+from tulip_testbed.identification.estimators.ordinary import estimate_with, solve
 from tulip_testbed.identification.regressor import Regression
 from tulip_testbed.identification.statistics import of_f_test, satterthwaite
 from tulip_testbed.identification.variance_components import Components, fit_components
@@ -51,22 +51,8 @@ def _estimate(data: Regression, start: np.ndarray, fit: Components, blurred: np.
     back = np.linalg.inv(fit.triangle)
     value = start + back @ change
     covariance = back @ root @ back.T
-    residual, sigma, dof = residual_sigma(data, value)
-    interval_dof, joint_dof = _degrees_of_freedom(fit, back, dof)
-    return Estimate(
-        numbers=data.numbers,
-        names=data.names,
-        value=value,
-        covariance=covariance,
-        clustered_covariance=covariance,
-        residual=residual,
-        sigma=sigma,
-        placement_sd=fit.placement_sd,
-        dof=dof,
-        interval_dof=interval_dof,
-        joint_dof=joint_dof,
-        condition_number=float(np.linalg.cond(data.matrix)),
-    )
+    freedom = _degrees_of_freedom(fit, back, len(data.output) - len(value))
+    return estimate_with(data, value, covariance, covariance, fit.placement_sd, freedom)
 
 
 def _excess(fit: Components, blurred: np.ndarray) -> np.ndarray:

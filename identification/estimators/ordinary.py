@@ -1,4 +1,4 @@
-"""Ordinary least squares on the centre of pressure (eq. 8)."""
+"""Least squares on the centre of pressure (eq. 8), ordinary and with less weight for outlying postures."""
 
 from dataclasses import replace
 
@@ -10,6 +10,8 @@ from tulip_testbed.identification.rank import labels, require_identifiable
 from tulip_testbed.identification.regressor import Regression
 from tulip_testbed.identification.variance_components import fit_components
 from tulip_testbed.measurements import SensorSheet
+
+EXACT = 1e-12  # of the output's size; smaller residuals need no weights
 
 
 def solve_least_squares(matrix: np.ndarray, output: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -50,20 +52,34 @@ def estimate_at(data: Regression, value: np.ndarray, c: np.ndarray) -> Estimate:
     Args:
         value: the parameters, (p,). c: (H'H)^-1 or what takes its place, (p, p).
     """
-    residual, sigma, dof = residual_sigma(data, value)
+    _, sigma, dof = residual_sigma(data, value)
     clustered, placement_sd = clustered_covariance(data, c)
+    freedom = np.full(len(value), float(dof)), float(dof)
+    return estimate_with(data, value, sigma**2 * c, clustered, placement_sd, freedom)
+
+
+def estimate_with(
+    data: Regression,
+    value: np.ndarray,
+    covariance: np.ndarray,
+    clustered: np.ndarray,
+    placement_sd: tuple[float, float],
+    freedom: tuple[np.ndarray, float],
+) -> Estimate:
+    """Return an estimate, (p,) [m], with these errors and degrees of freedom of each and of all."""
+    residual, sigma, dof = residual_sigma(data, value)
     return Estimate(
         numbers=data.numbers,
         names=data.names,
         value=value,
-        covariance=sigma**2 * c,
+        covariance=covariance,
         clustered_covariance=clustered,
         residual=residual,
         sigma=sigma,
         placement_sd=placement_sd,
         dof=dof,
-        interval_dof=np.full(len(value), float(dof)),
-        joint_dof=float(dof),
+        interval_dof=freedom[0],
+        joint_dof=freedom[1],
         condition_number=float(np.linalg.cond(data.matrix)),
     )
 
@@ -86,3 +102,24 @@ def clustered_covariance(data: Regression, c: np.ndarray) -> tuple[np.ndarray, t
     rows = data.matrix[fit.rows] * (fit.rows >= 0)[..., None]
     spread = np.tensordot(rows, np.linalg.solve(fit.inverse, rows), axes=((0, 1), (0, 1)))
     return c @ spread @ c, fit.placement_sd
+
+
+def huber(data: Regression) -> Estimate:
+    """Estimate by Huber's M-estimator (1964) with 95 % efficiency, scaled by the median absolute deviation.
+
+    Its covariance is Huber's (1973): C times sigma^2 of the clipped residuals over their mean slope. This
+    equals least squares on the pseudo-observations H theta + clipped residuals over the mean slope, whose
+    solution is the M-estimate itself; so the clustered covariance follows as for least squares.
+    """
+    start, _ = solve(data)
+    if residual_sigma(data, start)[1] <= EXACT * np.abs(data.output).max(initial=0.0):
+        return least_squares(data)
+    import statsmodels.api as sm  # takes a second to import
+
+    fitted = sm.RLM(data.output, data.matrix, M=sm.robust.norms.HuberT()).fit(tol=1e-10, maxiter=200)
+    ratio = (data.output - data.matrix @ fitted.params) / fitted.scale
+    norm = sm.robust.norms.HuberT()
+    clipped = fitted.scale * norm.psi(ratio) / norm.psi_deriv(ratio).mean()
+    pseudo = least_squares(replace(data, output=data.matrix @ fitted.params + clipped))
+    residual, sigma, _ = residual_sigma(data, pseudo.value)
+    return replace(pseudo, residual=residual, sigma=sigma)

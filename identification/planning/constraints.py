@@ -1,5 +1,6 @@
 """All constraints on a posture as inequalities g(u) >= 0, with derivatives."""
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,36 +83,37 @@ def limb_distances(problem: PlanningProblem, chain: Chain) -> tuple[np.ndarray, 
     """
     ends = {frame for leg in problem.limbs for limb in leg for frame in limb[:2]}
     slopes = {frame: point_jacobian(problem, chain, frame) for frame in ends}
-    distances, gradients = [], []
-    for a, b, radius in problem.limbs[0]:
-        for c, d, other in problem.limbs[1]:
-            first, second = chain.positions[:, [a, b]], chain.positions[:, [c, d]]
-            s, t = nearest_on_segments(first, second)
-            away = on_segments(second, t) - on_segments(first, s)
-            length = np.linalg.norm(away, axis=1)
-            normal = away / np.maximum(length, 1e-9)[:, None]
-            slope = (1 - t)[:, None, None] * slopes[c] + t[:, None, None] * slopes[d]
-            slope = slope - (1 - s)[:, None, None] * slopes[a] - s[:, None, None] * slopes[b]
-            distances.append(length - radius - other)
-            gradients.append((normal[:, None] @ slope)[:, 0])
-    if not distances:
-        count = len(chain.angles)
-        return np.zeros((count, 0)), np.zeros((count, 0, chain.angles.shape[1]))
-    return np.stack(distances, axis=1), np.stack(gradients, axis=1)
+    pairs = list(itertools.product(*problem.limbs))
+    distances, gradients = _places_for(len(pairs), chain)
+    for k, ((a, b, radius), (c, d, other)) in enumerate(pairs):
+        first, second = chain.positions[:, [a, b]], chain.positions[:, [c, d]]
+        s, t = nearest_on_segments(first, second)
+        away = on_segments(second, t) - on_segments(first, s)
+        length = np.linalg.norm(away, axis=1)
+        normal = away / np.maximum(length, 1e-9)[:, None]
+        slope = (1 - t)[:, None, None] * slopes[c] + t[:, None, None] * slopes[d]
+        slope = slope - (1 - s)[:, None, None] * slopes[a] - s[:, None, None] * slopes[b]
+        distances[:, k] = length - radius - other
+        gradients[:, k] = (normal[:, None] @ slope)[:, 0]
+    return distances, gradients
+
+
+def _places_for(count: int, chain: Chain) -> tuple[np.ndarray, np.ndarray]:
+    """Return empty arrays for some values of each posture and their derivatives by the angles."""
+    m, n = chain.angles.shape
+    return np.empty((m, count)), np.empty((m, count, n))
 
 
 def leg_stretch(problem: PlanningProblem, chain: Chain) -> tuple[np.ndarray, np.ndarray]:
     """Return the shortening of hip to ankle against a straight knee, (m, legs) [m], and its derivative."""
-    room, slopes = [], []
-    for hip, ankle, length in problem.legs:
+    room, slopes = _places_for(len(problem.legs), chain)
+    for k, (hip, ankle, length) in enumerate(problem.legs):
         line = chain.positions[:, ankle] - chain.positions[:, hip]
         distance = np.linalg.norm(line, axis=1)
         slope = point_jacobian(problem, chain, ankle) - point_jacobian(problem, chain, hip)
-        room.append(length - distance)
-        slopes.append(-((line / distance[:, None])[:, None] @ slope)[:, 0])
-    if not room:
-        return np.zeros((len(chain.angles), 0)), np.zeros((len(chain.angles), 0, chain.angles.shape[1]))
-    return np.stack(room, axis=1), np.stack(slopes, axis=1)
+        room[:, k] = length - distance
+        slopes[:, k] = -((line / distance[:, None])[:, None] @ slope)[:, 0]
+    return room, slopes
 
 
 @dataclass(frozen=True)
@@ -140,11 +142,13 @@ class Evaluation(Evaluated):
     """Evaluated postures on both feet.
 
     Attributes:
+        design: design variables u, (m, 9) [m, rad, m, m, rad].
         reached: whether inverse kinematics succeeded, (m,) bool.
         joint_jacobian: dq/du, (m, n, 9).
         torque: drive torques that share the load between the feet as planned, (m, n) [N m].
     """
 
+    design: np.ndarray
     reached: np.ndarray
     joint_jacobian: np.ndarray
     torque: np.ndarray
@@ -233,6 +237,7 @@ def evaluate(problem: PlanningProblem, design: np.ndarray, guess: np.ndarray) ->
         inequality_jacobian=jacobian,
         regressor=regressor,
         regressor_slopes=np.einsum("mijp,mju->mipu", by_angle, dq, optimize=True),
+        design=design,
         reached=reached,
         joint_jacobian=dq,
         torque=torque,

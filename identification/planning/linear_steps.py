@@ -5,8 +5,6 @@ Most variables of an optimal plan end at a constraint. Steps to the corners of t
 sparse, since a posture depends on its own and its swing foot's variables only; scipy's HiGHS solves them.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 import scipy
 
@@ -21,60 +19,38 @@ WIDEST, NARROWEST = 1.0, 1e-3  # trust regions
 MOST_LACK = 0.2  # largest violation of an inequality by linearisation
 
 
-@dataclass(frozen=True)
-class EvaluatedPlan:
-    """Evaluated postures of a plan, placement by placement.
-
-    Attributes:
-        design: design variables, (m, 9) [m, rad, m, m, rad].
-        evaluation: of the postures.
-        per: number of postures in a placement.
-    """
-
-    design: np.ndarray
-    evaluation: Evaluation
-    per: int
-
-
-def evaluate_plan(
-    problem: PlanningProblem, design: np.ndarray, angles: np.ndarray, per: int
-) -> EvaluatedPlan:
-    """Evaluate the postures of a plan."""
-    return EvaluatedPlan(design, evaluate(problem, design, angles), per)
-
-
-def merit(plan: EvaluatedPlan, smooth: Smooth, penalty: float) -> float:
+def merit(plan: Evaluation, smooth: Smooth, penalty: float) -> float:
     """Return the objective plus the penalty for violated constraints."""
-    lack = np.maximum(-plan.evaluation.inequalities.min(axis=1), 0.0)
-    return smooth(information(plan.evaluation))[0] + penalty * float(lack.sum())
+    lack = np.maximum(-plan.inequalities.min(axis=1), 0.0)
+    return smooth(information(plan))[0] + penalty * float(lack.sum())
 
 
 def descend(
-    problem: PlanningProblem, plan: EvaluatedPlan, smooth: Smooth, iterations: int, penalty: float
-) -> EvaluatedPlan:
-    """Take linear steps while they reduce the merit; postures may end slightly infeasible.
+    problem: PlanningProblem, plan: Evaluation, per: int, smooth: Smooth, iterations: int, penalty: float
+) -> Evaluation:
+    """Take linear steps of all placements while they reduce the merit; they may end slightly infeasible.
 
     A placement whose step violates a constraint by nonlinearity stays unchanged and gets a smaller trust
     region, so that one straight knee does not slow down all placements.
     """
-    value, regions = merit(plan, smooth, penalty), np.full(len(plan.design) // plan.per, REGION)
+    value, regions = merit(plan, smooth, penalty), np.full(len(plan.design) // per, REGION)
     for _ in range(iterations):
-        step, gain = linear_step(problem, plan, smooth, np.repeat(regions, plan.per), None, penalty)
+        step, gain = linear_step(problem, plan, per, smooth, np.repeat(regions, per), None, penalty)
         if gain < 1e-6:
             break
         for _ in range(2):
             moved = _moved(problem, plan, step)
-            lack, before = (np.maximum(-w.evaluation.inequalities.min(axis=1), 0.0) for w in (moved, plan))
-            broken = (lack > before + MOST_LACK).reshape(-1, plan.per).any(axis=1)
+            lack, before = (np.maximum(-w.inequalities.min(axis=1), 0.0) for w in (moved, plan))
+            broken = (lack > before + MOST_LACK).reshape(-1, per).any(axis=1)
             if not broken.any():
                 break
             regions = np.where(broken, SHRINK * regions, regions)
-            step = step * np.repeat(~broken, plan.per)[:, None]
+            step = step * np.repeat(~broken, per)[:, None]
         after = merit(moved, smooth, penalty)
         if after >= value:  # correct for the curvature of the constraints
-            rates = (plan.evaluation.inequality_jacobian @ step[..., None])[..., 0]
-            missed = moved.evaluation.inequalities - plan.evaluation.inequalities - rates
-            step, _ = linear_step(problem, plan, smooth, np.repeat(regions, plan.per), missed, penalty)
+            rates = (plan.inequality_jacobian @ step[..., None])[..., 0]
+            missed = moved.inequalities - plan.inequalities - rates
+            step, _ = linear_step(problem, plan, per, smooth, np.repeat(regions, per), missed, penalty)
             moved = _moved(problem, plan, step)
             after = merit(moved, smooth, penalty)
         if after < value:
@@ -87,14 +63,15 @@ def descend(
     return plan
 
 
-def _moved(problem: PlanningProblem, plan: EvaluatedPlan, step: np.ndarray) -> EvaluatedPlan:
-    change = np.clip((plan.evaluation.joint_jacobian @ step[..., None])[..., 0], -0.5, 0.5)
-    return evaluate_plan(problem, plan.design + step, plan.evaluation.chain.angles + change, plan.per)
+def _moved(problem: PlanningProblem, plan: Evaluation, step: np.ndarray) -> Evaluation:
+    change = np.clip((plan.joint_jacobian @ step[..., None])[..., 0], -0.5, 0.5)
+    return evaluate(problem, plan.design + step, plan.chain.angles + change)
 
 
 def linear_step(
     problem: PlanningProblem,
-    plan: EvaluatedPlan,
+    plan: Evaluation,
+    per: int,
     smooth: Smooth,
     region: np.ndarray,
     missed: np.ndarray | None,
@@ -107,29 +84,27 @@ def linear_step(
         missed: error of the linearised inequalities after a first step, (m, s); None: 0 (second-order
             correction, Fletcher 1982).
     """
-    evaluation = plan.evaluation
-    _, by_matrix = smooth(information(evaluation))
-    cost = information_slope(evaluation, by_matrix) * SCALE
-    columns, size = variables(plan)
+    _, by_matrix = smooth(information(plan))
+    cost = information_slope(plan, by_matrix) * SCALE
+    columns, size = variables(len(plan.design), per)
     at_least = np.full(columns.shape, -np.inf)
     at_most = -at_least
     intervals = np.concatenate([problem.ranges.torso, problem.ranges.swing])
     at_least[:, 3:], at_most[:, 3:] = (intervals.T[:, None] - plan.design[:, 3:]) / SCALE[3:]
-    slopes = evaluation.inequality_jacobian * SCALE
-    room = evaluation.inequalities if missed is None else evaluation.inequalities + missed
-    step, gain = elastic_step(
-        cost, columns, size, evaluation.inequalities, slopes, (at_least, at_most), region, room, penalty
-    )
+    slopes, now = plan.inequality_jacobian * SCALE, plan.inequalities
+    room = now if missed is None else now + missed
+    limits = (at_least, at_most)
+    step, gain = elastic_step(cost, columns, size, now, slopes, limits, region, room, penalty)
     return step * SCALE, gain
 
 
-def variables(plan: EvaluatedPlan) -> tuple[np.ndarray, int]:
+def variables(count: int, per: int) -> tuple[np.ndarray, int]:
     """Return which of a plan's variables are each posture's nine, (m, 9), and how many there are.
 
     Every posture has six of its own; the three of a swing foot are those of all postures of its placement.
     """
-    posture = np.arange(len(plan.design))[:, None]
-    shared = 6 * len(posture) + posture // plan.per * 3 + np.arange(3)
+    posture = np.arange(count)[:, None]
+    shared = 6 * count + posture // per * 3 + np.arange(3)
     return np.concatenate([6 * posture + np.arange(6), shared], axis=1), int(shared.max()) + 1
 
 

@@ -122,7 +122,6 @@ class SearchTask:
         return Start(drawn, state, tuple(single))
 
     def _repaired(self) -> tuple[PosturePlan, SearchState]:
-        """Draw random postures on both feet and repair them."""
         problem, size = self.problem, (SPARE * self.placements, self.per, self.seed)
         drawn = random_postures(problem.robot, problem.plate, *size, problem.ranges, margins=problem.margins)
         where = f"{problem.robot.path}: planning ranges, seed {self.seed}"
@@ -147,7 +146,6 @@ class SearchTask:
         return self.plan_of(*(self._in_turn(state) if start.single else (state, ())))
 
     def _in_turn(self, state: SearchState) -> tuple[SearchState, tuple[OnOneFoot, ...]]:
-        """Improve the postures on one foot and polish those on both, in turn."""
         problem, goal, single = self.problem, self.goal, self.start.single
         smooth, both = goal.smooth[-1], _information(problem, state)
         for _ in range(TURNS):
@@ -190,7 +188,11 @@ class SearchTask:
         plan = replace(drawn, joint_angles=angles, swing_pose=swing, made=made, torques=best.torque)
         plan = with_free_paths(problem.robot, problem.pairs, plan)
         if single := self.start.single if single is None else single:
-            plan = _with_one_foot(problem, plan, single)
+            counts = {own.support: len(own.angles) for own in single}
+            on_one_foot = {**counts, "pool": POOL, "lifted": problem.margins.lifted}
+            plan = replace(plan, made=plan.made | {"on_one_foot": on_one_foot})
+        for own in single:
+            plan = appended_on_one_foot(plan, own)
         if measured is None:
             return plan
         return replace(
@@ -215,16 +217,6 @@ def measured_information(problem: PlanningProblem, measurements: Measurements) -
     """Compute M = H'H of the measured postures at their measured angles, (p, p)."""
     rows = stacked_regressor(problem.parameters, measurements.joint_angles, measurements.support)
     return rows.T @ rows
-
-
-def _with_one_foot(problem: PlanningProblem, plan: PosturePlan, single: Sequence[OnOneFoot]) -> PosturePlan:
-    """Append postures on one foot to a plan, on placements of their own."""
-    counts = {own.support: len(own.angles) for own in single}
-    made = {**counts, "pool": POOL, "lifted": problem.margins.lifted}
-    plan = replace(plan, made=plan.made | {"on_one_foot": made})
-    for own in single:
-        plan = appended_on_one_foot(plan, own)
-    return plan
 
 
 def smallest_margins(problem: PlanningProblem, plan: PosturePlan) -> dict[str, dict[str, Any]]:

@@ -173,7 +173,10 @@ def _limbs(
     rotations = link_rotations(tree, tree.frame_of_link[0], np.zeros((1, len(tree.joints))))
     places = frame_positions(tree, tree.frame_of_link[0], rotations, np.zeros(3))[0]
     before = {step.new: step.known for step in walk(tree, tree.frame_of_link[0])}
-    ways = [_inward(before, tree.frame(foot)) for foot in robot.feet]
+    ways = [[tree.frame(foot)] for foot in robot.feet]  # from each foot to the free body
+    for way in ways:
+        while way[-1] in before:
+            way.append(before[way[-1]])
     shared, least = set(ways[0]) & set(ways[1]), LEAST_LIMB * leg_length(robot)
     limbs, legs = [], []
     for way in ways:
@@ -213,11 +216,3 @@ def _slim(
         for leg, parts in zip(limbs, share, strict=True)
     )
     return right, left
-
-
-def _inward(before: dict[int, int], frame: int) -> list[int]:
-    """List the frames from a foot's to the free body's."""
-    frames = [frame]
-    while frames[-1] in before:
-        frames.append(before[frames[-1]])
-    return frames

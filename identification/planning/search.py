@@ -26,8 +26,8 @@ from tulip_testbed.identification.planning.blocks import (
     repair,
 )
 from tulip_testbed.identification.planning.closed_chain import chain_at
-from tulip_testbed.identification.planning.constraints import evaluate, inequality_names
-from tulip_testbed.identification.planning.linear_steps import EvaluatedPlan, descend, evaluate_plan, merit
+from tulip_testbed.identification.planning.constraints import Evaluation, evaluate, inequality_names
+from tulip_testbed.identification.planning.linear_steps import descend, merit
 from tulip_testbed.identification.planning.objectives import Objective, Smooth
 from tulip_testbed.identification.planning.problem import PlanningProblem
 
@@ -79,8 +79,8 @@ def repair_start(
     """
     design = design_of(problem, angles, swing)
     names, tally, blocks = inequality_names(problem), Counter[str](), list[Block]()
-    for i in range(0, len(design), per):
-        block = repair(problem, Block(design[i : i + per], angles[i : i + per]))
+    for drawn in _blocks(design, angles, per):
+        block = repair(problem, drawn)
         evaluation = evaluate(problem, block.design, block.angles)
         if not evaluation.reached.all():
             tally["out of reach"] += 1
@@ -96,9 +96,9 @@ def repair_start(
             f"cannot be repaired to keep every constraint, expected {placements} that can; "
             f"blocked by {most_frequent(tally)}"
         )
-    design, angles = _joined(blocks)
-    start = information(evaluate(problem, design, angles))
-    value, condition = objective.value(start), objective.condition_number(start)
+    start = _evaluated(problem, blocks)
+    value, condition = (of(information(start)) for of in (objective.value, objective.condition_number))
+    design, angles = start.design, np.concatenate([block.angles for block in blocks])
     return SearchState(0, design, angles, design, angles, value, value, condition)
 
 
@@ -117,17 +117,17 @@ def search(
     stages = objective.smooth
     while state.rounds < round_count(objective, hops):
         k = state.rounds
-        plan = evaluate_plan(problem, state.design, state.angles, per)
+        plan = evaluate(problem, state.design, state.angles)
         if k < len(stages):
-            plan = descend(problem, plan, stages[k], WARM, objective.penalty)
+            plan = descend(problem, plan, per, stages[k], WARM, objective.penalty)
         elif k < len(stages) + hops:
             last = len(stages) - 1
             smooth = stages[min(min(1, last) + (k - len(stages)) * 2 // max(hops, 1), last)]
-            plan = _hop(problem, plan, smooth, objective.penalty, np.random.default_rng([seed, k]))
+            plan = _hop(problem, plan, per, smooth, objective.penalty, np.random.default_rng([seed, k]))
         else:
-            plan = evaluate_plan(problem, state.best_design, state.best_angles, per)
-            plan = _polish(problem, plan, stages[-1])
-        state = _kept(problem, objective, state, plan)
+            best = evaluate(problem, state.best_design, state.best_angles)
+            plan = _polish(problem, _blocks(best.design, best.chain.angles, per), stages[-1])
+        state = _kept(problem, objective, state, plan, per)
         yield state
 
 
@@ -139,34 +139,38 @@ def design_of(problem: PlanningProblem, angles: np.ndarray, swing: np.ndarray) -
 
 
 def _kept(
-    problem: PlanningProblem, objective: Objective, state: SearchState, plan: EvaluatedPlan
+    problem: PlanningProblem, objective: Objective, state: SearchState, plan: Evaluation, per: int
 ) -> SearchState:
     """Return the state after a round; only a feasible plan can become the best."""
-    after = replace(state, rounds=state.rounds + 1, design=plan.design, angles=plan.evaluation.chain.angles)
-    if objective.value(information(plan.evaluation)) > state.value:
+    angles = plan.chain.angles
+    after = replace(state, rounds=state.rounds + 1, design=plan.design, angles=angles)
+    if objective.value(information(plan)) > state.value:
         return after
-    blocks = _blocks(plan)
-    lack = plan.evaluation.inequalities.min(axis=1).reshape(-1, plan.per).min(axis=1)
-    whole_blocks = [
+    lack = plan.inequalities.min(axis=1).reshape(-1, per).min(axis=1)
+    blocks = [
         block if least >= -FEASIBLE else repair(problem, block)
-        for block, least in zip(blocks, lack, strict=True)
+        for block, least in zip(_blocks(plan.design, angles, per), lack, strict=True)
     ]
-    design, angles = _joined(whole_blocks)
-    evaluation = evaluate(problem, design, angles)
-    value = objective.value(information(evaluation))
-    if evaluation.reached.all() and evaluation.inequalities.min() >= -FEASIBLE and value < state.value:
-        return replace(after, best_design=design, best_angles=evaluation.chain.angles, value=value)
+    whole = _evaluated(problem, blocks)
+    value = objective.value(information(whole))
+    if whole.reached.all() and whole.inequalities.min() >= -FEASIBLE and value < state.value:
+        return replace(after, best_design=whole.design, best_angles=whole.chain.angles, value=value)
     return after
 
 
 def _hop(
-    problem: PlanningProblem, plan: EvaluatedPlan, smooth: Smooth, penalty: float, rng: np.random.Generator
-) -> EvaluatedPlan:
+    problem: PlanningProblem,
+    plan: Evaluation,
+    per: int,
+    smooth: Smooth,
+    penalty: float,
+    rng: np.random.Generator,
+) -> Evaluation:
     """Exchange postures of one placement, perhaps at another foot pose; keep the plan if it improves."""
-    blocks = _blocks(plan)
+    blocks = _blocks(plan.design, plan.chain.angles, per)
     at = int(rng.integers(len(blocks)))
-    block, per = blocks[at], plan.per
-    every = plan.evaluation.regressor.reshape(len(blocks), -1, plan.evaluation.regressor.shape[-1])
+    block = blocks[at]
+    every = plan.regressor.reshape(len(blocks), -1, plan.regressor.shape[-1])
     rest = np.delete(every, at, axis=0)
     rest = np.einsum("krp,krq->pq", rest, rest)
     moves = bool(rng.integers(2))
@@ -180,31 +184,29 @@ def _hop(
         return plan
     kept = Block(block.design[stay], block.angles[stay])
     blocks[at] = exchange(problem, kept, pool, rest, smooth, per)
-    moved = evaluate_plan(problem, *_joined(blocks), per)
-    moved = descend(problem, moved, smooth, STEPS, penalty)
+    moved = descend(problem, _evaluated(problem, blocks), per, smooth, STEPS, penalty)
     return moved if merit(moved, smooth, penalty) < merit(plan, smooth, penalty) - GAIN else plan
 
 
-def _polish(problem: PlanningProblem, plan: EvaluatedPlan, smooth: Smooth) -> EvaluatedPlan:
+def _polish(problem: PlanningProblem, blocks: list[Block], smooth: Smooth) -> Evaluation:
     """Improve one placement after another by SLSQP."""
-    blocks = _blocks(plan)
     parts = [information(evaluate(problem, b.design, b.angles)) for b in blocks]
     for k, block in enumerate(blocks):
         rest = np.sum([part for j, part in enumerate(parts) if j != k], axis=0)
         rest = rest if len(parts) > 1 else np.zeros_like(parts[0])
         blocks[k] = improve(problem, block, rest, smooth, POLISH)
         parts[k] = information(evaluate(problem, blocks[k].design, blocks[k].angles))
-    return evaluate_plan(problem, *_joined(blocks), plan.per)
+    return _evaluated(problem, blocks)
 
 
-def _blocks(plan: EvaluatedPlan) -> list[Block]:
-    angles, per = plan.evaluation.chain.angles, plan.per
-    firsts = range(0, len(angles), per)
-    return [Block(plan.design[i : i + per], angles[i : i + per]) for i in firsts]
+def _blocks(design: np.ndarray, angles: np.ndarray, per: int) -> list[Block]:
+    return [Block(design[i : i + per], angles[i : i + per]) for i in range(0, len(angles), per)]
 
 
-def _joined(blocks: list[Block]) -> tuple[np.ndarray, np.ndarray]:
-    return np.concatenate([b.design for b in blocks]), np.concatenate([b.angles for b in blocks])
+def _evaluated(problem: PlanningProblem, blocks: list[Block]) -> Evaluation:
+    return evaluate(
+        problem, np.concatenate([b.design for b in blocks]), np.concatenate([b.angles for b in blocks])
+    )
 
 
 class StateError(InputError):

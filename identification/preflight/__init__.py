@@ -10,30 +10,18 @@ from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.preflight import (
     agreement,
     cell_wiring,
-    leg_closure,
-    plate_checks,
     readings,
     settling,
+    stance_checks,
     units,
-    weight,
-    wrench_checks,
 )
+from tulip_testbed.identification.preflight import weight as forces
 from tulip_testbed.identification.preflight.excitation import identifiable
-from tulip_testbed.identification.preflight.finding import (
-    FAIL_LEVEL,
-    RESULTS,
-    WARN_LEVEL,
-    Finding,
-    row_name,
-    skipped,
-    worst_of,
-)
+from tulip_testbed.identification.preflight.finding import Finding, row_name, skipped
 from tulip_testbed.identification.preflight.usual import Usual, UsualChanges, exact
 from tulip_testbed.identification.reading_noise import ReadingNoise, reading_noise
 from tulip_testbed.identification.regressor import regression
 from tulip_testbed.measurements import Measurements, Series
-
-__all__ = ["FAIL_LEVEL", "RESULTS", "WARN_LEVEL", "Finding", "preflight", "worst_of"]
 
 FORCES = (
     *("wiring of cells", "load inside soles", "repeats"),
@@ -86,28 +74,27 @@ def preflight(
         settling.steady_windows(m),
         settling.settling(m, series),
         settling.series_agrees(m, series),
-        weight.weight_balance(m, usual),
-        weight.constant_weight(m, usual),
-        weight.drift(m, nominal, usual),
-        plate_checks.plate_poses(m),
+        forces.weight_balance(m, usual),
+        forces.constant_weight(m, usual),
+        forces.drift(m, nominal, usual),
+        stance_checks.plate_poses(m),
     ]
     if (single := m.support != "double").any():
         row = int(single.argmax())
         reason = f"{row_name(m, row)} stands on one foot ('{m.support[row]}'); this check needs both feet"
         findings += _skip((*LEGS, *FORCES), reason)
         return [*findings, identifiable(m, nominal_robot(nominal.robot, common_support(m.support)), None)]
-    findings += [plate_checks.feet_on_plates(m, nominal), *leg_closure.legs(m, nominal, usual)]
+    findings += [stance_checks.feet_on_plates(m, nominal), *stance_checks.legs(m, nominal, usual)]
     noise = reading_noise(m, nominal)
     if loads.result == "fail":
         findings += _fits(m, nominal, noise, None)
         findings += _skip(FORCES[1:], "correct the cells' loads first")
         return [*findings, identifiable(m, nominal, None)]
-    findings += [plate_checks.load_in_soles(m, nominal), agreement.repeats(m, nominal, noise)]
+    findings += [stance_checks.load_in_soles(m, nominal), agreement.repeats(m, nominal, noise)]
     return [*findings, *_fits(m, nominal, noise, usual), identifiable(m, nominal, noise)]
 
 
 def _of_wrenches(m: Measurements, nominal: Nominal, usual_changes: UsualChanges | None) -> list[Finding]:
-    """Run the checks that wrench sensors allow."""
     reason = "needs the readings of vertical cells; there are wrench sensors"
     usual = exact(len(m)) if usual_changes is None else usual_changes(m)
     findings = [
@@ -116,14 +103,14 @@ def _of_wrenches(m: Measurements, nominal: Nominal, usual_changes: UsualChanges 
         *_skip(("cell loads", "stated noise"), reason),
         settling.steady_windows(m),
         *_skip(("settling", "series and table", "weight balance", "constant weight"), reason),
-        wrench_checks.carried_weight(m, nominal),
-        wrench_checks.horizontal_forces(m, nominal),
-        wrench_checks.conventions(m, nominal),
-        weight.drift(m, nominal, usual),
+        forces.carried_weight(m, nominal),
+        forces.horizontal_forces(m, nominal),
+        forces.conventions(m, nominal),
+        forces.drift(m, nominal, usual),
         *_skip(("plate poses", "feet on plates"), reason),
     ]
     if (m.support == "double").all():
-        findings += leg_closure.legs(m, nominal, usual)
+        findings += stance_checks.legs(m, nominal, usual)
     else:
         findings += _skip(LEGS[1:], "some posture stands on one foot; this check needs both feet")
     findings += _skip(FORCES, reason)

@@ -24,7 +24,7 @@ from tulip_testbed.identification.preflight.finding import (
     skipped,
 )
 from tulip_testbed.identification.preflight.usual import Usual, singly
-from tulip_testbed.identification.reading_noise import ReadingNoise, placement_levers, placement_sd, usable_sd
+from tulip_testbed.identification.reading_noise import ReadingNoise, placement_levers, placement_sd
 from tulip_testbed.identification.regressor import Regression
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.cells import PLATES
@@ -59,7 +59,7 @@ def repeats(measurements: Measurements, nominal: Nominal, noise: ReadingNoise) -
             f"rows {', '.join(few(list(map(str, rows))))}",
             "Give every posture a number of its own, also across placements; look for a swapped row.",
         )
-    if usable_sd(m.sensors.cell_sd) is None:
+    if not m.sensors.cell_sd:
         return skipped(name, NO_CELL_SD)
     error = center_of_pressure(m) - nominal.center_of_mass(m.joint_angles)
     groups = [np.flatnonzero(m.posture == number) for number in again]
@@ -69,15 +69,8 @@ def repeats(measurements: Measurements, nominal: Nominal, noise: ReadingNoise) -
     singly = chi2_sf(squares, sizes)
     worst = int(singly.argmin())
     rows, moved = groups[worst], np.linalg.norm(differences[worst][0].reshape(-1, 2), axis=1).max()
-    p_value = bonferroni(
-        np.array(
-            [
-                chi2_sf(squares.sum(), sizes.sum()),
-                bonferroni(singly),
-                _drift_p_value(m.time, groups, differences),
-            ]
-        )
-    )
+    drift = _drift_p_value(m.time, groups, differences)
+    p_value = bonferroni([float(chi2_sf(squares.sum(), sizes.sum())), bonferroni(singly), drift])
     return Finding(
         name,
         result_of(p_value),
@@ -98,7 +91,7 @@ class AgreementFit:
     Attributes:
         weights: V^-1.
         model: columns of the model, X, (m, 2, p). weighted: V^-1 X. covariance: (X' V^-1 X)^-1, (p, p).
-        residual: (m, 2) [m]. score: V^-1 times the residuals, (m, 2) [1/m].
+        score: V^-1 times the residuals, (m, 2) [1/m].
         square: the chi-square of the residuals.
         dof: 2m - p.
     """
@@ -107,7 +100,6 @@ class AgreementFit:
     model: np.ndarray
     weighted: np.ndarray
     covariance: np.ndarray
-    residual: np.ndarray
     score: np.ndarray
     square: float
     dof: int
@@ -162,7 +154,7 @@ def shifts(found: AgreementFit, directions: np.ndarray, together: Groups) -> Shi
 def fit(measurements: Measurements, data: Regression, noise: ReadingNoise) -> AgreementFit | None:
     """Fit the model by generalised least squares; None without a stated cell_sd or degrees of freedom."""
     dof = len(data.output) - data.matrix.shape[1]
-    if usable_sd(measurements.sensors.cell_sd) is None or dof < 1:
+    if not measurements.sensors.cell_sd or dof < 1:
         return None
     m, weights = len(measurements), noise.weights
     model, output = data.matrix.reshape(m, 2, -1), data.output.reshape(m, 2, 1)
@@ -174,16 +166,8 @@ def fit(measurements: Measurements, data: Regression, noise: ReadingNoise) -> Ag
     theta = covariance @ np.tensordot(weighted, output, axes=((0, 1), (0, 1)))
     residual = output - model @ theta
     score = weights(residual)
-    return AgreementFit(
-        weights,
-        model,
-        weighted,
-        covariance,
-        residual[..., 0],
-        score[..., 0],
-        float(np.vdot(residual, score)),
-        dof,
-    )
+    square = float(np.vdot(residual, score))
+    return AgreementFit(weights, model, weighted, covariance, score[..., 0], square, dof)
 
 
 def single_postures(measurements: Measurements, found: AgreementFit | None) -> Finding:
@@ -213,7 +197,7 @@ def single_placements(measurements: Measurements, found: AgreementFit | None) ->
     name, m = "single placements", measurements
     if found is None:
         return skipped(name, NO_CELL_SD)
-    if usable_sd(max(placement_sd(m)[:2])) is None:
+    if not placement_sd(m)[:2].any():
         return skipped(name, "the manifest states no sensors.placement_sd")
     levers, together = placement_levers(m), groups(m.placement)
     each = [shifts(found, levers[..., 3 * p : 3 * p + 2], together) for p in range(len(PLATES))]

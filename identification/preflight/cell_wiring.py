@@ -94,7 +94,6 @@ def wiring(measurements: Measurements, found: AgreementFit | None) -> Finding:
 
 
 def _wirings() -> list[_Wiring]:
-    """Return the wirings other than the stated one."""
     cells, plain = np.arange(len(CELLS)), np.ones(len(CELLS))
     out = []
     for a, b in itertools.combinations(cells.tolist(), 2):

@@ -6,7 +6,7 @@ from tulip_testbed.identification.estimators import solve_least_squares
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.preflight.finding import Finding
 from tulip_testbed.identification.rank import undetermined_directions
-from tulip_testbed.identification.reading_noise import ReadingNoise, usable_sd
+from tulip_testbed.identification.reading_noise import ReadingNoise
 from tulip_testbed.identification.regressor import ENCODER_SD, SINGLE, encoder_blur, stacked_regressor
 from tulip_testbed.identification.statistics import WELL_IDENTIFIED, relative_standard_errors, standard_errors
 from tulip_testbed.measurements import Measurements
@@ -17,8 +17,7 @@ MOST_CONDITION = 2600  # twice the worst of the shipped plan's sets of 50
 
 def predicted_standard_errors(matrix: np.ndarray, noise: ReadingNoise) -> np.ndarray:
     """Predict standard errors of least squares with H, (2m, p), by the stated noise, C H'VH C, (p,) [m]."""
-    _, c = solve_least_squares(matrix, np.zeros(len(matrix)))
-    half = matrix @ c
+    half = matrix @ solve_least_squares(matrix, np.zeros(len(matrix)))[1]
     spread = noise.times(half.reshape(len(noise.own), 2, -1)).reshape(half.shape)
     return standard_errors(half.T @ spread)
 
@@ -45,7 +44,7 @@ def identifiable(measurements: Measurements, nominal: Nominal, noise: ReadingNoi
         return Finding(name, "warn" if carried else "fail", seen, expected, "", advice)
     condition = float(np.linalg.cond(matrix))
     seen += f", rank {count}, condition number {condition:.0f}"
-    if noise is not None and usable_sd(m.sensors.cell_sd) is not None:
+    if noise is not None and m.sensors.cell_sd:
         error = predicted_standard_errors(matrix, noise)
         relative = relative_standard_errors(nominal.value, error)
         good = [str(k) for k in np.flatnonzero(relative < WELL_IDENTIFIED) + 1]

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tulip_testbed.base.result import InMemory
 from tulip_testbed.measurements import Measurements
@@ -56,10 +57,10 @@ def worst_of(results: list[str]) -> str:
     return max(results, key=order.index, default="pass")
 
 
-def bonferroni(p_values: np.ndarray) -> float:
+def bonferroni(p_values: ArrayLike) -> float:
     """Return the smallest p-value, adjusted for the number of tests."""
-    p_values = np.ravel(p_values)
-    return float(min(1.0, p_values.min() * p_values.size))
+    every = np.ravel(p_values)
+    return float(min(1.0, every.min() * every.size))
 
 
 def row_name(measurements: Measurements, row: int) -> str:

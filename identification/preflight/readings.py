@@ -11,7 +11,6 @@ from tulip_testbed.identification.preflight.finding import (
     row_name,
     worst_of,
 )
-from tulip_testbed.identification.reading_noise import usable_sd
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.cells import CELLS, PLATES
 from tulip_testbed.measurements.data import feet_in_contact
@@ -37,7 +36,7 @@ def stuck(measurements: Measurements) -> Finding:
         step = 10 * (m.sensors.encoder_sd or 1e-3)
         for k, (name, values) in enumerate(_columns("q", m.joints, m.joint_angles)):
             runs.append((name, *longest_run(values, np.abs(np.diff(m.command[:, k])) > step)))
-    p_value = bonferroni(np.array([chance for _, _, chance in runs]))
+    p_value = bonferroni([chance for _, _, chance in runs])
     faults += [
         (result_of(min(1.0, chance * len(runs))), name, f"{name} repeats a value in {length} successive rows")
         for name, length, chance in runs
@@ -64,7 +63,7 @@ def cell_loads(measurements: Measurements) -> Finding:
     idle = [cell for cell, most in zip(CELLS, np.abs(share).max(axis=0), strict=True) if most < UNLOADED]
     row, cell = np.unravel_index(share.argmin(), share.shape)
     pull = -float(share[row, cell])
-    noise = 4 * (usable_sd(m.sensors.cell_sd) or UNSTATED_NOISE * weight) / weight
+    noise = 4 * (m.sensors.cell_sd or UNSTATED_NOISE * weight) / weight
     texts = [f"cell.{name} never carries {100 * UNLOADED:.0f} % of the weight" for name in idle]
     results = ["fail"] * len(idle)
     where = ", ".join(f"cell.{name}" for name in idle)
@@ -99,7 +98,7 @@ def _dead(m: Measurements, weight: float) -> list[str]:
 
     Zero is no load that stays by chance. Of other readings only one may be steady.
     """
-    noise = usable_sd(m.sensors.cell_sd) or UNSTATED_NOISE * weight
+    noise = m.sensors.cell_sd or UNSTATED_NOISE * weight
     known = weight if m.weighed_mass is None else m.weighed_mass[0] * m.gravity
     level, off = STEADY * weight + 6 * noise, m.cell_forces.sum(axis=1) - known
     found: dict[int, list[int]] = {}
@@ -136,9 +135,8 @@ def resolution(measurements: Measurements) -> Finding:
         if stated == 0:
             texts.append(f"sensors.{key} is 0, which is impossible: the checks that need it are skipped")
             where.append(f"sensors.{key}")
-        if not usable_sd(stated) or not values.size:
+        if not stated or not values.size:
             continue
-        assert stated is not None
         noise = _median(spread)
         rounding = rounding_sd(step or 0.0, noise)
         written = decimal_step(values)
@@ -236,7 +234,6 @@ def _constant(m: Measurements) -> list[tuple[str, str, str]]:
 
 
 def _extremes(m: Measurements) -> list[tuple[str, str, str]]:
-    """Find cells whose largest or smallest reading occurs repeatedly."""
     faults = []
     for name, values in _contact_columns(m):
         for extreme, kind in ((values.max(), "largest"), (values.min(), "smallest")):
@@ -248,7 +245,6 @@ def _extremes(m: Measurements) -> list[tuple[str, str, str]]:
 
 
 def _copies(m: Measurements) -> list[tuple[str, str, str]]:
-    """Find equal columns of cells, and rows with equal readings."""
     faults = []
     columns = _contact_columns(m)
     for k, (name, values) in enumerate(columns):

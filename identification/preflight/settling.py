@@ -99,8 +99,7 @@ def steady_windows(measurements: Measurements) -> Finding:
     result = "fail" if worst > UNSTEADY_FAIL else "warn" if worst > UNSTEADY_WARN else "pass"
     label, size, unit = _channel(m, int(channel), spread[row, channel])
     seen = f"largest: {label} with {number(size, '.3g')} {unit}, {worst:.1f} times its usual"
-    dead = [label for label in frozen if label.startswith("cell.")]
-    if dead:
+    if dead := [label for label in frozen if label.startswith("cell.")]:
         seen += f"; s.d. exactly 0: {', '.join(dead)}"
         result = "warn" if result == "pass" else result
     return Finding(

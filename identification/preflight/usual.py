@@ -70,11 +70,9 @@ class Beyond:
     @property
     def words(self) -> str:
         """Name the imperfection if it is larger than usual, with a separator before it."""
-        return (
-            f"; most unusual: {self.name}, {self.sizes:.1f} s.d. of what is usual"
-            if self.sizes > UNUSUAL
-            else ""
-        )
+        if self.sizes <= UNUSUAL:
+            return ""
+        return f"; most unusual: {self.name}, {self.sizes:.1f} s.d. of what is usual"
 
 
 def beyond(
@@ -124,8 +122,8 @@ def singly(score: np.ndarray, information: np.ndarray, names: Sequence[str], par
     """
     seen = np.flatnonzero(information > SEEN)
     if not seen.size:
-        return Beyond(bonferroni(np.array(parts)), "", 0.0)
+        return Beyond(bonferroni(parts), "", 0.0)
     sizes = np.abs(score[seen]) / np.sqrt(information[seen])
     largest = int(sizes.argmax())
-    p_value = bonferroni(np.array([*parts, bonferroni(2 * normal_sf(sizes))]))
+    p_value = bonferroni([*parts, bonferroni(2 * normal_sf(sizes))])
     return Beyond(p_value, names[seen[largest]], float(sizes[largest]))
