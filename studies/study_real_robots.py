@@ -8,7 +8,7 @@ Every step of a case is kept, with its seconds; after Ctrl-C the study reports o
 import json
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -139,29 +139,31 @@ JUDGED = (
 
 @one_blas_thread
 def carry_out(
-    robot: Robot, seed: int, not_logged: tuple[str, ...], soft: bool, step: str, case: Path
+    robot: Robot, seed: int, not_logged: tuple[str, ...], soft: bool, steps: Sequence[str], case: Path
 ) -> None:
-    """Carry out a step of a case whose file is not there yet."""
-    kept, hidden = case / f"{step}.json", case / "truth.json"
+    """Carry out the steps of a case whose files are not there yet; the others need the audit's folder."""
+    hidden = case / "truth.json"
     case.mkdir(parents=True, exist_ok=True)
-    if kept.exists() or (step != "audit" and not (case / MEASURED).exists()):
-        return
-    with TemporaryDirectory(dir=case) as scratch:
-        folder = Path(scratch)
-        if step == "audit":
-            truth = write_record(robot, seed, folder / "record", not_logged, soft=soft)
-            write_text(hidden, json.dumps(asdict(truth)))
-        else:
-            truth = Truth(**json.loads(hidden.read_bytes()))
-            (folder / MEASURED).symlink_to((case / MEASURED).resolve())
-        began = time.process_time()
-        try:
-            said = STEPS[step](robot, truth, folder)
-        except Exception as error:  # whatever it is, the tool has failed on this record
-            said = {"failed": f"{step}: {type(error).__name__}: {error}"[:200]}
-        if step == "audit" and (folder / MEASURED).exists():
-            (folder / MEASURED).rename(case / MEASURED)
-    write_text(kept, json.dumps(said | {"seconds": time.process_time() - began}, indent=1) + "\n")
+    for step in STEPS:
+        kept = case / f"{step}.json"
+        if step not in steps or kept.exists() or (step != "audit" and not (case / MEASURED).exists()):
+            continue
+        with TemporaryDirectory(dir=case) as scratch:
+            folder = Path(scratch)
+            if step == "audit":
+                truth = write_record(robot, seed, folder / "record", not_logged, soft=soft)
+                write_text(hidden, json.dumps(asdict(truth)))
+            else:
+                truth = Truth(**json.loads(hidden.read_bytes()))
+                (folder / MEASURED).symlink_to((case / MEASURED).resolve())
+            began = time.process_time()
+            try:
+                said = STEPS[step](robot, truth, folder)
+            except Exception as error:  # whatever it is, the tool has failed on this record
+                said = {"failed": f"{step}: {type(error).__name__}: {error}"[:200]}
+            if step == "audit" and (folder / MEASURED).exists():
+                (folder / MEASURED).rename(case / MEASURED)
+        write_text(kept, json.dumps(said | {"seconds": time.process_time() - began}, indent=1) + "\n")
 
 
 def study(settings: RealRobots) -> Iterator[str]:
@@ -181,9 +183,8 @@ def study(settings: RealRobots) -> Iterator[str]:
         still = tuple(j for j in joint_names(robot.model) if any(part in j for part in parts.split()))
         first = settings.seed + 1000 * list(ROBOTS).index(name)
         calls = [
-            (robot, seed, still, settings.soft, step, cases / str(seed))
+            (robot, seed, still, settings.soft, settings.steps, cases / str(seed))
             for seed in range(first, first + count)
-            for step in settings.steps
         ]
         try:
             settings.parallel(name, carry_out, calls)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from studies import runner, study_hidden_effects
+from studies import runner, study_hidden_effects, study_real_robots
 from studies.hidden_effects.hiding import NOTHING, ONE, OUTSIDE, TWO, Case, Truth
 from studies.hidden_effects.judging import Found, Outcome, carry_out
 from studies.hidden_effects.laboratories import LARGEST, USUAL, draw_laboratory, tolerance_of
@@ -164,3 +164,25 @@ def test_there_is_an_example_of_every_effect(robot):
     for one in found:
         assert EffectInstance.parse(str(one), robot, (1, 2, 3)).label == one.label
     assert example(catalogue()["cell-tare"], robot).values == (1.645,)
+
+
+def test_a_record_is_audited_before_its_other_steps(monkeypatch, tmp_path):
+    """However many processes there are: no step of a case runs beside its audit, whose folder it needs."""
+    done = []
+
+    def audit(robot, truth, folder):
+        done.append("audit")
+        (folder / study_real_robots.MEASURED).mkdir()
+        return {}
+
+    def predict(robot, truth, folder):
+        done.append("predict")
+        raise ValueError("an error of the tool")
+
+    monkeypatch.setattr(study_real_robots, "STEPS", {"audit": audit, "predict": predict})
+    monkeypatch.setattr(study_real_robots, "write_record", lambda *_, **__: runner.Settings(seed=0))
+    monkeypatch.setattr(study_real_robots, "Truth", lambda **_: None)
+    for _ in range(2):  # the second finds everything done
+        study_real_robots.carry_out(None, 0, (), False, ("predict", "audit"), tmp_path / "case")
+    assert done == ["audit", "predict"]
+    assert "an error of the tool" in (tmp_path / "case" / "predict.json").read_text()
