@@ -241,9 +241,12 @@ def refit_if_better(formula: JointFit) -> tuple[JointFit, np.ndarray]:
     """Fit through the laboratory, unless the prediction explains more.
 
     At which end of its free play a joint rests, for example, is an accident in both. Half of the change that
-    the laboratory makes in a size counts as a standard deviation of the error that both share.
+    the laboratory makes in a size counts as a standard deviation of the error that both share, unless its fit
+    is decisively worse: that one has lost its way, and its sizes say nothing.
     """
     exact = refit(formula)
+    if exact.log_evidence < formula.log_evidence - DECISIVE:
+        return formula, np.zeros(len(formula.sizes))
     shared = SHARED * np.abs(exact.sizes - formula.sizes)
     best = exact if exact.log_evidence >= formula.log_evidence else formula
     return replace(best, covariance=best.covariance + np.diag(shared**2)), shared

@@ -3,7 +3,7 @@
 import dataclasses
 import os
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -26,6 +26,8 @@ from tulip_testbed.discovery.excessive_noise import excessive_noise
 from tulip_testbed.discovery.joint_fit import Data
 from tulip_testbed.discovery.pairs import ranked_pairs
 from tulip_testbed.discovery.patterns import patterns
+from tulip_testbed.discovery.refit import refit_if_better
+from tulip_testbed.discovery.selection import best_by_itself
 from tulip_testbed.discovery.story import story
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.instance import EffectInstance, check_instances
@@ -302,6 +304,37 @@ def test_an_effect_is_surely_unusual(robot, plan, nominal, label, size, error, s
         calibration=SimpleNamespace(families=()),
     )
     assert stands_out(selection, Fitted(one, 0, np.array([size * unit])), np.array([error * unit])) == outside
+
+
+@dataclasses.dataclass(frozen=True)
+class OfASize:
+    """A fit with one size."""
+
+    log_evidence: float
+    sizes: np.ndarray
+    covariance: np.ndarray
+
+
+@pytest.mark.parametrize(("evidence", "error"), [(8258.0, 0.5), (7785.0, 0.0)])
+def test_a_fit_through_the_laboratory_that_is_lost_widens_no_interval(monkeypatch, evidence, error):
+    formula, exact = (
+        OfASize(e, np.array([size]), np.zeros((1, 1))) for e, size in ((8259, 1), (evidence, 0))
+    )
+    monkeypatch.setattr("tulip_testbed.discovery.refit.refit", lambda _: exact)
+    best, shared = refit_if_better(cast(Any, formula))
+    assert best.sizes == 1
+    assert shared == pytest.approx(error)
+    assert best.covariance == pytest.approx(error**2)
+
+
+def test_what_gains_only_by_noise_of_another_calibration_is_not_the_best():
+    """In its own noise the softer joint explains nothing; what is far behind is not asked."""
+    at_start = {"joint-compliance": 5475.7, "backlash": 5471.5, "encoder-load": 5450.0}
+    by_itself = {"joint-compliance": 5335.8, "backlash": 5477.5}
+    several: Any = [SimpleNamespace(terms=k, evidence=e, steady=True) for k, e in at_start.items()]
+    search: Any = SimpleNamespace(calibrated=lambda one: one, evidence=lambda one, terms: by_itself[terms])
+    assert best_by_itself(search, several).terms == "backlash"
+    assert best_by_itself(search, [several[0], several[2]]).terms == "joint-compliance"
 
 
 @pytest.mark.slow

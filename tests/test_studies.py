@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from studies import runner, study_hidden_effects, study_real_robots
-from studies.hidden_effects.hiding import NOTHING, ONE, OUTSIDE, TWO, Case, Truth
+from studies.hidden_effects.hiding import NOTHING, ONE, OUTSIDE, TWO, Case, Clearness, Truth
 from studies.hidden_effects.judging import Found, Outcome, carry_out
-from studies.hidden_effects.laboratories import LARGEST, USUAL, draw_laboratory, tolerance_of
+from studies.hidden_effects.laboratories import LARGEST, USUAL, Built, draw_laboratory, tolerance_of
 from studies.hidden_effects.readings import READERS, Readings
 from studies.runner import Settings
 from studies.study_hidden_effects import figures
@@ -83,6 +83,16 @@ def test_side_forces_and_tilt_are_those_of_the_simulation(rig, twelve):
     forces = there.measurements.cell_forces[kept]
     left, change = (np.abs(m.cell_forces - forces).max(axis=1) for m in (readings.measurements, plain))
     assert np.mean(left < 0.01 * change) > 0.95  # in the others the board stands on three cells
+
+
+def test_a_posture_on_other_cells_shows_nothing(robot, twelve):
+    """Without its twist it has fewer residuals than the others, and the rest is no signal."""
+    clearness = Clearness(Built("force-plate", preset_rig("force-plate", robot), {}), twelve, 1)
+
+    def unload(readings: Readings) -> None:
+        readings.forces[5, 0, 2] = -30.0
+
+    assert clearness.of(replace(clearness.plain, faults=(unload,))) == pytest.approx((0.0, 0.0), abs=1e-6)
 
 
 @pytest.mark.slow

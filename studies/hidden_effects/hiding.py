@@ -138,33 +138,35 @@ class Clearness:
         """Whiten changes of the residuals, (m, 11, k) -> (11 m, k)."""
         return (self.white @ np.where(self.used[..., None], columns, 0.0)).reshape(-1, columns.shape[2])
 
-    def _exact(self, built: Built) -> dict[int, np.ndarray]:
-        """Simulate the residuals of every posture without noise."""
+    def _exact(self, built: Built) -> np.ndarray:
+        """Simulate the residuals of every posture without noise, (m, 11); not a number: none can be used."""
         measured = built.measured(self.plan, 0, exact=True)
-        left = residuals(observe(measured, self.nominal), self.nominal.value)
-        return dict(zip(measured.posture.tolist(), left, strict=True))
+        observed = observe(measured, self.nominal)
+        left = np.where(residuals_in_use(observed), residuals(observed, self.nominal.value), np.nan)
+        known = dict(zip(measured.posture.tolist(), left, strict=True))
+        return np.array([known.get(posture, np.full(left.shape[1], np.nan)) for posture in self.postures])
 
     def of(self, faulty: Built) -> tuple[float, float]:
         """Return by how many s.e. a fault shows, and the most by which it moves a base parameter.
+
+        A posture in which the robot falls, or stands on other cells, with or without it shows nothing.
 
         Args:
             faulty: `plain` with the fault. An ordinary member of its label has no prior.
 
         Raises:
-            InputError: with the fault the robot falls in many postures.
+            InputError: with the fault many postures are such.
         """
-        changed = self._exact(faulty)
-        stands = np.array([posture in changed and posture in self.level for posture in self.postures])
+        signal = self._exact(faulty) - self.level
+        stands = np.all(np.isfinite(signal) | ~self.used, axis=1)
         if stands.mean() < LEAST_STANDING:
-            raise InputError(f"the robot falls in {(~stands).sum()} of {len(stands)} postures")
-        signal = np.zeros((*self.used.shape, 1))
-        signal[stands, :, 0] = [changed[p] - self.level[p] for p in np.array(self.postures)[stands].tolist()]
-        (white,) = self._project(signal).T
+            raise InputError(f"the robot falls or tips in {(~stands).sum()} of {len(stands)} postures")
+        (white,) = self._project(np.where(stands[:, None], signal, 0.0)[..., None]).T
         own = {k for k, v in faulty.effects.items() if self.plain.effects.get(k) != v}
         kept = np.append(
             np.ones(len(self.prior) - len(self.owners), bool), [k not in own for k in self.owners]
         )
-        columns = self.columns[:, kept]
+        columns = self.columns[:, kept] * np.repeat(stands, self.used.shape[1])[:, None]
         factor = cho_factor(columns.T @ columns + np.diag(self.prior[kept]))
         moved = cho_solve(factor, columns.T @ white)
         errors = np.sqrt(np.diag(cho_solve(factor, np.eye(len(moved)))))
