@@ -31,7 +31,7 @@ LONG_GAP = 1.5  # of the median time between a placement's postures
 LEAST_LOAD = 0.5  # N
 SIZE, TWISTS = 11, slice(3, 5)  # residuals of a posture, see `residual_channels`
 NEARLY_ALL = 0.9  # of the postures
-ROCKING = 2.0  # times the usual s.d. of a board's cells within a row: more is no noise, which stays below 1.2
+ROCKING = 2.0  # times the usual s.d. of a board's cells within a row: more is no noise
 
 
 @dataclass(frozen=True)
