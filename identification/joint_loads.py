@@ -14,6 +14,7 @@ ROUNDING = 1e-12  # relative
 # S.d. of the wrench between the closed legs about that of elastic servos without friction, assumed: a fifth
 # of the wrench of TULip's postures. Friction at rest makes most of it.
 UNSEEN = np.array([1.0, 1.0, 0.4])  # N, N, Nm
+MOVING = 2.0  # times that, of a robot that moves: the feet stay where they were put down
 MISPLACED = 0.002  # m, s.d. of the point of a foot's load by what is not noise of its cells, assumed
 
 
@@ -31,6 +32,8 @@ class Loads:
         geometry, cells, bears, cell_sd, servo_stiffness: see `joint_loads`.
         carried: load of the foot that a joint bears, stance and swing, with its sign, (m, n_joints, 2) [N].
         carries: that sign, (n_joints, 2).
+        sag: see `joint_loads`.
+        unseen: s.d. of the internal wrench by what the cells do not show, (3,) [N, N, Nm].
     """
 
     torques: np.ndarray
@@ -45,6 +48,8 @@ class Loads:
     servo_stiffness: np.ndarray
     carried: np.ndarray
     carries: np.ndarray
+    sag: float
+    unseen: np.ndarray
 
     @cached_property
     def sharing(self) -> np.ndarray:
@@ -73,7 +78,7 @@ class Loads:
     @cached_property
     def wrench_by(self) -> np.ndarray:
         """Differentiate the internal wrench by what `torques_by` says, (m, 3, 2 k + 4)."""
-        return -self.inverse @ self._by
+        return -self.sag * self.inverse @ self._by
 
     @cached_property
     def torques_by(self) -> np.ndarray:
@@ -93,7 +98,9 @@ class Loads:
         the load.
         """
         of_cells = self.torques_by[..., : self.bears.size]
-        variance = self.cell_sd**2 * np.einsum("mnk,mnk->mn", of_cells, of_cells) + self.levers**2 @ UNSEEN**2
+        variance = (
+            self.cell_sd**2 * np.einsum("mnk,mnk->mn", of_cells, of_cells) + self.levers**2 @ self.unseen**2
+        )
         return np.sqrt(variance + (MISPLACED * np.abs(self.carried).sum(axis=2)) ** 2)
 
     @property
@@ -112,12 +119,14 @@ def joint_loads(
     cell_sd: float,
     both: np.ndarray,
     servo_stiffness: np.ndarray,
+    sag: float = 1.0,
+    moves: bool = False,
 ) -> Loads:
     """Compute the loads of joints and feet in held postures from the nominal robot and the cells.
 
     The cells give the vertical force on each foot and its point, but not the horizontal force and torsion
     between the feet. Elastic servos settle at the least complementary energy sum tau^2 / stiffness
-    (Castigliano).
+    (Castigliano). Feed-forward torques that hold the robot without sag take that wrench off.
 
     The joints of a leg bear what the ground exerts on its foot. Seen from the torso, those of the stance leg
     would bear the whole robot, whose place depends on the very angle by which a joint yields.
@@ -130,6 +139,7 @@ def joint_loads(
             reading, (2, k). cell_sd: their noise [N]. See `ContactReadings`.
         both: whether the posture stands on both feet, (m,) bool.
         servo_stiffness: torque of each joint's servo per error of its angle, (n_joints,) [Nm/rad].
+        sag: part of that wrench which feed-forward leaves, see `sag_left`. moves: whether the robot moves.
     """
     mass = geometry.standard[:, 0].sum()
     # The wrench of the ground on the swing foot acts on every joint between it and the base.
@@ -155,7 +165,7 @@ def joint_loads(
     scale = np.trace(square, axis1=1, axis2=2)[:, None, None]
     closed = np.linalg.inv(square + ROUNDING * np.where(scale > 0, scale, 1.0) * np.eye(3))
     inverse = closed @ scaled.mT * weigh
-    push = -(inverse @ torque[..., None])[..., 0]
+    push = -sag * (inverse @ torque[..., None])[..., 0]
     return Loads(
         torques=torque + (unknown @ push[..., None])[..., 0],
         internal_wrench=push,
@@ -169,7 +179,21 @@ def joint_loads(
         servo_stiffness=servo_stiffness,
         carried=carries * down[:, None],
         carries=carries,
+        sag=sag,
+        unseen=UNSEEN * (MOVING if moves else 1.0),
     )
+
+
+def sag_left(loads: Loads, by_servos: np.ndarray) -> float:
+    """Return the part of the internal wrench of servos without feed-forward that commands show, 0 to 1.
+
+    Args:
+        loads: with all of it.
+        by_servos: stiffness times the error of every joint's angle, (m, n_joints) [Nm].
+    """
+    free = loads.internal_wrench[:, :2]
+    shown = free - (loads.inverse @ by_servos[..., None])[:, :2, 0]
+    return float(np.clip((shown * free).sum() / max((free**2).sum(), 1e-12), 0.0, 1.0))
 
 
 def servo_stiffness(robot: Robot, gains: Mapping[str, float]) -> np.ndarray:

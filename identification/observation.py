@@ -19,7 +19,7 @@ from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.cad_prior import CadPrior
 from tulip_testbed.identification.contact_readings import ContactReadings, of_cells, of_wrenches
 from tulip_testbed.identification.inertial_wrench import HELD, BeyondWeight, beyond_weight
-from tulip_testbed.identification.joint_loads import Loads, joint_loads, servo_stiffness
+from tulip_testbed.identification.joint_loads import Loads, joint_loads, sag_left, servo_stiffness
 from tulip_testbed.identification.kinematics import Tree, turned_about
 from tulip_testbed.identification.noise_in_time import Decorrelation, NoiseInTime, decorrelation
 from tulip_testbed.identification.nominal import Nominal, PostureGeometry
@@ -31,7 +31,7 @@ LONG_GAP = 1.5  # of the median time between a placement's postures
 LEAST_LOAD = 0.5  # N
 SIZE, TWISTS = 11, slice(3, 5)  # residuals of a posture, see `residual_channels`
 NEARLY_ALL = 0.9  # of the postures
-ROCKING = 4.0  # times the usual s.d. of a board's cells within a row: more is no noise
+ROCKING = 2.0  # times the usual s.d. of a board's cells within a row: more is no noise
 
 
 @dataclass(frozen=True)
@@ -64,6 +64,7 @@ class Observation:
             cells the twist of a board holds no information. A tared cell without load reads minus its share
             of the board's weight; if the empty board rocked when it was tared, nothing.
         motion: what motion adds to shift, lift and push, see `BeyondWeight`; nothing if the robot is held.
+        sag: of servos that move, the part that feed-forward leaves, by the commands, see `joint_loads`.
         noise_in_time: how the noise of rows is correlated in time; None: it is not.
         cad: what CAD says about the base parameters; None: the postures determine them.
         compliances: means of the prior of corrected compliances, by label; those of the others are zero.
@@ -91,6 +92,7 @@ class Observation:
     time_fraction: np.ndarray
     on_four_cells: np.ndarray
     motion: BeyondWeight = HELD
+    sag: float = 1.0
     noise_in_time: NoiseInTime | None = None
     cad: CadPrior | None = None
     compliances: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
@@ -270,6 +272,8 @@ class Observation:
             self.cell_sd,
             self.measurements.support == "double",
             self.servo_stiffness,
+            self.sag,
+            self.moves,
         )
 
     @property
@@ -352,6 +356,9 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
             else np.zeros((m, 2), bool)
         ),
     )
+    if observed.moves and measurements.command is not None:
+        by_servos = gain * (measurements.command - measurements.joint_angles)
+        observed = observed.changed(sag=sag_left(observed.loads, by_servos))
     rates, faster = measurements.wrench_rates, measurements.wrench_accelerations
     if not observed.moves or not observed.in_feet or rates is None or faster is None:
         return observed

@@ -1,8 +1,10 @@
 """Measure the intervals of a robot that moves, and standard errors against time (docs/studies/motion.md; hours).
 
 Coverage: random robots stand in ordinary laboratories and move in the full dynamics, one plan a speed. Faults:
-what `discover` says of such records, as they are and with one instrument at fault. Time: one laboratory holds
-postures in statics, another moves through the same ones in the full dynamics.
+what `discover` says of such records, as they are and with one instrument at fault. Hidden: the same of
+laboratories with one fault, each simulated. Sizes: how large faults of a joint must be to be found in holds, and in
+motion of the same laboratory time. Time: one laboratory holds postures in statics, another moves through the same
+ones in the full dynamics.
 """
 
 import csv
@@ -20,21 +22,49 @@ from scipy.stats import t
 import tulip_testbed as tt
 from studies.runner import Settings, header, row, share, shipped_plan
 from studies.teaching.style import DOCS, GREY, X, card, save_svg
+from tulip_testbed.calibration.self_calibration import as_log_shows, with_independent_rows
+from tulip_testbed.discovery.candidate_search import CandidateSearch, calibrated_data, first_calibration
+from tulip_testbed.discovery.columns import candidate_columns
+from tulip_testbed.discovery.detectability import detectable_size, single_level
+from tulip_testbed.discovery.selection import LEVEL
+from tulip_testbed.effects.catalogue import catalogue, targets_in
+from tulip_testbed.effects.instance import effect_label
 from tulip_testbed.experiments.identify import Identification
 from tulip_testbed.experiments.imperfections import drawn, single_stream
 from tulip_testbed.identification.noise_in_time import WHITE
-from tulip_testbed.measurements import PosturePlan
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.observation import observe
+from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.measurements.cells import CELLS
 from tulip_testbed.measurements.logs.series_reduction import reduced_motion
+from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.robot import load_robot
 
 PLACEMENTS, POSTURES, PLAN_SEED = 6, 20, 5
 SPEEDS = {"slow": 0.1, "usual": 0.3, "fast": 0.6}  # rad/s of the fastest joint
-SETTINGS = Settings(seed=500, only=(*SPEEDS, "faults", "time"))
+SETTINGS = Settings(seed=500, only=(*SPEEDS, "faults", "hidden", "sizes", "time"))
 RUNS = 20  # of a speed and preset
 LABORATORIES, LONGER = 5, (10, 40)  # with faults; placements and postures of each: 12 minutes
 # Zeros of two joints, the gain of a cell, the tare of a cell; the sign and the instrument are drawn.
 FAULTS = {"encoder-offset": np.radians(1.0), "cell-gain": 0.12, "cell-tare": 8.0}
+HIDDEN = {  # sizes of faults, one a seed; the target is drawn
+    "backlash": (np.radians(1.0),),
+    "joint-compliance": (np.radians(0.05),),
+    "encoder-gain": (0.02,),
+    "tether": (4.0, -3.0),
+    "link-length": (0.0025,),
+    "encoder-slip": (np.radians(1.0), 0.4),
+    "sole-compliance": (np.radians(0.05),),
+    "lifted-corner": (0.001,),
+}
+OF_JOINTS = {
+    "backlash": "deg",
+    "joint-compliance": "deg/Nm",
+    "encoder-offset": "deg",
+    "encoder-gain": "%",
+    "encoder-slip": "deg",
+}
+TESTS = 100.0  # independent ones among the candidates
 CAD = ", inertias of CAD"
 PRESETS = ("wii", "force-plate")
 PAPER = Path(__file__).resolve().parents[1] / "assets" / "tulip_mjcf" / "table2.csv"
@@ -45,9 +75,12 @@ PARTS = {"holds": (8, 12, 16, 22), "motion": (4, 8, 15, 22, MOVED)}  # first pla
 
 @cache
 def moving(speed: float, placements: int = PLACEMENTS, postures: int = POSTURES) -> PosturePlan:
-    """Return the plan that random robots follow."""
-    drawn_plan = tt.draw_plan(placements=placements, per_placement=postures, seed=PLAN_SEED).plan
-    return tt.plan_motion(drawn_plan, speed=speed).plan
+    """Return the plan that random robots follow; kept, since planning takes longer than a simulation."""
+    folder = Path("runs") / "study-motion" / f"plan-{speed:g}-{placements}-{postures}"
+    if not folder.exists():
+        drawn_plan = tt.draw_plan(placements=placements, per_placement=postures, seed=PLAN_SEED).plan
+        write_plan(folder, tt.plan_motion(drawn_plan, speed=speed).plan)
+    return read_plan(folder, load_robot())
 
 
 def laboratory(sensors: str, seed: int, spread: float = 0.1) -> tt.Laboratory:
@@ -153,6 +186,74 @@ def faults(settings: Settings) -> Iterator[str]:
         yield row(kind or "nothing", len(of_kind), right if kind else "", named - right, told)
 
 
+def hidden_fault(folder: Path, seed: int, kind: str) -> list:
+    """Return what is hidden in a laboratory, and what `discover` says of its record; resume."""
+    place = folder / f"hidden-{kind}-{seed}.json"
+    if place.exists():
+        return json.loads(place.read_text())
+    inside, rng = laboratory("wii", seed), np.random.default_rng(seed)
+    targets = targets_in(catalogue()[kind], inside.robot, None, ())
+    label, values = effect_label(kind, str(rng.choice(targets))), ",".join(map(str, HIDDEN[kind]))
+    inside = inside.with_effects(f"{label}={values}")
+    run = inside.run(moving(0.3, *LONGER), seed=seed, engine="dynamics", workers=1)
+    found = tt.discover(run)
+    told = [f"{one.instance.label}, ln BF {one.log_bayes_factor:.0f}" for one in found.explanations]
+    case = [label, found.verdict, [one.label for one in found.adopted], told, [str(a) for a in found.adopted]]
+    place.write_text(json.dumps(case))
+    return case
+
+
+def hidden(settings: Settings) -> Iterator[str]:
+    """Yield a row a fault that was simulated."""
+    yield "\n" + header("seed", "hidden", "verdict", "adopted", "explanations")
+    folder, kinds = settings.folder("motion"), list(HIDDEN)[: settings.count(len(HIDDEN))]
+    cases = [(folder, settings.seed + k, kind) for k, kind in enumerate(kinds)]
+    for (_, seed, _), case in zip(cases, settings.parallel("hidden", hidden_fault, cases), strict=True):
+        label, verdict, _, told, adopted = case
+        yield row(seed, label, f"`{verdict}`", "; ".join(adopted), "; ".join(told))
+
+
+def detectable(measured: Measurements) -> dict[str, np.ndarray]:
+    """Return the least sizes of faults of every joint that discovery finds with 90 % probability, by kind."""
+    robot = load_robot()
+    observed, found = as_log_shows(observe(measured, nominal_robot(robot)), None)
+    if observed.noise_in_time is not None:
+        observed, found = with_independent_rows(observed), None
+    search = CandidateSearch.of(observed)
+    linear = calibrated_data(search.observed, found or first_calibration(search.observed)).null.linear
+    among = [each for each in search.candidates if each.effect.name in OF_JOINTS]
+    columns, level = candidate_columns(linear, among).projected, single_level(LEVEL, TESTS)
+    least = [
+        detectable_size(one, points[len(points) // 2], level)
+        for one, points in zip(among, columns, strict=True)
+    ]
+    return {
+        kind: np.array([size for one, size in zip(among, least, strict=True) if one.effect.name == kind])
+        for kind in OF_JOINTS
+    }
+
+
+def sizes(settings: Settings) -> Iterator[str]:
+    """Yield a row a kind of fault."""
+    inside, seed, (count, _) = laboratory("wii", settings.seed), settings.seed, LONGER
+    motion = moving(SPEEDS["usual"], *LONGER)
+    assert motion.motion is not None
+    minutes = motion.motion.seconds / 60 + PLACING * count
+    placements = count - 2
+    postures = round((minutes / placements - PLACING) / HOLD)
+    plan = tt.draw_plan(placements=placements, per_placement=postures, seed=PLAN_SEED).plan
+    held, moved = (inside.run(p, seed=seed, workers=settings.workers).measurements for p in (plan, motion))
+    yield "\n" + header(
+        "fault of a joint", f"holds, {len(held)} in {minutes:.0f} min", "motion", "motion over holds"
+    )
+    of_holds, of_motion = detectable(held), detectable(moved)
+    for kind, unit in OF_JOINTS.items():
+        scale = 100 if unit == "%" else np.degrees(1.0)
+        both = [scale * least[kind] for least in (of_holds, of_motion)]
+        ranges = [f"{np.median(b):.2g} ({b.min():.2g} to {b.max():.2g})" for b in both]
+        yield row(f"{kind}, {unit}", *ranges, f"{np.median(both[1] / both[0]):.2f}")
+
+
 def equal_time(settings: Settings) -> Iterator[str]:
     """Yield a row a number of placements, for holds and for motion; draw them."""
     with PAPER.open() as file:
@@ -195,5 +296,9 @@ def study(settings: Settings) -> Iterator[str]:
         yield from coverage(settings)
     if "faults" in settings.only:
         yield from faults(settings)
+    if "hidden" in settings.only:
+        yield from hidden(settings)
+    if "sizes" in settings.only:
+        yield from sizes(settings)
     if "time" in settings.only:
         yield from equal_time(settings)

@@ -22,7 +22,7 @@ from tulip_testbed.effects.motion_effects import LAG, MOTION_EFFECTS
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.inertial_wrench import inertial_parameters, link_wrenches
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.identification.observation import observe
+from tulip_testbed.identification.observation import observe, turned
 from tulip_testbed.identification.preflight import motion_checks
 from tulip_testbed.identification.residual_channels import residuals
 from tulip_testbed.measurements import read_samples
@@ -32,7 +32,7 @@ from tulip_testbed.sim.dynamics import moving_run
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.sensors import Sensors, delayed, sample_series
+from tulip_testbed.sim.sensors import PLATE, Sensors, WrenchSensors, delayed, sample_series
 from tulip_testbed.viewer.postures_view import log_standing
 from tulip_testbed.viewer.subject import of_measurements
 
@@ -72,6 +72,31 @@ def test_without_inertia_they_are_not(robot, moved):
     still = replace(moved.measurements, joint_rates=None, joint_accelerations=None)
     off = center_of_pressure(still) - nominal_robot(robot).center_of_mass(still.joint_angles)
     assert np.sqrt((off**2).mean(axis=0)).min() > 1e-3
+
+
+@pytest.mark.parametrize("fed", [True, False])
+def test_the_side_force_between_the_feet_follows_from_the_commands(robot, fed):
+    """Servos sag without feed-forward. Loads of that put a link at its play's other end."""
+    few = tt.plans.random.take(np.flatnonzero(tt.plans.random.placement == 1)[:3])
+    rig, plan = preset_rig(EXACT, robot), tt.plan_motion(few).plan
+    rig = replace(rig, sensors=replace(rig.sensors, wrench=WrenchSensors(place=PLATE)))
+    assert plan.motion is not None
+    plan = plan if fed else replace(plan, motion=replace(plan.motion, torques=None))
+    m = tt.Laboratory(robot, nominal=rig).run(plan, workers=1).measurements
+    observed = observe(m, nominal_robot(robot))
+    assert m.wrenches is not None
+    truth = turned(m.plate_poses[:, 1, 2], m.wrenches[:, 1, :2])
+    assert np.abs(truth).mean(axis=0).max() < 1 if fed else np.abs(truth).mean(axis=0).min() > 5
+    off = truth - observed.loads.internal_wrench[:, :2]
+    assert np.sqrt((off**2).mean(axis=0)).max() < 1  # N, friction of the drives
+
+
+def test_a_board_that_rocks_within_a_row_has_no_twist(robot, moved):
+    spread = np.ones((len(moved.measurements), 8))
+    spread[5, :4] = 2.5
+    seen = observe(replace(moved.measurements, cell_forces_sd=spread), nominal_robot(robot)).on_four_cells
+    assert seen[:5].all()
+    assert seen[5].tolist() == [False, True]
 
 
 def test_every_segment_is_one_motion_on_one_placement(planned, moved):

@@ -63,6 +63,9 @@ class Stand:
         self.sole_names = rig.robot.sole_geoms
         self.soles = [self.model.body(name).id for name in soles]
         plates = [self.model.body(f"{plate}_plate").id for plate in PLATES]
+        self.boards = np.repeat(plates, len(CORNERS))  # below each corner
+        self.corner_geoms = np.array([self.model.geom(name).id for name in self.sole_names])
+        self.cell_sites = np.array([self.model.site(name).id for name in cell_names()])
         self.stiction = Stiction(self.model, list(zip(self.soles, plates, strict=True)))
         top = spec.geom(f"{PLATES[0]}_plate_top")
         self.top_height = float(top.pos[2] + top.size[2])
@@ -185,21 +188,18 @@ class Stand:
 
     def _corners(self) -> np.ndarray:
         """Return the eight sole corners in the world, (8, 3) [m]."""
-        return np.array([self.data.geom(name).xpos for name in self.sole_names])
+        return self.data.geom_xpos[self.corner_geoms].copy()
 
     def _sole_gaps(self) -> np.ndarray:
         """Return the heights of the eight sole corners over their board, (8,) [m]."""
-        gaps = []
-        for k, name in enumerate(self.sole_names):
-            plate, corner = self.data.body(f"{PLATES[k // 4]}_plate"), self.data.geom(name)
-            height = plate.xmat.reshape(3, 3)[:, 2] @ (corner.xpos - plate.xpos)
-            gaps.append(height - self.top_height - self.model.geom(name).size[0])
-        return np.array(gaps)
+        upward = self.data.xmat.reshape(-1, 3, 3)[self.boards, :, 2]
+        height = ((self._corners() - self.data.xpos[self.boards]) * upward).sum(axis=1)
+        return height - self.top_height - self.model.geom_size[self.corner_geoms, 0]
 
     def _cell_gaps(self) -> np.ndarray:
         """Return the heights of the eight cells over the floor beyond those of a rocking board, (8,) [m]."""
         floor = self.data.geom("floor").xpos[2]
-        return np.array([self.data.site(name).xpos[2] - floor for name in cell_names()]) - self.rise
+        return self.data.site_xpos[self.cell_sites, 2] - floor - self.rise
 
 
 def hoist_damping(rig: Rig) -> np.ndarray:
