@@ -19,7 +19,7 @@ from tests.documented import blocks
 from tests.test_architecture import FLOW
 from tests.test_cli import told
 from tulip_testbed.base.arguments import checked
-from tulip_testbed.base.errors import InputError, InputWarning, choices, listed, look_up
+from tulip_testbed.base.errors import InputError, InputWarning
 from tulip_testbed.sim import robot as robot_module
 
 ROOT = Path(__file__).parent.parent
@@ -123,14 +123,6 @@ def test_measurements_run_folder_and_command_line_give_the_same_bits(run, tmp_pa
     assert tt.check(run).verdict == tt.check(run.measurements).verdict
 
 
-def test_a_laboratory_reads_texts(robot):
-    text = "cell-gain:right.front_left=0.03"
-    expected = tt.Laboratory(robot).with_effects(text)
-    laboratory: Any = tt.Laboratory  # type checkers know the attributes that it will have
-    assert laboratory(robot, hidden=(text,)) == expected
-    assert laboratory(robot, hidden=text) == expected
-
-
 @pytest.mark.parametrize(
     "call",
     [
@@ -150,17 +142,6 @@ def test_an_implausible_value_warns_at_the_line_that_called(call, run):
         "cell-gain:right.front_left: gain 3 (300 %) is 60 times what is plausible (0.05); "
         "values are in SI units"
     )
-
-
-def test_close_names_come_first():
-    assert (
-        choices("right_kne", ["left_hip", "right_knee"])
-        == "did you mean 'right_knee'? valid: left_hip, right_knee"
-    )
-    assert choices("zzz", ["left_hip"]) == "valid: left_hip"
-    assert listed(range(1000)).endswith("38, 39 and 960 more")
-    with pytest.raises(KeyError):  # so that mappings may raise it
-        look_up("joint", "knee", ["hip"], "plan")
 
 
 def test_a_notebook_shows_the_line_and_the_message(capsys):
