@@ -12,10 +12,8 @@ from tests.test_refusals import refuse
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.usable_plan import joined as one_after_another
-from tulip_testbed.experiments.validate import validate
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.center_of_pressure import center_of_pressure, load_shares
-from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.preflight import preflight
 from tulip_testbed.measurements import Measurements, PosturePlan
@@ -178,15 +176,6 @@ def test_an_empty_plate_is_not_read_and_the_preflight_says_what_it_leaves_out(ro
     findings = {finding.name: finding for finding in preflight(measured, nominal_robot(robot), None)}
     assert "stands on one foot" in findings["legs close"].seen
     assert "26 parameters" in findings["identifiable"].expected
-
-
-@pytest.mark.slow
-def test_the_whole_job_in_full_dynamics(robot, plan, balanced):
-    mixed = joined(plan.take(plan.placement <= 8), balanced.take(np.arange(5)))
-    result = validate(Laboratory(robot, "ideal"), mixed, 4, MIXED_MODEL, workers=2, imperfections=0)
-    by_name = {check.name: check.result for check in result.checks}
-    assert len(result.identification.full.value) == 26
-    assert by_name["full model: largest error (mm)"] == by_name["total mass"] == "pass"
 
 
 def joined(first: PosturePlan, second: PosturePlan) -> PosturePlan:
