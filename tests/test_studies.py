@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from studies import runner, study_hidden_effects
+from studies import runner
 from studies.hidden_effects.hiding import NOTHING, ONE, OUTSIDE, TWO, Case, Truth
-from studies.hidden_effects.judging import Found, Outcome, carry_out
+from studies.hidden_effects.judging import Found, Outcome
 from studies.hidden_effects.laboratories import LARGEST, USUAL, draw_laboratory, tolerance_of
 from studies.hidden_effects.readings import READERS, Readings
 from studies.runner import Settings
@@ -83,18 +83,6 @@ def test_side_forces_and_tilt_are_those_of_the_simulation(rig, twelve):
     forces = there.measurements.cell_forces[kept]
     left, change = (np.abs(m.cell_forces - forces).max(axis=1) for m in (readings.measurements, plain))
     assert np.mean(left < 0.01 * change) > 0.95  # in the others the board stands on three cells
-
-
-@pytest.mark.slow
-def test_a_case_is_carried_out_kept_and_reproduced(robot, plan, tmp_path):
-    case = Case(ONE, "force-plate", ("encoder-gain",))
-    study_hidden_effects.kept(tmp_path, case, 4, 11, robot, plan)
-    (path,) = tmp_path.iterdir()
-    done = study_hidden_effects.DOCUMENT.validate_json(path.read_bytes())
-    again = carry_out(case, 4, 11, robot, plan)
-    assert replace(again, seconds=0.0) == replace(done, seconds=0.0)
-    assert len(done.base) == len(done.held) == 25
-    assert done.members["cell-gain"]
 
 
 def made(arm: str, verdict: str, *names: str, hidden: tuple[str, ...] = (), **more: Any) -> Outcome:
