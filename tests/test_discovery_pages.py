@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from tests.drawing import draws_with
+from tests.durations import cpu_seconds
 from tests.looking import browse
 from tests.test_cli import told
 from tests.test_records import put_right
 from tests.test_report import told_by
-from tests.test_view import cpu_seconds, look, not_blank
+from tests.test_view import look, not_blank
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.discovery.experiment_information import Explanation
