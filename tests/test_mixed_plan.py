@@ -55,19 +55,9 @@ def goal(problem):
 
 
 @pytest.fixture(scope="module")
-def task(problem, goal):
-    return SearchTask(problem, goal, PLACEMENTS, PER, SEED, hops=0, counts=COUNTS)
-
-
-@pytest.fixture(scope="module")
-def states():
-    return []
-
-
-@pytest.fixture(scope="module")
-def mixed(task, states):
+def mixed(problem, goal):
     """Nine postures on both feet and four on each foot."""
-    return task.run(states.append)
+    return SearchTask(problem, goal, PLACEMENTS, PER, SEED, hops=0, counts=COUNTS).run()
 
 
 @pytest.fixture(scope="module")
