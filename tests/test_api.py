@@ -41,9 +41,8 @@ def test_the_python_of_a_page_runs(page, monkeypatch):
     exec("".join(blocks(page, "python")), {})
 
 
-@pytest.fixture
-def loads(monkeypatch) -> dict[str, list[str]]:
-    """Names of the robot's files that are read, and of the models of a robot alone that are compiled."""
+def test_the_files_of_a_robot_are_read_and_compiled_once(run, monkeypatch):
+    """After the shipped plans have read theirs."""
     seen: dict[str, list[str]] = {"read": [], "compiled": []}
     sha256, compile_spec = robot_module.sha256, robot_module.compile_spec
     monkeypatch.setattr(robot_module, "sha256", lambda p: seen["read"].append(Path(p).name) or sha256(p))
@@ -53,15 +52,10 @@ def loads(monkeypatch) -> dict[str, list[str]]:
         return compile_spec(spec, where)
 
     monkeypatch.setattr(robot_module, "compile_spec", counted)
-    return seen
-
-
-def test_the_files_of_a_robot_are_read_and_compiled_once(run, loads):
-    """After the shipped plans have read theirs."""
     robot = tt.load_robot()
     tt.identify(tt.Laboratory(robot, "wii").run(tt.plans.random, seed=2, engine="statics"), robot)
-    assert loads["compiled"].count(robot.model_file.stem) <= 1
-    assert all(loads["read"].count(path.name) <= 1 for path in robot.files)
+    assert seen["compiled"].count(robot.model_file.stem) <= 1
+    assert all(seen["read"].count(path.name) <= 1 for path in robot.files)
 
 
 def test_every_name_is_documented_and_found_by_completion():

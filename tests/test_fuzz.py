@@ -33,14 +33,9 @@ quick = settings(
 )
 
 
-@pytest.fixture(scope="module")
-def judge(tmp_path_factory):
-    return Judge(tmp_path_factory.mktemp("intact"))
-
-
 @pytest.mark.slow
-def test_inputs_of_every_kind_end_in_a_right_result_or_in_one_message(judge, subtests):
-    messages = []
+def test_inputs_of_every_kind_end_in_a_right_result_or_in_one_message(tmp_path, subtests):
+    judge, messages = Judge(tmp_path), []
     for target, kinds in KINDS.items():
         for kind in kinds:
             with subtests.test(target=target, kind=kind):

@@ -29,18 +29,14 @@ def lab(robot) -> Laboratory:
     return Laboratory(robot, sensors="ideal")
 
 
-@pytest.fixture(scope="module")
-def noisy(robot) -> Laboratory:
-    return Laboratory(robot, sensors="force-plate")
-
-
 def measured(laboratory, few, *manipulations, session="one", seed=3):
     made = laboratory.manipulated(*manipulations, session=session)
     return made.run(few, seed=seed, engine="statics", workers=1).measurements
 
 
 @pytest.fixture(scope="module")
-def pair(noisy, few):
+def pair(robot, few):
+    noisy = Laboratory(robot, sensors="force-plate")
     return [measured(noisy, few), measured(noisy, few, CABLE, seed=4)]
 
 

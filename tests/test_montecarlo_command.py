@@ -31,13 +31,6 @@ TULIP = [sys.executable, "-c", "from tulip_testbed.cli.entry import run; run()"]
 RUNS = 110  # five chunks of 25 or fewer: two of them are there long before the last
 
 
-@pytest.fixture(scope="module")
-def small(plan, tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("plans") / "small"
-    write_plan(folder, plan.take(plan.placement <= 3))
-    return folder
-
-
 def tulip(plan: Path, out: Path, *more: str) -> list[str]:
     options = ["--out", str(out), "--runs", str(RUNS), "--seed", "107", "--workers", "1", "--json"]
     quick = ["--estimator", MIXED_MODEL, "--imperfections", "0"]
@@ -60,8 +53,9 @@ def content(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.slow
-def test_interrupted_and_killed_it_ends_as_if_undisturbed(small, tmp_path):
-    broken, whole = tmp_path / "broken", tmp_path / "whole"
+def test_interrupted_and_killed_it_ends_as_if_undisturbed(plan, tmp_path):
+    small, broken, whole = (tmp_path / name for name in ("small", "broken", "whole"))
+    write_plan(small, plan.take(plan.placement <= 3))
     process = stop(tulip(small, broken), broken, 1, signal.SIGINT)
     out, err = process.communicate()
     assert process.returncode == 130

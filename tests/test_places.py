@@ -22,12 +22,6 @@ from tulip_testbed.sim.shipped import TULIP
 TULIP_COMMAND = [sys.executable, "-c", "import tulip_testbed.cli.entry as entry; entry.run()"]
 
 
-@pytest.fixture
-def data(run, tmp_path):
-    tt.write_measurements(tmp_path / "data", run.measurements)
-    return tmp_path / "data"
-
-
 def test_the_truth_of_another_is_never_removed(run, tmp_path):
     (tmp_path / "truth.json").write_text("another's")
     refuse("truth.json: exists already", write_experiment, tmp_path / "data", tmp_path / "truth.json", run)
@@ -62,7 +56,9 @@ def test_a_file_system_without_links_has_new_files_too(tmp_path, monkeypatch):
     assert (tmp_path / "a").read_bytes() == b"first"
 
 
-def test_nothing_is_written_into_a_measurement_folder(data, run, tmp_path, capsys):
+def test_nothing_is_written_into_a_measurement_folder(run, tmp_path, capsys):
+    data = tmp_path / "data"
+    tt.write_measurements(data, run.measurements)
     before = sorted(data.iterdir())
     inside = "lies inside the measurement folder"
     for place in (data / "more", data / "deep" / "more"):

@@ -41,11 +41,6 @@ def measured_here(robot, plan, found):
     return run_statics(solved_plan, [np.random.SeedSequence(SEED)])[0].measurements
 
 
-@pytest.fixture(scope="module")
-def plain(robot, plan):
-    return identify(measured_here(robot, plan, ()), robot, estimator=MIXED_MODEL).full
-
-
 def test_what_is_written_is_read(rig, found, robot):
     assert read_rig(rig, robot) == found
 
@@ -61,7 +56,8 @@ def test_the_scenes_are_mjcf_and_the_difference_is_what_changed(rig):
     assert len(text.splitlines()) < 25
 
 
-def test_an_adopted_effect_of_the_physics_takes_its_bias_away(robot, plan, plain):
+def test_an_adopted_effect_of_the_physics_takes_its_bias_away(robot, plan):
+    plain = identify(measured_here(robot, plan, ()), robot, estimator=MIXED_MODEL).full
     texts = ("joint-compliance:right_ankle_pitch=0.0005", "cell-gain:right.rear_left=0.03")
     effects = tuple(EffectInstance.parse(text, robot, range(30)) for text in texts)
     hidden = measured_here(robot, plan, effects)
