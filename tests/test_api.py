@@ -8,7 +8,7 @@ import sys
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pytest
@@ -95,13 +95,7 @@ def asked(
     return count, size, names, more
 
 
-@checked
-def chosen(engine: Literal["statics", "dynamics"], pair: tuple[float, float] | None = None) -> tuple:
-    return engine, pair
-
-
 def test_what_fits_passes_and_numbers_of_numpy_become_plain():
-    assert chosen("statics", (np.float64(1), 2)) == ("statics", (1.0, 2.0))
     assert asked(1, 2, ["a", 0.5], True) == (1, 2, ["a", 0.5], (True,))
     count: Any = np.int64(3)
     assert type(asked(count)[0]) is int
