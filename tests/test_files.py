@@ -13,7 +13,7 @@ import pytest
 
 from tests.test_refusals import refuse, rows
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.base.files import new_folder, read_text, scratch_folder, write_text
+from tulip_testbed.base.files import is_folder, new_folder, present, read_text, scratch_folder, write_text
 from tulip_testbed.base.resumable import alone_on
 
 # Forks once per file operation; the child kills itself right before its n-th one.
@@ -173,6 +173,12 @@ def test_another_process_at_work_is_refused_until_it_is_killed(tmp_path, monkeyp
     with alone_on(Path("run")):
         pass
     assert os.listdir(tmp_path) == ["run"]
+
+
+def test_names_that_no_file_can_have(tmp_path):
+    assert not present(tmp_path / "a\0b")
+    for call in (present, is_folder):
+        refuse("File name too long", call, tmp_path / ("x" * 300))
 
 
 def test_a_file_system_that_takes_no_files_is_refused():
