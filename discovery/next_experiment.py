@@ -7,6 +7,7 @@ from typing import Self
 import numpy as np
 
 from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.result import InMemory
 from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.calibration.self_calibration import self_calibrate
@@ -57,6 +58,7 @@ UNCHANGED = "nothing changed, more postures"
 ADDED_MASS = 0.1  # of the robot's, at the torso's origin
 ENOUGH = 15.0  # ln of the Bayes factor that is expected at least: some 3 are needed, and noise takes up to 11
 LEAST, MOST = 6, 30  # placements
+FACTORS = np.array([1e3, 1e3, 1.0, 1.0, 1.0])  # from residuals to an expected result
 
 
 @dataclass(frozen=True)
@@ -73,46 +75,61 @@ class Doubt:
 
 
 @dataclass(frozen=True)
+class ExpectedResult:
+    """The mean residuals of an experiment that an explanation predicts."""
+
+    explanation: str
+    cop_x_mm: float
+    cop_y_mm: float
+    force_N: float  # noqa: N815, as the key has it
+    twist_right_N: float  # noqa: N815
+    twist_left_N: float  # noqa: N815
+
+
+@dataclass(frozen=True)
 class NextExperiment:
-    """An experiment and what it is expected to settle.
+    """An experiment and what it is expected to settle; entropies in nats, separations in ln Bayes factor.
 
     Attributes:
-        experiment: its session and manipulations.
-        plan: postures, some of the placements that were to choose from.
-        minutes: of laboratory time, assumed.
-        entropy: of the explanations' posterior now and, as expected, afterwards [nats].
-        separation: least expected ln Bayes factor between two explanations, with everything measured so far.
-        before: the same without the experiment.
-        predicted: mean residuals of its postures under each explanation, by label, (11,) each.
+        placements, postures: how many there are. minutes: of laboratory time, assumed.
+        entropy_now, entropy_expected: of the explanations' posterior before and, as expected, afterwards.
+        separation: least expected between two explanations, with everything measured so far.
+        separation_now: the same without the experiment.
+        plan: its postures, some of the placements that were to choose from.
     """
 
-    experiment: Experiment
-    plan: PosturePlan
+    session: str
+    manipulations: tuple[str, ...]
+    placements: int
+    postures: int
     minutes: float
-    entropy: tuple[float, float]
+    entropy_now: float
+    entropy_expected: float
+    settled_per_minute: float
     separation: float
-    before: float
-    predicted: tuple[tuple[str, np.ndarray], ...]
+    separation_now: float
+    predictions: tuple[ExpectedResult, ...]
+    plan: InMemory[PosturePlan]
 
     @property
-    def gain(self) -> float:
-        """Return the expected decrease of the entropy [nats]."""
-        return max(self.entropy[0] - self.entropy[1], 0.0)
+    def experiment(self) -> Experiment:
+        """Return its session and manipulations."""
+        return Experiment(self.session, self.manipulations)
 
     @property
     def settled(self) -> float:
         """Return the share of the doubt that is expected to be settled."""
-        return self.gain / max(self.entropy[0], 1e-12)
-
-    @property
-    def rate(self) -> float:
-        """Return the expected decrease of the entropy a minute of laboratory time [nats/min]."""
-        return self.gain / self.minutes
+        return settled(self.entropy_now, self.entropy_expected) / max(self.entropy_now, 1e-12)
 
     @property
     def words(self) -> str:
         """Describe the manipulations."""
-        return ", ".join(self.experiment.manipulations) or UNCHANGED
+        return ", ".join(self.manipulations) or UNCHANGED
+
+
+def settled(now: float, expected: float) -> float:
+    """Return the expected decrease of an entropy [nats]."""
+    return max(now - expected, 0.0)
 
 
 @dataclass(frozen=True)
@@ -155,7 +172,7 @@ def rank_experiments(
         raise InputError(
             "explanations: found some with which no calibration converges; expected a smaller fault"
         ) from None
-    return sorted(ranking, key=lambda experiment: -experiment.rate)
+    return sorted(ranking, key=lambda experiment: -experiment.settled_per_minute)
 
 
 def _state(
@@ -276,20 +293,28 @@ class Prospect:
             after += expected_entropy(doubt.explanations, before, found.of_explanations(placements), rng)
             rows = found.predictions(doubt.explanations, placements)
             predicted += [
-                (one.instance.label, row) for one, row in zip(doubt.explanations, rows, strict=True)
+                ExpectedResult(one.instance.label, *(FACTORS * row[:5]).tolist())
+                for one, row in zip(doubt.explanations, rows, strict=True)
             ]
         readings = self.pool.readings
         numbers = np.unique(readings.placement)[placements]
         postures = readings.posture[np.isin(readings.placement, numbers)]
         plan = self.pool.plan.take(np.isin(self.pool.plan.posture, postures))
+        minutes = minutes_of(self.experiment, len(placements), len(plan))
+        now = sum(doubt.entropy for doubt in self.doubts)
         return NextExperiment(
-            experiment=self.experiment,
-            plan=plan,
-            minutes=minutes_of(self.experiment, len(placements), len(plan)),
-            entropy=(sum(doubt.entropy for doubt in self.doubts), after),
+            session=self.experiment.session,
+            manipulations=self.experiment.manipulations,
+            placements=len(np.unique(plan.placement)),
+            postures=len(plan),
+            minutes=minutes,
+            entropy_now=float(now),
+            entropy_expected=float(after),
+            settled_per_minute=float(settled(now, after) / minutes),
             separation=self.least_separation(placements),
-            before=self.least_separation(None),
-            predicted=tuple(predicted),
+            separation_now=self.least_separation(None),
+            predictions=tuple(predicted),
+            plan=plan,
         )
 
 

@@ -33,14 +33,6 @@ UNREADABLE = "could not read"
 NOT_EVALUATED = "not evaluated"
 
 
-@dataclass(frozen=True)
-class Complaints:
-    """Faults of a folder that cannot be read."""
-
-    manifest: tuple[str, ...]
-    table: tuple[str, ...]
-
-
 @dataclass(frozen=True, repr=False)
 class Preflight(Result):
     """The result of a preflight.
@@ -49,8 +41,8 @@ class Preflight(Result):
         verdict: "pass", "warn", "fail" or "could not read".
         robot: model file of the nominal robot. postures, rows, placements: how many there are.
         counts: of checks by their result. checks: all of them.
-        complaints: of a folder that could not be read; then there are no checks, but examples of a manifest
-            and of a row of the table.
+        complaints: of "manifest" and "table" of a folder that could not be read; then there are no checks,
+            but examples of a manifest and of a row of the table.
     """
 
     verdict: str
@@ -60,7 +52,7 @@ class Preflight(Result):
     placements: int = 0
     counts: dict[str, int] = field(default_factory=dict)
     checks: tuple[Finding, ...] = ()
-    complaints: Complaints | None = None
+    complaints: dict[str, list[str]] | None = None
     example_manifest: dict[str, Any] | None = None
     example_row: dict[str, float] | None = None
 
@@ -87,16 +79,16 @@ class Preflight(Result):
         parts.append(f"{self.rows} rows of {self.postures} postures on {self.placements} placements.")
         return [*parts, f"Verdict: {self.verdict} ({counts_line(self.counts)})"]
 
-    def _lacks(self, found: Complaints) -> list[Table | str]:
+    def _lacks(self, found: dict[str, list[str]]) -> list[Table | str]:
         lines = ["This folder cannot be read yet:"]
-        lines += [f"  - {text}" for text in (*found.manifest, *found.table)]
-        if found.manifest:
+        lines += [f"  - {text}" for text in (*found["manifest"], *found["table"])]
+        if found["manifest"]:
             lines += [
                 "",
                 "An example manifest.json for this robot; replace every null that you know:",
                 *compact_json(self.example_manifest or {}).splitlines(),
             ]
-        if found.table:
+        if found["table"]:
             row = self.example_row or {}
             lines += [
                 "",
@@ -122,7 +114,7 @@ def check_folder(folder: Path, robot: Robot, corrections: Sequence[EffectInstanc
         return Preflight(
             UNREADABLE,
             robot.model_file.name,
-            complaints=Complaints(tuple(wrong["manifest"]), tuple(wrong["table"])),
+            complaints=wrong,
             example_manifest=example_manifest(robot),
             example_row=example_row(robot),
         )
@@ -154,7 +146,17 @@ def check_measurements(
     if corrections:  # corrected records of the plates hold what moves the centre of pressure otherwise
         recorded = plate_poses(measurements)
         findings = [recorded if finding.name == recorded.name else finding for finding in findings]
-    return preflight_of(corrected, nominal, [*findings, *_of_motion(corrected, nominal, samples)])
+    findings += _of_motion(corrected, nominal, samples)
+    results = [finding.result for finding in findings]
+    return Preflight(
+        verdict=worst_of([result for result in results if result != NOT_EVALUATED]),
+        robot=robot.model_file.name,
+        postures=len(np.unique(corrected.posture)),
+        rows=len(corrected),
+        placements=len(np.unique(corrected.placement)),
+        counts={result: results.count(result) for result in RESULTS},
+        checks=tuple(findings),
+    )
 
 
 def _of_motion(rows: Measurements, nominal: Nominal, samples: Measurements | None) -> list[Finding]:
@@ -240,19 +242,6 @@ def _refuse_other_robot(folder: Path, nominal: Nominal) -> None:
             f"{folder / 'manifest.json'}: found robot '{shortened(model)}' with other joints, "
             f"expected {robot.model_file.name} of {robot.name}; give the robot that was measured as `robot`"
         )
-
-
-def preflight_of(measurements: Measurements, nominal: Nominal, findings: Sequence[Finding]) -> Preflight:
-    results = [finding.result for finding in findings]
-    return Preflight(
-        verdict=worst_of([result for result in results if result != "not evaluated"]),
-        robot=nominal.robot.model_file.name,
-        postures=len(np.unique(measurements.posture)),
-        rows=len(measurements),
-        placements=len(np.unique(measurements.placement)),
-        counts={result: results.count(result) for result in RESULTS},
-        checks=tuple(findings),
-    )
 
 
 def counts_line(counts: Mapping[str, int]) -> str:

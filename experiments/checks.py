@@ -132,22 +132,18 @@ def ideal_error_check(name: str, estimate: Estimate, truth: np.ndarray, pairs: l
     return below(name, 1e3 * worst, 1e3 * IDEAL_ERROR, "noise-free data: within 1 mm, pairs by their sum")
 
 
-def correlation_checks(
-    numbers: np.ndarray, actual: np.ndarray, planned: np.ndarray, pairs: list[list[int]]
-) -> list[Check]:
+def correlation_checks(actual: np.ndarray, planned: np.ndarray, pairs: list[list[int]]) -> list[Check]:
     """Compare the nearly collinear pairs with what the plan's own regressor predicts.
 
     A plan that by itself weakens the correlation is not held to the paper's limit.
 
     Args:
-        numbers: of the parameters.
-        actual: correlations (eq. 15) of the measured angles' regressor, (p, p).
-        planned: correlations (eq. 15) of the planned angles' regressor, (p, p).
+        actual, planned: correlations (eq. 15) of the regressor of measured and planned angles, (p, p).
+        pairs: numbers of the full model's parameters, from 1.
     """
-    index = {number: k for k, number in enumerate(numbers.tolist())}
     checks = []
     for a, b in pairs:
-        place = index[a], index[b]
+        place = a - 1, b - 1
         predicted = planned[place]
         low, high = max(predicted - CORRELATION_TOLERANCE, -1.0), predicted + CORRELATION_TOLERANCE
         limit = f"not held to {CORRELATION_LIMIT}, which this plan weakens by itself"
@@ -158,22 +154,18 @@ def correlation_checks(
     return checks
 
 
-def data_correlation_checks(
-    numbers: np.ndarray, data: np.ndarray, planned: np.ndarray, pairs: list[list[int]]
-) -> list[Check]:
+def data_correlation_checks(data: np.ndarray, planned: np.ndarray, pairs: list[list[int]]) -> list[Check]:
     """Check the nearly collinear pairs in an estimate that calibrates its laboratory.
 
     Members that only their prior knows have errors of their own, which hide the correlation.
 
     Args:
-        numbers: of the parameters.
         data: correlations of the estimate without those members, (p, p).
-        planned: see `correlation_checks`; a plan that weakens the correlation itself is not judged.
+        planned, pairs: see `correlation_checks`; a plan that weakens the correlation itself is not judged.
     """
-    index = {number: k for k, number in enumerate(numbers.tolist())}
     checks = []
     for a, b in pairs:
-        name, place = f"correlation ({a}, {b}), estimate", (index[a], index[b])
+        name, place = f"correlation ({a}, {b}), estimate", (a - 1, b - 1)
         if planned[place] < CORRELATION_LIMIT:
             source = f"below {CORRELATION_LIMIT}, without members known by their prior only"
             checks.append(within(name, data[place], -1.0, CORRELATION_LIMIT, source))

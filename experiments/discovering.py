@@ -18,7 +18,7 @@ from tulip_testbed.effects.motion_effects import MOTION_EFFECTS
 from tulip_testbed.experiments.discovery_result import PARTS, Discovered, DiscoveryConfiguration
 from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.identify import identify
-from tulip_testbed.experiments.proposed_experiment import propose_experiments, proposed
+from tulip_testbed.experiments.proposed_experiment import propose_experiments
 from tulip_testbed.experiments.rig_folder import rig_files
 from tulip_testbed.experiments.run_file import RunFile, made_by
 from tulip_testbed.identification.nominal import nominal_robot
@@ -116,7 +116,7 @@ def _told(
         ),
         weakly_detectable=discovery.selection.weak,
         heldout=discovery.heldout,
-        next_experiments=tuple(map(proposed, ranking)),
+        next_experiments=tuple(ranking),
         before=before,
         after=after,
         alarm_p=discovery.selection.p,

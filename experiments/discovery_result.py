@@ -21,21 +21,15 @@ from tulip_testbed.discovery.discover import Discovery, Verdict, clear_of_zero
 from tulip_testbed.discovery.dynamics_check import DynamicsCheck
 from tulip_testbed.discovery.experiment_information import Explanation
 from tulip_testbed.discovery.held_out import HeldOut
+from tulip_testbed.discovery.next_experiment import NextExperiment
 from tulip_testbed.discovery.patterns import Pattern
 from tulip_testbed.discovery.pure_error import PureError
 from tulip_testbed.effects.instance import EffectInstance, check_instance
 from tulip_testbed.effects.laws import LAW, Sentence, sentence_of
-from tulip_testbed.experiments.discovery_tables import (
-    dynamics_line,
-    explanation_table,
-    gap_table,
-    moved_table,
-    moved_words,
-    weak_table,
-)
+from tulip_testbed.experiments import discovery_tables
 from tulip_testbed.experiments.family_tables import family_table
 from tulip_testbed.experiments.identification_result import EXPERIMENTS, Identification
-from tulip_testbed.experiments.proposed_experiment import Proposals, ProposedExperiment, propose_experiments
+from tulip_testbed.experiments.proposed_experiment import Proposals, propose_experiments
 from tulip_testbed.experiments.rig_folder import RIG
 from tulip_testbed.experiments.run_file import ROBOT, RUN_FILE, RunFile, SavedRun, write_run_file
 from tulip_testbed.identification.residual_noise import Noise
@@ -146,7 +140,7 @@ class Discovered(SavedRun):
     weakly_detectable: tuple[WeaklyDetectable, ...]
     where: str
     heldout: HeldOut
-    next_experiments: tuple[ProposedExperiment, ...]
+    next_experiments: tuple[NextExperiment, ...]
     before: Identification
     after: Identification | None
     repeats: PureError
@@ -230,17 +224,19 @@ class Discovered(SavedRun):
 
     def tables(self) -> list[Table | str]:
         parts: list[Table | str] = [f"Verdict: {self.verdict}", *self.story, "", *self.answers, ""]
-        if self.verdict == "none" and (weak := weak_table(self.weakly_detectable)).rows:
+        if self.verdict == "none" and (weak := discovery_tables.weak_table(self.weakly_detectable)).rows:
             parts.append(weak)
-        parts.append(gap_table(self.heldout))
+        parts.append(discovery_tables.gap_table(self.heldout))
         if self.explanations:
-            parts.append(explanation_table(self.explanations))
+            parts.append(discovery_tables.explanation_table(self.explanations))
         if self.families:
             parts.append(family_table(self.families, FAMILIES))
-        moved = moved_table(self.before, self.after, self.adopted, all_of_them=False)
-        parts.append(moved if moved.rows else moved_words(self.before, self.after, self.adopted))
+        moved = discovery_tables.moved_table(self.before, self.after, self.adopted, all_of_them=False)
+        parts.append(
+            moved if moved.rows else discovery_tables.moved_words(self.before, self.after, self.adopted)
+        )
         if self.check:
-            parts.append(dynamics_line(self.check))
+            parts.append(discovery_tables.dynamics_line(self.check))
         return [*parts, *([] if self.folder is None else [f"Run folder: {self.folder}"])]
 
     def to_frame(self) -> Any:

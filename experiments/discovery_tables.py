@@ -10,6 +10,7 @@ from tulip_testbed.base.errors import listed
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.discovery.detectability import Undetectable, WeaklyDetectable
+from tulip_testbed.discovery.discover import clear_of_zero
 from tulip_testbed.discovery.dynamics_check import DynamicsCheck
 from tulip_testbed.discovery.experiment_information import Explanation
 from tulip_testbed.discovery.held_out import HeldOut
@@ -66,12 +67,7 @@ def explanation_table(explanations: Sequence[Explanation]) -> Table:
 
 def calibrated_table(members: Iterable[EffectInstance]) -> Table:
     """Return the ordinary imperfections that were added to the model and differ from zero."""
-    every = list(members)
-    rows = [
-        [member.label, _sizes(member)]
-        for member in every
-        if any(low > 0 or high < 0 for low, high in filter(None, member.intervals))
-    ]
+    rows = [[member.label, _sizes(member)] for member in members if clear_of_zero(member)]
     which = "±: half of the 95 % interval. The others" if rows else "All of them"
     note = f"{which} are zero within their 95 % intervals."
     return Table("Calibrated", columns("imperfection", "size"), rows, note)

@@ -19,7 +19,7 @@ from tulip_testbed.base.resumable import ResumableFolder
 from tulip_testbed.base.table_files import MOST_ROWS, read_json, software
 from tulip_testbed.experiments.defaults import HOPS
 from tulip_testbed.experiments.described_plan import SEARCHED, DescribedPlan, describe_plan
-from tulip_testbed.experiments.usable_plan import as_plan, enough, plan_hash
+from tulip_testbed.experiments.usable_plan import as_plan, check_measurable, enough, plan_hash
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.planning.objectives import OBJECTIVES, objectives
 from tulip_testbed.identification.planning.optimal_plan import SearchTask, with_repeats
@@ -27,9 +27,7 @@ from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning.search import SearchState, StateError
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.plan_folder import write_plan
-from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
-from tulip_testbed.sim.robot_check import check_scene, warn_of_robot
 from tulip_testbed.sim.scene import nominal_plates
 
 SIGMA_MM = 4.16  # the paper's residual per axis (eq. 14)
@@ -87,8 +85,7 @@ def set_up_search(robot: Robot, settings: PlanSettings, measured: Measurements |
     counts = {foot: n for foot, n in (("right", settings.right), ("left", settings.left)) if n}
     if counts and measured is not None:
         raise InputError("right, left: found postures on one foot after measurements, expected none")
-    check_scene(preset_rig("ideal", robot))
-    warn_of_robot(robot)
+    check_measurable(robot)
     rows = np.array(["double", *counts]) if measured is None else measured.support
     support = common_support(rows)
     problem = planning_problem(robot, nominal_plates(robot)[0], support=support)

@@ -1,27 +1,25 @@
 """A proposed experiment as a plan folder: postures, manipulations and numbered steps for the laboratory."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-import numpy as np
-from pydantic import Field
+from pydantic import Field, computed_field
 
 from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import present
 from tulip_testbed.base.numbers import number
-from tulip_testbed.base.result import Documented, Result
+from tulip_testbed.base.result import Documented, Outside, Result
 from tulip_testbed.base.table import Cell, Table
-from tulip_testbed.base.table_files import finite, json_text
+from tulip_testbed.base.table_files import json_text
 from tulip_testbed.discovery.discover import AMBIGUOUS
 from tulip_testbed.discovery.experiment_information import Explanation
 from tulip_testbed.discovery.next_experiment import (
     MANIPULATION,
     PLACEMENT,
     POSTURE,
-    UNCHANGED,
     NextExperiment,
     doubts_of,
     rank_experiments,
@@ -33,40 +31,10 @@ from tulip_testbed.sim.plan_folder import write_plan
 from tulip_testbed.sim.robot import Robot
 
 EXPERIMENT_FILE, STEPS_FILE = "experiment.json", "steps.md"
-FACTORS = np.array([1e3, 1e3, 1.0, 1.0, 1.0])
-
-
-@dataclass(frozen=True)
-class ExpectedResult:
-    """The mean residuals of an experiment that an explanation predicts."""
-
-    explanation: str
-    cop_x_mm: float
-    cop_y_mm: float
-    force_N: float  # noqa: N815, as the key has it
-    twist_right_N: float  # noqa: N815
-    twist_left_N: float  # noqa: N815
-
-
-@dataclass(frozen=True)
-class ProposedExperiment:
-    """One ranked experiment; entropies in nats, separations in ln of the Bayes factor."""
-
-    session: str
-    manipulations: tuple[str, ...]
-    placements: int
-    postures: int
-    minutes: float
-    entropy_now: float
-    entropy_expected: float
-    settled_per_minute: float
-    separation: float
-    separation_now: float
-    predictions: tuple[ExpectedResult, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExperimentFile(ProposedExperiment, Documented):
+class ExperimentFile(NextExperiment, Documented):
     """experiment.json of a plan folder; number: of the experiment, from 1."""
 
     format: Literal["tulip-experiment"] = "tulip-experiment"
@@ -86,7 +54,7 @@ class Proposals(Result):
     verdict: str
     experiments: tuple[NextExperiment, ...]
     number: int
-    session: str
+    session: Annotated[str, Outside()]
 
     @property
     def best(self) -> NextExperiment:
@@ -102,15 +70,11 @@ class Proposals(Result):
             )
         return self.experiments[0]
 
-    def to_json(self) -> dict[str, Any]:
-        return finite(
-            {
-                "verdict": self.verdict,
-                "number": self.number,
-                "experiments": [asdict(proposed(one)) for one in self.experiments],
-                "assumed_minutes": {"posture": POSTURE, "placement": PLACEMENT} | MANIPULATION,
-            }
-        )
+    @computed_field
+    @property
+    def assumed_minutes(self) -> dict[str, float]:
+        """Return the assumed time of a posture, of a placement and of each manipulation [min]."""
+        return {"posture": POSTURE, "placement": PLACEMENT} | MANIPULATION
 
     def tables(self) -> list[Table | str]:
         if not self.experiments:
@@ -131,32 +95,32 @@ class Proposals(Result):
     def save(self, folder: str | Path) -> None:
         """Write the best experiment as a plan folder with its manipulations and steps; it appears whole."""
         best = self.best
-        document = ExperimentFile(**vars(proposed(best)), number=self.number)
-        files = {EXPERIMENT_FILE: json_text(document.to_json()), STEPS_FILE: steps(document, best)}
+        document = ExperimentFile(**vars(best), number=self.number)
+        files = {EXPERIMENT_FILE: json_text(document.to_json()), STEPS_FILE: steps(document)}
         write_plan(Path(folder), best.plan, files)
 
     def table(self) -> Table:
-        return experiment_table([proposed(experiment) for experiment in self.experiments])
+        return experiment_table(self.experiments)
 
     def predictions(self) -> Table:
-        rows = [astuple(one) for one in proposed(self.best).predictions]
+        rows = [astuple(one) for one in self.best.predictions]
         center = ((f"CoP {axis}", "mm", "+.2f") for axis in "xy")
         forces = ((name, "N", "+.2f") for name in ("sum", "twist right", "twist left"))
         heads = columns("if it is", *center, *forces)
         return Table("Mean residuals that each explanation predicts for the best", heads, rows)
 
 
-def experiment_table(experiments: Sequence[ProposedExperiment], key: str = "experiments") -> Table:
+def experiment_table(experiments: Sequence[NextExperiment], key: str = "experiments") -> Table:
     """Return ranked experiments, one per row; key: of these in their document."""
     rows = []
     for k, one in enumerate(experiments):
-        now, path = one.entropy_now, f"{key}.{k}"
+        path = f"{key}.{k}"
         rows.append(
             [
-                ", ".join(one.manipulations) or UNCHANGED,
+                one.words,
                 Cell(one.postures, f"{path}.postures"),
                 Cell(one.minutes, f"{path}.minutes"),
-                max(now - one.entropy_expected, 0.0) / max(now, 1e-12),
+                one.settled,
                 Cell(one.separation, f"{path}.separation"),
             ]
         )
@@ -167,24 +131,6 @@ def experiment_table(experiments: Sequence[ProposedExperiment], key: str = "expe
         "least ln BF: expected between the two closest explanations."
     )
     return Table("Experiments, the best first", heads, rows, note)
-
-
-def proposed(one: NextExperiment) -> ProposedExperiment:
-    return ProposedExperiment(
-        session=one.experiment.session,
-        manipulations=one.experiment.manipulations,
-        placements=len(np.unique(one.plan.placement)),
-        postures=len(one.plan),
-        minutes=one.minutes,
-        entropy_now=float(one.entropy[0]),
-        entropy_expected=float(one.entropy[1]),
-        settled_per_minute=float(one.rate),
-        separation=one.separation,
-        separation_now=one.before,
-        predictions=tuple(
-            ExpectedResult(label, *(FACTORS * row[:5]).tolist()) for label, row in one.predicted
-        ),
-    )
 
 
 def propose_experiments(
@@ -207,7 +153,7 @@ def propose_experiments(
     return Proposals(verdict, tuple(ranking), count + 1, session_of(measurements))
 
 
-def steps(document: ExperimentFile, best: NextExperiment) -> str:
+def steps(document: ExperimentFile) -> str:
     """Describe what to do in the laboratory, as numbered steps in Markdown."""
     todo = [f"{text[0].upper()}{text[1:]}: {ADVICE[_kind(text)]}" for text in document.manipulations]
     if not todo:
@@ -224,7 +170,7 @@ def steps(document: ExperimentFile, best: NextExperiment) -> str:
         f"State in the manifest of the measurements:\n\n```json\n{keys}\n```",
     ]
     lines = [
-        *(f"# Experiment {document.number}: {best.words}", ""),
+        *(f"# Experiment {document.number}: {document.words}", ""),
         *(f"{k}. {text}" for k, text in enumerate(todo, 1)),
         *("", f"Assumed time: {document.minutes:.0f} min.", ""),
         *("Mean residuals that each explanation predicts:", ""),
@@ -259,4 +205,4 @@ def read_experiment(folder: Path) -> tuple[Experiment, int]:
         raise InputError(f"{where}: missing; expected a plan folder that `tulip plan next` wrote")
     document = ExperimentFile.read(where)
     arrangement_of(document.manipulations, f"{where}: key 'manipulations'")
-    return Experiment(document.session, document.manipulations), document.number
+    return document.experiment, document.number

@@ -40,11 +40,16 @@ def plan_for(robot: Robot, plan: Path | None) -> PosturePlan:
     return read_plan(folder, robot)
 
 
-def check_plan(robot: Robot, plan: PosturePlan, source: str = "plan") -> None:
-    """Refuse a plan that would not identify the robot, or that no laboratory can measure."""
-    check_fits(source, plan, robot)
+def check_measurable(robot: Robot) -> None:
+    """Refuse a robot that no laboratory can measure, and warn of what it lacks."""
     check_scene(preset_rig("ideal", robot))
     warn_of_robot(robot)
+
+
+def check_plan(robot: Robot, plan: PosturePlan, source: str) -> None:
+    """Refuse a plan that would not identify the robot, or that no laboratory can measure."""
+    check_fits(source, plan, robot)
+    check_measurable(robot)
     identifiable_regressor(source, robot, plan)
 
 
@@ -79,8 +84,7 @@ def random_plan(
     at_least("seed", seed, 0)
     at_most("placements, per_placement", placements * per_placement, MOST_ROWS)
     enough("placements, per_placement", placements * per_placement, base_parameters(robot))
-    check_scene(preset_rig("ideal", robot))
-    warn_of_robot(robot)
+    check_measurable(robot)
     plate = nominal_plates(robot)[0]
     with progress("drawing postures", placements * per_placement, 0) as advance:
         return random_postures(robot, plate, placements, per_placement, seed, progress=advance)

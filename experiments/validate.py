@@ -118,10 +118,10 @@ def evaluate(run: Run, identification: Identification, truth: np.ndarray) -> lis
     taken = run.measurements
     measured = correlations_at(identification.parameters, taken.joint_angles, taken.support)
     planned = planned_correlations(run, identification.parameters)
-    found += checks.correlation_checks(full.numbers, measured, planned, pairs)
+    found += checks.correlation_checks(measured, planned, pairs)
     if identification.calibration is not None and noisy:
         data = correlations(identification.calibration.data_covariance)
-        found += checks.data_correlation_checks(full.numbers, data, planned, pairs)
+        found += checks.data_correlation_checks(data, planned, pairs)
     placements = len(np.unique(run.measurements.placement))
     known = settings.get("residual_sigma_mm", {})
     found.append(checks.sigma_check(run.laboratory.sensors, full.sigma, placements, known))

@@ -137,7 +137,7 @@ def carry_out(laboratory: Laboratory, seed: int, placements: int = PLACEMENTS) -
                 break
             best = found.propose(pool, seed).best
             plan, experiment = best.plan, best.experiment
-            expected.append(float(best.entropy[1]))
+            expected.append(best.entropy_expected)
             words.append(", ".join(experiment.manipulations) or "more postures")
     except InputError as error:
         return Campaign(str(hidden), failed=str(error))

@@ -12,10 +12,9 @@ from tulip_testbed.experiments.imperfections import ordinary_members
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.watching.alarm import levels
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
-from tulip_testbed.experiments.watching.recursive_estimate import RAMP
 from tulip_testbed.experiments.watching.row_columns import row_columns
 from tulip_testbed.experiments.watching.watch_row import CHANGED, OK, Verdict, begin_row, watch_row
-from tulip_testbed.experiments.watching.watch_state import first_state
+from tulip_testbed.experiments.watching.watch_state import RAMP, first_state
 from tulip_testbed.identification.distributions import chi2_isf
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.measurements.data import OF_ROWS
@@ -173,7 +172,7 @@ def known_ratio(model: DayModel, rows: Measurements, direction: int, onset: int)
         one = rows.take(np.array([k]))
         before = state.stance
         anew = int(one.placement[0]) != state.placement
-        state = begin_row(model, state, one, model.of_posture[int(one.posture[0])][0])
+        state = begin_row(model, state, one, int(model.first_rows(one)[0]))
         if state.stance != before:
             bias[-9 if anew else -3 :] = 0.0
         found = state.belief.predict(model, columns.row(k))

@@ -15,7 +15,7 @@ from tulip_testbed.discovery.evidence import marginal_fits
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.experiments.atlases.atlas_result import ISOLABLE
 from tulip_testbed.experiments.atlases.effect_atlas import angles, atlas
-from tulip_testbed.experiments.atlases.planned_experiment import BiasWeights, bias, noisy, planned, streams
+from tulip_testbed.experiments.atlases.planned_experiment import BiasWeights, bias, noisy, planned
 from tulip_testbed.experiments.atlases.tolerance import tolerance
 from tulip_testbed.identification.estimators import MIXED_MODEL, estimate_by
 from tulip_testbed.identification.observation import observe
@@ -61,7 +61,7 @@ def shifts_by(plan, solved_plan):
         data = (regression(plan.nominal.parameters, run, plan.nominal.robot, "plan") for run in runs)
         return np.array([estimate_by(each, MIXED_MODEL).value for each in data])
 
-    with_it, without = (noisy(solved, streams(SEED, CHECKED)) for solved in (solved_plan, plan.solved_plan))
+    with_it, without = (noisy(solved, SEED, CHECKED) for solved in (solved_plan, plan.solved_plan))
     return (estimates(with_it) - estimates(without)).mean(axis=0)
 
 
@@ -72,7 +72,7 @@ def test_detectable_sizes_are_found_by_nine_of_ten_simulated_experiments(plan, f
         row = row_of(found, label)
         candidate = candidate_of(plan, row.effect, row.target or "")
         solved_plan = changed(plan, candidate, [row.detectable])
-        for run in noisy(solved_plan, streams(SEED + 1, runs)):
+        for run in noisy(solved_plan, SEED + 1, runs):
             observed = observe(run, plan.nominal)
             linear = linear_model(observed, noise_of(observed))
             columns = candidate_columns(linear, [candidate])

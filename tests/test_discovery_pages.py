@@ -8,6 +8,7 @@ from html import unescape
 import numpy as np
 import pytest
 
+import tulip_testbed as tt
 from tests.drawing import draws_with
 from tests.durations import cpu_seconds
 from tests.looking import browse
@@ -18,11 +19,11 @@ from tests.test_report import told_by
 from tests.test_view import look, not_blank
 from tulip_testbed.cli.main import main
 from tulip_testbed.discovery.experiment_information import Explanation
+from tulip_testbed.discovery.next_experiment import ExpectedResult, NextExperiment
 from tulip_testbed.discovery.patterns import Pattern
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.discovery_curves import residual_curves
 from tulip_testbed.experiments.discovery_result import Discovered
-from tulip_testbed.experiments.proposed_experiment import ExpectedResult, ProposedExperiment
 from tulip_testbed.pages.discovery_figures import evidence_figure
 from tulip_testbed.pages.discovery_page import discovery_page
 from tulip_testbed.pages.page import html
@@ -100,9 +101,8 @@ def other(saved, verdict, robot):
         length = EffectInstance.parse("link-length:right_lower_leg=0.004", robot)
         rival = Explanation(length, best.log_bayes_factor - 1.5)
         predicted = ExpectedResult("link-length:right_lower_leg", 0.1, 0.1, 0.1, 0.1, 0.1)
-        turned = ProposedExperiment(
-            *("one", ("robot turned by 180 deg",), 6, 30, 42.0, 0.6, 0.1, 0.012, 20.0, 1.5, (predicted,))
-        )
+        numbers = (6, 30, 42.0, 0.6, 0.1, 0.012, 20.0, 1.5)
+        turned = NextExperiment("one", ("robot turned by 180 deg",), *numbers, (predicted,), tt.plans.random)
         changes |= {"explanations": (best, rival), "next_experiments": (turned,)}
     if verdict == "unknown":
         changes |= {"patterns": (Pattern("C", "the foot's height", 50.0, 1, 1e-9, 0.6),), "check": None}

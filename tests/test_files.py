@@ -7,6 +7,8 @@ import signal
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -109,20 +111,28 @@ def test_a_scratch_folder_is_one_s_own_and_takes_a_killed_one_away(tmp_path, mon
     assert os.listdir(tmp_path) == []
 
 
-def test_a_full_disk_is_one_message_and_leaves_nothing(tmp_path):
+@contextmanager
+def full_disk(most: int) -> Iterator[None]:
+    """No file may grow beyond so many bytes."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1_000, before[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most, before[1]))
     try:
-        with (
-            pytest.raises(InputError, match=r"data: cannot write \(File too large\)"),
-            new_folder(tmp_path / "data") as working,
-        ):
-            (working / "a").write_bytes(b"x" * 2_000)
-        refuse("a.txt: cannot write (File too large)", write_text, tmp_path / "a.txt", "x" * 2_000)
+        yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
         signal.signal(signal.SIGXFSZ, ignored)
+
+
+def write_too_much(folder):
+    with new_folder(folder) as working:
+        (working / "a").write_bytes(b"x" * 2_000)
+
+
+def test_a_full_disk_is_one_message_and_leaves_nothing(tmp_path):
+    with full_disk(1_000):
+        refuse("data: cannot write (File too large)", write_too_much, tmp_path / "data")
+        refuse("a.txt: cannot write (File too large)", write_text, tmp_path / "a.txt", "x" * 2_000)
     assert os.listdir(tmp_path) == []
 
 

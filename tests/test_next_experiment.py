@@ -63,10 +63,10 @@ def test_turning_the_plate_tells_its_cells_apart_and_the_other_one_does_not(rank
     right = by_words["right plate turned by 180 deg"]
     left, more = by_words["left plate turned by 180 deg"], by_words["nothing changed, more postures"]
     assert ranked[0].words in ("right plate turned by 180 deg", "cells re-tared")
-    assert right.gain > 0.9 * right.entropy[0]
-    assert left.gain < 0.1 * left.entropy[0]
+    assert right.settled > 0.9
+    assert left.settled < 0.1
     assert right.separation > 10 * more.separation
-    assert right.rate > 5 * more.rate
+    assert right.settled_per_minute > 5 * more.settled_per_minute
 
 
 def test_an_expectation_against_one_by_hand():
@@ -179,7 +179,7 @@ def test_two_cells_tares_are_settled_by_turning_the_plate(lab, tmp_path):
     proposals.save(tmp_path / "plan")
     assert tt.next_experiment(found).best.words in found.story[-2]  # by the measured postures
     turned = next(one for one in proposals.experiments if "right plate turned" in one.words)
-    assert turned.rate >= 0.99 * proposals.best.rate
+    assert turned.settled_per_minute >= 0.99 * proposals.best.settled_per_minute
     inside = made.manipulated(*turned.experiment.manipulations, session="one")
     tt.write_measurements(data[1], inside.run(turned.plan, seed=4, engine="statics").measurements)
     both = tt.discover(data, check=False)

@@ -159,15 +159,15 @@ def test_the_data_distinguish_more_than_the_estimate_is_sure_of(validated, nomin
 
 
 def test_a_plan_that_weakens_a_correlation_is_not_judged():
-    numbers, data = np.array([12, 13]), np.array([[1.0, -0.9], [-0.9, 1.0]])
-    (judged,) = data_correlation_checks(numbers, data, np.array([[1, -0.99], [-0.99, 1]]), [[12, 13]])
+    data = np.array([[1.0, -0.9], [-0.9, 1.0]])
+    (judged,) = data_correlation_checks(data, np.array([[1, -0.99], [-0.99, 1]]), [[1, 2]])
     assert judged.result == "fail"
-    (skipped,) = data_correlation_checks(numbers, data, np.array([[1, -0.93], [-0.93, 1]]), [[12, 13]])
+    (skipped,) = data_correlation_checks(data, np.array([[1, -0.93], [-0.93, 1]]), [[1, 2]])
     assert skipped.result == "not evaluated"
     # Nor is the correlation of the angles, and then the limit is not printed as one that it passes.
-    (held,) = correlation_checks(numbers, data, np.array([[1, -0.99], [-0.99, 1]]), [[12, 13]])
+    (held,) = correlation_checks(data, np.array([[1, -0.99], [-0.99, 1]]), [[1, 2]])
     assert (held.result, held.source.partition("; ")[2]) == ("fail", "below -0.95")
-    (weak,) = correlation_checks(numbers, data, data, [[12, 13]])
+    (weak,) = correlation_checks(data, data, [[1, 2]])
     assert weak.result == "pass"
     assert weak.source.endswith("; not held to -0.95, which this plan weakens by itself")
 

@@ -1,8 +1,6 @@
 """Where results may go and what a path may be: one message each, and nobody's files are lost."""
 
 import os
-import resource
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +9,7 @@ import pytest
 
 import tulip_testbed as tt
 from tests.test_cli import refused
+from tests.test_files import full_disk
 from tests.test_refusals import refuse
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import check_new, write_bytes
@@ -109,14 +108,8 @@ def test_a_path_that_no_file_can_have_is_one_message(run, tmp_path, monkeypatch,
 
 
 def test_a_full_disk_gives_no_stump_of_a_view(run, tmp_path):
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, before[1]))
-    try:
+    with full_disk(50_000):
         refuse("found no end of the recording in", tt.view, run, save=tmp_path / "view.rrd")
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-        signal.signal(signal.SIGXFSZ, ignored)
     assert list(tmp_path.iterdir()) == []
 
 

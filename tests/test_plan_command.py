@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 import shutil
 from contextlib import contextmanager
 
@@ -10,7 +11,9 @@ import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
+import tulip_testbed as tt
 from tests.drawing import draws_with
+from tests.published_robot import write_published
 from tests.test_cli import refused, told
 from tests.test_refusals import change_keys, refuse, rows
 from tulip_testbed import rendering
@@ -118,6 +121,19 @@ def test_the_standing_robot_is_rendered(robot):
     image = np.asarray(Image.open(io.BytesIO(rendering.standing_picture(robot)))).astype(int)
     assert image.shape == (640, 480, 3)
     assert ((image[..., 0] > 150) & (image[..., 2] < 80)).sum() > 1_000  # the robot is orange
+
+
+@draws_with("opengl")
+def test_a_robot_whose_file_has_no_geometry_is_rendered_by_its_inertia(tmp_path):
+    path = write_published(tmp_path / "bare")
+    shape = r"<(visual|collision)>.*?</(visual|collision)>"
+    path.write_text(re.sub(shape, "", path.read_text()))
+    sole = (0.15, 0.07, 0.08, 0.06)
+    feet = ("right_ankle_roll_link", "left_ankle_roll_link")
+    tt.describe_robot(path, feet=feet, sole=sole, out=tmp_path / "robot")
+    image = np.asarray(Image.open(tmp_path / "robot" / "robot.png")).astype(int)
+    grey = (image.max(axis=2) < 190) & (np.ptp(image, axis=2) < 40)
+    assert grey.sum() > 20_000
 
 
 @pytest.mark.parametrize("ratio", [0.75, 1.6])

@@ -10,7 +10,6 @@ import pytest
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.watching.alarm import fault_of_changes, levels
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
-from tulip_testbed.experiments.watching.recursive_estimate import OF_PLACEMENT, Belief, Changes, Innovation
 from tulip_testbed.experiments.watching.row_checks import NOT_SETTLED, UNUSABLE
 from tulip_testbed.experiments.watching.row_columns import row_columns
 from tulip_testbed.experiments.watching.watch_row import (
@@ -22,7 +21,16 @@ from tulip_testbed.experiments.watching.watch_row import (
     planned_row,
     watch_row,
 )
-from tulip_testbed.experiments.watching.watch_state import AGAIN, OPEN, WatchState, first_state
+from tulip_testbed.experiments.watching.watch_state import (
+    AGAIN,
+    OF_PLACEMENT,
+    OPEN,
+    Belief,
+    Changes,
+    Innovation,
+    WatchState,
+    first_state,
+)
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.reading_noise import ReadingNoise, placement_levers, reading_noise
 from tulip_testbed.identification.regressor import regression
@@ -273,10 +281,10 @@ def test_a_row_that_came_twice_counts_once(watched, day):
 
 def test_a_posture_that_is_measured_again_is_not_taken_for_its_repeat_elsewhere(watched):
     """Posture 5 opens placement 1 and is repeated in placement 7."""
-    plan = SimpleNamespace(placement=np.array([1, 1, 7]))
-    model: Any = SimpleNamespace(plan=plan, of_posture={5: [0, 2]})
+    plan = SimpleNamespace(posture=np.array([5, 6, 5]), placement=np.array([1, 1, 7]))
+    model: Any = SimpleNamespace(plan=plan)
     state: Any = SimpleNamespace(done=np.array([AGAIN, OPEN, OPEN]))
     assert planned_row(model, state, 5, 1) == 0
     assert planned_row(model, state, 5, 7) == 2
     assert planned_row(model, state, 5, 3) == 2  # in neither: the one that is open
-    assert planned_row(model, state, 6, 1) is None
+    assert planned_row(model, state, 7, 1) is None

@@ -10,6 +10,7 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from PIL import Image
 from tulip_testbed.base.errors import InputError, shortened
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.measurements.data import base_foot
+from tulip_testbed.sim.random_robots import half_edges
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.scene import boards_under
@@ -30,6 +32,8 @@ MOST_WAIT = 600  # s
 SIDE, ABOVE = 145.0, -14.0  # deg, where the camera stands
 SHOWN_GROUP = 2  # geometry of higher groups is not drawn
 EDGE = 1.03  # of the least distance: nothing touches the edge
+DOT = 0.01  # m: geoms within a smaller radius, as the corners of a sole, do not show a link
+BARE_COLOUR = (150, 156, 166)
 FRAME, MIDDLE = 1.7, 0.5  # of the robot's height: the camera's distance, and what it looks at
 
 
@@ -101,7 +105,7 @@ def draw(
 
     from tulip_testbed.sim.dynamics.stand import Stand
 
-    rig = replace(preset_rig("ideal", robot), edit=lit)
+    rig = replace(preset_rig("ideal", robot), edit=partial(_visible, robot.model))
     images = np.empty((len(joint_angles), height, width, 3), dtype=np.uint8)
     places, where = np.unique(plate_poses.reshape(len(plate_poses), -1), axis=0, return_inverse=True)
     camera = mujoco.MjvCamera()
@@ -117,10 +121,11 @@ def draw(
         top = float(stand.data.geom_xpos[:, 2].max())
         camera.lookat[:] = [0.0, plate_poses[:, :, 1].mean(), MIDDLE * top]
         if not place:  # raised arms may reach beyond it
-            corners = [
-                _corners(stand, robot, angles, stand.chain.base_pose(angles, foot))
-                for angles, foot in zip(joint_angles, feet, strict=True)
-            ]
+            corners = []
+            for angles, foot in zip(joint_angles, feet, strict=True):
+                stand.reset(angles, stand.chain.base_pose(angles, foot))
+                mujoco.mj_forward(stand.model, stand.data)
+                corners.append(_corners(stand, robot))
             near = least_distance(
                 np.concatenate(corners), camera.lookat, stand.model.vis.global_.fovy, width / height
             )
@@ -134,12 +139,8 @@ def draw(
     return images
 
 
-def _corners(stand: Any, robot: Robot, angles: np.ndarray, base_pose: np.ndarray) -> np.ndarray:
-    """Return the corners of the boxes around the robot's geometry in a posture, (n, 3) [m]."""
-    import mujoco
-
-    stand.reset(angles, base_pose)
-    mujoco.mj_forward(stand.model, stand.data)
+def _corners(stand: Any, robot: Robot) -> np.ndarray:
+    """Return the corners of the boxes around the robot's geometry where it stands, (n, 3) [m]."""
     model, data = stand.model, stand.data
     root = model.body_rootid[model.body(robot.model.body(1).name).id]
     shown = np.flatnonzero((model.body_rootid[model.geom_bodyid] == root) & (model.geom_group <= SHOWN_GROUP))
@@ -161,6 +162,26 @@ def least_distance(points: np.ndarray, target: np.ndarray, fovy: float, ratio: f
     seen = points - target
     across, above = np.abs(seen @ right) / (ratio * half), np.abs(seen @ np.cross(right, ahead)) / half
     return EDGE * float((np.maximum(across, above) - seen @ ahead).max())
+
+
+def _visible(model: Any, spec: Any) -> None:
+    """Light the scene, and give links that no geometry shows the boxes of their inertia."""
+    import mujoco
+
+    lit(spec)
+    for body, half in enumerate(half_edges(model), start=1):
+        shown = (model.geom_bodyid == body) & (model.geom_group <= SHOWN_GROUP) & (model.geom_rbound > DOT)
+        if half.all() and not shown.any():
+            spec.body(model.body(body).name).add_geom(
+                type=mujoco.mjtGeom.mjGEOM_BOX,
+                size=half,
+                pos=model.body_ipos[body],
+                quat=model.body_iquat[body],
+                rgba=[*np.divide(BARE_COLOUR, 255), 1.0],
+                mass=0,
+                contype=0,
+                conaffinity=0,
+            )
 
 
 def lit(spec: Any) -> None:

@@ -63,7 +63,6 @@ class AtlasRow:
 
     @property
     def label(self) -> str:
-        """Return effect and target."""
         return effect_label(self.effect, self.target)
 
     @property
@@ -176,7 +175,7 @@ def kind_table(rows: list[AtlasRow]) -> Table:
         sizes = [row.shown(row.detectable) for row in of if np.isfinite(row.detectable)]
         near = [np.degrees(row.nearest_angle_rad) for row in of if row.nearest_angle_rad is not None]
         biases = [float(np.abs(row.bias_at_prior_se).max()) for row in of]
-        known = [value for value in biases if np.isfinite(value)]
+        worst = max(filter(np.isfinite, biases), default=None)
         lines.append(
             [
                 name,
@@ -185,7 +184,7 @@ def kind_table(rows: list[AtlasRow]) -> Table:
                 _range([row.shown(row.prior_sd) for row in of]),
                 _range(sizes),
                 _range(near),
-                (max(known) if max(known) >= NO_BIAS else 0.0) if known else None,
+                0.0 if worst is not None and worst < NO_BIAS else worst,
             ]
         )
     note = (

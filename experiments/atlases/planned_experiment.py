@@ -5,7 +5,6 @@ effect adds to the residuals of the centre of pressure. An effect that changes t
 wrong length) moves, besides, what is estimated. Both together are the bias against the nominal robot.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -66,8 +65,9 @@ def planned(plan: PosturePlan, sensors: str, robot: Robot, seed: int) -> Planned
     at_least("seed", seed, 0)
     rig, nominal = preset_rig(sensors, robot), nominal_robot(robot, common_support(plan.support))
     quiet = without_noise(rig)
-    stands = usable(plan, run_statics(solve_plan(quiet, plan), streams(seed, 1))[0].measurements.posture)
-    (smooth,) = noisy(solve_plan(quiet, stands), streams(seed, 1))
+    (tried,) = run_statics(solve_plan(quiet, plan), np.random.SeedSequence(seed).spawn(1))
+    stands = plan.take(np.isin(plan.posture, tried.measurements.posture))
+    (smooth,) = noisy(solve_plan(quiet, stands), seed, 1)
     weighed = smooth.weighed_mass
     smooth = replace(
         smooth,
@@ -76,7 +76,7 @@ def planned(plan: PosturePlan, sensors: str, robot: Robot, seed: int) -> Planned
     )
     observed = observe(smooth, nominal)
     solved_plan = solve_plan(rig, stands)
-    runs = noisy(solved_plan, streams(seed, RUNS))
+    runs = noisy(solved_plan, seed, RUNS)
     variance = [
         np.diag(estimate_by(regression(nominal.parameters, run, robot, "plan"), MIXED_MODEL).covariance)
         for run in runs
@@ -85,18 +85,10 @@ def planned(plan: PosturePlan, sensors: str, robot: Robot, seed: int) -> Planned
     return Planned(rig, plan, solved_plan, observed, noise_of(observed), errors, seed, sensors)
 
 
-def usable(plan: PosturePlan, postures: np.ndarray) -> PosturePlan:
-    """Return the rows of a plan that have these numbers."""
-    return plan.take(np.isin(plan.posture, postures))
-
-
-def streams(seed: int, count: int) -> list[np.random.SeedSequence]:
-    return np.random.SeedSequence(seed).spawn(count)
-
-
-def noisy(solved_plan: SolvedPlan, of: Sequence[np.random.SeedSequence]) -> list[Measurements]:
+def noisy(solved_plan: SolvedPlan, seed: int, count: int) -> list[Measurements]:
     """Return the measurements of some runs, with every posture that has an equilibrium."""
-    return [run.measurements for run in run_statics(solved_plan, of, all_solved=True)]
+    streams = np.random.SeedSequence(seed).spawn(count)
+    return [run.measurements for run in run_statics(solved_plan, streams, all_solved=True)]
 
 
 class BiasWeights:

@@ -126,7 +126,6 @@ def _kept(bias: np.ndarray) -> float:
 
 
 def tolerance(planned: Planned) -> Tolerance:
-    """Predict the biases by one unit of every error."""
     estimator, sources, kinds = BiasWeights(planned), list[ErrorSource](), list[ErrorKind]()
     for name, (amount, words) in UNITS.items():
         effect, of_kind = catalogue()[name], list[ErrorSource]()

@@ -20,6 +20,7 @@ from tulip_testbed.experiments.export.published_links import PublishedLinks
 from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.robot_import.skeleton import LEAST_MASS
 from tulip_testbed.experiments.robot_import.urdf import find_mesh
+from tulip_testbed.identification import pseudo_inertia
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters
 from tulip_testbed.identification.cad_prior import cad_prior, expected_standard
 from tulip_testbed.identification.consistent_robot import (
@@ -29,14 +30,6 @@ from tulip_testbed.identification.consistent_robot import (
     data_shares,
 )
 from tulip_testbed.identification.distributions import chi2_sf
-from tulip_testbed.identification.pseudo_inertia import (
-    at_standard,
-    bounding_ellipsoids,
-    moved,
-    pseudo_inertias,
-    solid,
-    standard_of,
-)
 from tulip_testbed.sim.mjcf_files import mjcf_files
 from tulip_testbed.sim.robot import Robot, check_unchanged, load_spec, rotation_matrices
 
@@ -61,26 +54,27 @@ def export_model(
         adopted: effects that the laboratory is known to have.
         weighed: mass of the robot on a scale and its standard error [kg]; None: that of the identification.
     """
-    _check(identification, robot, path, source)
+    check_model_file(path, source)
+    _check_robot(identification, robot)
     parameters = base_parameters(robot, support=identification.parameters.support)
     links, full = parameters.tree.links, identification.full
     bodies = None if source is None else PublishedLinks(source, robot)
-    cad = pseudo_inertias(robot.model)
+    cad = pseudo_inertia.pseudo_inertias(robot.model)
     if bodies is not None:
         cad = bodies.by_link(robot.model.nbody - 1)
     elif path.suffix.lower() == ".urdf":
         cad[cad[:, 3, 3] <= LEAST_MASS] = 0.0  # which stands for none, where a file needs a mass
-    reference, inertias = with_identified_inertias(solid(cad), identification, links)
-    ellipsoids = bounding_ellipsoids(robot.visual_model, reference)
+    reference, inertias = with_identified_inertias(pseudo_inertia.solid(cad), identification, links)
+    ellipsoids = pseudo_inertia.bounding_ellipsoids(robot.visual_model, reference)
     mass, mass_error = weighed or identification.mass
     value, covariance = full.value, full.covariance
     if full.cad_scales is not None:
         # The postures do not determine all parameters, so CAD says where the masses are that do not show.
         scales = full.cad_scales
-        expected = expected_standard(parameters, standard_of(reference), value, mass, scales)
-        reference = at_standard(reference, expected)
+        expected = expected_standard(parameters, pseudo_inertia.standard_of(reference), value, mass, scales)
+        reference = pseudo_inertia.at_standard(reference, expected)
     elif full.standard is None:  # CAD is not in it yet
-        value, covariance = cad_prior(parameters, standard_of(cad)).combined(value, covariance)
+        value, covariance = cad_prior(parameters, pseudo_inertia.standard_of(cad)).combined(value, covariance)
     target = Target(parameters.from_standard[full.numbers - 1], value, covariance, mass)
     consistent = consistent_robot(reference, ellipsoids, target)
     away = consistent.value - full.value
@@ -113,10 +107,18 @@ def export_model(
     return result
 
 
-def _check(identification: Identification, robot: Robot, path: Path, source: Path | None) -> None:
+def check_model_file(path: Path, source: Path | None) -> None:
+    """Refuse to write a file that exists, or whose ending is not that of a model or of its source."""
     if path.suffix.lower() not in ENDINGS:
         raise InputError(f"{path}: found a name that ends in '{path.suffix}', expected {listed(ENDINGS)}")
     check_new(path)
+    if source is not None and _kind(source) != path.suffix.lower():
+        raise InputError(
+            f"{path}: found the ending '{path.suffix}', expected {_kind(source)}, that of the source {source}"
+        )
+
+
+def _check_robot(identification: Identification, robot: Robot) -> None:
     parameters = base_parameters(robot, support=identification.parameters.support)
     known, count = identification.parameters, len(identification.full.numbers)
     if known.tree.links != parameters.tree.links or known.names != parameters.names:
@@ -127,10 +129,6 @@ def _check(identification: Identification, robot: Robot, path: Path, source: Pat
     if count != len(parameters.names):
         raise InputError(
             f"found an estimate of {count} of {len(parameters.names)} base parameters, expected all"
-        )
-    if source is not None and _kind(source) != path.suffix.lower():
-        raise InputError(
-            f"{path}: found the ending '{path.suffix}', expected {_kind(source)}, that of the source {source}"
         )
 
 
@@ -222,8 +220,8 @@ def _content(
             write_bytes(place, content)
             model = load_spec(place, folder).compile()
         parameters = base_parameters(robot, model, parameters.support)
-        read, notes = pseudo_inertias(model), _missing_files(robot.model_file, path)
-    apart = float(np.abs(parameters.values(standard_of(read)) - consistent.value).max())
+        read, notes = pseudo_inertia.pseudo_inertias(model), _missing_files(robot.model_file, path)
+    apart = float(np.abs(parameters.values(pseudo_inertia.standard_of(read)) - consistent.value).max())
     read, wanted = _rigid(read, model), _rigid(consistent.pseudo, model)
     off = np.zeros(len(wanted))
     for k in np.flatnonzero(wanted[:, 3, 3] > LEAST_MASS):
@@ -247,7 +245,7 @@ def _rigid(pseudo: np.ndarray, model: mujoco.MjModel) -> np.ndarray:
         if model.body_jntnum[body] == 0 and parent > 0:
             place = np.eye(4)
             place[:3, :3], place[:3, 3] = rotations[body], model.body_pos[body]
-            sums[parent - 1] += moved(sums[body - 1], place)
+            sums[parent - 1] += pseudo_inertia.moved(sums[body - 1], place)
             sums[body - 1] = 0.0
     return sums
 

@@ -6,7 +6,9 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
+from tulip_testbed.base.column import Column
 from tulip_testbed.base.result import Figure
+from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.base.table_files import Columns
 from tulip_testbed.experiments.montecarlo.run_columns import errors_of, matrix
 from tulip_testbed.identification.distributions import chi2_ppf, f_ppf, t_ppf
@@ -14,6 +16,12 @@ from tulip_testbed.identification.distributions import chi2_ppf, f_ppf, t_ppf
 COVERED = 0.95  # level of the intervals whose coverage is counted
 WHOLE_LEVEL = 0.05  # share of runs whose errors together should exceed what is stated
 CONFIDENCE = 0.95  # of the intervals beside every single figure; the verdict's are wider
+LEGEND = (
+    "bias: mean error; its s.e.: by the number of runs; stated s.e.: by the estimator; found s.e.: s.d. of "
+    "the errors over the runs; coverage: share of the runs whose 95 % intervals hold the truth. "
+    "Intervals are of 95 % for every single number; those of the checks are wider, since they hold for all "
+    "at once."
+)
 Interval = Annotated[list[Figure], Field(min_length=2, max_length=2)]
 
 
@@ -185,11 +193,7 @@ def coverage_of(errors: Errors) -> list[dict[str, Any]]:
 
 
 def model_coverage(errors: Errors, names: tuple[str, ...]) -> dict[str, Any]:
-    """Return the fields of `ModelCoverage`.
-
-    Args:
-        names: of all base parameters.
-    """
+    """Return the fields of `ModelCoverage`, by the names of all base parameters."""
     rows = zip(errors.numbers.tolist(), coverage_of(errors), strict=True)
     beyond = None
     if errors.exceeded is not None and errors.count:
@@ -197,3 +201,25 @@ def model_coverage(errors: Errors, names: tuple[str, ...]) -> dict[str, Any]:
         beyond = Share(float(exceeded[0]), interval[:, 0].tolist())
     parameters = [ParameterCoverage(number=n, name=names[n - 1], **row) for n, row in rows]
     return {"parameters": parameters, "beyond_95": beyond}
+
+
+# Columns of the table of a model's parameters, by their names in `ParameterCoverage`.
+SHOWN = {
+    "number": Column("no.", format="d"),
+    "name": Column("parameter"),
+    "bias": Column("bias", "mm", "+.3f", 1e3),
+    "bias_mc_error": Column("s.e. of bias", "mm", ".3f", 1e3),
+    "standard_error": Column("stated s.e.", "mm", ".3f", 1e3),
+    "empirical_standard_error": Column("found s.e.", "mm", ".3f", 1e3, extra=True),
+    "standard_error_ratio": Column("found over stated", "", ".3f"),
+    "standard_error_ratio_interval": Column("its interval", "", ".2f", extra=True),
+    "coverage95": Column("coverage of 95 %", "%", ".1f", 100),
+    "coverage95_interval": Column("its 95 % interval", "%", ".1f", 100, extra=True),
+}
+
+
+def coverage_table(model: str, rows: list[ParameterCoverage]) -> Table:
+    """Return bias, standard errors and coverage of the parameters of the "full" or "simplified" model."""
+    path = "parameters" if model == "full" else f"{model}.parameters"
+    lines = [[Cell(getattr(row, name), f"{path}.{k}.{name}") for name in SHOWN] for k, row in enumerate(rows)]
+    return Table(f"{model.capitalize()} model", tuple(SHOWN.values()), lines)

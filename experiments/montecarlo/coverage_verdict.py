@@ -22,7 +22,9 @@ from typing import Literal
 
 import numpy as np
 
+from tulip_testbed.base.column import Column, columns
 from tulip_testbed.base.result import Figure
+from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.experiments.montecarlo.coverage import WHOLE_LEVEL, Errors, Estimates, Interval, share
 from tulip_testbed.experiments.validate import NEGLIGIBLE
 from tulip_testbed.identification.distributions import f_ppf, f_sf
@@ -152,3 +154,24 @@ def _held(
         beyond=() if numbers is None else tuple(numbers[out].tolist()),
         source=source,
     )
+
+
+def coverage_check_table(checks: list[CoverageCheck]) -> Table:
+    figures = ("worst no.", "", "d"), ("value", "", ".4f"), ("interval", "", ".4f"), ("bounds", "", ".2g")
+    extra = (Column(name, extra=True) for name in ("beyond, no.", "where the bounds come from"))
+    heads, rows = columns("check", "result", *figures, *extra), []
+    for k, check in enumerate(checks):
+        name, *others = (
+            Cell(getattr(check, key), f"checks.{k}.{key}")
+            for key in ("name", "number", "value", "interval", "bounds", "beyond", "source")
+        )
+        result = check.result if check.shown or check.result != "pass" else "inconclusive"
+        rows.append([name, Cell(result, mark=result), *others])
+    note = (
+        f"Bounds: bias within {BIAS[1]:g} s.e., found over stated s.e. {RATIO[0]:g} to {RATIO[1]:g}, "
+        f"coverage {100 * COVERAGE[0]:g} to {100 * COVERAGE[1]:g} %. Judged are the errors that "
+        "are left if imperfections which the data do not show were known. An estimator inside of the bounds "
+        f"fails with a probability below {100 * LEVEL:g} %. Pass: the runs show it, by intervals "
+        "wholly inside of the bounds; inconclusive: some still reach beyond them."
+    )
+    return Table("Checks", heads, rows, note)

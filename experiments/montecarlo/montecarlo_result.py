@@ -19,17 +19,9 @@ from tulip_testbed.experiments.defaults import ORDINARY
 from tulip_testbed.experiments.identification_result import ESTIMATORS
 from tulip_testbed.experiments.imperfections import imperfections_line
 from tulip_testbed.experiments.laboratory import ENGINES, Laboratory
-from tulip_testbed.experiments.montecarlo.coverage import (
-    Coverage,
-    Errors,
-    ModelCoverage,
-    coverage_of,
-    model_coverage,
-    model_errors,
-    summarise_errors,
-)
-from tulip_testbed.experiments.montecarlo.coverage_tables import LEGEND, coverage_check_table, coverage_table
-from tulip_testbed.experiments.montecarlo.coverage_verdict import CoverageCheck, checks, shown, verdict
+from tulip_testbed.experiments.montecarlo import coverage, coverage_verdict
+from tulip_testbed.experiments.montecarlo.coverage import Coverage, Errors, ModelCoverage
+from tulip_testbed.experiments.montecarlo.coverage_verdict import CoverageCheck
 from tulip_testbed.experiments.montecarlo.run_columns import (
     Layout,
     RunChunks,
@@ -162,7 +154,7 @@ class MonteCarlo(Result, ModelCoverage):
 
     def table(self) -> Table:
         """Return bias, ratio of standard errors and coverage of the full model's parameters."""
-        return coverage_table("full", self.parameters)
+        return coverage.coverage_table("full", self.parameters)
 
     def to_frame(self) -> Any:
         """Return a pandas DataFrame with one row per parameter of the full model, indexed by name."""
@@ -185,14 +177,13 @@ class MonteCarlo(Result, ModelCoverage):
         return f"Is it right? {right}.", self.usable, f"Next: {following}."
 
     def tables(self) -> list[Table | str]:
-        """Return the parameters, the checks and the verdict."""
         return [
-            *(coverage_table(name, model.parameters) for name, model in self.models.items()),
-            LEGEND,
+            *(coverage.coverage_table(name, model.parameters) for name, model in self.models.items()),
+            coverage.LEGEND,
             "",
             *self.lines(),
             "",
-            coverage_check_table(self.checks),
+            coverage_verdict.coverage_check_table(self.checks),
             f"Verdict: {self.verdict}; estimator {self.estimator}, {self.runs} runs",
             *self.answers,
         ]
@@ -264,28 +255,32 @@ class MonteCarlo(Result, ModelCoverage):
             every_run: columns of `layout`, rows, dropped and failure. beside: plan, robot, folder.
         """
         settings, runs = document.settings, identified(every_run)
-        models = {model: model_errors(runs, model, numbers) for model, numbers in layout.models.items()}
-        coverage = {model: model_coverage(errors, layout.names) for model, errors in models.items()}
+        kept = layout.models.items()
+        models, judged = (
+            {name: coverage.model_errors(runs, name, numbers, given) for name, numbers in kept}
+            for given in (False, True)
+        )
+        covered = {name: coverage.model_coverage(errors, layout.names) for name, errors in models.items()}
         error = matrix(runs, ["mass"]) - matrix(runs, ["true_mass"])
-        (mass,) = coverage_of(summarise_errors(error, matrix(runs, ["mass_se"]), matrix(runs, ["mass_dof"])))
-        judged = {model: model_errors(runs, model, n, given=True) for model, n in layout.models.items()}
-        outside = dict.fromkeys(layout.models, 0.0)
-        for model, numbers in layout.models.items():
-            for n in set(layout.numbers) - set(numbers):
-                outside[model] = max(outside[model], float(np.abs(runs[f"truth.{n}"]).max(initial=0.0)))
-        done = checks(settings.runs, judged, outside)
+        of_mass = coverage.summarise_errors(error, matrix(runs, ["mass_se"]), matrix(runs, ["mass_dof"]))
+        left_out = {name: set(layout.numbers) - set(numbers) for name, numbers in kept}
+        outside = {
+            name: max((float(np.abs(runs[f"truth.{n}"]).max(initial=0.0)) for n in numbers), default=0.0)
+            for name, numbers in left_out.items()
+        }
+        done = coverage_verdict.checks(settings.runs, judged, outside)
         return cls(
             runs=settings.runs,
             estimator=settings.estimator,
             imperfections=float(settings.imperfections),
-            **coverage["full"],
-            simplified=ModelCoverage(**coverage.get("simplified", {"parameters": []})),
-            total_mass=Coverage(**mass),
+            **covered["full"],
+            simplified=ModelCoverage(**covered.get("simplified", {"parameters": []})),
+            total_mass=Coverage(**coverage.coverage_of(of_mass)[0]),
             identified=models["full"].count,
             failures=dict(Counter(str(reason) for reason in every_run["failure"] if reason)),
             checks=done,
-            verdict=verdict(done),
-            shown=shown(done),
+            verdict=coverage_verdict.verdict(done),
+            shown=coverage_verdict.shown(done),
             usable=_usable(runs, models["full"], beside["robot"], beside["plan"]),
             document=document,
             every_run=every_run,

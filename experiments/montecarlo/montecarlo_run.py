@@ -13,7 +13,7 @@ import joblib
 
 from tulip_testbed.base.errors import InputError, shortened
 from tulip_testbed.base.files import present
-from tulip_testbed.base.progress import Progress, silent
+from tulip_testbed.base.progress import Progress
 from tulip_testbed.base.resumable import ResumableFolder, alone_on
 from tulip_testbed.base.table_files import write_json
 from tulip_testbed.base.threads import processes
@@ -36,17 +36,11 @@ from tulip_testbed.experiments.usable_plan import identifiable_regressor
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.robot_check import warn_of_robot
 
-Work = Callable[[Sequence[int]], Any]
+Work = Callable[[Sequence[int]], Any]  # from run numbers to their columns
 
 
 def collect(chunks: RunChunks, work: Work, advance: Callable[[int], None], workers: int) -> None:
-    """Compute every missing chunk and write each as soon as it is there.
-
-    Args:
-        work: from run numbers to their columns.
-        advance: called with the number of runs of each chunk that was written.
-        workers: processes of this machine.
-    """
+    """Compute every missing chunk and write each as soon as it is there; advance: by so many runs."""
     limits = {"n_jobs": workers, "inner_max_num_threads": 1, **watched()}
     try:
         with joblib.parallel_config("loky", **limits), deaf_to_interruptions():
@@ -69,16 +63,13 @@ def montecarlo(
     settings: Settings,
     folder: Path,
     workers: int,
-    stays: bool = True,
-    progress: Progress = silent,
+    stays: bool,
+    progress: Progress,
 ) -> MonteCarlo:
-    """Carry out what is missing in the folder and report on all runs.
+    """Carry out what is missing in the folder and report on all runs; see `tulip_testbed.monte_carlo`.
 
     Args:
-        folder: of the results. workers: processes of this machine.
         stays: whether the folder outlives the work; otherwise nobody can go on in it.
-        progress: called with what is counted, how many there are and how many were there before; gives a
-            context that yields what is called with the number of each chunk's runs.
 
     Raises:
         InputError: what cannot be run, written or read; runs that were written stay.

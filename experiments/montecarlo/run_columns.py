@@ -43,11 +43,9 @@ class RunChunks:
         return -(-self.runs // self.size)
 
     def runs_of(self, index: int) -> range:
-        """Return the numbers of a chunk's runs."""
         return range(index * self.size, min((index + 1) * self.size, self.runs))
 
     def path(self, index: int) -> Path:
-        """Return the file of a chunk."""
         return self.folder / f"chunk-{index:06d}.parquet"
 
     def missing(self) -> list[int]:
@@ -135,11 +133,7 @@ def matrix(runs: Columns, names: Sequence[str]) -> np.ndarray:
 
 
 def errors_of(runs: Columns, model: str, numbers: Sequence[int], quantity: str = "value") -> np.ndarray:
-    """Return the estimates minus the truth of a model's parameters, (runs, p) [m].
-
-    Args:
-        quantity: "value" or "given" of `QUANTITIES`.
-    """
+    """Return the estimates minus the truth of a model's parameters, (runs, p) [m]; see `QUANTITIES`."""
     value, truth = ([f"{name}.{n}" for n in numbers] for name in (f"{model}.{quantity}", "truth"))
     return matrix(runs, value) - matrix(runs, truth)
 

@@ -115,7 +115,6 @@ class Motion:
 
     @property
     def duration(self) -> float:
-        """Return the duration [s]."""
         return float(self.times[-1])
 
     def name(self, number: int) -> str:

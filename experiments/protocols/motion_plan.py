@@ -17,15 +17,14 @@ from tulip_testbed.experiments.described_plan import planned_noise
 from tulip_testbed.experiments.protocols.measuring_order import stances_in_order
 from tulip_testbed.experiments.protocols.motion import FREE, MotionPlanner
 from tulip_testbed.experiments.protocols.protocol_run import FASTEST, SLOWEST
+from tulip_testbed.experiments.usable_plan import check_measurable
 from tulip_testbed.identification.feasibility import stability_margin, support_polygon
 from tulip_testbed.identification.preflight.motion_checks import FAST, TOO_FAST
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.measurements.trajectory import RATE, Trajectory
 from tulip_testbed.sim.plan_folder import check_fits
-from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
-from tulip_testbed.sim.robot_check import check_scene, warn_of_robot
 
 MOST_MINUTES = 60.0  # of 64 MB, a file
 
@@ -88,8 +87,7 @@ def moving_plan(
         if value is not None and not low < value <= high:
             raise InputError(f"{name}: found {value:g}, expected more than {low:g} and at most {high:g}")
     check_fits("plan", plan, robot)
-    check_scene(preset_rig("ideal", robot))
-    warn_of_robot(robot)
+    check_measurable(robot)
     _, first = np.unique(np.column_stack([plan.placement, plan.posture]), axis=0, return_index=True)
     plan = plan.take(np.sort(first))  # in motion nothing is repeated
     planner = MotionPlanner(robot, plan, speed)

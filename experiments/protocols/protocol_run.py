@@ -20,6 +20,7 @@ from tulip_testbed.experiments.protocols.measuring_order import (
     stances_in_order,
 )
 from tulip_testbed.experiments.protocols.motion import FREE, HOIST, LIFT, Motion, MotionPlanner
+from tulip_testbed.experiments.usable_plan import check_measurable
 from tulip_testbed.identification.link_clearances import clearances_at
 from tulip_testbed.identification.planning.optimal_plan import with_repeats
 from tulip_testbed.measurements import PosturePlan
@@ -28,7 +29,6 @@ from tulip_testbed.sim.plan_folder import check_fits
 from tulip_testbed.sim.rig import Protocol as Procedure
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
-from tulip_testbed.sim.robot_check import check_scene, warn_of_robot
 from tulip_testbed.sim.scene import boards_under
 from tulip_testbed.sim.sensors import PRESETS
 
@@ -80,11 +80,11 @@ class LaboratoryProtocol(Result):
 
     def to_json(self) -> dict[str, Any]:
         kinds = Counter(motion.kind if motion else "set_down" for motion in self.motions)
-        stances = sum(motion.via_stance for motion in self.motions if motion and motion.kind == FREE)
+        free = [motion for motion in self.motions if motion and motion.kind == FREE]
+        kinds["via_stance"] = sum(motion.via_stance for motion in free)
         both, moved = {"plan": self.given, "protocol": self.plan}, {}
         for name, plan in both.items():
-            numbers = list(dict.fromkeys(plan.placement.tolist()))
-            rows = [int(np.flatnonzero(plan.placement == number)[0]) for number in numbers]
+            rows = np.sort(np.unique(plan.placement, return_index=True)[1]).tolist()
             moved[name] = float(1e3 * np.diagonal(marks_moved(self.robot, plan, rows), 1).sum())
         return {
             "robot": self.robot.model_file.name,
@@ -93,12 +93,7 @@ class LaboratoryProtocol(Result):
             "placements": self.placements,
             "order": self.plan.posture.tolist(),
             "placement_of_row": self.plan.placement.tolist(),
-            "motions": {
-                FREE: kinds[FREE],
-                "via_stance": stances,
-                HOIST: kinds[HOIST],
-                "set_down": kinds["set_down"],
-            },
+            "motions": {kind: kinds[kind] for kind in (FREE, "via_stance", HOIST, "set_down")},
             "motion_minutes": self.motion_time / 60,
             "hours": self.hours,
             "marks_moved_mm": moved,
@@ -146,8 +141,7 @@ def protocol_of(
     if sensors is not None:
         look_up("preset", sensors, PRESETS, "sensors")
     check_fits("plan", plan, robot)
-    check_scene(preset_rig("ideal", robot))
-    warn_of_robot(robot)
+    check_measurable(robot)
     count = min(repeats, len(plan) // 5)
     extended = with_repeats(plan, count, 0) if plan.postures == len(plan) and count else plan
     planner = MotionPlanner(robot, extended, speed)

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.csv
 
 from tulip_testbed.base.column import columns
@@ -41,6 +40,7 @@ from tulip_testbed.measurements.column_mapping import MappedTable, check_mapping
 from tulip_testbed.measurements.contact_entries import UNKNOWN, CopEntry, WrenchEntry
 from tulip_testbed.measurements.contacts import POSE
 from tulip_testbed.measurements.contract import WHOLE
+from tulip_testbed.measurements.data import vertical_forces
 from tulip_testbed.measurements.logs.log_file import read_log
 from tulip_testbed.measurements.manifest import Manifest, manifest_from
 from tulip_testbed.measurements.measurement_folder import known_columns, required_columns
@@ -319,10 +319,7 @@ class _Import:
             with new_folder(folder) as working:
                 table = working / "postures.csv"
                 if self.added:
-                    content = self.table.table
-                    for name, values in self.added.items():
-                        content = content.append_column(name, pa.array(values))
-                    pyarrow.csv.write_csv(content, table)
+                    pyarrow.csv.write_csv(self.table.with_columns(self.added).table, table)
                 else:
                     source = self.table.path
                     table = table.with_suffix(".parquet" if source.suffix == ".parquet" else ".csv")
@@ -350,12 +347,8 @@ class _Import:
             shutil.rmtree(folder)
             write_measurements(folder, audited)
             measurements = audited
-        if measurements.contacts is None:
-            loads = measurements.cell_forces.reshape(-1, 2, 4).sum(axis=2)
-        else:
-            assert measurements.wrenches is not None
-            loads = measurements.wrenches[..., measurements.contacts.channels.index("fz")]
-        share = np.nan_to_num(loads / np.nansum(loads, axis=1, keepdims=True))
+        loads = vertical_forces(measurements)
+        share = np.nan_to_num(loads / loads.sum(axis=1, keepdims=True))
         light = (share < LIFTED).any(axis=1) & (measurements.support == "double")
         if light.any():
             self.problems.append(

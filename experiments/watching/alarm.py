@@ -10,9 +10,15 @@ import numpy as np
 
 from tulip_testbed.base.numbers import number
 from tulip_testbed.experiments.watching.day_model import DayModel
-from tulip_testbed.experiments.watching.recursive_estimate import OF_PLACEMENT, Changes, Innovation
 from tulip_testbed.experiments.watching.row_columns import RowColumns
-from tulip_testbed.experiments.watching.watch_state import AGAIN, Fault, WatchState
+from tulip_testbed.experiments.watching.watch_state import (
+    AGAIN,
+    OF_PLACEMENT,
+    Changes,
+    Fault,
+    Innovation,
+    WatchState,
+)
 from tulip_testbed.identification.distributions import chi2_isf, chi2_sf
 from tulip_testbed.identification.preflight.finding import Finding
 

@@ -21,7 +21,6 @@ MOST_AT_ONCE = 2**22  # bytes that are read of a file at a time
 
 
 def text_of(line: bytes) -> bytes:
-    """Return a line without its end."""
     return line.rstrip(b"\n").rstrip(b"\r")
 
 

@@ -57,7 +57,6 @@ class Direction:
 
     @property
     def label(self) -> str:
-        """Return name and target."""
         return effect_label(self.effect.name, self.target)
 
     def words(self, size: float) -> str:
@@ -99,17 +98,9 @@ class DayModel:
         """Count the base parameters."""
         return len(self.nominal.value)
 
-    @cached_property
-    def of_posture(self) -> dict[int, list[int]]:
-        """Return the plan's rows by their posture's number."""
-        out: dict[int, list[int]] = {}
-        for row, number in enumerate(self.plan.posture.tolist()):
-            out.setdefault(number, []).append(row)
-        return out
-
-    def first_row(self, posture: int) -> int:
-        """Return the first row of the plan with a posture; 0 if it holds none."""
-        return self.of_posture.get(posture, [0])[0]
+    def first_rows(self, rows: Measurements) -> np.ndarray:
+        """Return the plan's first row of the posture of each measured row, (m,); 0 if it has none."""
+        return (self.plan.posture == rows.posture[:, None]).argmax(axis=1)
 
     @cached_property
     def ramps(self) -> np.ndarray:
@@ -124,12 +115,11 @@ class DayModel:
         seen = observe(rows, self.nominal)
         forces = seen.cell_forces.reshape(len(seen), 2, 4)
         margin = max(LEAST_LOAD, 4 * self.noise.cell)
-        first = np.array([self.first_row(posture) for posture in rows.posture.tolist()])
         loaded = forces.min(axis=2) > margin - seen.board_share
         return replace(
             seen,
             cell_sd=self.noise.cell,
-            time_fraction=first / max(len(self.plan) - 1, 1),
+            time_fraction=self.first_rows(rows) / max(len(self.plan) - 1, 1),
             on_four_cells=loaded,
         )
 

@@ -5,16 +5,10 @@ import numpy as np
 from tulip_testbed.base.numbers import number
 from tulip_testbed.experiments.watching.day_model import DayModel
 from tulip_testbed.experiments.watching.watch_state import WatchState
+from tulip_testbed.identification.preflight import settling
 from tulip_testbed.identification.preflight.finding import Finding
 from tulip_testbed.identification.preflight.plate_checks import feet_on_plates, load_in_soles, plate_poses
 from tulip_testbed.identification.preflight.readings import cell_loads
-from tulip_testbed.identification.preflight.settling import (
-    LEAST_ANGLE,
-    LEAST_FORCE,
-    UNSTEADY_FAIL,
-    UNSTEADY_WARN,
-    by_channel,
-)
 from tulip_testbed.identification.preflight.units import joint_limits, units
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.cells import CELLS
@@ -111,8 +105,10 @@ def _unrest(row: Measurements, usual: np.ndarray) -> Finding | None:
     """
     spreads, sheet = spreads_of(row), row.sensors
     # A reading between two steps of a coarse sensor jumps by half a step without movement.
-    steps = np.append(by_channel(row, sheet.encoder_resolution or 0.0, sheet.cell_resolution or 0.0), 0.0)
-    least = np.append(by_channel(row, LEAST_ANGLE, LEAST_FORCE), LEAST_SPEED)
+    steps = np.append(
+        settling.by_channel(row, sheet.encoder_resolution or 0.0, sheet.cell_resolution or 0.0), 0.0
+    )
+    least = np.append(settling.by_channel(row, settling.LEAST_ANGLE, settling.LEAST_FORCE), LEAST_SPEED)
     known = np.zeros(len(spreads), bool)
     if len(usual):
         known = np.isfinite(spreads) & (np.isfinite(usual).sum(axis=0) >= LEAST_ROWS)
@@ -121,14 +117,14 @@ def _unrest(row: Measurements, usual: np.ndarray) -> Finding | None:
     typical = np.hypot(np.hypot(np.nanmedian(usual[:, known], axis=0), steps[known] / 2), least[known])
     ratios = spreads[known] / typical
     worst, ratio = int(np.flatnonzero(known)[ratios.argmax()]), float(ratios.max())
-    if ratio <= UNSTEADY_WARN:
+    if ratio <= settling.UNSTEADY_WARN:
         return None
     names = [*(f"q_std.{joint}" for joint in row.joints), *(f"cell_std.{cell}" for cell in CELLS), "speed"]
     return Finding(
         "settled",
-        "fail" if ratio > UNSTEADY_FAIL else "warn",
+        "fail" if ratio > settling.UNSTEADY_FAIL else "warn",
         f"{names[worst]} is {number(ratio, '.3g')} times its usual value",
-        f"at most {UNSTEADY_WARN:g} times (fails at {UNSTEADY_FAIL:g})",
+        f"at most {settling.UNSTEADY_WARN:g} times (fails at {settling.UNSTEADY_FAIL:g})",
         f"posture {row.posture[0]}",
         "Wait longer before averaging, and measure the posture again.",
     )

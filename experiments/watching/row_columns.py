@@ -60,9 +60,6 @@ class RowColumns:
     pushed: np.ndarray
     cells: np.ndarray
 
-    def __len__(self) -> int:
-        return len(self.residual)
-
     def row(self, k: int) -> RowColumns:
         """Return one row, without the axis of rows."""
         return RowColumns(**{name: values[k] for name, values in vars(self).items()})
@@ -98,9 +95,8 @@ def row_columns(model: DayModel, rows: Measurements) -> RowColumns:
     joints = at["angles"].stop
     members, member_angles = _families(model, seen, theta, reach)
     faults, fault_angles = _faults(model, seen, theta, reach)
-    planned = np.array([model.first_row(posture) for posture in rows.posture.tolist()])
     left = residuals(seen, theta)
-    left[:, ANCHORED] -= model.plan.swing_pose[planned]
+    left[:, ANCHORED] -= model.plan.swing_pose[model.first_rows(rows)]
     left[:, -1] = np.arctan2(np.sin(left[:, -1]), np.cos(left[:, -1]))
     state = np.concatenate(
         [

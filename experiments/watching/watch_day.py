@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from tulip_testbed.base.arguments import expect
-from tulip_testbed.base.column import Column
+from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import InputError, look_up, shortened
 from tulip_testbed.base.files import read_bytes
 from tulip_testbed.base.numbers import number
@@ -22,17 +22,7 @@ from tulip_testbed.base.result import Result
 from tulip_testbed.base.resumable import alone_on
 from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.base.threads import one_blas_thread
-from tulip_testbed.experiments.watching.arriving_rows import (
-    TABLE,
-    check_state_file,
-    is_header,
-    is_row,
-    new_lines,
-    read_state,
-    row_of,
-    text_of,
-    write_state,
-)
+from tulip_testbed.experiments.watching import arriving_rows
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
 from tulip_testbed.experiments.watching.watch_row import Verdict, watch_row
 from tulip_testbed.experiments.watching.watch_state import first_state
@@ -116,21 +106,15 @@ class Watch(Result):
         """Return the standard errors with their targets, and what to do now."""
         if self._last is None:
             return [] if self._rows else ["No row has arrived."]
-        columns = (
-            Column("no.", format="d"),
-            Column("parameter"),
-            Column("s.e.", "mm", ".2f"),
-            Column("target", "mm", ".2f"),
-            Column("met"),
-        )
-        rows = []
+        figures = ("s.e.", "mm", ".2f", 1e3), ("target", "mm", ".2f", 1e3)
+        heads, rows = columns(("no.", "", "d"), "parameter", *figures, "met"), []
         for k, (name, error) in enumerate(self._last.standard_errors.items(), 1):
             target = self._targets[name]
             met = Cell("yes", mark="pass") if error <= target else Cell("no", mark="warn")
             wanted = math.isfinite(target)
-            rows.append([k, name, 1e3 * error, 1e3 * target if wanted else None, met if wanted else ""])
+            rows.append([k, name, error, target if wanted else None, met if wanted else ""])
         note = "By the data sheets and the postures so far; the readings' scatter does not enter."
-        return [Table("Standard errors of the base parameters", columns, rows, note), self.advice()]
+        return [Table("Standard errors of the base parameters", heads, rows, note), self.advice()]
 
     def advice(self) -> str:
         """Say what to do now, and how the standard errors stand."""
@@ -158,17 +142,17 @@ class Watch(Result):
     def _judged(self) -> Iterator[Arrival]:
         """Yield what comes of every row; those of a kept state are judged again first, in silence."""
         out, where = self._out, self.folder / "manifest.json"
-        path = self.folder / TABLE
+        path = self.folder / arriving_rows.TABLE
         with ExitStack() as stack:
             if out is not None:
-                check_state_file(out)
+                arriving_rows.check_state_file(out)
                 stack.enter_context(alone_on(out))
             manifest = read_manifest(self.folder)
             model = self._model(manifest, where)
             self._targets = _targets_of(model.nominal.parameters.names, self._targets)
             targets = np.array(list(self._targets.values()))
             day = _hash_of_day(self.plan, stated := read_bytes(where))
-            kept = b"" if out is None else read_state(out, day)
+            kept = b"" if out is None else arriving_rows.read_state(out, day)
             state, number, judge = first_state(model), 0, one_blas_thread(watch_row)
             for line in itertools.chain(io.BytesIO(kept), self._arriving(path)):
                 number += self._read[-1:] in (b"", b"\n")
@@ -176,14 +160,14 @@ class Watch(Result):
                 new = len(self._read) > len(kept)
                 if new and read_bytes(where) != stated:
                     raise InputError(f"{where}: found another manifest than before the first row")
-                if not is_row(line):
+                if not arriving_rows.is_row(line):
                     continue
-                if is_header(path, number, line, self._header):
-                    self._header = self._header or text_of(line)
+                if arriving_rows.is_header(path, number, line, self._header):
+                    self._header = self._header or arriving_rows.text_of(line)
                     continue
                 verdict, problem = None, ""
                 try:
-                    row = row_of(path, number, line, self._header, manifest, where)
+                    row = arriving_rows.row_of(path, number, line, self._header, manifest, where)
                 except InputError as error:
                     problem = str(error)
                 else:
@@ -191,13 +175,14 @@ class Watch(Result):
                 if new:
                     yield Arrival(number, verdict, problem)
                     if out is not None:
-                        write_state(out, day, bytes(self._read))
+                        arriving_rows.write_state(out, day, bytes(self._read))
                 if verdict is not None and verdict.next is None:
                     return
 
     def _arriving(self, path: Path) -> Iterator[bytes]:
-        """Yield lines as they arrive."""
-        while (lines := new_lines(path, bytes(self._read), self._header, self._once)) or not self._once:
+        while (
+            lines := arriving_rows.new_lines(path, bytes(self._read), self._header, self._once)
+        ) or not self._once:
             yield from lines
             if not lines:
                 time.sleep(POLL)
@@ -232,7 +217,6 @@ def read_targets(texts: Sequence[str]) -> dict[str, float]:
 
 
 def _hash_of_day(plan: PosturePlan, manifest: bytes) -> str:
-    """Return a hash of the plan's postures and the manifest."""
     whole = sha256(manifest)
     for values in (plan.posture, plan.placement, plan.joint_angles, plan.swing_pose):
         whole.update(np.ascontiguousarray(values).tobytes())

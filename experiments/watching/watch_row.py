@@ -7,17 +7,8 @@ from typing import Any
 import numpy as np
 
 from tulip_testbed.base.numbers import number
-from tulip_testbed.experiments.watching.alarm import (
-    Level,
-    fault_of_changes,
-    fault_of_odd_rows,
-    levels,
-    noticed,
-    repeat_probability,
-    still_there,
-)
+from tulip_testbed.experiments.watching import alarm
 from tulip_testbed.experiments.watching.day_model import STANCE, DayModel
-from tulip_testbed.experiments.watching.recursive_estimate import OF_PLACEMENT, Innovation
 from tulip_testbed.experiments.watching.row_checks import (
     UNUSABLE,
     USUAL,
@@ -27,7 +18,15 @@ from tulip_testbed.experiments.watching.row_checks import (
     unfit,
 )
 from tulip_testbed.experiments.watching.row_columns import RowColumns, row_columns
-from tulip_testbed.experiments.watching.watch_state import AGAIN, GAPS, MEASURED, OPEN, WatchState
+from tulip_testbed.experiments.watching.watch_state import (
+    AGAIN,
+    GAPS,
+    MEASURED,
+    OF_PLACEMENT,
+    OPEN,
+    Innovation,
+    WatchState,
+)
 from tulip_testbed.identification.distributions import chi2_sf
 from tulip_testbed.identification.observation import LONG_GAP
 from tulip_testbed.identification.preflight.finding import Finding
@@ -46,8 +45,8 @@ def planned_row(model: DayModel, state: WatchState, posture: int, placement: int
     Of a posture that the plan repeats, that is one of the same placement if there is one, and of these one
     that is not measured.
     """
-    rows = model.of_posture.get(posture)
-    if rows is None:
+    rows = np.flatnonzero(model.plan.posture == posture).tolist()
+    if not rows:
         return None
     rows = [row for row in rows if model.plan.placement[row] == placement] or rows
     by_need = sorted(rows, key=lambda row: (OPEN, AGAIN, MEASURED).index(state.done[row]))
@@ -164,7 +163,7 @@ def watch_row(
     Returns:
         the state after the row, and the verdict; the state that was given is not changed.
     """
-    posture, level = int(row.posture[0]), levels(model)
+    posture, level = int(row.posture[0]), alarm.levels(model)
     planned = planned_row(model, state, posture, int(row.placement[0]))
     wrong = refused(state, row, planned)
     verdict, findings = UNPLANNED if planned is None else UNUSABLE, [] if wrong is None else [wrong]
@@ -206,23 +205,23 @@ def _judge(
     columns: RowColumns,
     innovation: Innovation,
     planned: int,
-    level: Level,
+    level: alarm.Level,
 ) -> tuple[WatchState, str, list[Finding]]:
     """Hold a plausible row against the model of the day and take it in if it fits."""
     posture, findings = int(model.plan.posture[planned]), []
     if state.fault is not None:
-        state, change = still_there(model, state, innovation)
+        state, change = alarm.still_there(model, state, innovation)
         findings = [change]
         if state.fault is not None:
             return state.marked(planned, AGAIN), CHANGED, findings
     here = columns.about(state.belief.mean[: model.parameters])
-    again = repeat_probability(model, state, here, posture)
+    again = alarm.repeat_probability(model, state, here, posture)
     alone = float(chi2_sf(innovation.chi_square, innovation.freedom))
     changes = state.changes.with_row(innovation, state.count, model.ramps)
     sudden = float(changes.ratio[changes.newest].max())
     if alone < level.row or again < level.repeat or sudden > level.ratio:
         findings = [_odd(innovation, alone, again), *findings]
-        state = fault_of_odd_rows(model, state.marked(planned, AGAIN), innovation, posture)
+        state = alarm.fault_of_odd_rows(model, state.marked(planned, AGAIN), innovation, posture)
         verdict = REPEAT if state.fault is None else CHANGED
     else:
         state = replace(
@@ -234,9 +233,9 @@ def _judge(
             earlier=state.earlier | {posture: (state.stance, here)},
             count=state.count + 1,
         )
-        state = fault_of_changes(model, state, level)
+        state = alarm.fault_of_changes(model, state, level)
         verdict = OK if state.fault is None else CHANGED
-    told = [] if state.fault is None else [noticed(model, state.fault)]
+    told = [] if state.fault is None else [alarm.noticed(model, state.fault)]
     return state, verdict, [*told, *findings]
 
 

@@ -1,27 +1,242 @@
-"""The state of a watch between two rows. Its size depends on the plan, not on the number of rows."""
+"""The state of a watch between two rows; its size depends on the plan, not on the number of rows.
+
+The state of the day is estimated by a Kalman filter, linear about the present base parameters.
+
+The second estimate is the information of the postures about the base parameters by the data sheets alone. It
+is that of generalised least squares on the centre of pressure, with the errors of the plates' recorded poses
+common to a placement. It depends on where the robot stood and on the stated noise, not on what the residuals
+are: an experimenter who stops when it suffices does not choose the errors, and intervals keep their coverage.
+
+Reference: R. E. Kalman, A new approach to linear filtering and prediction problems, J. Basic Eng. 82, 1960.
+
+A fault that begins at an unknown posture is noticed by generalised likelihood ratios over kinds and onsets. A
+fault of size s that begins at posture k adds s g_t to the residuals of every posture t from k on; of that
+the filter's innovations keep rho_t = g_t - H_t b_t, since the estimate follows the fault by b_t. With
+y = sum rho' S^-1 gamma and w = sum rho' S^-1 rho the likelihood ratio, maximised over s, is y^2 / w,
+chi-square of one degree of freedom without a fault. Onsets are those of the last postures and, further back,
+every `APART`-th: memory is constant.
+
+Reference: A. S. Willsky and H. L. Jones, A generalized likelihood ratio approach to the detection and
+estimation of jumps in linear systems, IEEE Trans. Automatic Control 21, 1976.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
-from tulip_testbed.experiments.watching.day_model import DayModel
-from tulip_testbed.experiments.watching.recursive_estimate import (
-    APART,
-    EARLIER,
-    RECENT,
-    Belief,
-    Changes,
-    DesignInformation,
-    Innovation,
-    is_onset,
-)
+from tulip_testbed.experiments.watching.day_model import PLATES, RAMP, STANCE, DayModel
 from tulip_testbed.experiments.watching.row_columns import RowColumns
 
+OF_PLACEMENT = PLATES + STANCE  # numbers of the state that begin again with a placement
+CENTER = slice(0, 2)  # residuals of the centre of pressure
+LEAST_SHARE = 1e-10  # of the largest eigenvalue, below which parameters are not determined yet
+RECENT, APART, EARLIER = 12, 6, 10  # onsets: the last ones, and so many further back at that distance
+REACH = RECENT + APART * EARLIER + APART  # rows back to the earliest onset
+LEAST_SEEN = 1e-4  # information on one plausible size, below which a fault is invisible
 OPEN, MEASURED, AGAIN = 0, 1, 2  # of a plan's rows
 GAPS = 20  # times between postures that are remembered
-REACH = RECENT + APART * EARLIER + APART  # rows back to the earliest onset
+
+
+@dataclass(frozen=True, eq=False)
+class Innovation:
+    """The difference between a posture's residuals and their prediction.
+
+    Attributes:
+        value: residuals less their prediction, (11,). covariance: of the prediction, (11, 11).
+        precision: its inverse. gain: of the state by the residuals, (n, 11).
+        state: derivative of the residuals by the state where they were predicted, (11, n).
+        faults: change by one plausible size of each fault there, (11, c).
+        freedom: residuals in use.
+    """
+
+    value: np.ndarray
+    covariance: np.ndarray
+    precision: np.ndarray
+    gain: np.ndarray
+    state: np.ndarray
+    faults: np.ndarray
+    freedom: int
+
+    @property
+    def chi_square(self) -> float:
+        """Return the square of the innovation in its own covariance."""
+        return float(self.value @ self.precision @ self.value)
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """Mean, (n,), and covariance, (n, n), of the state."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
+
+    def begun(self, model: DayModel, numbers: int) -> Belief:
+        """Return the belief in a new placement (`OF_PLACEMENT` numbers begin again) or stance (`STANCE`)."""
+        mean, covariance = self.mean.copy(), self.covariance.copy()
+        mean[-numbers:] = 0.0
+        covariance[-numbers:] = covariance[:, -numbers:] = 0.0
+        covariance[-numbers:, -numbers:] = model.covariance[-numbers:, -numbers:]
+        return Belief(mean, covariance)
+
+    def predict(self, model: DayModel, row: RowColumns) -> Innovation:
+        """Predict a posture and return by how much it is missed."""
+        here = row.about(self.mean[: model.parameters])
+        across = here.state @ self.covariance
+        covariance = across @ here.state.T + here.noise(model.noise.encoder)
+        covariance = (covariance + covariance.T) / 2
+        scale = 1 / np.sqrt(np.diag(covariance))
+        precision = scale[:, None] * np.linalg.inv(scale[:, None] * covariance * scale) * scale
+        return Innovation(
+            value=here.residual - here.state @ self.mean,
+            covariance=covariance,
+            precision=precision,
+            gain=across.T @ precision,
+            state=here.state,
+            faults=here.faults,
+            freedom=int(here.used.sum()),
+        )
+
+    def updated(self, innovation: Innovation) -> Belief:
+        """Return the belief with the posture taken in."""
+        mean = self.mean + innovation.gain @ innovation.value
+        covariance = self.covariance - innovation.gain @ innovation.covariance @ innovation.gain.T
+        return Belief(mean, (covariance + covariance.T) / 2)
+
+
+@dataclass(frozen=True, eq=False)
+class DesignInformation:
+    """Information on the base parameters and on the errors of the present placement's plates.
+
+    Attributes:
+        joint: both, parameters first, (p + 6, p + 6) [1/m2].
+    """
+
+    joint: np.ndarray
+
+    @classmethod
+    def begun(cls, settled: np.ndarray) -> DesignInformation:
+        """Return the information as a placement begins, `settled` on the parameters, (p, p) [1/m2]."""
+        return cls(block_diag(settled, np.eye(PLATES)))
+
+    @property
+    def whole(self) -> np.ndarray:
+        """Return the information on the base parameters alone, (p, p)."""
+        own, across, within = (
+            self.joint[:-PLATES],
+            self.joint[:-PLATES, -PLATES:],
+            self.joint[-PLATES:, -PLATES:],
+        )
+        return own[:, :-PLATES] - across @ np.linalg.solve(within, across.T)
+
+    def standard_errors(self) -> np.ndarray:
+        """Return the standard errors of the base parameters, (p,) [m]; infinite until all are determined."""
+        whole = self.whole
+        scale = 1 / np.sqrt(np.maximum(np.diag(whole), 1e-300))
+        scaled = scale[:, None] * whole * scale
+        values = np.linalg.eigvalsh(scaled)
+        if values[0] <= LEAST_SHARE * values[-1]:
+            return np.full(len(whole), np.inf)
+        return scale * np.sqrt(np.diag(np.linalg.inv(scaled)))
+
+    def placement_begun(self) -> DesignInformation:
+        """Return the information as a new placement begins."""
+        return self.begun(self.whole)
+
+    def with_posture(self, model: DayModel, row: RowColumns) -> DesignInformation:
+        """Return the information with one more posture."""
+        by_angles = row.by_angles[CENTER]
+        noise = model.noise.encoder**2 * by_angles @ by_angles.T + row.cells[CENTER, CENTER]
+        base = row.state[CENTER, : model.parameters]
+        plates = row.state[CENTER, -OF_PLACEMENT:-STANCE]
+        both = np.concatenate([base, plates], axis=1)
+        return DesignInformation(self.joint + both.T @ np.linalg.solve(noise, both))
+
+
+@dataclass(frozen=True, eq=False)
+class Changes:
+    """Evidence for every fault from every onset.
+
+    Attributes:
+        onset: counts of the rows at which faults may have begun, (o,), -1: none.
+        bias: of the estimate by one plausible size of each fault, (o, n, c).
+        pull, information: y and w, (o, c).
+    """
+
+    onset: np.ndarray
+    bias: np.ndarray
+    pull: np.ndarray
+    information: np.ndarray
+
+    @classmethod
+    def none(cls, numbers: int, directions: int) -> Changes:
+        """Return the evidence before the first row."""
+        onsets = RECENT + EARLIER
+        return cls(
+            onset=np.full(onsets, -1),
+            bias=np.zeros((onsets, numbers, directions)),
+            pull=np.zeros((onsets, directions)),
+            information=np.zeros((onsets, directions)),
+        )
+
+    @property
+    def ratio(self) -> np.ndarray:
+        """Return twice the logarithm of the likelihood ratio of every fault from every onset, (o, c)."""
+        seen = (self.information > LEAST_SEEN) & (self.onset >= 0)[:, None]
+        return np.where(seen, self.pull**2 / np.where(seen, self.information, 1.0), 0.0)
+
+    @property
+    def newest(self) -> int:
+        """Return the place of the last onset: the evidence of one row alone."""
+        return int(self.onset.argmax())
+
+    def begun(self, numbers: int) -> Changes:
+        """Return the evidence in a new placement or stance: its last numbers are not biased yet."""
+        bias = self.bias.copy()
+        bias[:, -numbers:] = 0.0
+        return replace(self, bias=bias)
+
+    def with_row(self, innovation: Innovation, count: int, ramps: np.ndarray) -> Changes:
+        """Return the evidence with one more row that the filter takes in.
+
+        Args:
+            count: number of the row, from 0. ramps: which directions grow with every row, (c,) bool.
+        """
+        changes = self._with_onset(count)
+        grown = np.where(ramps, (count - changes.onset[:, None] + 1) / RAMP, 1.0)
+        seen = innovation.faults * grown[:, None] - innovation.state @ changes.bias
+        weighed = innovation.precision @ seen
+        return Changes(
+            onset=changes.onset,
+            bias=changes.bias + innovation.gain @ seen,
+            pull=changes.pull + innovation.value @ weighed,
+            information=changes.information + (seen * weighed).sum(axis=1),
+        )
+
+    def _with_onset(self, count: int) -> Changes:
+        """Return the evidence with an onset at this row, in the place of one that is no longer looked at.
+
+        Recent onsets are in the first `RECENT` places, by their number; one that leaves them is kept if its
+        number is a multiple of `APART`.
+        """
+        parts = {name: values.copy() for name, values in vars(self).items()}
+        at, onset = count % RECENT, self.onset
+        if onset[at] >= 0 and onset[at] % APART == 0:
+            kept = RECENT + (onset[at] // APART) % EARLIER
+            for values in parts.values():
+                values[kept] = values[at]
+        for values in parts.values():
+            values[at] = 0
+        parts["onset"][at] = count
+        return Changes(**parts)
+
+
+def is_onset(onset: int, count: int) -> bool:
+    """Return whether an onset is still looked at when row `count` comes."""
+    back = count - onset
+    return back < RECENT or (onset % APART == 0 and back < REACH)
 
 
 @dataclass(frozen=True, eq=False)

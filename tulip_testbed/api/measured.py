@@ -23,9 +23,9 @@ from tulip_testbed.experiments.check_folder import Preflight, check_folder, chec
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR
 from tulip_testbed.experiments.discovering import discover_effects
 from tulip_testbed.experiments.discovery_result import Discovered
+from tulip_testbed.experiments.export.export_model import check_model_file
 from tulip_testbed.experiments.export.export_model import export_model as _export_model
 from tulip_testbed.experiments.export.exported_model import ExportedModel
-from tulip_testbed.experiments.export.identified_run import identified_run
 from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.identify import identify as _identify
 from tulip_testbed.experiments.identify import warn_of_contradiction, warn_of_unrest
@@ -33,6 +33,7 @@ from tulip_testbed.experiments.laboratory import Run
 from tulip_testbed.experiments.predict import Prediction
 from tulip_testbed.experiments.predict import predict as _predict
 from tulip_testbed.experiments.proposed_experiment import Proposals
+from tulip_testbed.experiments.saved_runs import identified_run
 from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.robot import Robot
@@ -267,12 +268,12 @@ def export_model(
             one whose settings overrule its inertias.
     """
     robot, file = robot or load_robot(), Path(out)
-    check_new(file)
+    place = None if source is None else Path(source)
+    check_model_file(file, place)  # before a robot is identified
     adopted: tuple[EffectInstance, ...] = ()
     if isinstance(run, Identification):
         identification, weighed = run, None
     else:
         identification, adopted = identified_run(run, robot)
         weighed = identification.measurements.weighed_mass
-    place = None if source is None else Path(source)
     return _export_model(identification, robot, file, place, adopted, weighed)

@@ -9,9 +9,8 @@ from tulip_testbed.experiments.atlases.atlas_result import LEGEND as ATLAS_LEGEN
 from tulip_testbed.experiments.atlases.atlas_result import PAGE as ATLAS_PAGE
 from tulip_testbed.experiments.atlases.atlas_result import Atlas, atlas_tables, closing, opening
 from tulip_testbed.experiments.discovery_result import Discovered
-from tulip_testbed.experiments.montecarlo.coverage import ParameterCoverage
-from tulip_testbed.experiments.montecarlo.coverage_tables import LEGEND, coverage_check_table, coverage_table
-from tulip_testbed.experiments.montecarlo.coverage_verdict import BIAS, COVERAGE, RATIO
+from tulip_testbed.experiments.montecarlo.coverage import LEGEND, ParameterCoverage, coverage_table
+from tulip_testbed.experiments.montecarlo.coverage_verdict import BIAS, COVERAGE, RATIO, coverage_check_table
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
 from tulip_testbed.experiments.predict import Prediction
 from tulip_testbed.experiments.saved_runs import RunResult

@@ -6,18 +6,10 @@ import rerun.blueprint as rrb
 
 from tulip_testbed.colours import COMMAND, SKELETON
 from tulip_testbed.identification.base_parameters import standard_parameters
+from tulip_testbed.viewer import robot_view
 from tulip_testbed.viewer.balance_series import circles, close_up, from_above, log_balance, log_close_up
 from tulip_testbed.viewer.canvas import Canvas, blueprint, plane_view
 from tulip_testbed.viewer.plots import curves, log_curves, posture_text, title_of
-from tulip_testbed.viewer.robot_view import (
-    log_geometry,
-    log_masses,
-    log_motion,
-    log_plates,
-    log_skeleton,
-    log_subject_loads,
-    space_view,
-)
 from tulip_testbed.viewer.subject import Subject
 
 SOLE = np.array([0.3, 0.15])  # m, of the picture around a foot that stands on no board
@@ -28,7 +20,7 @@ def log_postures(recording: rr.RecordingStream, subject: Subject) -> None:
     canvas = log_standing(recording, subject)
     log_links(canvas, subject)
     if subject.command is not None:
-        log_skeleton(canvas, "world/commanded", subject, subject.command, COMMAND)
+        robot_view.log_skeleton(canvas, "world/commanded", subject, subject.command, COMMAND)
     log_close_up(canvas, subject)
     for name, lines in curves(subject).items():
         log_curves(canvas, name, lines)
@@ -42,11 +34,11 @@ def log_standing(
 ) -> Canvas:
     """Log the robot on its plates with everything on the ground; without a sequence rows are 1, 2, ..."""
     recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    log_geometry(recording, "world/robot", subject.nominal.robot.visual_model)
+    robot_view.log_geometry(recording, "world/robot", subject.nominal.robot.visual_model)
     canvas = Canvas(recording, _time_line(subject, sequence))
-    log_motion(canvas, subject)
-    log_plates(canvas, subject)
-    log_subject_loads(canvas, subject)
+    robot_view.log_motion(canvas, subject)
+    robot_view.log_plates(canvas, subject)
+    robot_view.log_subject_loads(canvas, subject)
     log_balance(canvas, subject)
     return canvas
 
@@ -63,8 +55,8 @@ def log_links(canvas: Canvas, subject: Subject) -> None:
     """Log the masses of the links, the true ones too where they differ, and the skeleton."""
     nominal = standard_parameters(subject.nominal.robot.visual_model)
     others = {name: true for name, true in subject.true_masses.items() if not np.allclose(true, nominal)}
-    log_masses(canvas, subject, {"nominal model": nominal} | others)
-    log_skeleton(canvas, "world/masses/skeleton", subject, subject.joint_angles, SKELETON)
+    robot_view.log_masses(canvas, subject, {"nominal model": nominal} | others)
+    robot_view.log_skeleton(canvas, "world/masses/skeleton", subject, subject.joint_angles, SKELETON)
 
 
 def posture_views(subject: Subject) -> dict[str, list[rrb.View]]:
@@ -75,12 +67,12 @@ def posture_views(subject: Subject) -> dict[str, list[rrb.View]]:
         ground.append(close_up_view(subject))
     return {
         "robot": [
-            space_view(
+            robot_view.space_view(
                 subject,
                 "Robot" if subject.sensors_in_feet else "Robot on its plates",
                 ["$origin/**", "- $origin/masses/**"],
             ),
-            space_view(
+            robot_view.space_view(
                 subject,
                 "Masses of the links",
                 ["$origin/masses/**", "$origin/plates/**", "$origin/balance/**"],

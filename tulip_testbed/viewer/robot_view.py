@@ -9,14 +9,14 @@ from scipy.spatial.transform import Rotation
 from tulip_testbed.colours import CELL_COLOURS, NOMINAL, TRUTH, rgb
 from tulip_testbed.identification.center_of_pressure import cell_positions
 from tulip_testbed.measurements.cells import PLATES
+from tulip_testbed.rendering import BARE_COLOUR, DOT
+from tulip_testbed.sim.random_robots import half_edges
 from tulip_testbed.viewer.canvas import Canvas, styled
 from tulip_testbed.viewer.subject import Subject
 
 SHOWN_GROUPS = (0, 1, 2)  # as MuJoCo's own viewer; collision geometry stands in the others
 MARKER = 0.025  # m, radius of the marker of 1 kg
 CELL_RADIUS = 0.012  # m
-DOT = 0.01  # m: geoms within a smaller radius, as the corners of a sole, do not show a link
-BARE_COLOUR = (150, 156, 166)
 BOARD_COLOUR, THICKNESS = (158, 184, 204), 0.6  # share of the height that is board, not cell
 METRES_PER_WEIGHT = 1.0  # an arrow of this length carries the robot's whole weight
 EYE = (1.5, -1.05, 0.85)  # m, of a robot as tall as TULip
@@ -196,10 +196,9 @@ def _shape(model: mujoco.MjModel, geom: int) -> rr.AsComponents | None:
 
 def inertia_box(model: mujoco.MjModel, body: int) -> rr.Boxes3D:
     """Return the box of even density that has the mass and the inertia of a link."""
-    of_axes = model.body_inertia[body].sum() / 2 - model.body_inertia[body]  # integrals of x^2, y^2, z^2
     w, x, y, z = model.body_iquat[body]
     return rr.Boxes3D(
-        half_sizes=[np.sqrt(3 * np.maximum(of_axes, 0) / model.body_mass[body])],
+        half_sizes=[half_edges(model)[body - 1]],
         centers=[model.body_ipos[body]],
         quaternions=[rr.Quaternion(xyzw=[x, y, z, w])],
         colors=[BARE_COLOUR],
