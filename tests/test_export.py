@@ -190,11 +190,6 @@ def test_another_robots_urdf_is_refused(published, found, robot, tmp_path):
         export_model(found, robot, tmp_path / "new.urdf", urdf)
 
 
-def test_a_wrong_ending_is_told_before_anything_is_read(robot, tmp_path):
-    with pytest.raises(InputError, match=r"ends in '\.txt'"):
-        tt.export_model(tmp_path / "no folder", robot, out=tmp_path / "new.txt")
-
-
 def test_an_inconsistent_estimate_is_told(found, robot, tmp_path):
     wanted = imagined(found, robot, standard_parameters(robot.model), error=1e-4)
     wanted.full.value[7] += 0.05
