@@ -103,26 +103,16 @@ def once(tmp_path_factory, worker_id) -> Callable[[str, Callable[[], Any]], Any]
     return made
 
 
-@pytest.fixture(scope="session")
-def drawing(once, pytestconfig) -> Callable[[str], None]:
-    """Skip what asks for a program that cannot draw here; each program draws once a test run."""
-    when = pytestconfig.getoption("draw")
-    return lambda program: decide(program, once(f"obstacle-{program}", lambda: obstacle_to(program)), when)
-
-
-@pytest.fixture(scope="session")
-def vulkan(drawing) -> None:
-    drawing("vulkan")
-
-
-@pytest.fixture(scope="session")
-def opengl(drawing) -> None:
-    drawing("opengl")
-
-
-@pytest.fixture(scope="session")
-def chromium(drawing) -> None:
-    drawing("chromium")
+@pytest.fixture(autouse=True)
+def drawing(request, once, pytestconfig) -> None:
+    """Skip what asks for a program that cannot draw here; each program draws once a test process."""
+    for mark in request.node.iter_markers("draws"):
+        (program,) = mark.args
+        decide(
+            program,
+            once(f"obstacle-{program}", partial(obstacle_to, program)),
+            pytestconfig.getoption("draw"),
+        )
 
 
 @pytest.fixture(scope="session")

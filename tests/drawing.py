@@ -4,9 +4,8 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -33,11 +32,12 @@ with mujoco.Renderer(model, 32, 32) as renderer:
 """
 
 
-def draws_with(program: str) -> Callable[[Any], Any]:
+def draws_with(program: str) -> pytest.MarkDecorator:
     """Mark a test that draws with "vulkan", "opengl" or "chromium": it is skipped where that cannot draw."""
-    return lambda test: pytest.mark.draws(pytest.mark.usefixtures(program)(test))
+    return pytest.mark.draws(program)
 
 
+@cache
 def obstacle_to(program: str) -> str:
     """Draw something small; return what prevents it and the packages to install, or nothing."""
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:

@@ -10,20 +10,11 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+from tests.test_architecture import FLOW, NAME
+
 ROOT = Path(__file__).parent.parent
 PHRASES = Path(__file__).with_suffix(".txt")
-ROOMS = (
-    "base",
-    "measurements",
-    "sim",
-    "identification",
-    "effects",
-    "calibration",
-    "discovery",
-    "experiments",
-    "tulip_testbed",
-    "studies",
-)
+ROOMS = (*FLOW, NAME, "studies")
 CODE = re.compile(r"^```.*?^```|`[^`\n]+`", re.MULTILINE | re.DOTALL)
 
 

@@ -8,7 +8,7 @@ import sys
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ from tests.documented import blocks
 from tests.test_architecture import FLOW
 from tests.test_cli import told
 from tulip_testbed.base.arguments import checked
-from tulip_testbed.base.errors import InputError, InputWarning, choices, listed, look_up
+from tulip_testbed.base.errors import InputError, InputWarning
 from tulip_testbed.sim import robot as robot_module
 
 ROOT = Path(__file__).parent.parent
@@ -41,9 +41,8 @@ def test_the_python_of_a_page_runs(page, monkeypatch):
     exec("".join(blocks(page, "python")), {})
 
 
-@pytest.fixture
-def loads(monkeypatch) -> dict[str, list[str]]:
-    """Names of the robot's files that are read, and of the models of a robot alone that are compiled."""
+def test_the_files_of_a_robot_are_read_and_compiled_once(run, monkeypatch):
+    """After the shipped plans have read theirs."""
     seen: dict[str, list[str]] = {"read": [], "compiled": []}
     sha256, compile_spec = robot_module.sha256, robot_module.compile_spec
     monkeypatch.setattr(robot_module, "sha256", lambda p: seen["read"].append(Path(p).name) or sha256(p))
@@ -53,15 +52,10 @@ def loads(monkeypatch) -> dict[str, list[str]]:
         return compile_spec(spec, where)
 
     monkeypatch.setattr(robot_module, "compile_spec", counted)
-    return seen
-
-
-def test_the_files_of_a_robot_are_read_and_compiled_once(run, loads):
-    """After the shipped plans have read theirs."""
     robot = tt.load_robot()
     tt.identify(tt.Laboratory(robot, "wii").run(tt.plans.random, seed=2, engine="statics"), robot)
-    assert loads["compiled"].count(robot.model_file.stem) <= 1
-    assert all(loads["read"].count(path.name) <= 1 for path in robot.files)
+    assert seen["compiled"].count(robot.model_file.stem) <= 1
+    assert all(seen["read"].count(path.name) <= 1 for path in robot.files)
 
 
 def test_every_name_is_documented_and_found_by_completion():
@@ -101,13 +95,7 @@ def asked(
     return count, size, names, more
 
 
-@checked
-def chosen(engine: Literal["statics", "dynamics"], pair: tuple[float, float] | None = None) -> tuple:
-    return engine, pair
-
-
 def test_what_fits_passes_and_numbers_of_numpy_become_plain():
-    assert chosen("statics", (np.float64(1), 2)) == ("statics", (1.0, 2.0))
     assert asked(1, 2, ["a", 0.5], True) == (1, 2, ["a", 0.5], (True,))
     count: Any = np.int64(3)
     assert type(asked(count)[0]) is int
@@ -121,14 +109,6 @@ def test_measurements_run_folder_and_command_line_give_the_same_bits(run, tmp_pa
     for given in (run.measurements, run, tmp_path / "data"):
         assert tt.identify(given, estimator="mixed-model").full.value.tolist() == values
     assert tt.check(run).verdict == tt.check(run.measurements).verdict
-
-
-def test_a_laboratory_reads_texts(robot):
-    text = "cell-gain:right.front_left=0.03"
-    expected = tt.Laboratory(robot).with_effects(text)
-    laboratory: Any = tt.Laboratory  # type checkers know the attributes that it will have
-    assert laboratory(robot, hidden=(text,)) == expected
-    assert laboratory(robot, hidden=text) == expected
 
 
 @pytest.mark.parametrize(
@@ -150,17 +130,6 @@ def test_an_implausible_value_warns_at_the_line_that_called(call, run):
         "cell-gain:right.front_left: gain 3 (300 %) is 60 times what is plausible (0.05); "
         "values are in SI units"
     )
-
-
-def test_close_names_come_first():
-    assert (
-        choices("right_kne", ["left_hip", "right_knee"])
-        == "did you mean 'right_knee'? valid: left_hip, right_knee"
-    )
-    assert choices("zzz", ["left_hip"]) == "valid: left_hip"
-    assert listed(range(1000)).endswith("38, 39 and 960 more")
-    with pytest.raises(KeyError):  # so that mappings may raise it
-        look_up("joint", "knee", ["hip"], "plan")
 
 
 def test_a_notebook_shows_the_line_and_the_message(capsys):

@@ -171,16 +171,9 @@ def test_document_is_what_the_rows_say(found):
     assert f"of {len(found.shown)} effects" in closing
 
 
-@pytest.fixture(scope="module")
-def small_plan(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("plans") / "small"
-    whole = shipped_plan(load_robot())
-    write_plan(folder, whole.take(whole.placement <= 6))
-    return folder
-
-
-def test_commands(small_plan, tmp_path, capsys):
-    out = tmp_path / "atlas"
+def test_commands(tmp_path, capsys):
+    small_plan, whole, out = tmp_path / "small", shipped_plan(load_robot()), tmp_path / "atlas"
+    write_plan(small_plan, whole.take(whole.placement <= 6))
     assert main(["atlas", str(small_plan), "--out", str(out), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert {path.name for path in out.iterdir()} == {"atlas.html", "atlas.json"}

@@ -14,7 +14,7 @@ from scipy.linalg import subspace_angles
 from tests.moving_robots import moving
 from tulip_testbed.identification.base_parameters import _frame_matrix, base_parameters, standard_parameters
 from tulip_testbed.identification.inertial_wrench import wrench_regressor
-from tulip_testbed.identification.kinematics import frame_positions, link_rotations
+from tulip_testbed.identification.kinematics import link_rotations
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.measurements.cells import CORNERS
@@ -166,20 +166,6 @@ def test_the_regressor_of_the_wrench_is_that_of_pinocchio(case):
     ours = wrench_regressor(nominal_robot(case.robot), m).reshape(len(m), 6, -1)
     theirs = case.oracle["root_rows"]
     assert np.abs(ours - theirs).max() < 1e-9 * np.abs(theirs).max()
-
-
-@pytest.mark.parametrize("support", SUPPORTS)
-def test_com_of_the_closed_form(case, support):
-    """Mass by mass from the link frames, with no base parameters in between."""
-    tree, base = case.parameters[support].tree, case.parameters[support].base
-    rotations = link_rotations(tree, base, case.oracle[f"{support}.angles"])
-    origin = -sole_point(case.model, case.robot.stance_foot)
-    frames = list(tree.frame_of_link)
-    positions = frame_positions(tree, base, rotations, origin)[:, frames]
-    mass, first_moment = case.standard[:, 0], case.standard[:, 1:]
-    turned = np.einsum("mfab,fb->ma", rotations[:, frames], first_moment)
-    com = (np.einsum("f,mfa->ma", mass, positions) + turned) / mass.sum()
-    assert np.abs(com - case.oracle[f"{support}.com"]).max() < 1e-12
 
 
 @pytest.mark.parametrize("support", SUPPORTS)

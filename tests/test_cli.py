@@ -5,7 +5,6 @@ import json
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -152,15 +151,6 @@ def test_help_has_an_example(command, capsys):
     said = capsys.readouterr().out
     assert f"tulip {command}" in said.split("Example:")[1]
     assert "{None}" not in said
-
-
-@pytest.mark.slow
-def test_the_installed_script_runs_whole(tmp_path):
-    data, truth = tmp_path / "data", tmp_path / "truth.json"
-    command = [Path(sys.executable).parent / "tulip", "simulate", "--engine", "statics", "--seed", "5"]
-    subprocess.run([*command, "--out", data, "--truth", truth], capture_output=True, check=True)
-    assert "standard" in json.loads(truth.read_text())
-    assert {p.name for p in data.iterdir()} == {"manifest.json", "postures.csv", "postures.parquet"}
 
 
 def test_the_parser_repeats_no_control_or_direction_character(capsys):

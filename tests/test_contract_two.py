@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from tests.contact_folders import EXAMPLE, GROUND, POSE, assert_same, contacts_of, readings, write_contacts
 from tests.fuzz.documents import changed_anywhere, read_or_refused
 from tests.test_refusals import refuse, rows
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.measurements import read_measurements, write_measurements
 from tulip_testbed.measurements.contacts import VERTICAL, WRENCH
@@ -31,14 +30,6 @@ def write(plates, tmp_path):
     return lambda contacts, columns=None, drop=(), **keys: write_contacts(
         tmp_path / "data", plates, contacts, columns, drop, **keys
     )
-
-
-def refusal(folder):
-    with pytest.raises(InputError) as error:
-        read_measurements(folder)
-    message = str(error.value).replace(str(folder), "DATA")
-    assert len(message.splitlines()) == 1
-    return message
 
 
 def test_wrench_sensors_in_the_feet_are_read(write, plates):
@@ -165,7 +156,7 @@ def test_centres_of_pressure_are_read_as_vertical_wrenches(write, plates):
         drawn.append(np.cov(np.array([fz, y * fz, -x * fz])))
     assert m.contacts.covariance == pytest.approx(np.mean(drawn, axis=0), rel=0.02, abs=0.003)
     folder = write([entry | {"mount": "foot", "pose": POSE} for entry in entries], columns)
-    assert "expected no key 'top_height' with mount 'foot'" in refusal(folder)
+    refuse("expected no key 'top_height' with mount 'foot'", read_measurements, folder)
 
 
 def test_a_foot_in_the_air_may_lack_its_reading(write, plates, tmp_path):
@@ -182,8 +173,9 @@ def test_a_foot_in_the_air_may_lack_its_reading(write, plates, tmp_path):
     broken = replace(m, support=np.full(len(m), "double"))
     refuse("measurements: column 'wrench.left.fx', row 5: found nan", check_contract, broken)
     columns["wrench.left.fz"][4] = 0.2
-    some = refusal(write(contacts_of(), columns | {"support": support}))
-    assert "column 'wrench.left.fx', row 5: found nothing, expected all of the contact's readings" in some
+    some = write(contacts_of(), columns | {"support": support})
+    words = "column 'wrench.left.fx', row 5: found nothing, expected all of the contact's readings"
+    refuse(words, read_measurements, some)
 
 
 def test_a_table_keeps_its_own_names_units_and_signs(write, plates):

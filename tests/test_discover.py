@@ -186,30 +186,6 @@ def test_a_logged_command_is_named_without_motors(robot, plan):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("preset", "text"),
-    [
-        ("wii", "encoder-offset:left_ankle_roll=0.003"),
-        ("force-plate", "joint-compliance:right_ankle_roll=0.0002"),
-    ],
-)
-def test_a_small_fault_is_an_ordinary_imperfection(robot, plan, preset, text):
-    """It is the clearest of them, with its interval; nothing is named."""
-    (hidden,), data = hidden_in(robot, plan, preset, text)
-    found = discover(data, robot)
-    assert (found.verdict, found.adopted) == ("calibrated", ())
-
-    def clarity(member):
-        low, high = member.intervals[0]
-        return abs(member.values[0]) / (high - low)
-
-    clearest = max(found.calibrated, key=clarity)
-    assert clearest.label == hidden.label
-    low, high = clearest.intervals[0] or (np.inf, np.inf)
-    assert abs(hidden.values[0] - (low + high) / 2) < 1.5 * (high - low) / 2
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("preset", ["force-plate", "wii"])
 def test_an_ordinary_laboratory_has_no_single_cause(robot, plan, preset):
     """Every encoder, cell, link and joint is a little off, and the masses are unknown.

@@ -10,12 +10,13 @@ import pytest
 
 import tulip_testbed as tt
 from tests.drawing import draws_with
+from tests.durations import cpu_seconds
 from tests.looking import browse
 from tests.test_cli import told
 from tests.test_records import put_right
+from tests.test_refusals import refuse, rows
 from tests.test_report import told_by
-from tests.test_view import cpu_seconds, look, not_blank
-from tulip_testbed.base.errors import InputError
+from tests.test_view import look, not_blank
 from tulip_testbed.cli.main import main
 from tulip_testbed.discovery.experiment_information import Explanation
 from tulip_testbed.discovery.next_experiment import ExpectedResult, NextExperiment
@@ -155,23 +156,14 @@ def test_two_discoveries_side_by_side(discovered_folder, saved, tmp_path, capsys
     assert "Gap and evidence" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda text: text.replace("before.cop_x_m", "other"), "before.cop_x_m"),
-        (lambda text: text.rsplit("\n", 2)[0] + "\n", "rows, expected"),
-        (lambda text: text + "1,2\n", "found 2 values, expected 25"),
-        (lambda text: "", "residuals"),
-    ],
-)
-def test_residuals_that_do_not_fit_are_refused(discovered_folder, robot, tmp_path, change, message):
+@rows("residuals")
+def test_residuals_that_do_not_fit_are_refused(discovered_folder, robot, tmp_path, changes, words):
     """With matching hashes, as another program might write them."""
     work = shutil.copytree(discovered_folder, tmp_path / "work")
     path = work / "residuals.csv"
-    path.write_text(change(path.read_text()))
+    path.write_text(eval(changes[0], {"text": path.read_text()}))
     put_right(work, path.name)
-    with pytest.raises(InputError, match=message):
-        Discovered.load(work, robot)
+    refuse(words, Discovered.load, work, robot)
 
 
 def test_a_discovery_of_some_rows_of_a_motion_is_read_again(discovered, robot, tmp_path):

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.test_refusals import refuse
+from tests.test_refusals import refuse, rows
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import is_folder, new_folder, present, read_text, scratch_folder, write_text
 from tulip_testbed.base.resumable import alone_on
@@ -151,21 +151,10 @@ def test_an_exception_or_a_taken_name_leaves_nothing(tmp_path):
     assert os.listdir(tmp_path) == ["data"]
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda path: None, "cannot read (No such file"),
-        (lambda path: path.mkdir(), "found a folder, expected a file"),
-        (os.mkfifo, "found a named pipe, expected a file"),
-        (lambda path: path.symlink_to("/dev/zero"), "found a device, expected a file"),
-        (lambda path: path.symlink_to(path.name), "cannot read (Too many levels of symbolic links"),
-        (lambda path: path.write_bytes(b"x" * 11), "found more than 10 bytes"),
-        (lambda path: path.write_bytes(b"ab\xff"), "byte 2: not UTF-8 text"),
-    ],
-)
-def test_only_regular_files_of_text_are_read(tmp_path, make, message):
-    make(tmp_path / "name")
-    refuse(f"name: {message}", read_text, tmp_path / "name", 10)
+@rows("files")
+def test_only_regular_files_of_text_are_read(tmp_path, changes, words):
+    eval(changes[0], {"path": tmp_path / "name", "os": os})
+    refuse(f"name: {words}", read_text, tmp_path / "name", 10)
 
 
 WORKING = """

@@ -20,22 +20,10 @@ from tests.fuzz.judge import Judge
 from tests.fuzz.targets import KINDS, Intact
 from tests.test_cli import refused
 from tests.test_refusals import refuse
-from tulip_testbed.base.column import printable
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.table_files import MOST_DEPTH, TableFile, read_json
 from tulip_testbed.cli.main import main
 from tulip_testbed.measurements import read_measurements
-
-REFUSALS = """
-is missing; more than once; columns, expected at most; lines, expected|rows, expected at most;
-expected numbers; expected texts|one of double; finite number|whole number below; no rows; (rad, m);
-one of double, right, left; too few for 25; expected another posture; not the angles; as their sum;
-hash mismatch: found sha256; hash mismatch of the robot; not a JSON;
-not determined separately; left_foot.z; right_foot.z; a folder, expected a file|a folder without;
-named pipe; a device; No such device; Permission denied; Too many levels; No such file;
-lies outside|expected a path inside; includes itself; more than 100000 elements; nested too deep;
-broken MJCF; <compiler>
-"""
 
 quick = settings(
     max_examples=25,
@@ -45,22 +33,15 @@ quick = settings(
 )
 
 
-@pytest.fixture(scope="module")
-def judge(tmp_path_factory):
-    return Judge(tmp_path_factory.mktemp("intact"))
-
-
 @pytest.mark.slow
-def test_inputs_of_every_kind_end_in_a_right_result_or_in_one_message(judge, subtests):
-    messages = []
+def test_inputs_of_every_kind_end_in_a_right_result_or_in_one_message(tmp_path, subtests):
+    judge, messages = Judge(tmp_path), []
     for target, kinds in KINDS.items():
         for kind in kinds:
             with subtests.test(target=target, kind=kind):
                 messages += drawn(partial(judge.message, target, kind), 1, f"200 {target} {kind}")
     assert len(messages) > 150
     assert messages.count("") > 30
-    for refusal in REFUSALS.replace("\n", " ").strip().split("; "):
-        assert any(words in message for message in messages for words in refusal.split("|")), refusal
 
 
 @quick
@@ -122,14 +103,6 @@ def test_numbers_are_finite_and_within_their_limits_or_refused_by_row(tmp_path, 
         )
     else:
         assert table.numbers("x", low=low, high=high).tolist() == values
-
-
-@quick
-@given(text=st.text(st.characters(exclude_categories=())))
-def test_messages_neither_steer_a_terminal_nor_fail_to_print(text):
-    shown = printable(text)
-    assert shown.isprintable()
-    shown.encode()
 
 
 def test_a_plan_too_small_or_too_uniform_is_refused_before_it_is_written(edited_tulip, tmp_path, capsys):

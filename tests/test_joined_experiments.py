@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
-from tests.test_refusals import refuse
-from tulip_testbed.base.errors import InputError, InputWarning
+from tulip_testbed.base.errors import InputWarning
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import removed
 from tulip_testbed.effects.lasting import acting, arranged, epochs, targets_over
@@ -30,18 +29,14 @@ def lab(robot) -> Laboratory:
     return Laboratory(robot, sensors="ideal")
 
 
-@pytest.fixture(scope="module")
-def noisy(robot) -> Laboratory:
-    return Laboratory(robot, sensors="force-plate")
-
-
 def measured(laboratory, few, *manipulations, session="one", seed=3):
     made = laboratory.manipulated(*manipulations, session=session)
     return made.run(few, seed=seed, engine="statics", workers=1).measurements
 
 
 @pytest.fixture(scope="module")
-def pair(noisy, few):
+def pair(robot, few):
+    noisy = Laboratory(robot, sensors="force-plate")
     return [measured(noisy, few), measured(noisy, few, CABLE, seed=4)]
 
 
@@ -187,36 +182,6 @@ def test_a_known_mass_is_part_of_the_model(robot, nominal, lab, few):
     assert np.abs(found[rows, 2]).max() < 0.05
     unknown = dataclasses.replace(loaded, experiments=(Experiment("one"), Experiment("one")))
     assert np.abs(residuals(observe(unknown, nominal), nominal.value)[rows, :2]).max() > 5e-3
-
-
-def test_the_keys_are_written_and_read(pair, tmp_path):
-    tt.write_measurements(tmp_path / "two", pair[1])
-    again = tt.read_measurements(tmp_path / "two")
-    assert again.experiments == (Experiment("one", (CABLE,)),)
-    with pytest.raises(InputError, match="2 experiments that were joined, expected one"):
-        tt.write_measurements(tmp_path / "both", joined(pair))
-
-
-def test_folders_that_do_not_belong_together_are_refused(pair, noisy, few):
-    first, second = pair
-    with pytest.raises(InputError, match="tuesday and monday: found the same measurements twice"):
-        joined([first, first], ["monday", "tuesday"])
-    for again in (
-        first.take(np.arange(len(first))[::-1]),
-        first.take(np.arange(len(first) // 2)),
-        dataclasses.replace(first, joint_angles=first.joint_angles.round(4)),
-        dataclasses.replace(first, cell_forces=first.cell_forces + 0.05),
-    ):
-        with pytest.raises(InputError, match=r"2 and 1: found the same measurements twice .*rows agree"):
-            joined([again, first], ["1", "2"])
-    other = dataclasses.replace(second, robot=second.robot | {"sha256": "0" * 64, "model": "other.xml"})
-    refuse("expected one robot with one nominal model", joined, [first, other])
-    heavier = dataclasses.replace(second, weighed_mass=(second.weighed_mass[0] + 2, second.weighed_mass[1]))
-    refuse("a manipulation is missing or wrong", joined, [first, heavier])
-    sheet = dataclasses.replace(second.sensors, cell_sd=1.0)
-    refuse("key 'sensors'", joined, [first, dataclasses.replace(second, sensors=sheet)])
-    strange = dataclasses.replace(second, experiments=(Experiment("", ("encoder re-zeroed: right_elbow",)),))
-    refuse("right_elbow", joined, [first, strange])
 
 
 def test_a_misspelt_key_of_a_manifest_is_named(pair, tmp_path):

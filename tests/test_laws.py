@@ -65,20 +65,13 @@ def test_texts_and_documents_are_read_as_they_were_written(data):
     assert "guess" in law.finding
 
 
-@pytest.mark.parametrize(
-    ("text", "field"),
-    [
-        ("law:encoder:left_knee/own-torque/quadratic=0.004,0.003,-40,60", "joint_angles"),
-        ("law:encoders:right/own-angle/sine=0.003,0.001,2,-1,2", "joint_angles"),
-        ("law:cells:left/plate-load/quadratic-gain=0.02,0.01,0,250", "cell_forces"),
-    ],
-)
-def test_removal_is_minus_injection(text, field, robot, nominal, noiseless, few):
-    law = EffectInstance.parse(text, robot)
+def test_a_law_of_a_torque_is_removed(robot, nominal, noiseless, few):
+    """Laws of what is read: tests/test_instrument_effects.py."""
+    law = EffectInstance.parse("law:encoder:left_knee/own-torque/quadratic=0.004,0.003,-40,60", robot)
     plain, faulty = statically(noiseless, few), statically(injected(noiseless, [law]), few)
     true, read = (observe(one, nominal) for one in (plain, faulty))
-    wrong = np.abs(getattr(read, field) - getattr(true, field)).max()
-    left = getattr(removed(read, [law]), field) - getattr(true, field)
+    wrong = np.abs(read.joint_angles - true.joint_angles).max()
+    left = removed(read, [law]).joint_angles - true.joint_angles
     assert wrong > 1e-4
     assert np.abs(left).max() < 1e-4 * wrong
 

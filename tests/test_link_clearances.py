@@ -47,12 +47,6 @@ def problem(humanoid):
     return planning_problem(humanoid, nominal_plates(humanoid)[0])
 
 
-@pytest.fixture(scope="module")
-def optimal_plan(problem):
-    goal = objectives(4.16e-3)["condition"]
-    return SearchTask(problem, goal, 7, 5, 412, hops=1).run()
-
-
 class Collisions:
     """Penetrations by MuJoCo's contacts: every shape of the robot can touch every other, and a floor."""
 
@@ -96,7 +90,8 @@ def test_random_postures_and_paths_are_free_of_collisions(humanoid, random_plan,
 
 
 @pytest.mark.slow
-def test_optimal_postures_and_paths_are_free_of_collisions(humanoid, problem, optimal_plan, collisions):
+def test_optimal_postures_and_paths_are_free_of_collisions(humanoid, problem, collisions):
+    optimal_plan = SearchTask(problem, objectives(4.16e-3)["condition"], 7, 5, 412, hops=1).run()
     assert optimal_plan.made["final_objective"] < 0.6 * optimal_plan.made["initial_objective"]
     assert collisions.deepest(optimal_plan.joint_angles) < PENETRATION
     assert collisions.deepest(ways(humanoid, optimal_plan)) < PENETRATION

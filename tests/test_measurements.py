@@ -13,7 +13,6 @@ import pytest
 import tulip_testbed as tt
 from tests.contact_folders import assert_same
 from tests.test_refusals import refuse, rows
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import sha256
 from tulip_testbed.experiments.check_folder import check_folder
 from tulip_testbed.measurements import Measurements, SensorSheet, read_measurements, write_measurements
@@ -34,12 +33,6 @@ def edit_manifest(folder, change):
     path.write_text(json.dumps(content))
 
 
-def refusal(folder):
-    with pytest.raises(InputError) as error:
-        read_measurements(folder)
-    return str(error.value).replace(str(folder), "DATA")
-
-
 def test_round_trip_is_exact(wii, folder):
     assert_same(wii.measurements, read_measurements(folder))
 
@@ -58,9 +51,10 @@ def test_an_edited_twin_is_not_passed_over(folder):
     at, knee = table.column_names.index("q.right_knee"), table["q.right_knee"].to_numpy() + 0.1
     table = table.set_column(at, "q.right_knee", pa.array(knee))
     pyarrow.csv.write_csv(table, path)
-    assert "postures.csv: hash mismatch" in refusal(folder)
+    refuse("postures.csv: hash mismatch", read_measurements, folder)
     edit_manifest(folder, lambda m: m["tables"].update({path.name: sha256(path)}))
-    assert "postures.csv: next to postures.parquet: column 'q.right_knee', row 1: found" in refusal(folder)
+    words = "postures.csv: next to postures.parquet: column 'q.right_knee', row 1: found"
+    refuse(words, read_measurements, folder)
 
 
 def test_measurements_print_as_a_line_and_have_a_frame_with_the_folders_columns(wii, folder):

@@ -45,40 +45,14 @@ def problem(robot, plate):
 
 
 @pytest.fixture(scope="module")
-def other(problem):
-    return from_other_foot(problem)
-
-
-@pytest.fixture(scope="module")
 def goal(problem):
     return objectives(4.16e-3)["d-optimal"]
 
 
 @pytest.fixture(scope="module")
-def task(problem, goal):
-    return SearchTask(problem, goal, PLACEMENTS, PER, SEED, hops=0, counts=COUNTS)
-
-
-@pytest.fixture(scope="module")
-def states():
-    return []
-
-
-@pytest.fixture(scope="module")
-def mixed(task, states):
+def mixed(problem, goal):
     """Nine postures on both feet and four on each foot."""
-    return task.run(states.append)
-
-
-@pytest.fixture(scope="module")
-def on_one_foot(problem, other):
-    """A few random feasible postures on each foot, with what they stand on."""
-    found = []
-    for own in (problem, other):
-        swing = board_pose(own)
-        angles = feasible_pool(own, swing, 2, np.random.default_rng(SEED), 2)
-        found.append((own, angles, np.tile(swing, (len(angles), 1))))
-    return found
+    return SearchTask(problem, goal, PLACEMENTS, PER, SEED, hops=0, counts=COUNTS).run()
 
 
 def criterion(problem, plan):
@@ -86,10 +60,13 @@ def criterion(problem, plan):
     return objectives(4.16e-3)["d-optimal"].value(rows.T @ rows)
 
 
-def test_derivatives_on_either_foot_are_central_differences(on_one_foot):
-    """Along three directions in which all joints move."""
+def test_derivatives_on_either_foot_are_central_differences(problem):
+    """Along three directions in which all joints move, of a few random feasible postures on each foot."""
     step, rng = 1e-6, np.random.default_rng(308)
-    for own, angles, swing in on_one_foot:
+    for own in (problem, from_other_foot(problem)):
+        place = board_pose(own)
+        angles = feasible_pool(own, place, 2, np.random.default_rng(SEED), 2)
+        swing = np.tile(place, (len(angles), 1))
         found = evaluate_one_foot(own, angles, swing)
         for along in rng.choice([-1.0, 1.0], (3, angles.shape[1])):
             ahead, back = (evaluate_one_foot(own, angles + s * step * along, swing) for s in (1, -1))

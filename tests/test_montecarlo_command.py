@@ -14,6 +14,7 @@ import pyarrow.parquet
 import pytest
 
 import tulip_testbed as tt
+from tests.test_refusals import refuse, rows
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.machine import machine
 from tulip_testbed.experiments.laboratory import Laboratory
@@ -28,13 +29,6 @@ from tulip_testbed.sim.statics.static_run import run_statics
 
 TULIP = [sys.executable, "-c", "from tulip_testbed.cli.entry import run; run()"]
 RUNS = 110  # five chunks of 25 or fewer: two of them are there long before the last
-
-
-@pytest.fixture(scope="module")
-def small(plan, tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("plans") / "small"
-    write_plan(folder, plan.take(plan.placement <= 3))
-    return folder
 
 
 def tulip(plan: Path, out: Path, *more: str) -> list[str]:
@@ -59,8 +53,9 @@ def content(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.slow
-def test_interrupted_and_killed_it_ends_as_if_undisturbed(small, tmp_path):
-    broken, whole = tmp_path / "broken", tmp_path / "whole"
+def test_interrupted_and_killed_it_ends_as_if_undisturbed(plan, tmp_path):
+    small, broken, whole = (tmp_path / name for name in ("small", "broken", "whole"))
+    write_plan(small, plan.take(plan.placement <= 3))
     process = stop(tulip(small, broken), broken, 1, signal.SIGINT)
     out, err = process.communicate()
     assert process.returncode == 130
@@ -148,34 +143,21 @@ def begin(folder, scenario, settings=SETTINGS):
         pass
 
 
-OTHERS = {  # than the laboratory and the plan of a folder: what is said
-    "preset": (
-        lambda lab, plan: (Laboratory(lab.robot, "ideal"), plan),
-        "preset is 'wii' there and 'ideal' here",
-    ),
-    "torques": (
-        lambda lab, plan: (lab, dataclasses.replace(plan, torques=plan.joint_angles)),
-        r"inputs\.plan is",
-    ),
-    "postures": (
-        lambda lab, plan: (lab, plan.take(plan.placement == 1)),
-        r"configuration\.plan\.postures is 150 there and 5 here",
-    ),
-}
-
-
-def test_other_plans_presets_settings_and_versions_are_refused(scenario, tmp_path):
+@rows("scenarios")
+def test_another_laboratory_or_plan_is_refused(scenario, tmp_path, changes, words):
     begin(tmp_path / "run", scenario)
-    for changed, message in OTHERS.values():
-        with pytest.raises(InputError, match=message):
-            begin(tmp_path / "run", changed(*scenario))
-    with pytest.raises(InputError, match=r"settings\.robot_spread is None there and 0\.1 here"):
-        begin(tmp_path / "run", scenario, dataclasses.replace(SETTINGS, robot_spread=0.1, engine="dynamics"))
+    names = dict(zip(("lab", "plan"), scenario, strict=True)) | {"tt": tt, "replace": dataclasses.replace}
+    refuse(words, begin, tmp_path / "run", eval(changes[0], names))
+
+
+def test_other_settings_and_versions_are_refused(scenario, tmp_path):
+    begin(tmp_path / "run", scenario)
+    spread = dataclasses.replace(SETTINGS, robot_spread=0.1, engine="dynamics")
+    refuse("settings.robot_spread is None there and 0.1 here", begin, tmp_path / "run", scenario, spread)
     document = json.loads((tmp_path / "run" / "run.json").read_text())
     document["software"]["numpy"] = "1.0"
     (tmp_path / "run" / "run.json").write_text(json.dumps(document))
-    with pytest.raises(InputError, match=r"software\.numpy is '1\.0' there"):
-        begin(tmp_path / "run", scenario)
+    refuse("software.numpy is '1.0' there", begin, tmp_path / "run", scenario)
 
 
 def test_the_processor_is_recorded_and_another_one_may_go_on(scenario, tmp_path):

@@ -68,12 +68,6 @@ def test_forces_of_the_ground_are_those_that_the_motion_needs(robot, moved):
     assert np.abs(m.cell_forces.sum(axis=1) - wrench[:, 2]).max() < 0.1
 
 
-def test_without_inertia_they_are_not(robot, moved):
-    still = replace(moved.measurements, joint_rates=None, joint_accelerations=None)
-    off = center_of_pressure(still) - nominal_robot(robot).center_of_mass(still.joint_angles)
-    assert np.sqrt((off**2).mean(axis=0)).min() > 1e-3
-
-
 @pytest.mark.parametrize("fed", [True, False])
 def test_the_side_force_between_the_feet_follows_from_the_commands(robot, fed):
     """Servos sag without feed-forward. Loads of that put a link at its play's other end."""
@@ -328,28 +322,6 @@ def test_slow_errors_keep_the_sheet_s_deviation_and_lag_is_exact():
     ramp = np.arange(300)[:, None] * 0.01
     late = delayed(Sensors(contact_lag=0.013, contact_filter=0.02), ramp, 0.01)
     np.testing.assert_allclose(late[100:], ramp[100:] - 0.033, atol=1e-6)
-
-
-def test_what_cannot_move_is_refused(tmp_path, robot, planned):
-    lab, plan = tt.Laboratory(robot), planned.plan
-    refuse("found 'statics' with a plan that moves", lab.run, plan, engine="statics")
-    refuse("acts from one posture to the next", lab.with_effects("cell-hysteresis=0.01").run, plan)
-    other = replace(plan, robot={"model": "other.xml", "sha256": "00"})
-    refuse("made for another robot than TULip", lab.run, other)
-    refuse("made for another robot than TULip", tt.plan_motion, other)
-    out = tmp_path / "data"
-    refuse("made for another robot", tt.simulate, lab, other, out=out)
-    assert not out.exists()
-    motion = plan.motion
-    short = replace(plan, motion=replace(motion, joint_angles=motion.joint_angles[:, 1:]))
-    refuse("plan: motion: joint_angles: found float64", lab.run, short)
-    lone = replace(plan, motion=replace(motion, placement=motion.placement + 100))
-    refuse("plan: motion: row 1: found placement 101 with support 'double'", lab.run, lone)
-    skipping = replace(plan, motion=replace(motion, time=2 * motion.time))
-    refuse("expected one each 0.01 s in a segment", lab.run, skipping)
-    refuse("minutes: found -1, expected more than 0", tt.plan_motion, plan, minutes=-1.0)
-    single = plan.take(np.unique(plan.placement, return_index=True)[1])
-    refuse("found no motion that the robot can make on its own feet", tt.plan_motion, single)
 
 
 def test_a_posture_that_cannot_be_held_costs_the_way_to_the_next_one(robot, monkeypatch):

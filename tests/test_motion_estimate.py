@@ -1,14 +1,11 @@
 """The estimate from a robot that moves: forces of motion, inertial parameters, noise that lasts."""
 
 import dataclasses
-import pickle
 
 import numpy as np
 import pytest
 
 from tests.moving_robots import moving, random_robot
-from tulip_testbed.effects.instance import EffectInstance
-from tulip_testbed.effects.motion_effects import INERTIA, LAG
 from tulip_testbed.identification import inertial_wrench
 from tulip_testbed.identification.inertial_wrench import beyond_weight, inertial_parameters
 from tulip_testbed.identification.noise_in_time import WHITE, NoiseInTime, decorrelation, noise_in_time_of
@@ -117,9 +114,3 @@ def test_effective_rows_are_those_of_a_continuous_record():
     assert slow.effective_rows == pytest.approx(2 * (1 + 240 * STEP / (2 * lasts)), rel=0.03)
     white = decorrelation(2 * time, segment, WINDOW, WHITE, used)
     assert white.effective_rows == pytest.approx(480)
-
-
-@pytest.mark.parametrize("found", [EffectInstance(INERTIA, "3", (0.5,)), EffectInstance(LAG, "", (0.015,))])
-def test_effects_of_motion_are_read_and_pickled_by_their_names(found):
-    assert EffectInstance.from_document(found.document()) == found
-    assert pickle.loads(pickle.dumps(found)) == found

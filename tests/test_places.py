@@ -10,6 +10,7 @@ import pytest
 import tulip_testbed as tt
 from tests.test_cli import refused
 from tests.test_files import full_disk
+from tests.test_refusals import refuse
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import check_new, write_bytes
 from tulip_testbed.experiments import truth_record
@@ -20,16 +21,9 @@ from tulip_testbed.sim.shipped import TULIP
 TULIP_COMMAND = [sys.executable, "-c", "import tulip_testbed.cli.entry as entry; entry.run()"]
 
 
-@pytest.fixture
-def data(run, tmp_path):
-    tt.write_measurements(tmp_path / "data", run.measurements)
-    return tmp_path / "data"
-
-
 def test_the_truth_of_another_is_never_removed(run, tmp_path):
     (tmp_path / "truth.json").write_text("another's")
-    with pytest.raises(InputError, match=r"truth\.json: exists already"):
-        write_experiment(tmp_path / "data", tmp_path / "truth.json", run)
+    refuse("truth.json: exists already", write_experiment, tmp_path / "data", tmp_path / "truth.json", run)
     with pytest.raises(InputError, match=r"truth\.json: exists already; give a new name"):
         write_bytes(tmp_path / "truth.json", b"mine", new=True)
     assert [path.name for path in tmp_path.iterdir()] == ["truth.json"]
@@ -52,29 +46,23 @@ def test_interrupted_it_leaves_both_or_nothing(written, run, tmp_path, monkeypat
 
 
 def test_a_file_system_without_links_has_new_files_too(tmp_path, monkeypatch):
-    def refuse(*names):
+    def forbid(*names):
         raise PermissionError(1, "Operation not permitted")
 
-    monkeypatch.setattr(os, "link", refuse)
+    monkeypatch.setattr(os, "link", forbid)
     write_bytes(tmp_path / "a", b"first", new=True)
-    with pytest.raises(InputError, match="exists already"):
-        write_bytes(tmp_path / "a", b"second", new=True)
+    refuse("exists already", write_bytes, tmp_path / "a", b"second", new=True)
     assert (tmp_path / "a").read_bytes() == b"first"
 
 
-def test_nothing_is_written_into_a_measurement_folder(data, run, tmp_path, capsys):
+def test_nothing_is_written_into_a_measurement_folder(run, tmp_path, capsys):
+    data = tmp_path / "data"
+    tt.write_measurements(data, run.measurements)
     before = sorted(data.iterdir())
     inside = "lies inside the measurement folder"
     for place in (data / "more", data / "deep" / "more"):
-        assert inside in refused(capsys, "simulate", "--engine", "statics", "--out", place)
-        assert inside in refused(capsys, "validate", "--out", place)
-        assert inside in refused(capsys, "plan", "random", "--out", place)
         with pytest.raises(InputError, match=inside):
             tt.write_measurements(place, run.measurements)
-    message = refused(
-        capsys, "simulate", "--engine", "statics", "--out", tmp_path / "b", "--truth", data / "truth.json"
-    )
-    assert inside in message
     with pytest.raises(InputError, match=r"truth\.json: lies inside the measurement folder"):
         write_experiment(tmp_path / "c", data / "truth.json", run)
     link = tmp_path / "link"
@@ -92,22 +80,6 @@ WRONG_PATHS = {
     "x" * 256: "found a name of 2",
     "ä" * 128 + "/y": "found a name of 2",
 }
-COMMANDS = """
-check NAME
-identify NAME
-discover NAME
-plan show NAME
-view NAME
-report NAME --out a.html
-report NAME NAME
-identify data --corrections NAME
-simulate --out NAME
-simulate --out data --truth NAME
-validate --out NAME
-montecarlo --runs 10 --out NAME
-robot NAME
-view NAME --save a.rrd
-"""
 
 
 def calls(run, name):
@@ -126,10 +98,9 @@ def calls(run, name):
 
 @pytest.mark.parametrize("name", WRONG_PATHS)
 def test_a_path_that_no_file_can_have_is_one_message(run, tmp_path, monkeypatch, capsys, name):
+    """A command is a thin client: one of them."""
     monkeypatch.chdir(tmp_path)
-    for line in COMMANDS.strip().splitlines():
-        words = [name if word == "NAME" else word for word in line.split()]
-        assert WRONG_PATHS[name] in refused(capsys, *words), line
+    assert WRONG_PATHS[name] in refused(capsys, "simulate", "--out", name)
     for call in calls(run, name):
         with pytest.raises(InputError, match=WRONG_PATHS[name]):
             call()
@@ -137,8 +108,8 @@ def test_a_path_that_no_file_can_have_is_one_message(run, tmp_path, monkeypatch,
 
 
 def test_a_full_disk_gives_no_stump_of_a_view(run, tmp_path):
-    with full_disk(50_000), pytest.raises(InputError, match="found no end of the recording in"):
-        tt.view(run, save=tmp_path / "view.rrd")
+    with full_disk(50_000):
+        refuse("found no end of the recording in", tt.view, run, save=tmp_path / "view.rrd")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -30,16 +30,6 @@ from tulip_testbed.sim.statics.static_run import run_statics
 SMALL = ("--placements", "5", "--postures-per-placement", "3", "--hops", "1", "--seed", "311")
 
 
-@pytest.fixture(scope="module")
-def data(robot, plan, tmp_path_factory):
-    """Fifty postures, measured."""
-    place = tmp_path_factory.mktemp("measured") / "data"
-    first = plan.take(plan.placement <= 10)
-    (run,) = run_statics(solve_plan(preset_rig("wii", robot), first), np.random.SeedSequence(312).spawn(1))
-    write_measurements(place, run.measurements)
-    return place
-
-
 @pytest.mark.slow
 def test_interrupted_and_gone_on_with_by_the_same_command(tmp_path, robot, monkeypatch, capsys):
     out = tmp_path / "plan"
@@ -110,8 +100,11 @@ def test_an_edited_state_is_refused_by_name(interrupted, tmp_path, changes, word
     )
 
 
-def test_the_next_postures_and_their_description(data, tmp_path, capsys):
-    out = tmp_path / "next"
+def test_the_next_postures_and_their_description(robot, plan, tmp_path, capsys):
+    """After fifty that were measured."""
+    data, out, first = tmp_path / "data", tmp_path / "next", plan.take(plan.placement <= 10)
+    (run,) = run_statics(solve_plan(preset_rig("wii", robot), first), np.random.SeedSequence(312).spawn(1))
+    write_measurements(data, run.measurements)
     options = ("--after", str(data), "--placements", "1", "--hops", "1", "--seed", "311")
     said = told(capsys, "plan", "optimal", "--out", out, *options, "--repeats", "1")
     assert said["postures"] == 6

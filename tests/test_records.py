@@ -17,7 +17,6 @@ from tulip_testbed.base.files import sha256
 from tulip_testbed.discovery.dynamics_check import DynamicsCheck
 from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
-from tulip_testbed.experiments.run_file import kind_of
 from tulip_testbed.experiments.saved_runs import RunResult, read_run
 from tulip_testbed.experiments.validate import judge
 from tulip_testbed.experiments.validation_result import Validation
@@ -29,12 +28,6 @@ from tulip_testbed.viewer.run_view import view_of
 from tulip_testbed.viewer.subject import validated
 
 DATA = Path(__file__).parent / "data"
-
-
-@pytest.mark.parametrize("content", ["", "[]", "{", '{"format": 1}', '{"version": 1}', "\x00", '{"a": NaN}'])
-def test_what_is_no_run_file(content, tmp_path):
-    (tmp_path / "run.json").write_text(content)
-    refuse("run.json", kind_of, tmp_path)
 
 
 def test_every_file_of_a_run_is_guarded(run_folder, robot, tmp_path):

@@ -29,7 +29,7 @@ from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.experiments.validate import judge
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.planning_ranges import free_joint_ranges, planning_ranges
-from tulip_testbed.measurements import read_measurements
+from tulip_testbed.measurements import Experiment, joined, read_measurements
 from tulip_testbed.measurements.manipulations import arrangement_of
 from tulip_testbed.sim import sandbox
 from tulip_testbed.sim.composer import laboratory_environment
@@ -225,7 +225,15 @@ def names(robot, run):
         started(actuation).step(action)
 
     feet = tt.Laboratory(robot, sensors="foot-ft").run(tt.plans.random, seed=2, engine="statics").measurements
+    few, session = tt.plans.random.take(np.arange(30)), run.laboratory.manipulated(session="one")
+    one, other = (session.run(few, seed=seed, engine="statics").measurements for seed in (3, 4))
     own = {
+        "knee": tt.effects.parse("encoder-offset:right_knee=0.01", robot),
+        "moving": tt.plan_motion(few.take(np.arange(3)), robot).plan,
+        "one": one,
+        "other": other,
+        "joined": joined,
+        "Experiment": Experiment,
         "feet": feet.take(np.arange(40)),
         "replace": replace,
         "composed": composed,
@@ -255,7 +263,7 @@ def folders(names, tmp_path_factory):
     tt.write_measurements(place / "kg", replace(measured, cell_forces=measured.cell_forces / 9.81))
     tt.plans.write(place / "plan", names["plan"])
     judge(names["run"]).save(place / "run")
-    for name in ("taken.html", "taken.rrd"):
+    for name in ("taken.html", "taken.rrd", "taken.xml"):
         (place / name).touch()
     (place / "loop").symlink_to("loop")
     return place

@@ -11,9 +11,10 @@ from PIL import Image
 from plotly.offline import get_plotlyjs_version
 
 from tests.drawing import draws_with
+from tests.durations import cpu_seconds
 from tests.looking import browser
 from tests.test_cli import refused, told
-from tests.test_view import cpu_seconds, not_blank
+from tests.test_view import not_blank
 from tulip_testbed import rendering
 from tulip_testbed.base.document import flattened
 from tulip_testbed.cli.main import main

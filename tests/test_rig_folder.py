@@ -8,16 +8,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests.edited_files import write_rig
-from tests.effect_changes import measured
 from tests.fuzz.documents import changed_anywhere, read_or_refused
-from tests.test_cli import refused, told
+from tests.test_cli import told
 from tests.test_refusals import refuse
 from tulip_testbed.effects.instance import EffectInstance, injected
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.rig_folder import CHANGED, DIFF, NOMINAL, RIG_FILE, read_rig
 from tulip_testbed.identification.estimators import MIXED_MODEL
-from tulip_testbed.measurements import write_measurements
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import load_spec
 from tulip_testbed.sim.statics.solved_plan import solve_plan
@@ -43,11 +41,6 @@ def measured_here(robot, plan, found):
     return run_statics(solved_plan, [np.random.SeedSequence(SEED)])[0].measurements
 
 
-@pytest.fixture(scope="module")
-def plain(robot, plan):
-    return identify(measured_here(robot, plan, ()), robot, estimator=MIXED_MODEL).full
-
-
 def test_what_is_written_is_read(rig, found, robot):
     assert read_rig(rig, robot) == found
 
@@ -63,7 +56,8 @@ def test_the_scenes_are_mjcf_and_the_difference_is_what_changed(rig):
     assert len(text.splitlines()) < 25
 
 
-def test_an_adopted_effect_of_the_physics_takes_its_bias_away(robot, plan, plain):
+def test_an_adopted_effect_of_the_physics_takes_its_bias_away(robot, plan):
+    plain = identify(measured_here(robot, plan, ()), robot, estimator=MIXED_MODEL).full
     texts = ("joint-compliance:right_ankle_pitch=0.0005", "cell-gain:right.rear_left=0.03")
     effects = tuple(EffectInstance.parse(text, robot, range(30)) for text in texts)
     hidden = measured_here(robot, plan, effects)
@@ -115,10 +109,3 @@ def test_a_monte_carlo_in_the_adopted_laboratory_is_freed_of_it(rig, robot, tmp_
         "encoder-offset",
         "joint-compliance",
     ]
-
-
-def test_too_few_placements_are_refused(robot, plan, tmp_path, capsys):
-    write_measurements(tmp_path / "few", measured(robot, plan.take(plan.placement <= 3), "wii"))
-    discover = ("discover", tmp_path / "few", "--out", tmp_path / "run")
-    assert "placements" in refused(capsys, *discover)
-    assert not (tmp_path / "run").exists()

@@ -35,14 +35,10 @@ LOOKS = re.compile(
 )
 
 
-@pytest.fixture(scope="module")
-def models(robot):
+def test_every_physical_number_is_the_same(robot):
     """Shipped and built, compiled as the laboratory compiles them."""
     robots = (robot, dataclasses.replace(robot, scene_file=None))
-    return [laboratory_scene(preset_rig("ideal", r), POSES).compile() for r in robots]
-
-
-def test_every_physical_number_is_the_same(models):
+    models = [laboratory_scene(preset_rig("ideal", r), POSES).compile() for r in robots]
     shipped, built = models
     compared = 0
     for owner in ("", "opt"):

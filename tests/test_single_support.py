@@ -12,10 +12,8 @@ from tests.test_refusals import refuse
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.usable_plan import joined as one_after_another
-from tulip_testbed.experiments.validate import validate
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.center_of_pressure import center_of_pressure, load_shares
-from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.preflight import preflight
 from tulip_testbed.measurements import Measurements, PosturePlan
@@ -84,11 +82,6 @@ def quiet(robot) -> Rig:
     return dataclasses.replace(still(preset_rig("ideal", robot)), edit=without_friction())
 
 
-@pytest.fixture(scope="module")
-def sound(robot) -> Laboratory:
-    return Laboratory(robot, "ideal", nominal=still(preset_rig("ideal", robot)))
-
-
 @pytest.fixture(scope="module", params=[pytest.param("right", marks=pytest.mark.slow), "left"])
 def held(request, quiet, on) -> Any:
     """The side that carries, and the experiment in the full dynamics."""
@@ -124,8 +117,9 @@ def test_statics_is_where_the_dynamics_come_to_rest(quiet, on, held):
 
 
 @pytest.mark.parametrize("engine", ["statics", "dynamics"])
-def test_the_robot_leans_over_a_yielding_left_ankle_and_not_over_the_right_one(sound, model, on, engine):
+def test_the_robot_leans_over_a_yielding_left_ankle_and_not_over_the_right_one(robot, model, on, engine):
     """All above the ankle turns about it by compliance times its weight's moment."""
+    sound = Laboratory(robot, "ideal", nominal=still(preset_rig("ideal", robot)))
     few, compliance = on["left"].take(np.arange(2)), 2e-4
     above = model.body_subtreemass[0] - model.body("left_foot").mass[0]
     for joint, loaded in (("left_ankle_pitch", True), ("right_ankle_pitch", False)):
@@ -178,15 +172,6 @@ def test_an_empty_plate_is_not_read_and_the_preflight_says_what_it_leaves_out(ro
     findings = {finding.name: finding for finding in preflight(measured, nominal_robot(robot), None)}
     assert "stands on one foot" in findings["legs close"].seen
     assert "26 parameters" in findings["identifiable"].expected
-
-
-@pytest.mark.slow
-def test_the_whole_job_in_full_dynamics(robot, plan, balanced):
-    mixed = joined(plan.take(plan.placement <= 8), balanced.take(np.arange(5)))
-    result = validate(Laboratory(robot, "ideal"), mixed, 4, MIXED_MODEL, workers=2, imperfections=0)
-    by_name = {check.name: check.result for check in result.checks}
-    assert len(result.identification.full.value) == 26
-    assert by_name["full model: largest error (mm)"] == by_name["total mass"] == "pass"
 
 
 def joined(first: PosturePlan, second: PosturePlan) -> PosturePlan:

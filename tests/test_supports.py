@@ -27,14 +27,9 @@ from tulip_testbed.sim.statics.solved_plan import solve_plan
 SUPPORT = np.array(["double", "right", "left"] * 4)
 
 
-@pytest.fixture(scope="module")
-def angles(plan):
-    rng = np.random.default_rng(5)
-    return plan.joint_angles[: len(SUPPORT)] + 0.2 * rng.standard_normal((len(SUPPORT), 12))
-
-
-def test_slopes_are_those_of_finite_differences(robot, angles):
-    nominal = nominal_robot(robot, "mixed")
+def test_slopes_are_those_of_finite_differences(robot, plan):
+    nominal, rng = nominal_robot(robot, "mixed"), np.random.default_rng(5)
+    angles = plan.joint_angles[: len(SUPPORT)] + 0.2 * rng.standard_normal((len(SUPPORT), 12))
     geometry = PostureGeometry(
         nominal, nominal.parameters.tree, angles, SUPPORT, standard_parameters(robot.model)
     )

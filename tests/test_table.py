@@ -92,15 +92,6 @@ def test_values_of_a_column_of_numbers(value, text):
     assert Column("share", "%", ".1f", 100).text(value) == text
 
 
-def test_only_extra_columns_are_left_out_and_it_is_said():
-    table = made(ROWS)
-    assert "50 to 75" in table.text(table.whole_width)
-    narrow = table.text(table.whole_width - 1)
-    assert "50 to 75" not in narrow
-    assert "Too narrow here for: interval." in narrow
-    assert "-11.72" in narrow
-
-
 @pytest.mark.parametrize("name", HOSTILE)
 def test_a_hostile_name_shows_as_it_is_and_steers_nothing(name):
     table = Table(name, (Column(name, name), Column("x")), [[name, Cell(name, name, "fail")]], name)

@@ -1,7 +1,6 @@
 """Views: written, opened in rerun itself, looked at."""
 
 import itertools
-import resource
 import signal
 import socket
 import subprocess
@@ -17,8 +16,9 @@ from PIL import Image
 
 import tulip_testbed as tt
 from tests.drawing import draws_with
+from tests.durations import cpu_seconds
 from tests.looking import headless_viewer
-from tulip_testbed.base.errors import InputError
+from tests.test_refusals import check_words, refuse, rows
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.experiments.validation_result import Validation
@@ -31,13 +31,6 @@ from tulip_testbed.viewer.robot_view import undrawn
 from tulip_testbed.viewer.subject import measured, planned, validated
 
 MOST_SECONDS, MOST_BYTES = 20, 60e6  # of a view of 150 postures
-
-
-def cpu_seconds() -> float:
-    """Of this process and its children; a busy machine does not change it as it does wall time."""
-    kinds = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
-    used = [resource.getrusage(kind) for kind in kinds]
-    return sum(usage.ru_utime + usage.ru_stime for usage in used)
 
 
 def side_by_side(views: dict[str, list[rrb.View]], timeline: str) -> rrb.Blueprint:
@@ -93,8 +86,7 @@ def test_a_view_of_150_postures_is_small_and_soon_there(wii, tmp_path, capsys):
 
 
 def test_a_monte_carlo_has_a_page_and_no_view(coverage, tmp_path):
-    with pytest.raises(InputError, match="found a Monte Carlo, which `report` shows"):
-        tt.view(coverage, save=tmp_path / "m.rrd")
+    refuse("found a Monte Carlo, which `report` shows", tt.view, coverage, save=tmp_path / "m.rrd")
 
 
 def test_residual_and_truth_are_the_runs_own(run_folder, moved_wii, robot):
@@ -169,17 +161,9 @@ def _listening() -> list[tuple[int, str]]:
     return found
 
 
-@pytest.mark.parametrize(
-    ("said", "package"),
-    [
-        ("Error: WGPU error: Failed to create surface for any enabled backend: {}", "mesa-vulkan-drivers"),
-        ("thread 'main' panicked at 'Failed to get render context'", "mesa-vulkan-drivers"),
-        ("Library libxkbcommon-x11.so could not be loaded", "libxkbcommon-x11-0"),
-        ("something new", "ended with: something new"),
-    ],
-)
-def test_what_the_viewer_says_is_told_with_the_package_to_install(said, package):
-    assert package in window._fault(said)
+@rows("viewer")
+def test_what_the_viewer_says_is_told_with_the_package_to_install(changes, words):
+    check_words(words, window._fault(changes[0]))
 
 
 def test_links_that_nothing_shows_are_told():

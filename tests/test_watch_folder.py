@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
+from tests.test_refusals import refuse, rows
 from tests.test_watch import measured_day
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
@@ -96,11 +97,9 @@ def test_a_state_belongs_to_a_plan_and_a_manifest(folder, plan, robot, tmp_path)
     grow(path, "".join(lines[:2]))
     judged(path, plan, robot, out=tmp_path / "state")
     other = plan.take(plan.placement <= 9)
-    with pytest.raises(InputError, match="state of another plan"):
-        judged(path, other, robot, out=tmp_path / "state")
+    refuse("state of another plan", judged, path, other, robot, out=tmp_path / "state")
     (tmp_path / "state").write_bytes(b"PK\x03\x04 broken")
-    with pytest.raises(InputError, match="no state of a watch"):
-        judged(path, plan, robot, out=tmp_path / "state")
+    refuse("no state of a watch", judged, path, plan, robot, out=tmp_path / "state")
 
 
 def test_a_line_that_lacks_a_column_is_told_and_passed_over(folder, plan, robot):
@@ -126,29 +125,15 @@ def exchanged(text: str) -> str:
     return header.replace("right_knee", "?").replace("left_knee", "right_knee").replace("?", "left_knee")
 
 
-CHANGES = {  # of a table of which three rows were read; what is said of it
-    "another row": (
-        lambda t, rows: t.replace(rows[2], rows[3]) + " " * 100,
-        "other values in the first 4 lines",
-    ),
-    "a digit": (
-        lambda t, rows: t.replace(rows[0], rows[0][:-2] + "7\n"),
-        "other values in the first 4 lines",
-    ),
-    "fewer rows": (lambda t, rows: t[:-50], "than were read before, or fewer"),
-    "another header below": (lambda t, rows: t + exchanged(t) + rows[3], "line 5: found another header"),
-}
-
-
-@pytest.mark.parametrize("change", CHANGES)
-def test_a_table_that_was_read_may_only_grow(folder, plan, robot, tmp_path, change):
-    (path, lines), (changed, message) = folder, CHANGES[change]
+@rows("watched")
+def test_a_table_that_was_read_may_only_grow(folder, plan, robot, tmp_path, changes, words):
+    path, lines = folder
     table, state = path / "postures.csv", tmp_path / "state"
     grow(path, "".join(lines[:3]))
     judged(path, plan, robot, out=state)
-    table.write_text(changed(table.read_text(), lines))
-    with pytest.raises(InputError, match=message):
-        judged(path, plan, robot, out=state)
+    names = {"text": table.read_text(), "lines": lines, "exchanged": exchanged}
+    table.write_text(eval(changes[0], names))
+    refuse(words, judged, path, plan, robot, out=state)
 
 
 def test_what_was_read_at_the_end_of_the_file_or_before_it_may_not_change(folder, plan, robot, tmp_path):
@@ -163,8 +148,7 @@ def test_what_was_read_at_the_end_of_the_file_or_before_it_may_not_change(folder
     manifest = (path / "manifest.json").read_text()
     (path / "manifest.json").write_text(manifest.replace("9.81", "9.80"))
     grow(path, lines[3])
-    with pytest.raises(InputError, match=r"manifest.json: found another manifest than before the first row"):
-        list(days)
+    refuse("manifest.json: found another manifest than before the first row", list, days)
 
 
 def test_a_value_that_is_none_is_told_by_its_line(folder, plan, robot):
@@ -228,8 +212,7 @@ def test_killed_and_started_again_it_goes_on(folder, day, tmp_path):
 def test_a_line_without_end_is_refused(tmp_path, content):
     path = tmp_path / "postures.csv"
     path.write_bytes(content)
-    with pytest.raises(InputError, match=r"found a line of more than .* or with a carriage return \(CR\)"):
-        new_lines(path, b"", b"")
+    refuse("found a line of more than ... or with a carriage return (CR)", new_lines, path, b"", b"")
 
 
 def test_a_second_watch_of_one_state_is_refused(folder, plan, robot, tmp_path):
@@ -238,8 +221,7 @@ def test_a_second_watch_of_one_state_is_refused(folder, plan, robot, tmp_path):
     state = tmp_path / "state"
     first = tt.watch(path, robot, plan=plan, out=state, once=True)
     assert next(first).line == 2
-    with pytest.raises(InputError, match="state: another process is at work in it"):
-        judged(path, plan, robot, out=state)
+    refuse("state: another process is at work in it", judged, path, plan, robot, out=state)
     assert len(list(first)) == 1
     assert judged(path, plan, robot, out=state) == []
     assert sorted(one.name for one in tmp_path.iterdir()) == ["lab", "state"]

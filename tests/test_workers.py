@@ -38,9 +38,6 @@ def alive(number: int) -> bool:
         return False
 
 
-# A process that starts another in a group of its own, which starts a third one.
-
-
 def test_workers_do_not_hear_what_a_terminal_sends_to_all():
     code = """
 import signal, joblib

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tests.documented import blocks
 from tests.test_measurements import edit_manifest
-from tests.test_refusals import refuse
+from tests.test_refusals import refuse, rows
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.spreadsheet import plain_csv
 from tulip_testbed.cli.main import main
@@ -92,25 +92,9 @@ def test_every_spelling_means_the_same(
     assert plain_csv(PATH, (b"\xef\xbb\xbf" if mark else b"") + text.encode()) == PLAIN
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (b"", "no line with column names"),
-        (b"# nothing\n\n,,\n", "no line with column names"),
-        (PLAIN + b"4,1\n", "line 5: found 2 values, expected 3"),
-        (PLAIN + b"4,1,double,9\n", "line 5: found 4 values, expected 3"),
-        (b"# one\n\n" + PLAIN + b"4,0,25,double\n", "line 7: found 4 values, expected 3"),
-        ("posture,q\n1,\u00bd\n".encode("latin-1"), "byte 12 is not UTF-8; save it as 'CSV UTF-8'"),
-        ("posture,q\n1,2\n".encode("utf-16"), "byte 0 is not UTF-8"),
-        (b"posture;q.a;q.b\n1;0,5;0.5\n", "found both 0,5 and 0.5, expected one decimal sign"),
-        (b'posture,q\n1,"2\n3"\n', "spans two lines"),
-        (b'posture,q\n1,"2\n', "not a CSV file"),
-        (b'posture,q\n1,"2"3\n', "not a CSV file"),
-    ],
-)
-def test_what_could_mean_two_things_is_refused(content, message):
-    with pytest.raises(InputError, match=message):
-        plain_csv(PATH, content)
+@rows("csv")
+def test_what_could_mean_two_things_is_refused(changes, words):
+    refuse(words, plain_csv, PATH, eval(changes[0], {"PLAIN": PLAIN}))
 
 
 @example(b"\x00\r\x0b")  # a line of one vertical tab is empty

@@ -71,16 +71,6 @@ def places(document: Any) -> Iterator[tuple[Any, Any]]:
             yield from places(document[key])
 
 
-def drop_a_key(document: dict, draw: Draw) -> None:
-    inside, name = one(draw, [pair for pair in places(document) if isinstance(pair[0], dict)])
-    del inside[name]
-
-
-def strange_value(document: dict, draw: Draw) -> None:
-    inside, key = one(draw, places(document))
-    inside[key] = draw(st.sampled_from(STRANGE) | json_values)
-
-
 def changed_anywhere(document: Any, draw: Draw) -> None:
     """Lose a key, or give one any value."""
     inside, key = one(draw, places(document))
