@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
@@ -10,11 +11,14 @@ from scipy.spatial.transform import Rotation
 import tulip_testbed as tt
 from studies.real_robots.records import (
     DELAY,
+    FRAMES,
     GRAVITY,
+    ROCKS,
     _tipping,
     draw_truth,
     log,
     map_text,
+    on_left_foot,
     simulate,
     true_spec,
 )
@@ -26,6 +30,7 @@ from tulip_testbed.effects.motion_effects import DAMPING
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import residuals
+from tulip_testbed.sim.robot import joint_names
 
 SECONDS = 8.0
 EDGE = slice(100, -100)  # rows away from the ends of a filter
@@ -111,6 +116,27 @@ def unexplained_directions(observed, truth):
     """Return the s.d. of the force's direction without what a foot that yields explains, (2,) [rad]."""
     clean = catalogue()["foot-compliance"].remove(observed, "left", tuple(truth.compliance))
     return residuals(clean, observed.nominal.value)[1:-1, 3:5].std(axis=0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_log_is_in_the_axes_that_the_truth_names(frame, sign, robot, motion):
+    plain = replace(draw_truth(robot, None), frame=frame, sign=sign)
+    columns = log(robot, plain, motion, np.random.default_rng(3))
+    forces = sign * np.column_stack([columns[f"left_foot_f{axis}_N"] for axis in "xyz"])
+    planted, expected = on_left_foot(robot, plain), []
+    data, names = mujoco.MjData(planted), (*joint_names(robot.model), *ROCKS)
+    for angles, wrench, tilt in zip(motion.joints, motion.wrench, motion.tilt, strict=True):
+        for name, angle in zip(names, (*angles, *tilt), strict=True):
+            data.joint(name).qpos = angle
+        mujoco.mj_kinematics(planted, data)
+        in_world = data.body(robot.swing_foot).xmat.reshape(3, 3) @ wrench[:3]
+        root = data.body(robot.model.body(1).name).xmat.reshape(3, 3)
+        expected.append({"sensor": wrench[:3], "base": in_world @ root, "world": in_world}[frame])
+    assert forces == pytest.approx(np.array(expected), abs=1.5)
+    right = np.column_stack([columns[f"right_foot_f{axis}_N"] for axis in "xyz"])
+    assert np.abs(right).max() < 2
 
 
 def test_wrenches_in_axes_that_turn_become_the_same_rows(robot, truth, motion, tmp_path):
