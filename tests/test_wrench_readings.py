@@ -226,6 +226,13 @@ def test_the_sensors_do_not_change_how_the_robot_stands(robot, plan):
     assert np.array_equal(plates.held[0].joint_angles, feet.held[0].joint_angles)
 
 
+@pytest.mark.parametrize("name", ["plate-ft", "plate-cop"])
+def test_exact_plates_recover_every_parameter_of_the_shipped_plan(robot, name):
+    run = laboratory(robot, name).run(tt.plans.random, 5, "statics")
+    error = identify(run.measurements, robot).full.value - run.laboratory.true_base_parameters(run.plan)
+    assert np.abs(error).max() < 1e-4  # m
+
+
 @pytest.mark.parametrize("name", ["sole-ft", pytest.param("sole-3axis", marks=pytest.mark.slow)])
 def test_exact_soles_recover_all_that_their_zeros_leave(robot, name):
     """On both feet alone the same five directions are hidden as in the ankles; on the mixed plan none."""
