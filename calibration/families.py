@@ -68,9 +68,8 @@ OF_PLATES = (
     "plate-translation",
     "plate-yaw",
 )  # scale with the s.d. of a placement, the others with the cells'
-SOLE, CROSSTALK = "foot-compliance", "wrench-crosstalk"
+SOLE = "foot-compliance"
 DRIFTS = ("wrench-drift", "encoder-wander", "cell-wander")  # none in a log of a minute
-UNCORRECTED = 5.0  # times the tolerance: 5 % of the range, see the table
 TIPPING = 0.1  # of the compliance with which a robot would tip over, 1 / (height x weight); assumed
 # Squared mean of the absolute value of a standard normal deviate.
 COMMON = 2 / np.pi
@@ -326,12 +325,8 @@ def families_in(
                 if targets and tolerances.value.get(effect.name)
             ),
         )
-    if observed.moves and observed.in_feet:  # a short record, of sensors without a correction by a matrix
-        families = tuple(
-            replace(family, tolerance=UNCORRECTED * family.tolerance) if family.name == CROSSTALK else family
-            for family in families
-            if family.name not in DRIFTS
-        )
+    if observed.moves and observed.in_feet:  # a short record
+        families = tuple(family for family in families if family.name not in DRIFTS)
     if contacts is None or readings.zero_sd is None or not readings.zero_sd.any():
         return families
     if readings.unknown is not None and readings.unknown.any():

@@ -10,6 +10,7 @@ from tulip_testbed.effects.effect import Effect, Parameter, Values
 from tulip_testbed.effects.lasting import Lasting
 from tulip_testbed.effects.misreading import Misreading
 from tulip_testbed.effects.targets import FEET, PLATE_NAMES, WRENCH_CHANNELS, WRENCH_PAIRS
+from tulip_testbed.identification.contact_readings import LEVER
 from tulip_testbed.identification.kinematics import turned_about
 from tulip_testbed.identification.observation import Observation, fraction_of_time
 from tulip_testbed.measurements import Measurements
@@ -18,10 +19,6 @@ from tulip_testbed.measurements.contacts import WRENCH, Contacts
 from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.wrench_sensors import in_frame
-
-# Range of moments over that of forces [m]: 60 Nm and 2000 N, 30 Nm and 1000 N of humanoids' feet; 20 Nm and
-# 580 N of ATI's Mini45.
-LEVER = 0.03
 
 
 def _unit(target: str) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import lsq_linear, minimize
 
 from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import InputError, listed
@@ -42,6 +42,7 @@ STARTS = (0.1, 1.0)  # of the prior's scale
 HARMLESS = 1e-5  # m: residuals that leave nothing to beat
 WIDE = 0.1  # m: what a zero of which nothing is known may move the centre of pressure by
 SMALLEST = 1e-6  # m: changes and s.d. that count as none
+PLAUSIBLE = 2.0  # s.d. of a zero
 WIDEST = 1.0  # of the prior's scale: beyond, masses would be absurd
 
 
@@ -166,13 +167,12 @@ def predict(
 def cad_errors(problem: PredictionProblem, train: np.ndarray) -> np.ndarray:
     """Return CAD's residuals less what zeros explain of the training postures', (m, 2) [m].
 
-    Zeros have their prior, next to the scatter that no zeros explain.
+    Zeros stay within two s.d.: what only larger ones would explain is CAD's.
     """
     target, columns = problem.residual[train].ravel(), _rows(problem.zeros, train)
-    free = target - columns @ np.linalg.lstsq(columns, target)[0]
-    noise = max(float(np.sqrt((free**2).mean())), SMALLEST)
-    size = columns.T @ np.linalg.solve(columns @ columns.T + noise**2 * np.eye(len(target)), target)
-    return problem.residual - problem.zeros @ size
+    if not columns.shape[1]:
+        return problem.residual
+    return problem.residual - problem.zeros @ lsq_linear(columns, target, (-PLAUSIBLE, PLAUSIBLE)).x
 
 
 def _score(
@@ -212,12 +212,13 @@ def _score(
                 found.pop(WITH_CORRECTIONS)
         advance(1)
     if problem.zeros.shape[2]:
-        assert m.contacts is not None
-        bounded = np.isfinite(m.contacts.zero_sd).all()
-        known, how = ("known by their s.d. only", "within it") if bounded else ("unknown", "freely")
+        unknown = problem.observed.contacts.unknown
+        free = unknown is not None and unknown.any()
+        known, how = ("unknown", "freely") if free else ("known by their s.d. only", "within it")
+        weight = "weighed mass" if m.weighed_mass else "nominal mass" if free else "measured forces"
         notes.append(
             f"The sensors' zeros are {known}: those of every model, CAD too, are fitted {how} in training, "
-            f"and the weight is that of the {'weighed' if m.weighed_mass else 'nominal'} mass."
+            f"and the weight is that of the {weight}."
         )
     if unsteady:
         notes.append(
@@ -359,8 +360,8 @@ def _rows(values: np.ndarray, chosen: np.ndarray) -> np.ndarray:
 def _about_zeros(m: Measurements, nominal: Nominal, zero_sd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the centre of pressure, (m, 2) [m], and its change by one s.d. of zeros, (m, 2, z).
 
-    The vertical forces hold the zeros too: the moments are divided by the robot's weight, so that zeros
-    enter linearly.
+    Vertical forces hold the zeros too. If nothing is known of these, the moments are divided by the weight of
+    the nominal or weighed mass.
 
     Args:
         zero_sd: of each channel's zero, infinite if nothing is known of it, (2, c) [N, Nm].
@@ -368,7 +369,7 @@ def _about_zeros(m: Measurements, nominal: Nominal, zero_sd: np.ndarray) -> tupl
 
     def center(wrenches: np.ndarray) -> np.ndarray:
         other = replace(m, wrenches=wrenches)
-        if m.weighed_mass is not None:
+        if not nominal_weight:
             return contact_pressure(other, nominal).center
         observed = observe(other, nominal)
         forces = carried(observed).reshape(len(m), 2, -1)
@@ -376,6 +377,7 @@ def _about_zeros(m: Measurements, nominal: Nominal, zero_sd: np.ndarray) -> tupl
         return contact_pressure(other, nominal).center * (total / (nominal.mass * m.gravity))[:, None]
 
     assert m.wrenches is not None
+    nominal_weight = m.weighed_mass is None and np.isinf(zero_sd).any()
     here, columns, weight = center(m.wrenches), [], []
     for side, channel in np.argwhere(zero_sd):
         zero = np.zeros(zero_sd.shape)
@@ -383,7 +385,7 @@ def _about_zeros(m: Measurements, nominal: Nominal, zero_sd: np.ndarray) -> tupl
         change, sd = center(m.wrenches + zero) - here, zero_sd[side, channel]
         if (size := float(np.sqrt((change**2).mean()))) > SMALLEST:
             columns.append(change * (sd if np.isfinite(sd) else WIDE / size))
-    if m.weighed_mass is None:  # an error of the weight is no error of the CAD model's centre of mass
+    if nominal_weight:  # an error of the weight is no error of the CAD model's centre of mass
         mass = standard_parameters(nominal.robot.model)[:, 0]
         # By the moments that CAD expects: by the measured ones, any could be made to vanish.
         expected = nominal.center_of_mass(m.joint_angles, m.support)

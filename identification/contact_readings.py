@@ -22,6 +22,9 @@ LEAST_NOISE = 1e-6  # of the assumed variance, that every channel has
 WIDE_FORCE, WIDE_MOMENT = 0.5, 0.1  # -, m
 # Of a log, whose sensors were tared at some time before; assumed.
 MOVING_FORCE, MOVING_MOMENT = 0.1, 0.03  # -, m
+# Range of moments over that of forces [m]: 60 Nm and 2000 N, 30 Nm and 1000 N of humanoids' feet; 20 Nm and
+# 580 N of ATI's Mini45.
+LEVER = 0.03
 
 
 @dataclass(frozen=True)
@@ -153,10 +156,15 @@ def _weight_below(contacts: Contacts, upright: np.ndarray, gravity: float) -> np
 def _zeros(
     contacts: Contacts, known: np.ndarray, stands: np.ndarray, covariance: np.ndarray, wide: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Estimate the zeros from the feet in the air and from what was stated: values and s.d., (2, c) each."""
+    """Estimate the zeros from the feet in the air and from what was stated: values and s.d., (2, c) each.
+
+    If nothing is stated, and one sensor alone was in the air, the other's zeros are of its size: their s.d. is
+    that of Student's t, whose scale is the root mean square of the n zeros that were seen.
+    """
     exact = contacts.covariance is not None and not np.any(contacts.covariance)
     variance = np.zeros(len(covariance)) if exact else np.diag(covariance)
     zero, zero_sd = np.zeros_like(contacts.zero_sd), np.minimum(contacts.zero_sd, wide)
+    shown = list[int]()
     for side in (0, 1):
         air = known[~stands[:, side], side]
         air = air[np.isfinite(air).all(axis=1)]
@@ -165,6 +173,11 @@ def _zeros(
         own, prior = variance / len(air), zero_sd[side] ** 2
         share = np.divide(prior, prior + own, out=np.zeros_like(prior), where=prior > 0)
         zero[side], zero_sd[side] = share * air.mean(axis=0), np.sqrt(share * own)
+        shown.append(side)
+    if np.isinf(contacts.zero_sd).all() and len(shown) == 1:
+        scale, n = by_kind(contacts.channels, 1.0, LEVER), len(wide)
+        square = ((zero[shown] ** 2 + zero_sd[shown] ** 2) / scale**2).mean()
+        zero_sd[1 - shown[0]] = np.minimum(scale * np.sqrt(square * n / (n - 2)), wide)
     return zero, zero_sd
 
 
