@@ -158,7 +158,7 @@ def _zeros(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Estimate the zeros from the feet in the air and from what was stated: values and s.d., (2, c) each.
 
-    If nothing is stated, and one sensor alone was in the air, the other's zeros are of its size: their s.d. is
+    If nothing is stated, and one sensor alone was in the air, the other's zeros are as large: their s.d. is
     that of Student's t, whose scale is the root mean square of the n zeros that were seen.
     """
     exact = contacts.covariance is not None and not np.any(contacts.covariance)

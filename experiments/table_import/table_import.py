@@ -219,10 +219,9 @@ class _Import:
             f"{ASSUMED_FORCE:g} N or {ASSUMED_MOMENT:g} Nm (1 s.d.)": any(
                 entry.covariance is None for entry in wrenches
             ),
-            "the contact sensors' `zero` is unknown: it is estimated; if they were tared, state the s.d. of "
-            "what that left of every channel, such as `zero = [2, 2, 2, 0.1, 0.1, 0.1]` [N, Nm]": any(
-                entry.zero == UNKNOWN for entry in wrenches
-            ),
+            "the contact sensors' `zero` is unknown: a foot in the air shows it, and how far off the "
+            "other's may be; if they were tared, state the s.d. of what that left of every channel, such as "
+            "`zero = [2, 2, 2, 0.1, 0.1, 0.1]` [N, Nm]": any(entry.zero == UNKNOWN for entry in wrenches),
             "the `sd` of the centres of pressure is unknown: their forces are taken to err by "
             f"{ASSUMED_FORCE:g} N and the moments by {ASSUMED_MOMENT:g} Nm (1 s.d.)": any(
                 isinstance(entry, CopEntry) and entry.sd is None for entry in entries
