@@ -167,12 +167,16 @@ def predict(
 def cad_errors(problem: PredictionProblem, train: np.ndarray) -> np.ndarray:
     """Return CAD's residuals less what zeros explain of the training postures', (m, 2) [m].
 
-    Zeros stay within two s.d.: what only larger ones would explain is CAD's.
+    Zeros have their prior, next to the scatter that no zeros explain: what the training does not determine
+    stays near zero. They stay within two s.d.: what only larger ones would explain is CAD's.
     """
     target, columns = problem.residual[train].ravel(), _rows(problem.zeros, train)
-    if not columns.shape[1]:
+    if not (count := columns.shape[1]):
         return problem.residual
-    return problem.residual - problem.zeros @ lsq_linear(columns, target, (-PLAUSIBLE, PLAUSIBLE)).x
+    free = target - columns @ np.linalg.lstsq(columns, target)[0]
+    noise = max(float(np.sqrt((free**2).mean())), SMALLEST)
+    whole, wanted = np.vstack([columns, noise * np.eye(count)]), np.append(target, np.zeros(count))
+    return problem.residual - problem.zeros @ lsq_linear(whole, wanted, (-PLAUSIBLE, PLAUSIBLE)).x
 
 
 def _score(

@@ -19,8 +19,9 @@ from tulip_testbed.experiments.predict import (
     MODELS,
     WITH_CORRECTIONS,
     PredictionProblem,
+    cad_errors,
 )
-from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
+from tulip_testbed.identification.base_parameters import base_parameters, common_support, standard_parameters
 from tulip_testbed.identification.cad_prior import cad_prior
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.measurements import write_measurements
@@ -225,6 +226,20 @@ def test_zeros_that_are_stated_are_fitted_within_their_s_d(robot):
         rms.append(np.sqrt((problem.zeros**2).mean()))
     assert rms[1] == pytest.approx(2 * rms[0])
     assert rms[2] > 5 * rms[1]
+
+
+def test_zeros_that_the_training_does_not_determine_stay_near_zero(robot):
+    """On the left foot alone its vertical zero moves nothing, on both feet the centre of pressure by 3 mm."""
+    m = tt.Laboratory(robot, sensors="foot-ft").run(tt.plans.mixed, SEED + 1, "statics").measurements
+    m = m.take(np.flatnonzero(m.support != "right"))  # the left sensor never shows its zeros
+    problem = PredictionProblem(m, nominal_robot(robot, common_support(m.support)))
+    train = np.flatnonzero(m.support == "left")
+    _, weight, directions = np.linalg.svd(problem.zeros[train].reshape(2 * len(train), -1))
+    removed = problem.residual - cad_errors(problem, train)
+    size = np.linalg.lstsq(problem.zeros.reshape(2 * len(m), -1), removed.ravel())[0]
+    hidden = directions[weight < 1e-3 * weight[0]]
+    assert len(hidden)
+    assert np.abs(hidden @ size).max() < 0.01
 
 
 @pytest.mark.slow
