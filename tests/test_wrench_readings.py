@@ -221,6 +221,9 @@ def test_a_sensor_that_was_never_in_the_air_is_as_far_off_as_the_one_that_was(st
     assert np.sqrt(np.square(shares).mean()) == pytest.approx(1.0, abs=0.12)
     stated = replace(m, contacts=replace(m.contacts, zero_sd=np.full((2, 6), 2.0)))
     assert (left_sd(stated) == 2.0).all()
+    wrenches = exact.copy()
+    wrenches[:, 0] = 0.0  # written by a program that leaves out a foot in the air
+    assert (left_sd(replace(m, wrenches=wrenches)) > 10.0).all()  # N, Nm: nothing is known
 
 
 def test_measurements_say_what_a_user_knows_and_no_more(robot, plan, static):
