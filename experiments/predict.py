@@ -341,7 +341,7 @@ class PredictionProblem:
         matrix: H, (m, 2, p). center: centre of pressure, (m, 2) [m]. residual: of CAD, (m, 2) [m].
         spread: root of the prior's covariance of the base parameters, (p, k) [m].
         zeros: change of the residual by one s.d. of sensors' zeros that are not known well, and of the
-            weight if it is not known, (m, 2, z).
+            weight if neither they nor a weighed mass tell it, (m, 2, z).
     """
 
     def __init__(self, m: Measurements, nominal: Nominal):

@@ -227,7 +227,7 @@ def regression(
 def zero_columns(observed: Observation) -> np.ndarray:
     """Return how zeros of which nothing is known change centre of pressure and weight, (m, 3, z).
 
-    There is a column for every channel whose zero was neither stated nor shown by a foot in the air.
+    There is a column for every channel whose zero was neither stated nor shown by feet in the air.
     """
     readings = observed.contacts
     if readings.unknown is None or readings.by_channel is None:
