@@ -158,9 +158,9 @@ def _zeros(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Estimate the zeros from the feet in the air and from what was stated: values and s.d., (2, c) each.
 
-    If nothing is stated, and one sensor alone was in the air, the other's zeros are as large: their s.d. is
-    that of Student's t, whose scale is the root mean square of the n zeros that were seen. Zeros of exactly
-    0 show nothing: programs write them for a foot in the air.
+    If nothing is stated, and one sensor in a foot alone was in the air, the other's zeros are as large: their
+    s.d. is that of Student's t, whose scale is the root mean square of the n zeros that were seen. Zeros of
+    exactly 0 show nothing: programs write them for a foot in the air.
     """
     exact = contacts.covariance is not None and not np.any(contacts.covariance)
     variance = np.zeros(len(covariance)) if exact else np.diag(covariance)
@@ -175,7 +175,8 @@ def _zeros(
         share = np.divide(prior, prior + own, out=np.zeros_like(prior), where=prior > 0)
         zero[side], zero_sd[side] = share * air.mean(axis=0), np.sqrt(share * own)
         shown.append(side)
-    if np.isinf(contacts.zero_sd).all() and len(shown) == 1 and zero[shown].any():
+    alike = contacts.mount == "foot" and np.isinf(contacts.zero_sd).all()
+    if alike and len(shown) == 1 and zero[shown].any():
         scale, n = by_kind(contacts.channels, 1.0, LEVER), len(wide)
         square = ((zero[shown] ** 2 + zero_sd[shown] ** 2) / scale**2).mean()
         zero_sd[1 - shown[0]] = np.minimum(scale * np.sqrt(square * n / (n - 2)), wide)
