@@ -164,19 +164,26 @@ def predict(
     )
 
 
-def cad_errors(problem: PredictionProblem, train: np.ndarray) -> np.ndarray:
+def cad_errors(problem: PredictionProblem, train: np.ndarray, offset: bool = False) -> np.ndarray:
     """Return CAD's residuals less what zeros explain of the training postures', (m, 2) [m].
 
     Zeros have their prior, next to the scatter that no zeros explain: what the training does not determine
     stays near zero. They stay within two s.d.: what only larger ones would explain is CAD's.
+
+    Args:
+        offset: whether a constant explains a part too, so that no zero has to make up for it.
     """
-    target, columns = problem.residual[train].ravel(), _rows(problem.zeros, train)
-    if not (count := columns.shape[1]):
+    count, free = problem.zeros.shape[2], 2 if offset else 0
+    if not count + free:
         return problem.residual
-    free = target - columns @ np.linalg.lstsq(columns, target)[0]
-    noise = max(float(np.sqrt((free**2).mean())), SMALLEST)
-    whole, wanted = np.vstack([columns, noise * np.eye(count)]), np.append(target, np.zeros(count))
-    return problem.residual - problem.zeros @ lsq_linear(whole, wanted, (-PLAUSIBLE, PLAUSIBLE)).x
+    constant = np.broadcast_to(np.eye(2)[:, :free], (len(problem.residual), 2, free))
+    every = np.concatenate([problem.zeros, constant], axis=2)
+    target, columns = problem.residual[train].ravel(), _rows(every, train)
+    left = target - columns @ np.linalg.lstsq(columns, target)[0]
+    noise = max(float(np.sqrt((left**2).mean())), SMALLEST)
+    whole = np.vstack([columns, noise * np.eye(count, count + free)])
+    most = np.repeat([PLAUSIBLE, np.inf], [count, free])
+    return problem.residual - every @ lsq_linear(whole, np.append(target, np.zeros(count)), (-most, most)).x
 
 
 def _score(
@@ -199,7 +206,7 @@ def _score(
             raise InputError(f"{split.name}: found no posture to train with, expected two blocks or more")
         of_cad = cad_errors(problem, train)
         found[CAD].append(of_cad[test])
-        found[CAD_WITH_OFFSET].append(of_cad[test] - of_cad[train].mean(axis=0))
+        found[CAD_WITH_OFFSET].append(cad_errors(problem, train, offset=True)[test])
         found[CONSTANT].append(problem.center[test] - problem.center[train].mean(axis=0))
         if change is not None:
             found[EXPORTED].append((of_cad - change)[test])

@@ -240,6 +240,10 @@ def test_zeros_that_the_training_does_not_determine_stay_near_zero(robot):
     hidden = directions[weight < 1e-3 * weight[0]]
     assert len(hidden)
     assert np.abs(hidden @ size).max() < 0.01
+    # Nor do they make up for a constant where an offset may.
+    errors = cad_errors(problem, train, offset=True)
+    problem.residual = problem.residual + [0.02, -0.01]
+    assert cad_errors(problem, train, offset=True) == pytest.approx(errors, abs=1e-6)
 
 
 @pytest.mark.slow

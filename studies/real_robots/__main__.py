@@ -38,8 +38,7 @@ def main(data: Path) -> None:
     problem = PredictionProblem(m, nominal_robot(robot, common_support(m.support)))
     cad, corrected = np.empty((2, len(m), 2))
     for train, test in by_halves(m).folds:
-        of_cad = cad_errors(problem, train)
-        cad[test] = of_cad[test] - of_cad[train].mean(axis=0)
+        cad[test] = cad_errors(problem, train, offset=True)[test]
         corrected[test], _ = corrected_errors(problem, (), train, test)
     order, measured = np.argsort(m.time), problem.center - problem.center.mean(axis=0)
     for k, axis in enumerate("xy"):
