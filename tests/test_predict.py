@@ -242,7 +242,7 @@ def test_zeros_that_the_training_does_not_determine_stay_near_zero(robot):
     assert np.abs(hidden @ size).max() < 0.01
     # Nor do they make up for a constant where an offset may.
     errors = cad_errors(problem, train, offset=True)
-    problem.residual = problem.residual + [0.02, -0.01]
+    problem.residual = problem.residual + np.array([0.02, -0.01])
     assert cad_errors(problem, train, offset=True) == pytest.approx(errors, abs=1e-6)
 
 
