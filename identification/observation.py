@@ -64,7 +64,7 @@ class Observation:
             cells the twist of a board holds no information. A tared cell without load reads minus its share
             of the board's weight; if the empty board rocked when it was tared, nothing.
         motion: what motion adds to shift, lift and push, see `BeyondWeight`; nothing if the robot is held.
-        sag: of servos that move, the part that feed-forward leaves, by the commands, see `joint_loads`.
+        sag: of servos, the part that feed-forward leaves, by the commands, (m,), see `joint_loads`.
         noise_in_time: how the noise of rows is correlated in time; None: it is not.
         cad: what CAD says about the base parameters; None: the postures determine them.
         compliances: means of the prior of corrected compliances, by label; those of the others are zero.
@@ -91,8 +91,8 @@ class Observation:
     cell_sd: float
     time_fraction: np.ndarray
     on_four_cells: np.ndarray
+    sag: np.ndarray
     motion: BeyondWeight = HELD
-    sag: float = 1.0
     noise_in_time: NoiseInTime | None = None
     cad: CadPrior | None = None
     compliances: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
@@ -272,6 +272,7 @@ class Observation:
             self.cell_sd,
             self.measurements.support == "double",
             self.servo_stiffness,
+            self.servo_gain,
             self.sag,
             self.moves,
         )
@@ -337,6 +338,7 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
         shift=added[:, :2],
         lift=known_weight(measurements) + added[:, 2],
         push=added[:, 3:],
+        sag=np.ones(m),
         motion=motion,
         standard=standard_parameters(nominal.robot.model),
         board_share=share,
@@ -356,9 +358,9 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
             else np.zeros((m, 2), bool)
         ),
     )
-    if observed.moves and measurements.command is not None:
-        by_servos = gain * (measurements.command - measurements.joint_angles)
-        observed = observed.changed(sag=sag_left(observed.loads, by_servos))
+    if measurements.command is not None:
+        sags = measurements.command - measurements.joint_angles
+        observed = observed.changed(sag=sag_left(observed.loads, sags, measurements.of_experiment))
     rates, faster = measurements.wrench_rates, measurements.wrench_accelerations
     if not observed.moves or not observed.in_feet or rates is None or faster is None:
         return observed
