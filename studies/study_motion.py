@@ -21,7 +21,7 @@ from scipy.stats import t
 
 import tulip_testbed as tt
 from studies.hidden_effects.hiding import ONE, Case, Clearness, Truth, clear_effect, hidden_kinds
-from studies.hidden_effects.judging import Outcome, said
+from studies.hidden_effects.judging import REFUSED, Found, Outcome, said
 from studies.hidden_effects.laboratories import Built
 from studies.hidden_effects.readings import Values
 from studies.runner import Settings, header, row, share, shipped_plan
@@ -198,8 +198,12 @@ def hidden_fault(folder: Path, seed: int, kind: str) -> Outcome:
     kind, target = split_label(label)
     instance = EffectInstance(catalogue()[kind], target, values)
     run = inside.with_effects(instance).run(plan, seed=seed, engine="dynamics", workers=1)
-    found, truth = discover(run.measurements, inside.robot, seed), Truth({label: values}, shows=(shown,))
-    outcome = Outcome(Case(ONE, "wii", (kind,), True), seed, truth, verdict=found.verdict, found=said(found))
+    outcome = Outcome(Case(ONE, "wii", (kind,), True), seed, Truth({label: values}, shows=(shown,)))
+    try:
+        found = discover(run.measurements, inside.robot, seed)
+        outcome = replace(outcome, verdict=found.verdict, found=said(found))
+    except InputError as error:
+        outcome = replace(outcome, verdict=REFUSED, found=(Found(str(error)),))
     write_text(place, DOCUMENT.dump_json(outcome).decode())
     return outcome
 
