@@ -28,6 +28,7 @@ from tulip_testbed.measurements.stated_convention import AXES, WORLD
 from tulip_testbed.sim.scene import plate_masses
 
 LONG_GAP = 1.5  # of the median time between a placement's postures
+STILL = 10.0  # s, assumed: in simulations feet creep 0.1 mm in 75 s, and slip by up to 0.6 mm where a corner lifts
 LEAST_LOAD = 0.5  # N
 SIZE, TWISTS = 11, slice(3, 5)  # residuals of a posture, see `residual_channels`
 NEARLY_ALL = 0.9  # of the postures
@@ -116,7 +117,8 @@ class Observation:
         """Return the number of the stance, within which the feet do not move, (m,).
 
         A new placement begins a new stance. So does a gap in time, in which a posture was dropped and the
-        robot may have been put down again; without times, gaps in the posture numbers are used.
+        robot may have been put down again; without times, gaps in the posture numbers are used. Below
+        moving legs feet creep and slip, so that a stance of a motion ends after `STILL`.
         """
         placement, time = self.measurements.placement, self.measurements.time
         timed = np.isfinite(time).all()
@@ -126,7 +128,11 @@ class Observation:
         usual = np.median(gap[same]) if same.any() else 0.0
         number = np.empty(len(time), int)
         number[order] = np.append(0, np.cumsum(~same | (gap > LONG_GAP * usual) | (gap < 0)))
-        return number
+        if not self.moves:
+            return number
+        begins = np.array([time[number == one].min() for one in range(number.max() + 1)])
+        part = np.column_stack([number, (time - begins[number]) // STILL])
+        return np.unique(part, axis=0, return_inverse=True)[1]
 
     @cached_property
     def in_time(self) -> Decorrelation | None:
