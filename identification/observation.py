@@ -28,7 +28,7 @@ from tulip_testbed.measurements.stated_convention import AXES, WORLD
 from tulip_testbed.sim.scene import plate_masses
 
 LONG_GAP = 1.5  # of the median time between a placement's postures
-STILL = 10.0  # s, assumed: in simulations feet creep 0.1 mm in 75 s, and slip by up to 0.6 mm where a corner lifts
+STILL = 10.0  # s, assumed: simulated feet creep 0.1 mm in 75 s, and slip by 0.6 mm where a corner lifts
 LEAST_LOAD = 0.5  # N
 SIZE, TWISTS = 11, slice(3, 5)  # residuals of a posture, see `residual_channels`
 NEARLY_ALL = 0.9  # of the postures
@@ -128,7 +128,7 @@ class Observation:
         usual = np.median(gap[same]) if same.any() else 0.0
         number = np.empty(len(time), int)
         number[order] = np.append(0, np.cumsum(~same | (gap > LONG_GAP * usual) | (gap < 0)))
-        if not self.moves:
+        if not (self.moves and timed):
             return number
         begins = np.array([time[number == one].min() for one in range(number.max() + 1)])
         part = np.column_stack([number, (time - begins[number]) // STILL])
