@@ -92,7 +92,7 @@ def test_feet_that_creep_have_no_place_for_longer_than_a_stance(robot, monkeypat
     assert plan.motion is not None
     assert plan.motion.seconds > 35
     observed = observe(
-        tt.Laboratory(robot, sensors=EXACT).run(plan, workers=1).measurements, nominal_robot(robot)
+        tt.Laboratory(robot, sensors=EXACT).run(plan, 2, workers=1).measurements, nominal_robot(robot)
     )
     residual = residuals(observed, observed.nominal.value)
     crept, left = (
