@@ -18,6 +18,7 @@ from tests.test_refusals import refuse
 from tulip_testbed.base.progress import Advance
 from tulip_testbed.calibration.families import Family
 from tulip_testbed.effects.instance import EffectInstance, removed
+from tulip_testbed.effects.laws.misread import undo
 from tulip_testbed.effects.motion_effects import LAG, MOTION_EFFECTS
 from tulip_testbed.experiments.discovery_curves import about_stances
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
@@ -101,6 +102,17 @@ def test_feet_that_creep_have_no_place_for_longer_than_a_stance(robot, monkeypat
     )
     assert crept[:2].min() > 2e-5
     assert (left < 0.5 * crept)[:2].all()
+
+
+def test_an_encoder_that_errs_with_the_direction_errs_with_the_rate_of_its_row(robot, moved):
+    """As one on the motor does, by friction and what yields; rows before and after tell it less well."""
+    samples, size = moved.samples, 2e-3
+    at, angles = samples.joints.index("right_knee"), samples.joint_angles.copy()
+    angles[:, at] += size * np.sign(np.gradient(angles[:, at]))
+    m, rows = moved.measurements, np.arange(0, len(moved.measurements), 3)
+    faulty = observe(reduced_motion(replace(samples, joint_angles=angles)).take(rows), nominal_robot(robot))
+    left = undo(faulty, "encoder:right_knee/direction/step", (size,)).joint_angles - m.joint_angles[rows]
+    assert np.sqrt(np.mean(left[:, at] ** 2)) < 0.25 * size
 
 
 def test_a_board_that_rocks_within_a_row_has_no_twist(robot, moved):
