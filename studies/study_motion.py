@@ -34,6 +34,7 @@ from tulip_testbed.discovery.candidate_search import CandidateSearch, calibrated
 from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.detectability import detectable_size, single_level
 from tulip_testbed.discovery.discover import discover
+from tulip_testbed.discovery.law_candidates import law_candidates
 from tulip_testbed.discovery.selection import LEVEL
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import EffectInstance, split_label
@@ -47,7 +48,7 @@ from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.measurements.cells import CELLS
 from tulip_testbed.measurements.logs.series_reduction import reduced_motion
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
-from tulip_testbed.sim.robot import load_robot
+from tulip_testbed.sim.robot import Robot, joint_names, load_robot
 
 PLACEMENTS, POSTURES, PLAN_SEED = 6, 20, 5
 SPEEDS = {"slow": 0.1, "usual": 0.3, "fast": 0.6}  # rad/s of the fastest joint
@@ -57,12 +58,14 @@ LABORATORIES, LONGER = 5, (10, 40)  # with faults; placements and postures of ea
 # Zeros of two joints, the gain of a cell, the tare of a cell; the sign and the instrument are drawn.
 FAULTS = {"encoder-offset": np.radians(1.0), "cell-gain": 0.12, "cell-tare": 8.0}
 CASES, LEAST_ROWS = 20, 3  # hidden faults; every third posture, as many as the motion has independent rows
+FRICTION = "reading by direction"  # of an encoder on the motor, through what yields
 OF_JOINTS = {
     "backlash": "deg",
     "joint-compliance": "deg/Nm",
     "encoder-offset": "deg",
     "encoder-gain": "%",
     "encoder-slip": "deg",
+    FRICTION: "deg",
 }
 TESTS = 100.0  # independent ones among the candidates
 CAD = ", inertias of CAD"
@@ -250,16 +253,22 @@ def detectable(measured: Measurements) -> dict[str, np.ndarray]:
         observed, found = with_independent_rows(observed), None
     search = CandidateSearch.of(observed)
     linear = calibrated_data(search.observed, found or first_calibration(search.observed)).null.linear
-    among = [each for each in search.candidates if each.effect.name in OF_JOINTS]
-    columns, level = candidate_columns(linear, among).projected, single_level(LEVEL, TESTS)
-    least = [
-        detectable_size(one, points[len(points) // 2], level)
-        for one, points in zip(among, columns, strict=True)
-    ]
-    return {
-        kind: np.array([size for one, size in zip(among, least, strict=True) if one.effect.name == kind])
-        for kind in OF_JOINTS
-    }
+    effects = [each for each in search.candidates if each.effect.name in OF_JOINTS]
+    laws = [each for each in law_candidates(search.observed) if each.target in by_direction(robot)]
+    named = [each.effect.name for each in effects] + [FRICTION] * len(laws)
+    columns, level = candidate_columns(linear, effects + laws).projected, single_level(LEVEL, TESTS)
+    least = np.array(
+        [
+            detectable_size(one, points[len(points) // 2], level)
+            for one, points in zip(effects + laws, columns, strict=True)
+        ]
+    )
+    return {kind: least[np.array(named) == kind] for kind in OF_JOINTS}
+
+
+def by_direction(robot: Robot) -> list[str]:
+    """Name the laws by which encoders err with the direction of their joints."""
+    return [f"encoder:{joint}/direction/step" for joint in joint_names(robot.model)]
 
 
 def sizes(settings: Settings) -> Iterator[str]:
