@@ -14,6 +14,9 @@ ROUNDING = 1e-12  # relative
 # S.d. of the wrench between the closed legs about that of elastic servos without friction, assumed: a fifth
 # of the wrench of TULip's postures. Friction at rest makes most of it.
 UNSEEN = np.array([1.0, 1.0, 0.4])  # N, N, Nm
+FRICTION = 5.0  # times that if each row counts by itself: friction is alike in like postures, assumed
+ZERO = np.radians(0.15)  # s.d. of an encoder's zero, assumed
+LITTLE = 0.01  # precision of the part of the sag that is left before any data, assumed
 MOVING = 2.0  # times that, of a robot that moves: the feet stay where they were put down
 MISPLACED = 0.002  # m, s.d. of the point of a foot's load by what is not noise of its cells, assumed
 
@@ -28,11 +31,11 @@ class Loads:
         closed: internal wrench per displacement along x and y and about z of the point of the load on the
             swing foot, which the closed legs resist, (m, 3, 3) [N/m, N/rad, Nm/m, Nm/rad].
         levers: torque on every joint per unit of the internal wrench, (m, n_joints, 3) [m, m, -].
-        inverse: internal wrench that a torque on each joint leaves, (m, 3, n_joints).
-        geometry, cells, bears, cell_sd, servo_stiffness: see `joint_loads`.
+        turns: internal wrench that takes up a turn of each joint, (m, 3, n_joints) [N/rad, Nm/rad].
+        yields: the same of a torque on each joint, by its servo's sag and what yields.
+        geometry, cells, bears, cell_sd: see `joint_loads`.
         carried: load of the foot that a joint bears, stance and swing, with its sign, (m, n_joints, 2) [N].
         carries: that sign, (n_joints, 2).
-        sag: see `joint_loads`.
         unseen: s.d. of the internal wrench by what the cells do not show, (3,) [N, N, Nm].
     """
 
@@ -40,15 +43,14 @@ class Loads:
     internal_wrench: np.ndarray
     closed: np.ndarray
     levers: np.ndarray
-    inverse: np.ndarray
+    turns: np.ndarray
+    yields: np.ndarray
     geometry: PostureGeometry
     cells: np.ndarray
     bears: np.ndarray
     cell_sd: float
-    servo_stiffness: np.ndarray
     carried: np.ndarray
     carries: np.ndarray
-    sag: float
     unseen: np.ndarray
 
     @cached_property
@@ -58,7 +60,7 @@ class Loads:
         Returns:
             (m, n_joints, n_joints) [Nm/rad].
         """
-        return self.levers @ self.inverse * self.servo_stiffness
+        return self.levers @ self.turns
 
     @cached_property
     def _by(self) -> np.ndarray:
@@ -78,7 +80,7 @@ class Loads:
     @cached_property
     def wrench_by(self) -> np.ndarray:
         """Differentiate the internal wrench by what `torques_by` says, (m, 3, 2 k + 4)."""
-        return -self.sag * self.inverse @ self._by
+        return -self.yields @ self._by
 
     @cached_property
     def torques_by(self) -> np.ndarray:
@@ -119,14 +121,16 @@ def joint_loads(
     cell_sd: float,
     both: np.ndarray,
     servo_stiffness: np.ndarray,
-    sag: float = 1.0,
+    servo_gain: np.ndarray,
+    sag: np.ndarray,
     moves: bool = False,
 ) -> Loads:
     """Compute the loads of joints and feet in held postures from the nominal robot and the cells.
 
     The cells give the vertical force on each foot and its point, but not the horizontal force and torsion
     between the feet. Elastic servos settle at the least complementary energy sum tau^2 / stiffness
-    (Castigliano). Feed-forward torques that hold the robot without sag take that wrench off.
+    (Castigliano). Feed-forward torques that hold the robot without sag take that wrench off, except what is
+    due to parts that yield between encoder and link.
 
     The joints of a leg bear what the ground exerts on its foot. Seen from the torso, those of the stance leg
     would bear the whole robot, whose place depends on the very angle by which a joint yields.
@@ -139,7 +143,8 @@ def joint_loads(
             reading, (2, k). cell_sd: their noise [N]. See `ContactReadings`.
         both: whether the posture stands on both feet, (m,) bool.
         servo_stiffness: torque of each joint's servo per error of its angle, (n_joints,) [Nm/rad].
-        sag: part of that wrench which feed-forward leaves, see `sag_left`. moves: whether the robot moves.
+        servo_gain: the same without what yields between encoder and link. sag: part of the error of the
+            angles which feed-forward leaves, (m,), see `sag_left`. moves: whether the robot moves.
     """
     mass = geometry.standard[:, 0].sum()
     # The wrench of the ground on the swing foot acts on every joint between it and the base.
@@ -158,42 +163,61 @@ def joint_loads(
     unknown = np.stack([z * ay - y * az, x * az - z * ax, az * between], axis=-1)
     # In single support the swing foot bears no load.
     unknown = unknown * both[:, None, None]
-    weigh = 1 / np.sqrt(servo_stiffness)
-    scaled = unknown * weigh[:, None]
-    # The pseudoinverse; the small term keeps it finite where the legs leave a component free.
-    square = scaled.mT @ scaled
-    scale = np.trace(square, axis1=1, axis2=2)[:, None, None]
-    closed = np.linalg.inv(square + ROUNDING * np.where(scale > 0, scale, 1.0) * np.eye(3))
-    inverse = closed @ scaled.mT * weigh
-    push = -sag * (inverse @ torque[..., None])[..., 0]
+    # What turns the joints must close the legs in all directions. Feed-forward is that of the load share that
+    # was planned; how far the measured one is from it follows from the directions that cells show.
+    seen = np.stack([y * ax - x * ay, ax * between, ay * between], axis=-1)
+    sagging, left = (unknown / servo_gain[:, None]).mT, sag[:, None, None]
+    unplanned = seen @ _inverted(seen.mT @ (seen / servo_gain[:, None])) @ seen.mT
+    closing = unknown.mT - (1 - left) * sagging @ unplanned
+    closed = _inverted(closing @ (unknown / servo_stiffness[:, None]))
+    turns = closed @ closing
+    yields = turns * (1 / servo_stiffness - (1 - left) / servo_gain)
+    push = -(yields @ torque[..., None])[..., 0]
     return Loads(
         torques=torque + (unknown @ push[..., None])[..., 0],
         internal_wrench=push,
         closed=closed * both[:, None, None],
         levers=unknown,
-        inverse=inverse,
+        turns=turns,
+        yields=yields,
         geometry=geometry,
         cells=cells,
         bears=bears,
         cell_sd=cell_sd,
-        servo_stiffness=servo_stiffness,
         carried=carries * down[:, None],
         carries=carries,
-        sag=sag,
         unseen=UNSEEN * (MOVING if moves else 1.0),
     )
 
 
-def sag_left(loads: Loads, by_servos: np.ndarray) -> float:
-    """Return the part of the internal wrench of servos without feed-forward that commands show, 0 to 1.
+def _inverted(square: np.ndarray) -> np.ndarray:
+    """Invert matrices, (m, 3, 3); a small term keeps it finite where the legs leave a component free."""
+    scale = np.trace(square, axis1=1, axis2=2)[:, None, None]
+    return np.linalg.inv(square + ROUNDING * np.where(scale > 0, scale, 1.0) * np.eye(3))
+
+
+def sag_left(loads: Loads, sags: np.ndarray, experiment: np.ndarray) -> np.ndarray:
+    """Return the part of the internal wrench of servos without feed-forward that commands show, (m,), 0 to 1.
+
+    Encoders' zeros seem to exert a wrench too, which is constant. Without data the part is 1.
 
     Args:
         loads: with all of it.
-        by_servos: stiffness times the error of every joint's angle, (m, n_joints) [Nm].
+        sags: commanded less measured angles, (m, n_joints) [rad].
+        experiment: its number, (m,).
     """
     free = loads.internal_wrench[:, :2]
-    shown = free - (loads.inverse @ by_servos[..., None])[:, :2, 0]
-    return float(np.clip((shown * free).sum() / max((free**2).sum(), 1e-12), 0.0, 1.0))
+    shown, part = free - (loads.turns @ sags[..., None])[:, :2, 0], np.ones(len(free))
+    for number in np.unique(experiment):
+        rows = experiment == number
+        both = np.stack([free[rows], shown[rows]])
+        mean = both.mean(axis=1)
+        by_zeros = ZERO**2 * (loads.turns[rows, :2].mean(axis=0) ** 2).sum(axis=1)
+        every = FRICTION**2 * UNSEEN[:2] ** 2
+        squares = ((both - mean[:, None]) * (free[rows] - mean[0])).sum(axis=1) / every
+        squares += mean * mean[0] / (by_zeros + every / rows.sum())
+        part[rows] = np.clip((LITTLE + squares[1].sum()) / (LITTLE + squares[0].sum()), 0.0, 1.0)
+    return part
 
 
 def servo_stiffness(robot: Robot, gains: Mapping[str, float]) -> np.ndarray:

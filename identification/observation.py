@@ -28,6 +28,7 @@ from tulip_testbed.measurements.stated_convention import AXES, WORLD
 from tulip_testbed.sim.scene import plate_masses
 
 LONG_GAP = 1.5  # of the median time between a placement's postures
+STILL = 10.0  # s, assumed: simulated feet creep 0.1 mm in 75 s, and slip by 0.6 mm where a corner lifts
 LEAST_LOAD = 0.5  # N
 SIZE, TWISTS = 11, slice(3, 5)  # residuals of a posture, see `residual_channels`
 NEARLY_ALL = 0.9  # of the postures
@@ -64,7 +65,7 @@ class Observation:
             cells the twist of a board holds no information. A tared cell without load reads minus its share
             of the board's weight; if the empty board rocked when it was tared, nothing.
         motion: what motion adds to shift, lift and push, see `BeyondWeight`; nothing if the robot is held.
-        sag: of servos that move, the part that feed-forward leaves, by the commands, see `joint_loads`.
+        sag: of servos, the part that feed-forward leaves, by the commands, (m,), see `joint_loads`.
         noise_in_time: how the noise of rows is correlated in time; None: it is not.
         cad: what CAD says about the base parameters; None: the postures determine them.
         compliances: means of the prior of corrected compliances, by label; those of the others are zero.
@@ -91,8 +92,8 @@ class Observation:
     cell_sd: float
     time_fraction: np.ndarray
     on_four_cells: np.ndarray
+    sag: np.ndarray
     motion: BeyondWeight = HELD
-    sag: float = 1.0
     noise_in_time: NoiseInTime | None = None
     cad: CadPrior | None = None
     compliances: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
@@ -116,7 +117,8 @@ class Observation:
         """Return the number of the stance, within which the feet do not move, (m,).
 
         A new placement begins a new stance. So does a gap in time, in which a posture was dropped and the
-        robot may have been put down again; without times, gaps in the posture numbers are used.
+        robot may have been put down again; without times, gaps in the posture numbers are used. Below
+        moving legs feet creep and slip, so that a stance of a motion ends after `STILL`.
         """
         placement, time = self.measurements.placement, self.measurements.time
         timed = np.isfinite(time).all()
@@ -126,7 +128,11 @@ class Observation:
         usual = np.median(gap[same]) if same.any() else 0.0
         number = np.empty(len(time), int)
         number[order] = np.append(0, np.cumsum(~same | (gap > LONG_GAP * usual) | (gap < 0)))
-        return number
+        if not (self.moves and timed):
+            return number
+        begins = np.array([time[number == one].min() for one in range(number.max() + 1)])
+        part = np.column_stack([number, (time - begins[number]) // STILL])
+        return np.unique(part, axis=0, return_inverse=True)[1]
 
     @cached_property
     def in_time(self) -> Decorrelation | None:
@@ -272,6 +278,7 @@ class Observation:
             self.cell_sd,
             self.measurements.support == "double",
             self.servo_stiffness,
+            self.servo_gain,
             self.sag,
             self.moves,
         )
@@ -337,6 +344,7 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
         shift=added[:, :2],
         lift=known_weight(measurements) + added[:, 2],
         push=added[:, 3:],
+        sag=np.ones(m),
         motion=motion,
         standard=standard_parameters(nominal.robot.model),
         board_share=share,
@@ -356,9 +364,9 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
             else np.zeros((m, 2), bool)
         ),
     )
-    if observed.moves and measurements.command is not None:
-        by_servos = gain * (measurements.command - measurements.joint_angles)
-        observed = observed.changed(sag=sag_left(observed.loads, by_servos))
+    if measurements.command is not None:
+        sags = measurements.command - measurements.joint_angles
+        observed = observed.changed(sag=sag_left(observed.loads, sags, measurements.of_experiment))
     rates, faster = measurements.wrench_rates, measurements.wrench_accelerations
     if not observed.moves or not observed.in_feet or rates is None or faster is None:
         return observed

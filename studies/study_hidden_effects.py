@@ -71,7 +71,7 @@ def _again(
     case, built, truth, measured, _ = drawn(every[settings.case], *given)
     if not there.exists():
         write_measurements(there, measured)
-    yield f"{case}\n\nmeasurements: {there}\n\n{truth}\n\n{_written(built.effects)}\n"
+    yield f"{case}\n\nmeasurements: {there}\n\n{truth}\n\n{written(built.effects)}\n"
     yield str(carry_out(every[settings.case], *given))
 
 
@@ -229,11 +229,11 @@ def misses(outcomes: Sequence[Outcome]) -> Iterator[str]:
     )
     for one in filter(missed, outcomes):
         truth, said = one.truth, {found.label: found.values for found in one.found}
-        hidden = _written(truth.hidden) or truth.outside or " + ".join(one.case.kinds) or "nothing"
+        hidden = written(truth.hidden) or truth.outside or " + ".join(one.case.kinds) or "nothing"
         shows = f"{', '.join(f'{s:.0f}' for s in truth.shows)}; {truth.bias:.1f}"
         wrong = "yes" if one.wrong else ""
-        yield row(one.run, one.case.preset, hidden, shows, one.failed or one.verdict, _written(said), wrong)
+        yield row(one.run, one.case.preset, hidden, shows, one.failed or one.verdict, written(said), wrong)
 
 
-def _written(effects: Mapping[str, Sequence[float]]) -> str:
+def written(effects: Mapping[str, Sequence[float]]) -> str:
     return " + ".join(f"{name}={', '.join(f'{v:.3g}' for v in values)}" for name, values in effects.items())

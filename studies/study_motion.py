@@ -10,7 +10,7 @@ ones in the full dynamics.
 import csv
 import json
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import product
@@ -20,17 +20,27 @@ import numpy as np
 from scipy.stats import t
 
 import tulip_testbed as tt
+from studies.hidden_effects.hiding import ONE, Case, Clearness, Truth, clear_effect, hidden_kinds
+from studies.hidden_effects.judging import REFUSED, Found, Outcome, said
+from studies.hidden_effects.laboratories import Built
+from studies.hidden_effects.readings import Values
 from studies.runner import Settings, header, row, share, shipped_plan
+from studies.study_hidden_effects import DOCUMENT, written
 from studies.teaching.style import DOCS, GREY, X, card, save_svg
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.files import write_text
 from tulip_testbed.calibration.self_calibration import as_log_shows, with_independent_rows
 from tulip_testbed.discovery.candidate_search import CandidateSearch, calibrated_data, first_calibration
 from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.detectability import detectable_size, single_level
+from tulip_testbed.discovery.discover import discover
+from tulip_testbed.discovery.law_candidates import law_candidates
 from tulip_testbed.discovery.selection import LEVEL
-from tulip_testbed.effects.catalogue import catalogue, targets_in
-from tulip_testbed.effects.instance import effect_label
+from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.instance import EffectInstance, split_label
 from tulip_testbed.experiments.identify import Identification
 from tulip_testbed.experiments.imperfections import drawn, single_stream
+from tulip_testbed.experiments.laboratory import FROM_POSTURE_TO_POSTURE
 from tulip_testbed.identification.noise_in_time import WHITE
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
@@ -38,7 +48,7 @@ from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.measurements.cells import CELLS
 from tulip_testbed.measurements.logs.series_reduction import reduced_motion
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
-from tulip_testbed.sim.robot import load_robot
+from tulip_testbed.sim.robot import Robot, joint_names, load_robot
 
 PLACEMENTS, POSTURES, PLAN_SEED = 6, 20, 5
 SPEEDS = {"slow": 0.1, "usual": 0.3, "fast": 0.6}  # rad/s of the fastest joint
@@ -47,22 +57,15 @@ RUNS = 20  # of a speed and preset
 LABORATORIES, LONGER = 5, (10, 40)  # with faults; placements and postures of each: 12 minutes
 # Zeros of two joints, the gain of a cell, the tare of a cell; the sign and the instrument are drawn.
 FAULTS = {"encoder-offset": np.radians(1.0), "cell-gain": 0.12, "cell-tare": 8.0}
-HIDDEN = {  # sizes of faults, one a seed; the target is drawn
-    "backlash": (np.radians(1.0),),
-    "joint-compliance": (np.radians(0.05),),
-    "encoder-gain": (0.02,),
-    "tether": (4.0, -3.0),
-    "link-length": (0.0025,),
-    "encoder-slip": (np.radians(1.0), 0.4),
-    "sole-compliance": (np.radians(0.05),),
-    "lifted-corner": (0.001,),
-}
+CASES, LEAST_ROWS = 20, 3  # hidden faults; every third posture, as many as the motion has independent rows
+FRICTION = "reading by direction"  # of an encoder on the motor, through what yields
 OF_JOINTS = {
     "backlash": "deg",
     "joint-compliance": "deg/Nm",
     "encoder-offset": "deg",
     "encoder-gain": "%",
     "encoder-slip": "deg",
+    FRICTION: "deg",
 }
 TESTS = 100.0  # independent ones among the candidates
 CAD = ", inertias of CAD"
@@ -186,31 +189,60 @@ def faults(settings: Settings) -> Iterator[str]:
         yield row(kind or "nothing", len(of_kind), right if kind else "", named - right, told)
 
 
-def hidden_fault(folder: Path, seed: int, kind: str) -> list:
-    """Return what is hidden in a laboratory, and what `discover` says of its record; resume."""
-    place = folder / f"hidden-{kind}-{seed}.json"
+def hidden_fault(folder: Path, seed: int, kind: str) -> Outcome:
+    """Hide a fault that the record shows clearly, and return what `discover` says of it; resume."""
+    place = folder / f"hidden-{seed}.json"
     if place.exists():
-        return json.loads(place.read_text())
-    inside, rng = laboratory("wii", seed), np.random.default_rng(seed)
-    targets = targets_in(catalogue()[kind], inside.robot, None, ())
-    label, values = effect_label(kind, str(rng.choice(targets))), ",".join(map(str, HIDDEN[kind]))
-    inside = inside.with_effects(f"{label}={values}")
-    run = inside.run(moving(0.3, *LONGER), seed=seed, engine="dynamics", workers=1)
-    found = tt.discover(run)
-    told = [f"{one.instance.label}, ln BF {one.log_bayes_factor:.0f}" for one in found.explanations]
-    case = [label, found.verdict, [one.label for one in found.adopted], told, [str(a) for a in found.adopted]]
-    place.write_text(json.dumps(case))
-    return case
+        return DOCUMENT.validate_json(place.read_bytes())
+    inside, rng, plan = laboratory("wii", seed), np.random.default_rng(seed), moving(0.3, *LONGER)
+    built = Built("wii", replace(inside, hidden=()).rig, {})
+    clearness = Clearness(built, plan.take(np.arange(0, len(plan), LEAST_ROWS)), seed)
+    label, values, shown = clear_fault([kind, *rng.permutation(kinds()).tolist()], clearness, rng)
+    kind, target = split_label(label)
+    instance = EffectInstance(catalogue()[kind], target, values)
+    run = inside.with_effects(instance).run(plan, seed=seed, engine="dynamics", workers=1)
+    outcome = Outcome(Case(ONE, "wii", (kind,), True), seed, Truth({label: values}, shows=(shown,)))
+    try:
+        found = discover(run.measurements, inside.robot, seed)
+        outcome = replace(outcome, verdict=found.verdict, found=said(found))
+    except InputError as error:
+        outcome = replace(outcome, verdict=REFUSED, found=(Found(str(error)),))
+    write_text(place, DOCUMENT.dump_json(outcome).decode())
+    return outcome
+
+
+def clear_fault(
+    among: Sequence[str], clearness: Clearness, rng: np.random.Generator
+) -> tuple[str, Values, float]:
+    """Return label, values and s.e. of a fault of the first kind of which a plausible one is clear."""
+    for kind in among:
+        try:
+            return clear_effect(kind, clearness, set(), rng)
+        except InputError:
+            continue
+    raise InputError("found no plausible fault that is clear, expected one")
+
+
+def kinds() -> list[str]:
+    """List the kinds that a motion can hide."""
+    return [one for one in hidden_kinds() if one not in FROM_POSTURE_TO_POSTURE]
 
 
 def hidden(settings: Settings) -> Iterator[str]:
     """Yield a row a fault that was simulated."""
-    yield "\n" + header("seed", "hidden", "verdict", "adopted", "explanations")
-    folder, kinds = settings.folder("motion"), list(HIDDEN)[: settings.count(len(HIDDEN))]
-    cases = [(folder, settings.seed + k, kind) for k, kind in enumerate(kinds)]
-    for (_, seed, _), case in zip(cases, settings.parallel("hidden", hidden_fault, cases), strict=True):
-        label, verdict, _, told, adopted = case
-        yield row(seed, label, f"`{verdict}`", "; ".join(adopted), "; ".join(told))
+    count, rng = settings.count(CASES), np.random.default_rng(settings.seed)
+    turns = [kind for _ in range(-(-count // len(kinds()))) for kind in rng.permutation(kinds()).tolist()]
+    cases = [(settings.folder("motion"), settings.seed + k, kind) for k, kind in enumerate(turns[:count])]
+    found = settings.parallel("hidden", hidden_fault, cases)
+    first, wrong = sum(one.first for one in found), sum(one.wrong for one in found)
+    yield f"\n{len(found)} faults: {first} first, {wrong} confident and wrong.\n"
+    yield header("seed", "hidden", "shows, s.e.", "verdict", "said", "first", "wrong")
+    for one in found:
+        ((label, values),) = one.truth.hidden.items()
+        names = "; ".join(written({each.label: each.values}) for each in one.found)
+        marks = ["yes" if each else "" for each in (one.first, one.wrong)]
+        size = written({label: values})
+        yield row(one.run, size, f"{one.truth.shows[0]:.0f}", f"`{one.verdict}`", names, *marks)
 
 
 def detectable(measured: Measurements) -> dict[str, np.ndarray]:
@@ -221,16 +253,22 @@ def detectable(measured: Measurements) -> dict[str, np.ndarray]:
         observed, found = with_independent_rows(observed), None
     search = CandidateSearch.of(observed)
     linear = calibrated_data(search.observed, found or first_calibration(search.observed)).null.linear
-    among = [each for each in search.candidates if each.effect.name in OF_JOINTS]
-    columns, level = candidate_columns(linear, among).projected, single_level(LEVEL, TESTS)
-    least = [
-        detectable_size(one, points[len(points) // 2], level)
-        for one, points in zip(among, columns, strict=True)
-    ]
-    return {
-        kind: np.array([size for one, size in zip(among, least, strict=True) if one.effect.name == kind])
-        for kind in OF_JOINTS
-    }
+    effects = [each for each in search.candidates if each.effect.name in OF_JOINTS]
+    laws = [each for each in law_candidates(search.observed) if each.target in by_direction(robot)]
+    named = [each.effect.name for each in effects] + [FRICTION] * len(laws)
+    columns, level = candidate_columns(linear, effects + laws).projected, single_level(LEVEL, TESTS)
+    least = np.array(
+        [
+            detectable_size(one, points[len(points) // 2], level)
+            for one, points in zip(effects + laws, columns, strict=True)
+        ]
+    )
+    return {kind: least[np.array(named) == kind] for kind in OF_JOINTS}
+
+
+def by_direction(robot: Robot) -> list[str]:
+    """Name the laws by which encoders err with the direction of their joints."""
+    return [f"encoder:{joint}/direction/step" for joint in joint_names(robot.model)]
 
 
 def sizes(settings: Settings) -> Iterator[str]:

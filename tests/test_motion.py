@@ -18,13 +18,15 @@ from tests.test_refusals import refuse
 from tulip_testbed.base.progress import Advance
 from tulip_testbed.calibration.families import Family
 from tulip_testbed.effects.instance import EffectInstance, removed
+from tulip_testbed.effects.laws.misread import undo
 from tulip_testbed.effects.motion_effects import LAG, MOTION_EFFECTS
+from tulip_testbed.experiments.discovery_curves import about_stances
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.inertial_wrench import inertial_parameters, link_wrenches
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe, turned
 from tulip_testbed.identification.preflight import motion_checks
-from tulip_testbed.identification.residual_channels import residuals
+from tulip_testbed.identification.residual_channels import ANCHORED, residuals
 from tulip_testbed.measurements import read_samples
 from tulip_testbed.measurements.logs.series_reduction import reduced_motion
 from tulip_testbed.measurements.trajectory import runs
@@ -83,6 +85,34 @@ def test_the_side_force_between_the_feet_follows_from_the_commands(robot, fed):
     assert np.abs(truth).mean(axis=0).max() < 1 if fed else np.abs(truth).mean(axis=0).min() > 5
     off = truth - observed.loads.internal_wrench[:, :2]
     assert np.sqrt((off**2).mean(axis=0)).max() < 1  # N, friction of the drives
+
+
+def test_feet_that_creep_have_no_place_for_longer_than_a_stance(robot, monkeypatch):
+    monkeypatch.setattr(moving_run, "STICKS", 1.0)
+    plan = tt.plan_motion(tt.plans.random.take(tt.plans.random.placement == 1), speed=0.1).plan
+    assert plan.motion is not None
+    assert plan.motion.seconds > 35
+    observed = observe(
+        tt.Laboratory(robot, sensors=EXACT).run(plan, 2, workers=1).measurements, nominal_robot(robot)
+    )
+    residual = residuals(observed, observed.nominal.value)
+    crept, left = (
+        np.sqrt((about_stances(residual, number)[:, ANCHORED] ** 2).mean(axis=0))
+        for number in (observed.measurements.placement, observed.stance)
+    )
+    assert crept[:2].min() > 2e-5
+    assert (left < 0.5 * crept)[:2].all()
+
+
+def test_an_encoder_that_errs_with_the_direction_errs_with_the_rate_of_its_row(robot, moved):
+    """As one on the motor does, by friction and what yields; rows before and after tell it less well."""
+    samples, size = moved.samples, 2e-3
+    at, angles = samples.joints.index("right_knee"), samples.joint_angles.copy()
+    angles[:, at] += size * np.sign(np.gradient(angles[:, at]))
+    m, rows = moved.measurements, np.arange(0, len(moved.measurements), 3)
+    faulty = observe(reduced_motion(replace(samples, joint_angles=angles)).take(rows), nominal_robot(robot))
+    left = undo(faulty, "encoder:right_knee/direction/step", (size,)).joint_angles - m.joint_angles[rows]
+    assert np.sqrt(np.mean(left[:, at] ** 2)) < 0.25 * size
 
 
 def test_a_board_that_rocks_within_a_row_has_no_twist(robot, moved):

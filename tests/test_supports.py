@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+import tulip_testbed as tt
 from tests.moving_robots import by_inverse_dynamics, moving, random_robot
 from tests.test_refusals import refuse
 from tulip_testbed.calibration.linearisation import SQUEEZE, sources_of
@@ -69,11 +70,11 @@ def observed(measured_of_joint, nominal) -> Observation:
 
 
 def loads(measurements, nominal, gains):
-    return observe(dataclasses.replace(measurements, gains=gains), nominal)
+    return observe(dataclasses.replace(measurements, gains=gains, command=None), nominal)
 
 
-def test_stated_gains_decide_how_the_legs_share_their_forces(measured_of_joint, nominal, observed):
-    plain = observed
+def test_stated_gains_decide_how_the_legs_share_their_forces(measured_of_joint, nominal):
+    plain = loads(measured_of_joint, nominal, {})
     soft = {"right_knee": 300.0, "left_hip_roll": 900.0}
     stated = loads(measured_of_joint, nominal, soft)
     names = list(measured_of_joint.joints)
@@ -90,6 +91,33 @@ def test_stated_gains_decide_how_the_legs_share_their_forces(measured_of_joint, 
         found = minimize(energy, np.zeros(3), method="BFGS", options={"gtol": 1e-10})
         assert stated.loads.internal_wrench[row] == pytest.approx(found.x, abs=1e-3)
     assert np.abs(stated.loads.internal_wrench - plain.loads.internal_wrench).max() > 1
+
+
+@pytest.mark.parametrize(("part", "soft"), [(1.0, 0.0), (0.7, 0.0), (1.0, 9e-4)])
+def test_feed_forward_of_holds_takes_side_forces_off(robot, part, soft):
+    """Servos do not sag then, which commands tell; a soft knee moves the load off its planned share."""
+    plan, rig = (
+        tt.plans.optimal.take(tt.plans.optimal.placement <= 6),
+        exact(robot, WrenchSensors(place=PLATE)),
+    )
+    assert plan.torques is not None
+    inside = Laboratory(robot, nominal=rig).with_effects(
+        *[f"joint-compliance:right_knee={soft}"] * (soft > 0)
+    )
+    m = inside.run(dataclasses.replace(plan, torques=part * plan.torques), 1, "statics").measurements
+    observed, at = observe(m, nominal_robot(robot)), m.joints.index("right_knee")
+    assert observed.sag == pytest.approx(1 - part, abs=0.1)
+    zero = dataclasses.replace(m, joint_angles=m.joint_angles + np.radians(1.0) * (np.arange(12) == at))
+    assert observe(zero, observed.nominal).sag == pytest.approx(1 - part, abs=0.3)
+    stiffness = observed.servo_gain.copy()
+    stiffness[at] = 1 / (1 / stiffness[at] + soft)
+    yielding = dataclasses.replace(observed, servo_stiffness=stiffness)
+    angles = observed.joint_angles.copy()
+    angles[:, at] += soft * yielding.torques[:, at]
+    assert m.wrenches is not None
+    off = turned(m.plate_poses[:, 1, 2], m.wrenches[:, 1, :2])
+    off -= yielding.changed(joint_angles=angles).loads.internal_wrench[:, :2]
+    assert np.sqrt((off**2).mean(axis=0)).max() < 1  # N, friction of the drives
 
 
 def moved(observed: Observation, reading: int, step: float) -> Observation:
@@ -133,15 +161,20 @@ def few(plan):
     return plan.take(plan.placement <= 4)
 
 
-def run(robot, plan, monkeypatch, off, wrench=None):
-    """Carry out a plan by exact sensors with the left foot put down off its place, by (3,) [m, m, rad]."""
+def exact(robot, wrench):
+    """Return the rig of exact sensors, commands and plates."""
     rig = preset_rig("ideal", robot)
-    rig = dataclasses.replace(
+    return dataclasses.replace(
         rig,
         sensors=dataclasses.replace(PRESETS["ideal"], wrench=wrench),
         controller=dataclasses.replace(rig.controller, command_sd=0.0),
         protocol=dataclasses.replace(rig.protocol, plate_sd=(0.0, 0.0, 0.0), repeats=0),
     )
+
+
+def run(robot, plan, monkeypatch, off, wrench=None):
+    """Carry out a plan by exact sensors with the left foot put down off its place, by (3,) [m, m, rad]."""
+    rig = exact(robot, wrench)
 
     def moved(*given, put_down=static_run._feet):
         feet = put_down(*given).copy()
@@ -156,7 +189,8 @@ def run(robot, plan, monkeypatch, off, wrench=None):
 
 def between_the_feet(robot, plan, monkeypatch, off):
     """Return the observation and the side force on the left foot that cells do not explain, (m, 2) [N]."""
-    observed = observe(run(robot, plan, monkeypatch, off).measurements, nominal_robot(robot))
+    measured = dataclasses.replace(run(robot, plan, monkeypatch, off).measurements, command=None)
+    observed = observe(measured, nominal_robot(robot))
     truth = run(robot, plan, monkeypatch, off, WrenchSensors(place=PLATE)).truth.wrenches
     assert truth is not None
     yaw = observed.plate_poses[:, 1, 2]

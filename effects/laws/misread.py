@@ -53,6 +53,9 @@ def quantity(observed: Observation, sentence: Sentence, reading: int) -> np.ndar
         return observed.time_fraction[:, None]
     if name == g.LOADED:
         return since_loading(observed)[:, None]
+    rates = observed.measurements.joint_rates
+    if name == g.DIRECTION and sentence.field == "joint_angles" and rates is not None:
+        return np.sign(rates[:, [reading]])
     if name in (g.BEFORE, g.DIRECTION):
         own, change = getattr(observed, sentence.field), np.zeros((m, 1))
         for previous, row in successive(observed.measurements):

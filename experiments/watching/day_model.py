@@ -110,16 +110,18 @@ class DayModel:
     def observe(self, rows: Measurements) -> Observation:
         """Return an observation in which no row depends on another one.
 
-        Time is counted in the plan's postures, so that neither a break nor a clock that jumps matters.
+        Time is counted in the plan's postures, so that neither a break nor a clock that jumps matters. Servos
+        sag where the plan has no feed-forward.
         """
-        seen = observe(rows, self.nominal)
+        seen, first = observe(rows, self.nominal), self.first_rows(rows)
         forces = seen.cell_forces.reshape(len(seen), 2, 4)
         margin = max(LEAST_LOAD, 4 * self.noise.cell)
         loaded = forces.min(axis=2) > margin - seen.board_share
         return replace(
             seen,
             cell_sd=self.noise.cell,
-            time_fraction=self.first_rows(rows) / max(len(self.plan) - 1, 1),
+            sag=1.0 - self.plan.feed_forward[first].any(axis=1),
+            time_fraction=first / max(len(self.plan) - 1, 1),
             on_four_cells=loaded,
         )
 

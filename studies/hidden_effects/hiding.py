@@ -209,14 +209,14 @@ def draw_trial(
     hidden: dict[str, Values] = {}
     shown = []
     for kind in case.kinds:
-        label, values, clear = _clear(kind, clearness, set(hidden), rng)
+        label, values, clear = clear_effect(kind, clearness, set(hidden), rng)
         hidden[label] = values
         shown.append(clear)
     _, bias = clearness.of(clearness.plain.with_effects(hidden))
     return built.with_effects(hidden), Truth(hidden, shows=tuple(shown), bias=bias, large=large)
 
 
-def _clear(
+def clear_effect(
     kind: str, clearness: Clearness, taken: set[str], rng: np.random.Generator
 ) -> tuple[str, Values, float]:
     """Draw an effect of a kind that is no ordinary member and that the experiment shows clearly."""

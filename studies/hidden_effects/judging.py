@@ -12,7 +12,7 @@ from studies.hidden_effects.readings import Values
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.discovery.candidates import Candidate
-from tulip_testbed.discovery.discover import AMBIGUOUS, DESCRIBED, NAMED, discover
+from tulip_testbed.discovery.discover import AMBIGUOUS, DESCRIBED, NAMED, Discovery, discover
 from tulip_testbed.discovery.law_candidates import is_law
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import EffectInstance, split_label
@@ -166,16 +166,21 @@ def carry_out(case: Case, run: int, seed: int, robot: Robot, plan: PosturePlan) 
         for one in calibration.families
         if one.family.name in USUAL  # zeros wander in other ways than by the waves of their families
     }
-    terms = [found.fit.terms[k] for k in found.effects]
     return replace(
         known,
         verdict=found.verdict,
-        found=tuple(Found(t.label, tuple(t.values), _errs(t.candidate)) for t in terms),
+        found=said(found),
         sizes={label: _held(one, built) for label, one in adopted.items() if label in built.effects},
         members=members,
         base=tuple(off.tolist()),
         held=tuple((np.abs(off) <= t_ppf(0.975, calibration.interval_dof)).tolist()),
     )
+
+
+def said(found: Discovery) -> tuple[Found, ...]:
+    """Return the effects of a discovery, the best first."""
+    terms = [found.fit.terms[k] for k in found.effects]
+    return tuple(Found(t.label, tuple(t.values), _errs(t.candidate)) for t in terms)
 
 
 def _held(one: EffectInstance, built: Built, known: Sequence[bool] = ()) -> tuple[bool, ...]:
