@@ -41,9 +41,9 @@ from tulip_testbed.calibration.linear_problem import LinearProblem
 from tulip_testbed.identification.noise_structure import Weights
 from tulip_testbed.identification.residual_noise import solve_triangular
 
-# Of the information about members in any direction, that counts as noise of the columns. Half, as for estimates
-# without a prior (Fuller 1987, ch. 2.5), left too much: of development laboratories 92 % of the intervals of
-# compliances held, 93 % with 0.9 or all.
+# Of the information about members, in any direction, that counts as noise of the columns. Half, as for
+# estimates without a prior (Fuller 1987, ch. 2.5), left too much: at it, 92 % of the intervals of compliances
+# held in 84 development laboratories, 93 % at 0.9 or 1.
 MOST_EXCESS = 0.9
 QUIETEST = np.log(0.05)  # of a scale of the noise: less leaves residuals without any
 CONVERGED = 1e-3  # of the log-likelihood: a step of less than a twentieth of a standard deviation
