@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 
 from tulip_testbed.calibration.linear_model import LinearModel
+from tulip_testbed.effects.ropes import link_center
 from tulip_testbed.identification.distributions import chi2_sf
 from tulip_testbed.identification.noise_structure import groups
 from tulip_testbed.identification.residual_channels import SIZE, fields, has_direction, has_twist
@@ -187,6 +188,14 @@ def _functions(linear: LinearModel) -> list[tuple[str, np.ndarray]]:
     down = observed.foot_loads[0]
     share = down[:, 0] / down.sum(axis=1)
     out.append(("depends on the load share", _powers(share)))
+    # A force from the surroundings, such as a cable's, is a function of where the body is. No single angle
+    # tells that, and among smooth functions of all angles it is lost.
+    torso = observed.tree.links[0]
+    place = link_center(observed, torso)[:, :2]
+    spread = place.std(axis=0)
+    x, y = ((place - place.mean(axis=0)) / np.where(spread > 0, spread, 1.0)).T
+    parabolas = np.column_stack([x, y, x * x, x * y, y * y])
+    out.append((f"depends on the place of {torso}", parabolas - parabolas.mean(axis=0)))
     sideways = observed.loads.internal_wrench
     if sideways.any():
         out.append(("depends on the side forces", np.column_stack([_powers(force) for force in sideways.T])))

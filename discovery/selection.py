@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tulip_testbed.calibration.calibration_result import SelfCalibration
+from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.discovery.candidate_search import (
@@ -285,13 +286,17 @@ def is_decisive(found: Judged, before: float, tests: float, together: int = 1) -
 
 
 def _chance(found: SelfCalibration, gain: float, tests: float, together: int) -> float:
-    """Compute the probability that noise alone gains as much by its last effects, over all candidates."""
+    """Compute the probability that noise alone gains as much by its last effects, over all candidates.
+
+    The gain in ln of the evidence becomes that of the likelihood at the estimate: what the prior of
+    `size_prior` takes from it is given back, most where a size is several times as large as plausible.
+    """
     likelihood, count = gain, 0
     for last, error in zip(found.effects[-together:], found.effect_errors[-together:], strict=True):
-        parameters = last.effect.parameters_on(last.target)
-        prior = np.array([parameters[k].prior for k in last.effect.sizes])
-        likelihood += float(np.log(np.maximum(prior / error, 1.0)).sum())
-        count += max(len(prior), 1)
+        free = FreeEffect(last)
+        volume, pull = np.maximum(free.prior_sd / error, 1.0), free.sizes / free.prior_sd
+        likelihood += float(np.log(volume).sum() + 0.5 * pull @ pull) - free.log_tail
+        count += max(len(free), 1)
     return sidak(float(chi2_sf(2 * max(likelihood, 0.0), count)), tests)
 
 

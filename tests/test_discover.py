@@ -7,6 +7,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from scipy.stats import cauchy, chi2, norm
 
 import tulip_testbed.discovery.discover as discover_module
 from studies.hidden_effects.outside_faults import FAULTS
@@ -27,8 +28,9 @@ from tulip_testbed.discovery.joint_fit import Data
 from tulip_testbed.discovery.pairs import ranked_pairs
 from tulip_testbed.discovery.patterns import patterns
 from tulip_testbed.discovery.refit import refit_if_better
-from tulip_testbed.discovery.selection import best_by_itself
+from tulip_testbed.discovery.selection import _chance, best_by_itself
 from tulip_testbed.discovery.story import story
+from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.instance import EffectInstance, check_instances
 from tulip_testbed.experiments.imperfections import ordinary_members
@@ -61,6 +63,18 @@ def test_a_pattern_tells_the_reading_that_errs(robot, plan, nominal):
     linear = linear_model(observe(held, nominal), noise_of(observed))
     found = patterns(linear, linear.residual, np.zeros((len(linear.residual), 0)))
     assert not any("right_knee" in one.words for one in found)
+
+
+def test_a_cable_that_pulls_at_a_part_of_the_postures_is_a_pattern_of_the_place(robot, plan, nominal):
+    """It is slack in four of five postures, and no angle and no load alone tells where."""
+    (slack,) = (fault for fault in FAULTS if fault.name == "cable-slack")
+    assert slack.inject is not None
+    solved = solve_plan(slack.inject(preset_rig("wii", robot), 676, 60.0), plan)
+    observed = observe(run_statics(solved, [np.random.SeedSequence(SEED)])[0].measurements, nominal)
+    linear = linear_model(observed, noise_of(observed))
+    clearest, second, *_ = patterns(linear, linear.residual, np.zeros((len(linear.residual), 0)))
+    assert clearest.words == "the centre of pressure depends on the place of torso"
+    assert clearest.p < 1e-3 * second.p
 
 
 @pytest.mark.parametrize(("times", "sources"), [(2.0, []), (10.0, ["right plate", "left plate"])])
@@ -311,6 +325,23 @@ def test_what_gains_only_by_noise_of_another_calibration_is_not_the_best():
     search: Any = SimpleNamespace(calibrated=lambda one: one, evidence=lambda one, terms: by_itself[terms])
     assert best_by_itself(search, several).terms == "backlash"
     assert best_by_itself(search, [several[0], several[2]]).terms == "joint-compliance"
+
+
+@pytest.mark.parametrize("times", [0.5, 1.0, 3.0])
+def test_a_size_larger_than_plausible_is_no_likelier_by_chance(times):
+    """Of one number with a Cauchy prior: the evidence is integrated, the chance is its likelihood ratio's."""
+    effect, scale = catalogue()["tether-spring"], 20.0
+    size, error = times * scale, times * scale / 4
+    ratio = float(norm.logpdf(size, size, error) - norm.logpdf(size, 0.0, error))
+    sizes = np.linspace(size - 9 * error, size + 9 * error, 2001)
+    weight = norm.pdf(size, sizes, error) * cauchy.pdf(sizes, scale=scale)
+    gain = float(np.log(np.trapezoid(weight, sizes) / norm.pdf(size, 0.0, error)))
+    mean = np.average(sizes, weights=weight)
+    sd = np.sqrt(np.average((sizes - mean) ** 2, weights=weight))
+    found: Any = SimpleNamespace(
+        effects=[EffectInstance(effect, "", (float(mean),))], effect_errors=[np.array([sd])]
+    )
+    assert np.log(_chance(found, gain, 1.0, 1)) == pytest.approx(np.log(chi2.sf(2 * ratio, 1)), abs=0.25)
 
 
 @pytest.mark.slow

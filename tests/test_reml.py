@@ -11,7 +11,7 @@ from scipy.stats import multivariate_normal
 
 from tulip_testbed.calibration.linear_problem import LinearProblem
 from tulip_testbed.calibration.prediction import HeldOutPrediction
-from tulip_testbed.calibration.reml import bounded, fit, objective, parts_of_variance
+from tulip_testbed.calibration.reml import MOST_EXCESS, bounded, fit, objective, parts_of_variance
 from tulip_testbed.calibration.reml import given as fit_with
 from tulip_testbed.identification.noise_structure import NoiseStructure, groups
 
@@ -332,6 +332,29 @@ def test_noise_in_a_column_does_not_draw_its_member_to_zero():
     assert abs(np.mean(errors[1.0])) < 0.1
 
 
+@pytest.mark.parametrize("share", [0.3, 0.8])
+def test_errors_of_a_member_are_as_large_as_stated_however_noisy_its_column(share):
+    """Three or eight tenths of the information are noise, about an estimate that is right."""
+    rng = np.random.default_rng(2)
+    true, off = 0.02 * np.sqrt(1 - share), []
+    for _ in range(300):
+        column = true + 0.02 * np.sqrt(share) * rng.standard_normal((3000, 1))
+        left = rng.standard_normal((3000, 1))
+        one = LinearProblem(
+            whole=np.stack([column, left + column], axis=2),
+            flat=0,
+            noise=white(np.ones((3000, 1, 1))),
+            information=np.zeros((0, 0)),
+            sizes=(1,),
+            doubt=np.zeros(0),
+            excess=np.array([[share * 3000 * 0.02**2]]),
+            about=np.ones(1),
+        )
+        found = fit_with(one, np.ones(0), 10 * np.ones(1))
+        off.append((found.estimate[0] - 1.0) / np.sqrt(found.covariance[0, 0]))
+    assert np.sqrt(np.mean(np.square(off))) == pytest.approx(1.0, abs=0.12)
+
+
 def test_the_evidence_does_not_depend_on_what_flat_parameters_take_up():
     """A restricted likelihood is that of contrasts; far away the sums of squares lose all their digits."""
     given = problem(6)
@@ -352,8 +375,8 @@ def test_the_excess_is_bounded_in_every_direction():
     values, axes = np.linalg.eigh(information)
     half = (axes * np.sqrt(values)) @ axes.T
     share, turn = np.linalg.eigh(np.linalg.solve(half, np.linalg.solve(half, excess).T))
-    assert share[-1] > 0.5
-    expected = half @ (turn * np.minimum(share, 0.5)) @ turn.T @ half
+    assert share[-1] > MOST_EXCESS
+    expected = half @ (turn * np.minimum(share, MOST_EXCESS)) @ turn.T @ half
     np.testing.assert_allclose(bounded(excess, information), expected, atol=1e-12)
     small = 0.4 / share[-1] * excess
     np.testing.assert_array_equal(bounded(small, information), small)
