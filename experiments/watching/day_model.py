@@ -120,7 +120,7 @@ class DayModel:
         return replace(
             seen,
             cell_sd=self.noise.cell,
-            sag=1.0 - self.plan.feed_forward[first].any(axis=1),
+            sag=np.where(self.plan.feed_forward[first].any(axis=1), 0.0, 1.0),
             time_fraction=first / max(len(self.plan) - 1, 1),
             on_four_cells=loaded,
         )
