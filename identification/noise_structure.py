@@ -101,18 +101,15 @@ class NoiseStructure:
         square = np.exp(2 * log_scale)
         alone = self.fixed + np.tensordot(square[: len(self.own)], self.own, axes=1)
         levers = self.shared * np.exp(log_scale)[self.owner]
-        root, log_volume = _inverse_roots(alone)
-        inverse = root.mT @ root
+        inverse, root, log_volume = _inverted(alone)
         on_free = inverse @ self.free
-        free_root, volume = _inverse_roots(self.stance.sums(self.free.mT @ on_free))
-        of_free = free_root.mT @ free_root
+        of_free, free_root, volume = _inverted(self.stance.sums(self.free.mT @ on_free))
         log_volume += volume
         free_weights = on_free @ of_free[self.stance.number]
         on_levers = inverse @ levers
         on_levers -= free_weights @ self.stance.sums(self.free.mT @ on_levers)[self.stance.number]
         inner = self.placement.sums(levers.mT @ on_levers)
-        lever_root, volume = _inverse_roots(np.eye(levers.shape[2]) + inner)
-        of_levers = lever_root.mT @ lever_root
+        of_levers, lever_root, volume = _inverted(np.eye(levers.shape[2]) + inner)
         log_volume += volume
         return Weights(
             structure=self,
@@ -231,22 +228,25 @@ class Weights:
         return np.array([*out, *(belongs @ each.sum(axis=0))]), within + joined @ joined.T
 
 
-def _inverse_roots(matrices: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return roots H of the inverses H' H of positive definite matrices (g, n, n), zero rows by 1.
+def _inverted(matrices: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Invert positive definite matrices (g, n, n), zero rows by 1.
 
-    Also return half of the logarithm of the product of their determinants.
+    Returns:
+        inverses, their roots H with H' H, and half of ln of the matrices' volume.
     """
     diagonal = np.einsum("gnn->gn", matrices)
     diagonal[diagonal == 0] = 1.0
     unit = 1 / np.sqrt(diagonal)
-    lower = np.linalg.cholesky(matrices * (unit[:, :, None] * unit[:, None]))
+    both = unit[:, :, None] * unit[:, None]
+    lower = np.linalg.cholesky(matrices * both)
     pivots = np.diagonal(lower, axis1=1, axis2=2)
     # By substitution in all matrices at once: numpy inverts one by one.
     inverse_root = np.zeros_like(lower)
     for k, row in enumerate(np.moveaxis(lower / pivots[..., None], 1, 0)):
         inverse_root[:, k, :k] = -(row[:, None, :k] @ inverse_root[:, :k, :k])[:, 0]
         inverse_root[:, k, k] = 1 / pivots[:, k]
-    return inverse_root * unit[:, None], float(np.log(pivots / unit).sum())
+    inverse = inverse_root.mT @ inverse_root * both
+    return inverse, inverse_root * unit[:, None], float(np.log(pivots / unit).sum())
 
 
 def groups(number: np.ndarray) -> Groups:
