@@ -123,7 +123,7 @@ def best_spreads(
     """
     best = at_spread(problem, reduced, moment, np.clip(start, -LIMIT, WIDEST))
     for _ in range(MOST_STEPS):
-        step = newton_step(best.gradient, best.hessian)
+        step = newton_step(best.gradient, best.hessian, best.log_spread, (-LIMIT, WIDEST))
         if abs(best.gradient @ step) < SETTLED:
             break
         for shrink in 0.5 ** np.arange(HALVINGS):
@@ -137,8 +137,23 @@ def best_spreads(
     return best
 
 
-def newton_step(gradient: np.ndarray, hessian: np.ndarray) -> np.ndarray:
-    """Return Newton's step with positive curvatures, at most MOST_STEP in every direction."""
+def newton_step(
+    gradient: np.ndarray,
+    hessian: np.ndarray,
+    at: np.ndarray,
+    limits: tuple[float | np.ndarray, float | np.ndarray],
+) -> np.ndarray:
+    """Return Newton's step with positive curvatures, at most MOST_STEP in every direction.
+
+    Logarithms that would leave their limits stay there, and the others move as if these were known (Bertsekas
+    1982): cut off afterwards, a step that counts on them does not go down.
+
+    Args:
+        at: the logarithms. limits: the lowest and the highest ones.
+    """
+    held = np.where(gradient > 0, at <= limits[0], at >= limits[1])
+    if held.any():
+        gradient, hessian = np.where(held, 0.0, gradient), np.where(held | held[:, None], 0.0, hessian)
     values, turn = np.linalg.eigh(hessian)
     along = -(turn.T @ gradient) / np.maximum(np.abs(values), LEAST_CURVATURE)
-    return np.clip(turn @ along, -MOST_STEP, MOST_STEP)
+    return np.where(held, 0.0, np.clip(turn @ along, -MOST_STEP, MOST_STEP))

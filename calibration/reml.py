@@ -107,9 +107,10 @@ def _fit(problem: LinearProblem, start: tuple[np.ndarray, np.ndarray] | None) ->
     first = (np.zeros(k), np.zeros(f)) if start is None else (np.log(start[0]), np.log(start[1]))
     noise = _noise(problem, first[0])
     spread = best_spreads(problem, noise.reduced, noise.moment, first[1])
+    limits = np.repeat([QUIETEST, -LIMIT], (k, f)), np.repeat([LIMIT, WIDEST], (k, f))
     for _ in range(MOST_STEPS):
         gradient, hessian, _ = joint = _joint(problem, noise, spread)
-        step = newton_step(gradient, hessian)
+        step = newton_step(gradient, hessian, np.append(noise.log_scale, spread.log_spread), limits)
         if abs(gradient @ step) < CONVERGED:
             return _result(problem, noise, spread, joint)
         del joint
