@@ -24,14 +24,15 @@ SETTLED = 1e-6  # of the log-likelihood, in the spreads alone
 LEAST_CURVATURE = 0.25  # the s.d. of the logarithm of a scale is at most two
 
 # Of a single matrix NumPy's and SciPy's functions take a multiple of the time.
-cholesky_root, inverse_of_root = get_lapack_funcs(("potrf", "potri"))
+cholesky_root, inverse_of_root, square_of_root = get_lapack_funcs(("potrf", "trtri", "lauum"))
 
 
 @dataclass(frozen=True)
 class Spread:
     """The terms that ln tau adds: value, gradient and Hessian of the objective; R, (q,), S; u with phi = R u.
 
-    `square` is what the members take from the residuals' sum of squares.
+    `half` is a lower triangle whose transpose times itself is S. `square` is what the members take from the
+    residuals' sum of squares.
     """
 
     log_spread: np.ndarray
@@ -40,12 +41,13 @@ class Spread:
     gradient: np.ndarray
     hessian: np.ndarray
     root: np.ndarray
+    half: np.ndarray
     shrinkage: np.ndarray
     deviate: np.ndarray
 
 
-def inverted(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lower root of a positive definite matrix by Cholesky and the inverse of the matrix.
+def inverted(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the lower root of a positive definite matrix by Cholesky, its inverse and that of the matrix.
 
     Raises:
         numpy.linalg.LinAlgError: it is not positive definite.
@@ -53,8 +55,9 @@ def inverted(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     root, failed = cholesky_root(matrix, lower=True)
     if failed:
         raise np.linalg.LinAlgError("found a matrix that is not positive definite")
-    half, _ = inverse_of_root(root, lower=True)  # its lower half
-    return root, half + np.tril(half, -1).T
+    inverse_root, _ = inverse_of_root(root, lower=True)
+    half, _ = square_of_root(inverse_root, lower=True)  # its lower half
+    return root, inverse_root, half + np.tril(half, -1).T
 
 
 def at_spread(
@@ -67,7 +70,7 @@ def at_spread(
     """
     q, count = len(moment), np.array(problem.sizes, int)
     root = np.repeat(np.exp(log_spread), count)
-    lower, shrinkage = inverted(np.eye(q) + root[:, None] * reduced * root) if q else (reduced, reduced)
+    lower, half, shrinkage = inverted(np.eye(q) + root[:, None] * reduced * root) if q else (reduced,) * 3
     pull = root * moment
     deviate = shrinkage @ pull
     belongs = np.repeat(np.eye(len(count)), count, axis=1)  # families by members
@@ -87,6 +90,7 @@ def at_spread(
         gradient=gradient,
         hessian=hessian,
         root=root,
+        half=half,
         shrinkage=shrinkage,
         deviate=deviate,
     )
@@ -119,7 +123,7 @@ def best_spreads(
     """
     best = at_spread(problem, reduced, moment, np.clip(start, -LIMIT, WIDEST))
     for _ in range(MOST_STEPS):
-        step = newton_step(best.gradient, best.hessian)
+        step = newton_step(best.gradient, best.hessian, best.log_spread, (-LIMIT, WIDEST))
         if abs(best.gradient @ step) < SETTLED:
             break
         for shrink in 0.5 ** np.arange(HALVINGS):
@@ -133,8 +137,23 @@ def best_spreads(
     return best
 
 
-def newton_step(gradient: np.ndarray, hessian: np.ndarray) -> np.ndarray:
-    """Return Newton's step with positive curvatures, at most MOST_STEP in every direction."""
+def newton_step(
+    gradient: np.ndarray,
+    hessian: np.ndarray,
+    at: np.ndarray,
+    limits: tuple[float | np.ndarray, float | np.ndarray],
+) -> np.ndarray:
+    """Return Newton's step with positive curvatures, at most MOST_STEP in every direction.
+
+    Logarithms that would leave their limits stay there, and the others move as if these were known (Bertsekas
+    1982): cut off afterwards, a step that counts on them does not go down.
+
+    Args:
+        at: the logarithms. limits: the lowest and the highest ones.
+    """
+    held = np.where(gradient > 0, at <= limits[0], at >= limits[1])
+    if held.any():
+        gradient, hessian = np.where(held, 0.0, gradient), np.where(held | held[:, None], 0.0, hessian)
     values, turn = np.linalg.eigh(hessian)
     along = -(turn.T @ gradient) / np.maximum(np.abs(values), LEAST_CURVATURE)
-    return np.clip(turn @ along, -MOST_STEP, MOST_STEP)
+    return np.where(held, 0.0, np.clip(turn @ along, -MOST_STEP, MOST_STEP))

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from tulip_testbed.calibration.families import Family
 from tulip_testbed.calibration.free_effect import FreeEffect
@@ -450,9 +449,13 @@ def split_members(families: Families, phi: np.ndarray) -> list[tuple[Family | Fr
 
 def mixing_of(families: Families) -> tuple[np.ndarray, np.ndarray]:
     """Return the members from the deviates of all parts, (q, k) [SI], and the family of each part."""
-    rows = [np.concatenate(family.parts, axis=1) for family in families if family.parts]
+    blocks = [np.concatenate(family.parts, axis=1) for family in families if family.parts]
     owner = [k for k, family in enumerate(families) for _ in family.parts]
-    return block_diag(*rows) if rows else np.zeros((0, 0)), np.array(owner, int)
+    ends = np.cumsum([(0, 0), *(block.shape for block in blocks)], axis=0)
+    out = np.zeros(ends[-1])
+    for (row, column), (last_row, last_column), block in zip(ends, ends[1:], blocks, strict=False):
+        out[row:last_row, column:last_column] = block
+    return out, np.array(owner, int)
 
 
 def center_of(families: Families) -> np.ndarray:

@@ -35,24 +35,23 @@ def member_columns(
         before = observed
     sizes = STEP * family.steps
     out = np.zeros((len(observed), SIZE, len(sizes)))
-    changes, linear = np.zeros((len(sizes), len(observed), sensitivity.shape[2])), []
-    before_all, places = [getattr(before, name) for name in VARYING], list(fields(before).values())
-    changed = np.zeros(sensitivity.shape[2], bool)
-    plain: np.ndarray | None = None
+    moved = dict[str, list[tuple[int, np.ndarray]]]()
+    before_all, plain = {name: getattr(before, name) for name in VARYING}, None
     for number, size in enumerate(sizes.tolist()):
         after = _removed(observed, family.single(number, size))
         if after.tree is before.tree and after.cells is before.cells:
-            linear.append(number)
-            for name, first, at in zip(VARYING, before_all, places, strict=True):
+            for name, first in before_all.items():
                 if (second := getattr(after, name)) is not first:
-                    changes[number, :, at] = (second - first).reshape(len(first), -1)
-                    changed[at] = True
+                    moved.setdefault(name, []).append((number, second - first))
         else:
             plain = residuals(before, theta) if plain is None else plain
             out[..., number] = (plain - residuals(after, theta)) / size
-    if linear:
-        by = np.compress(changed, changes[linear], axis=2).transpose(1, 2, 0)
-        out[..., linear] = -(np.compress(changed, sensitivity, axis=2) @ by) / sizes[linear]
+    for name, at in zip(VARYING, fields(before).values(), strict=True):
+        if name in moved:
+            by = np.zeros((len(observed), at.stop - at.start, len(sizes)))
+            for number, change in moved[name]:
+                by[..., number] = change.reshape(by.shape[:2])
+            out -= sensitivity[..., at] @ (by / sizes)
     return out
 
 

@@ -79,13 +79,13 @@ class LikelihoodFit:
 
 @dataclass(frozen=True)
 class _Noise:
-    """Terms that depend on ln sigma alone: V_0^-1, its products with [N G y], and the likelihood of V_0."""
+    """Terms that depend on ln sigma alone: V_0^-1, [N G y]' V_0^-1 [N G y] and the likelihood of V_0."""
 
     log_scale: np.ndarray
     weights: Weights
-    weighted: np.ndarray
     gram: np.ndarray
     flat: np.ndarray
+    flat_half: np.ndarray
     reduced: np.ndarray
     excess: np.ndarray
     moment: np.ndarray
@@ -111,9 +111,10 @@ def _fit(problem: LinearProblem, start: tuple[np.ndarray, np.ndarray] | None) ->
     first = (np.zeros(k), np.zeros(f)) if start is None else (np.log(start[0]), np.log(start[1]))
     noise = _noise(problem, first[0])
     spread = best_spreads(problem, noise.reduced, noise.moment, first[1])
+    limits = np.repeat([QUIETEST, -LIMIT], (k, f)), np.repeat([LIMIT, WIDEST], (k, f))
     for _ in range(MOST_STEPS):
         gradient, hessian, _ = joint = _joint(problem, noise, spread)
-        step = newton_step(gradient, hessian)
+        step = newton_step(gradient, hessian, np.append(noise.log_scale, spread.log_spread), limits)
         if abs(gradient @ step) < CONVERGED:
             return _result(problem, noise, spread, joint)
         del joint
@@ -205,13 +206,10 @@ def parts_of_variance(problem: LinearProblem, fitted: LikelihoodFit) -> np.ndarr
 
 def _noise(problem: LinearProblem, log_scale: np.ndarray) -> _Noise:
     weights = problem.noise.weights(log_scale)
-    weighted = weights(problem.whole)
-    width = weighted.shape[2]
-    gram = problem.whole.reshape(-1, width).T @ weighted.reshape(-1, width)
-    p = problem.flat
+    gram, p = weights.gram(problem.whole), problem.flat
     information = gram[:p, :p] + problem.information
     size = 1 / np.sqrt(np.diag(information))
-    root, inverse = inverted(size[:, None] * information * size)
+    root, inverse_root, inverse = inverted(size[:, None] * information * size)
     half, _ = solve_triangular(root, size[:, None] * gram[:p, p:], lower=True)
     rest = gram[p:, p:] - half.T @ half
     excess = problem.excess
@@ -226,9 +224,9 @@ def _noise(problem: LinearProblem, log_scale: np.ndarray) -> _Noise:
     return _Noise(
         log_scale=log_scale,
         weights=weights,
-        weighted=weighted,
         gram=gram,
         flat=size[:, None] * inverse * size,
+        flat_half=inverse_root * size,
         reduced=_without_negative(rest[:-1, :-1]),
         excess=excess,
         moment=rest[:-1, -1],
@@ -275,16 +273,23 @@ def bounded(excess: np.ndarray, information: np.ndarray) -> np.ndarray:
     return out
 
 
-def _posterior(problem: LinearProblem, noise: _Noise, spread: Spread) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean and covariance of nu and phi with the scales known, (p + q,) and (p + q, p + q)."""
+def _posterior(
+    problem: LinearProblem, noise: _Noise, spread: Spread
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return mean and covariance of nu and phi with the scales known, (p + q,) and (p + q, p + q).
+
+    Also return an upper triangle that makes the covariance, times its transpose.
+    """
     p = problem.flat
     members = spread.root[:, None] * spread.shrinkage * spread.root
     carry = noise.flat @ noise.gram[:p, p:-1]
     cross = -carry @ members
     covariance = np.block([[noise.flat - cross @ carry.T, cross], [cross.T, members]])
+    half = spread.root[:, None] * spread.half.T
+    half = np.block([[noise.flat_half.T, -carry @ half], [np.zeros((len(half), p)), half]])
     phi = spread.root * spread.deviate
     nu = noise.flat @ (noise.gram[:p, -1] - noise.gram[:p, p:-1] @ phi)
-    return np.concatenate([nu, phi]), covariance
+    return np.concatenate([nu, phi]), covariance, half
 
 
 def _joint(
@@ -297,12 +302,12 @@ def _joint(
         scales, (p + q, k + f).
     """
     k, p = len(problem.noise), problem.flat
-    estimate, covariance = _posterior(problem, noise, spread)
-    weighted = noise.weighted @ np.append(-estimate, 1.0)
+    estimate, covariance, half = _posterior(problem, noise, spread)
+    weighted = noise.weights((problem.whole @ np.append(-estimate, 1.0))[..., None])[..., 0]
     pushed = np.concatenate(
         [np.zeros((*weighted.shape, 0)), *noise.weights.parts(weighted[..., None])], axis=2
     )
-    score, pairs = noise.weights.traces(noise.weighted, np.pad(covariance, (0, 1)))
+    score, pairs = noise.weights.traces(problem.whole, half)
     score -= np.tensordot(weighted, pushed, axes=2)
     each = np.zeros((len(estimate), len(problem.parts)))  # members by families
     slope = np.zeros((len(estimate), k + len(problem.parts)))

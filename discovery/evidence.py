@@ -5,7 +5,7 @@ projected columns G with the Bayes factor ln BF = b'(A + T^-2)^-1 b / 2 - ln|I +
 b = G'r. T and a correction are those of `size_prior`; a size that cannot be negative has half of it.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 from scipy.special import chdtrc, log_ndtr
@@ -17,28 +17,29 @@ from tulip_testbed.effects.size_prior import log_tail, prior_sd
 DETECTABLE = 0.5  # smallest singular value times prior s.d. that an experiment can show
 DRAWS = 400
 WIDENINGS = 2  # of the normal distribution in place of a prior
+Weighed = tuple[Candidate, list[Moments]]  # by point of its grid
 STACKED = 500  # candidates at a time whose gains are computed together
 
 
 def ranked(blocks: Iterable[Columns], residual: np.ndarray) -> list[Fitted]:
     """Fit each candidate alone to a projected residual, (r + 1,); the best first."""
-    fits = [fitted for columns in blocks for fitted in marginal_fits(columns, residual)]
-    return sorted(fits, key=lambda fitted: -fitted.log_bayes_factor)
+    pairs = [pair for columns in blocks for pair in _weighed(columns, residual[:, None])]
+    return sorted(_fits(pairs), key=lambda fitted: -fitted.log_bayes_factor)
 
 
 def fitted_and_counted(
     blocks: Iterable[Columns], residual: np.ndarray, rng: np.random.Generator, draws: int = DRAWS
 ) -> tuple[list[Fitted], float]:
     """Fit each candidate alone, in order, and estimate the effective number of independent tests."""
-    fits: list[Fitted] = []
+    pairs: list[Weighed] = []
 
-    def fitted() -> Iterator[Columns]:
-        for columns in blocks:
-            fits.extend(marginal_fits(columns, residual))
-            yield columns
+    def on_noise(columns: Columns, noise: np.ndarray) -> Iterator[Weighed]:
+        for candidate, points in _weighed(columns, np.column_stack([residual, noise])):
+            pairs.append((candidate, [(gram, pull[:, :1].copy()) for gram, pull in points]))
+            yield candidate, [(gram, pull[:, 1:]) for gram, pull in points]
 
-    tests = effective_tests(fitted(), rng, draws)
-    return fits, tests
+    tests = effective_tests(blocks, rng, draws, on_noise)
+    return _fits(pairs), tests
 
 
 def marginal_fits(columns: Columns, residual: np.ndarray) -> list[Fitted]:
@@ -51,16 +52,25 @@ def marginal_fits(columns: Columns, residual: np.ndarray) -> list[Fitted]:
         the posterior means of the sizes, in the order of the candidates. Bayes factors are averaged over the
         grid.
     """
-    pairs = list(zip(columns.candidates, columns.moments(residual[:, None]), strict=True))
+    return _fits(list(_weighed(columns, residual[:, None])))
+
+
+def _weighed(columns: Columns, whitened: np.ndarray) -> Iterator[Weighed]:
+    """Yield candidates with their moments with whitened residuals, (r + e, d)."""
+    yield from zip(columns.candidates, columns.moments(whitened), strict=True)
+
+
+def _fits(pairs: list[Weighed]) -> list[Fitted]:
+    """Fit candidates, with all of as many sizes at once."""
     out: dict[int, Fitted] = {}
-    for count in {len(candidate.effect.sizes) for candidate in columns.candidates}:
+    for count in {len(candidate.effect.sizes) for candidate, _ in pairs}:
         alike = [k for k, (candidate, _) in enumerate(pairs) if len(candidate.effect.sizes) == count]
         fit = _with_sizes if count else _without_sizes
         out |= zip(alike, fit([pairs[k] for k in alike]), strict=True)
     return [out[k] for k in range(len(pairs))]
 
 
-def _with_sizes(pairs: list[tuple[Candidate, list[Moments]]]) -> Iterator[Fitted]:
+def _with_sizes(pairs: list[Weighed]) -> Iterator[Fitted]:
     """Fit candidates with equally many sizes."""
     flat = [(candidate, one) for candidate, points in pairs for one in points]
     plausible = np.array([candidate.prior for candidate, _ in flat])
@@ -110,7 +120,7 @@ def _dot(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return (first[:, None, :] @ second[:, :, None])[:, 0, 0]
 
 
-def _without_sizes(pairs: list[tuple[Candidate, list[Moments]]]) -> Iterator[Fitted]:
+def _without_sizes(pairs: list[Weighed]) -> Iterator[Fitted]:
     """Weigh effects that have no size but are there or not: ln BF = g'r - g'g / 2."""
     for candidate, points in pairs:
         size = np.array([float(gram[0, 0]) for gram, _ in points])
@@ -126,7 +136,12 @@ def _without_sizes(pairs: list[tuple[Candidate, list[Moments]]]) -> Iterator[Fit
         yield Fitted(candidate, point, np.zeros(0), average, p, most)
 
 
-def effective_tests(blocks: Iterable[Columns], rng: np.random.Generator, draws: int = DRAWS) -> float:
+def effective_tests(
+    blocks: Iterable[Columns],
+    rng: np.random.Generator,
+    draws: int = DRAWS,
+    weighed: Callable[[Columns, np.ndarray], Iterable[Weighed]] = _weighed,
+) -> float:
     """Estimate the effective number of independent tests among correlated candidates.
 
     The smallest of n independent p-values has the median 1 - 2^(-1/n). That of the candidates is simulated
@@ -137,7 +152,7 @@ def effective_tests(blocks: Iterable[Columns], rng: np.random.Generator, draws: 
     largest: dict[tuple[int, int], np.ndarray] = {}
     for columns in blocks:
         noise = rng.standard_normal((columns.count, draws)) if noise is None else noise
-        for alike in _alike(columns, noise):
+        for alike in _alike(weighed(columns, noise)):
             gain, key = _gains(alike)
             largest[key] = np.maximum(gain, largest.get(key, -np.inf))
     least = np.ones(draws)
@@ -150,10 +165,10 @@ def effective_tests(blocks: Iterable[Columns], rng: np.random.Generator, draws: 
     return float(np.log(0.5) / np.log1p(-low)) if low < 1 else 1.0
 
 
-def _alike(columns: Columns, noise: np.ndarray) -> Iterator[list[tuple[Candidate, Moments]]]:
+def _alike(pairs: Iterable[Weighed]) -> Iterator[list[tuple[Candidate, Moments]]]:
     """Yield candidates with moments at single points of their grids, those with alike sizes together."""
     out: dict[tuple[bool, bytes], list[tuple[Candidate, Moments]]] = {}
-    for candidate, points in zip(columns.candidates, columns.moments(noise), strict=True):
+    for candidate, points in pairs:
         key = bool(candidate.effect.sizes), candidate.positive.tobytes()
         out.setdefault(key, []).extend((candidate, one) for one in points)
     for several in out.values():

@@ -17,9 +17,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import get_blas_funcs
 from scipy.sparse import csr_array
 
-LEAST_AT_ONCE, MOST_NUMBERS, POSTURES = 32, 300_000, 1000  # columns, numbers, postures: for memory's sake
+LEAST_AT_ONCE, MOST_NUMBERS = 32, 100_000  # columns, numbers: more of them leave the cache
+
+of_triangle = get_blas_funcs("trmm")  # a product with a triangle: half of the work of a whole one
 
 
 @dataclass(frozen=True)
@@ -98,20 +101,21 @@ class NoiseStructure:
         square = np.exp(2 * log_scale)
         alone = self.fixed + np.tensordot(square[: len(self.own)], self.own, axes=1)
         levers = self.shared * np.exp(log_scale)[self.owner]
-        inverse, log_volume = _inverted(alone)
+        inverse, root, log_volume = _inverted(alone)
         on_free = inverse @ self.free
-        of_free, volume = _inverted(self.stance.sums(self.free.mT @ on_free))
+        of_free, free_root, volume = _inverted(self.stance.sums(self.free.mT @ on_free))
         log_volume += volume
         free_weights = on_free @ of_free[self.stance.number]
         on_levers = inverse @ levers
         on_levers -= free_weights @ self.stance.sums(self.free.mT @ on_levers)[self.stance.number]
         inner = self.placement.sums(levers.mT @ on_levers)
-        of_levers, volume = _inverted(np.eye(levers.shape[2]) + inner)
+        of_levers, lever_root, volume = _inverted(np.eye(levers.shape[2]) + inner)
         log_volume += volume
         return Weights(
             structure=self,
             square=square,
             inverse=inverse,
+            roots=(root, free_root, lever_root),
             on_free=on_free,
             free_weights=free_weights,
             levers=levers,
@@ -128,6 +132,7 @@ class Weights:
 
     Attributes:
         square: of the scales. inverse: A^-1, by posture, (m, r, r).
+        roots: H with H' H = A^-1, (m, r, r), (Z' A^-1 Z)^-1, (g, c, c), and (I + L' Q L)^-1, (g, s, s).
         on_free: A^-1 Z; free_weights: the same times (Z' A^-1 Z)^-1, (m, r, c).
         levers: L. on_levers: Q L; lever_weights: the same times (I + L' Q L)^-1, (m, r, s).
         of_levers: L' W L by placement, (g, s, s).
@@ -137,6 +142,7 @@ class Weights:
     structure: NoiseStructure
     square: np.ndarray
     inverse: np.ndarray
+    roots: tuple[np.ndarray, np.ndarray, np.ndarray]
     on_free: np.ndarray
     free_weights: np.ndarray
     levers: np.ndarray
@@ -145,11 +151,11 @@ class Weights:
     of_levers: np.ndarray
     log_volume: float
 
-    def __call__(self, columns: np.ndarray) -> np.ndarray:
-        """Return W times columns, (m, r, n)."""
+    def __call__(self, columns: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """Return W times columns, (m, r, n), in place of `out`, which may be the columns themselves."""
         stance, placement = self.structure.stance, self.structure.placement
         m, rows, count = columns.shape
-        out = np.empty_like(columns)
+        out = np.empty_like(columns) if out is None else out
         at_once = max(LEAST_AT_ONCE, MOST_NUMBERS // (m * rows))
         for first in range(0, count, at_once):
             some = columns[..., first : first + at_once]
@@ -157,6 +163,22 @@ class Weights:
             part -= self.free_weights @ stance.sums(self.on_free.mT @ some)[stance.number]
             part -= self.lever_weights @ placement.sums(self.on_levers.mT @ some)[placement.number]
             out[..., first : first + at_once] = part
+        return out
+
+    def gram(self, columns: np.ndarray) -> np.ndarray:
+        """Return X' W X of columns X, (m, r, n) -> (n, n): half of the work of X' times `W X`."""
+        stance, placement = self.structure.stance, self.structure.placement
+        root, free_root, lever_root = self.roots
+        m, rows, width = columns.shape
+        out = np.zeros((width, width))
+        for first in range(0, m, at_once := max(MOST_NUMBERS // (rows * width), 1)):
+            some = slice(first, first + at_once)
+            white = (root[some] @ columns[some]).reshape(-1, width)
+            out += white.T @ white
+        of_stances = free_root @ stance.sums(self.on_free.mT @ columns)
+        of_placements = lever_root @ placement.sums(self.on_levers.mT @ columns)
+        for shared in (of_stances.reshape(-1, width), of_placements.reshape(-1, width)):
+            out -= shared.T @ shared
         return out
 
     @cached_property
@@ -173,42 +195,45 @@ class Weights:
             levers = self.levers[..., structure.owner == k]
             yield levers @ structure.placement.sums(levers.mT @ columns)[structure.placement.number]
 
-    def traces(self, across: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return traces that the first and second derivatives of a likelihood need, Q = W - X C X'.
+    def traces(self, columns: np.ndarray, half: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return traces that the first and second derivatives of a likelihood need, Q = W - W X T T' X' W.
 
         Args:
-            across: X, (m, r, n).
-            covariance: C, (n, n).
+            columns: X, (m, r, n), and others that are not in use.
+            half: T, (n, n), an upper triangle.
 
         Returns:
             the trace of sigma_k^2 K_k Q for every scale, (k,), and of sigma_k^2 K_k Q sigma_l^2 K_l Q for
             all pairs of those of `shared`, (h, h).
         """
-        structure = self.structure
-        left = self.of_postures.copy()
-        for first in range(0, len(left), POSTURES):
-            some = across[first : first + POSTURES]
-            weighted = (some.reshape(-1, some.shape[2]) @ covariance).reshape(some.shape)
-            left[first : first + POSTURES] -= weighted @ some.mT
+        structure, n = self.structure, len(half)
+        m, rows, width = columns.shape
+        half = np.pad(half, (0, width - n))
+        across = of_triangle(1.0, half, columns.reshape(-1, width).T, trans_a=1).T.reshape(m, rows, width)
+        across = self(across, out=across)
+        left = self.of_postures - across @ across.mT
         out = [
             square * float(np.vdot(kernel, left))
             for square, kernel in zip(self.square, structure.own, strict=False)
         ]
         seen = structure.placement.sums(self.levers.mT @ across)
-        g, s, n = seen.shape
-        weighted = (seen.reshape(-1, n) @ covariance).reshape(g, s, n)
-        of_seen = weighted @ seen.mT
+        of_seen = seen @ seen.mT
         belongs = (structure.owner == np.arange(len(structure.own), len(structure))[:, None]).astype(float)
         each = np.diagonal(self.of_levers - of_seen, axis1=1, axis2=2)
-        # X C X' joins placements, W does not.
+        # W X T T' X' W joins placements, W does not.
         within = (self.of_levers * (self.of_levers - 2 * of_seen)).sum(axis=0)
-        joined = [weighted[:, one > 0].reshape(-1, n).T @ seen[:, one > 0].reshape(-1, n) for one in belongs]
-        across_all = np.array([[np.vdot(a, b.T) for b in joined] for a in joined]).reshape(2 * (len(joined),))
-        return np.array([*out, *(belongs @ each.sum(axis=0))]), belongs @ within @ belongs.T + across_all
+        flat = [seen[:, one > 0].reshape(-1, width) for one in belongs]
+        joined = np.array([(one.T @ one).ravel() for one in flat]).reshape(len(flat), width**2)
+        within = belongs @ within @ belongs.T
+        return np.array([*out, *(belongs @ each.sum(axis=0))]), within + joined @ joined.T
 
 
-def _inverted(matrices: np.ndarray) -> tuple[np.ndarray, float]:
-    """Invert positive definite matrices (g, n, n), zero rows by 1; return half of ln of their volume too."""
+def _inverted(matrices: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Invert positive definite matrices (g, n, n), zero rows by 1.
+
+    Returns:
+        inverses, their roots H with H' H, and half of ln of the matrices' volume.
+    """
     diagonal = np.einsum("gnn->gn", matrices)
     diagonal[diagonal == 0] = 1.0
     unit = 1 / np.sqrt(diagonal)
@@ -220,7 +245,8 @@ def _inverted(matrices: np.ndarray) -> tuple[np.ndarray, float]:
     for k, row in enumerate(np.moveaxis(lower / pivots[..., None], 1, 0)):
         inverse_root[:, k, :k] = -(row[:, None, :k] @ inverse_root[:, :k, :k])[:, 0]
         inverse_root[:, k, k] = 1 / pivots[:, k]
-    return inverse_root.mT @ inverse_root * both, float(np.log(pivots / unit).sum())
+    inverse = inverse_root.mT @ inverse_root * both
+    return inverse, inverse_root * unit[:, None], float(np.log(pivots / unit).sum())
 
 
 def groups(number: np.ndarray) -> Groups:

@@ -9,9 +9,10 @@ from scipy.linalg import block_diag
 from scipy.optimize import approx_fprime, minimize
 from scipy.stats import multivariate_normal
 
+from tulip_testbed.calibration.family_spreads import LIMIT, WIDEST
 from tulip_testbed.calibration.linear_problem import LinearProblem
 from tulip_testbed.calibration.prediction import HeldOutPrediction
-from tulip_testbed.calibration.reml import MOST_EXCESS, bounded, fit, objective, parts_of_variance
+from tulip_testbed.calibration.reml import MOST_EXCESS, QUIETEST, bounded, fit, objective, parts_of_variance
 from tulip_testbed.calibration.reml import given as fit_with
 from tulip_testbed.identification.noise_structure import NoiseStructure, groups
 
@@ -149,6 +150,25 @@ def test_the_fit_is_the_minimum(seed):
     assert slope @ found.scale_covariance @ slope < 2e-3  # what a step of Newton's would still gain
     again = fit(given, (found.scales, found.spreads))
     assert again.estimate == pytest.approx(found.estimate, rel=2e-2, abs=1e-2)
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_spread_at_its_limit_does_not_hold_up_the_others(seed):
+    """Members in units of a hundredth: their families want more than the widest spread."""
+    given = problem(seed)
+    members = np.repeat([1.0, 0.01, 1.0], [given.flat, sum(given.sizes), 1])
+    given = dataclasses.replace(given, whole=given.whole * members)
+    found = fit(given)
+    assert found.spreads.max() == pytest.approx(np.exp(WIDEST))
+    at = np.log(np.concatenate([found.scales, found.spreads]))
+    by_scipy = minimize(
+        lambda x: objective(given, x[:2], x[2:]),
+        at,
+        jac=True,
+        method="L-BFGS-B",
+        bounds=[(QUIETEST, LIMIT)] * 2 + [(-LIMIT, WIDEST)] * 3,
+    )
+    assert found.value <= by_scipy.fun + 2e-3
 
 
 def test_the_doubt_of_a_scale_against_its_prior_is_that_of_the_curvature():
