@@ -12,6 +12,7 @@ from tests.moving_robots import GRAVITY, by_inverse_dynamics, moving, random_rob
 from tulip_testbed.identification.conventions.audit_conventions import (
     DECISIVE,
     NAMES,
+    Conventions,
     _best_two,
     audit_conventions,
 )
@@ -171,13 +172,23 @@ def test_joints_that_are_read_wrongly_are_told(joint, record):
 
 @pytest.mark.slow
 def test_a_delay_of_the_sensors_is_measured(record):
-    log = logged(record, WrenchConvention())
-    late = [np.interp(log.time - 0.1, log.time, channel) for channel in readings(log)[:, 1].T]
-    wrenches = readings(log)
-    wrenches[:, 1] = np.transpose(late)
-    found = audit_conventions(dataclasses.replace(log, wrenches=wrenches), nominal_robot(record.robot))
+    found = _audited_late(record, 0.1)
     assert found.lag[0] == pytest.approx(0.1, abs=4 * found.lag[1])
     assert found.lag[1] < 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("late", "side"), [(0.6, "behind"), (-0.6, "ahead of")])
+def test_a_delay_beyond_those_that_are_tried_is_told(late, side, record):
+    assert f"the contact sensors are 0.5 s or more {side} the joints" in _audited_late(record, late).problems
+
+
+def _audited_late(record: Record, late: float) -> Conventions:
+    """Audit a log whose left wrenches come late [s]."""
+    log = logged(record, WrenchConvention())
+    wrenches = readings(log)
+    wrenches[:, 1] = np.transpose([np.interp(log.time - late, log.time, c) for c in wrenches[:, 1].T])
+    return audit_conventions(dataclasses.replace(log, wrenches=wrenches), nominal_robot(record.robot))
 
 
 def test_the_best_two_conventions_differ_in_more_than_a_yaw():

@@ -67,7 +67,8 @@ class Conventions:
         problems: what is not decided or contradicts the log.
         doubt: hypotheses between which the wrenches do not decide; "" if they do.
         residual: r.m.s. of the unexplained force and moment over the weight, x, y, z, (6,) [-, m].
-        lag: by which the contact sensors are behind the joints and its s.d., (2,) [s]; NaN: unknown.
+        lag: by which the contact sensors are behind the joints and its s.d., (2,) [s]; NaN: unknown; an
+            infinite s.d.: that or more.
         applied: the measurements with wrenches as the contract has them.
     """
 
@@ -173,7 +174,10 @@ def audit_conventions(measurements: Measurements, nominal: Nominal) -> Conventio
     problems += contradictions
     out += ([_origin(best.fit.origin)] if fits else []) + others
     lag = _lag(m, need, frames, best, counted.rows) if fits else np.full(2, np.nan)
-    if abs(lag[0]) > max(4 * lag[1], 0.02):
+    if np.isinf(lag[1]):
+        side = "behind" if lag[0] > 0 else "ahead of"
+        problems.append(f"the contact sensors are {abs(lag[0]):g} s or more {side} the joints")
+    elif abs(lag[0]) > max(4 * lag[1], 0.02):
         problems.append(f"the contact sensors are {lag[0]:.3f} +- {lag[1]:.3f} s behind the joints")
     applied = measurements
     if settled and chosen != WrenchConvention():
@@ -292,7 +296,7 @@ def _joints(
 
 
 def _lag(m: Measurements, need: NeededWrench, frames: ContactFrames, best: _Tried, rows: float) -> np.ndarray:
-    """Return by how much the wrenches are late, and its s.d., (2,) [s]; NaN: unknown."""
+    """Return by how much the wrenches are late, and its s.d., (2,) [s]; NaN: unknown; infinite: or more."""
     if len(m) < LEAST_SERIES or not (np.diff(m.time) > 0).all():
         return np.full(2, np.nan)
     measured = total_in_base(m, frames, best.convention)
@@ -305,6 +309,8 @@ def _lag(m: Measurements, need: NeededWrench, frames: ContactFrames, best: _Trie
     )
     k = int(np.clip(likelihood.argmax(), 1, len(LAGS) - 2))
     curve, slope, _ = np.polyfit(LAGS[k - 1 : k + 2] - LAGS[k], likelihood[k - 1 : k + 2], 2)
+    if likelihood.argmax() != k and likelihood.max() > likelihood[len(LAGS) // 2] + DECISIVE:
+        return np.array([LAGS[likelihood.argmax()], np.inf])
     if curve >= 0 or likelihood.argmax() != k:
         return np.full(2, np.nan)
     return np.array([LAGS[k] - slope / (2 * curve), np.sqrt(-0.5 / curve)])
