@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.contacts import WRENCH, Contacts
@@ -45,14 +46,8 @@ def write_contacts(
     (folder / "manifest.json").write_text(json.dumps(manifest))
     left_out = ("cell", "q_std") if poses else ("cell", "q_std", "plate.")
     table = {k: v for k, v in plates.columns().items() if not k.startswith(left_out)}
-    table = {
-        k: np.asarray(v) for k, v in (table | readings(plates) | (columns or {})).items() if k not in drop
-    }
-    lines = [",".join(f'"{name}"' for name in table)]
-    for row in range(len(plates)):
-        values = [v[row] for v in table.values()]
-        lines.append(",".join("" if isinstance(v, float) and np.isnan(v) else str(v) for v in values))
-    (folder / "postures.csv").write_text("\n".join(lines) + "\n")
+    table |= readings(plates) | (columns or {})
+    pd.DataFrame(table).drop(columns=list(drop)).to_csv(folder / "postures.csv", index=False)
     return folder
 
 

@@ -21,8 +21,8 @@ def first(plan, count):
     return plan.take(np.isin(plan.placement, np.unique(plan.placement)[:count]))
 
 
-def statically(rig, plan) -> Measurements:
-    return run_statics(solve_plan(rig, plan), [np.random.SeedSequence(1101)])[0].measurements
+def statically(rig, plan, seed=1101) -> Measurements:
+    return run_statics(solve_plan(rig, plan), [np.random.SeedSequence(seed)])[0].measurements
 
 
 def measured(robot, plan, preset, *hidden, seed=DISCOVERY_SEED):
@@ -30,7 +30,7 @@ def measured(robot, plan, preset, *hidden, seed=DISCOVERY_SEED):
     rig = preset_rig(preset, robot)
     for name, target, values in hidden:
         rig = catalogue()[name].inject(rig, target, values)
-    return run_statics(solve_plan(rig, plan), [np.random.SeedSequence(seed)])[0].measurements
+    return statically(rig, plan, seed)
 
 
 def changes(nominal, base, with_it, effect, target, values, absorbed=True, physics=True):

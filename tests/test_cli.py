@@ -17,6 +17,7 @@ from tulip_testbed.cli.terminal import PIPE_WIDTH
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.measurements import write_measurements
 
+TULIP = [sys.executable, "-c", "from tulip_testbed.cli.entry import run; run()"]  # in its own process
 NAMES = list(COMMANDS)
 HEAVY = (
     "mujoco",

@@ -12,7 +12,7 @@ from scipy.stats import cauchy, chi2, norm
 import tulip_testbed.discovery.discover as discover_module
 from studies.hidden_effects.outside_faults import FAULTS
 from tests.effect_changes import DISCOVERY_SEED as SEED
-from tests.effect_changes import measured
+from tests.effect_changes import measured, statically
 from tulip_testbed.base import budget
 from tulip_testbed.base.budget import Budget
 from tulip_testbed.base.errors import InputError
@@ -39,8 +39,6 @@ from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_noise import noise_of
 from tulip_testbed.sim.random_robots import draw_robot, edit_of
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.statics.solved_plan import solve_plan
-from tulip_testbed.sim.statics.static_run import run_statics
 
 
 def test_a_pattern_tells_the_reading_that_errs(robot, plan, nominal):
@@ -52,9 +50,7 @@ def test_a_pattern_tells_the_reading_that_errs(robot, plan, nominal):
         return dataclasses.replace(m, joint_angles=angles)
 
     rig = dataclasses.replace(preset_rig("force-plate", robot), misread=bent)
-    observed = observe(
-        run_statics(solve_plan(rig, plan), [np.random.SeedSequence(SEED)])[0].measurements, nominal
-    )
+    observed = observe(statically(rig, plan, SEED), nominal)
     linear = linear_model(observed, noise_of(observed))
     clearest = patterns(linear, linear.residual, np.zeros((len(linear.residual), 0)))[0]
     assert clearest.words.startswith("the reading of right_knee errs with")
@@ -69,8 +65,8 @@ def test_a_cable_that_pulls_at_a_part_of_the_postures_is_a_pattern_of_the_place(
     """It is slack in four of five postures, and no angle and no load alone tells where."""
     (slack,) = (fault for fault in FAULTS if fault.name == "cable-slack")
     assert slack.inject is not None
-    solved = solve_plan(slack.inject(preset_rig("wii", robot), 676, 60.0), plan)
-    observed = observe(run_statics(solved, [np.random.SeedSequence(SEED)])[0].measurements, nominal)
+    pulled = slack.inject(preset_rig("wii", robot), 676, 60.0)
+    observed = observe(statically(pulled, plan, SEED), nominal)
     linear = linear_model(observed, noise_of(observed))
     clearest, second, *_ = patterns(linear, linear.residual, np.zeros((len(linear.residual), 0)))
     assert clearest.words == "the centre of pressure depends on the place of torso"
@@ -241,8 +237,7 @@ def test_what_neither_the_catalogue_nor_a_law_says_is_unknown(robot, plan):
     (slack,) = [one for one in FAULTS if one.name == "cable-slack"]
     assert slack.inject is not None
     rig = slack.inject(preset_rig("force-plate", robot), 7, 20.0)
-    data = run_statics(solve_plan(rig, plan), [np.random.SeedSequence(SEED)])[0].measurements
-    found = discover(data, robot)
+    found = discover(statically(rig, plan, SEED), robot)
     assert found.verdict == "unknown"
     assert found.where
     assert found.adopted == ()

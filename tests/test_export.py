@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
+from tests.edited_files import change_texts
 from tests.published_robot import write_published
 from tests.test_refusals import refuse
 from tulip_testbed.base.errors import InputWarning
@@ -227,27 +228,17 @@ def test_text_of_every_kind(tmp_path):
     refuse('found no <body name="e">', with_inertias, text, {"e": one}, tmp_path / "x.xml")
 
 
-def with_model(robot, folder, change):
-    """A copy of TULip whose MJCF is changed."""
-    for file in robot.folder.iterdir():
-        if file.is_file():
-            (folder / file.name).write_bytes(file.read_bytes())
-    model = folder / "tulip.xml"
-    text = model.read_text()
-    assert change(text) != text
-    model.write_text(change(text))
-    return tt.load_robot(folder / "tulip.toml")
-
-
-def test_a_body_in_an_included_file_is_refused(robot, found, tmp_path):
+def test_a_body_in_an_included_file_is_refused(robot, found, edited_tulip, tmp_path):
     leg = re.search(
         r' *<body name="left_hip_yaw".*</body>\n(?=    </body>\n  </worldbody>)',
         robot.model_file.read_text(),
         re.S,
     )
     assert leg is not None
-    (tmp_path / "leg.xml").write_text(f"<mujocoinclude>{leg[0]}</mujocoinclude>")
-    other = with_model(robot, tmp_path, lambda text: text.replace(leg[0], '<include file="leg.xml"/>'))
+    folder = edited_tulip(built=False).folder
+    (folder / "leg.xml").write_text(f"<mujocoinclude>{leg[0]}</mujocoinclude>")
+    change_texts(folder, [f'tulip.xml: {leg[0]} => <include file="leg.xml"/>'])
+    other = tt.load_robot(folder / "tulip.toml")
     refuse('found no <body name="left_hip_yaw"> ... included', export_model, found, other, tmp_path / "a.xml")
 
 

@@ -6,6 +6,7 @@ import tomllib
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import tulip_testbed as tt
@@ -70,9 +71,7 @@ def table(measured, tmp_path):
             columns[f"{side} my (N m)"] = -forces @ cells[:, 0]
         change(columns)
         path = tmp_path / "own.csv"
-        lines = [",".join(columns)]
-        lines += [",".join(str(v[row]) for v in columns.values()) for row in range(len(measured))]
-        path.write_text("\n".join(lines) + "\n")
+        pd.DataFrame(columns).to_csv(path, index=False)
         return path
 
     return written

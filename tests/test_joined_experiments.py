@@ -1,13 +1,13 @@
 """Several experiments with one robot: manipulations, sessions, known masses, and what is refused."""
 
 import dataclasses
-import json
 from typing import Any
 
 import numpy as np
 import pytest
 
 import tulip_testbed as tt
+from tests.test_refusals import change_document
 from tulip_testbed.base.errors import InputWarning
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import removed
@@ -17,7 +17,7 @@ from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import residuals, residuals_in_use
 from tulip_testbed.measurements import Experiment, joined
 from tulip_testbed.measurements.cells import CELLS
-from tulip_testbed.measurements.joined import separate
+from tulip_testbed.measurements.joined import read_written, separate, write_experiments
 from tulip_testbed.measurements.manipulations import arrangement_of
 
 CABLE, LEFT = "cable removed", "left plate turned by 180 deg"
@@ -101,8 +101,6 @@ def test_joined_experiments_come_apart_again(pair):
 
 
 def test_a_joined_run_folder_is_read_as_it_was_written(pair, tmp_path):
-    from tulip_testbed.measurements.joined import read_written, write_experiments
-
     whole = joined(pair)
     write_experiments(tmp_path / "measurements", whole)
     again = read_written(tmp_path / "measurements")
@@ -186,9 +184,7 @@ def test_a_known_mass_is_part_of_the_model(robot, nominal, lab, few):
 
 def test_a_misspelt_key_of_a_manifest_is_named(pair, tmp_path):
     tt.write_measurements(tmp_path / "one", pair[0])
-    where = tmp_path / "one" / "manifest.json"
-    content = json.loads(where.read_text())
-    where.write_text(json.dumps(content | {"manipulation": ["cable removed"], "cafe": 1}))
+    change_document(tmp_path / "one" / "manifest.json", 'manipulation = ["cable removed"]', "cafe = 1")
     with pytest.warns(
         InputWarning, match="'manipulation', which is not read; did you mean 'manipulations'"
     ) as w:

@@ -5,7 +5,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -14,7 +13,8 @@ import pyarrow.parquet
 import pytest
 
 import tulip_testbed as tt
-from tests.test_refusals import refuse, rows
+from tests.test_cli import TULIP
+from tests.test_refusals import change_document, refuse, rows
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.machine import machine
 from tulip_testbed.experiments.laboratory import Laboratory
@@ -27,7 +27,6 @@ from tulip_testbed.sim.outcome import Outcome
 from tulip_testbed.sim.plan_folder import write_plan
 from tulip_testbed.sim.statics.static_run import run_statics
 
-TULIP = [sys.executable, "-c", "from tulip_testbed.cli.entry import run; run()"]
 RUNS = 110  # five chunks of 25 or fewer: two of them are there long before the last
 
 
@@ -154,9 +153,7 @@ def test_other_settings_and_versions_are_refused(scenario, tmp_path):
     begin(tmp_path / "run", scenario)
     spread = dataclasses.replace(SETTINGS, robot_spread=0.1, engine="dynamics")
     refuse("settings.robot_spread is None there and 0.1 here", begin, tmp_path / "run", scenario, spread)
-    document = json.loads((tmp_path / "run" / "run.json").read_text())
-    document["software"]["numpy"] = "1.0"
-    (tmp_path / "run" / "run.json").write_text(json.dumps(document))
+    change_document(tmp_path / "run" / "run.json", 'software.numpy = "1.0"')
     refuse("software.numpy is '1.0' there", begin, tmp_path / "run", scenario)
 
 
@@ -166,11 +163,8 @@ def test_the_processor_is_recorded_and_another_one_may_go_on(scenario, tmp_path)
     document = json.loads((folder / "run.json").read_text())
     assert document["machine"] == machine()
     assert all(len(text) > 3 for text in document["machine"].values())
-    for other in ({"cpu": "abacus"}, None):
-        document["machine"] = other
-        (folder / "run.json").write_text(
-            json.dumps({name: value for name, value in document.items() if value is not None})
-        )
+    for change in ('machine = {"cpu": "abacus"}', "machine -"):
+        change_document(folder / "run.json", change)
         begin(folder, scenario)
 
 

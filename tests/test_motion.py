@@ -42,6 +42,12 @@ EXACT = "ideal"
 
 
 @pytest.fixture(scope="module")
+def three():
+    """The first postures of a placement."""
+    return tt.plans.random.take(np.flatnonzero(tt.plans.random.placement == 1)[:3])
+
+
+@pytest.fixture(scope="module")
 def planned(once):
     few = tt.plans.random
     return once("motion-plan", lambda: tt.plan_motion(few.take(np.isin(few.placement, [1, 3, 4])), speed=0.5))
@@ -71,10 +77,9 @@ def test_forces_of_the_ground_are_those_that_the_motion_needs(robot, moved):
 
 
 @pytest.mark.parametrize("fed", [True, False])
-def test_the_side_force_between_the_feet_follows_from_the_commands(robot, fed):
+def test_the_side_force_between_the_feet_follows_from_the_commands(robot, three, fed):
     """Servos sag without feed-forward. Loads of that put a link at its play's other end."""
-    few = tt.plans.random.take(np.flatnonzero(tt.plans.random.placement == 1)[:3])
-    rig, plan = preset_rig(EXACT, robot), tt.plan_motion(few).plan
+    rig, plan = preset_rig(EXACT, robot), tt.plan_motion(three).plan
     rig = replace(rig, sensors=replace(rig.sensors, wrench=WrenchSensors(place=PLATE)))
     assert plan.motion is not None
     plan = plan if fed else replace(plan, motion=replace(plan.motion, torques=None))
@@ -137,20 +142,18 @@ def test_every_segment_is_one_motion_on_one_placement(planned, moved):
     assert set(moved.measurements.placement) == set(motion.placement)
 
 
-def test_a_longer_budget_is_a_slower_motion():
-    few = tt.plans.random
-    few = few.take(np.flatnonzero(few.placement == 1)[:3])
-    fast = tt.plan_motion(few)
-    slow = tt.plan_motion(few, minutes=2 * fast.minutes)
+def test_a_longer_budget_is_a_slower_motion(three):
+    fast = tt.plan_motion(three)
+    slow = tt.plan_motion(three, minutes=2 * fast.minutes)
     assert slow.minutes == pytest.approx(2 * fast.minutes, rel=0.01)
     assert slow.fastest == pytest.approx(fast.fastest / 2, rel=0.02)
     assert "2.0 times slower" in slow.notes[0]
-    short = tt.plan_motion(few, minutes=fast.minutes / 2)
+    short = tt.plan_motion(three, minutes=fast.minutes / 2)
     assert short.minutes == fast.minutes
     assert f"more than {fast.minutes / 2:g}" in short.notes[0]
 
 
-def test_fast_motion_is_named_before_and_after(robot, planned, moved):
+def test_fast_motion_is_named_before_and_after(robot, three, planned, moved):
     """The plan's figures are those that the check finds in the record."""
     rough, fine = (header_of(preset_rig(name, robot)).sensors for name in ("wii", "force-plate"))
     m = moved.measurements
@@ -164,9 +167,8 @@ def test_fast_motion_is_named_before_and_after(robot, planned, moved):
     assert added == pytest.approx(planned.inertial_mm, rel=0.15)
     assert share == pytest.approx(planned.inertial_mm / planned.noise_mm, rel=0.15)
     assert f"{planned.inertial_mm:.2g} mm r.m.s." in str(planned)
-    few = tt.plans.random.take(np.flatnonzero(tt.plans.random.placement == 1)[:3])
-    assert fast.advice in str(tt.plan_motion(few, robot, sensors="force-plate"))
-    assert fast.advice not in str(tt.plan_motion(few, robot))
+    assert fast.advice in str(tt.plan_motion(three, robot, sensors="force-plate"))
+    assert fast.advice not in str(tt.plan_motion(three, robot))
     assert checks(moved)["inertial part"].result == "not evaluated"  # there is no noise
 
 
@@ -354,7 +356,7 @@ def test_slow_errors_keep_the_sheet_s_deviation_and_lag_is_exact():
     np.testing.assert_allclose(late[100:], ramp[100:] - 0.033, atol=1e-6)
 
 
-def test_a_posture_that_cannot_be_held_costs_the_way_to_the_next_one(robot, monkeypatch):
+def test_a_posture_that_cannot_be_held_costs_the_way_to_the_next_one(robot, three, monkeypatch):
     hold, tried = moving_run.hold, []
 
     def once_lost(stand, posture):
@@ -362,9 +364,7 @@ def test_a_posture_that_cannot_be_held_costs_the_way_to_the_next_one(robot, monk
         return (None, "lost sole corner") if len(tried) == 1 else hold(stand, posture)
 
     monkeypatch.setattr(moving_run, "hold", once_lost)
-    plan = tt.plan_motion(
-        tt.plans.random.take(np.flatnonzero(tt.plans.random.placement == 1)[:3]), robot
-    ).plan
+    plan = tt.plan_motion(three, robot).plan
     run = tt.Laboratory(robot, sensors=EXACT).run(plan, workers=1)
     assert plan.motion is not None
     assert run.samples is not None

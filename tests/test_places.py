@@ -2,12 +2,12 @@
 
 import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 import tulip_testbed as tt
+from tests.test_cli import TULIP as COMMAND
 from tests.test_cli import refused
 from tests.test_files import full_disk
 from tests.test_refusals import refuse
@@ -17,8 +17,6 @@ from tulip_testbed.experiments import truth_record
 from tulip_testbed.experiments.run_file import robot_of
 from tulip_testbed.experiments.truth_record import write_experiment
 from tulip_testbed.sim.shipped import TULIP
-
-TULIP_COMMAND = [sys.executable, "-c", "import tulip_testbed.cli.entry as entry; entry.run()"]
 
 
 def test_the_truth_of_another_is_never_removed(run, tmp_path):
@@ -117,7 +115,7 @@ def test_a_reader_that_has_seen_enough_is_no_fault():
     """The pipe's other end is closed before anything is written."""
     reading, writing = os.pipe()
     os.close(reading)
-    command = [*TULIP_COMMAND, "robot", "--json"]
+    command = [*COMMAND, "robot", "--json"]
     done = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, check=False)
     os.close(writing)
     assert (done.returncode, done.stderr) == (0, b"")

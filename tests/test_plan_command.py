@@ -1,7 +1,6 @@
 """`tulip plan` as a person meets them: interrupted, gone on with, refused, drawn."""
 
 import io
-import json
 import re
 import shutil
 from contextlib import contextmanager
@@ -15,7 +14,7 @@ import tulip_testbed as tt
 from tests.drawing import draws_with
 from tests.published_robot import write_published
 from tests.test_cli import refused, told
-from tests.test_refusals import change_keys, refuse, rows
+from tests.test_refusals import change_document, refuse, rows
 from tulip_testbed import rendering
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments import planning_run as planning
@@ -92,9 +91,7 @@ def test_an_edited_state_is_refused_by_name(interrupted, tmp_path, changes, word
     search, states = interrupted
     shutil.copytree(states, state_folder(tmp_path / "plan"))
     path = state_folder(tmp_path / "plan") / "seed-311.json"
-    document = json.loads(path.read_text())
-    change_keys(document, changes[0])
-    path.write_text(json.dumps(document))
+    change_document(path, changes[0])
     refuse(
         f"seed-311.json: ... {words} ... ; remove it", planning.search_plan, search, tmp_path / "plan", "wii"
     )

@@ -14,6 +14,7 @@ import yaml
 import tulip_testbed as tt
 from tests.drawing import draws_with
 from tests.looking import browse
+from tests.test_refusals import change_document
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.example import empty_measurements
 from tulip_testbed.identification.planning.optimal_plan import with_repeats
@@ -91,12 +92,11 @@ def test_the_started_folder_takes_rows(folder, robot, tmp_path, way):
             writer.writeheader()
             for row, measured in zip(rows, simulated, strict=True):
                 writer.writerow({key: value or measured[key] for key, value in row.items()})
-    manifest = json.loads((tmp_path / "data" / "manifest.json").read_text())
+    manifest = tmp_path / "data" / "manifest.json"
     assert run.measurements.weighed_mass is not None
     mass, sd = run.measurements.weighed_mass
-    assert manifest["weighed_mass"] is None
-    manifest["weighed_mass"] = {"value": mass, "sd": sd}
-    (tmp_path / "data" / "manifest.json").write_text(json.dumps(manifest))
+    assert json.loads(manifest.read_text())["weighed_mass"] is None
+    change_document(manifest, f'weighed_mass = {{"value": {mass}, "sd": {sd}}}')
     expected = tt.identify(replace(run.measurements, command=None, motor=None), robot)
     found = tt.identify(tmp_path / "data", robot)
     np.testing.assert_allclose(found.full.value, expected.full.value, rtol=1e-9)

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests.fuzz.documents import changed_anywhere, read_or_refused
-from tests.test_refusals import change_keys, refuse, rows
+from tests.test_refusals import change_document, refuse, rows
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import sha256
 from tulip_testbed.discovery.dynamics_check import DynamicsCheck
@@ -173,9 +173,7 @@ def test_a_run_of_the_statics_says_that_it_has_no_true_centre_of_mass(static):
 def refuse_edited(folder, load, changes, words):
     """Change a document of a run folder and put its hash right: the message names the file and the key."""
     name, _, change = changes[0].partition(": ")
-    document = json.loads((folder / name).read_text())
-    change_keys(document, change)
-    (folder / name).write_text(json.dumps(document))
+    change_document(folder / name, change)
     put_right(folder, name)
     refuse(f"{name}: ... {words}", load, folder)
 
@@ -216,8 +214,7 @@ def put_right(folder, name):
 
 def test_a_run_of_another_robot_is_refused(run_folder, robot, tmp_path):
     folder = shutil.copytree(run_folder, tmp_path / "run")
-    document = json.loads((folder / "run.json").read_text())
-    (folder / "run.json").write_text(json.dumps(document | {"inputs": {}}))
+    change_document(folder / "run.json", "inputs = {}")
     refuse("key 'inputs': found no tulip.xml with the hash", read_run, folder, robot)
 
 
@@ -225,7 +222,7 @@ def test_keys_that_nobody_knows_are_passed_over(run_folder, robot, tmp_path):
     """As another version might write them."""
     folder = shutil.copytree(run_folder, tmp_path / "run")
     document = json.loads((folder / "result.json").read_text())
-    (folder / "result.json").write_text(json.dumps(document | {"weather": {"sky": "blue"}}))
+    change_document(folder / "result.json", 'weather = {"sky": "blue"}')
     put_right(folder, "result.json")
     assert Validation.load(folder, robot).to_json() == document
 
@@ -247,11 +244,10 @@ def test_a_monte_carlo_with_another_plan_or_more_runs_than_anybody_makes_is_refu
 ):
     """run.json lists no hashes of the runs' files: the plan has its own, and a number of runs is bounded."""
     folder = shutil.copytree(coverage, tmp_path / "runs")
-    intact = json.loads((folder / "run.json").read_text())
-    settings = intact["settings"] | {"runs": 10**13}
-    (folder / "run.json").write_text(json.dumps(intact | {"settings": settings}))
+    intact = (folder / "run.json").read_text()
+    change_document(folder / "run.json", "settings.runs = 10000000000000")
     refuse("run.json: key 'settings.runs': found 10000000000000", read_run, folder, robot)
-    (folder / "run.json").write_text(json.dumps(intact))
+    (folder / "run.json").write_text(intact)
     shutil.rmtree(folder / "plan")
     write_plan(tmp_path / "plan", plan.take(plan.placement <= 11))
     (tmp_path / "plan").rename(folder / "plan")

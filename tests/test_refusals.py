@@ -81,9 +81,16 @@ def change_keys(document, change: str) -> None:
                 place[each] = json.loads(value)
 
 
+def change_document(path: Path, *changes: str) -> None:
+    """Change keys of a JSON file, see `change_keys`."""
+    document = json.loads(path.read_text())
+    for change in changes:
+        change_keys(document, change)
+    path.write_text(json.dumps(document))
+
+
 def change_folder(folder, changes, file="postures.csv") -> None:
     """Change keys of the manifest and columns of the table."""
-    manifest = json.loads((folder / "manifest.json").read_text())
     lines = [line for line in (folder / file).read_text().splitlines() if line[0] != "#"]
     names, *table = [line.split(",") for line in lines]
     names = [name.strip('"') for name in names]
@@ -100,8 +107,7 @@ def change_folder(folder, changes, file="postures.csv") -> None:
                 elif k and row in ("", f"{k}]"):
                     cells[column] = value
             continue
-        change_keys(manifest, change)
-    (folder / "manifest.json").write_text(json.dumps(manifest))
+        change_document(folder / "manifest.json", change)
     (folder / file).write_text("\n".join(",".join(cells) for cells in [names, *table]) + "\n")
 
 

@@ -29,28 +29,28 @@ def solved_plan(robot, plan):
     return {name: solve_plan(preset_rig(name, robot), plan) for name in ("ideal", "force-plate", "wii")}
 
 
-def test_the_nominal_laboratory_leaves_no_residual(solved_plan, nominal):
-    observed = observe(
-        run_statics(solved_plan["ideal"], [np.random.SeedSequence(SEED)])[0].measurements, nominal
-    )
-    left = residuals(observed, nominal.value)
-    for number in np.unique(observed.stance):
-        left[observed.stance == number, 8:] -= left[observed.stance == number, 8:].mean(axis=0)
-    left[:, 3:5] *= observed.on_four_cells
+@pytest.fixture(scope="module")
+def exact(solved_plan, nominal):
+    (run,) = run_statics(solved_plan["ideal"], [np.random.SeedSequence(SEED)])
+    return observe(run.measurements, nominal)
+
+
+def test_the_nominal_laboratory_leaves_no_residual(exact, nominal):
+    left = residuals(exact, nominal.value)
+    for number in np.unique(exact.stance):
+        left[exact.stance == number, 8:] -= left[exact.stance == number, 8:].mean(axis=0)
+    left[:, 3:5] *= exact.on_four_cells
     size = np.sqrt((left**2).mean(axis=0))
     assert (size < [2e-5, 2e-5, 1e-3, 1e-3, 1e-3, 5e-6, 2e-5, 2e-5, 5e-6, 5e-6, 2e-5]).all()
 
 
-def test_the_slopes_of_the_residuals_are_their_differences(solved_plan, nominal):
-    observed = observe(
-        run_statics(solved_plan["ideal"], [np.random.SeedSequence(SEED)])[0].measurements, nominal
-    )
-    slope, start, at = sensitivity(observed, nominal.value), packed(observed), fields(observed)
+def test_the_slopes_of_the_residuals_are_their_differences(exact, nominal):
+    slope, start, at = sensitivity(exact, nominal.value), packed(exact), fields(exact)
     for name, where in at.items():
         step = 1e-2 if name in ("cells", "lift") else 1e-5
         for k in range(where.start, where.stop):
             way = step * (np.arange(start.shape[1]) == k)
-            ahead, behind = (residuals(unpacked(observed, start + s * way), nominal.value) for s in (1, -1))
+            ahead, behind = (residuals(unpacked(exact, start + s * way), nominal.value) for s in (1, -1))
             np.testing.assert_allclose(slope[..., k], (ahead - behind) / (2 * step), atol=2e-5)
 
 

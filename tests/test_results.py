@@ -1,7 +1,6 @@
 """Results as a researcher meets them: parameters by name, tables that print themselves, data frames."""
 
 import dataclasses
-import json
 import shutil
 from types import SimpleNamespace
 from typing import Any
@@ -11,7 +10,7 @@ import pytest
 from scipy.stats import t as t_distribution
 
 import tulip_testbed as tt
-from tests.test_refusals import change_keys, refuse
+from tests.test_refusals import change_document, refuse
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.description import described_robot
@@ -161,9 +160,8 @@ def test_an_edited_result_is_refused_when_it_is_read(run, robot, tmp_path):
     file = tmp_path / "fit" / "result.json"
     intact = file.read_text()
     for change in ('estimator = "x"', "confounded = null", "calibration.covariance = null"):
-        document = json.loads(intact)
-        change_keys(document, change)
-        file.write_text(json.dumps(document))
+        file.write_text(intact)
+        change_document(file, change)
         with pytest.raises(InputError, match=r"found values that do not fit together|key"):
             tt.Identification.load(tmp_path / "fit", robot)
     refuse("robot: found none, expected it behind the folder", tt.Identification.load, tmp_path / "fit")

@@ -8,6 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests.edited_files import write_rig
+from tests.effect_changes import statically
 from tests.fuzz.documents import changed_anywhere, read_or_refused
 from tests.test_cli import told
 from tests.test_refusals import refuse
@@ -18,8 +19,6 @@ from tulip_testbed.experiments.rig_folder import CHANGED, DIFF, NOMINAL, RIG_FIL
 from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import load_spec
-from tulip_testbed.sim.statics.solved_plan import solve_plan
-from tulip_testbed.sim.statics.static_run import run_statics
 
 SEED = 231
 TEXTS = ("encoder-offset:right_knee=0.01", "joint-compliance:left_ankle_roll=0.0005")
@@ -37,8 +36,7 @@ def rig(found, robot, tmp_path):
 
 
 def measured_here(robot, plan, found):
-    solved_plan = solve_plan(injected(preset_rig("force-plate", robot), found), plan)
-    return run_statics(solved_plan, [np.random.SeedSequence(SEED)])[0].measurements
+    return statically(injected(preset_rig("force-plate", robot), found), plan, SEED)
 
 
 def test_what_is_written_is_read(rig, found, robot):
@@ -90,8 +88,8 @@ def test_a_rig_of_a_placement_that_is_not_there(robot, plan, tmp_path):
     assert read_rig(tmp_path / "rig", robot) == (blunder,)
     few = plan.take(plan.placement <= 2)
     refuse("unknown target '7'; valid: 1, 2", Laboratory(robot).with_known(blunder).run, few)
-    (run,) = run_statics(solve_plan(preset_rig("wii", robot), few), [np.random.SeedSequence(SEED)])
-    refuse("unknown target '7'; valid: 1, 2", identify, run.measurements, robot, adopted=[blunder])
+    measured = statically(preset_rig("wii", robot), few)
+    refuse("unknown target '7'; valid: 1, 2", identify, measured, robot, adopted=[blunder])
 
 
 def test_a_monte_carlo_in_the_adopted_laboratory_is_freed_of_it(rig, robot, tmp_path, capsys):

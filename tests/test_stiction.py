@@ -63,6 +63,13 @@ def block(angle: float, mu: float, row: float = 0.002) -> tuple[mujoco.MjModel, 
     return model, data
 
 
+def stick(stiction: Stiction, model: mujoco.MjModel, data: mujoco.MjData, times: int) -> None:
+    """Let what is at rest stick, again and again while the model goes on."""
+    for _ in range(times):
+        stiction.engage(data)
+        mujoco.mj_step(model, data, 20)
+
+
 def test_a_loaded_joint_holds_for_a_minute():
     """2 Nm of dry friction under 1.47 Nm: 0.1 mrad of creep by the friction row, nothing by sticking."""
     model, data = arm(2.0, 1.47)
@@ -72,9 +79,7 @@ def test_a_loaded_joint_holds_for_a_minute():
     crept = data.qpos[0] - start
     assert 5e-5 < crept < 2e-4
     stiction = Stiction(model, [])
-    for _ in range(5):
-        stiction.engage(data)
-        mujoco.mj_step(model, data, 20)
+    stick(stiction, model, data, 5)
     start = data.qpos[0]
     mujoco.mj_step(model, data, 60_000)
     assert abs(data.qpos[0] - start) < 1e-8
@@ -85,9 +90,7 @@ def test_a_loaded_joint_holds_for_a_minute():
 def test_a_joint_lets_go_of_more_than_friction_carries():
     model, data = arm(2.0, 2.3)
     stiction = Stiction(model, [])
-    for _ in range(5):
-        stiction.engage(data)
-        mujoco.mj_step(model, data, 20)
+    stick(stiction, model, data, 5)
     assert stiction.overloaded(data) == ["arm"]
     assert abs(data.qfrc_applied[0]) <= BREAKAWAY * 2.0
     stiction.release(data)
@@ -102,15 +105,11 @@ def test_a_stuck_joint_whose_load_falls_does_not_move(left):
     """Near its limit, then unloaded and loaded the other way within it: friction must not push."""
     model, data = arm(2.0, 1.99)
     stiction = Stiction(model, [])
-    for _ in range(5):
-        stiction.engage(data)
-        mujoco.mj_step(model, data, 20)
+    stick(stiction, model, data, 5)
     model.opt.gravity[2] *= left
     start = data.qpos[0]
     mujoco.mj_step(model, data, 20)
-    for _ in range(50):
-        stiction.engage(data)
-        mujoco.mj_step(model, data, 20)
+    stick(stiction, model, data, 50)
     assert abs(data.qpos[0] - start) < 2e-7
     assert data.qfrc_applied[0] == pytest.approx(-1.99 * left, abs=2e-3)
 
@@ -133,9 +132,7 @@ def test_a_foot_inside_the_cone_stays_for_a_minute():
     model, data = block(np.deg2rad(20), 0.5)
     stiction = Stiction(model, [(model.body("block").id, model.body("ground").id)])
     mujoco.mj_step(model, data, 500)
-    for _ in range(10):
-        stiction.engage(data)
-        mujoco.mj_step(model, data, 20)
+    stick(stiction, model, data, 10)
     start = data.qpos[:3].copy()
     mujoco.mj_step(model, data, 60_000)
     assert np.abs(data.qpos[:3] - start).max() < 1e-7
@@ -154,7 +151,5 @@ def test_a_foot_outside_the_cone_slides_as_coulomb_says():
     mujoco.mj_step(model, data, 200)
     acceleration = (data.qvel[0] - before) / 0.2
     assert acceleration == pytest.approx(9.81 * (np.sin(slope) - 0.5 * np.cos(slope)), rel=0.01)
-    for _ in range(3):
-        stiction.engage(data)
-        mujoco.mj_step(model, data, 20)
+    stick(stiction, model, data, 3)
     assert stiction.overloaded(data) == ["block"]

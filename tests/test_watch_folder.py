@@ -4,14 +4,14 @@ import json
 import os
 import signal
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import tulip_testbed as tt
-from tests.test_refusals import refuse, rows
+from tests.test_cli import TULIP
+from tests.test_refusals import change_document, refuse, rows
 from tests.test_watch import measured_day
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
@@ -37,9 +37,7 @@ def folder(tmp_path, day) -> tuple[Path, list[str]]:
     folder = tmp_path / "lab"
     write_measurements(folder, day)
     (folder / "postures.parquet").unlink()
-    manifest = json.loads((folder / "manifest.json").read_text())
-    del manifest["tables"]
-    (folder / "manifest.json").write_text(json.dumps(manifest))
+    change_document(folder / "manifest.json", "tables -")
     header, *lines = (folder / "postures.csv").read_text().splitlines(keepends=True)
     (folder / "postures.csv").write_text(header)
     return folder, lines
@@ -190,8 +188,7 @@ def test_the_lines_that_a_program_and_a_person_see(folder, day, capsys):
 def test_killed_and_started_again_it_goes_on(folder, day, tmp_path):
     """The real command on a real file that grows, killed with no warning in the middle."""
     path, lines = folder
-    command = [sys.executable, "-c", "from tulip_testbed.cli.entry import run; run()", "watch", str(path)]
-    command += ["--plan", "random", "--json"]
+    command = [*TULIP, "watch", str(path), "--plan", "random", "--json"]
     told, state = [], tmp_path / "state"
     for part in (lines[:5], lines[5:]):
         grow(path, "".join(part))
