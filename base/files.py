@@ -96,21 +96,20 @@ def read_text(path: Path, most: int = MOST_BYTES) -> str:
 
 def present(path: Path) -> bool:
     """Return whether the name exists, as a file or anything else."""
-    try:
-        os.lstat(path)
-    except (FileNotFoundError, NotADirectoryError, ValueError):
-        return False
-    except OSError as error:
-        raise InputError(f"{path}: cannot read ({error_text(error)})") from None
-    return True
+    return _looked_up(path, os.lstat) is not None
 
 
 def is_folder(path: Path) -> bool:
     """Return whether the path leads to a folder."""
+    there = _looked_up(path, os.stat)
+    return there is not None and stat.S_ISDIR(there.st_mode)
+
+
+def _looked_up(path: Path, how: Callable[[Path], os.stat_result]) -> os.stat_result | None:
     try:
-        return stat.S_ISDIR(os.stat(path).st_mode)
+        return how(path)
     except (FileNotFoundError, NotADirectoryError, ValueError):
-        return False
+        return None
     except OSError as error:
         raise InputError(f"{path}: cannot read ({error_text(error)})") from None
 

@@ -125,6 +125,11 @@ class Cell:
     mark: str = ""
 
 
+def cells(of: object, where: str, *names: str) -> list[Cell]:
+    """Return attributes of an object as cells; where: path of the object in the run's JSON."""
+    return [Cell(getattr(of, name), f"{where}.{name}") for name in names]
+
+
 @dataclass(frozen=True, repr=False)
 class Table:
     """Rows of values under headings.

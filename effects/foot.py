@@ -10,7 +10,7 @@ from scipy.special import ndtr
 from tulip_testbed.effects.effect import Effect, Parameter, Physics, Values
 from tulip_testbed.effects.injection import always, edited
 from tulip_testbed.effects.targets import CELL_NAMES, FEET, FOOT_CORNERS
-from tulip_testbed.identification.observation import Observation
+from tulip_testbed.identification.observation import Observation, turned
 from tulip_testbed.measurements.cells import CORNERS, PLATES
 from tulip_testbed.measurements.data import base_foot
 from tulip_testbed.sim.compliance import RIGID
@@ -162,20 +162,16 @@ def _level(observed: Observation, target: str, values: Values, spread: float = 0
     noise = observed.cell_sd * np.linalg.norm(levers) / load
     tipped = _share(towards, BALANCED, noise, spread) * values[0] / away
     yaw = observed.plate_poses[:, side, 2]
-    c, s = np.cos(yaw), np.sin(yaw)
     # Downhill direction of the board in the base frame times its slope; it rises the other way.
-    slope = tipped[:, None] * np.column_stack([c * across[0] - s * across[1], s * across[0] + c * across[1]])
-    pivot = observed.plate_poses[:, side, :2] + np.column_stack(
-        [c * left[0] - s * left[1], s * left[0] + c * left[1]]
-    )
+    slope = tipped[:, None] * turned(yaw, across)
+    pivot = observed.plate_poses[:, side, :2] + turned(yaw, left)
+    tilt = np.column_stack([-slope[:, 1], slope[:, 0]])
     if side == 0:
-        tilt = np.column_stack([-slope[:, 1], slope[:, 0]])
         return _tilted(observed, side, tilt, (slope * pivot).sum(axis=1))
     place, turn = observed.swing_sole
-    yaw = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
-    c, s = np.cos(yaw), np.sin(yaw)
-    tilt = np.column_stack([s * slope[:, 0] - c * slope[:, 1], c * slope[:, 0] + s * slope[:, 1]])
-    return _tilted(observed, side, tilt, -(slope * (place[:, :2] - pivot)).sum(axis=1))
+    into_the_foot = -np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
+    rise = -(slope * (place[:, :2] - pivot)).sum(axis=1)
+    return _tilted(observed, side, turned(into_the_foot, tilt), rise)
 
 
 EFFECTS = (

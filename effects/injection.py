@@ -12,7 +12,7 @@ from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.manipulations import Experiment, needs_cells
 from tulip_testbed.sim.procedure import header_of, new_set_up
 from tulip_testbed.sim.rig import Rig, stages
-from tulip_testbed.sim.robot import joint_names, rotation_matrices
+from tulip_testbed.sim.robot import joint_names, quaternion, rotation_matrices
 from tulip_testbed.sim.scene import laboratory_scene
 from tulip_testbed.sim.specs import compile_spec
 
@@ -78,11 +78,9 @@ def add_mass(spec: mujoco.MjSpec, link: str, mass: float, place: np.ndarray) -> 
         inertia = inertia + part * ((arm @ arm) * np.eye(3) - np.outer(arm, arm))
     principal, axes = np.linalg.eigh(inertia)
     axes[:, 2] *= np.sign(np.linalg.det(axes))
-    quaternion = np.zeros(4)
-    mujoco.mju_mat2Quat(quaternion, axes.ravel())
     edit = spec.body(link)
     edit.explicitinertial = True
-    edit.mass, edit.ipos, edit.iquat, edit.inertia = before + mass, joined, quaternion, principal
+    edit.mass, edit.ipos, edit.iquat, edit.inertia = before + mass, joined, quaternion(axes), principal
     edit.fullinertia = np.full(6, np.nan)
 
 

@@ -45,9 +45,7 @@ def _soften(rig: Rig, target: str, values: Values) -> Rig:
 
 
 def _yielded(observed: Observation, target: str, values: Values) -> Observation:
-    angles, joint = observed.joint_angles.copy(), observed.tree.joints.index(target)
-    angles[:, joint] += values[0] * observed.torques[:, joint]
-    return observed.changed(joint_angles=angles)
+    return _turned(observed, target, values[0] * observed.torques[:, observed.tree.joints.index(target)])
 
 
 def _loosen(rig: Rig, target: str, values: Values) -> Rig:

@@ -11,7 +11,7 @@ import numpy as np
 from tulip_testbed.base.column import columns
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Figure
-from tulip_testbed.base.table import Cell, Table
+from tulip_testbed.base.table import Cell, Table, cells
 from tulip_testbed.identification.distributions import f_ppf, t_ppf
 from tulip_testbed.identification.estimators import Estimate
 from tulip_testbed.identification.statistics import standard_errors
@@ -80,9 +80,7 @@ def check_table(checks: Sequence[Check]) -> Table:
     numbers = ("value", "", ".4g"), ("threshold", "", ".4g")
     rows = []
     for k, check in enumerate(checks):
-        name, value, source = (
-            Cell(getattr(check, field), f"checks.{k}.{field}") for field in ("name", "value", "source")
-        )
+        name, value, source = cells(check, f"checks.{k}", "name", "value", "source")
         result, limit = Cell(check.result, f"checks.{k}.result", check.result), check.threshold
         bound = (-math.inf, limit) if isinstance(limit, int | float) else limit
         rows.append([name, result, value, bound, source])

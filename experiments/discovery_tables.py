@@ -8,7 +8,7 @@ from typing import Any
 from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import listed
 from tulip_testbed.base.numbers import number
-from tulip_testbed.base.table import Cell, Table
+from tulip_testbed.base.table import Cell, Table, cells
 from tulip_testbed.discovery.detectability import Undetectable, WeaklyDetectable
 from tulip_testbed.discovery.discover import clear_of_zero
 from tulip_testbed.discovery.dynamics_check import DynamicsCheck
@@ -57,9 +57,7 @@ def explanation_table(explanations: Sequence[Explanation]) -> Table:
     heads = columns(("gap", "", "d"), "effect", "size", *factors)
     rows = []
     for k, (one, short) in enumerate(zip(explanations, behind(explanations), strict=True)):
-        gap, evidence = (
-            Cell(getattr(one, name), f"explanations.{k}.{name}") for name in ("gap", "log_bayes_factor")
-        )
+        gap, evidence = cells(one, f"explanations.{k}", "gap", "log_bayes_factor")
         rows.append([gap, one.instance.label, _sizes(one.instance), evidence, short])
     note = "±: half of the 95 % interval. Rows of one gap explain the same part of the residuals."
     return Table("Explanations", heads, rows, note)
@@ -125,12 +123,12 @@ def moved_table(
         if not (mark or all_of_them):
             continue
         names = ("value", "clustered_standard_error") if adopted else ("clustered_standard_error",)
-        cells = [(estimate, "before", name) for name in ("names", "value")]
-        cells += [(new.full, side, name) for name in names]
+        shown = [(estimate, "before", name) for name in ("names", "value")]
+        shown += [(new.full, side, name) for name in names]
         lines.append(
             [
                 Cell(int(estimate.numbers[k]), f"before.full.numbers.{k}", mark),
-                *(Cell(getattr(of, name)[k], f"{at}.full.{name}.{k}", mark) for of, at, name in cells),
+                *(Cell(getattr(of, name)[k], f"{at}.full.{name}.{k}", mark) for of, at, name in shown),
                 *([Cell(move, mark=mark), Cell(mark, mark=mark)] if adopted else []),
             ]
         )
@@ -170,11 +168,8 @@ def moved_words(
 
 def pattern_table(patterns: Sequence[Pattern]) -> Table:
     heads = columns("channel", "pattern", ("p", "", ".2g"))
-    rows = [
-        [Cell(getattr(one, name), f"patterns.{k}.{name}") for name in ("channel", "words", "p")]
-        for k, one in enumerate(patterns)
-        if one.p < MOST_P
-    ]
+    clear = [(k, one) for k, one in enumerate(patterns) if one.p < MOST_P]
+    rows = [cells(one, f"patterns.{k}", "channel", "words", "p") for k, one in clear]
     return Table("The clearest patterns in the remaining residuals", heads, rows)
 
 

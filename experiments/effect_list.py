@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from inspect import cleandoc
 from typing import Any
 
-from tulip_testbed.base.errors import look_up
 from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Table, Verbatim
 from tulip_testbed.effects import laws
@@ -71,12 +70,6 @@ class EffectList(Result):
                 {"what": what, "of": of, "shapes": list(shapes_of(*kinds[what, of]))} for what, of in pairs
             ]
         return document
-
-
-def list_effects(name: str | None, robot: Robot) -> EffectList:
-    if name is not None:
-        look_up("effect", name, [*catalogue(), LAW], "effects")
-    return EffectList(name, robot)
 
 
 def target_names(effect: Effect, robot: Robot) -> list[str]:

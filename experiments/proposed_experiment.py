@@ -12,7 +12,7 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import present
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Documented, Outside, Result
-from tulip_testbed.base.table import Cell, Table
+from tulip_testbed.base.table import Table, cells
 from tulip_testbed.base.table_files import json_text
 from tulip_testbed.discovery.discover import AMBIGUOUS
 from tulip_testbed.discovery.experiment_information import Explanation
@@ -114,16 +114,8 @@ def experiment_table(experiments: Sequence[NextExperiment], key: str = "experime
     """Return ranked experiments, one per row; key: of these in their document."""
     rows = []
     for k, one in enumerate(experiments):
-        path = f"{key}.{k}"
-        rows.append(
-            [
-                one.words,
-                Cell(one.postures, f"{path}.postures"),
-                Cell(one.minutes, f"{path}.minutes"),
-                one.settled,
-                Cell(one.separation, f"{path}.separation"),
-            ]
-        )
+        postures, minutes, separation = cells(one, f"{key}.{k}", "postures", "minutes", "separation")
+        rows.append([one.words, postures, minutes, one.settled, separation])
     figures = ("time", "min", ".0f"), ("settled", "%", ".0f", 100.0), ("least ln BF", "", ".1f")
     heads = columns("experiment", ("postures", "", "d"), *figures)
     note = (

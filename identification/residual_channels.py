@@ -326,9 +326,8 @@ def _in_axes_of_feet(observed: Observation, by_pose: np.ndarray) -> np.ndarray:
     """Return the derivative by displacements in the feet's own axes, (m, 2, 6)."""
     out = by_pose.copy()
     for side, yaw in enumerate((observed.contact_poses - observed.plate_poses)[..., 2].T):
-        c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
-        x, y = by_pose[..., 3 * side], by_pose[..., 3 * side + 1]
-        out[..., 3 * side], out[..., 3 * side + 1] = c * x + s * y, c * y - s * x
+        plane = slice(3 * side, 3 * side + 2)
+        out[..., plane] = turned(-yaw[:, None], by_pose[..., plane])
     return out
 
 

@@ -310,9 +310,16 @@ def standing(model: mujoco.MjModel) -> np.ndarray:
 def rotation_matrices(quaternions: np.ndarray) -> np.ndarray:
     """Return the rotations of quaternions, (k, 4) -> (k, 3, 3)."""
     matrices = np.zeros((len(quaternions), 9))
-    for matrix, quaternion in zip(matrices, quaternions, strict=True):
-        mujoco.mju_quat2Mat(matrix, quaternion)
+    for matrix, unit in zip(matrices, quaternions, strict=True):
+        mujoco.mju_quat2Mat(matrix, unit)
     return matrices.reshape(-1, 3, 3)
+
+
+def quaternion(turn: np.ndarray) -> np.ndarray:
+    """Return the unit quaternion of a rotation matrix, (4,)."""
+    unit = np.zeros(4)
+    mujoco.mju_mat2Quat(unit, np.ascontiguousarray(turn).ravel())
+    return unit
 
 
 def bodies_to_root(model: mujoco.MjModel, body: int) -> Iterator[int]:

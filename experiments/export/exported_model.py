@@ -8,7 +8,7 @@ import numpy as np
 from tulip_testbed.base.column import columns
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Array, Result
-from tulip_testbed.base.table import Cell, Table
+from tulip_testbed.base.table import Table, cells
 from tulip_testbed.experiments.parameter_tables import ConstantError
 from tulip_testbed.identification.cad_prior import CENTER_SD, MASS_SD
 from tulip_testbed.identification.pseudo_inertia import central, standard_of
@@ -71,10 +71,9 @@ class ExportedModel(Result):
             heads += columns(cad, (axis, "mm", ".1f", 1e3), (f"{axis} from data", "%", ".0f", 100, True))
         rows = []
         for k, link in enumerate(self.links):
-            names = ("mass_cad", "mass", "mass_data_share")
-            cells = [Cell(getattr(link, name), f"links.{k}.{name}") for name in names]
+            of_mass = cells(link, f"links.{k}", "mass_cad", "mass", "mass_data_share")
             of_center = zip(link.center_cad, link.center, link.center_data_share, strict=True)
-            rows.append([link.link, *cells, *(float(value) for axis in of_center for value in axis)])
+            rows.append([link.link, *of_mass, *(float(value) for axis in of_center for value in axis)])
         note = (
             "From data: 100 %: base parameters and total mass determine the number; 0 %: CAD makes it "
             "likely, or its standard error exceeds what CAD leaves open. Inertias follow mass and centre "

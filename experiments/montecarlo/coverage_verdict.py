@@ -24,7 +24,7 @@ import numpy as np
 
 from tulip_testbed.base.column import Column, columns
 from tulip_testbed.base.result import Figure
-from tulip_testbed.base.table import Cell, Table
+from tulip_testbed.base.table import Cell, Table, cells
 from tulip_testbed.experiments.montecarlo.coverage import WHOLE_LEVEL, Errors, Estimates, Interval, share
 from tulip_testbed.experiments.validate import NEGLIGIBLE
 from tulip_testbed.identification.distributions import f_ppf, f_sf
@@ -161,10 +161,8 @@ def coverage_check_table(checks: list[CoverageCheck]) -> Table:
     extra = (Column(name, extra=True) for name in ("beyond, no.", "where the bounds come from"))
     heads, rows = columns("check", "result", *figures, *extra), []
     for k, check in enumerate(checks):
-        name, *others = (
-            Cell(getattr(check, key), f"checks.{k}.{key}")
-            for key in ("name", "number", "value", "interval", "bounds", "beyond", "source")
-        )
+        of_bounds = ("number", "value", "interval", "bounds", "beyond", "source")
+        name, *others = cells(check, f"checks.{k}", "name", *of_bounds)
         result = check.result if check.shown or check.result != "pass" else "inconclusive"
         rows.append([name, Cell(result, mark=result), *others])
     note = (

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from tulip_testbed.sim.robot import bodies_to_root, rotation_matrices
+from tulip_testbed.sim.robot import bodies_to_root, quaternion, rotation_matrices
 from tulip_testbed.sim.specs import compile_spec
 
 Array = NDArray[np.float64]
@@ -244,10 +244,3 @@ def is_flat(vertices: Array) -> bool:
     middle = vertices - vertices.mean(axis=0)
     across = np.linalg.eigh(middle.T @ middle)[1][:, 0]
     return len(vertices) < 4 or bool(np.ptp(middle @ across) < FLAT)
-
-
-def quaternion(turn: np.ndarray) -> Array:
-    """Return the unit quaternion of a rotation matrix, (4,)."""
-    unit = np.zeros(4)
-    mujoco.mju_mat2Quat(unit, np.ascontiguousarray(turn).ravel())
-    return unit

@@ -187,11 +187,6 @@ class Changes:
         seen = (self.information > LEAST_SEEN) & (self.onset >= 0)[:, None]
         return np.where(seen, self.pull**2 / np.where(seen, self.information, 1.0), 0.0)
 
-    @property
-    def newest(self) -> int:
-        """Return the place of the last onset: the evidence of one row alone."""
-        return int(self.onset.argmax())
-
     def begun(self, numbers: int) -> Changes:
         """Return the evidence in a new placement or stance: its last numbers are not biased yet."""
         bias = self.bias.copy()

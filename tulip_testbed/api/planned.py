@@ -12,6 +12,8 @@ from tulip_testbed.base.errors import look_up
 from tulip_testbed.base.files import check_new
 from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.threads import one_blas_thread
+from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.laws import LAW
 from tulip_testbed.experiments.atlases.atlas_result import Atlas
 from tulip_testbed.experiments.atlases.effect_atlas import atlas as _atlas
 from tulip_testbed.experiments.atlases.planned_experiment import Planned, planned
@@ -21,7 +23,6 @@ from tulip_testbed.experiments.defaults import DEFAULT_SEED, HOPS, MOTION_SPEED,
 from tulip_testbed.experiments.described_plan import DescribedPlan
 from tulip_testbed.experiments.described_plan import describe_plan as _describe_plan
 from tulip_testbed.experiments.effect_list import EffectList
-from tulip_testbed.experiments.effect_list import list_effects as _list_effects
 from tulip_testbed.experiments.planning_run import PlanSettings, check_out, search_plan, set_up_search
 from tulip_testbed.experiments.protocols.motion_plan import MotionPlan, moving_plan
 from tulip_testbed.experiments.protocols.protocol_run import LaboratoryProtocol, protocol_of
@@ -286,7 +287,9 @@ def list_effects(name: str | None = None, robot: Robot | None = None) -> EffectL
     Raises:
         InputError: there is no such effect.
     """
-    return _list_effects(name, robot or load_robot())
+    if name is not None:
+        look_up("effect", name, [*catalogue(), LAW], "effects")
+    return EffectList(name, robot or load_robot())
 
 
 @checked
