@@ -73,7 +73,8 @@ def consistent_robot(reference: np.ndarray, ellipsoids: np.ndarray, target: Targ
     """
     if (found := robot_with(reference, ellipsoids, target)) is not None:
         return found
-    value, misfit = _nearest_value(_space(reference, ellipsoids, target.from_standard), target)
+    space = _space(reference, target.from_standard)
+    value, misfit = _nearest_value(space, _bounds(space, ellipsoids), target)
     for goal, away in ((target.value, 0.0), (value, misfit)) if misfit < NEGLIGIBLE else ((value, misfit),):
         if (found := robot_with(reference, ellipsoids, replace(target, value=goal), np.inf)) is not None:
             return replace(found, misfit=away)
@@ -87,8 +88,9 @@ def robot_with(
 
     A mean divergence of the links beyond `farthest` counts as none; see `consistent_robot` for the others.
     """
-    space = _space(reference, ellipsoids, target.from_standard)
-    found = _nearest_to_reference(space, np.append(target.mass * target.value, target.mass), farthest)
+    space = _space(reference, target.from_standard)
+    wanted = np.append(target.mass * target.value, target.mass)
+    found = _nearest_to_reference(space, _bounds(space, ellipsoids), wanted, farthest)
     if found is None:
         return None
     pseudo, whole = np.zeros_like(reference), space.roots @ found @ space.roots.mT
@@ -111,22 +113,18 @@ def data_shares(
         covariance: of the base parameters times the total mass, and of the total mass, (p + 1, p + 1); None:
             they are exact.
     """
-    heavy = np.flatnonzero(pseudo[:, 3, 3] > 0)
-    roots = np.linalg.cholesky(pseudo[heavy])
-    rows = _rows(roots, _weights(from_standard, heavy))
-    basis, size, turned = np.linalg.svd(rows.reshape(len(rows), -1), full_matrices=False)
-    kept = size > RANK * size[0]
-    spanned, inverse = turned[kept].reshape(-1, len(heavy), 16), basis[:, kept] / size[kept]
-    noise = 0.0 * spanned[:, 0] @ spanned[:, 0].T if covariance is None else inverse.T @ covariance @ inverse
+    space = _space(pseudo, from_standard)
+    count = len(space.basis)
+    noise = np.zeros((count, count)) if covariance is None else space.onto @ covariance @ space.onto.T
     shares = np.zeros((len(pseudo), 4))
-    for k, link in enumerate(heavy):
+    for k, link in enumerate(space.heavy):
         mass = pseudo[link, 3, 3]
         weights = np.zeros((4, 4))  # of [h, m]: mass, then the centre's coordinates
         weights[0, 3] = 1.0
         weights[1:, :3] = np.eye(3) / mass
         weights[1:, 3] = -pseudo[link, :3, 3] / mass**2
-        gradient = _symmetric(roots[k], weights).reshape(4, 16)
-        along = gradient @ spanned[:, k].T
+        gradient = _symmetric(space.roots[k], weights).reshape(4, 16)
+        along = gradient @ space.basis[:, k].reshape(count, 16).T
         square, errors = (along**2).sum(axis=1), np.einsum("ij,jk,ik->i", along, noise, along)
         known = square / np.maximum(square + errors / MASS_SD**2, 1e-300)
         shares[link] = known * square / (gradient**2).sum(axis=1)
@@ -143,7 +141,6 @@ class _Space:
         rows: base parameters times the mass and total mass are <rows, X>, (p + 1, h, 4, 4).
         basis: orthonormal matrices that span them, (k, h, 4, 4).
         onto: <basis, X> = onto @ <rows, X>, (k, p + 1).
-        ellipsoids: Q with <Q, X> >= 0, (h, 4, 4), of norm 1.
     """
 
     heavy: np.ndarray
@@ -151,24 +148,28 @@ class _Space:
     rows: np.ndarray
     basis: np.ndarray
     onto: np.ndarray
-    ellipsoids: np.ndarray
 
 
-def _space(reference: np.ndarray, ellipsoids: np.ndarray, from_standard: np.ndarray) -> _Space:
+def _space(reference: np.ndarray, from_standard: np.ndarray) -> _Space:
     heavy = np.flatnonzero(reference[:, 3, 3] > 0)
     roots = np.linalg.cholesky(reference[heavy])
-    rows = _rows(roots, _weights(from_standard, heavy))
+    weights = _weights(from_standard, heavy)
+    rows = np.stack([_symmetric(root, weights[:, k]) for k, root in enumerate(roots)], axis=1)
     left, size, turned = np.linalg.svd(rows.reshape(len(rows), -1), full_matrices=False)
     kept = size > RANK * size[0]
-    bounds = roots.mT @ ellipsoids[heavy] @ roots
     return _Space(
         heavy=heavy,
         roots=roots,
         rows=rows,
         basis=turned[kept].reshape(-1, len(heavy), 4, 4),
         onto=left[:, kept].T / size[kept, None],
-        ellipsoids=bounds / np.linalg.norm(bounds, axis=(1, 2), keepdims=True),
     )
+
+
+def _bounds(space: _Space, ellipsoids: np.ndarray) -> np.ndarray:
+    """Return Q with <Q, X> >= 0 where the links lie in their ellipsoids, (h, 4, 4), of norm 1."""
+    bounds = space.roots.mT @ ellipsoids[space.heavy] @ space.roots
+    return bounds / np.linalg.norm(bounds, axis=(1, 2), keepdims=True)
 
 
 def _weights(from_standard: np.ndarray, heavy: np.ndarray) -> np.ndarray:
@@ -179,17 +180,15 @@ def _weights(from_standard: np.ndarray, heavy: np.ndarray) -> np.ndarray:
     return np.concatenate([by_link, total])
 
 
-def _rows(roots: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    return np.stack([_symmetric(root, weights[:, k]) for k, root in enumerate(roots)], axis=1)
-
-
 def _symmetric(root: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Return symmetric matrices G with <G, X> = w' P e_4, P = L X L', for each row w of the weights."""
     product = (weights @ root)[:, :, None] * root[3]
     return (product + product.mT) / 2
 
 
-def _nearest_to_reference(space: _Space, wanted: np.ndarray, farthest: float) -> np.ndarray | None:
+def _nearest_to_reference(
+    space: _Space, ellipsoids: np.ndarray, wanted: np.ndarray, farthest: float
+) -> np.ndarray | None:
     """Return X nearest to 1 with <rows, X> = wanted inside of all ellipsoids, (h, 4, 4); None: there is none.
 
     Ellipsoids that the solution touches are equations, the others are left out: an active set, which the
@@ -201,7 +200,7 @@ def _nearest_to_reference(space: _Space, wanted: np.ndarray, farthest: float) ->
     for _ in range(ROUNDS):
         touched = np.flatnonzero(active)
         bounds = np.zeros((len(touched), *space.basis.shape[1:]))
-        bounds[np.arange(len(touched)), touched] = space.ellipsoids[touched]
+        bounds[np.arange(len(touched)), touched] = ellipsoids[touched]
         solved = _least_divergence(
             np.concatenate([space.basis, bounds]),
             np.append(goal, np.zeros(len(touched))),
@@ -213,7 +212,7 @@ def _nearest_to_reference(space: _Space, wanted: np.ndarray, farthest: float) ->
         found, multipliers = solved
         start, pressure = multipliers[:count], np.zeros(size)
         pressure[touched] = np.minimum(multipliers[count:], 0.0)
-        outside = (space.ellipsoids * found).sum(axis=(1, 2)) < -1e-12
+        outside = (ellipsoids * found).sum(axis=(1, 2)) < -1e-12
         now = (pressure < 0) | outside & ~active
         if (now == active).all():
             return found
@@ -288,7 +287,7 @@ def _primal(matrices: np.ndarray, multipliers: np.ndarray, goal: np.ndarray) -> 
     return (found + found.mT) / 2, float(multipliers @ goal - np.log(size).sum())
 
 
-def _nearest_value(space: _Space, target: Target) -> tuple[np.ndarray, float]:
+def _nearest_value(space: _Space, ellipsoids: np.ndarray, target: Target) -> tuple[np.ndarray, float]:
     """Return the base parameters of a consistent robot nearest to the estimate, (p,) [m], and the misfit.
 
     It is a semidefinite program: least squares subject to X - LEAST positive semidefinite, the ellipsoids and
@@ -304,9 +303,7 @@ def _nearest_value(space: _Space, target: Target) -> tuple[np.ndarray, float]:
     whiten = np.linalg.inv(root) / deviation
     away = whiten @ (sums[:-1] / target.mass - target.value)
     inside = [one >> LEAST * np.eye(4) for one in links]
-    inside += [
-        cp.sum(cp.multiply(bound, one)) >= 0 for bound, one in zip(space.ellipsoids, links, strict=True)
-    ]
+    inside += [cp.sum(cp.multiply(bound, one)) >= 0 for bound, one in zip(ellipsoids, links, strict=True)]
     problem = cp.Problem(cp.Minimize(cp.norm(away)), [*inside, sums[-1] / target.mass == 1.0])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of an inaccurate optimum: what is used of it is made exact below
