@@ -195,7 +195,7 @@ class CandidateSearch:
             judged = self.tried(several, start, begin, k >= len(near))
             if judged is not None and judged.possible:
                 out.append(judged)
-                at_rest |= {key} if judged.steady else set()
+                at_rest |= {key} if judged.steady and not judged.calibration.at_bound else set()
         return out
 
     def calibrated(self, judged: Judged) -> SelfCalibration:
