@@ -169,7 +169,7 @@ class CandidateSearch:
 
         Args:
             afresh: candidates that are judged without the members of the start, which a missing effect may
-                have distorted, unless a judgement with them came to rest.
+                have distorted, unless a judgement with them came to rest within the bounds of all families.
             best: ln of the evidence for the best of what they compete with.
         """
         every = [(*terms, one) for one in (*near, *afresh)]
@@ -195,7 +195,7 @@ class CandidateSearch:
             judged = self.tried(several, start, begin, k >= len(near))
             if judged is not None and judged.possible:
                 out.append(judged)
-                at_rest |= {key} if judged.steady else set()
+                at_rest |= {key} if judged.steady and not judged.calibration.at_bound else set()
         return out
 
     def calibrated(self, judged: Judged) -> SelfCalibration:

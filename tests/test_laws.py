@@ -14,7 +14,7 @@ from pydantic import TypeAdapter
 
 from tests.effect_changes import agreement, changes, measured, statically
 from tulip_testbed.cli.main import main
-from tulip_testbed.discovery.candidate_search import CandidateSearch, first_calibration
+from tulip_testbed.discovery.candidate_search import CandidateSearch, Judged, first_calibration
 from tulip_testbed.discovery.candidates import Candidate, Fitted
 from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.discover import AGREEING, _inexact, _verdict, discover
@@ -108,6 +108,25 @@ def test_a_search_recalls_what_it_computed_of_the_same_effects_and_start(robot, 
     assert search.calibration(terms, replace(start), covariance, 1) is not found
     assert search.calibration(terms, start, None, 1) is not found
     assert part.calibration(terms, start, covariance, 1) is not found
+
+
+def test_a_judgement_with_a_family_at_its_bound_is_made_afresh(robot, monkeypatch):
+    """Members that hold a gross fault come to rest at their bounds, far below the mode of what is missing."""
+    (offset,) = parsed(robot, "encoder-offset:right_knee=0.01")
+    ended: Any = SimpleNamespace(moved=0.1, at_bound=())
+    start: Any = SimpleNamespace(moved=20.0)
+    observed: Any = None
+    tried = []
+
+    def rested(self, terms, start, begin=None, afresh=False):
+        tried.append(afresh)
+        return Judged(terms, ended, 0.0)
+
+    monkeypatch.setattr(CandidateSearch, "tried", rested)
+    for ended.at_bound, judged in ((), [False]), (("cell-gain",), [False, True]):
+        tried.clear()
+        CandidateSearch(observed, None, []).judged_of((), [offset], [offset], start)
+        assert tried == judged
 
 
 def test_columns_by_sensitivities_are_those_by_removal(robot, plan, nominal):
