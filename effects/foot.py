@@ -41,16 +41,18 @@ def _with_lean(observed: Observation, target: str, values: Values) -> Observatio
     about = softness * np.array([-1.0, 1.0])
     lean = about * observed.sole_loads[..., ::-1]
     leaning = leaned(observed, lean)
-    faster = observed.motion.loads_faster
-    if not faster.any():
+    motion = observed.motion
+    if not motion.loads_faster.any():
         return leaning
     # The body is accelerated as the foot that bears it rocks.
-    roll, pitch = (about * faster[..., ::-1])[
-        np.arange(len(lean)), base_foot(observed.measurements.support)
-    ].T
-    height = observed.loaded_center[:, 2:]
-    push = height * np.column_stack([pitch, -roll]) / observed.measurements.gravity
-    return leaning.changed(push=observed.push + push, shift=observed.shift - height * push)
+    turning = np.stack([motion.load_rates, motion.loads_faster], axis=2)[..., ::-1] * about[:, None]
+    foot = base_foot(observed.measurements.support)
+    added = motion.rocking @ turning[np.arange(len(lean)), foot].reshape(len(lean), 4, 1)
+    return leaning.changed(
+        shift=leaning.shift + added[:, :2, 0],
+        lift=leaning.lift + added[:, 2, 0],
+        push=leaning.push + added[:, 3:, 0],
+    )
 
 
 def leaned(observed: Observation, lean: np.ndarray) -> Observation:

@@ -67,7 +67,7 @@ def _gain(target: str, values: Values) -> np.ndarray:
 def _crosstalk(target: str, values: Values) -> np.ndarray:
     _, channel, load = target.split(".")
     out = np.eye(6)
-    out[WRENCH.index(channel), WRENCH.index(load)] = values[0]
+    out[WRENCH.index(channel), WRENCH.index(load)] += values[0]
     return out
 
 

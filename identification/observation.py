@@ -18,7 +18,7 @@ from tulip_testbed.identification.ballast import Ballast, ballast_of, known_weig
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.cad_prior import CadPrior
 from tulip_testbed.identification.contact_readings import ContactReadings, of_cells, of_wrenches
-from tulip_testbed.identification.inertial_wrench import HELD, BeyondWeight, beyond_weight
+from tulip_testbed.identification.inertial_wrench import HELD, BeyondWeight, beyond_weight, rocking
 from tulip_testbed.identification.joint_loads import Loads, joint_loads, sag_left, servo_stiffness
 from tulip_testbed.identification.kinematics import Tree, turned_about
 from tulip_testbed.identification.noise_in_time import Decorrelation, NoiseInTime, decorrelation
@@ -372,7 +372,8 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
         return observed
     assert contacts.by_channel is not None
     by = [observed._about_centers(np.nan_to_num(one) @ contacts.by_channel.T) for one in (rates, faster)]
-    return observed.changed(motion=replace(motion, load_rates=by[0], loads_faster=by[1]))
+    by_rocking = rocking(nominal, measurements)
+    return observed.changed(motion=replace(motion, load_rates=by[0], loads_faster=by[1], rocking=by_rocking))
 
 
 def _each(measurements: Measurements, of_rows: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
