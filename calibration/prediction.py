@@ -141,8 +141,7 @@ def center_errors(calibration: SelfCalibration, others: Observation) -> np.ndarr
     Args:
         calibration: made without those postures.
     """
-    nothing = 0 * others.motion.loads_faster
-    motion = replace(others.motion, load_rates=nothing, loads_faster=nothing)
+    motion = replace(others.motion, load_rates=0 * others.motion.load_rates)
     others = replace(others, cad=calibration.observed.cad, motion=motion)
     _, linear, clean, scales = _linearised(calibration, others)
     structure = linear.covariance.structure

@@ -233,7 +233,7 @@ def without_inertia(observed: Observation) -> Observation:
             motion,
             slope=0 * motion.slope,
             unknown=motion.unknown[..., :0],
-            loads_faster=0 * motion.loads_faster,
+            rocking=0 * motion.rocking,
         ),
     )
 

@@ -97,9 +97,8 @@ class BeyondWeight:
         unknown: change by independent deviates of s.d. 1 of what the base parameters leave open of the
             inertial parameters, (m, 5, k), the largest first.
         directions: the inertial parameters' change by these deviates, (10 n_links, k).
-        load_rates, loads_faster: first and second derivative of the moments about the soles, (m, 2, 2) [Nm/s,
-            Nm/s2], see `Observation.sole_loads`. Soles yield late by the first, and by both a body on soft
-            feet is accelerated.
+        load_rates: first to third derivative of the moments about the soles, (m, 3, 2, 2) [Nm/s, Nm/s2,
+            Nm/s3], see `Observation.sole_loads`. Soles yield late, and a body on soft feet is accelerated.
         rocking: derivative by rate and acceleration of roll and of pitch of the foot that carries,
             (m, 5, 4).
     """
@@ -109,16 +108,15 @@ class BeyondWeight:
     unknown: np.ndarray
     directions: np.ndarray
     load_rates: np.ndarray
-    loads_faster: np.ndarray
     rocking: np.ndarray
 
     def take(self, rows: np.ndarray) -> Self:
         """Return some rows."""
-        names = ("by_cad", "slope", "unknown", "load_rates", "loads_faster", "rocking")
+        names = ("by_cad", "slope", "unknown", "load_rates", "rocking")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
 
-NOTHING = ((0, 5), (0, 5, 0), (0, 5, 0), (0, 0), (0, 2, 2), (0, 2, 2), (0, 5, 4))
+NOTHING = ((0, 5), (0, 5, 0), (0, 5, 0), (0, 0), (0, 3, 2, 2), (0, 5, 4))
 HELD = BeyondWeight(*map(np.zeros, NOTHING))
 
 

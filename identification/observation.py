@@ -367,13 +367,18 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
     if measurements.command is not None:
         sags = measurements.command - measurements.joint_angles
         observed = observed.changed(sag=sag_left(observed.loads, sags, measurements.of_experiment))
-    rates, faster = measurements.wrench_rates, measurements.wrench_accelerations
-    if not observed.moves or not observed.in_feet or rates is None or faster is None:
+    m = measurements
+    if not observed.moves or not observed.in_feet or m.wrench_rates is None or m.wrench_accelerations is None:
         return observed
+    jerks = 0 * m.wrench_rates if m.wrench_jerks is None else m.wrench_jerks
     assert contacts.by_channel is not None
-    by = [observed._about_centers(np.nan_to_num(one) @ contacts.by_channel.T) for one in (rates, faster)]
-    by_rocking = rocking(nominal, measurements)
-    return observed.changed(motion=replace(motion, load_rates=by[0], loads_faster=by[1], rocking=by_rocking))
+    rates = [
+        observed._about_centers(np.nan_to_num(one) @ contacts.by_channel.T)
+        for one in (m.wrench_rates, m.wrench_accelerations, jerks)
+    ]
+    return observed.changed(
+        motion=replace(motion, load_rates=np.stack(rates, axis=1), rocking=rocking(nominal, m))
+    )
 
 
 def _each(measurements: Measurements, of_rows: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
