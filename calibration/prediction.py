@@ -165,7 +165,7 @@ def left_by(calibration: SelfCalibration, clean: Observation) -> np.ndarray:
         clean: readings without members and effects.
     """
     left = residuals(clean, calibration.theta)
-    left[:, : ROWS["F"].stop] += by_weight(clean) * calibration.nu[-1]
+    left[:, : ROWS["T"].stop] += by_weight(clean) * (calibration.nu[-1] - clean.heavier)
     return left
 
 

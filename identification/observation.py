@@ -69,6 +69,7 @@ class Observation:
         noise_in_time: how the noise of rows is correlated in time; None: it is not.
         cad: what CAD says about the base parameters; None: the postures determine them.
         compliances: means of the prior of corrected compliances, by label; those of the others are zero.
+        heavier: estimated weight less the weighed or nominal one [N]; wrench sensors' readings are over it.
     """
 
     nominal: Nominal
@@ -97,6 +98,7 @@ class Observation:
     noise_in_time: NoiseInTime | None = None
     cad: CadPrior | None = None
     compliances: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    heavier: float = 0.0
 
     def __len__(self) -> int:
         return len(self.joint_angles)
@@ -108,9 +110,9 @@ class Observation:
 
     @cached_property
     def weight(self) -> float:
-        """Return the weight of the robot from its weighed or else its nominal mass [N]."""
+        """Return the weight of the robot from its weighed or else its nominal mass, and `heavier` [N]."""
         weighed = self.measurements.weighed_mass
-        return (weighed[0] if weighed else self.nominal.mass) * self.measurements.gravity
+        return (weighed[0] if weighed else self.nominal.mass) * self.measurements.gravity + self.heavier
 
     @cached_property
     def stance(self) -> np.ndarray:
@@ -292,6 +294,22 @@ class Observation:
     def ballast(self) -> Ballast | None:
         """Return what the known masses weigh and where they are, None without any."""
         return ballast_of(self.measurements, self.geometry, self.weight)
+
+    def weighing(self, heavier: float) -> Observation:
+        """Return the observation of a robot that is heavier than stated [N]; so are its inertial forces."""
+        ratio = (self.weight - self.heavier + heavier) / self.weight
+        force, motion = np.array([1.0, 1.0, ratio, 1.0, 1.0]), self.motion
+        return self.changed(
+            heavier=heavier,
+            lift=self.lift + (ratio - 1) * motion.by_cad[:, 2] if self.moves else self.lift,
+            motion=replace(
+                motion,
+                by_cad=motion.by_cad * force,
+                slope=motion.slope * force[:, None],
+                unknown=motion.unknown * force[:, None],
+                rocking=motion.rocking * force[:, None],
+            ),
+        )
 
     def take(self, rows: np.ndarray) -> Observation:
         """Return some postures of the experiment, by their numbers."""
