@@ -154,7 +154,7 @@ def center_errors(calibration: SelfCalibration, others: Observation) -> np.ndarr
         gain = np.linalg.solve(own[k][np.ix_(known, known)], own[k][np.ix_(known, [0, 1])]).T
         rest = np.eye(2, SIZE)
         rest[:, known] -= gain
-        out[k] = np.linalg.solve(rest @ _by_center(linear.covariance, others, at["cells"], k), rest @ left[k])
+        out[k] = np.linalg.solve(rest @ _by_center(linear.covariance, clean, at["cells"], k), rest @ left[k])
     return out
 
 
