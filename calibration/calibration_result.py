@@ -153,7 +153,8 @@ class SelfCalibration:
         """Return other readings of the same laboratory with members and effects removed."""
         values = [calibrated.value for calibrated in self.families]
         phi = np.concatenate([np.zeros(0), *values, *(free.sizes for free in map(FreeEffect, self.effects))])
-        return members_removed(observed, self.all, phi, self.theta, self.covariance)
+        weighed = observed.weighing(self.observed.heavier)
+        return members_removed(weighed, self.all, phi, self.theta, self.covariance)
 
     def without_members(self, observed: Observation) -> Observation:
         """Return the readings with the members of all families removed; the effects are left in them."""
@@ -200,7 +201,7 @@ class SelfCalibration:
         """Return the robot's mass and its standard error, with everything that is uncertain [kg]."""
         measured, p = self.observed.measurements, len(self.theta)
         error = float(np.sqrt(self.solved.covariance[p, p]))
-        weight = self.observed.weight + float(self.solved.estimate[p])
+        weight = self.observed.weight - self.observed.heavier + float(self.solved.estimate[p])
         if measured.contacts is not None and self.observed.cad is not None and measured.weighed_mass is None:
             # The sensors' gain is no family then: it and the weight are one.
             gain = tolerances_of(measured.sensors, measured.tolerances).value.get("wrench-gain", 0.0)

@@ -241,7 +241,7 @@ def nuisances(observed: Observation, channels: str) -> np.ndarray:
     Whitened residuals do not hold the swing foot's pose in each stance.
     """
     weight = np.zeros((len(observed), SIZE, 1))
-    weight[:, : ROWS["F"].stop, 0] = by_weight(observed)
+    weight[:, : ROWS["T"].stop, 0] = by_weight(observed)
     out = np.concatenate([by_base_parameters(observed), weight], axis=2)
     for channel in set(ROWS).difference(channels):
         out[:, ROWS[channel]] = 0.0

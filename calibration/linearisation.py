@@ -169,7 +169,7 @@ def linearised(
 
     left = residuals(clean, theta)
     unexplained = left.copy()
-    unexplained[:, : ROWS["F"].stop] += by_weight(clean) * state.nu[-1]
+    unexplained[:, : ROWS["T"].stop] += by_weight(clean) * (state.nu[-1] - clean.heavier)
     pull = weighted_in_time(clean, weights, used * unexplained[..., None])[..., 0]
     scaled = scaled_noise(noise, state.scales)
     smooth = without_noise(clean, pull, reach, scaled)
@@ -188,7 +188,7 @@ def linearised(
     members[..., there] += by_sharing
     cad = clean.cad
     about = np.zeros(p) if cad is None else cad.center
-    output = left + base[..., :p] @ (theta - about) + members @ (phi - center_of(families))
+    output = left + base @ np.append(theta - about, clean.heavier) + members @ (phi - center_of(families))
     parts = [np.concatenate([np.zeros((len(f), 0)), *f.parts], axis=1) for f in families]
     ends = np.cumsum([0, *map(len, families)])
     split = [members[..., a:b] @ part for part, a, b in zip(parts, ends, ends[1:], strict=False)]

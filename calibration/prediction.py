@@ -141,8 +141,7 @@ def center_errors(calibration: SelfCalibration, others: Observation) -> np.ndarr
     Args:
         calibration: made without those postures.
     """
-    nothing = 0 * others.motion.loads_faster
-    motion = replace(others.motion, load_rates=nothing, loads_faster=nothing)
+    motion = replace(others.motion, load_rates=0 * others.motion.load_rates)
     others = replace(others, cad=calibration.observed.cad, motion=motion)
     _, linear, clean, scales = _linearised(calibration, others)
     structure = linear.covariance.structure
@@ -155,7 +154,7 @@ def center_errors(calibration: SelfCalibration, others: Observation) -> np.ndarr
         gain = np.linalg.solve(own[k][np.ix_(known, known)], own[k][np.ix_(known, [0, 1])]).T
         rest = np.eye(2, SIZE)
         rest[:, known] -= gain
-        out[k] = np.linalg.solve(rest @ _by_center(linear.covariance, others, at["cells"], k), rest @ left[k])
+        out[k] = np.linalg.solve(rest @ _by_center(linear.covariance, clean, at["cells"], k), rest @ left[k])
     return out
 
 
@@ -166,7 +165,7 @@ def left_by(calibration: SelfCalibration, clean: Observation) -> np.ndarray:
         clean: readings without members and effects.
     """
     left = residuals(clean, calibration.theta)
-    left[:, : ROWS["F"].stop] += by_weight(clean) * calibration.nu[-1]
+    left[:, : ROWS["T"].stop] += by_weight(clean) * (calibration.nu[-1] - clean.heavier)
     return left
 
 

@@ -38,7 +38,7 @@ from tulip_testbed.calibration.reml import LikelihoodFit, fit, given
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.identification.noise_in_time import NoiseInTime, apart, noise_in_time_of
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import moved_by, packed
+from tulip_testbed.identification.residual_channels import has_twist, moved_by, packed
 from tulip_testbed.identification.residual_noise import noise_of, with_cell_noise
 
 ROUNDS = 16
@@ -77,7 +77,7 @@ def self_calibrate(
         InputError: an unknown family or an impossible tolerance.
         numpy.linalg.LinAlgError: readings that are not finite, or postures that do not suffice.
     """
-    observed = with_cell_noise(observed)
+    observed = with_cell_noise(observed).weighing(0.0)
     used = usual_tolerances(observed, tolerances)
     families: Families = (
         *(one.lying_about(observed.compliances) for one in families_in(observed, used, effects)),
@@ -97,6 +97,7 @@ def self_calibrate(
         if observed.cad is not None and start.observed.cad is not None:
             observed = observed.changed(cad=start.observed.cad)
         errors = packed(start.observed) - packed(start.linear.smooth)
+        observed = observed.weighing(start.observed.heavier)
         clean = members_removed(observed, families, phi, nu[:p], start.covariance, errors)
         smooth = moved_by(clean, start.observed, start.linear.smooth)
         smooth = smooth.changed(tree=clean.tree, cells=clean.cells)
@@ -129,6 +130,8 @@ def self_calibrate(
         moved, errors = float(np.abs(step).max()), packed(clean) - packed(smooth)
         variance, scales, spreads = np.diag(covariance)[p + 1 :], solved.scales, solved.spreads
         nu, phi, along = estimate[: p + 1], estimate[p + 1 :], solved.estimate[p + 1 :] * lengths
+        if not has_twist(observed):
+            observed = observed.weighing(float(nu[p]))
         clean = members_removed(observed, families, phi, nu[:p], covariance[:p, :p], errors)
         if moved < STANDS:
             break
@@ -233,7 +236,7 @@ def without_inertia(observed: Observation) -> Observation:
             motion,
             slope=0 * motion.slope,
             unknown=motion.unknown[..., :0],
-            loads_faster=0 * motion.loads_faster,
+            rocking=0 * motion.rocking,
         ),
     )
 

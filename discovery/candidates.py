@@ -117,18 +117,20 @@ def candidates(observed: Observation, effects: dict[str, Effect] | None = None) 
         effects: by name; None: those of the catalogue that a search tries.
     """
     numbers, zeros, m = standing_out(observed), observed.contacts.zero_sd, observed.measurements
-    out = []
+    out, no_weight = [], m.weighed_mass is None and set(m.support) in ALONE
     known = {name: one for name, one in catalogue().items() if one.searched} if effects is None else effects
     for effect in known.values():
         grids = [parameter.grid or (0.0,) for parameter in effect.parameters]
         settings = np.array(list(product(*grids)), float).reshape(-1, len(grids))
         if effect.name == "wrench-zero" and zeros is not None and zeros.any():
             continue  # they are estimated with the families
-        if effect.name == "wrench-gain" and m.weighed_mass is None and set(m.support) in ALONE:
+        if effect.name == "wrench-gain" and no_weight:
             continue  # the gain and a weight that nobody knows are one
+        targets = targets_in(effect, observed.nominal.robot, m.contacts, numbers, m.experiments)
         out += [
             Candidate(effect, target, settings)
-            for target in targets_in(effect, observed.nominal.robot, m.contacts, numbers, m.experiments)
+            for target in targets
+            if not (no_weight and target.endswith(".fz.fz"))
         ]
     return out
 

@@ -39,18 +39,26 @@ def _with_lean(observed: Observation, target: str, values: Values) -> Observatio
     softness[PLATES.index(target) if target else slice(None)] = values
     # Load to the front turns about +y, load to the left about -x.
     about = softness * np.array([-1.0, 1.0])
-    lean = about * observed.sole_loads[..., ::-1]
-    leaning = leaned(observed, lean)
-    faster = observed.motion.loads_faster
-    if not faster.any():
+    return rocked(
+        leaned(observed, about * observed.sole_loads[..., ::-1]),
+        about * observed.motion.load_rates[:, :2, :, ::-1],
+    )
+
+
+def rocked(leaning: Observation, turning: np.ndarray) -> Observation:
+    """Return the observation of a body that is accelerated as the foot that bears it rocks.
+
+    Rate and acceleration of both feet's roll and pitch are (m, 2, 2, 2) [rad/s, rad/s2].
+    """
+    if not turning.any():
         return leaning
-    # The body is accelerated as the foot that bears it rocks.
-    roll, pitch = (about * faster[..., ::-1])[
-        np.arange(len(lean)), base_foot(observed.measurements.support)
-    ].T
-    height = observed.loaded_center[:, 2:]
-    push = height * np.column_stack([pitch, -roll]) / observed.measurements.gravity
-    return leaning.changed(push=observed.push + push, shift=observed.shift - height * push)
+    foot = base_foot(leaning.measurements.support)
+    added = leaning.motion.rocking @ turning[np.arange(len(foot)), :, foot].reshape(len(foot), 4, 1)
+    return leaning.changed(
+        shift=leaning.shift + added[:, :2, 0],
+        lift=leaning.lift + added[:, 2, 0],
+        push=leaning.push + added[:, 3:, 0],
+    )
 
 
 def leaned(observed: Observation, lean: np.ndarray) -> Observation:

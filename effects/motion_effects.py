@@ -6,7 +6,7 @@ import numpy as np
 
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.effects.effect import Effect, Parameter, Physics
-from tulip_testbed.effects.foot import leaned
+from tulip_testbed.effects.foot import leaned, rocked
 from tulip_testbed.effects.lasting import Values
 from tulip_testbed.effects.targets import FEET, WHOLE, Targets
 from tulip_testbed.identification.observation import Observation
@@ -45,11 +45,11 @@ def _without_lag(observed: Observation, target: str, values: Values) -> Observat
 
 
 def _without_damping(observed: Observation, target: str, values: Values) -> Observation:
-    lean = np.zeros_like(observed.motion.load_rates)
+    late = np.zeros_like(observed.motion.load_rates)
     side = PLATES.index(target)
     # Load to the front turns about +y, load to the left about -x; it turns by so much less as it grows.
-    lean[:, side] = np.array(values) * [1.0, -1.0] * observed.motion.load_rates[:, side, ::-1]
-    return leaned(observed, lean)
+    late[:, :, side] = np.array(values) * [1.0, -1.0] * observed.motion.load_rates[:, :, side, ::-1]
+    return rocked(leaned(observed, late[:, 0]), late[:, 1:])
 
 
 def _injected(rig: Rig, target: str, values: Values) -> NoReturn:

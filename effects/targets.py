@@ -110,7 +110,7 @@ WRENCH_CHANNELS = Targets(
 WRENCH_PAIRS = Targets(
     "FOOT.CHANNEL.LOAD",
     lambda robot, placements: tuple(
-        f"{foot}.{one}.{load}" for foot in PLATES for one in WRENCH[:-1] for load in WRENCH if load != one
+        f"{foot}.{one}.{load}" for foot in PLATES for one in WRENCH[:-1] for load in WRENCH
     ),
 )
 LINKS = Targets("LINK", lambda robot, placements: links(robot))

@@ -67,7 +67,7 @@ def _gain(target: str, values: Values) -> np.ndarray:
 def _crosstalk(target: str, values: Values) -> np.ndarray:
     _, channel, load = target.split(".")
     out = np.eye(6)
-    out[WRENCH.index(channel), WRENCH.index(load)] = values[0]
+    out[WRENCH.index(channel), WRENCH.index(load)] += values[0]
     return out
 
 
@@ -172,7 +172,7 @@ EFFECTS = (
         targets=WRENCH_PAIRS,
         unit_on=_crosstalk_unit,
         explanation="""A channel of the force-torque sensor in a foot also reads a part of another channel's
-        load: the matrix of its calibration is wrong in one entry.
+        load: the matrix of its calibration is wrong in one entry. A part of a channel's own load is its gain.
 
         `left.my.fz=0.0003`: the left sensor's my reads 0.0003 Nm too much for every newton of fz. The part of
         a force in a force, or of a moment in a moment, is a ratio; that of a force in a moment is in m, that

@@ -1,5 +1,6 @@
 """The wrench of the ground that the nominal robot needs to hold a posture, or to move as it was measured."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -16,6 +17,7 @@ from tulip_testbed.sim.robot import rotation_matrices
 
 # Gauss's rule for means over a row's window, whose weight is 15/16 (1 - u^2)^2: places u and weights.
 INERTIA_SD = 0.3  # relative, of the second moments of a link's density about its centre; assumed
+ROCKED = 0.01  # rad/s, rad/s2: steps of derivatives
 LENGTH = 1.0  # m: a force counts as a shift of the centre of pressure by it over the weight
 MOST_DIRECTIONS, LEAST_SHIFT = 12, 1e-5  # of inertial parameters that the base parameters leave open; m
 QUADRATURE = ((-(3**-0.5), 3 / 14), (0.0, 4 / 7), (3**-0.5, 3 / 14))
@@ -63,7 +65,10 @@ def moved_inertia(standard: np.ndarray, about_center: np.ndarray) -> np.ndarray:
     return whole[:, [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
 
 
-def _regressor(nominal: Nominal, measurements: Measurements) -> tuple[np.ndarray, np.ndarray]:
+def _regressor(
+    nominal: Nominal, measurements: Measurements, turning: Sequence[float] | np.ndarray = (0.0,) * 6
+) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the regressor, with the base foot turning at a rate and an acceleration, (6,)."""
     m, robot = measurements, nominal.robot
     rates, accelerations = (
         np.zeros_like(m.joint_angles) if values is None else values
@@ -74,7 +79,7 @@ def _regressor(nominal: Nominal, measurements: Measurements) -> tuple[np.ndarray
     for k, foot in enumerate((robot.stance_foot, robot.swing_foot)):
         rows = side == k
         motion = m.joint_angles[rows], rates[rows], accelerations[rows]
-        regressor[rows], centers[rows] = _of_foot(nominal, foot, nominal.points[k], motion, m.gravity)
+        regressor[rows], centers[rows] = _of_foot(nominal, foot, nominal.points[k], motion, m.gravity, turning)
     return regressor, centers
 
 
@@ -92,9 +97,10 @@ class BeyondWeight:
         unknown: change by independent deviates of s.d. 1 of what the base parameters leave open of the
             inertial parameters, (m, 5, k), the largest first.
         directions: the inertial parameters' change by these deviates, (10 n_links, k).
-        load_rates, loads_faster: first and second derivative of the moments about the soles, (m, 2, 2) [Nm/s,
-            Nm/s2], see `Observation.sole_loads`. Soles yield late by the first, and by the second a body on
-            soft feet is accelerated.
+        load_rates: first to third derivative of the moments about the soles, (m, 3, 2, 2) [Nm/s, Nm/s2,
+            Nm/s3], see `Observation.sole_loads`. Soles yield late, and a body on soft feet is accelerated.
+        rocking: derivative by rate and acceleration of roll and of pitch of the foot that carries,
+            (m, 5, 4).
     """
 
     by_cad: np.ndarray
@@ -102,15 +108,15 @@ class BeyondWeight:
     unknown: np.ndarray
     directions: np.ndarray
     load_rates: np.ndarray
-    loads_faster: np.ndarray
+    rocking: np.ndarray
 
     def take(self, rows: np.ndarray) -> Self:
         """Return some rows."""
-        names = ("by_cad", "slope", "unknown", "load_rates", "loads_faster")
+        names = ("by_cad", "slope", "unknown", "load_rates", "rocking")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
 
-NOTHING = ((0, 5), (0, 5, 0), (0, 5, 0), (0, 0), (0, 2, 2), (0, 2, 2))
+NOTHING = ((0, 5), (0, 5, 0), (0, 5, 0), (0, 0), (0, 3, 2, 2), (0, 5, 4))
 HELD = BeyondWeight(*map(np.zeros, NOTHING))
 
 
@@ -142,8 +148,24 @@ def beyond_weight(nominal: Nominal, measurements: Measurements) -> BeyondWeight:
     squares, turn = np.linalg.eigh(flat.T @ flat / len(measurements))
     most = squares[::-1][:MOST_DIRECTIONS] > LEAST_SHIFT**2
     directions = rest @ turn[:, ::-1][:, :MOST_DIRECTIONS][:, most]
-    none = np.zeros((len(measurements), 2, 2))
-    return BeyondWeight(by_cad, by_all @ known, by_all @ directions, directions, none, none)
+    none = [np.zeros((len(measurements), *shape[1:])) for shape in NOTHING[4:]]
+    return BeyondWeight(by_cad, by_all @ known, by_all @ directions, directions, *none)
+
+
+def rocking(nominal: Nominal, measurements: Measurements) -> np.ndarray:
+    """Compute `BeyondWeight.rocking` by CAD, by central differences of sensors in the feet."""
+    cad, weight = inertial_parameters(nominal.robot.model), nominal.mass * measurements.gravity
+    out = []
+    for turning in ROCKED * np.eye(6)[[0, 1, 3, 4]]:
+        after, before = (
+            np.einsum("mlik,lk->mi", _regressor(nominal, measurements, sign * turning)[0], cad)
+            for sign in (1, -1)
+        )
+        force = (after - before)[:, :3] / [weight, weight, 1.0]
+        center = [np.column_stack([-w[:, 4], w[:, 3]]) / w[:, 2:3] for w in (after, before)]
+        change = np.column_stack([center[0] - center[1], force[:, 2], force[:, :2]])
+        out.append(change / (2 * ROCKED))
+    return np.stack(out, axis=2)
 
 
 def _depth(measurements: Measurements) -> float:
@@ -222,11 +244,12 @@ def _of_foot(
     sole: np.ndarray,
     motion: tuple[np.ndarray, np.ndarray, np.ndarray],
     gravity: float,
+    foot_turns: Sequence[float] | np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compute `wrench_regressor` and centres of mass, with the foot accelerated upward in place of gravity.
 
     Angles, rates and accelerations of the joints are (m, n_joints) each; the sole point is in the foot's
-    frame, (3,) [m].
+    frame, (3,) [m]. The foot turns about its sole point at a rate and an acceleration, (6,) [rad/s, rad/s2].
     """
     tree = nominal.parameters.tree
     angles, rates, accelerations = motion
@@ -234,7 +257,8 @@ def _of_foot(
     rotations = link_rotations(tree, base, angles)
     positions = frame_positions(tree, base, rotations, -sole)
     turning, turning_faster, faster = np.zeros((3, *positions.shape))  # of every frame: w, dw/dt and dv/dt
-    faster[:, base, 2] = gravity
+    turning[:, base], turning_faster[:, base] = np.split(np.asarray(foot_turns), 2)
+    faster[:, base] = _swept(turning[:, base], turning_faster[:, base], -sole) + [0.0, 0.0, gravity]
     for step in walk(tree, base):
         known, new, edge = step.known, step.new, step.edge
         w, dw = turning[:, known], turning_faster[:, known]

@@ -18,7 +18,7 @@ from tulip_testbed.identification.ballast import Ballast, ballast_of, known_weig
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.cad_prior import CadPrior
 from tulip_testbed.identification.contact_readings import ContactReadings, of_cells, of_wrenches
-from tulip_testbed.identification.inertial_wrench import HELD, BeyondWeight, beyond_weight
+from tulip_testbed.identification.inertial_wrench import HELD, BeyondWeight, beyond_weight, rocking
 from tulip_testbed.identification.joint_loads import Loads, joint_loads, sag_left, servo_stiffness
 from tulip_testbed.identification.kinematics import Tree, turned_about
 from tulip_testbed.identification.noise_in_time import Decorrelation, NoiseInTime, decorrelation
@@ -69,6 +69,7 @@ class Observation:
         noise_in_time: how the noise of rows is correlated in time; None: it is not.
         cad: what CAD says about the base parameters; None: the postures determine them.
         compliances: means of the prior of corrected compliances, by label; those of the others are zero.
+        heavier: estimated weight less the weighed or nominal one [N]; wrench sensors' readings are over it.
     """
 
     nominal: Nominal
@@ -97,6 +98,7 @@ class Observation:
     noise_in_time: NoiseInTime | None = None
     cad: CadPrior | None = None
     compliances: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    heavier: float = 0.0
 
     def __len__(self) -> int:
         return len(self.joint_angles)
@@ -108,9 +110,9 @@ class Observation:
 
     @cached_property
     def weight(self) -> float:
-        """Return the weight of the robot from its weighed or else its nominal mass [N]."""
+        """Return the weight of the robot from its weighed or else its nominal mass, and `heavier` [N]."""
         weighed = self.measurements.weighed_mass
-        return (weighed[0] if weighed else self.nominal.mass) * self.measurements.gravity
+        return (weighed[0] if weighed else self.nominal.mass) * self.measurements.gravity + self.heavier
 
     @cached_property
     def stance(self) -> np.ndarray:
@@ -293,6 +295,22 @@ class Observation:
         """Return what the known masses weigh and where they are, None without any."""
         return ballast_of(self.measurements, self.geometry, self.weight)
 
+    def weighing(self, heavier: float) -> Observation:
+        """Return the observation of a robot that is heavier than stated [N]; so are its inertial forces."""
+        ratio = (self.weight - self.heavier + heavier) / self.weight
+        force, motion = np.array([1.0, 1.0, ratio, 1.0, 1.0]), self.motion
+        return self.changed(
+            heavier=heavier,
+            lift=self.lift + (ratio - 1) * motion.by_cad[:, 2] if self.moves else self.lift,
+            motion=replace(
+                motion,
+                by_cad=motion.by_cad * force,
+                slope=motion.slope * force[:, None],
+                unknown=motion.unknown * force[:, None],
+                rocking=motion.rocking * force[:, None],
+            ),
+        )
+
     def take(self, rows: np.ndarray) -> Observation:
         """Return some postures of the experiment, by their numbers."""
         kept = {
@@ -367,12 +385,18 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
     if measurements.command is not None:
         sags = measurements.command - measurements.joint_angles
         observed = observed.changed(sag=sag_left(observed.loads, sags, measurements.of_experiment))
-    rates, faster = measurements.wrench_rates, measurements.wrench_accelerations
-    if not observed.moves or not observed.in_feet or rates is None or faster is None:
+    m = measurements
+    if not observed.moves or not observed.in_feet or m.wrench_rates is None or m.wrench_accelerations is None:
         return observed
+    jerks = 0 * m.wrench_rates if m.wrench_jerks is None else m.wrench_jerks
     assert contacts.by_channel is not None
-    by = [observed._about_centers(np.nan_to_num(one) @ contacts.by_channel.T) for one in (rates, faster)]
-    return observed.changed(motion=replace(motion, load_rates=by[0], loads_faster=by[1]))
+    rates = [
+        observed._about_centers(np.nan_to_num(one) @ contacts.by_channel.T)
+        for one in (m.wrench_rates, m.wrench_accelerations, jerks)
+    ]
+    return observed.changed(
+        motion=replace(motion, load_rates=np.stack(rates, axis=1), rocking=rocking(nominal, m))
+    )
 
 
 def _each(measurements: Measurements, of_rows: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:

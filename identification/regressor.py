@@ -249,7 +249,7 @@ def confounded_directions(observed: Observation, data: Regression) -> np.ndarray
     if not columns.shape[2]:
         return np.zeros((0, p))
     if observed.measurements.weighed_mass is None:  # the weight is unknown too
-        columns = np.concatenate([columns, by_weight(observed)[..., None]], axis=2)
+        columns = np.concatenate([columns, by_weight(observed)[:, :3, None]], axis=2)
     columns[:, 2] /= observed.weight
     whole = np.concatenate([data.matrix.reshape(m, 2, p), np.zeros((m, 1, p))], axis=1).reshape(-1, p)
     basis, size, _ = np.linalg.svd(columns.reshape(3 * m, -1), full_matrices=False)

@@ -145,9 +145,13 @@ def has_direction(observed: Observation) -> bool:
 
 def _off_vertical(observed: Observation) -> np.ndarray:
     """Compute the direction of the force against the vertical as the feet's tilt shows it, (m, 2) [rad]."""
-    forces, tilts = carried(observed), np.concatenate([observed.stance_tilt, observed.swing_tilt], axis=1)
-    measured = (_pushes(observed) * forces[:, None]).sum(axis=2) / _total(observed)[:, None]
-    return measured - observed.push - (_leaning(observed) * tilts[:, None]).sum(axis=2)
+    tilts = np.concatenate([observed.stance_tilt, observed.swing_tilt], axis=1)
+    return _direction(observed) - observed.push - (_leaning(observed) * tilts[:, None]).sum(axis=2)
+
+
+def _direction(observed: Observation) -> np.ndarray:
+    """Return the measured direction of the force against the vertical of flat soles, (m, 2) [rad]."""
+    return (_pushes(observed) * carried(observed)[:, None]).sum(axis=2) / _total(observed)[:, None]
 
 
 def _pushes(observed: Observation) -> np.ndarray:
@@ -235,11 +239,19 @@ def _total(observed: Observation) -> np.ndarray:
 
 
 def by_weight(observed: Observation) -> np.ndarray:
-    """Differentiate centre of pressure and sum of the forces by the error of the weight, (m, 3) [m/N, -]."""
-    out = np.zeros((len(observed), 3))
+    """Differentiate channels A, F and T by the weight, with which inertial forces grow, (m, 5)."""
+    by_lift = _by_lift(observed)
+    return by_lift * (1 + observed.motion.by_cad[:, 2:3] / observed.weight) if observed.moves else by_lift
+
+
+def _by_lift(observed: Observation) -> np.ndarray:
+    """Differentiate channels A, F and T by the vertical force, (m, 5) [m/N, -, 1/N]."""
+    out = np.zeros((len(observed), ROWS["T"].stop))
     out[:, 2] = -1.0
     if not has_twist(observed):
         out[:, :2] = -_measured(observed) / _total(observed)[:, None]
+    if has_direction(observed):
+        out[:, ROWS["T"]] = -_direction(observed) / _total(observed)[:, None]
     return out
 
 
@@ -300,7 +312,7 @@ def sensitivity(observed: Observation, theta: np.ndarray) -> np.ndarray:
     out[:, 6, at["swing_tilt"].start] = out[:, 7, at["swing_tilt"].start + 1] = -1.0
     out[:, 5, at["rise"].start] = -1.0
     out[:, 0, at["shift"].start] = out[:, 1, at["shift"].start + 1] = -1.0
-    out[:, :3, at["lift"].start] = by_weight(observed)
+    out[:, : ROWS["T"].stop, at["lift"].start] = _by_lift(observed)
     if (ballast := observed.ballast) is not None:
         plain = -observed.geometry.slope_along(theta)  # the regressor's: the masses are not in it
         out[:, 0:2] *= (1 + ballast.ratio)[:, None, None]

@@ -73,8 +73,8 @@ def _read_wrenches(entries: list[WrenchEntry], table: MappedTable, loaded: np.nd
         for entry, stands in zip(entries, loaded, strict=True)
     ]
     optional = {"wrenches_sd": "wrench_std"} | {
-        field: name
-        for field, name in (("wrench_rates", "wrench_rate"), ("wrench_accelerations", "wrench_acceleration"))
+        f"{name}s": name
+        for name in ("wrench_rate", "wrench_acceleration", "wrench_jerk")
         if table.has(f"{name}.{entries[0].name}.{channels[0]}")
     }
     return {

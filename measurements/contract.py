@@ -73,6 +73,7 @@ RULES = {  # by the first word of a column's name
     "wrench_std": Rule(0.0, MOST_FORCE, gaps=True),
     "wrench_rate": Rule(-MOST_FORCE_ACCELERATION, MOST_FORCE_ACCELERATION, gaps=True),
     "wrench_acceleration": Rule(-MOST_FORCE_ACCELERATION, MOST_FORCE_ACCELERATION, gaps=True),
+    "wrench_jerk": Rule(-MOST_FORCE_ACCELERATION, MOST_FORCE_ACCELERATION, gaps=True),
     "speed": Rule(0.0, MOST_SPEED, gaps=True),
     "acceleration": Rule(-MOST_ACCELERATION, MOST_ACCELERATION, gaps=True),
 }

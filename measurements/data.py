@@ -84,7 +84,8 @@ OF_ROWS = (  # fields of `Measurements` with a value for every row
     *("posture", "placement", "support", "time", "window", "samples"),
     *("joint_angles", "joint_angles_sd", "command", "motor", "cell_forces", "cell_forces_sd"),
     *("plate_poses", "wrenches", "wrenches_sd", "speed", "acceleration", "experiment"),
-    *("joint_rates", "joint_accelerations", "cell_rates", "wrench_rates", "wrench_accelerations"),
+    *("joint_rates", "joint_accelerations", "cell_rates"),
+    *("wrench_rates", "wrench_accelerations", "wrench_jerks"),
 )
 OF_JOINTS = {  # fields with a value for every joint, by the prefix of their columns
     "q": "joint_angles",
@@ -99,13 +100,15 @@ OF_WRENCHES = {  # fields with a value for every channel of both wrench sensors,
     "wrench_std": "wrenches_sd",
     "wrench_rate": "wrench_rates",
     "wrench_acceleration": "wrench_accelerations",
+    "wrench_jerk": "wrench_jerks",
 }
 KINDS = {"posture": "iu", "placement": "iu", "support": "U"}  # of numbers, where they are not any
 OF_KIND = {"iu": "whole numbers", "iuf": "numbers", "U": "texts"}
 UNUSUAL = (np.float16, np.longdouble)  # of three digits, and of no use to linear algebra
 MAY_BE_NONE = (
     *("command", "motor", "torques", "wrenches_sd", "speed", "acceleration"),
-    *("joint_rates", "joint_accelerations", "cell_rates", "wrench_rates", "wrench_accelerations"),
+    *("joint_rates", "joint_accelerations", "cell_rates"),
+    *("wrench_rates", "wrench_accelerations", "wrench_jerks"),
 )
 
 
@@ -132,8 +135,8 @@ class Measurements(MeasurementHeader):
         joint_rates, joint_accelerations: of a robot that moves, (m, n_joints) [rad/s, rad/s2]; None: held.
         cell_rates: rate of the cells' readings, (m, 8) [N/s], of rows that were reduced in memory; None: no
             folder of rows holds it.
-        wrench_rates, wrench_accelerations: first and second derivative of the wrench sensors' readings,
-            (m, 2, c) [N/s, Nm/s; N/s2, Nm/s2], means over the window; None: not known.
+        wrench_rates, wrench_accelerations, wrench_jerks: first to third derivative of the wrench sensors'
+            readings, (m, 2, c) [N/s, Nm/s; N/s2, Nm/s2; N/s3, Nm/s3], means over the window; None: not known.
         experiment: index of every row's experiment, (m,); None: there is at most one.
     """
 
@@ -159,6 +162,7 @@ class Measurements(MeasurementHeader):
     cell_rates: np.ndarray | None = None
     wrench_rates: np.ndarray | None = None
     wrench_accelerations: np.ndarray | None = None
+    wrench_jerks: np.ndarray | None = None
     experiment: np.ndarray | None = None
 
     @classmethod

@@ -48,7 +48,7 @@ from tulip_testbed.measurements.stated_convention import StatedConvention
 
 MAY_LACK = (
     *("support", "time", "window", "samples", "q_std", "q_command", "motor", "cell_std"),
-    *("wrench_std", "wrench_rate", "wrench_acceleration"),
+    *("wrench_std", "wrench_rate", "wrench_acceleration", "wrench_jerk"),
     *("speed", "acceleration", "q_rate", "q_acceleration"),
 )
 

@@ -100,7 +100,7 @@ def discover(robot: Robot, truth: Truth, folder: Path) -> dict[str, Any]:
     }
     parts = {
         f"wrench-crosstalk:left.{WRENCH[j]}.{WRENCH[k]}": part
-        for j, row in enumerate(truth.cross_talk)
+        for j, row in enumerate(np.array(truth.cross_talk) - np.eye(6))
         for k, part in enumerate(row)
     }
     return {

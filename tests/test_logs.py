@@ -88,7 +88,9 @@ def test_means_are_exact_for_cubic_motion_by_any_clock(imported, bowing):
     time = np.cumsum(rng.uniform(0.002, 0.03, 400))
     cubic = np.polynomial.Polynomial([0.3, -0.2, 0.1, 0.05])
     made = samples(imported, bowing, time)
-    made = dataclasses.replace(made, joint_angles=np.column_stack([cubic(time - 3)] * 2))
+    assert made.wrenches is not None
+    wrenches = 0 * made.wrenches + WEIGHT + cubic(time - 3)[:, None, None]
+    made = dataclasses.replace(made, joint_angles=np.column_stack([cubic(time - 3)] * 2), wrenches=wrenches)
     m = reduced(made, WEIGHT, window=0.4, step=0.3).measurements
     _, angles, rates, accelerations = moved(m)
     middle = m.time + 0.2 - 3
@@ -96,6 +98,8 @@ def test_means_are_exact_for_cubic_motion_by_any_clock(imported, bowing):
     np.testing.assert_allclose(angles[:, 0], (cubic + spread / 2 * cubic.deriv(2))(middle), atol=1e-9)
     np.testing.assert_allclose(rates[:, 0], (cubic.deriv() + spread / 2 * cubic.deriv(3))(middle), atol=1e-9)
     np.testing.assert_allclose(accelerations[:, 0], cubic.deriv(2)(middle), atol=1e-9)
+    assert m.wrench_jerks is not None
+    np.testing.assert_allclose(m.wrench_jerks[:, 0, 0], cubic.deriv(3)(middle), atol=1e-6)
     np.testing.assert_allclose(m.joint_angles_sd[:, 0], 0, atol=1e-9)
 
 
@@ -114,6 +118,10 @@ def test_forces_change_as_fast_in_rows_as_in_samples(imported, bowing):
     np.testing.assert_allclose(m.wrench_accelerations[:, 0], -(pace**2) * swing, atol=0.01 * pace**2 * 10)
     rates = pace * (swing[2:] - swing[:-2]) / 2 / np.sin(pace * 0.5)
     np.testing.assert_allclose(m.wrench_rates[1:-1, 0], rates, atol=0.01 * pace * 10)
+    assert m.wrench_jerks is not None  # by other weights, with more of fast motion
+    ratio = m.wrench_jerks[:, 0] / m.wrench_rates[:, 0]
+    assert (np.median(ratio, axis=0) < -(pace**2)).all()
+    assert (np.median(ratio, axis=0) > -1.4 * pace**2).all()
     assert np.isnan(m.wrench_accelerations[:, 1]).all()
 
 

@@ -155,7 +155,7 @@ def test_a_zero_taken_while_it_drifts_is_corrected(text, robot):
     np.testing.assert_allclose(again.cell_forces[carried], true.cell_forces[carried], atol=1e-6)
 
 
-@pytest.mark.parametrize(("sensors", "count"), [("foot-ft", 50), ("sole-3axis", 12), ("plate-ft", 0)])
+@pytest.mark.parametrize(("sensors", "count"), [("foot-ft", 60), ("sole-3axis", 18), ("plate-ft", 0)])
 def test_cross_talk_is_sought_between_the_channels_that_there_are(sensors, count, robot):
     contacts = header_of(preset_rig(sensors, robot)).contacts
     targets = targets_in(catalogue()["wrench-crosstalk"], robot, contacts, ())

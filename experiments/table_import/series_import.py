@@ -45,7 +45,7 @@ ENOUGH = 500  # samples that show how the soles stand
 COMPUTED = (*WHOLE, "window", "samples", "speed", "acceleration")  # columns that samples do not have
 COMPUTED_OF = (
     *("q_std", "q_rate", "q_acceleration", "cell_std"),
-    *("wrench_std", "wrench_rate", "wrench_acceleration"),
+    *("wrench_std", "wrench_rate", "wrench_acceleration", "wrench_jerk"),
 )
 
 

@@ -21,7 +21,7 @@ ENOUGH_ROWS, LONGEST_STEP, MOST_ROWS = 600, 2.0, 4000
 OVERLAP = 2  # windows at a time: the ends of a window have little weight
 BLOCK = 4.0  # s, of a placement: slow errors are common to it, and predictions leave whole blocks out
 DEGREE = 3  # of polynomials for which the weights are exact
-MOMENTS = np.array([[1, 0, 1 / 7, 0], [0, 1, 0, 3 / 7], [0, 0, 2, 0]])  # means of 1, u, u^2, u^3; of u', u''
+MOMENTS = np.array([[1, 0, 1 / 7, 0], [0, 1, 0, 3 / 7], [0, 0, 2, 0], [0, 0, 0, 6]])  # of u^k; of u', u'', u'''
 LEAST_SAMPLES = 8  # in a window: twice the polynomial's coefficients
 GAP = 0.25  # of a window, in which no sample is missed
 FILTERED = ("joint_angles", "command", "motor", "cell_forces", "plate_poses", "wrenches")
@@ -45,7 +45,7 @@ class _Window(NamedTuple):
 
     Attributes:
         start: [s]. inside: the samples' rows.
-        weights: of the n samples for mean value, rate and acceleration, (3, n).
+        weights: of the n samples for mean value, rate, acceleration and jerk, (4, n).
         powers, solve: of a polynomial's coefficients, samples at them, (n, 4), and their inverse, (4, n).
     """
 
@@ -172,6 +172,9 @@ def _rows(samples: Measurements, windows: list[_Window], window: float) -> Measu
     def acceleration(one: _Window, values: np.ndarray) -> np.ndarray:
         return one.weights[2] @ values
 
+    def jerk(one: _Window, values: np.ndarray) -> np.ndarray:
+        return one.weights[3] @ values
+
     def spread(one: _Window, values: np.ndarray) -> np.ndarray:
         off = values - one.powers @ (one.solve @ values)
         return np.linalg.norm(off, axis=0) / np.sqrt(len(values) - DEGREE - 1)
@@ -196,6 +199,7 @@ def _rows(samples: Measurements, windows: list[_Window], window: float) -> Measu
         cell_rates=each("cell_forces", rate),
         wrench_rates=each("wrenches", rate),
         wrench_accelerations=each("wrenches", acceleration),
+        wrench_jerks=each("wrenches", jerk),
         **readings,
     )
 
@@ -217,15 +221,16 @@ def _weights(time: np.ndarray, window: float) -> tuple[np.ndarray, np.ndarray, n
         time: from the middle of the window, (n,) [s].
 
     With u = 2 time / window the weight is k(u) = (1 - u^2)^2. By parts, the mean rate is that of -k' times
-    the value, the mean acceleration that of k'' times the value. The sums over samples are corrected so that
-    all three are exact for polynomials.
+    the value, the mean acceleration that of k'' times the value. The jerk's k is (1 - u^2)^3, whose k'' falls
+    to zero too. The sums over samples are corrected so that all are exact for polynomials.
     """
     half = window / 2
     u = time / half
     powers = np.vander(u, DEGREE + 1, increasing=True)
-    raw = np.gradient(u) * np.array([(1 - u**2) ** 2, 4 * u * (1 - u**2), 12 * u**2 - 4]) / (16 / 15)
+    kernels = [(1 - u**2) ** 2, 4 * u * (1 - u**2), 12 * u**2 - 4, (120 * u**3 - 72 * u) * 7 / 6]
+    raw = np.gradient(u) * np.array(kernels) / (16 / 15)
     solve = np.linalg.pinv(powers)
-    weights = (raw + (MOMENTS - raw @ powers) @ solve) / half ** np.arange(3)[:, None]
+    weights = (raw + (MOMENTS - raw @ powers) @ solve) / half ** np.arange(4)[:, None]
     return weights, powers, solve
 
 
