@@ -79,7 +79,9 @@ def _regressor(
     for k, foot in enumerate((robot.stance_foot, robot.swing_foot)):
         rows = side == k
         motion = m.joint_angles[rows], rates[rows], accelerations[rows]
-        regressor[rows], centers[rows] = _of_foot(nominal, foot, nominal.points[k], motion, m.gravity, turning)
+        regressor[rows], centers[rows] = _of_foot(
+            nominal, foot, nominal.points[k], motion, m.gravity, turning
+        )
     return regressor, centers
 
 
@@ -258,7 +260,8 @@ def _of_foot(
     positions = frame_positions(tree, base, rotations, -sole)
     turning, turning_faster, faster = np.zeros((3, *positions.shape))  # of every frame: w, dw/dt and dv/dt
     turning[:, base], turning_faster[:, base] = np.split(np.asarray(foot_turns), 2)
-    faster[:, base] = _swept(turning[:, base], turning_faster[:, base], -sole) + [0.0, 0.0, gravity]
+    faster[:, base] = _swept(turning[:, base], turning_faster[:, base], -sole)
+    faster[:, base, 2] += gravity
     for step in walk(tree, base):
         known, new, edge = step.known, step.new, step.edge
         w, dw = turning[:, known], turning_faster[:, known]

@@ -63,7 +63,12 @@ def test_the_ground_accelerates_the_center_of_mass(robot, truth, motion):
 
 def test_the_true_model_explains_a_body_that_rocks(robot, tmp_path, monkeypatch):
     """By MuJoCo's forces: the body turns as its foot rocks, late, and weighs less than stated."""
-    exact = (("ENCODER_NOISE", 1e-6), ("ENCODER_STEP", 1e-6), ("NOISE", (0.0, 0.0)), ("STEP_OF", (1e-6, 1e-6)))
+    exact = (
+        ("ENCODER_NOISE", 1e-6),
+        ("ENCODER_STEP", 1e-6),
+        ("NOISE", (0.0, 0.0)),
+        ("STEP_OF", (1e-6, 1e-6)),
+    )
     for name, value in exact:
         monkeypatch.setattr(records, name, value)
     plain = draw_truth(robot, None)
@@ -76,8 +81,12 @@ def test_the_true_model_explains_a_body_that_rocks(robot, tmp_path, monkeypatch)
     still = replace(motion, rocking=0 * motion.rocking)
     left = left_unexplained(lighter, truth)
     assert (left < [6e-5, 6e-5, 0.02, 8e-5, 8e-5]).all()  # m, N, rad
-    assert (left_unexplained(lighter.changed(motion=prompt), truth)[[0, 1, 3, 4]] > 3 * left[[0, 1, 3, 4]]).all()
-    assert (left_unexplained(lighter.changed(motion=still), truth)[[0, 1, 3, 4]] > 15 * left[[0, 1, 3, 4]]).all()
+    assert (
+        left_unexplained(lighter.changed(motion=prompt), truth)[[0, 1, 3, 4]] > 3 * left[[0, 1, 3, 4]]
+    ).all()
+    assert (
+        left_unexplained(lighter.changed(motion=still), truth)[[0, 1, 3, 4]] > 15 * left[[0, 1, 3, 4]]
+    ).all()
     assert left_unexplained(told.changed(heavier=lighter.heavier), truth)[2] > 1.2 * left[2]
     slope = [residuals(told.weighing(h), told.nominal.value)[:, :5] for h in (0.01, -0.01)]
     assert by_weight(told) == pytest.approx((slope[0] - slope[1]) / 0.02, rel=1e-6, abs=1e-9)

@@ -21,7 +21,9 @@ ENOUGH_ROWS, LONGEST_STEP, MOST_ROWS = 600, 2.0, 4000
 OVERLAP = 2  # windows at a time: the ends of a window have little weight
 BLOCK = 4.0  # s, of a placement: slow errors are common to it, and predictions leave whole blocks out
 DEGREE = 3  # of polynomials for which the weights are exact
-MOMENTS = np.array([[1, 0, 1 / 7, 0], [0, 1, 0, 3 / 7], [0, 0, 2, 0], [0, 0, 0, 6]])  # of u^k; of u', u'', u'''
+MOMENTS = np.array(
+    [[1, 0, 1 / 7, 0], [0, 1, 0, 3 / 7], [0, 0, 2, 0], [0, 0, 0, 6]]
+)  # of u^k; of u', u'', u'''
 LEAST_SAMPLES = 8  # in a window: twice the polynomial's coefficients
 GAP = 0.25  # of a window, in which no sample is missed
 FILTERED = ("joint_angles", "command", "motor", "cell_forces", "plate_poses", "wrenches")
