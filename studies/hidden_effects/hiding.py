@@ -110,7 +110,7 @@ class Clearness:
         plates = np.stack([change("plate_poses", poses[at], *at) for at in np.ndindex(2, 3)], axis=2)
         place = measured.placement[:, None] == np.unique(measured.placement)
         weight = np.zeros((*here.shape, 1))
-        weight[:, :3, 0] = by_weight(observed) * measured.gravity * built.rig.sensors.weighed_mass_sd
+        weight[:, :5, 0] = by_weight(observed) * measured.gravity * built.rig.sensors.weighed_mass_sd
         members, self.owners = [], []
         for name in USUAL:
             effect, size = catalogue()[name], tolerance_of(name, built.preset)
