@@ -83,6 +83,7 @@ def test_on_one_foot_a_gain_is_no_candidate_where_nobody_knows_the_weight(static
         some = replace(measured.take(measured.support == support), weighed_mass=weighed)
         every = candidates(observe(some, nominal_robot(robot, "right")))
         assert any(one.effect.name == "wrench-gain" for one in every) == searched
+        assert any(one.target.endswith(".fz.fz") for one in every) == searched
 
 
 @pytest.mark.parametrize("name", WHOLE)
