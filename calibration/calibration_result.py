@@ -165,7 +165,7 @@ class SelfCalibration:
             return plain
         # Members are removed from readings that have no effects any more, and the effects are put back:
         # a large effect and the removal of a member are not additive.
-        clean = self.cleaned(observed)
+        clean = self.cleaned(observed).weighing(observed.heavier)
         loaded = replace(observed, standard=clean.standard, servo_stiffness=clean.servo_stiffness)
         with_effects = moved_by(clean, removed(loaded, self.effects), loaded)
         loads = replace(plain, standard=clean.standard, servo_stiffness=clean.servo_stiffness)
