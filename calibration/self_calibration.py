@@ -38,7 +38,14 @@ from tulip_testbed.calibration.reml import LikelihoodFit, fit, given
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.identification.noise_in_time import NoiseInTime, apart, noise_in_time_of
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import has_twist, moved_by, packed
+from tulip_testbed.identification.residual_channels import (
+    ROWS,
+    has_direction,
+    has_twist,
+    moved_by,
+    packed,
+    residuals_in_use,
+)
 from tulip_testbed.identification.residual_noise import noise_of, with_cell_noise
 
 ROUNDS = 16
@@ -120,6 +127,7 @@ def self_calibrate(
         smooth = linear.smooth
         del problem, linear
         estimate, covariance = both @ solved.estimate, both @ solved.covariance @ both.T
+        solved = replace(solved, log_evidence=solved.log_evidence - _of_weight(clean))
         if (cad := clean.cad) is not None:
             solved = replace(solved, log_evidence=solved.log_evidence + cad.log_density)
             scaled = cad if noisy else cad.rescaled(estimate[:p], solved.conditional[:p, :p])
@@ -155,6 +163,16 @@ def self_calibrate(
     if clean.cad is not None:
         clean = clean.changed(cad=state.clean.cad)  # with which the result was computed
     return result_of(clean, families, noise, *latest, solved, used.assumed, moved)
+
+
+def _of_weight(clean: Observation) -> float:
+    """Return ln of the density of residuals over the estimated weight per that of the readings themselves.
+
+    Over a larger weight all residuals are smaller, whatever model they have.
+    """
+    used = residuals_in_use(clean)
+    count = used[:, ROWS["A"]].sum() + (used[:, ROWS["T"]].sum() if has_direction(clean) else 0)
+    return float(count * np.log(clean.weight / (clean.weight - clean.heavier)))
 
 
 def as_log_shows(

@@ -155,7 +155,7 @@ def beyond_weight(nominal: Nominal, measurements: Measurements) -> BeyondWeight:
 
 
 def rocking(nominal: Nominal, measurements: Measurements) -> np.ndarray:
-    """Compute `BeyondWeight.rocking` by CAD, by central differences of sensors in the feet."""
+    """Compute `BeyondWeight.rocking` by CAD, by central differences, for sensors in the feet."""
     cad, weight = inertial_parameters(nominal.robot.model), nominal.mass * measurements.gravity
     out = []
     for turning in ROCKED * np.eye(6)[[0, 1, 3, 4]]:
