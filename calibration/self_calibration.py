@@ -168,7 +168,7 @@ def self_calibrate(
 def _of_weight(clean: Observation) -> float:
     """Return ln of the density of residuals over the estimated weight per that of the readings themselves.
 
-    Over a larger weight all residuals are smaller, whatever model they have.
+    Over a larger weight all residuals are smaller, those of a wrong model too.
     """
     used = residuals_in_use(clean)
     count = used[:, ROWS["A"]].sum() + (used[:, ROWS["T"]].sum() if has_direction(clean) else 0)
