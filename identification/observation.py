@@ -297,6 +297,8 @@ class Observation:
 
     def weighing(self, heavier: float) -> Observation:
         """Return the observation of a robot that is heavier than stated [N]; so are its inertial forces."""
+        if heavier == self.heavier:
+            return self
         ratio = (self.weight - self.heavier + heavier) / self.weight
         force, motion = np.array([1.0, 1.0, ratio, 1.0, 1.0]), self.motion
         return self.changed(

@@ -25,13 +25,16 @@ from studies.real_robots.records import (
 )
 from tulip_testbed.calibration.families import Family
 from tulip_testbed.calibration.member_removal import members_removed
+from tulip_testbed.calibration.reml import fit
+from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.effects.motion_effects import DAMPING
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
-from tulip_testbed.identification.residual_channels import by_weight, residuals
+from tulip_testbed.identification.regressor import regression, with_cad_where_needed
+from tulip_testbed.identification.residual_channels import by_weight, fields, residuals, sensitivity
 from tulip_testbed.sim.robot import joint_names
 
 SECONDS = 8.0
@@ -90,6 +93,26 @@ def test_the_true_model_explains_a_body_that_rocks(robot, tmp_path, monkeypatch)
     assert left_unexplained(told.changed(heavier=lighter.heavier), truth)[2] > 1.2 * left[2]
     slope = [residuals(told.weighing(h), told.nominal.value)[:, :5] for h in (0.01, -0.01)]
     assert by_weight(told) == pytest.approx((slope[0] - slope[1]) / 0.02, rel=1e-6, abs=1e-9)
+
+
+def test_evidence_is_that_of_the_readings(robot, tmp_path):
+    """Residuals over an estimated weight shrink as it grows: a model with more weight gains nothing by it."""
+    plain = draw_truth(robot, None)
+    light = replace(plain, mass=dict.fromkeys(plain.mass, 0.9))
+    one = observed(robot, light, simulate(robot, light, SECONDS, np.random.default_rng(2)), tmp_path)
+    m, nominal = one.measurements, one.nominal
+    found = self_calibrate(with_cad_where_needed(one, regression(nominal.parameters, m, robot)))
+    ratio = found.mass[0] / robot.model.body_mass.sum()
+    assert ratio == pytest.approx(0.9, abs=0.03)
+    # Of the centre of pressure and of the direction: how residuals change with the readings.
+    rows, cells = np.ix_(range(len(m)), (0, 1, 3, 4)), fields(one)["cells"]
+    over = [sensitivity(o, nominal.value)[rows][..., cells] for o in (one, found.observed)]
+    volume = [0.5 * float(np.linalg.slogdet(by @ by.mT)[1].sum()) for by in over]
+    start = found.solved.scales, found.solved.spreads
+    assert found.observed.cad is not None
+    left = fit(found.problem, start).log_evidence + found.observed.cad.log_density
+    assert found.solved.log_evidence - left == pytest.approx(volume[1] - volume[0], rel=0.02)
+    assert volume[1] - volume[0] > 5
 
 
 def test_a_log_in_axes_that_do_not_lean_becomes_one_in_axes_that_do(robot, tmp_path):

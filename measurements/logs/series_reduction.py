@@ -21,9 +21,8 @@ ENOUGH_ROWS, LONGEST_STEP, MOST_ROWS = 600, 2.0, 4000
 OVERLAP = 2  # windows at a time: the ends of a window have little weight
 BLOCK = 4.0  # s, of a placement: slow errors are common to it, and predictions leave whole blocks out
 DEGREE = 3  # of polynomials for which the weights are exact
-MOMENTS = np.array(
-    [[1, 0, 1 / 7, 0], [0, 1, 0, 3 / 7], [0, 0, 2, 0], [0, 0, 0, 6]]
-)  # of u^k; of u', u'', u'''
+# Means of 1, u, u^2 and u^3, and of their first to third derivatives.
+MOMENTS = np.array([[1, 0, 1 / 7, 0], [0, 1, 0, 3 / 7], [0, 0, 2, 0], [0, 0, 0, 6]])
 LEAST_SAMPLES = 8  # in a window: twice the polynomial's coefficients
 GAP = 0.25  # of a window, in which no sample is missed
 FILTERED = ("joint_angles", "command", "motor", "cell_forces", "plate_poses", "wrenches")
@@ -165,17 +164,10 @@ def _rows(samples: Measurements, windows: list[_Window], window: float) -> Measu
         flat = values.reshape(len(samples), -1)
         return np.reshape([of(one, flat[one.inside]) for one in windows], (len(windows), *values.shape[1:]))
 
-    def mean(one: _Window, values: np.ndarray) -> np.ndarray:
-        return one.weights[0] @ values
+    def mean_of(derivative: int) -> Callable[[_Window, np.ndarray], np.ndarray]:
+        return lambda one, values: one.weights[derivative] @ values
 
-    def rate(one: _Window, values: np.ndarray) -> np.ndarray:
-        return one.weights[1] @ values
-
-    def acceleration(one: _Window, values: np.ndarray) -> np.ndarray:
-        return one.weights[2] @ values
-
-    def jerk(one: _Window, values: np.ndarray) -> np.ndarray:
-        return one.weights[3] @ values
+    mean, rate, acceleration, jerk = map(mean_of, range(4))
 
     def spread(one: _Window, values: np.ndarray) -> np.ndarray:
         off = values - one.powers @ (one.solve @ values)

@@ -16,6 +16,7 @@ from tulip_testbed.effects.instance import effect_label, split_label
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import (
+    ROWS,
     by_weight,
     constants_of_stances,
     residuals,
@@ -110,7 +111,9 @@ class Clearness:
         plates = np.stack([change("plate_poses", poses[at], *at) for at in np.ndindex(2, 3)], axis=2)
         place = measured.placement[:, None] == np.unique(measured.placement)
         weight = np.zeros((*here.shape, 1))
-        weight[:, :5, 0] = by_weight(observed) * measured.gravity * built.rig.sensors.weighed_mass_sd
+        weight[:, : ROWS["T"].stop, 0] = (
+            by_weight(observed) * measured.gravity * built.rig.sensors.weighed_mass_sd
+        )
         members, self.owners = [], []
         for name in USUAL:
             effect, size = catalogue()[name], tolerance_of(name, built.preset)
