@@ -29,11 +29,13 @@ from tulip_testbed.identification.residual_channels import (
     SIZE,
     by_weight,
     carried,
-    fields,
     residuals,
     residuals_in_use,
 )
 from tulip_testbed.identification.residual_noise import contrasts, without_constants
+
+STEP = 1e-4  # m, of a centre of pressure, for differences
+RANK = 1e-12  # of singular values: readings of a foot in the air are zero
 
 
 @dataclass(frozen=True)
@@ -109,8 +111,7 @@ def predicted(
     problem, linear, _, scales = _linearised(calibration, removed(others, known))
     estimate = calibration.solved.estimate
     structure = linear.covariance.structure
-    own = structure.fixed + np.tensordot(scales[: len(structure.own)] ** 2, structure.own, axes=1)
-    levers = structure.shared * scales[structure.owner]
+    own, levers = _noise(linear.covariance, scales)
     used = residuals_in_use(others)
     letters = np.array([letter for letter, at in ROWS.items() for _ in range(at.start, at.stop)])
     rows, covariances, channel = [], [], []
@@ -133,28 +134,31 @@ def predicted(
 def center_errors(calibration: SelfCalibration, others: Observation) -> np.ndarray:
     """Return measured less predicted centre of pressure of other postures, (m, 2) [m].
 
-    A row's own force, its size and direction, may predict its moments; its moments may not. Where a
-    correction depends on the load, such as a foot that yields, what it says of its own load is undone:
-    the error e of a centre of pressure changes its residual by J e. How the body is accelerated as it rocks
-    and how late the foot is follow from the moments, so they are left out.
+    A row's own force, its size and direction, may predict its moments; its moments may not. So the error e
+    of a centre of pressure is unknown: it changes the row's residuals by J e, also where a correction depends
+    on the load, such as a foot that yields, or where a force reads a part of a moment. e is the generalised
+    least-squares estimate, by the noise of the row and the covariance of the calibration. How the body is
+    accelerated as it rocks and how late the foot is follow from the moments, so they are left out.
 
     Args:
         calibration: made without those postures.
     """
     motion = replace(others.motion, load_rates=0 * others.motion.load_rates)
     others = replace(others, cad=calibration.observed.cad, motion=motion)
-    _, linear, clean, scales = _linearised(calibration, others)
-    structure = linear.covariance.structure
-    own = structure.fixed + np.tensordot(scales[: len(structure.own)] ** 2, structure.own, axes=1)
+    others = others.weighing(calibration.observed.heavier)
+    problem, linear, clean, scales = _linearised(calibration, others)
+    own, levers = _noise(linear.covariance, scales)
+    estimates = problem.whole[..., :-1] @ _root(calibration.solved.covariance)
+    covariance = own + levers @ levers.mT + estimates @ estimates.mT
     left = left_by(calibration, clean)
-    used, at = residuals_in_use(others), fields(others)
+    moved = (calibration.cleaned(_off_center(others, step)) for step in STEP * np.eye(2))
+    by_center = np.stack([(left_by(calibration, one) - left) / STEP for one in moved], axis=2)
+    used = residuals_in_use(others) & (np.arange(SIZE) < ROWS["C"].start)
     out = np.empty((len(others), 2))
-    for k in range(len(others)):
-        known = np.flatnonzero(used[k] & np.isin(np.arange(SIZE), range(2, ROWS["C"].start)))
-        gain = np.linalg.solve(own[k][np.ix_(known, known)], own[k][np.ix_(known, [0, 1])]).T
-        rest = np.eye(2, SIZE)
-        rest[:, known] -= gain
-        out[k] = np.linalg.solve(rest @ _by_center(linear.covariance, clean, at["cells"], k), rest @ left[k])
+    for k, rows in enumerate(used):
+        reach = by_center[k, rows]
+        weights = np.linalg.solve(covariance[k][np.ix_(rows, rows)], reach).T
+        out[k] = np.linalg.solve(weights @ reach, weights @ left[k, rows])
     return out
 
 
@@ -190,20 +194,23 @@ def _linearised(
     return *linearised(state, calibration.all, calibration.noise), clean, scales
 
 
-def _by_center(covariance: ResidualCovariance, observed: Observation, cells: slice, row: int) -> np.ndarray:
-    """Differentiate a row's residuals by its centre of pressure with the forces as they are, (11, 2)."""
-    bears = observed.contacts.bears.ravel()
-    forces = [bears] if observed.contacts.pushes is None else [bears, *_wide(observed.contacts.pushes)]
-    loaded = carried(observed)[row] != 0
-    rows = np.vstack([observed.cell_places[row].T, *forces]) * loaded
-    moved = np.linalg.lstsq(rows, np.vstack([observed.weight * np.eye(2), np.zeros((len(forces), 2))]))[0]
-    return covariance.reach[row][:, cells] @ moved
+def _noise(covariance: ResidualCovariance, scales: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the covariance of each row's own noise, (m, 11, 11), and the reach of the shared, (m, 11, k)."""
+    structure = covariance.structure
+    own = structure.fixed + np.tensordot(scales[: len(structure.own)] ** 2, structure.own, axes=1)
+    return own, structure.shared * scales[structure.owner]
 
 
-def _wide(pushes: np.ndarray) -> list[np.ndarray]:
-    """Return the horizontal force of each foot along x and y by all readings, four of (2 k,)."""
-    nothing = np.zeros(pushes.shape[2])
-    return [np.append(a, nothing) for a in pushes[0]] + [np.append(nothing, a) for a in pushes[1]]
+def _off_center(observed: Observation, shift: np.ndarray) -> Observation:
+    """Return an observation whose centres of pressure are off by (2,) [m], with the forces as they are."""
+    contacts = observed.contacts
+    forces = [contacts.bears.reshape(1, -1)]
+    if contacts.pushes is not None:
+        forces.append(block_diag(*contacts.pushes))
+    held = np.broadcast_to(np.vstack(forces), (len(observed), sum(map(len, forces)), forces[0].size))
+    rows = np.concatenate([observed.cell_places.mT, held], axis=1) * (carried(observed) != 0)[:, None]
+    change = np.linalg.pinv(rows, rcond=RANK)[..., :2] @ (observed.weight * shift)
+    return observed.changed(cell_forces=observed.cell_forces + change)
 
 
 def _root(covariance: np.ndarray) -> np.ndarray:

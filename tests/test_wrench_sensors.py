@@ -248,9 +248,15 @@ def test_the_force_shows_a_foot_that_pitches(robot):
     )
 
 
-def test_no_prediction_sees_the_moments_that_it_predicts(robot):
-    """With a soft sole, an error of a centre of pressure is an error of the prediction."""
-    soft = tt.Laboratory(robot, sensors="foot-ft").with_effects("foot-compliance:right=0.0012,0.0012")
+@pytest.mark.parametrize("crosstalk", [(), ("wrench-crosstalk:right.fy.mx=8",)], ids=["own", "read by fy"])
+def test_no_prediction_sees_the_moments_that_it_predicts(robot, crosstalk):
+    """With a soft sole, an error of a centre of pressure is an error of the prediction.
+
+    So it is where a force reads a part of the moment, which may tell of the moment, but must not be corrected
+    by it.
+    """
+    effects = ("foot-compliance:right=0.0012,0.0012", *crosstalk)
+    soft = tt.Laboratory(robot, sensors="foot-ft").with_effects(*effects)
     m: Any = soft.run(on_right_foot(), seed=4, engine="statics").measurements
     nominal = nominal_robot(robot, "right")
     found = self_calibrate(observe(m, nominal))
