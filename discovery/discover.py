@@ -410,6 +410,7 @@ def _unexplained(selection: Selection) -> list[str]:
         return []
     out = [f"The search ended at its budget of {selection.ended}."] if selection.ended else []
     out += [] if selection.complete else ["Another effect would still be decisive."]
+    out += [] if selection.calibration.steady else ["The estimate did not come to rest."]
     out += [
         f"The family {one.family.name} is {one.spread:.0f} times as wide as its tolerance: that is not usual."
         for one in too_wide(selection.calibration)

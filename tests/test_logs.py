@@ -139,6 +139,21 @@ def test_a_person_who_bows_becomes_rows(imported, bowing):
     assert np.std(wrenches[:, 4] - held[:, 4]) > 1.2 * np.std(off[:, 4])
 
 
+def test_identified_masses_predict_the_person_better_than_cad(imported, bowing):
+    """Along the plane of the motion, halves both ways; CAD with an offset of the plate does better still."""
+    scores = {one.name: one for one in tt.predict(imported, bowing).models if one.split == "halves"}
+    found = {name: one.rms_mm.x for name, one in scores.items()}
+    expected = {
+        "CAD": 11.9,
+        "CAD with offset": 6.6,
+        "constant": 23.5,
+        "identified": 8.6,
+        "identified with corrections": 8.1,
+    }
+    assert found == pytest.approx(expected, abs=0.1)
+    assert scores["identified"].beats_cad and scores["identified with corrections"].beats_cad
+
+
 def two_feet(imported, bowing, loads):
     """Return samples at 100 Hz with given forces on the right and the left foot, (n, 2) [of the weight]."""
     made = samples(imported, bowing, np.arange(len(loads)) / 100)
