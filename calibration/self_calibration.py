@@ -255,6 +255,7 @@ def without_inertia(observed: Observation) -> Observation:
             slope=0 * motion.slope,
             unknown=motion.unknown[..., :0],
             rocking=0 * motion.rocking,
+            shown=False,
         ),
     )
 

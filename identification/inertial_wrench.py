@@ -103,6 +103,7 @@ class BeyondWeight:
             Nm/s3], see `Observation.sole_loads`. Soles yield late, and a body on soft feet is accelerated.
         rocking: derivative by rate and acceleration of roll and of pitch of the foot that carries,
             (m, 5, 4).
+        shown: whether the contact sensors show these forces.
     """
 
     by_cad: np.ndarray
@@ -111,6 +112,7 @@ class BeyondWeight:
     directions: np.ndarray
     load_rates: np.ndarray
     rocking: np.ndarray
+    shown: bool = True
 
     def take(self, rows: np.ndarray) -> Self:
         """Return some rows."""

@@ -301,9 +301,10 @@ class Observation:
             return self
         ratio = (self.weight - self.heavier + heavier) / self.weight
         force, motion = np.array([1.0, 1.0, ratio, 1.0, 1.0]), self.motion
+        lift = self.lift + (ratio - 1) * motion.by_cad[:, 2] if self.moves and motion.shown else self.lift
         return self.changed(
             heavier=heavier,
-            lift=self.lift + (ratio - 1) * motion.by_cad[:, 2] if self.moves else self.lift,
+            lift=lift,
             motion=replace(
                 motion,
                 by_cad=motion.by_cad * force,

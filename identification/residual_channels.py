@@ -241,7 +241,9 @@ def _total(observed: Observation) -> np.ndarray:
 def by_weight(observed: Observation) -> np.ndarray:
     """Differentiate channels A, F and T by the weight, with which inertial forces grow, (m, 5)."""
     by_lift = _by_lift(observed)
-    return by_lift * (1 + observed.motion.by_cad[:, 2:3] / observed.weight) if observed.moves else by_lift
+    if not (observed.moves and observed.motion.shown):
+        return by_lift
+    return by_lift * (1 + observed.motion.by_cad[:, 2:3] / observed.weight)
 
 
 def _by_lift(observed: Observation) -> np.ndarray:

@@ -151,7 +151,8 @@ def test_identified_masses_predict_the_person_better_than_cad(imported, bowing):
         "identified with corrections": 8.1,
     }
     assert found == pytest.approx(expected, abs=0.1)
-    assert scores["identified"].beats_cad and scores["identified with corrections"].beats_cad
+    assert scores["identified"].beats_cad
+    assert scores["identified with corrections"].beats_cad
 
 
 def two_feet(imported, bowing, loads):
