@@ -1,7 +1,7 @@
 """The wrench of the ground that the nominal robot needs to hold a posture, or to move as it was measured."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import mujoco
@@ -112,7 +112,7 @@ class BeyondWeight:
     directions: np.ndarray
     load_rates: np.ndarray
     rocking: np.ndarray
-    shown: bool = True
+    shown: bool = field(default=True, kw_only=True)
 
     def take(self, rows: np.ndarray) -> Self:
         """Return some rows."""
