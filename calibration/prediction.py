@@ -28,11 +28,12 @@ from tulip_testbed.identification.residual_channels import (
     ROWS,
     SIZE,
     by_weight,
-    carried,
     residuals,
     residuals_in_use,
+    total_force,
 )
 from tulip_testbed.identification.residual_noise import contrasts, without_constants
+from tulip_testbed.measurements.data import feet_in_contact
 
 STEP = 1e-4  # m, of a centre of pressure, for differences
 RANK = 1e-12  # of singular values: readings of a foot in the air are zero
@@ -137,8 +138,9 @@ def center_errors(calibration: SelfCalibration, others: Observation) -> np.ndarr
     A row's own force, its size and direction, may predict its moments; its moments may not. So the error e
     of a centre of pressure is unknown: it changes the row's residuals by J e, also where a correction depends
     on the load, such as a foot that yields, or where a force reads a part of a moment. e is the generalised
-    least-squares estimate, by the noise of the row and the covariance of the calibration. How the body is
-    accelerated as it rocks and how late the foot is follow from the moments, so they are left out.
+    least-squares estimate, by the noise of the row and the covariance of the calibration, both at the
+    predicted centre. How the body is accelerated as it rocks and how late the foot is follow from the
+    moments, so they are left out. Of two feet that stand, e is that of both together.
 
     Args:
         calibration: made without those postures.
@@ -146,6 +148,12 @@ def center_errors(calibration: SelfCalibration, others: Observation) -> np.ndarr
     motion = replace(others.motion, load_rates=0 * others.motion.load_rates)
     others = replace(others, cad=calibration.observed.cad, motion=motion)
     others = others.weighing(calibration.observed.heavier)
+    first = _center_errors(calibration, others)
+    return first + _center_errors(calibration, _off_center(others, -first))
+
+
+def _center_errors(calibration: SelfCalibration, others: Observation) -> np.ndarray:
+    """Return the estimates, see `center_errors`, by what holds at these readings."""
     problem, linear, clean, scales = _linearised(calibration, others)
     own, levers = _noise(linear.covariance, scales)
     estimates = problem.whole[..., :-1] @ _root(calibration.solved.covariance)
@@ -202,15 +210,17 @@ def _noise(covariance: ResidualCovariance, scales: np.ndarray) -> tuple[np.ndarr
 
 
 def _off_center(observed: Observation, shift: np.ndarray) -> Observation:
-    """Return an observation whose centres of pressure are off by (2,) [m], with the forces as they are."""
-    contacts = observed.contacts
+    """Return an observation whose centres of pressure are off by (2,) or (m, 2) [m], with equal forces."""
+    contacts, m = observed.contacts, len(observed)
     forces = [contacts.bears.reshape(1, -1)]
     if contacts.pushes is not None:
         forces.append(block_diag(*contacts.pushes))
-    held = np.broadcast_to(np.vstack(forces), (len(observed), sum(map(len, forces)), forces[0].size))
-    rows = np.concatenate([observed.cell_places.mT, held], axis=1) * (carried(observed) != 0)[:, None]
-    change = np.linalg.pinv(rows, rcond=RANK)[..., :2] @ (observed.weight * shift)
-    return observed.changed(cell_forces=observed.cell_forces + change)
+    held = np.vstack(forces)
+    stand = np.repeat(feet_in_contact(observed.measurements.support), held.shape[1] // 2, axis=1)
+    rows = np.concatenate([observed.cell_places.mT, np.broadcast_to(held, (m, *held.shape))], axis=1)
+    change = np.linalg.pinv(rows * stand[:, None], rcond=RANK)[..., :2]
+    moment = total_force(observed)[:, None] * np.broadcast_to(shift, (m, 2))
+    return observed.changed(cell_forces=observed.cell_forces + (change @ moment[..., None])[..., 0])
 
 
 def _root(covariance: np.ndarray) -> np.ndarray:

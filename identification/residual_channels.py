@@ -151,7 +151,7 @@ def _off_vertical(observed: Observation) -> np.ndarray:
 
 def _direction(observed: Observation) -> np.ndarray:
     """Return the measured direction of the force against the vertical of flat soles, (m, 2) [rad]."""
-    return (_pushes(observed) * carried(observed)[:, None]).sum(axis=2) / _total(observed)[:, None]
+    return (_pushes(observed) * carried(observed)[:, None]).sum(axis=2) / total_force(observed)[:, None]
 
 
 def _pushes(observed: Observation) -> np.ndarray:
@@ -224,10 +224,10 @@ def center(observed: Observation) -> np.ndarray:
 
 def _measured(observed: Observation) -> np.ndarray:
     """Compute the centre of pressure by the contacts in the base frame, (m, 2) [m]."""
-    return (carried(observed)[..., None] * observed.cell_places).sum(axis=1) / _total(observed)[:, None]
+    return (carried(observed)[..., None] * observed.cell_places).sum(axis=1) / total_force(observed)[:, None]
 
 
-def _total(observed: Observation) -> np.ndarray:
+def total_force(observed: Observation) -> np.ndarray:
     """Return the vertical force of all contacts, (m,) [N]; that of wrench sensors by the weight.
 
     Their zeros may be large and unknown. Over the weight the centre of pressure is linear in them, with
@@ -251,9 +251,9 @@ def _by_lift(observed: Observation) -> np.ndarray:
     out = np.zeros((len(observed), ROWS["T"].stop))
     out[:, 2] = -1.0
     if not has_twist(observed):
-        out[:, :2] = -_measured(observed) / _total(observed)[:, None]
+        out[:, :2] = -_measured(observed) / total_force(observed)[:, None]
     if has_direction(observed):
-        out[:, ROWS["T"]] = -_direction(observed) / _total(observed)[:, None]
+        out[:, ROWS["T"]] = -_direction(observed) / total_force(observed)[:, None]
     return out
 
 
@@ -272,7 +272,10 @@ def sensitivity(observed: Observation, theta: np.ndarray) -> np.ndarray:
     at, m = fields(observed), len(observed)
     out = np.zeros((m, SIZE, at["push"].stop))
     forces, bears = carried(observed), observed.contacts.bears
-    total, contact = _total(observed), _each_reading(observed, feet_in_contact(observed.measurements.support))
+    total, contact = (
+        total_force(observed),
+        _each_reading(observed, feet_in_contact(observed.measurements.support)),
+    )
     lever = observed.cell_places
     if has_twist(observed):
         lever = lever - bears.reshape(-1, 1) * _measured(observed)[:, None]
