@@ -14,6 +14,7 @@ from tests.recorded_logs import BAD, CHANNELS, KINDS, motion, unit, write_dumper
 from tests.test_refusals import check_words, rows
 from tulip_testbed.experiments.posture_splits import by_halves
 from tulip_testbed.experiments.table_import.series_import import _support, _touching
+from tulip_testbed.identification.center_of_pressure import contact_pressure
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.regressor import regression, with_cad_where_needed
@@ -81,6 +82,11 @@ def test_rows_obey_the_equation_of_motion(imported, bowing, regular):
     middle = motion(m.time + m.window / 2)
     np.testing.assert_allclose(rates, middle[1], atol=0.08)
     np.testing.assert_allclose(accelerations, middle[2], atol=0.5)
+    nominal = nominal_robot(bowing, "right")
+    weighed = dataclasses.replace(m, weighed_mass=(nominal.mass, 0.0))
+    both = [contact_pressure(one, nominal).center for one in (weighed, m)]
+    # Over the weight in motion and over the measured force, which differ by 1 N at most.
+    np.testing.assert_allclose(*both, rtol=0, atol=1.0 / WEIGHT * np.abs(both[0]).max())
 
 
 def test_means_are_exact_for_cubic_motion_by_any_clock(imported, bowing):
