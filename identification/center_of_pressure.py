@@ -77,8 +77,8 @@ class ContactPressure:
 def contact_pressure(measurements: Measurements, nominal: Nominal) -> ContactPressure:
     """Return centre of pressure, load and mass by the contacts.
 
-    The moments of wrench sensors are divided by the weighed weight with the vertical inertial force by CAD, if
-    there is one: these have less noise. The inertial part by CAD is taken off.
+    The moments of wrench sensors are divided by the weighed weight and the vertical inertial force by CAD, if
+    there is one: both have less noise. The inertial part by CAD is taken off.
     """
     observed = observe(measurements, nominal)
     if measurements.contacts is None:
