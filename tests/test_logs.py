@@ -254,6 +254,7 @@ def test_the_gain_of_the_sensors_is_in_the_standard_error_of_a_mass_that_nobody_
     exact = dataclasses.replace(imported, tolerances={**imported.tolerances, "wrench-gain": 0.0})
     without_gain = tt.identify(exact, bowing).mass[1]
     assert found.mass[1] ** 2 - without_gain**2 == pytest.approx((0.01 * found.mass[0]) ** 2, rel=1e-3)
+    assert tt.identify(imported, bowing, tolerances={"wrench-gain": 0.0}).mass[1] == without_gain
 
 
 CONTACTS = "".join(
