@@ -255,6 +255,10 @@ def test_the_gain_of_the_sensors_is_in_the_standard_error_of_a_mass_that_nobody_
     without_gain = tt.identify(exact, bowing).mass[1]
     assert found.mass[1] ** 2 - without_gain**2 == pytest.approx((0.01 * found.mass[0]) ** 2, rel=1e-3)
     assert tt.identify(imported, bowing, tolerances={"wrench-gain": 0.0}).mass[1] == without_gain
+    # Once: the force's own gain is the same gain.
+    labels = [label for one in found.calibration.families for label in one.family.labels]
+    assert "wrench-crosstalk:right.fz.fx" in labels
+    assert "wrench-crosstalk:right.fz.fz" not in labels
 
 
 CONTACTS = "".join(
