@@ -86,6 +86,7 @@ def test_rows_obey_the_equation_of_motion(imported, bowing, regular):
     nominal = nominal_robot(bowing, "right")
     weighed = dataclasses.replace(m, weighed_mass=(nominal.mass, 0.0))
     center, *others = [contact_pressure(one, nominal).center for one in (m, weighed)]
+    assert m.contacts is not None
     unknown = dataclasses.replace(m.contacts, zero_sd=np.full((2, 6), np.inf))
     others.append(PredictionProblem(dataclasses.replace(m, contacts=unknown), nominal).center)
     for other in others:  # over the weight in motion, which differs from the measured force by 1 N at most
@@ -256,6 +257,7 @@ def test_the_gain_of_the_sensors_is_in_the_standard_error_of_a_mass_that_nobody_
     assert found.mass[1] ** 2 - without_gain**2 == pytest.approx((0.01 * found.mass[0]) ** 2, rel=1e-3)
     assert tt.identify(imported, bowing, tolerances={"wrench-gain": 0.0}).mass[1] == without_gain
     # Once: the force's own gain is the same gain.
+    assert found.calibration is not None
     labels = [label for one in found.calibration.families for label in one.family.labels]
     assert "wrench-crosstalk:right.fz.fx" in labels
     assert "wrench-crosstalk:right.fz.fz" not in labels
