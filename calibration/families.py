@@ -302,8 +302,13 @@ def families_in(
         observed.nominal.robot, tolerances, free, contacts, observed.measurements.experiments
     )
     if observed.cad is not None and observed.measurements.weighed_mass is None:
-        # The gain and a weight that nobody knows are one.
-        families = tuple(family for family in families if family.name != "wrench-gain")
+        # The gain and a weight that nobody knows are one; on one foot fz's own gain is that gain.
+        one = set(observed.measurements.support) in ({"right"}, {"left"})
+        families = tuple(
+            replace(family, targets=tuple(t for t in family.targets if not (one and t.endswith(".fz.fz"))))
+            for family in families
+            if family.name != "wrench-gain"
+        )
     if len(observed) and SOLE in [family.name for family in families]:
         upright = TIPPING / float((observed.height * observed.loaded_weight).max())
         families = tuple(

@@ -85,7 +85,11 @@ def self_calibrate(
         numpy.linalg.LinAlgError: readings that are not finite, or postures that do not suffice.
     """
     observed = with_cell_noise(observed).weighing(0.0)
-    used = usual_tolerances(observed, tolerances)
+    if tolerances:  # what the result says of the mass counts them too
+        stated = observed.measurements
+        stated = replace(stated, tolerances={**stated.tolerances, **tolerances})
+        observed = observed.changed(measurements=stated)
+    used = usual_tolerances(observed, None)
     families: Families = (
         *(one.lying_about(observed.compliances) for one in families_in(observed, used, effects)),
         *map(FreeEffect, effects),

@@ -27,7 +27,6 @@ from tulip_testbed.identification.distributions import t_ppf
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.regressor import check_robot, regression, with_cad_where_needed
-from tulip_testbed.identification.residual_channels import carried
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.robot import Robot, load_spec
 from tulip_testbed.sim.specs import compile_spec
@@ -379,13 +378,8 @@ def _about_zeros(m: Measurements, nominal: Nominal, zero_sd: np.ndarray) -> tupl
     """
 
     def center(wrenches: np.ndarray) -> np.ndarray:
-        other = replace(m, wrenches=wrenches)
-        if not nominal_weight:
-            return contact_pressure(other, nominal).center
-        observed = observe(other, nominal)
-        forces = carried(observed).reshape(len(m), 2, -1)
-        total = (forces * observed.contacts.bears).sum(axis=(1, 2))
-        return contact_pressure(other, nominal).center * (total / (nominal.mass * m.gravity))[:, None]
+        stated = (nominal.mass, 0.0) if nominal_weight else m.weighed_mass
+        return contact_pressure(replace(m, wrenches=wrenches, weighed_mass=stated), nominal).center
 
     assert m.wrenches is not None
     nominal_weight = m.weighed_mass is None and np.isinf(zero_sd).any()

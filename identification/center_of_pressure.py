@@ -77,8 +77,8 @@ class ContactPressure:
 def contact_pressure(measurements: Measurements, nominal: Nominal) -> ContactPressure:
     """Return centre of pressure, load and mass by the contacts.
 
-    The moments of wrench sensors are divided by the weighed weight, if there is one: it has less noise. The
-    inertial part by CAD is taken off.
+    The moments of wrench sensors are divided by the weighed weight and the vertical inertial force by CAD, if
+    there is one: both have less noise. The inertial part by CAD is taken off.
     """
     observed = observe(measurements, nominal)
     if measurements.contacts is None:
@@ -89,8 +89,8 @@ def contact_pressure(measurements: Measurements, nominal: Nominal) -> ContactPre
     total = down.sum(axis=1)
     mass = total / measurements.gravity
     moment = (forces[..., None] * observed.cell_places).sum(axis=1)
-    weight = total if measurements.weighed_mass is None else np.full(len(total), observed.weight)
-    center = moment / weight[:, None] - observed.shift
+    force = total if measurements.weighed_mass is None else observed.weight + observed.lift
+    center = moment / force[:, None] - observed.shift
     return ContactPressure(center, down / total[:, None], _mean_and_error(mass))
 
 

@@ -51,6 +51,8 @@ def joined(measured: Sequence[Measurements], sources: Sequence[str] = ()) -> Mea
     rows: dict[str, Any] = {}
     for field in OF_ROWS:
         values = [getattr(one, field) for one in each]
+        if field == "wrench_jerks" and any(v is not None for v in values):  # older folders hold none
+            values = [_no_jerks(one) if v is None else v for one, v in zip(each, values, strict=True)]
         rows[field] = None if any(v is None for v in values) else np.concatenate(values)
     rows["placement"] = np.concatenate(_renumbered([one.placement for one in each]))
     rows["posture"] = np.concatenate(_renumbered([one.posture for one in each]))
@@ -101,6 +103,10 @@ def read_written(folder: Path) -> Measurements:
     """Read what `write_experiments` wrote."""
     several = sorted((path for path in folder.glob("*") if path.name.isdigit()), key=lambda p: int(p.name))
     return read_experiments(several or [folder])
+
+
+def _no_jerks(one: Measurements) -> np.ndarray:
+    return np.full_like(one.wrenches, np.nan)
 
 
 def _experiment(one: Measurements) -> Experiment:

@@ -13,6 +13,7 @@ from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import removed
 from tulip_testbed.effects.lasting import acting, arranged, epochs, targets_over
 from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import residuals, residuals_in_use
 from tulip_testbed.measurements import Experiment, joined
@@ -108,6 +109,29 @@ def test_a_joined_run_folder_is_read_as_it_was_written(pair, tmp_path):
     assert np.array_equal(whole.cell_forces, again.cell_forces)
     assert again.experiments == whole.experiments
     assert again.weighed_mass == pytest.approx(whole.weighed_mass)
+
+
+@pytest.mark.parametrize("known", [(True,), (False,), (True, False)], ids=["alone", "old", "joined"])
+def test_jerks_of_forces_are_kept_by_each_experiment(robot, tmp_path, known):
+    """An older folder has no column of them: there they count as zero, and elsewhere as they are."""
+    plan, rng, written = tt.plans.mixed, np.random.default_rng(1), []
+    feet = Laboratory(robot, sensors="foot-ft")
+    for k, holds in enumerate(known):
+        m: Any = measured(feet, plan.take(plan.support == "right"), session=str(k), seed=k)
+        tared = dataclasses.replace(m.contacts, zero_sd=np.zeros_like(m.contacts.zero_sd))
+        parts = {f"joint_{name}": np.ones_like(m.joint_angles) for name in ("rates", "accelerations")}
+        parts |= {f"wrench_{name}": np.ones_like(m.wrenches) for name in ("rates", "accelerations")}
+        parts["wrench_jerks"] = rng.normal(size=m.wrenches.shape) if holds else None
+        written.append(dataclasses.replace(m, contacts=tared, **parts))
+        tt.write_measurements(tmp_path / str(k + 1), written[-1])
+    read: Any = read_written(tmp_path)
+    jerks = observe(read, nominal_robot(robot, "right")).motion.load_rates[:, 2]
+    for k, one in enumerate(written):
+        rows = read.of_experiment == k
+        if known[k]:
+            assert read.wrench_jerks[rows] == pytest.approx(one.wrench_jerks)
+        assert jerks[rows].any() == known[k]
+    assert (read.wrench_jerks is not None) == any(known)
 
 
 def test_a_fault_moves_with_the_turned_plate_in_the_readings(lab, few):

@@ -13,7 +13,9 @@ from tests.moving_robots import moving
 from tests.recorded_logs import BAD, CHANNELS, KINDS, motion, unit, write_dumper, write_table
 from tests.test_refusals import check_words, rows
 from tulip_testbed.experiments.posture_splits import by_halves
+from tulip_testbed.experiments.predict import PredictionProblem
 from tulip_testbed.experiments.table_import.series_import import _support, _touching
+from tulip_testbed.identification.center_of_pressure import contact_pressure
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.regressor import regression, with_cad_where_needed
@@ -81,6 +83,14 @@ def test_rows_obey_the_equation_of_motion(imported, bowing, regular):
     middle = motion(m.time + m.window / 2)
     np.testing.assert_allclose(rates, middle[1], atol=0.08)
     np.testing.assert_allclose(accelerations, middle[2], atol=0.5)
+    nominal = nominal_robot(bowing, "right")
+    weighed = dataclasses.replace(m, weighed_mass=(nominal.mass, 0.0))
+    center, *others = [contact_pressure(one, nominal).center for one in (m, weighed)]
+    assert m.contacts is not None
+    unknown = dataclasses.replace(m.contacts, zero_sd=np.full((2, 6), np.inf))
+    others.append(PredictionProblem(dataclasses.replace(m, contacts=unknown), nominal).center)
+    for other in others:  # over the weight in motion, which differs from the measured force by 1 N at most
+        np.testing.assert_allclose(other, center, rtol=0, atol=1.0 / WEIGHT * np.abs(center).max())
 
 
 def test_means_are_exact_for_cubic_motion_by_any_clock(imported, bowing):
@@ -245,6 +255,12 @@ def test_the_gain_of_the_sensors_is_in_the_standard_error_of_a_mass_that_nobody_
     exact = dataclasses.replace(imported, tolerances={**imported.tolerances, "wrench-gain": 0.0})
     without_gain = tt.identify(exact, bowing).mass[1]
     assert found.mass[1] ** 2 - without_gain**2 == pytest.approx((0.01 * found.mass[0]) ** 2, rel=1e-3)
+    assert tt.identify(imported, bowing, tolerances={"wrench-gain": 0.0}).mass[1] == without_gain
+    # Once: the force's own gain is the same gain.
+    assert found.calibration is not None
+    labels = [label for one in found.calibration.families for label in one.family.labels]
+    assert "wrench-crosstalk:right.fz.fx" in labels
+    assert "wrench-crosstalk:right.fz.fz" not in labels
 
 
 CONTACTS = "".join(

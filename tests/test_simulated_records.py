@@ -64,7 +64,8 @@ def test_the_ground_accelerates_the_center_of_mass(robot, truth, motion):
     assert force[:, 2].mean() == pytest.approx(mass * GRAVITY, rel=0.003)
 
 
-def test_the_true_model_explains_a_body_that_rocks(robot, tmp_path, monkeypatch):
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_the_true_model_explains_a_body_that_rocks(robot, tmp_path, monkeypatch, side):
     """By MuJoCo's forces: the body turns as its foot rocks, late, and weighs less than stated."""
     exact = (
         ("ENCODER_NOISE", 1e-6),
@@ -76,7 +77,12 @@ def test_the_true_model_explains_a_body_that_rocks(robot, tmp_path, monkeypatch)
         monkeypatch.setattr(records, name, value)
     plain = draw_truth(robot, None)
     truth = replace(plain, compliance=[0.35 * _tipping(robot)] * 2, mass=dict.fromkeys(plain.mass, 0.7))
-    told = observed(robot, truth, simulate(robot, truth, SECONDS, np.random.default_rng(2)), tmp_path)
+    moves = robot
+    if side == "right":  # the same motion, mirrored
+        moves = replace(robot, stance_foot=robot.swing_foot, swing_foot=robot.stance_foot)
+        monkeypatch.setattr(records, "_trajectory", mirrored(robot, records._trajectory))
+    told = observed(robot, truth, simulate(moves, truth, SECONDS, np.random.default_rng(2)), tmp_path, side)
+    assert set(told.measurements.support) == {side}
     assert told.weighing(-9.0).weighing(0.0).lift == pytest.approx(told.lift, abs=1e-12)
     lighter = told.weighing(-0.3 * told.weight)
     motion = lighter.motion
@@ -147,10 +153,12 @@ def test_a_log_in_axes_that_do_not_lean_becomes_one_in_axes_that_do(robot, tmp_p
     assert np.array(down["world"]) == pytest.approx(np.array(down["sensor"]), abs=0.03)
 
 
-def observed(robot, truth, motion, folder):
-    """Return a motion's log as it is imported."""
+def observed(robot, truth, motion, folder, side="left"):
+    """Return a motion's log as it is imported; `log` writes that of the left foot."""
     folder.mkdir(exist_ok=True)
     columns = log(robot, truth, motion, np.random.default_rng(3))
+    if side == "right":
+        columns = {exchanged(name) if "_foot_" in name else name: one for name, one in columns.items()}
     table, names = np.column_stack(list(columns.values())), ",".join(columns)
     np.savetxt(folder / "a.csv", table, "%.6f", ",", header=names, comments="")
     (folder / "map.toml").write_text(map_text(robot, truth))
@@ -159,10 +167,30 @@ def observed(robot, truth, motion, folder):
     return observe(m, nominal_robot(robot, common_support(m.support)))
 
 
+def exchanged(name):
+    """Return a name of the other side."""
+    side, _, rest = name.partition("_")
+    return f"{'right' if side == 'left' else 'left'}_{rest}"
+
+
+def mirrored(robot, trajectory):
+    """Return `trajectory` with the joints of both legs exchanged: roll and yaw turn the other way."""
+    names = joint_names(robot.model)
+    others = [names.index(exchanged(name)) for name in names]
+    signs = np.array([1.0 if robot.model.joint(name).axis[1] else -1.0 for name in names])
+
+    def made(_, *args):
+        aim = trajectory(robot, *args)
+        return lambda *at: signs * aim(*at)[others]
+
+    return made
+
+
 def left_unexplained(observed, truth):
     """Return the s.d. of centre of pressure, vertical force and its direction by the truth, (5,)."""
-    late = DAMPING.remove(observed, "left", tuple(DELAY * np.array(truth.compliance)))
-    clean = catalogue()["foot-compliance"].remove(late, "left", tuple(truth.compliance))
+    side = str(observed.measurements.support[0])
+    late = DAMPING.remove(observed, side, tuple(DELAY * np.array(truth.compliance)))
+    clean = catalogue()["foot-compliance"].remove(late, side, tuple(truth.compliance))
     return residuals(clean, observed.nominal.value)[1:-1, :5].std(axis=0)
 
 
