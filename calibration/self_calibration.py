@@ -56,9 +56,9 @@ LASTING, LASTING_ROUNDS = NoiseInTime(0.9, 4.0), 4
 # found so far; wrong ones leave some of it, and thousands of rows make it evidence for a wide family.
 SETTLING = 4
 INDEPENDENT = 2.0  # times, that noise lasts, between rows whose noise counts as independent
-# Share of the information that may be noise of the columns while something moves. A step with the rest of it is
-# 1 / (1 - share) times too long where the columns hold no noise after all, as where a missing effect has
-# widened its scale: from a half on it would lead further away each time.
+# Share of the information that may be noise of the columns while something moves. A step with the rest of it
+# alone is 1 / (1 - share) times too long where the columns hold no noise after all, as where a missing effect
+# has widened its scale: from a half on it would lead further away each time.
 STABLE_EXCESS = 0.5
 STANDS = 0.25  # s.e. by which nothing moves any more: the next step would move it by about a fifth of that
 
