@@ -41,10 +41,6 @@ from tulip_testbed.calibration.linear_problem import LinearProblem
 from tulip_testbed.identification.noise_structure import Weights
 from tulip_testbed.identification.residual_noise import solve_triangular
 
-# Of the information about members, in any direction, that counts as noise of the columns. Half, as for
-# estimates without a prior (Fuller 1987, ch. 2.5), left too much: at it, 92 % of the intervals of compliances
-# held in 84 development laboratories, 93 % at 0.9 or 1.
-MOST_EXCESS = 0.9
 QUIETEST = np.log(0.05)  # of a scale of the noise: less leaves residuals without any
 CONVERGED = 1e-3  # of the log-likelihood: a step of less than a twentieth of a standard deviation
 ROUNDING = 1e-14  # of the largest information, that is lost where columns N are projected out
@@ -65,6 +61,7 @@ class LikelihoodFit:
             depends on the number of rows and columns N alone.
         log_evidence: ln of the likelihood that is left when all unknowns and scales are integrated out, up
             to the same constant (Laplace's approximation at the mode of the scales).
+        limited: whether some of the excess was left out, see `bounded`.
     """
 
     scales: np.ndarray
@@ -75,6 +72,7 @@ class LikelihoodFit:
     covariance: np.ndarray
     value: float
     log_evidence: float
+    limited: bool
 
 
 @dataclass(frozen=True)
@@ -215,7 +213,7 @@ def _noise(problem: LinearProblem, log_scale: np.ndarray) -> _Noise:
     excess = problem.excess
     if excess.any():
         least = np.exp(-2 * WIDEST) * np.eye(len(rest) - 1)  # of the prior at the largest spread
-        excess = bounded(excess, rest[:-1, :-1] + least)
+        excess = bounded(excess, rest[:-1, :-1] + least, problem.most_excess)
         at_about = excess @ problem.about
         noisy = np.block([[excess, at_about[:, None]], [at_about, problem.about @ at_about]])
         rest = rest - noisy
@@ -249,8 +247,8 @@ def _without_negative(information: np.ndarray) -> np.ndarray:
     return information - (axes * values) @ axes.T
 
 
-def bounded(excess: np.ndarray, information: np.ndarray) -> np.ndarray:
-    """Return the excess, in every direction at most `MOST_EXCESS` of the information.
+def bounded(excess: np.ndarray, information: np.ndarray, most: float) -> np.ndarray:
+    """Return the excess, in every direction at most a share of the information.
 
     With S the unit vectors of the members that have an excess, S E S', and T T' = S' I^-1 S, the share of the
     excess in the information has the eigenvalues of T' E T.
@@ -265,11 +263,11 @@ def bounded(excess: np.ndarray, information: np.ndarray) -> np.ndarray:
         half, _ = solve_triangular(whole, np.eye(len(information))[:, noisy], lower=True)
     root = np.linalg.cholesky(half.T @ half)
     share, turn = np.linalg.eigh(root.T @ own @ root)
-    if share[-1] <= MOST_EXCESS:
+    if share[-1] <= most:
         return excess
     back = np.linalg.solve(root.T, turn)
     out = np.zeros_like(excess)
-    out[np.ix_(noisy, noisy)] = (back * np.minimum(share, MOST_EXCESS)) @ back.T
+    out[np.ix_(noisy, noisy)] = (back * np.minimum(share, most)) @ back.T
     return out
 
 
@@ -372,4 +370,5 @@ def _result(
         covariance=conditional + slope @ doubt @ slope.T,
         value=value,
         log_evidence=float(volume - value),
+        limited=noise.excess is not problem.excess,
     )

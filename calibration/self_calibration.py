@@ -56,6 +56,10 @@ LASTING, LASTING_ROUNDS = NoiseInTime(0.9, 4.0), 4
 # found so far; wrong ones leave some of it, and thousands of rows make it evidence for a wide family.
 SETTLING = 4
 INDEPENDENT = 2.0  # times, that noise lasts, between rows whose noise counts as independent
+# Share of the information that may be noise of the columns while something moves. A step with the rest of it
+# alone is 1 / (1 - share) times too long where the columns hold no noise after all, as where a missing effect
+# has widened its scale: from a half on it would lead further away each time.
+STABLE_EXCESS = 0.5
 STANDS = 0.25  # s.e. by which nothing moves any more: the next step would move it by about a fifth of that
 
 
@@ -115,7 +119,7 @@ def self_calibrate(
     latest: tuple[LinearProblem, Linearised] | None = None
     best: tuple[LinearisationPoint, Families, LikelihoodFit, Observation, float] | None = None
     before: tuple[np.ndarray, ...] | None = None
-    center = center_of(families)
+    center, settled = center_of(families), False
     along = np.linalg.pinv(mixing_of(families)[0]) @ (phi - center) * _lengths(families)
     for count in range(rounds):
         families = tuple(at_sizes(family, part) for family, part in split_members(families, phi))
@@ -124,6 +128,7 @@ def self_calibrate(
         latest = None  # a linear model is large: one at a time
         problem, linear = latest = linearised(state, families, noise)
         noisy = count == 0 and start is None
+        problem = problem if settled else replace(problem, most_excess=STABLE_EXCESS)
         # At first the columns hold the readings' noise: they could explain it with no noise at all.
         if count < SETTLING and start is None and clean.in_time is not None:
             problem = replace(problem, known=tuple(range(len(problem.sizes))))
@@ -146,7 +151,9 @@ def self_calibrate(
             observed = observed.weighing(float(nu[p]))
         clean = members_removed(observed, families, phi, nu[:p], covariance[:p, :p], errors)
         if moved < STANDS:
-            break
+            if settled or not solved.limited or residual_covariance is not None:
+                break
+            settled = True
         if not noisy and (best is None or solved.log_evidence > best[2].log_evidence):
             # Without what they have computed, for the sake of memory.
             bare = replace(state, clean=replace(state.clean), smooth=replace(state.smooth))

@@ -381,7 +381,7 @@ def test_of_many_placements_those_are_sought_that_stand_out(robot, plan, nominal
 
 def test_evidence_that_is_lost_on_the_way_is_a_reason():
     log = SimpleNamespace(moves=True, in_feet=True)
-    calibration = SimpleNamespace(families=(), observed=log, solved=None)
+    calibration = SimpleNamespace(families=(), observed=log, solved=None, steady=True)
     selection: Any = SimpleNamespace(lacks_fit=True, complete=True, ended="", calibration=calibration)
     clearest: Any = SimpleNamespace(p=1.0)
     assert _reasons(selection, clearest, None) == ()

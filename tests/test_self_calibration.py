@@ -245,6 +245,17 @@ def test_noisy_loads_are_allowed_for_in_a_known_compliance(soft, robot):
     assert 0.7 < found.solved.scales[1] < 1.3  # of the cells
 
 
+@pytest.mark.slow
+def test_a_gap_that_passes_for_noise_of_the_loads_does_not_make_joints_soft(robot, nominal):
+    """Two exchanged cells that no effect explains widen the noise of all cells fourfold."""
+    exchanged = tt.Laboratory(robot, sensors="wii").with_effects("swapped-cells:left=rear_right,rear_left")
+    observed = observe(exchanged.run(tt.plans.random, seed=1, engine="statics").measurements, nominal)
+    found = self_calibrate(observed)
+    rigid = self_calibrate(observed, {"joint-compliance": 0.0, "sole-compliance": 0.0})
+    assert 3 < found.solved.scales[1] < 5
+    assert found.solved.log_evidence > rigid.solved.log_evidence - 10
+
+
 def test_loads_are_those_of_the_estimated_robot(ordinary, nominal, robot):
     """Exact base parameters of another robot give its loads, though its masses are unknown."""
     observed = observe(ordinary[0].measurements, nominal)
