@@ -7,7 +7,7 @@ import numpy as np
 
 from tulip_testbed.effects.effect import Effect, Parameter, Physics, Values
 from tulip_testbed.effects.injection import STARTS, add_mass, edited, from_then_on
-from tulip_testbed.effects.ropes import link_center
+from tulip_testbed.effects.ropes import link_center, loaded
 from tulip_testbed.effects.targets import LEG_LINKS, LINKS, lengthenings
 from tulip_testbed.identification.kinematics import tree_of
 from tulip_testbed.identification.observation import Observation
@@ -30,10 +30,9 @@ def _load_later(rig: Rig, target: str, values: Values) -> Rig:
 
 def _unloaded(observed: Observation, target: str, values: Values) -> Observation:
     mass, start = values
-    added, gravity = mass * (observed.time_fraction >= start), observed.measurements.gravity
-    share = added / (observed.loaded_weight / gravity + added)
-    shift = share[:, None] * (link_center(observed, target) - observed.loaded_center)[:, :2]
-    return observed.changed(shift=observed.shift + shift, lift=observed.lift + added * gravity)
+    down = mass * (observed.time_fraction >= start) * observed.measurements.gravity
+    moment = down[:, None] * (link_center(observed, target) - observed.loaded_center)[:, :2]
+    return loaded(observed, moment, down)
 
 
 def _lengthen(rig: Rig, target: str, values: Values) -> Rig:

@@ -82,15 +82,22 @@ def without_force(observed: Observation, link: str, force: np.ndarray) -> Observ
     Args:
         force: in the base frame, horizontal, (m, 2) or (2,), or of any direction, (m, 3) [N].
     """
-    place = link_center(observed, link)
-    push = observed.push - force[..., :2] / observed.loaded_weight[:, None]
+    place, weight = link_center(observed, link), observed.loaded_weight
+    push = observed.push - force[..., :2] / weight[:, None]
     moment = (place[:, 2] + observed.depth)[:, None] * force[..., :2]
-    if force.shape[-1] == 2:
-        return observed.changed(shift=observed.shift + moment / observed.loaded_weight[:, None], push=push)
-    down = -force[:, 2]
+    down = -force[:, 2] if force.shape[-1] == 3 else np.zeros(len(observed))
     moment = moment + down[:, None] * (place - observed.loaded_center)[:, :2]
-    return observed.changed(
-        shift=observed.shift + moment / (observed.loaded_weight + down)[:, None],
-        lift=observed.lift + down,
-        push=push,
-    )
+    return loaded(observed, moment, down).changed(push=push)
+
+
+def loaded(observed: Observation, moment: np.ndarray, down: np.ndarray) -> Observation:
+    """Return the observation without a load, in addition to what was removed before.
+
+    The shift is the moment of all loads, in whatever order, over all that the contacts bear.
+
+    Args:
+        moment: of the load about the centre of mass, (m, 2) [Nm]. down: its vertical force, (m,) [N].
+    """
+    before = observed.weight + observed.lift
+    shift = (before[:, None] * observed.shift + moment) / (before + down)[:, None]
+    return observed.changed(shift=shift, lift=observed.lift + down)
