@@ -357,4 +357,5 @@ def as_manipulated(instances: Sequence[EffectInstance], experiment: Experiment) 
 
 
 def _in_order(instances: Sequence[EffectInstance]) -> list[EffectInstance]:
-    return sorted(instances, key=lambda found: found.effect.stage)
+    """Sort effects by their stages; gravity turns first, that of the masses that are added later too."""
+    return sorted(instances, key=lambda found: (found.effect.stage, found.effect.name != "tilt"))

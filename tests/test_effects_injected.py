@@ -21,7 +21,7 @@ from tulip_testbed.effects.random_effects import draw_effect
 from tulip_testbed.effects.true_robot import true_base_parameters
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.identification.observation import observe
-from tulip_testbed.identification.residual_channels import residuals
+from tulip_testbed.identification.residual_channels import ROWS, residuals
 from tulip_testbed.measurements import read_measurements
 from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.rig import preset_rig, stages
@@ -87,6 +87,19 @@ def test_effects_are_removed_in_the_reverse_order_of_their_stages(noiseless, few
     for order in (listed, listed[::-1]):
         observed = observe(statically(injected(noiseless, order), few), nominal)
         assert residuals(removed(observed, order), nominal.value) == pytest.approx(alone, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("second", "bound"),
+    [("tether-spring=40", 2e-5), ("payload-step:right_ankle=0.7,0.3", 2e-5), ("tilt=0.01,0.01", 2e-4)],
+)
+def test_loads_act_over_all_that_the_contacts_bear(second, bound, few, nominal, noiseless, robot):
+    """A mass of 3 % takes 3 % of the shift by what pulls; to tilted floors all masses are equally high."""
+    both = [EffectInstance.parse(one, robot) for one in ("payload-step:right_ankle=0.7,0.5", second)]
+    observed = observe(statically(injected(noiseless, both), few), nominal)
+    left, turned = (residuals(removed(observed, one), nominal.value) for one in (both, both[::-1]))
+    assert np.abs(left[:, ROWS["A"]]).max() < bound
+    assert turned == pytest.approx(left, abs=1e-9)
 
 
 def test_what_is_changed_after_a_step_is_changed_before_and_after(noiseless):
