@@ -93,7 +93,7 @@ def without_force(observed: Observation, link: str, force: np.ndarray) -> Observ
 def loaded(observed: Observation, moment: np.ndarray, down: np.ndarray) -> Observation:
     """Return the observation without a load, in addition to what was removed before.
 
-    The shift is the moment of all loads, in whatever order, over all that the contacts bear.
+    The shift is the moment of all loads, in any order, over all that the contacts bear.
 
     Args:
         moment: of the load about the centre of mass, (m, 2) [Nm]. down: its vertical force, (m,) [N].
