@@ -165,6 +165,19 @@ def test_identified_masses_predict_the_person_better_than_cad(imported, bowing):
     assert scores["identified with corrections"].beats_cad
 
 
+def test_moments_that_are_named_forces_are_asked_for(bowing, tmp_path):
+    text = (BOWING / "map.toml").read_text()
+    for k in range(3):
+        a, b = (f"fts_footFrame.{k + first}" for first in (1, 4))
+        text = text.replace(a, "@").replace(b, a).replace("@", b)
+    (tmp_path / "map.toml").write_text(text)
+    result = tt.import_table(
+        BOWING / "ExperimentDataset.mat", bowing, out=tmp_path / "rows", map=[str(tmp_path / "map.toml")]
+    )
+    assert result.folder is None
+    assert "named as moments read 605, the robot weighs 605 N: are they the forces?" in result.problems[0]
+
+
 def two_feet(imported, bowing, loads):
     """Return samples at 100 Hz with given forces on the right and the left foot, (n, 2) [of the weight]."""
     made = samples(imported, bowing, np.arange(len(loads)) / 100)

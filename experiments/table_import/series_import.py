@@ -120,7 +120,7 @@ def series_rows(
     if not len(rows):
         raise InputError(
             f"{table.path}: found no window of {window:g} s that gives a row; "
-            f"{left_out or 'the log is shorter'}"
+            f"{left_out or 'the log is shorter'}{_moments_first(samples, weight)}"
         )
     both = rows.support == "double"
     closed = ""
@@ -188,3 +188,17 @@ def added_columns(count: int, series: SeriesOfMap) -> dict[str, np.ndarray]:
     if series.support is not None:
         columns["support"] = np.full(count, series.support)
     return columns
+
+
+def _moments_first(samples: Measurements, weight: float) -> str:
+    """Ask for the order of the channels where moments as they are named are a weight."""
+    if samples.contacts is None or samples.wrenches is None:
+        return ""
+    moments = [k for k, channel in enumerate(samples.contacts.channels) if channel.startswith("m")]
+    size = np.linalg.norm(np.nan_to_num(samples.wrenches[..., moments]), axis=2).sum(axis=1)
+    most = float(np.median(size))
+    if most < weight / 2:
+        return ""
+    return (
+        f"; channels named as moments read {most:.0f}, the robot weighs {weight:.0f} N: are they the forces?"
+    )

@@ -241,10 +241,11 @@ class _Import:
             sole = sole_point(robot.model, robot.feet[PLATES.index(entry["name"])]).tolist()
             entry["pose"] = dict.fromkeys(POSE, 0.0) | dict(zip("xyz", sole, strict=True))
         if unknown:
+            advice = "; if nobody knows the place, state `tolerances = {wrench-origin = 0.05}` in the map"
             self.assumed.append(
                 f"the `pose` of the contact sensors {listed(entry['name'] for entry in unknown)} is not "
-                "stated: wrenches are taken to be in the sole below the ankle, in the axes of the foot; if "
-                "nobody knows the place, state `tolerances = {wrench-origin = 0.05}` in the map"
+                "stated: wrenches are taken to be in the sole below the ankle, in the axes of the foot"
+                + ("" if "wrench-origin" in (stated.tolerances or {}) else advice)
             )
         return manifest_from(
             {

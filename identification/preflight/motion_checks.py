@@ -171,7 +171,8 @@ def _lag(m: Measurements, nominal: Nominal, observed: Observation) -> Finding:
     each = np.array([np.linalg.solve((whole - one)[:5, :5], (whole - one)[:5, 5])[0] for one in squares])
     sd = float(np.sqrt((len(each) - 1) * each.var()))
     if sd > DETERMINED:
-        return skipped("lag of contacts", f"the motion determines the lag to {1e3 * sd:.0f} ms only")
+        known = f"to {1e3 * sd:.0f} ms only" if sd < 1 else "not at all"
+        return skipped("lag of contacts", f"the motion determines the lag {known}")
     return Finding(
         "lag of contacts",
         "warn" if abs(late) - 2 * sd > MOST_LAG else "pass",
