@@ -27,6 +27,7 @@ from tulip_testbed.identification.distributions import t_ppf
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.regressor import check_robot, regression, with_cad_where_needed
+from tulip_testbed.identification.residual_channels import ROWS, by_base_parameters
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.robot import Robot, load_spec
 from tulip_testbed.sim.specs import compile_spec
@@ -352,7 +353,7 @@ class PredictionProblem:
 
     def __init__(self, m: Measurements, nominal: Nominal):
         self.observed = observe(m, nominal)
-        self.matrix = nominal.parameters.regressor(m.joint_angles, m.support)
+        self.matrix = -by_base_parameters(self.observed)[:, ROWS["A"]]  # with what they change in motion
         self.center, self.zeros = contact_pressure(m, nominal).center, np.zeros((len(m), 2, 0))
         contacts = self.observed.contacts
         if contacts.zero_sd is not None and contacts.unknown is not None and contacts.unsure.any():

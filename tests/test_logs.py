@@ -157,7 +157,7 @@ def test_identified_masses_predict_the_person_better_than_cad(imported, bowing):
         "CAD": 11.9,
         "CAD with offset": 6.6,
         "constant": 23.5,
-        "identified": 8.6,
+        "identified": 8.4,
         "identified with corrections": 8.1,
     }
     assert found == pytest.approx(expected, abs=0.1)
