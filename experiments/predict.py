@@ -237,10 +237,11 @@ def _score(
             "did not come to rest; what it predicts there means nothing."
         )
     if scales:
-        low, high = (number(end, ".2f") for end in (min(scales), max(scales)))
+        ends = dict.fromkeys(number(end, ".2f") for end in (min(scales), max(scales)))
         notes.append(
-            f"Prior by {split.name}: s.d. of {low} to {high} times {100 * MASS_SD:.0f} % of each link's mass "
-            f"and {1e3 * CENTER_SD:.0f} mm of its centre (0: CAD), by the marginal likelihood in training."
+            f"Prior by {split.name}: s.d. of {' to '.join(ends)} times {100 * MASS_SD:.0f} % of each link's "
+            f"mass and {1e3 * CENTER_SD:.0f} mm of its centre (0: CAD), by the marginal likelihood in "
+            "training."
         )
     block = clusters(m)[rows]
     cad, offset = (np.concatenate(found[name]) for name in (CAD, CAD_WITH_OFFSET))

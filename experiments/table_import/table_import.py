@@ -112,7 +112,7 @@ class ImportedTable(Result):
         if self.conventions:
             parts.append(convention_table(self.conventions))
         if self.folder is None:
-            return [*parts, "No folder was written; state what is missing with `map`."]
+            return [*parts, "No folder was written; the problems say why."]
         return [*parts, f"Measurement folder: {self.folder}"]
 
 
