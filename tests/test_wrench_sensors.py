@@ -270,3 +270,18 @@ def test_no_prediction_sees_the_moments_that_it_predicts(robot, crosstalk):
         for w in (m.wrenches, wrenches)
     )
     np.testing.assert_allclose(after - before, np.tile(shift, (len(m), 1)), rtol=0.05)
+
+
+def test_no_prediction_on_plates_sees_the_moments_that_it_predicts(robot):
+    """The noise of a row is that at the predicted centre."""
+    m: Any = tt.Laboratory(robot, sensors="wii").run(on_right_foot(), seed=4, engine="statics").measurements
+    nominal = nominal_robot(robot, "right")
+    found = self_calibrate(observe(m, nominal))
+    corners, shift = m.cells.reshape(2, -1, 2)[0], np.array([0.004, -0.003])
+    moved = m.cell_forces.copy().reshape(len(m), 2, 4)
+    rows = np.vstack([corners.T, np.ones(4)])
+    moved[:, 0] += np.linalg.lstsq(rows, np.append(shift, 0.0))[0] * moved[:, 0].sum(axis=1, keepdims=True)
+    other = dataclasses.replace(m, cell_forces=moved.reshape(m.cell_forces.shape))
+    before, after = (center_errors(found, observe(one, nominal)) for one in (m, other))
+    size = np.linalg.norm(after - before, axis=1)  # plates are turned
+    np.testing.assert_allclose(size, np.linalg.norm(shift), rtol=0.005)
