@@ -170,6 +170,17 @@ def test_identified_masses_predict_the_person_better_than_cad(imported, bowing, 
     assert predicted.beats_cad_with_offset is None
 
 
+def test_joints_that_stop_while_the_person_goes_on_are_a_frozen_log(imported, bowing):
+    """The contact readings of half the record go on; a sensor repeats its last angles."""
+    angles = imported.joint_angles.copy()
+    angles[28:] = angles[28]
+    frozen = dataclasses.replace(imported, joint_angles=angles)
+    found = {one.name: one for one in tt.check(frozen, bowing).checks}["stuck readings"]
+    assert (found.result, found.where) == ("fail", "rows 29 to 57")
+    assert "no joint changes, while the centre of pressure moves by" in found.seen
+    assert {one.name: one for one in tt.check(imported, bowing).checks}["stuck readings"].result == "pass"
+
+
 def test_moments_that_are_named_forces_are_asked_for(bowing, tmp_path):
     text = (BOWING / "map.toml").read_text()
     for k in range(3):

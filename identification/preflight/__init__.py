@@ -68,7 +68,7 @@ def preflight(
     usual = exact(len(m)) if usual_changes is None else usual_changes(read)
     findings += [
         units.joint_limits(m, nominal),
-        readings.stuck(m),
+        readings.stuck(m, nominal),
         loads,
         readings.resolution(m),
         settling.steady_windows(m),
@@ -99,7 +99,7 @@ def _of_wrenches(m: Measurements, nominal: Nominal, usual_changes: UsualChanges 
     usual = exact(len(m)) if usual_changes is None else usual_changes(m)
     findings = [
         units.joint_limits(m, nominal),
-        readings.stuck(m),
+        readings.stuck(m, nominal),
         *_skip(("cell loads", "stated noise"), reason),
         settling.steady_windows(m),
         *_skip(("settling", "series and table", "weight balance", "constant weight"), reason),

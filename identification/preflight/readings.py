@@ -3,6 +3,8 @@
 import numpy as np
 
 from tulip_testbed.base.numbers import number
+from tulip_testbed.identification.center_of_pressure import center_of_pressure, contact_pressure
+from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.preflight.finding import (
     Finding,
     bonferroni,
@@ -14,20 +16,22 @@ from tulip_testbed.identification.preflight.finding import (
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.cells import CELLS, PLATES
 from tulip_testbed.measurements.data import feet_in_contact
+from tulip_testbed.measurements.trajectory import runs
 
 LEAST_TIES, TIED_SHARE = 3, 0.05  # number and share of rows at the same extreme that count as a fault
 STANDING = 0.5  # of the weight; the cells carry more in every posture
 UNLOADED = 0.01  # of the weight; a cell that never carries more is not under the board
 STEADY, LACKING = 0.002, 0.03  # of the weight: a dead cell's readings, and what the sum then lacks; assumed
 PULLING_WARN, PULLING_FAIL = 0.05, 0.2  # of the weight; a board's tare explains the first (8.6 N of 226)
+SAME_ANGLE, MOVED_CENTER = 1e-9, 0.005  # rad between rows, and m; a log that goes on repeats its last angles
 UNSTATED_NOISE = 0.01  # of the weight, assumed without a stated cell_sd
 STEPS = tuple(sorted((k * 10.0**n for n in range(-6, 3) for k in (1, 2, 5)), reverse=True))
 
 
-def stuck(measurements: Measurements) -> Finding:
+def stuck(measurements: Measurements, nominal: Nominal) -> Finding:
     """Find readings at a constant extreme or repeated: saturated, frozen or pasted."""
     m = measurements
-    faults: list[tuple[str, str, str]] = [*_constant(m), *_extremes(m), *_copies(m)]
+    faults: list[tuple[str, str, str]] = [*_constant(m), *_extremes(m), *_copies(m), *_frozen(m, nominal)]
     runs = [
         (name, *longest_run(values, np.ones(max(len(values) - 1, 0), dtype=bool)))
         for name, values in _contact_columns(m)
@@ -230,6 +234,22 @@ def _constant(m: Measurements) -> list[tuple[str, str, str]]:
         for name, values in _contact_columns(m):
             if len(values) > 1 and np.ptp(values) == 0:
                 faults.append(("fail", name, f"{name} reads {values[0]:g} N in all postures"))
+    return faults
+
+
+def _frozen(m: Measurements, nominal: Nominal) -> list[tuple[str, str, str]]:
+    """Find rows of a motion in which no joint changes and the centre of pressure does."""
+    if m.joint_rates is None:
+        return []
+    center = center_of_pressure(m) if m.contacts is None else contact_pressure(m, nominal).center
+    rests = (np.abs(np.diff(m.joint_angles, axis=0)) < SAME_ANGLE).all(axis=1)
+    faults = []
+    for some in runs(rests):
+        moved = float(np.ptp(center[some.start : some.stop + 1], axis=0).max())
+        if rests[some.start] and moved > MOVED_CENTER:
+            place = f"rows {some.start + 1} to {some.stop + 1}"
+            text = f"{place}: no joint changes, while the centre of pressure moves by {1e3 * moved:.0f} mm"
+            faults.append(("fail", place, text))
     return faults
 
 
