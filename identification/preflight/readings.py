@@ -242,7 +242,7 @@ def _frozen(m: Measurements, nominal: Nominal) -> list[tuple[str, str, str]]:
     if m.joint_rates is None:
         return []
     center = center_of_pressure(m) if m.contacts is None else contact_pressure(m, nominal).center
-    rests = (np.abs(np.diff(m.joint_angles, axis=0)) < SAME_ANGLE).all(axis=1)
+    rests = np.abs(np.diff(m.joint_angles, axis=0)).max(axis=1) < SAME_ANGLE
     faults = []
     for some in runs(rests):
         moved = float(np.ptp(center[some.start : some.stop + 1], axis=0).max())
