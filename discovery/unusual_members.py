@@ -3,12 +3,13 @@
 import numpy as np
 from scipy.special import ndtri
 
-from tulip_testbed.calibration.calibration_result import CalibratedFamily, SelfCalibration
+from tulip_testbed.calibration.calibration_result import HALF_95, CalibratedFamily, SelfCalibration
 from tulip_testbed.discovery.candidate_search import DECISIVE, MOST_TERMS, CandidateSearch, at_estimate
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.effects.instance import effect_label
 
 STANDS_OUT = 3.0  # largest of its family's spread and tolerance, beyond which a member is an effect
+WIDEST = STANDS_OUT / HALF_95  # tolerances: s.d. of a spread of which 5 % lie beyond `STANDS_OUT`
 SURE = float(ndtri(0.95))  # s.e. by which it has to lie beyond: its probability of doing so is 95 %
 OUTLYING, SLAB = 0.1, 10.0  # prior probability of a member unlike the others, and s.d. of such members
 SPREADS = np.exp(np.linspace(-3.0, 3.0, 121))  # of the others, that are tried
