@@ -213,7 +213,7 @@ def refit_with_alternatives(
     """Fit again through the laboratory, with the alternative of each term that is best there.
 
     Args:
-        alternatives: of each term, by their predictions, see `Selection`.
+        alternatives: of each term, see `Selection`. What the laboratory adds to a prediction counts on top.
 
     Returns:
         the fit, the s.d. of the error that laboratory and predictions share, (s,), and the equivalent
@@ -226,9 +226,9 @@ def refit_with_alternatives(
         mine = best.terms[k]
         others = best.without(k)
         rest = (refit_if_better(others)[0] if others.terms else others).log_evidence
-        judged = [replace(mine, log_bayes_factor=best.log_evidence - rest)]
-        base = best.log_evidence - rest - gained - next(a for a in near if a.label == mine.label).log_bayes_factor
-        most = judged[0].log_bayes_factor
+        most = best.log_evidence - rest
+        judged = [replace(mine, log_bayes_factor=most)]
+        base = most - gained - next(one.log_bayes_factor for one in near if one.label == mine.label)
         for alternative, formula in _in_place_of(best, k, near):
             asked = len(judged) <= MOST_REFITS
             exact, doubt = refit_if_better(formula) if asked else (formula, shared)

@@ -68,7 +68,8 @@ class Selection:
         tolerances: as asked for.
         complete: whether no further candidate is decisive. ended: by what budget the search ended, or "".
         fit: of the selected effects, with the ordinary imperfections as background. null: without either.
-        alternatives: what else might explain each term, by predictions, the best first; itself among them.
+        alternatives: what else might explain each term, the best first; itself among them. By predictions,
+            the nearest by self-calibration.
         runners_up: of each term, the best of all candidates by linear predictions, the best first.
         lack_of_fit: of each channel if everything were exact.
         p: probability of as strong an effect among noise alone, over all candidates.
@@ -352,8 +353,8 @@ def _judged_again(
     """Compare the best alternatives of term k with it while families and noise are estimated with each.
 
     Those of the adopted term have made room for it: the tare of a cell looks small beside its gain if the
-    family of tares had to hold what the gain now explains, and the other way round. A family that would be too
-    wide beside an alternative counts against it.
+    family of tares had to hold what the gain now explains, and the other way round. A family that would be
+    too wide beside an alternative counts against it.
     """
     search, terms = replace(search, widest=WIDEST), found.terms
     own = next(one for one in alternatives if one.label == terms[k].label)

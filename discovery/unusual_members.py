@@ -6,7 +6,13 @@ import numpy as np
 from scipy.special import ndtri
 
 from tulip_testbed.calibration.calibration_result import HALF_95, CalibratedFamily, SelfCalibration
-from tulip_testbed.discovery.candidate_search import DECISIVE, MOST_TERMS, CandidateSearch, Judged, at_estimate
+from tulip_testbed.discovery.candidate_search import (
+    DECISIVE,
+    MOST_TERMS,
+    CandidateSearch,
+    Judged,
+    at_estimate,
+)
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.effects.instance import effect_label
 
@@ -28,7 +34,8 @@ def with_unusual_members(
     the other members then. Those of one family are added together, or else the largest alone. Of a family
     that is too wide, and whose members the data hardly distinguish, the one with the most evidence is added.
     A member without which a family that was too wide is as usual is added even if an evidence that believes
-    in wide families is against it, or else two members, see `_two_at_once`. The only member of a family is added regardless of the evidence.
+    in wide families is against it, or else two members, see `_two_at_once`. The only member of a family is
+    added regardless of the evidence.
     """
     refused: set[str] = set()
     while len(terms) < MOST_TERMS and not search.budget.spent:
