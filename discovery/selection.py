@@ -225,6 +225,9 @@ def _forward(
         if not decisive:
             return calibration, terms, True
         best = search.without_idle(best_by_itself(search, decisive), calibration)
+        # What did not come to rest says little of the terms before: they are judged again where it does.
+        if not best.steady and (rests := search.tried(best.terms, start := search.calibrated(best))):
+            best = search.without_idle(rests, start)
         if {term.label for term in best.terms} in before:
             break
         before.append({term.label for term in best.terms})
