@@ -213,7 +213,7 @@ def refit_with_alternatives(
     """Fit again through the laboratory, with the alternative of each term that is best there.
 
     Args:
-        alternatives: of each term, see `Selection`. What the laboratory adds to a prediction counts on top.
+        alternatives: of each term, see `Selection`; the laboratory corrects their evidence.
 
     Returns:
         the fit, the s.d. of the error that laboratory and predictions share, (s,), and the equivalent

@@ -355,9 +355,9 @@ def _judged_again(
 ) -> tuple[Fitted, ...]:
     """Compare the best alternatives of term k with it while families and noise are estimated with each.
 
-    Those of the adopted term have made room for it: the tare of a cell looks small beside its gain if the
-    family of tares had to hold what the gain now explains, and the other way round. A family that would be
-    too wide beside an alternative counts against it.
+    Those of the adopted term have made room for it: the family of tares is narrow if a tare was adopted, but
+    has to be wide if a gain of the same cell explains the readings, and the other way round. A family that
+    would be too wide with an alternative counts against it.
     """
     search, terms = replace(search, widest=WIDEST), found.terms
     own = next(one for one in alternatives if one.label == terms[k].label)
