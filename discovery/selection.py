@@ -224,10 +224,7 @@ def _forward(
             decisive = [one for one in pairs if is_decisive(one, before_all, tests, together=2)]
         if not decisive:
             return calibration, terms, True
-        best = search.without_idle(best_by_itself(search, decisive), calibration)
-        # What did not come to rest says little of the terms before: they are judged again where it does.
-        if not best.steady and (rests := search.tried(best.terms, start := search.calibrated(best))):
-            best = search.without_idle(rests, start)
+        best = _without_idle(search, best_by_itself(search, decisive), calibration)
         if {term.label for term in best.terms} in before:
             break
         before.append({term.label for term in best.terms})
@@ -246,6 +243,20 @@ def best_by_itself(search: CandidateSearch, judged: Sequence[Judged]) -> Judged:
     if len(near) == 1:
         return best
     return max(near, key=lambda one: search.evidence(search.calibrated(one), one.terms))
+
+
+def _without_idle(search: CandidateSearch, best: Judged, start: SelfCalibration) -> Judged:
+    """Eliminate terms that the newest has made idle.
+
+    The evidence for effects that did not come to rest says little of the others: they are judged again where
+    these do.
+    """
+    best = search.without_idle(best, start)
+    if best.steady:
+        return best
+    rests = search.calibrated(best)
+    again = search.tried(best.terms, rests)
+    return best if again is None else search.without_idle(again, rests)
 
 
 def _at_best_times(

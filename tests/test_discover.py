@@ -19,7 +19,7 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.families import TOLERANCES
 from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.calibration.self_calibration import self_calibrate
-from tulip_testbed.discovery.candidate_search import DECISIVE
+from tulip_testbed.discovery.candidate_search import DECISIVE, CandidateSearch
 from tulip_testbed.discovery.candidates import Fitted, candidates, standing_out
 from tulip_testbed.discovery.discover import _crowded, _reasons, discover, stands_out
 from tulip_testbed.discovery.effect_intervals import TIME_GAIN
@@ -28,7 +28,7 @@ from tulip_testbed.discovery.joint_fit import Data
 from tulip_testbed.discovery.pairs import ranked_pairs
 from tulip_testbed.discovery.patterns import patterns
 from tulip_testbed.discovery.refit import refit_if_better, refit_with_alternatives
-from tulip_testbed.discovery.selection import _chance, _judged_again, best_by_itself
+from tulip_testbed.discovery.selection import _chance, _judged_again, _without_idle, best_by_itself
 from tulip_testbed.discovery.story import story
 from tulip_testbed.discovery.unusual_members import WIDEST, _two_at_once
 from tulip_testbed.effects.catalogue import catalogue
@@ -340,7 +340,7 @@ class Evidences:
     found: list[Any] = dataclasses.field(default_factory=list)
     widest: float = np.inf
 
-    def tried(self, terms, _):
+    def tried(self, terms, start):
         evidence = self.known["".join(term.label for term in terms)]
         return SimpleNamespace(evidence=evidence, possible=True, steady=True)
 
@@ -359,6 +359,29 @@ def test_alternatives_are_compared_with_families_of_their_own():
         ("lag", 19.0),
         ("creep", 15.0),
     ]
+
+
+class Restless(Evidences):
+    """A search that knows the evidence about two calibrations; about the first nothing comes to rest."""
+
+    budget = SimpleNamespace(spent=False)
+    without_idle = CandidateSearch.without_idle
+
+    def tried(self, terms, start):
+        evidence = self.known[start + ":" + "+".join(term.label for term in terms)]
+        return SimpleNamespace(terms=terms, evidence=evidence, steady=start == "there")
+
+    def calibrated(self, _):
+        return "there"
+
+
+def test_a_term_that_the_newest_makes_idle_goes_once_both_came_to_rest():
+    """The spring gains 27 beside a sole that has not come to rest, and 1 where it has."""
+    spring, sole = explains("spring", 11.0), explains("sole", 27.0)
+    known = {"here:spring+sole": 38.0, "here:sole": 11.0, "there:spring+sole": 9.0, "there:sole": 8.0}
+    search: Any = Restless(known)
+    best = _without_idle(search, search.tried((spring, sole), "here"), cast(Any, "here"))
+    assert [term.label for term in best.terms] == ["sole"]
 
 
 def with_a_family(spread):
