@@ -211,11 +211,15 @@ class CandidateSearch:
         linear = adopted.partialled_out
         return ranked(candidate_blocks(linear, others, known), linear.residual)
 
-    def pairs(self, calibration: SelfCalibration, terms: tuple[Fitted, ...]) -> list[Judged]:
-        """Judge the most promising pairs of candidates in addition to some terms."""
+    def pairs(
+        self, calibration: SelfCalibration, terms: tuple[Fitted, ...], kind: str = "", count: int = PAIRS
+    ) -> list[Judged]:
+        """Judge the most promising pairs of candidates, or of those of a kind, in addition to some terms."""
         near: dict[tuple[str, str], tuple[Fitted, Fitted]] = {}
         for fit in self.fits(calibration, terms):
-            for first, second in ranked_pairs(fit, *self._others(fit), DECISIVE, PAIRS):
+            others, known = self._others(fit)
+            alike = [one for one in others if kind in ("", one.effect.name)]
+            for first, second in ranked_pairs(fit, alike, known, DECISIVE, count):
                 near.setdefault((first.label, second.label), (first, second))
         out = []
         for pair in near.values():

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tulip_testbed.calibration.calibration_result import HALF_95, SelfCalibration
+from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.discovery.candidate_search import (
     DECISIVE,
     RESTS,
@@ -27,11 +27,10 @@ from tulip_testbed.discovery.evidence import sidak
 from tulip_testbed.discovery.joint_fit import JointFit, joint_fit
 from tulip_testbed.discovery.law_candidates import is_law, ranked_and_counted, ranked_laws, with_best_points
 from tulip_testbed.discovery.selection import LEVEL, Selection, is_decisive
-from tulip_testbed.discovery.unusual_members import STANDS_OUT, too_wide, with_unusual_members
+from tulip_testbed.discovery.unusual_members import WIDEST, too_wide, with_unusual_members
 from tulip_testbed.effects.laws import LAW
 
 MOST_TERMS = 3
-WIDEST = STANDS_OUT / HALF_95  # tolerances: a family beyond `STANDS_OUT`, which is called too wide, has 5 %
 PAIRS = 6  # of what errs and as a function of what, that are judged
 SHAPES = 4  # of the best pair
 EXCHANGES = 2  # rounds in which every term is sought anew

@@ -213,25 +213,29 @@ def refit_with_alternatives(
     """Fit again through the laboratory, with the alternative of each term that is best there.
 
     Args:
-        alternatives: of each term, by their predictions, see `Selection`.
+        alternatives: of each term, see `Selection`; the laboratory corrects their evidence.
 
     Returns:
         the fit, the s.d. of the error that laboratory and predictions share, (s,), and the equivalent
         explanations of each term.
     """
     best, shared = refit_if_better(found.repeated)
+    gained = best.log_evidence - found.repeated.log_evidence
     sets = []
     for k, near in enumerate(alternatives):
         mine = best.terms[k]
         others = best.without(k)
         rest = (refit_if_better(others)[0] if others.terms else others).log_evidence
-        judged = [replace(mine, log_bayes_factor=best.log_evidence - rest)]
+        most = best.log_evidence - rest
+        judged = [replace(mine, log_bayes_factor=most)]
+        base = most - gained - next(one.log_bayes_factor for one in near if one.label == mine.label)
         for alternative, formula in _in_place_of(best, k, near):
             asked = len(judged) <= MOST_REFITS
             exact, doubt = refit_if_better(formula) if asked else (formula, shared)
-            judged.append(replace(alternative, log_bayes_factor=exact.log_evidence - rest))
-            if asked and exact.log_evidence > best.log_evidence:
-                best, shared = exact, doubt
+            more = exact.log_evidence - formula.log_evidence
+            judged.append(replace(alternative, log_bayes_factor=base + alternative.log_bayes_factor + more))
+            if asked and judged[-1].log_bayes_factor > most:
+                best, shared, most, gained = exact, doubt, judged[-1].log_bayes_factor, more
         judged.sort(key=lambda one: -one.log_bayes_factor)
         sets.append(equivalent(tuple(judged), best.terms[k]))
     return best, shared, tuple(sets)

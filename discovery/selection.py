@@ -35,12 +35,13 @@ from tulip_testbed.discovery.evidence import fitted_and_counted, sidak
 from tulip_testbed.discovery.excessive_noise import excessive_noise
 from tulip_testbed.discovery.joint_fit import Data, JointFit, joint_fit
 from tulip_testbed.discovery.pure_error import pure_error, widened
-from tulip_testbed.discovery.unusual_members import with_unusual_members
+from tulip_testbed.discovery.unusual_members import WIDEST, with_unusual_members
 from tulip_testbed.identification.distributions import chi2_sf
 from tulip_testbed.identification.residual_noise import noise_of
 
 LEVEL = 0.005  # of the test of all effects, and of that of the four channels: 0.01 in all
 
+AGAIN = 4  # alternatives of each term, at most, that are compared by self-calibration
 RANKED = 12  # candidates that are kept for each term, however far behind
 
 
@@ -67,7 +68,8 @@ class Selection:
         tolerances: as asked for.
         complete: whether no further candidate is decisive. ended: by what budget the search ended, or "".
         fit: of the selected effects, with the ordinary imperfections as background. null: without either.
-        alternatives: what else might explain each term, by predictions, the best first; itself among them.
+        alternatives: what else might explain each term, the best first; itself among them. By predictions,
+            the nearest by self-calibration.
         runners_up: of each term, the best of all candidates by linear predictions, the best first.
         lack_of_fit: of each channel if everything were exact.
         p: probability of as strong an effect among noise alone, over all candidates.
@@ -186,12 +188,13 @@ def _selected(
     calibration, terms = with_unusual_members(search, calibration, terms)
     fit, _ = search.fits(calibration, terms)
     others = [_alternatives(search, fit, k) for k in range(len(terms))]
+    near = (_judged_again(search, calibration, fit, k, each) for k, (each, _) in enumerate(others))
     return replace(
         selection,
         calibration=calibration,
         complete=complete,
         fit=fit,
-        alternatives=tuple(alternatives for alternatives, _ in others),
+        alternatives=tuple(near),
         runners_up=tuple(ranked for _, ranked in others),
         ended=str(search.budget) if search.budget.spent else "",
     )
@@ -221,7 +224,7 @@ def _forward(
             decisive = [one for one in pairs if is_decisive(one, before_all, tests, together=2)]
         if not decisive:
             return calibration, terms, True
-        best = search.without_idle(best_by_itself(search, decisive), calibration)
+        best = _without_idle(search, best_by_itself(search, decisive), calibration)
         if {term.label for term in best.terms} in before:
             break
         before.append({term.label for term in best.terms})
@@ -240,6 +243,20 @@ def best_by_itself(search: CandidateSearch, judged: Sequence[Judged]) -> Judged:
     if len(near) == 1:
         return best
     return max(near, key=lambda one: search.evidence(search.calibrated(one), one.terms))
+
+
+def _without_idle(search: CandidateSearch, best: Judged, start: SelfCalibration) -> Judged:
+    """Eliminate terms that the newest has made idle.
+
+    The evidence for effects that did not come to rest says little of the others: they are judged again where
+    these do.
+    """
+    best = search.without_idle(best, start)
+    if best.steady:
+        return best
+    rests = search.calibrated(best)
+    again = search.tried(best.terms, rests)
+    return best if again is None else search.without_idle(again, rests)
 
 
 def _at_best_times(
@@ -338,3 +355,30 @@ def _alternatives(
         out.append(replace(term, log_bayes_factor=fit_in_addition(others, term).log_bayes_factor))
     best = tuple(one for one in ranked[:RANKED] if one.detectable)
     return tuple(sorted(out, key=lambda one: -one.log_bayes_factor)), best
+
+
+def _judged_again(
+    search: CandidateSearch,
+    calibration: SelfCalibration,
+    found: JointFit,
+    k: int,
+    alternatives: tuple[Fitted, ...],
+) -> tuple[Fitted, ...]:
+    """Compare the best alternatives of term k with it while families and noise are estimated with each.
+
+    Those of the adopted term have made room for it: the family of tares is narrow if a tare was adopted, but
+    has to be wide if a gain of the same cell explains the readings, and the other way round. A family that
+    would be too wide with an alternative counts against it.
+    """
+    search, terms = replace(search, widest=WIDEST), found.terms
+    own = next(one for one in alternatives if one.label == terms[k].label)
+    plain = search.tried(terms, calibration)
+    least = max(alternatives[0].log_bayes_factor, own.log_bayes_factor) - NEAR
+    others = [one for one in alternatives if one is not own and one.log_bayes_factor > least][:AGAIN]
+    out = {one.label: one for one in alternatives}
+    for one in others if plain is not None else ():
+        judged = search.tried((*terms[:k], one, *terms[k + 1 :]), calibration)
+        if plain is not None and judged is not None and judged.possible and judged.steady:
+            more = judged.evidence - plain.evidence
+            out[one.label] = replace(one, log_bayes_factor=own.log_bayes_factor + more)
+    return tuple(sorted(out.values(), key=lambda one: -one.log_bayes_factor))

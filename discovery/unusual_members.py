@@ -1,15 +1,25 @@
 """Members of a family that are too large for the others: they become effects of their own."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.special import ndtri
 
-from tulip_testbed.calibration.calibration_result import CalibratedFamily, SelfCalibration
-from tulip_testbed.discovery.candidate_search import DECISIVE, MOST_TERMS, CandidateSearch, at_estimate
+from tulip_testbed.calibration.calibration_result import HALF_95, CalibratedFamily, SelfCalibration
+from tulip_testbed.discovery.candidate_search import (
+    DECISIVE,
+    MOST_TERMS,
+    CandidateSearch,
+    Judged,
+    at_estimate,
+)
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.effects.instance import effect_label
 
 STANDS_OUT = 3.0  # largest of its family's spread and tolerance, beyond which a member is an effect
+WIDEST = STANDS_OUT / HALF_95  # tolerances: s.d. of a spread of which 5 % lie beyond `STANDS_OUT`
 SURE = float(ndtri(0.95))  # s.e. by which it has to lie beyond: its probability of doing so is 95 %
+PAIRS = 6  # of members of a family, at most, that are judged of each ranking
 OUTLYING, SLAB = 0.1, 10.0  # prior probability of a member unlike the others, and s.d. of such members
 SPREADS = np.exp(np.linspace(-3.0, 3.0, 121))  # of the others, that are tried
 
@@ -24,7 +34,8 @@ def with_unusual_members(
     the other members then. Those of one family are added together, or else the largest alone. Of a family
     that is too wide, and whose members the data hardly distinguish, the one with the most evidence is added.
     A member without which a family that was too wide is as usual is added even if an evidence that believes
-    in wide families is against it. The only member of a family is added regardless of the evidence.
+    in wide families is against it, or else two members, see `_two_at_once`. The only member of a family is
+    added regardless of the evidence.
     """
     refused: set[str] = set()
     while len(terms) < MOST_TERMS and not search.budget.spent:
@@ -52,6 +63,7 @@ def with_unusual_members(
             usual = [before and name not in _too_wide(one.calibration) for one in good]
             near = [bool(found) and one.evidence > plain.evidence - DECISIVE for one in good]
             good = [one for one, *why in zip(good, usual, near, strict=True) if any(why)]
+        good = good or ([] if found else _two_at_once(search, calibration, terms))
         if not good:
             refused |= tried_in_vain
         else:
@@ -59,6 +71,20 @@ def with_unusual_members(
             calibration = search.calibrated(best)
             terms = at_estimate(best.terms, calibration)
     return calibration, terms
+
+
+def _two_at_once(
+    search: CandidateSearch, calibration: SelfCalibration, terms: tuple[Fitted, ...]
+) -> list[Judged]:
+    """Judge pairs of members of the family that is too wide: of two that are off neither stands out.
+
+    A pair has to leave it as usual and to be decisive where a family that wide is seldom.
+    """
+    search, name = replace(search, widest=WIDEST), _too_wide(calibration)[0]
+    plain = search.tried(terms, calibration)
+    pairs = search.pairs(calibration, terms, name, PAIRS) if len(terms) + 2 <= MOST_TERMS else []
+    least = np.inf if plain is None else plain.evidence + 2 * DECISIVE
+    return [one for one in pairs if one.evidence >= least and name not in _too_wide(one.calibration)]
 
 
 def too_wide(calibration: SelfCalibration) -> list[CalibratedFamily]:

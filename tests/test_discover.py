@@ -19,7 +19,7 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.families import TOLERANCES
 from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.calibration.self_calibration import self_calibrate
-from tulip_testbed.discovery.candidate_search import DECISIVE
+from tulip_testbed.discovery.candidate_search import DECISIVE, CandidateSearch
 from tulip_testbed.discovery.candidates import Fitted, candidates, standing_out
 from tulip_testbed.discovery.discover import _crowded, _reasons, discover, stands_out
 from tulip_testbed.discovery.effect_intervals import TIME_GAIN
@@ -27,9 +27,10 @@ from tulip_testbed.discovery.excessive_noise import excessive_noise
 from tulip_testbed.discovery.joint_fit import Data
 from tulip_testbed.discovery.pairs import ranked_pairs
 from tulip_testbed.discovery.patterns import patterns
-from tulip_testbed.discovery.refit import refit_if_better
-from tulip_testbed.discovery.selection import _chance, best_by_itself
+from tulip_testbed.discovery.refit import refit_if_better, refit_with_alternatives
+from tulip_testbed.discovery.selection import _chance, _judged_again, _without_idle, best_by_itself
 from tulip_testbed.discovery.story import story
+from tulip_testbed.discovery.unusual_members import WIDEST, _two_at_once
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.instance import EffectInstance, check_instances
@@ -310,6 +311,89 @@ def test_a_fit_through_the_laboratory_that_is_lost_widens_no_interval(monkeypatc
     assert best.sizes == 1
     assert shared == pytest.approx(error)
     assert best.covariance == pytest.approx(error**2)
+
+
+def explains(label, log):
+    candidate: Any = SimpleNamespace(label=label)
+    return Fitted(candidate, 0, np.zeros(1), log)
+
+
+def test_an_alternative_counts_as_much_as_its_own_calibration_says(monkeypatch):
+    """With the families of the adopted tare, a joint fit prefers the gain by 7."""
+    tare, gain = explains("cell-tare", 20.0), explains("cell-gain", 16.0)
+    rest: Any = SimpleNamespace(terms=(), log_evidence=0.0)
+    fit: Any = SimpleNamespace(terms=(tare,), log_evidence=20.0, without=lambda _: rest)
+    fit.repeated = fit
+    inflated = SimpleNamespace(terms=(gain,), log_evidence=27.0)
+    monkeypatch.setattr("tulip_testbed.discovery.refit.refit_if_better", lambda one: (one, np.zeros(1)))
+    monkeypatch.setattr("tulip_testbed.discovery.refit._in_place_of", lambda *_: [(gain, inflated)])
+    best, _, near = refit_with_alternatives(fit, ((tare, gain),))
+    assert best is fit
+    assert [[one.label for one in several] for several in near] == [["cell-tare"]]
+
+
+@dataclasses.dataclass
+class Evidences:
+    """A search that knows ln of the evidence for single terms and for pairs."""
+
+    known: dict[str, float]
+    found: list[Any] = dataclasses.field(default_factory=list)
+    widest: float = np.inf
+
+    def tried(self, terms, start):
+        evidence = self.known["".join(term.label for term in terms)]
+        return SimpleNamespace(evidence=evidence, possible=True, steady=True)
+
+    def pairs(self, *_):
+        return self.found if self.widest == WIDEST else []
+
+
+def test_alternatives_are_compared_with_families_of_their_own():
+    tare, gain, lag, creep = map(explains, ("tare", "gain", "lag", "creep"), (24.0, 27.0, 20.0, 15.0))
+    search: Any = Evidences({"tare": 5.0, "gain": 3.5, "lag": 0.0})
+    fit: Any = SimpleNamespace(terms=(tare,))
+    found = _judged_again(search, cast(Any, None), fit, 0, (gain, tare, lag, creep))
+    assert [(one.label, one.log_bayes_factor) for one in found] == [
+        ("tare", 24.0),
+        ("gain", 22.5),
+        ("lag", 19.0),
+        ("creep", 15.0),
+    ]
+
+
+class Restless(Evidences):
+    """A search that knows the evidence about two calibrations; about the first nothing comes to rest."""
+
+    budget = SimpleNamespace(spent=False)
+    without_idle = CandidateSearch.without_idle
+
+    def tried(self, terms, start):
+        evidence = self.known[start + ":" + "+".join(term.label for term in terms)]
+        return SimpleNamespace(terms=terms, evidence=evidence, steady=start == "there")
+
+    def calibrated(self, _):
+        return "there"
+
+
+def test_a_term_that_the_newest_makes_idle_goes_once_both_came_to_rest():
+    """The spring gains 27 beside a sole that has not come to rest, and 1 where it has."""
+    spring, sole = explains("spring", 11.0), explains("sole", 27.0)
+    known = {"here:spring+sole": 38.0, "here:sole": 11.0, "there:spring+sole": 9.0, "there:sole": 8.0}
+    search: Any = Restless(known)
+    best = _without_idle(search, search.tried((spring, sole), "here"), cast(Any, "here"))
+    assert [term.label for term in best.terms] == ["sole"]
+
+
+def with_a_family(spread):
+    tares, interval = SimpleNamespace(name="tare"), (spread / 2, spread * 2)
+    return SimpleNamespace(families=[SimpleNamespace(family=tares, spread=spread, spread95=interval)])
+
+
+@pytest.mark.parametrize(("gain", "spread", "count"), [(6.5, 1.0, 1), (5.5, 1.0, 0), (6.5, 5.0, 0)])
+def test_a_pair_of_members_is_decisive_and_leaves_its_family_as_usual(gain, spread, count):
+    pair = SimpleNamespace(evidence=gain, calibration=with_a_family(spread))
+    search: Any = Evidences({"": 0.0}, [pair])
+    assert len(_two_at_once(search, cast(Any, with_a_family(6.0)), ())) == count
 
 
 def test_what_gains_only_by_noise_of_another_calibration_is_not_the_best():
