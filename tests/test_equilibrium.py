@@ -144,18 +144,6 @@ def test_a_posture_that_nobody_can_hold_is_not_solved(rig, plan):
     assert int(few.posture[2]) in [number for number, _ in run.truth.dropped]
 
 
-def test_what_it_does_not_know_is_refused(rig):
-    def odd(spec: mujoco.MjSpec) -> None:
-        spec.body("torso").add_site(name="a", pos=[0, 0, 0.1])
-        spec.body("left_foot").add_site(name="b")
-        tendon = spec.add_tendon(name="between", stiffness=10.0)
-        tendon.wrap_site("a")
-        tendon.wrap_site("b")
-
-    with pytest.raises(tt.InputError, match="tendon 'between': expected joints, or one site on the robot"):
-        read_mechanism(dataclasses.replace(rig, edit=odd))
-
-
 def test_a_sole_is_held_against_its_own_edges(solved_plan):
     """Pressure near the toes of a foot turned by half a radian is inside of it; beside them it is not."""
     m, near = solved_plan.mechanism, solved_plan.reference.state

@@ -12,13 +12,14 @@ import pytest
 import yaml
 
 import tulip_testbed as tt
+from tests.contact_folders import assert_same
 from tests.drawing import draws_with
 from tests.looking import browse
 from tests.test_refusals import change_document
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.example import empty_measurements
 from tulip_testbed.identification.planning.optimal_plan import with_repeats
-from tulip_testbed.measurements import write_measurements
+from tulip_testbed.measurements import read_measurements, write_measurements
 from tulip_testbed.measurements.measurement_folder import write_start
 from tulip_testbed.pages.placement_drawing import placement_of, scale_for
 from tulip_testbed.pages.protocol_page import rows_to_fill_in, write_protocol
@@ -127,6 +128,7 @@ def test_every_laboratory_s_folder_can_be_started(robot, small_plan, tmp_path, p
     started = json.loads((tmp_path / "data" / "manifest.json").read_text())
     run = tt.Laboratory(robot, preset).run(small_plan, seed=412, engine="statics")
     write_measurements(tmp_path / "simulated", run.measurements)
+    assert_same(read_measurements(tmp_path / "simulated"), run.measurements)
     simulated = json.loads((tmp_path / "simulated" / "manifest.json").read_text())
     for key in ("weighed_mass", "created", "software", "tables"):
         simulated.pop(key)

@@ -125,12 +125,27 @@ def test_planner_laboratory_and_identification_know_one_limit(edited_tulip, robo
         assert actuator.forcerange[1] == limits[names.index(actuator.target)]
 
 
-def test_an_edit_that_statics_does_not_have_is_refused_by_it(robot, two):
-    def floating(spec):
-        spec.body("torso").gravcomp = 0.5
+def floating(spec):
+    spec.body("torso").gravcomp = 0.5
 
-    rig = dataclasses.replace(preset_rig("ideal", robot), edit=floating)
-    refuse("static equilibrium: found gravcomp in body 'torso'", solve_plan, rig, two)
+
+def tied(spec):
+    spec.body("torso").add_site(name="a", pos=[0, 0, 0.1])
+    spec.body("left_foot").add_site(name="b")
+    tendon = spec.add_tendon(name="between", stiffness=10.0)
+    tendon.wrap_site("a")
+    tendon.wrap_site("b")
+
+
+@pytest.mark.parametrize(
+    ("edit", "words"),
+    [
+        (floating, "static equilibrium: found gravcomp in body 'torso'"),
+        (tied, "tendon 'between': expected joints, or one site on the robot"),
+    ],
+)
+def test_an_edit_that_statics_does_not_have_is_refused_by_it(robot, two, edit, words):
+    refuse(words, solve_plan, dataclasses.replace(preset_rig("ideal", robot), edit=edit), two)
 
 
 REF = 0.5  # rad
