@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
+from tests.edited_rows import changed, plus
 from tests.folder_faults import FAULTS, HEALTHY, planted
 from tests.test_cli import told
 from tests.test_refusals import check_words, refuse, rows
@@ -66,19 +67,13 @@ def test_a_planted_fault_is_caught_by_its_check(precise, nominal, fault):
 
 def test_words_say_what_where_and_what_to_do(precise, nominal):
     """The joint with a wrong zero, the placement with a shifted plate, the posture with a wrong figure."""
-    angles = precise.joint_angles.copy()
-    angles[:, 3] += 0.02
-    finding = found(dataclasses.replace(precise, joint_angles=angles), nominal)["legs close"]
+    finding = found(changed(precise, joint_angles=plus(0.02, ..., 3)), nominal)["legs close"]
     assert "offset of +20." in finding.advice or "offset of +19." in finding.advice
     assert "right_knee" in finding.advice
-    poses = precise.plate_poses.copy()
-    poses[precise.placement == 7, 1, 0] += 0.03
-    finding = found(dataclasses.replace(precise, plate_poses=poses), nominal)["single placements"]
+    moved = changed(precise, plate_poses=plus(0.03, precise.placement == 7, 1, 0))
+    finding = found(moved, nominal)["single placements"]
     assert finding.where == "placement 7, left plate"
-    forces = precise.cell_forces.copy()
-    forces[40, 2] += 18
-    forces[40, 3] -= 18
-    finding = found(dataclasses.replace(precise, cell_forces=forces), nominal)["single postures"]
+    finding = found(changed(precise, cell_forces=plus([18, -18], 40, [2, 3])), nominal)["single postures"]
     assert f"posture {precise.posture[40]} (row 41" in finding.where
 
 

@@ -2,13 +2,13 @@
 
 import json
 import pickle
-from dataclasses import replace
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 
+from tests.edited_rows import changed, plus
 from tests.effect_changes import SEED, first, statically
 from tests.test_cli import refused, told
 from tests.test_refusals import refuse
@@ -134,9 +134,8 @@ def test_a_board_that_rocks_has_no_cell_under_load_on_either_side(noiseless, few
     observed = observe(found, nominal)
     assert not observed.on_four_cells[:, 0].any()
     assert observed.on_four_cells[:, 1].mean() > 0.9
-    noisy = found.cell_forces.copy()
-    noisy[2, [0, 2]] += 0.6  # of the one that bears nothing, noise and crosstalk
-    assert not observe(replace(found, cell_forces=noisy), nominal).on_four_cells[:, 0].any()
+    noisy = changed(found, cell_forces=plus(0.6, 2, [0, 2]))  # of the one that bears nothing
+    assert not observe(noisy, nominal).on_four_cells[:, 0].any()
     tilt = rocking.remove(observed, "right.front_left", (0.0003,)).stance_tilt
     assert tilt[opposite > 5] == pytest.approx(0.0, abs=1e-12)
     distance = 2 * 0.2165 * 0.119 / np.hypot(0.2165, 0.119)  # of a cell from the diagonal

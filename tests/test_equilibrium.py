@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.stats import ks_2samp
 
 import tulip_testbed as tt
+from tests.edited_rows import changed, plus
 from tests.statics_against_dynamics import compare, excess_sag, laboratories, pulled
 from tulip_testbed.experiments.imperfections import drawn
 from tulip_testbed.experiments.laboratory import Laboratory
@@ -137,9 +138,7 @@ def test_its_readings_scatter_as_sampled_ones_do():
 def test_a_posture_that_nobody_can_hold_is_not_solved(rig, plan):
     """Leaning so far that the torque limits do not carry it, with a sole outside its corners."""
     few = plan.take(np.arange(5))
-    angles = few.joint_angles.copy()
-    angles[2, [4, 10]] += 0.6
-    solved_plan = solve_plan(rig, dataclasses.replace(few, joint_angles=angles))
+    solved_plan = solve_plan(rig, changed(few, joint_angles=plus(0.6, 2, [4, 10])))
     (run,) = run_statics(solved_plan, np.random.SeedSequence(1).spawn(1))
     assert int(few.posture[2]) in [number for number, _ in run.truth.dropped]
 

@@ -12,6 +12,7 @@ import pytest
 
 import tulip_testbed as tt
 from tests.contact_folders import assert_same
+from tests.edited_rows import changed, put
 from tests.test_refusals import refuse, rows
 from tulip_testbed.base.files import sha256
 from tulip_testbed.experiments.check_folder import check_folder
@@ -89,19 +90,6 @@ def test_gains_and_tolerances_are_read_and_written_back(folder, tmp_path, key, v
 @pytest.fixture(scope="module")
 def measured(run):
     return run.measurements
-
-
-def changed(m, **fields):
-    """Replace fields by what functions make of them."""
-    return dataclasses.replace(m, **{name: make(getattr(m, name).copy()) for name, make in fields.items()})
-
-
-def put(*place, value):
-    def make(values):
-        values[place] = value
-        return values
-
-    return make
 
 
 def taken(m, chosen):

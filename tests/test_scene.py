@@ -12,6 +12,7 @@ import pytest
 
 import tulip_testbed as tt
 from tests.edited_files import change_texts
+from tests.edited_rows import changed, plus
 from tests.statics_against_dynamics import without_friction
 from tests.test_equilibrium import check_rest
 from tests.test_refusals import refuse
@@ -160,9 +161,7 @@ def test_a_joint_that_is_drawn_bent_is_the_same_robot(edited_tulip, robot):
     bent = edited_tulip(f'tulip.xml: {drive} range="0 120" => {drive} {moved}')
     plan = read_plan(PLANS / "random", robot)
     plan = plan.take(np.flatnonzero(plan.placement == 2))
-    angles = plan.joint_angles.copy()
-    angles[:, plan.joints.index("right_knee")] += REF
-    shifted = dataclasses.replace(plan, joint_angles=angles)
+    shifted = changed(plan, joint_angles=plus(REF, ..., plan.joints.index("right_knee")))
     found = {}
     for name, one, at in (("plain", robot, plan), ("bent", bent, shifted)):
         rig = dataclasses.replace(preset_rig("ideal", one), edit=without_friction())

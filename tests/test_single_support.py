@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from tests.edited_rows import changed, plus
 from tests.statics_against_dynamics import compare, without_friction
 from tests.test_refusals import refuse
 from tulip_testbed.experiments.identify import identify
@@ -164,9 +165,7 @@ def test_both_supports_together_tell_26_parameters(robot, plan, balanced):
 def test_an_empty_plate_is_not_read_and_the_preflight_says_what_it_leaves_out(robot, balanced):
     (run,) = run_statics(solve_plan(preset_rig("wii", robot), balanced), np.random.SeedSequence(5).spawn(1))
     measured = run.measurements
-    noisy = measured.cell_forces.copy()
-    noisy[:, 4:] += 5.0
-    louder = dataclasses.replace(measured, cell_forces=noisy)
+    louder = changed(measured, cell_forces=plus(5.0, ..., slice(4, None)))
     np.testing.assert_array_equal(center_of_pressure(louder), center_of_pressure(measured))
     np.testing.assert_array_equal(load_shares(louder)[:, 0], 1.0)
     findings = {finding.name: finding for finding in preflight(measured, nominal_robot(robot), None)}

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.edited_rows import changed, plus
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.watching.alarm import fault_of_changes, levels
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
@@ -86,9 +87,7 @@ def before(watched, day):
 
 def slipped(day: Measurements, angle: float, first: int = ONSET) -> Measurements:
     """The right knee's encoder slips: every row from `first` on reads an angle too much."""
-    angles = day.joint_angles.copy()
-    angles[first:, day.joints.index("right_knee")] += angle
-    return replace(day, joint_angles=angles)
+    return changed(day, joint_angles=plus(angle, slice(first, None), day.joints.index("right_knee")))
 
 
 def test_a_row_alone_has_the_columns_that_it_has_among_others(watched, day):
@@ -172,14 +171,11 @@ def test_one_odd_posture_is_to_be_repeated_and_then_forgotten(watched, day, befo
 def test_a_repeat_that_differs_is_told(watched, day):
     first = one_row(day, 0)
     state, _ = play(watched, day.take(np.arange(1)))
-    forces = first.cell_forces.copy()
-    forces[0, [0, 2]] += 3.0
-    forces[0, [1, 3]] -= 3.0
-    other = replace(first, cell_forces=forces, time=first.time + 63)
-    _, (verdict,) = play(watched, other, state)
+    again = replace(first, time=first.time + 63)
+    _, (verdict,) = play(watched, changed(again, cell_forces=plus([3, -3, 3, -3], 0, slice(4))), state)
     assert verdict.verdict == REPEAT
     assert verdict.findings[0].name in ("repeats", "prediction")
-    _, (same,) = play(watched, replace(first, time=first.time + 63), state)
+    _, (same,) = play(watched, again, state)
     assert same.verdict == OK
 
 
