@@ -14,7 +14,6 @@ from tests.edited_rows import changed, plus
 from tests.folder_faults import FAULTS, HEALTHY, planted
 from tests.test_cli import told
 from tests.test_refusals import check_words, refuse, rows
-from tulip_testbed.base.errors import InputWarning
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.check_folder import check_folder, warn_of_faults
 from tulip_testbed.identification.preflight import preflight
@@ -150,7 +149,7 @@ def test_what_computes_with_measurements_warns_of_faults(precise, robot, monkeyp
     failed = [check.name for check in tt.check(wrong, robot).checks if check.result == "fail"]
     refuse("found gross faults ... 'legs close'", tt.discover, wrong, robot)
     for call in (partial(tt.discover, anyway=True), tt.predict, warn_of_faults):
-        with pytest.warns(InputWarning, match=f"found faults in .*{failed[-1]}.*no result holds"):
+        with pytest.warns(tt.InputWarning, match=f"found faults in .*{failed[-1]}.*no result holds"):
             call(wrong, robot)
 
 
@@ -158,7 +157,7 @@ def test_a_fault_is_one_line_that_points_to_the_preflight(precise, robot, tmp_pa
     wrong, data = planted("one cell drifts by 5 N", precise), tmp_path / "data"
     tt.write_measurements(data, wrong)
     found = "found faults in 'weight balance', 'drift'.*check.* says more$"
-    with pytest.warns(InputWarning, match=f"^measurements: {found}"):
+    with pytest.warns(tt.InputWarning, match=f"^measurements: {found}"):
         tt.identify(wrong, robot)
     capsys.readouterr()
     for command in (["identify"], ["export", "--out", str(tmp_path / "out.xml")]):
@@ -171,7 +170,7 @@ def test_a_fault_that_is_corrected_for_is_none(robot):
     lab = tt.Laboratory(robot, sensors="force-plate").with_effects("cell-gain:right.front_left=0.1")
     few = tt.plans.random.take(tt.plans.random.placement <= 16)
     measured = lab.run(few, engine="statics").measurements
-    with pytest.warns(InputWarning, match="'weight balance'"):
+    with pytest.warns(tt.InputWarning, match="'weight balance'"):
         tt.identify(measured, robot)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -182,6 +181,6 @@ def test_a_fault_that_is_corrected_for_is_none(robot):
     told = (
         r"found the correction encoder-offset:left_knee=0\.003, but the measurements show offset \S+ ± \S+ "
     )
-    with pytest.warns(InputWarning, match=told) as warned:
+    with pytest.warns(tt.InputWarning, match=told) as warned:
         tt.identify(measured, robot, corrections=wrong)
     assert len(warned) == 1

@@ -14,7 +14,6 @@ import tulip_testbed as tt
 from tests.edited_rows import changed, plus
 from tests.statics_against_dynamics import compare, excess_sag, laboratories, pulled
 from tulip_testbed.experiments.imperfections import drawn
-from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
@@ -176,7 +175,7 @@ def test_the_feet_stay_when_the_last_posture_is_measured_again(rig, plan):
 def test_the_closed_slope_is_the_derivative(robot, plan, imperfections):
     """By central differences of the residual, with sole and joint springs and with one foot in the air."""
     several = tt.plans.mixed.take(np.arange(12))
-    rig = drawn(Laboratory(robot, "wii"), imperfections, np.random.SeedSequence(5)).rig
+    rig = drawn(tt.Laboratory(robot, "wii"), imperfections, np.random.SeedSequence(5)).rig
     solved, m = solve_plan(rig, several), read_mechanism(rig)
     assert has_closed_slope(m)
     load = Load(

@@ -11,7 +11,6 @@ import tulip_testbed as tt
 from tests import dying_work
 from tests.montecarlo_work import LAYOUT, Regressions, bytes_of, run_regressions
 from tests.test_refusals import refuse, rows
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.montecarlo.montecarlo_run import collect
 from tulip_testbed.experiments.montecarlo.run_columns import RunChunks, read_runs
 
@@ -54,16 +53,16 @@ def test_a_full_disk_leaves_what_was_written(undisturbed, tmp_path, monkeypatch)
 
 def test_a_worker_that_dies_is_told(tmp_path):
     message = "a worker process ended by SIGKILL.*, as the system does when memory runs out"
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(tt.InputError, match=message):
         collect(RunChunks(tmp_path, 4, 1), dying_work.die, lambda count: None, 2)
 
 
 def test_without_a_folder_nothing_is_said_to_stay(monkeypatch, robot, plan):
     def fail(*given):
-        raise InputError("no space")
+        raise tt.InputError("no space")
 
     monkeypatch.setattr("tulip_testbed.experiments.montecarlo.montecarlo_run.collect", fail)
-    with pytest.raises(InputError, match=r"^no space; nothing was kept$"):
+    with pytest.raises(tt.InputError, match=r"^no space; nothing was kept$"):
         tt.monte_carlo(tt.Laboratory(robot), plan, runs=2, workers=1)
 
 

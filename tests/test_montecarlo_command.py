@@ -15,9 +15,7 @@ import pytest
 import tulip_testbed as tt
 from tests.test_cli import TULIP
 from tests.test_refusals import change_document, refuse, rows
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.machine import machine
-from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of, stream_of
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, Settings, montecarlo_file
 from tulip_testbed.experiments.montecarlo.montecarlo_run import raise_runs, run_folder
@@ -88,7 +86,7 @@ def test_interrupted_and_killed_it_ends_as_if_undisturbed(plan, tmp_path):
 @pytest.mark.parametrize("engine", ["statics", pytest.param("dynamics", marks=pytest.mark.slow)])
 def test_random_robots(robot, model, plan, engine):
     """Each run has its own robot; the nominal one without a spread; the same stream, the same run."""
-    scenario = Laboratory(robot, "wii"), plan.take(plan.placement <= 1)
+    scenario = tt.Laboratory(robot, "wii"), plan.take(plan.placement <= 1)
     random = source_of(*scenario, 0.1, engine)
     first, second = random([stream_of(107, run) for run in range(2)])
     assert isinstance(first, Outcome)
@@ -108,12 +106,12 @@ def test_random_robots(robot, model, plan, engine):
 
 
 def test_a_run_without_a_posture_does_not_take_others_with_it(robot, plan, monkeypatch):
-    scenario = Laboratory(robot, "wii"), plan.take(plan.placement <= 1)
+    scenario = tt.Laboratory(robot, "wii"), plan.take(plan.placement <= 1)
     static = source_of(*scenario, None, "statics")
 
     def fail(solved_plan, streams, standard):
         if any(stream.spawn_key[0] == 2 for stream in streams):
-            raise InputError("none of 6 postures could be measured: tipped")
+            raise tt.InputError("none of 6 postures could be measured: tipped")
         return run_statics(solved_plan, streams, standard)
 
     monkeypatch.setattr("tulip_testbed.experiments.montecarlo.laboratory_runs.run_statics", fail)
@@ -126,7 +124,7 @@ SETTINGS = Settings(runs=100, seed=5, estimator="mixed-model", robot_spread=None
 
 @pytest.fixture
 def scenario(robot, plan):
-    return Laboratory(robot, "wii"), plan
+    return tt.Laboratory(robot, "wii"), plan
 
 
 def document_of(scenario, settings=SETTINGS):
@@ -170,7 +168,7 @@ def test_the_processor_is_recorded_and_another_one_may_go_on(scenario, tmp_path)
 
 def test_more_runs_in_the_same_folder(robot, plan, tmp_path):
     """The last file, which was not full, is made anew; the folder ends as if made at once."""
-    laboratory, few = Laboratory(robot, "wii"), plan.take(plan.placement <= 8)
+    laboratory, few = tt.Laboratory(robot, "wii"), plan.take(plan.placement <= 8)
 
     def carried_out(name, runs):
         exact = {"estimator": "mixed-model", "imperfections": 0.0}
@@ -197,7 +195,7 @@ def test_more_runs_of_another_kind_are_refused(scenario, tmp_path):
     assert (tmp_path / "run" / "run.json").read_bytes() == before
     with (
         kept(tmp_path / "run", scenario).opened(),
-        pytest.raises(InputError, match="another process is at work"),
+        pytest.raises(tt.InputError, match="another process is at work"),
     ):
         raise_runs(tmp_path / "run", document_of(scenario, dataclasses.replace(SETTINGS, runs=200)))
     assert (tmp_path / "run" / "run.json").read_bytes() == before

@@ -10,7 +10,6 @@ import pytest
 import tulip_testbed as tt
 from tests.effect_changes import first
 from tests.test_refusals import refuse
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.discovery.experiment_information import (
     Explanation,
@@ -27,8 +26,6 @@ from tulip_testbed.discovery.next_experiment import (
     within_limits,
 )
 from tulip_testbed.discovery.story import story
-from tulip_testbed.effects.instance import EffectInstance
-from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.proposed_experiment import Proposals, read_experiment
 from tulip_testbed.measurements import Experiment, joined
 
@@ -36,8 +33,8 @@ SEED = 31
 
 
 @pytest.fixture(scope="module")
-def lab(robot) -> Laboratory:
-    return Laboratory(robot, sensors="force-plate")
+def lab(robot) -> tt.Laboratory:
+    return tt.Laboratory(robot, sensors="force-plate")
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +43,7 @@ def small(plan):
 
 
 def explanations(robot, *texts):
-    return tuple(Explanation(EffectInstance.parse(text, robot), 20.0) for text in texts)
+    return tuple(Explanation(tt.EffectInstance.parse(text, robot), 20.0) for text in texts)
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +70,7 @@ def test_an_expectation_against_one_by_hand():
     """One size each, orthogonal columns: the new data's ln BF is that of a normal deviate."""
     one, other = (
         Explanation(dataclasses.replace(instance, values=(1.0,)), 5.0)
-        for instance in [EffectInstance.parse("cell-tare:right.front_left=1", tt.load_robot())] * 2
+        for instance in [tt.EffectInstance.parse("cell-tare:right.front_left=1", tt.load_robot())] * 2
     )
     before, after = np.diag([0.0, 0.0]), np.diag([9.0, 9.0])
     apart = separations([one, other], after)
@@ -120,7 +117,7 @@ def test_only_gaps_with_several_explanations_are_doubtful(robot):
 
 
 def test_nothing_to_settle_is_said(robot, lab, small):
-    with pytest.raises(InputError, match="expected one to settle"):
+    with pytest.raises(tt.InputError, match="expected one to settle"):
         rank_experiments(lab.run(small, engine="statics").measurements, robot, [])
     refuse("found the verdict named", Proposals("named", (), 2, "").save, "anywhere")
 

@@ -11,7 +11,6 @@ from tests.test_cli import TULIP as COMMAND
 from tests.test_cli import refused
 from tests.test_files import full_disk
 from tests.test_refusals import refuse
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import check_new, write_bytes
 from tulip_testbed.experiments import truth_record
 from tulip_testbed.experiments.run_file import robot_of
@@ -22,7 +21,7 @@ from tulip_testbed.sim.shipped import TULIP
 def test_the_truth_of_another_is_never_removed(run, tmp_path):
     (tmp_path / "truth.json").write_text("another's")
     refuse("truth.json: exists already", write_experiment, tmp_path / "data", tmp_path / "truth.json", run)
-    with pytest.raises(InputError, match=r"truth\.json: exists already; give a new name"):
+    with pytest.raises(tt.InputError, match=r"truth\.json: exists already; give a new name"):
         write_bytes(tmp_path / "truth.json", b"mine", new=True)
     assert [path.name for path in tmp_path.iterdir()] == ["truth.json"]
     assert (tmp_path / "truth.json").read_text() == "another's"
@@ -59,9 +58,9 @@ def test_nothing_is_written_into_a_measurement_folder(run, tmp_path, capsys):
     before = sorted(data.iterdir())
     inside = "lies inside the measurement folder"
     for place in (data / "more", data / "deep" / "more"):
-        with pytest.raises(InputError, match=inside):
+        with pytest.raises(tt.InputError, match=inside):
             tt.write_measurements(place, run.measurements)
-    with pytest.raises(InputError, match=r"truth\.json: lies inside the measurement folder"):
+    with pytest.raises(tt.InputError, match=r"truth\.json: lies inside the measurement folder"):
         write_experiment(tmp_path / "c", data / "truth.json", run)
     link = tmp_path / "link"
     link.symlink_to(data)
@@ -100,7 +99,7 @@ def test_a_path_that_no_file_can_have_is_one_message(run, tmp_path, monkeypatch,
     monkeypatch.chdir(tmp_path)
     assert WRONG_PATHS[name] in refused(capsys, "simulate", "--out", name)
     for call in calls(run, name):
-        with pytest.raises(InputError, match=WRONG_PATHS[name]):
+        with pytest.raises(tt.InputError, match=WRONG_PATHS[name]):
             call()
     assert list(tmp_path.iterdir()) == []
 

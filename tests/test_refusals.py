@@ -19,7 +19,6 @@ from tests.edited_files import BUILT, change_texts, write_rig
 from tests.published_robot import mjcf, write_published
 from tulip_testbed.calibration.families import read_tolerances
 from tulip_testbed.cli.main import main
-from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.random_effects import read_effects
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.identify import identify
@@ -190,7 +189,7 @@ def test_ranges_of_free_joints_are_refused(tmp_path, foreign, changes, words):
 @rows("corrections")
 def test_corrections_are_refused(tmp_path, robot, changes, words):
     texts = ("encoder-offset:right_knee=0.01", "joint-compliance:left_ankle_roll=0.0005")
-    effects = [EffectInstance.parse(text, robot) for text in texts]
+    effects = [tt.EffectInstance.parse(text, robot) for text in texts]
     write_rig(tmp_path / "rig", robot, effects)
     change_texts(tmp_path / "rig", changes)
     refuse(f"{tmp_path} ... {words}", read_rig, tmp_path / "rig", robot)

@@ -11,7 +11,6 @@ import pytest
 import tulip_testbed as tt
 from tests.published_robot import MASS, SOLE, center_of_mass, mjcf, write_published
 from tests.test_refusals import refuse, rows
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.robot_import import published
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
@@ -232,10 +231,10 @@ def test_an_mjcf_with_a_floor_no_motors_and_soles_that_are_stated(tmp_path):
         (("trunk", "left5"), "feet: found 'trunk'"),
         (("left5", "left5"), "feet: found 'left5' twice"),
     ):
-        with pytest.raises(InputError, match=message):
+        with pytest.raises(tt.InputError, match=message):
             import_robot(path, names)
     for sole in ((np.nan, 0.1, 0.1, 0.1), (-0.2, 0.1, 0.1, 0.1), (0.1, 0.1, 0.0, 0.1), (5.0, 0.1, 0.1, 0.1)):
-        with pytest.raises(InputError, match=r"sole: found .* m, expected reach in front of the ankle"):
+        with pytest.raises(tt.InputError, match=r"sole: found .* m, expected reach in front of the ankle"):
             import_robot(path, ("right5", "left5"), sole)
 
 

@@ -12,7 +12,6 @@ from tests.test_refusals import refuse
 from tulip_testbed.calibration.linearisation import SQUEEZE, sources_of
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.discovery.joint_fit import Data
-from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.inertial_wrench import link_wrenches
@@ -61,7 +60,7 @@ def test_it_is_what_inverse_dynamics_need(which, robot, foreign):
 @pytest.fixture(scope="module")
 def measured_of_joint(robot, plan):
     few = plan.take(plan.placement <= 2)
-    return Laboratory(robot, "force-plate").run(few, seed=3, engine="statics").measurements
+    return tt.Laboratory(robot, "force-plate").run(few, seed=3, engine="statics").measurements
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +100,7 @@ def test_feed_forward_of_holds_takes_side_forces_off(robot, part, soft):
         exact(robot, WrenchSensors(place=PLATE)),
     )
     assert plan.torques is not None
-    inside = Laboratory(robot, nominal=rig).with_effects(
+    inside = tt.Laboratory(robot, nominal=rig).with_effects(
         *[f"joint-compliance:right_knee={soft}"] * (soft > 0)
     )
     m = inside.run(dataclasses.replace(plan, torques=part * plan.torques), 1, "statics").measurements
@@ -227,7 +226,7 @@ def test_rows_of_a_placement_share_what_pushes_their_feet(robot, few, monkeypatc
     """Noise of single rows would average out; compliances seem surer then than the unseen force allows."""
     observed = observe(run(robot, few, monkeypatch, np.zeros(3)).measurements, nominal_robot(robot))
     soft = [f"joint-compliance:{joint}=2e-4" for joint in observed.tree.joints]
-    soft = Laboratory(robot, "force-plate").with_effects(*soft, "sole-compliance=4e-4")
+    soft = tt.Laboratory(robot, "force-plate").with_effects(*soft, "sole-compliance=4e-4")
     found = self_calibrate(observe(soft.run(few, 1, "statics").measurements, observed.nominal))
     structure, at = found.problem.noise, sources_of(found.observed).index(SQUEEZE)
     shared = structure.shared[..., structure.owner == at]

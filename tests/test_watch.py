@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+import tulip_testbed as tt
 from tests.edited_rows import changed, plus
-from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.watching.alarm import fault_of_changes, levels
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
 from tulip_testbed.experiments.watching.row_checks import NOT_SETTLED, UNUSABLE
@@ -36,25 +36,23 @@ from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.reading_noise import ReadingNoise, placement_levers, reading_noise
 from tulip_testbed.identification.regressor import regression
 from tulip_testbed.identification.variance_components import MARK_RATIO
-from tulip_testbed.measurements import Measurements, PosturePlan
-from tulip_testbed.sim.robot import Robot
 
 SEED, ONSET = 3, 35
 
 
-def measured_day(robot: Robot, plan: PosturePlan) -> Measurements:
+def measured_day(robot: tt.Robot, plan: tt.PosturePlan) -> tt.Measurements:
     """Measure the plan's first placements by statics."""
     few = plan.take(plan.placement <= 9)
-    return Laboratory(robot, "force-plate").run(few, SEED, "statics").measurements
+    return tt.Laboratory(robot, "force-plate").run(few, SEED, "statics").measurements
 
 
-def one_row(rows: Measurements, k: int) -> Measurements:
+def one_row(rows: tt.Measurements, k: int) -> tt.Measurements:
     """Return one row."""
     return rows.take(np.array([k]))
 
 
 def play(
-    model: DayModel, rows: Measurements, state: WatchState | None = None, targets: np.ndarray | None = None
+    model: DayModel, rows: tt.Measurements, state: WatchState | None = None, targets: np.ndarray | None = None
 ) -> tuple[WatchState, list[Verdict]]:
     """Play rows one after the other."""
     state, out = state or first_state(model), []
@@ -65,7 +63,7 @@ def play(
 
 
 @pytest.fixture(scope="module")
-def day(robot, plan) -> Measurements:
+def day(robot, plan) -> tt.Measurements:
     return measured_day(robot, plan)
 
 
@@ -85,7 +83,7 @@ def before(watched, day):
     return play(watched, day.take(np.arange(ONSET)))[0]
 
 
-def slipped(day: Measurements, angle: float, first: int = ONSET) -> Measurements:
+def slipped(day: tt.Measurements, angle: float, first: int = ONSET) -> tt.Measurements:
     """The right knee's encoder slips: every row from `first` on reads an angle too much."""
     return changed(day, joint_angles=plus(angle, slice(first, None), day.joints.index("right_knee")))
 
