@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.edited_rows import changed, plus
-from tests.effect_changes import SEED, first, statically
+from tests.effect_changes import SEED, first, measured, statically
 from tests.test_cli import refused, told
 from tests.test_refusals import refuse
 from tulip_testbed.base.errors import InputError
@@ -24,10 +24,9 @@ from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import ROWS, residuals
 from tulip_testbed.measurements import read_measurements
 from tulip_testbed.sim.plan_folder import read_plan
-from tulip_testbed.sim.rig import preset_rig, stages
+from tulip_testbed.sim.rig import stages
 from tulip_testbed.sim.scene import load_scene
 from tulip_testbed.sim.statics.solved_plan import solve_plan
-from tulip_testbed.sim.statics.static_run import run_statics
 
 
 def test_a_tilt_turns_about_x_then_about_y(noiseless):
@@ -46,8 +45,7 @@ def test_a_tilt_turns_about_x_then_about_y(noiseless):
 def test_the_nominal_laboratory_asked_again_shows_what_was_measured(name, robot, model, nominal):
     """Also if the plan has feed-forward torques, which the commands contain."""
     plan = first(read_plan(DEFAULT_PLAN.parent / name, robot), 8)
-    run = run_statics(solve_plan(preset_rig("wii", robot), plan), np.random.SeedSequence(SEED).spawn(1))[0]
-    observed = observe(run.measurements, nominal)
+    observed = observe(measured(robot, plan, "wii", seed=SEED), nominal)
     again = simulated(exact_rig(observed), measured_plan(observed))
     assert len(again) == len(observed)
     assert np.abs(again.joint_angles - observed.joint_angles).max() < 5e-3

@@ -169,12 +169,13 @@ def test_a_run_of_the_statics_says_that_it_has_no_true_centre_of_mass(static):
     assert NO_TRUE_COM in subject.notes
 
 
-def refuse_edited(folder, load, changes, words):
+def refuse_edited(intact, folder, kind, robot, changes, words):
     """Change a document of a run folder and put its hash right: the message names the file and the key."""
+    shutil.copytree(intact, folder)
     name, _, change = changes[0].partition(": ")
     change_document(folder / name, change)
     put_right(folder, name)
-    refuse(f"{name}: ... {words}", load, folder)
+    refuse(f"{name}: ... {words}", kind.load, folder, robot)
 
 
 @pytest.mark.filterwarnings("ignore")  # of arithmetic on strange numbers
@@ -203,14 +204,12 @@ def test_any_value_anywhere_is_read_or_refused_in_one_line(
 
 @rows("validation")
 def test_an_edited_validation_is_refused(run_folder, robot, tmp_path, changes, words):
-    folder = shutil.copytree(run_folder, tmp_path / "run")
-    refuse_edited(folder, lambda place: tt.Validation.load(place, robot), changes, words)
+    refuse_edited(run_folder, tmp_path / "run", tt.Validation, robot, changes, words)
 
 
 @rows("discovery")
 def test_an_edited_discovery_is_refused(discovered_folder, robot, tmp_path, changes, words):
-    folder = shutil.copytree(discovered_folder, tmp_path / "found")
-    refuse_edited(folder, lambda place: tt.Discovered.load(place, robot), changes, words)
+    refuse_edited(discovered_folder, tmp_path / "found", tt.Discovered, robot, changes, words)
 
 
 def put_right(folder, name):

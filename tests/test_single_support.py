@@ -9,6 +9,7 @@ import pytest
 
 import tulip_testbed as tt
 from tests.edited_rows import changed, plus
+from tests.effect_changes import statically
 from tests.statics_against_dynamics import compare, without_friction
 from tests.test_refusals import refuse
 from tulip_testbed.experiments.identify import identify
@@ -93,7 +94,7 @@ def test_both_engines_read_mujocos_centre_of_mass_in_the_frame_of_the_foot(model
     other = slice(4) if side == "left" else slice(4, 8)
     true = np.array([a.true_plates for a in run.truth.measured])
     placed = dataclasses.replace(run.measurements, plate_poses=true)
-    for measured, empty in ((placed, 1e-6), (statics(quiet, on[side]), 1e-9)):
+    for measured, empty in ((placed, 1e-6), (statically(quiet, on[side]), 1e-9)):
         assert len(measured) == COUNT
         assert set(measured.support) == {side}
         assert (np.abs(measured.cell_forces[:, other]) < empty).all()  # nobody stands on that plate
@@ -145,7 +146,7 @@ def test_two_base_frames_in_a_placement_are_refused(robot, quiet, plan, on, tmp_
         refuse(f"row {COUNT + 1}: found 'left' after 'right' in placement 2", call)
     write_plan(tmp_path / "apart", apart)
     three = joined(plan.take(plan.placement <= 2), read_plan(tmp_path / "apart", robot))
-    assert set(statics(quiet, three).support) == {"double", "right", "left"}
+    assert set(statically(quiet, three).support) == {"double", "right", "left"}
 
 
 def test_both_supports_together_tell_26_parameters(robot, plan, balanced):
@@ -162,8 +163,7 @@ def test_both_supports_together_tell_26_parameters(robot, plan, balanced):
 
 
 def test_an_empty_plate_is_not_read_and_the_preflight_says_what_it_leaves_out(robot, balanced):
-    (run,) = run_statics(solve_plan(preset_rig("wii", robot), balanced), np.random.SeedSequence(5).spawn(1))
-    measured = run.measurements
+    measured = statically(preset_rig("wii", robot), balanced)
     louder = changed(measured, cell_forces=plus(5.0, ..., slice(4, None)))
     np.testing.assert_array_equal(center_of_pressure(louder), center_of_pressure(measured))
     np.testing.assert_array_equal(load_shares(louder)[:, 0], 1.0)
@@ -177,11 +177,6 @@ def joined(first: tt.PosturePlan, second: tt.PosturePlan) -> tt.PosturePlan:
     names = ("posture", "placement")
     behind: Any = {name: getattr(first, name).max() + getattr(second, name) for name in names}
     return one_after_another([first, dataclasses.replace(second, **behind)])
-
-
-def statics(rig: Rig, plan: tt.PosturePlan) -> tt.Measurements:
-    (run,) = run_statics(solve_plan(rig, plan), np.random.SeedSequence(3).spawn(1))
-    return run.measurements
 
 
 def still(rig: Rig) -> Rig:

@@ -106,16 +106,3 @@ def ground_wrenches(robot: tt.Robot, run: Any) -> tuple[np.ndarray, np.ndarray]:
         place = feet[..., :3, 3] + np.einsum("mpab,pb->mpa", feet[..., :3, :3], center)
         force, moment = force - weight, moment - np.cross(place, np.broadcast_to(weight, place.shape))
     return force, moment
-
-
-def by_cells(measured: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Return weight and centre of pressure from the cells of both plates at their recorded places."""
-    moment = np.zeros((len(measured), 2))
-    for side in (0, 1):
-        forces = measured.cell_forces[:, 4 * side : 4 * side + 4]
-        x, y, yaw = measured.plate_poses[:, side].T
-        for k, (a, b) in enumerate(measured.cells[side]):
-            place = np.array([x + a * np.cos(yaw) - b * np.sin(yaw), y + a * np.sin(yaw) + b * np.cos(yaw)])
-            moment += (forces[:, k] * place).T
-    total = measured.cell_forces.sum(axis=1)
-    return total, moment / total[:, None]

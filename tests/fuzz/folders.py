@@ -112,13 +112,6 @@ def long_texts(t: pa.Table, draw: Draw) -> pa.Table:
     return whole({"support": lambda v: texts})(pa.concat_tables([t] * 300)[:9_000], draw)
 
 
-def fine_csv(text: str, draw: Draw) -> list:
-    header, _, body = text.partition("\n")
-    german = header.replace(",", ";") + "\n" + body.replace(",", ";").replace(".", ",")
-    others = text.replace(",", ";"), text.replace(",", " , "), text.replace('"', ""), text.rstrip("\n")
-    return [german, "# made by hand\n" + text, text + "," * header.count(",") + "\n", *others]
-
-
 def wrong_csv(text: str, draw: Draw) -> list:
     first, row, *rest = text.splitlines()
     rows = ["\n".join([first, bad, *rest]) for bad in (row + ",1", row.rpartition(",")[0], first)]
@@ -198,7 +191,6 @@ CONTENTS: dict[str, tuple] = {  # of files: what has to come of it, of which fil
     "spoiled CSV": (changes.spoiled, REFUSED, CSV),
     "wrong CSV": (wrong_csv, REFUSED, CSV),
     "harmless CSV": (changes.harmless, SAME, CSV),
-    "fine CSV": (fine_csv, SAME, CSV),
     "a JSON key lost or any value": (edited(changed_anywhere), ANYWHERE, *JSON),
     "truncated JSON": (changes.truncated, REFUSED, *JSON),
     "spoiled JSON": (changes.spoiled, REFUSED, *JSON),
