@@ -276,6 +276,11 @@ def few(plan) -> tt.PosturePlan:
 
 
 @pytest.fixture(scope="session")
+def twelve(plan) -> tt.PosturePlan:
+    return first(plan, 12)
+
+
+@pytest.fixture(scope="session")
 def two(plan) -> tt.PosturePlan:
     return first(plan, 2)
 

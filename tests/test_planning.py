@@ -177,16 +177,11 @@ def one_foot(robot, plate):
 
 
 @pytest.fixture(scope="module")
-def optimal(robot, model, plan):
-    return plan.take(plan.placement <= 8)
-
-
-@pytest.fixture(scope="module")
-def with_one_foot(one_foot, optimal):
+def with_one_foot(one_foot, few):
     """Six postures on the stance foot after forty on both."""
-    swing = optimal.swing_pose[-1]
+    swing = few.swing_pose[-1]
     angles = feasible_pool(one_foot, swing, 6, np.random.default_rng(SEED), times=1)[:6]
-    return appended_on_one_foot(optimal, OnOneFoot("right", one_foot, swing, angles))
+    return appended_on_one_foot(few, OnOneFoot("right", one_foot, swing, angles))
 
 
 @pytest.mark.slow
@@ -211,10 +206,10 @@ def test_the_next_placements_tell_more_than_random_ones(problem, robot, plate, p
     assert last.best_angles.tobytes() == states[-1].best_angles.tobytes()
 
 
-def test_repeats_stand_in_the_plan_and_in_the_measurements(robot, model, optimal, tmp_path):
-    plan = with_repeats(optimal, 7, SEED)
+def test_repeats_stand_in_the_plan_and_in_the_measurements(robot, few, tmp_path):
+    plan = with_repeats(few, 7, SEED)
     within, anew = (plan.made["repeats"][key] for key in ("within_placement", "placed_anew"))
-    assert (len(within), len(anew), len(plan), plan.postures) == (4, 3, len(optimal) + 7, len(optimal))
+    assert (len(within), len(anew), len(plan), plan.postures) == (4, 3, len(few) + 7, len(few))
     for number in within + anew:
         first, second = np.flatnonzero(plan.posture == number)
         assert second > first + 1  # never at once

@@ -15,6 +15,7 @@ import tulip_testbed as tt
 from tests.contact_folders import assert_same
 from tests.drawing import draws_with
 from tests.looking import browse
+from tests.test_cli import told
 from tests.test_refusals import change_document
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.example import empty_measurements
@@ -220,12 +221,11 @@ def test_pages_ask_the_network_for_nothing(folder):
 def test_command_prints_one_document(tmp_path, small_protocol, capsys, monkeypatch):
     monkeypatch.setattr("tulip_testbed.pages.pictures.rendered", _no_pictures)
     monkeypatch.setattr("tulip_testbed.api.planned.protocol_of", lambda *arguments: small_protocol)
-    assert main(["protocol", "optimal", "--out", str(tmp_path / "day"), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["rows"] == len(small_protocol.plan)
-    assert sum(told["motions"][kind] for kind in ("free", "hoist", "set_down")) == told["rows"]
-    assert {name.split("/")[-1] for name in told["files"]} == {p.name for p in (tmp_path / "day").iterdir()}
-    assert len(told["missing"]) == 1
+    said = told(capsys, "protocol", "optimal", "--out", tmp_path / "day")
+    assert said["rows"] == len(small_protocol.plan)
+    assert sum(said["motions"][kind] for kind in ("free", "hoist", "set_down")) == said["rows"]
+    assert {name.split("/")[-1] for name in said["files"]} == {p.name for p in (tmp_path / "day").iterdir()}
+    assert len(said["missing"]) == 1
 
 
 @pytest.mark.slow

@@ -1,6 +1,5 @@
 """Published robots, as MJCF and URDF, become robots that the laboratory takes."""
 
-import json
 import re
 import tomllib
 
@@ -10,6 +9,7 @@ import pytest
 
 import tulip_testbed as tt
 from tests.published_robot import MASS, SOLE, mjcf, write_published
+from tests.test_cli import told
 from tests.test_refusals import refuse, rows
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.robot_import import published
@@ -258,9 +258,8 @@ def test_forces_that_are_left_out_are_told(tmp_path):
 
 def test_the_command(urdf, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(published, "call_safely", sandbox.call_safely)  # in a process of its own, as users do
-    assert main(["robot", str(urdf), "--json", "--out", str(tmp_path / "out")]) == 0
+    document = told(capsys, "robot", urdf, "--out", tmp_path / "out")
     monkeypatch.undo()
-    document = json.loads(capsys.readouterr().out)
     assert document["found"]["joints"] == 17
     assert {"robot.toml", "robot.xml"} <= {path.name for path in (tmp_path / "out").iterdir()}
     assert load_robot(tmp_path / "out").path == (tmp_path / "out" / "robot.toml").resolve()

@@ -17,7 +17,7 @@ from studies.runner import Settings
 from studies.study_hidden_effects import figures
 from studies.teaching.signature import example, examples
 from studies.teaching.variables import VARIABLES
-from tests.effect_changes import first, statically
+from tests.effect_changes import statically
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import EffectInstance, split_label
 from tulip_testbed.effects.misreading import Misreading
@@ -34,11 +34,6 @@ def test_every_study_has_a_module_and_a_sentence() -> None:
         assert sentence == str(module.__doc__).split("\n")[0]
         assert callable(module.study)
         assert isinstance(module.SETTINGS, Settings)
-
-
-@pytest.fixture(scope="module")
-def twelve(plan):
-    return first(plan, 12)
 
 
 def test_half_of_the_families_are_absent_and_no_member_is_a_clear_fault(robot):
