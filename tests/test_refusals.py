@@ -27,6 +27,7 @@ from tulip_testbed.experiments.robot_import import published
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.experiments.validate import judge
 from tulip_testbed.identification.base_parameters import base_parameters
+from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.planning_ranges import free_joint_ranges, planning_ranges
 from tulip_testbed.measurements import Experiment, joined, read_measurements
 from tulip_testbed.measurements.manipulations import arrangement_of
@@ -246,6 +247,7 @@ def names(robot, run):
         "np": np,
         "tt": tt,
         "base_parameters": base_parameters,
+        "center_of_pressure": center_of_pressure,
         "identify": identify,
     }
     fit = tt.identify(run, estimator="mixed-model")

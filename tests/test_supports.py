@@ -8,12 +8,10 @@ from scipy.optimize import minimize
 
 import tulip_testbed as tt
 from tests.moving_robots import by_inverse_dynamics, moving, random_robot
-from tests.test_refusals import refuse
 from tulip_testbed.calibration.linearisation import SQUEEZE, sources_of
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.discovery.joint_fit import Data
 from tulip_testbed.identification.base_parameters import standard_parameters
-from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.inertial_wrench import link_wrenches
 from tulip_testbed.identification.load_rates import load_rates, soles_by_wrench
 from tulip_testbed.identification.nominal import PostureGeometry, jacobian, nominal_robot
@@ -148,11 +146,6 @@ def test_a_softer_joint_takes_load_off(observed):
             ends.append(dataclasses.replace(observed, servo_stiffness=1 / softer).torques)
         expected = -observed.loads.sharing[..., joint] * observed.torques[:, [joint]]
         assert expected == pytest.approx((ends[0] - ends[1]) / 2e-6, abs=1e-4 * np.abs(expected).max())
-
-
-def test_no_weight_is_refused(wii):
-    empty = dataclasses.replace(wii.measurements, cell_forces=np.zeros((len(wii.measurements), 8)))
-    refuse("row 1: cells sum to 0.00 N", center_of_pressure, empty)
 
 
 @pytest.fixture(scope="module")
