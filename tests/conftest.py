@@ -30,17 +30,14 @@ from tests.effect_changes import SEED, first
 from tests.foreign_robots import ROBOTS, write_robot
 from tests.synthetic import Bench, synthetic_bench
 from tulip_testbed.experiments.discovering import Discovered, discover_effects
-from tulip_testbed.experiments.laboratory import Laboratory, Run
 from tulip_testbed.experiments.protocols.protocol_run import LaboratoryProtocol, protocol_of
 from tulip_testbed.experiments.robot_import import published
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.experiments.validate import validate
-from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters
 from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.postures import random_postures
-from tulip_testbed.measurements import Measurements, PlateGeometry, PosturePlan
 from tulip_testbed.plans import optimal
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.outcome import Outcome
@@ -133,7 +130,7 @@ def edited_tulip(tmp_path) -> Callable[..., Robot]:
 
 
 @pytest.fixture(scope="session")
-def small_plan() -> PosturePlan:
+def small_plan() -> tt.PosturePlan:
     """The first four placements of the optimal plan."""
     return optimal.take(optimal.placement <= 4)
 
@@ -165,12 +162,12 @@ def parameters(robot) -> BaseParameters:
 
 
 @pytest.fixture(scope="session")
-def plate(robot) -> PlateGeometry:
+def plate(robot) -> tt.PlateGeometry:
     return nominal_plates(robot)[0]
 
 
 @pytest.fixture(scope="session")
-def plan(robot, model) -> PosturePlan:
+def plan(robot, model) -> tt.PosturePlan:
     return read_plan(DEFAULT_PLAN, robot)
 
 
@@ -182,37 +179,37 @@ def foreign(tmp_path_factory) -> dict[str, Robot]:
 
 
 @pytest.fixture(scope="session")
-def humanoid_plan(foreign, once) -> PosturePlan:
+def humanoid_plan(foreign, once) -> tt.PosturePlan:
     """Eight placements of five random postures each of the humanoid."""
     robot = foreign["humanoid"]
     return once("humanoid", lambda: random_postures(robot, nominal_plates(robot)[0], 8, 5, 110))
 
 
 @pytest.fixture(scope="session")
-def ideal(once, robot, plan) -> Validation:
+def ideal(once, robot, plan) -> tt.Validation:
     """Ten placements of the default plan without sensor noise, in the full dynamics."""
     part, how = plan.take(plan.placement <= 10), {"workers": 1, "imperfections": 0}
-    return once("ideal", lambda: validate(Laboratory(robot, "ideal"), part, 101, MIXED_MODEL, **how))
+    return once("ideal", lambda: validate(tt.Laboratory(robot, "ideal"), part, 101, MIXED_MODEL, **how))
 
 
 @pytest.fixture(scope="session")
-def wii(once, robot, plan) -> Validation:
+def wii(once, robot, plan) -> tt.Validation:
     """The whole default plan at preset wii, exact but for noise, by statics and the mixed model."""
     exact = partial(validate, estimator=MIXED_MODEL, engine="statics", imperfections=0)
-    return once("wii", lambda: exact(Laboratory(robot, "wii"), plan, 102))
+    return once("wii", lambda: exact(tt.Laboratory(robot, "wii"), plan, 102))
 
 
 @pytest.fixture(scope="session")
-def static_run(robot, plan) -> Run:
+def static_run(robot, plan) -> tt.Run:
     """An experiment of the statics engine with an encoder's offset, in memory."""
-    laboratory = Laboratory(robot, "force-plate").with_effects("encoder-offset:right_knee=0.01")
+    laboratory = tt.Laboratory(robot, "force-plate").with_effects("encoder-offset:right_knee=0.01")
     return laboratory.run(plan.take(plan.placement <= 10), DISCOVERED_SEED, "statics")
 
 
 @pytest.fixture(scope="session")
-def run(robot) -> Run:
+def run(robot) -> tt.Run:
     """The shipped plan on force plates, by statics."""
-    return Laboratory(robot, "force-plate").run(tt.plans.random, seed=3, engine="statics")
+    return tt.Laboratory(robot, "force-plate").run(tt.plans.random, seed=3, engine="statics")
 
 
 @pytest.fixture(scope="session")
@@ -229,11 +226,11 @@ def discovered_folder(discovered, tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def moved_wii(once, robot, plan) -> Validation:
+def moved_wii(once, robot, plan) -> tt.Validation:
     """Six placements at preset wii, exact but for noise, in the full dynamics, by the mixed model."""
     few = plan.take((plan.placement >= 11) & (plan.placement <= 16))  # some postures are lost
     exact = partial(validate, estimator=MIXED_MODEL, workers=1, imperfections=0)
-    return once("moved-wii", lambda: exact(Laboratory(robot, "wii"), few, 102))
+    return once("moved-wii", lambda: exact(tt.Laboratory(robot, "wii"), few, 102))
 
 
 @pytest.fixture(scope="session")
@@ -251,7 +248,7 @@ def coverage(once, robot, plan, tmp_path_factory) -> Path:
         folder = tmp_path_factory.mktemp("coverage") / "montecarlo"
         exact = {"estimator": MIXED_MODEL, "imperfections": 0.0, "workers": 1}
         few = plan.take(plan.placement <= 12)
-        tt.monte_carlo(Laboratory(robot), few, runs=40, seed=103, out=folder, **exact)
+        tt.monte_carlo(tt.Laboratory(robot), few, runs=40, seed=103, out=folder, **exact)
         return folder
 
     return once("coverage", make)
@@ -263,9 +260,9 @@ def nominal(robot) -> Nominal:
 
 
 @pytest.fixture(scope="session")
-def precise(robot, plan) -> Measurements:
+def precise(robot, plan) -> tt.Measurements:
     """The whole default plan on force plates, by statics."""
-    return Laboratory(robot, "force-plate").run(plan, 110, "statics").measurements
+    return tt.Laboratory(robot, "force-plate").run(plan, 110, "statics").measurements
 
 
 @pytest.fixture(scope="session")
@@ -274,12 +271,17 @@ def bench(nominal, plan) -> Bench:
 
 
 @pytest.fixture(scope="session")
-def few(plan) -> PosturePlan:
+def few(plan) -> tt.PosturePlan:
     return first(plan, 8)
 
 
 @pytest.fixture(scope="session")
-def two(plan) -> PosturePlan:
+def twelve(plan) -> tt.PosturePlan:
+    return first(plan, 12)
+
+
+@pytest.fixture(scope="session")
+def two(plan) -> tt.PosturePlan:
     return first(plan, 2)
 
 

@@ -24,6 +24,12 @@ SETTLING = 1.5  # s, until a view has drawn what it was told
 PATIENCE = 30.0  # s
 
 
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
 @contextmanager
 def headless_viewer(recording: Path, size: tuple[int, int] = (1600, 1000)) -> Iterator[ViewerClient]:
     """Rerun with a recording open, on a free port of this machine alone.
@@ -31,9 +37,7 @@ def headless_viewer(recording: Path, size: tuple[int, int] = (1600, 1000)) -> It
     Raises:
         RuntimeError: it does not start; with what it said last.
     """
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     with tempfile.TemporaryDirectory() as scratch, tempfile.TemporaryFile("w+") as log:
         command = [sys.executable, "-m", "rerun", "--headless", "--bind", "127.0.0.1", "--port", str(port)]
         command += ["--window-size", f"{size[0]}x{size[1]}"]

@@ -6,10 +6,9 @@ import dataclasses
 import mujoco
 import numpy as np
 
+import tulip_testbed as tt
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.contacts import WRENCH, Contacts
-from tulip_testbed.measurements.header import MeasurementHeader, SensorSheet
 from tulip_testbed.sim.random_robots import draw_robot
 
 GRAVITY = 9.81
@@ -28,25 +27,25 @@ def random_robot(robot, rng, spread=0.3):
     return dataclasses.replace(robot, model=model)
 
 
-def moving(robot, rng, count=6) -> Measurements:
+def moving(robot, rng, count=6) -> tt.Measurements:
     joints = nominal_robot(robot).parameters.tree.joints
     contacts = Contacts(
         "foot", WRENCH, np.zeros((2, 6)), None, np.zeros((2, 6)), np.zeros((2, 4)), np.zeros((2, 4))
     )
-    header = MeasurementHeader(
+    header = tt.MeasurementHeader(
         robot={},
         joints=joints,
         cells=np.zeros((2, 0, 2)),
         top_height=np.zeros(2),
         gravity=GRAVITY,
-        sensors=SensorSheet(),
+        sensors=tt.SensorSheet(),
         contacts=contacts,
     )
     rows = {
         name: scale * rng.standard_normal((count, len(joints)))
         for name, scale in (("joint_angles", 0.4), ("joint_rates", 1.0), ("joint_accelerations", 5.0))
     }
-    return Measurements.from_arrays(
+    return tt.Measurements.from_arrays(
         header,
         placement=np.ones(count, int),
         wrenches=np.zeros((count, 2, 6)),

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import numpy as np
 import trimesh
 
 LEG = (
@@ -110,42 +109,6 @@ def mesh(file: str, place: str) -> str:
         f'<visual><origin xyz="{place}"/><geometry><mesh filename="package://humanoid/meshes/{file}"/>'
         "</geometry></visual>"
     )
-
-
-def center_of_mass(joints: dict[str, float]) -> np.ndarray:
-    """Return the centre of mass in the pelvis' frame by hand-written kinematics, (3,) [m]."""
-
-    def about(axis: str, angle: float) -> np.ndarray:
-        k = np.array(axis.split(), float)
-        cross = np.array([[0, -k[2], k[1]], [k[2], 0, -k[0]], [-k[1], k[0], 0]])
-        return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-
-    total, first = 9.0, 9.0 * np.array([0.01, 0, 0.02])
-
-    def add(mass: float, center: str, place: np.ndarray, turned: np.ndarray) -> None:
-        nonlocal total, first
-        total, first = total + mass, first + mass * (place + turned @ np.array(center.split(), float))
-
-    def bend(name: str) -> np.ndarray:
-        return about("0 1 0", joints.get(name, 0.0))
-
-    waist = about("0 0 1", joints.get("waist", 0.0))
-    chest = np.array([0, 0, 0.08])
-    add(6.0, "0 0 0.2", chest, waist)
-    add(0.15, "0 0 0.05", chest + waist @ [0, 0, 0.42], waist @ about("0 0 1", joints.get("neck", 0.0)))
-    for name, side in (("right", -1), ("left", 1)):
-        place, turned = np.array([0, 0.1 * side, -0.06]), np.eye(3)
-        for k, (part, axis, here, mass, _) in enumerate(LEG):
-            if k:
-                place = place + turned @ np.array(here.split(), float)
-            turned = turned @ about(axis, joints.get(f"{name}_{part}", 0.0))
-            add(mass, "0.02 0 -0.03" if part == "ankle_roll" else "0.005 0 -0.12", place, turned)
-        shoulder, upper = chest + waist @ [0, 0.2 * side, 0.35], waist @ bend(f"{name}_shoulder")
-        add(1.1, "0 0 -0.1", shoulder, upper)
-        elbow, lower = shoulder + upper @ [0, 0, -0.26], upper @ bend(f"{name}_elbow")
-        add(0.8, "0.02 0 -0.1", elbow, lower)
-        add(0.01, "0 0 0", elbow + lower @ [0, 0, -0.24], lower)
-    return first / total
 
 
 def mjcf(legs: int = 6, more: str = "", foot: str = BOX) -> str:

@@ -19,7 +19,6 @@ from tests.documented import blocks
 from tests.test_architecture import FLOW
 from tests.test_cli import told
 from tulip_testbed.base.arguments import checked
-from tulip_testbed.base.errors import InputError, InputWarning
 from tulip_testbed.sim import robot as robot_module
 
 ROOT = Path(__file__).parent.parent
@@ -125,7 +124,7 @@ def test_an_implausible_value_warns_at_the_line_that_called(call, run):
         warnings.simplefilter("always")
         exec(f"\n\n{call}", {"__name__": "notebook", "tt": tt, "run": run, "lab": run.laboratory})
     (warning,) = seen
-    assert (warning.category, warning.filename, warning.lineno) == (InputWarning, "<string>", 3)
+    assert (warning.category, warning.filename, warning.lineno) == (tt.InputWarning, "<string>", 3)
     assert str(warning.message) == (
         "cell-gain:right.front_left: gain 3 (300 %) is 60 times what is plausible (0.05); "
         "values are in SI units"
@@ -140,7 +139,7 @@ def test_a_notebook_shows_the_line_and_the_message(capsys):
         "----> 3 tt.plans.write('folder', plan)",
         "InputError: plan: found the int 3, expected PosturePlan",
     ]
-    assert str(pickle.loads(pickle.dumps(InputError("as it was")))) == "as it was"
+    assert str(pickle.loads(pickle.dumps(tt.InputError("as it was")))) == "as it was"
 
 
 def test_results_are_pickled_and_compared(robot, two):

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from studies.runner import shipped_plan
+from tests.test_cli import told
 from tulip_testbed.calibration.linear_model import linear_model
-from tulip_testbed.cli.main import main
 from tulip_testbed.discovery.candidates import candidates
 from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.evidence import marginal_fits
@@ -174,13 +174,11 @@ def test_document_is_what_the_rows_say(found):
 def test_commands(tmp_path, capsys):
     small_plan, whole, out = tmp_path / "small", shipped_plan(load_robot()), tmp_path / "atlas"
     write_plan(small_plan, whole.take(whole.placement <= 6))
-    assert main(["atlas", str(small_plan), "--out", str(out), "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = told(capsys, "atlas", small_plan, "--out", out)
     assert {path.name for path in out.iterdir()} == {"atlas.html", "atlas.json"}
     page = (out / "atlas.html").read_text(encoding="utf-8")
     assert all(f"<td>{entry['effect']}" in page for entry in said["effects"])
     assert '<input id="search"' in page
     assert json.loads((out / "atlas.json").read_text()) == said
     assert "Infinity" not in (out / "atlas.json").read_text()
-    assert main(["atlas", "tolerance", str(small_plan), "--json"]) == 0
-    assert len(json.loads(capsys.readouterr().out)["sources"]) == 28
+    assert len(told(capsys, "atlas", "tolerance", small_plan)["sources"]) == 28

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
+from tests.edited_rows import changed, plus
 from tests.folder_faults import FAULTS, HEALTHY, planted
 from tests.test_cli import told
 from tests.test_refusals import check_words, refuse, rows
-from tulip_testbed.base.errors import InputWarning
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.check_folder import check_folder, warn_of_faults
 from tulip_testbed.identification.preflight import preflight
@@ -66,19 +66,13 @@ def test_a_planted_fault_is_caught_by_its_check(precise, nominal, fault):
 
 def test_words_say_what_where_and_what_to_do(precise, nominal):
     """The joint with a wrong zero, the placement with a shifted plate, the posture with a wrong figure."""
-    angles = precise.joint_angles.copy()
-    angles[:, 3] += 0.02
-    finding = found(dataclasses.replace(precise, joint_angles=angles), nominal)["legs close"]
+    finding = found(changed(precise, joint_angles=plus(0.02, ..., 3)), nominal)["legs close"]
     assert "offset of +20." in finding.advice or "offset of +19." in finding.advice
     assert "right_knee" in finding.advice
-    poses = precise.plate_poses.copy()
-    poses[precise.placement == 7, 1, 0] += 0.03
-    finding = found(dataclasses.replace(precise, plate_poses=poses), nominal)["single placements"]
+    moved = changed(precise, plate_poses=plus(0.03, precise.placement == 7, 1, 0))
+    finding = found(moved, nominal)["single placements"]
     assert finding.where == "placement 7, left plate"
-    forces = precise.cell_forces.copy()
-    forces[40, 2] += 18
-    forces[40, 3] -= 18
-    finding = found(dataclasses.replace(precise, cell_forces=forces), nominal)["single postures"]
+    finding = found(changed(precise, cell_forces=plus([18, -18], 40, [2, 3])), nominal)["single postures"]
     assert f"posture {precise.posture[40]} (row 41" in finding.where
 
 
@@ -155,7 +149,7 @@ def test_what_computes_with_measurements_warns_of_faults(precise, robot, monkeyp
     failed = [check.name for check in tt.check(wrong, robot).checks if check.result == "fail"]
     refuse("found gross faults ... 'legs close'", tt.discover, wrong, robot)
     for call in (partial(tt.discover, anyway=True), tt.predict, warn_of_faults):
-        with pytest.warns(InputWarning, match=f"found faults in .*{failed[-1]}.*no result holds"):
+        with pytest.warns(tt.InputWarning, match=f"found faults in .*{failed[-1]}.*no result holds"):
             call(wrong, robot)
 
 
@@ -163,7 +157,7 @@ def test_a_fault_is_one_line_that_points_to_the_preflight(precise, robot, tmp_pa
     wrong, data = planted("one cell drifts by 5 N", precise), tmp_path / "data"
     tt.write_measurements(data, wrong)
     found = "found faults in 'weight balance', 'drift'.*check.* says more$"
-    with pytest.warns(InputWarning, match=f"^measurements: {found}"):
+    with pytest.warns(tt.InputWarning, match=f"^measurements: {found}"):
         tt.identify(wrong, robot)
     capsys.readouterr()
     for command in (["identify"], ["export", "--out", str(tmp_path / "out.xml")]):
@@ -176,7 +170,7 @@ def test_a_fault_that_is_corrected_for_is_none(robot):
     lab = tt.Laboratory(robot, sensors="force-plate").with_effects("cell-gain:right.front_left=0.1")
     few = tt.plans.random.take(tt.plans.random.placement <= 16)
     measured = lab.run(few, engine="statics").measurements
-    with pytest.warns(InputWarning, match="'weight balance'"):
+    with pytest.warns(tt.InputWarning, match="'weight balance'"):
         tt.identify(measured, robot)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -187,6 +181,6 @@ def test_a_fault_that_is_corrected_for_is_none(robot):
     told = (
         r"found the correction encoder-offset:left_knee=0\.003, but the measurements show offset \S+ ± \S+ "
     )
-    with pytest.warns(InputWarning, match=told) as warned:
+    with pytest.warns(tt.InputWarning, match=told) as warned:
         tt.identify(measured, robot, corrections=wrong)
     assert len(warned) == 1

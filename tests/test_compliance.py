@@ -7,11 +7,10 @@ import mujoco
 import numpy as np
 import pytest
 
+import tulip_testbed as tt
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.effects.catalogue import catalogue
-from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.joint import LEAST_STIFFNESS
-from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.measurements import lay_boards
@@ -100,8 +99,8 @@ STANCE_LEG, SWING_LEG = "right_ankle_roll", "left_ankle_pitch"
 
 def one_effect(robot, plan, label, size, preset="force-plate", seed=1002):
     name, _, target = label.partition(":")
-    effect = EffectInstance(catalogue()[name], target, (size,))
-    run = Laboratory(robot, preset, hidden=(effect,)).run(plan, seed, "statics")
+    effect = tt.EffectInstance(catalogue()[name], target, (size,))
+    run = tt.Laboratory(robot, preset, hidden=(effect,)).run(plan, seed, "statics")
     return effect, observe(run.measurements, nominal_robot(robot))
 
 
@@ -133,7 +132,7 @@ def test_a_compliant_hip_is_not_surer_than_the_unseen_forces_allow(robot, plan):
 
 def test_a_leg_s_loads_come_from_its_own_foot(robot, plan):
     """So they hardly depend on the angle by which a joint yields."""
-    m = Laboratory(robot, "ideal").run(plan, seed=1003, engine="statics").measurements
+    m = tt.Laboratory(robot, "ideal").run(plan, seed=1003, engine="statics").measurements
     observed = observe(m, nominal_robot(robot))
     servos = observed.servo_stiffness * (m.command - m.joint_angles)
     for joint in (STANCE_LEG, SWING_LEG):
@@ -156,7 +155,7 @@ def test_a_leg_s_loads_come_from_its_own_foot(robot, plan):
 def test_where_a_link_rests_in_its_play_is_a_clipped_normal(robot, plan):
     rng = np.random.default_rng(7)
     few = plan.take(plan.placement <= 3)
-    m = Laboratory(robot, "wii").run(few, seed=1004, engine="statics").measurements
+    m = tt.Laboratory(robot, "wii").run(few, seed=1004, engine="statics").measurements
     observed = observe(m, nominal_robot(robot))
     at, half = m.joints.index("left_hip_yaw"), 0.002
     loads = observed.loads
@@ -181,7 +180,7 @@ def test_a_light_load_turns_a_link_through_its_play_within_a_row_of_a_motion(rob
 
 def test_the_noise_of_cells_without_a_sheet_counts_too(robot, plan):
     few = plan.take(plan.placement <= 6)
-    m = Laboratory(robot, "wii").run(few, seed=1005, engine="statics").measurements
+    m = tt.Laboratory(robot, "wii").run(few, seed=1005, engine="statics").measurements
     sheet = dataclasses.replace(m.sensors, cell_sd=None)
     observed = observe(dataclasses.replace(m, sensors=sheet), nominal_robot(robot))
     assert observed.cell_sd == 0

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from dm_env import test_utils
 
+from tests.statics_against_dynamics import heavier, pulled, without_friction
 from tulip_testbed.sim.compliance import Compliance
 from tulip_testbed.sim.composer import laboratory_environment
 from tulip_testbed.sim.drives import Drives
@@ -22,25 +23,6 @@ from tulip_testbed.sim.sensors import Sensors
 
 POSES = np.array([[0.0301, -0.1552, 0.0113], [0.0322, 0.1553, -0.0207]])
 PERIOD = 20  # physics steps from action to action
-
-
-def heavier(spec: mujoco.MjSpec) -> None:
-    """Another robot, with a strap between its knees."""
-    rng = np.random.default_rng(110)
-    for body in spec.bodies:
-        if body.mass > 0:
-            body.mass *= rng.uniform(0.9, 1.1)
-            body.ipos = body.ipos + rng.uniform(-0.01, 0.01, 3)
-    for joint in spec.joints:
-        joint.damping = joint.damping * rng.uniform(0.9, 1.1)
-        joint.frictionloss *= rng.uniform(0.9, 1.1)
-    for pair in spec.pairs:
-        pair.friction[:2] = rng.uniform(0.8, 1.2)
-    for actuator in spec.actuators:
-        actuator.biasprm[2] *= rng.uniform(0.9, 1.1)
-    strap = spec.add_tendon(name="strap", stiffness=rng.uniform(1, 2), springlength=[0, 0])
-    strap.wrap_joint("right_knee", 1.0)
-    strap.wrap_joint("left_knee", -rng.uniform(0.9, 1.1))
 
 
 def cells(step, name: str = "cells") -> np.ndarray:
@@ -62,7 +44,7 @@ def start(stand: Stand, command: np.ndarray) -> None:
     "changes",
     [
         pytest.param({}, marks=pytest.mark.slow),
-        pytest.param({"edit": heavier}, marks=pytest.mark.slow),
+        pytest.param({"edit": without_friction(heavier, pulled)}, marks=pytest.mark.slow),
         {"drives": Drives(0.013, 0.0021), "compliance": Compliance(1.3e-6, 1.7e-4, 3.3e-7)},
     ],
     ids=["shipped", "edited", "springs"],

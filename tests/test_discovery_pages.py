@@ -21,9 +21,7 @@ from tulip_testbed.cli.main import main
 from tulip_testbed.discovery.experiment_information import Explanation
 from tulip_testbed.discovery.next_experiment import ExpectedResult, NextExperiment
 from tulip_testbed.discovery.patterns import Pattern
-from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.discovery_curves import residual_curves
-from tulip_testbed.experiments.discovery_result import Discovered
 from tulip_testbed.pages.discovery_figures import evidence_figure
 from tulip_testbed.pages.discovery_page import discovery_page
 from tulip_testbed.pages.page import html
@@ -36,7 +34,7 @@ MOST_SECONDS, MOST_VIEW, MOST_PAGE = 20, 60e6, 12e6
 
 @pytest.fixture(scope="module")
 def saved(discovered_folder, robot):
-    return Discovered.load(discovered_folder, robot)
+    return tt.Discovered.load(discovered_folder, robot)
 
 
 def test_what_is_left_is_noise_and_what_was_there_is_not(saved):
@@ -98,7 +96,7 @@ def other(saved, verdict, robot):
     if verdict not in ADOPTED:
         changes |= {"rig_files": {}}
     if verdict == "ambiguous":
-        length = EffectInstance.parse("link-length:right_lower_leg=0.004", robot)
+        length = tt.EffectInstance.parse("link-length:right_lower_leg=0.004", robot)
         rival = Explanation(length, best.log_bayes_factor - 1.5)
         predicted = ExpectedResult("link-length:right_lower_leg", 0.1, 0.1, 0.1, 0.1, 0.1)
         numbers = (6, 30, 42.0, 0.6, 0.1, 0.012, 20.0, 1.5)
@@ -108,7 +106,7 @@ def other(saved, verdict, robot):
         changes |= {"patterns": (Pattern("C", "the foot's height", 50.0, 1, 1e-9, 0.6),), "check": None}
     if verdict == "described":
         texts = ("own-angle/linear=0.01,-0.2,1.8", "leg-load/linear=0.01,100,250")
-        law, rival = (EffectInstance.parse(f"law:encoder:right_knee/{text}", robot) for text in texts)
+        law, rival = (tt.EffectInstance.parse(f"law:encoder:right_knee/{text}", robot) for text in texts)
         also = (Explanation(law, 10.0), Explanation(rival, 9.0))
         changes |= {"adopted": (law,), "after": saved.after, "explanations": also}
     return dataclasses.replace(saved, **changes)
@@ -163,7 +161,7 @@ def test_residuals_that_do_not_fit_are_refused(discovered_folder, robot, tmp_pat
     path = work / "residuals.csv"
     path.write_text(eval(changes[0], {"text": path.read_text()}))
     put_right(work, path.name)
-    refuse(words, Discovered.load, work, robot)
+    refuse(words, tt.Discovered.load, work, robot)
 
 
 def test_a_discovery_of_some_rows_of_a_motion_is_read_again(discovered, robot, tmp_path):
@@ -173,7 +171,7 @@ def test_a_discovery_of_some_rows_of_a_motion_is_read_again(discovered, robot, t
     moving = dataclasses.replace(m, posture=numbers, joint_rates=still, joint_accelerations=still)
     some = {name: values[::3] for name, values in (discovered.residuals | {"posture": numbers}).items()}
     dataclasses.replace(discovered, measurements=moving, residuals=some).save(tmp_path / "moved")
-    saved = Discovered.load(tmp_path / "moved", robot)
+    saved = tt.Discovered.load(tmp_path / "moved", robot)
     np.testing.assert_array_equal(saved.searched.time, m.time[::3])
     assert residual_curves(saved)[0].before == pytest.approx(residual_curves(discovered)[0].before[::3])
     assert discovery_page(saved)

@@ -2,14 +2,14 @@
 
 import json
 import pickle
-from dataclasses import replace
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 
-from tests.effect_changes import SEED, first, statically
+from tests.edited_rows import changed, plus
+from tests.effect_changes import SEED, first, measured, statically
 from tests.test_cli import refused, told
 from tests.test_refusals import refuse
 from tulip_testbed.base.errors import InputError
@@ -24,10 +24,9 @@ from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import ROWS, residuals
 from tulip_testbed.measurements import read_measurements
 from tulip_testbed.sim.plan_folder import read_plan
-from tulip_testbed.sim.rig import preset_rig, stages
+from tulip_testbed.sim.rig import stages
 from tulip_testbed.sim.scene import load_scene
 from tulip_testbed.sim.statics.solved_plan import solve_plan
-from tulip_testbed.sim.statics.static_run import run_statics
 
 
 def test_a_tilt_turns_about_x_then_about_y(noiseless):
@@ -46,8 +45,7 @@ def test_a_tilt_turns_about_x_then_about_y(noiseless):
 def test_the_nominal_laboratory_asked_again_shows_what_was_measured(name, robot, model, nominal):
     """Also if the plan has feed-forward torques, which the commands contain."""
     plan = first(read_plan(DEFAULT_PLAN.parent / name, robot), 8)
-    run = run_statics(solve_plan(preset_rig("wii", robot), plan), np.random.SeedSequence(SEED).spawn(1))[0]
-    observed = observe(run.measurements, nominal)
+    observed = observe(measured(robot, plan, "wii", seed=SEED), nominal)
     again = simulated(exact_rig(observed), measured_plan(observed))
     assert len(again) == len(observed)
     assert np.abs(again.joint_angles - observed.joint_angles).max() < 5e-3
@@ -134,9 +132,8 @@ def test_a_board_that_rocks_has_no_cell_under_load_on_either_side(noiseless, few
     observed = observe(found, nominal)
     assert not observed.on_four_cells[:, 0].any()
     assert observed.on_four_cells[:, 1].mean() > 0.9
-    noisy = found.cell_forces.copy()
-    noisy[2, [0, 2]] += 0.6  # of the one that bears nothing, noise and crosstalk
-    assert not observe(replace(found, cell_forces=noisy), nominal).on_four_cells[:, 0].any()
+    noisy = changed(found, cell_forces=plus(0.6, 2, [0, 2]))  # of the one that bears nothing
+    assert not observe(noisy, nominal).on_four_cells[:, 0].any()
     tilt = rocking.remove(observed, "right.front_left", (0.0003,)).stance_tilt
     assert tilt[opposite > 5] == pytest.approx(0.0, abs=1e-12)
     distance = 2 * 0.2165 * 0.119 / np.hypot(0.2165, 0.119)  # of a cell from the diagonal

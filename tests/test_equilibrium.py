@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from scipy.stats import ks_2samp
 
 import tulip_testbed as tt
+from tests.edited_rows import changed, plus
 from tests.statics_against_dynamics import compare, excess_sag, laboratories, pulled
 from tulip_testbed.experiments.imperfections import drawn
-from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
@@ -137,23 +137,9 @@ def test_its_readings_scatter_as_sampled_ones_do():
 def test_a_posture_that_nobody_can_hold_is_not_solved(rig, plan):
     """Leaning so far that the torque limits do not carry it, with a sole outside its corners."""
     few = plan.take(np.arange(5))
-    angles = few.joint_angles.copy()
-    angles[2, [4, 10]] += 0.6
-    solved_plan = solve_plan(rig, dataclasses.replace(few, joint_angles=angles))
+    solved_plan = solve_plan(rig, changed(few, joint_angles=plus(0.6, 2, [4, 10])))
     (run,) = run_statics(solved_plan, np.random.SeedSequence(1).spawn(1))
     assert int(few.posture[2]) in [number for number, _ in run.truth.dropped]
-
-
-def test_what_it_does_not_know_is_refused(rig):
-    def odd(spec: mujoco.MjSpec) -> None:
-        spec.body("torso").add_site(name="a", pos=[0, 0, 0.1])
-        spec.body("left_foot").add_site(name="b")
-        tendon = spec.add_tendon(name="between", stiffness=10.0)
-        tendon.wrap_site("a")
-        tendon.wrap_site("b")
-
-    with pytest.raises(tt.InputError, match="tendon 'between': expected joints, or one site on the robot"):
-        read_mechanism(dataclasses.replace(rig, edit=odd))
 
 
 def test_a_sole_is_held_against_its_own_edges(solved_plan):
@@ -189,7 +175,7 @@ def test_the_feet_stay_when_the_last_posture_is_measured_again(rig, plan):
 def test_the_closed_slope_is_the_derivative(robot, plan, imperfections):
     """By central differences of the residual, with sole and joint springs and with one foot in the air."""
     several = tt.plans.mixed.take(np.arange(12))
-    rig = drawn(Laboratory(robot, "wii"), imperfections, np.random.SeedSequence(5)).rig
+    rig = drawn(tt.Laboratory(robot, "wii"), imperfections, np.random.SeedSequence(5)).rig
     solved, m = solve_plan(rig, several), read_mechanism(rig)
     assert has_closed_slope(m)
     load = Load(

@@ -16,7 +16,6 @@ import tulip_testbed as tt
 from tests.edited_files import change_texts
 from tests.published_robot import write_published
 from tests.test_refusals import refuse
-from tulip_testbed.base.errors import InputWarning
 from tulip_testbed.experiments.export.export_model import export_model
 from tulip_testbed.experiments.export.model_text import with_inertias
 from tulip_testbed.experiments.export.published_links import PublishedLinks
@@ -194,7 +193,7 @@ def test_another_robots_urdf_is_refused(published, found, robot, tmp_path):
 def test_an_inconsistent_estimate_is_told(found, robot, tmp_path):
     wanted = imagined(found, robot, standard_parameters(robot.model), error=1e-4)
     wanted.full.value[7] += 0.05
-    with pytest.warns(InputWarning) as warned:
+    with pytest.warns(tt.InputWarning) as warned:
         made = export_model(wanted, robot, tmp_path / "a.xml")
     far = made.misfit_in_standard_errors
     assert 50 < far < 500

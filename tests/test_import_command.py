@@ -1,6 +1,5 @@
 """`tulip import`: a laboratory's own table becomes a measurement folder, and no sign or unit is guessed."""
 
-import json
 import re
 import tomllib
 from pathlib import Path
@@ -10,6 +9,8 @@ import pandas as pd
 import pytest
 
 import tulip_testbed as tt
+from tests.contact_folders import EXAMPLE
+from tests.test_cli import told
 from tests.test_refusals import refuse, rows
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.table_import.column_names import propose
@@ -20,17 +21,15 @@ from tulip_testbed.measurements.cells import CELLS
 from tulip_testbed.measurements.contacts import VERTICAL
 
 ROOT = Path(__file__).parent.parent
-EXAMPLE = ROOT / "docs" / "how-to" / "your-data"
-PLATES = """
-[plates.right]
+PLATES = "".join(
+    f"""
+[plates.{side}]
 top_height = 0.05
-cells = {front_left = [0.2165, 0.119], front_right = [0.2165, -0.119], rear_right = [-0.2165, -0.119], \
-rear_left = [-0.2165, 0.119]}
-[plates.left]
-top_height = 0.05
-cells = {front_left = [0.2165, 0.119], front_right = [0.2165, -0.119], rear_right = [-0.2165, -0.119], \
-rear_left = [-0.2165, 0.119]}
+cells = {{front_left = [0.2, 0.1], front_right = [0.2, -0.1], rear_right = [-0.2, -0.1], \
+rear_left = [-0.2, 0.1]}}
 """
+    for side in ("right", "left")
+)
 WRENCHES = "".join(
     f"""
 [[contacts]]
@@ -240,9 +239,7 @@ def test_the_documented_statements_can_be_read(tmp_path):
 
 
 def test_the_command_prints_one_document(table, stated, tmp_path, capsys):
-    arguments = ["import", str(table()), "--out", str(tmp_path / "data"), "--json", "--map"]
-    assert main([*arguments, stated(WRENCHES)]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = told(capsys, "import", table(), "--out", tmp_path / "data", "--map", stated(WRENCHES))
     assert list(document) == ["mapped", "assumed", "problems", "unused", "folder", "conventions"]
     assert document["folder"] == str(tmp_path / "data")
     assert document["mapped"]["q.left_hip_yaw"]["column"] == "LHipYaw [deg]"

@@ -9,14 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+import tulip_testbed as tt
 from tulip_testbed.effects.catalogue import catalogue, effects_on
-from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.laws import LAW
 from tulip_testbed.effects.misreading import Misreading
 from tulip_testbed.effects.removal import without
 from tulip_testbed.identification.observation import observe
-from tulip_testbed.measurements import Measurements, SensorSheet
-from tulip_testbed.measurements.header import MeasurementHeader
 
 KNEE = [0.2, 0.4, -0.1]  # rad
 OTHER_KNEE = [0.25, -0.5, 0.5]
@@ -151,20 +149,22 @@ def measured(nominal):
     """Measurements with the true values above, or with readings in their place."""
     joints = nominal.parameters.tree.joints
 
-    def make(knee=KNEE, right=RIGHT, left=LEFT, right_pose=RIGHT_POSE, left_pose=LEFT_POSE) -> Measurements:
+    def make(
+        knee=KNEE, right=RIGHT, left=LEFT, right_pose=RIGHT_POSE, left_pose=LEFT_POSE
+    ) -> tt.Measurements:
         angles = np.zeros((3, len(joints)))
         angles[:, joints.index("right_knee")], angles[:, joints.index("left_knee")] = knee, OTHER_KNEE
         command = np.zeros_like(angles)
         command[:, joints.index("right_knee")] = COMMAND
         cells, height, robot = np.array([CELLS, CELLS]), np.zeros(2), dict.fromkeys(("model", "sha256"))
-        return Measurements.from_arrays(
-            MeasurementHeader(
+        return tt.Measurements.from_arrays(
+            tt.MeasurementHeader(
                 robot=robot,
                 joints=joints,
                 cells=cells,
                 top_height=height,
                 gravity=9.81,
-                sensors=SensorSheet(),
+                sensors=tt.SensorSheet(),
             ),
             posture=np.array([1, 2, 3]),
             placement=np.array(PLACEMENT),
@@ -183,7 +183,7 @@ def fault(robot, nominal):
     """A written effect as two functions: true measurements to faulty ones, and their observation back."""
 
     def make(text: str):
-        found = EffectInstance.parse(text, robot, PLACEMENT)
+        found = tt.EffectInstance.parse(text, robot, PLACEMENT)
         mechanism = found.effect.mechanism
         assert isinstance(mechanism, Misreading)
         return (
@@ -293,6 +293,6 @@ def test_a_board_rocks_towards_its_short_foot_by_hand(measured, nominal):
 
 
 def test_a_law_warns_of_postures_beyond_its_range(measured, nominal, robot):
-    law = EffectInstance.parse("law:encoder:right_knee/own-angle/linear=0.01,-0.05,0.3", robot)
+    law = tt.EffectInstance.parse("law:encoder:right_knee/own-angle/linear=0.01,-0.05,0.3", robot)
     with pytest.warns(UserWarning, match="postures 2, 3 outside the range"):
         without(measured(), nominal, [law])

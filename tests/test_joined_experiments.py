@@ -8,11 +8,9 @@ import pytest
 
 import tulip_testbed as tt
 from tests.test_refusals import change_document
-from tulip_testbed.base.errors import InputWarning
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import removed
 from tulip_testbed.effects.lasting import acting, arranged, epochs, targets_over
-from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import residuals, residuals_in_use
@@ -26,8 +24,8 @@ MASS = "known mass 2 kg at torso (0.1, -0.05, 0.3)"
 
 
 @pytest.fixture(scope="module")
-def lab(robot) -> Laboratory:
-    return Laboratory(robot, sensors="ideal")
+def lab(robot) -> tt.Laboratory:
+    return tt.Laboratory(robot, sensors="ideal")
 
 
 def measured(laboratory, few, *manipulations, session="one", seed=3):
@@ -37,7 +35,7 @@ def measured(laboratory, few, *manipulations, session="one", seed=3):
 
 @pytest.fixture(scope="module")
 def pair(robot, few):
-    noisy = Laboratory(robot, sensors="force-plate")
+    noisy = tt.Laboratory(robot, sensors="force-plate")
     return [measured(noisy, few), measured(noisy, few, CABLE, seed=4)]
 
 
@@ -115,7 +113,7 @@ def test_a_joined_run_folder_is_read_as_it_was_written(pair, tmp_path):
 def test_jerks_of_forces_are_kept_by_each_experiment(robot, tmp_path, known):
     """An older folder has no column of them: there they count as zero, and elsewhere as they are."""
     plan, rng, written = tt.plans.mixed, np.random.default_rng(1), []
-    feet = Laboratory(robot, sensors="foot-ft")
+    feet = tt.Laboratory(robot, sensors="foot-ft")
     for k, holds in enumerate(known):
         m: Any = measured(feet, plan.take(plan.support == "right"), session=str(k), seed=k)
         tared = dataclasses.replace(m.contacts, zero_sd=np.zeros_like(m.contacts.zero_sd))
@@ -210,7 +208,7 @@ def test_a_misspelt_key_of_a_manifest_is_named(pair, tmp_path):
     tt.write_measurements(tmp_path / "one", pair[0])
     change_document(tmp_path / "one" / "manifest.json", 'manipulation = ["cable removed"]', "cafe = 1")
     with pytest.warns(
-        InputWarning, match="'manipulation', which is not read; did you mean 'manipulations'"
+        tt.InputWarning, match="'manipulation', which is not read; did you mean 'manipulations'"
     ) as w:
         tt.read_measurements(tmp_path / "one")
     assert not any("cafe" in str(one.message) for one in w)

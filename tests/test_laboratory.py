@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from tests.edited_rows import changed, plus
 from tulip_testbed.effects.true_robot import true_base_parameters, true_model
 from tulip_testbed.experiments.checks import within
 from tulip_testbed.experiments.identify import identify
@@ -121,10 +122,8 @@ def test_a_posture_beyond_the_feet_tips_and_one_pushed_slips(rig, plan):
             pair.friction[:2] = 0.05
 
     rig = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=0))
-    leaning = plan.take(np.arange(3))
-    angles = leaning.joint_angles.copy()
-    angles[1:, [4, 10]] += 0.3  # both ankles pitch the robot forward
-    leaning = dataclasses.replace(leaning, joint_angles=angles)
+    both_ankles = plus(0.3, slice(1, None), [4, 10])  # pitch the robot forward
+    leaning = changed(plan.take(np.arange(3)), joint_angles=both_ankles)
     attempts = run_placement(rig, leaning, 1, frozenset(), np.random.SeedSequence(1))
     assert [attempt.reason for attempt in attempts[1:]] == ["tipped", "tipped"]
     slippery = dataclasses.replace(rig, edit=ice)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
+from tests.edited_rows import changed, put
 from tests.moving_robots import moving
 from tests.recorded_logs import BAD, CHANNELS, KINDS, motion, unit, write_dumper, write_table
 from tests.test_refusals import check_words, rows
@@ -117,9 +118,8 @@ def test_forces_change_as_fast_in_rows_as_in_samples(imported, bowing):
     """Means of a sine and of its derivatives have the ratio of its values, with two rows a period too."""
     time, pace, offset = np.arange(0, 30, 0.01), 5.4, 0.8 * WEIGHT
     made = samples(imported, bowing, time)
-    wrenches = made.wrenches.copy()
-    wrenches[:, 0] = offset + 10 * np.sin(pace * time)[:, None]
-    m = reduced(dataclasses.replace(made, wrenches=wrenches), WEIGHT, window=1.0, step=0.5).measurements
+    made = changed(made, wrenches=put(..., 0, slice(None), value=offset + 10 * np.sin(pace * time)[:, None]))
+    m = reduced(made, WEIGHT, window=1.0, step=0.5).measurements
     assert m.wrenches is not None
     assert m.wrench_rates is not None
     assert m.wrench_accelerations is not None
@@ -172,9 +172,8 @@ def test_identified_masses_predict_the_person_better_than_cad(imported, bowing, 
 
 def test_joints_that_stop_while_the_person_goes_on_are_a_frozen_log(imported, bowing):
     """The contact readings of half the record go on; a sensor repeats its last angles."""
-    angles = imported.joint_angles.copy()
-    angles[28:] = angles[28]
-    frozen = dataclasses.replace(imported, joint_angles=angles)
+    last = put(slice(28, None), value=imported.joint_angles[28])
+    frozen = changed(imported, joint_angles=last)
     found = {one.name: one for one in tt.check(frozen, bowing).checks}["stuck readings"]
     assert (found.result, found.where) == ("fail", "rows 29 to 57")
     assert "no joint changes, while the centre of pressure moves by" in found.seen

@@ -1,7 +1,9 @@
-"""Measurements in a folder and in memory: exact round trips, one contract."""
+"""Measurements in a folder, by hand or by a program, and in memory: exact round trips, one contract."""
 
 import dataclasses
 import json
+import shutil
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,11 +11,17 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 
 import tulip_testbed as tt
-from tests.contact_folders import assert_same
-from tests.test_refusals import refuse, rows
+from tests.contact_folders import EXAMPLE, assert_same
+from tests.documented import blocks
+from tests.edited_rows import changed, put
+from tests.test_refusals import change_document, refuse, rows
 from tulip_testbed.base.files import sha256
+from tulip_testbed.base.spreadsheet import plain_csv
+from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.check_folder import check_folder
 from tulip_testbed.measurements import Measurements, SensorSheet, read_measurements, write_measurements
 from tulip_testbed.measurements.contract import check_contract
@@ -24,13 +32,6 @@ from tulip_testbed.sim.outcome import Outcome
 def folder(wii, tmp_path):
     write_measurements(tmp_path / "data", wii.measurements)
     return tmp_path / "data"
-
-
-def edit_manifest(folder, change):
-    path = next(p for p in (folder / "manifest.json", folder / "plan.json") if p.exists())
-    content = json.loads(path.read_text())
-    change(content)
-    path.write_text(json.dumps(content))
 
 
 def test_round_trip_is_exact(wii, folder):
@@ -52,7 +53,8 @@ def test_an_edited_twin_is_not_passed_over(folder):
     table = table.set_column(at, "q.right_knee", pa.array(knee))
     pyarrow.csv.write_csv(table, path)
     refuse("postures.csv: hash mismatch", read_measurements, folder)
-    edit_manifest(folder, lambda m: m["tables"].update({path.name: sha256(path)}))
+    hashes = {one.name: sha256(one) for one in folder.glob("postures.*")}
+    change_document(folder / "manifest.json", f"tables = {json.dumps(hashes)}")
     words = "postures.csv: next to postures.parquet: column 'q.right_knee', row 1: found"
     refuse(words, read_measurements, folder)
 
@@ -74,12 +76,12 @@ def test_measurements_print_as_a_line_and_have_a_frame_with_the_folders_columns(
 )
 def test_gains_and_tolerances_are_read_and_written_back(folder, tmp_path, key, values):
     assert "tolerances" not in json.loads((folder / "manifest.json").read_text())
-    edit_manifest(folder, lambda m: m.update({key: values}))
+    change_document(folder / "manifest.json", f"{key} = {json.dumps(values)}")
     measured = read_measurements(folder)
     assert getattr(measured, key) == values
     write_measurements(tmp_path / "again", measured)
     assert_same(measured, read_measurements(tmp_path / "again"))
-    edit_manifest(folder, lambda m: m.update({key: None}))
+    change_document(folder / "manifest.json", f"{key} = null")
     assert getattr(read_measurements(folder), key) == {}
     wrong: Any = {key: {next(iter(values)): float("nan")}}
     broken = dataclasses.replace(measured, **wrong)
@@ -89,19 +91,6 @@ def test_gains_and_tolerances_are_read_and_written_back(folder, tmp_path, key, v
 @pytest.fixture(scope="module")
 def measured(run):
     return run.measurements
-
-
-def changed(m, **fields):
-    """Replace fields by what functions make of them."""
-    return dataclasses.replace(m, **{name: make(getattr(m, name).copy()) for name, make in fields.items()})
-
-
-def put(*place, value):
-    def make(values):
-        values[place] = value
-        return values
-
-    return make
 
 
 def taken(m, chosen):
@@ -141,8 +130,8 @@ def test_every_door_holds_measurements_against_the_contract(measured, robot, tmp
 def test_what_identify_refuses_the_preflight_explains(measured, robot, tmp_path, changes, check):
     wrong = changes(measured)
     write_measurements(tmp_path / "data", wrong, likely=False)
-    for given in (wrong, tmp_path / "data"):
-        failed = [c.name for c in tt.check(given, robot).checks if c.result == "fail"]
+    for shown in (wrong, tmp_path / "data"):
+        failed = [c.name for c in tt.check(shown, robot).checks if c.result == "fail"]
         assert check in failed
     with pytest.raises(tt.InputError):
         read_measurements(tmp_path / "data")
@@ -173,8 +162,100 @@ def test_the_shipped_plan_cannot_be_changed():
 
 
 def test_the_preflight_lists_all_tolerances_that_are_wrong(folder, robot):
-    unknown = {"encoder-ofset": 0.001, "tilt": 50.0, "magic": 1.0}
-    edit_manifest(folder, lambda m: m.update(tolerances=unknown))
+    unknown = 'tolerances = {"encoder-ofset": 0.001, "tilt": 50.0, "magic": 1.0}'
+    change_document(folder / "manifest.json", unknown)
     told = " ".join(check_folder(folder, robot).to_json()["complaints"]["manifest"])
     for part in ("unknown family 'encoder-ofset'", "unknown family 'magic'", "tilt: found 50.0, expected"):
         assert part in told
+
+
+PAGE = "docs/how-to/your-data.md"
+
+
+@pytest.fixture
+def mine(tmp_path):
+    shutil.copytree(EXAMPLE, tmp_path / "mine")
+    return tmp_path / "mine"
+
+
+def test_the_guide_shows_the_example_folder():
+    assert blocks(PAGE, "json") == [(EXAMPLE / "manifest.json").read_text()]
+    assert (EXAMPLE / "postures.csv").read_text().startswith(blocks(PAGE, "csv")[0])
+
+
+def test_the_guide_lists_the_columns_that_may_be_left_out(mine):
+    """The example lacks all of them but the time; without it, it still reads."""
+    measured = read_measurements(mine)
+    assert set(measured.support) == {"double"}
+    assert np.isnan(measured.window).all()
+    assert np.isnan(measured.cell_forces_sd).all()
+    assert measured.motor is None
+    assert measured.robot["sha256"] is None
+    header, *rows = (mine / "postures.csv").read_text().splitlines()[2:]
+    at = header.split(",").index("time")
+    lines = [",".join(np.delete(line.split(","), at)) for line in (header, *rows)]
+    (mine / "postures.csv").write_text("\n".join(lines))
+    assert np.isnan(read_measurements(mine).time).all()
+    assert main(["check", str(mine)]) == 0
+
+
+def test_two_tables_without_hashes_are_refused(mine, tmp_path):
+    write_measurements(tmp_path / "whole", read_measurements(mine))
+    change_document(tmp_path / "whole" / "manifest.json", "tables -")
+    refuse("found together with postures.csv and without a sha256", read_measurements, tmp_path / "whole")
+
+
+PATH = Path("postures.csv")
+NAMES = ["posture", "q.left_knee", "support"]
+ROWS = [["1", "0.25", "double"], ["2", "-1.5e-3", "double"], ["3", "7", ""]]
+PLAIN = "".join(",".join(row) + "\n" for row in (NAMES, *ROWS)).encode()
+
+
+@given(
+    separator=st.sampled_from([",", ";"]),
+    comma=st.booleans(),
+    spaces=st.integers(0, 3),
+    end=st.sampled_from(["\n", "\r\n", "\r"]),
+    mark=st.booleans(),
+    quoted=st.booleans(),
+    columns=st.integers(0, 2),
+    between=st.lists(
+        st.tuples(st.integers(0, 4), st.sampled_from(["", "   ", "# note; 1,5", '"# quoted, note",,'])),
+        max_size=5,
+    ),
+    last=st.booleans(),
+    top=st.sampled_from(["", "sep=", "SEP="]),
+)
+@settings(max_examples=200, deadline=None)
+def test_every_spelling_means_the_same(
+    separator, comma, spaces, end, mark, quoted, columns, between, last, top
+):
+    def value(text):
+        text = text.replace(".", ",") if comma and separator == ";" and text not in NAMES else text
+        return " " * spaces + (f'"{text}"' if quoted else text) + " " * spaces
+
+    lines = [separator.join([*map(value, row), *[""] * columns]) for row in (NAMES, *ROWS)]
+    for at, extra in between:
+        lines.insert(at, extra if extra.strip() else separator * (columns + 2))
+    if top:
+        lines.insert(0, top + separator)
+    text = end.join(lines) + (end if last else "")
+    assert plain_csv(PATH, (b"\xef\xbb\xbf" if mark else b"") + text.encode()) == PLAIN
+
+
+@rows("csv")
+def test_what_could_mean_two_things_is_refused(changes, words):
+    refuse(words, plain_csv, PATH, eval(changes[0], {"PLAIN": PLAIN}))
+
+
+@example(b"\x00\r\x0b")  # a line of one vertical tab is empty
+@example(b'";",a\n1,2\n')  # a name that separates
+@example(b"\t#")  # so is a comment behind a tab
+@given(st.binary(max_size=200))
+@settings(max_examples=200, deadline=None)
+def test_any_bytes_are_read_or_refused(content):
+    try:
+        again = plain_csv(PATH, content)
+    except tt.InputError:
+        return
+    assert plain_csv(PATH, again) == again

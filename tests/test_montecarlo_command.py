@@ -1,4 +1,4 @@
-"""`tulip montecarlo` and its folder on small plans: interrupted, killed, resumed, refused."""
+"""`tulip montecarlo`, its folder and its runs: interrupted, killed, resumed, refused, the same bits."""
 
 import dataclasses
 import json
@@ -9,18 +9,20 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet
 import pytest
 
 import tulip_testbed as tt
+from tests import dying_work
+from tests.montecarlo_work import LAYOUT, Regressions, bytes_of, run_regressions
 from tests.test_cli import TULIP
 from tests.test_refusals import change_document, refuse, rows
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.machine import machine
-from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of, stream_of
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, Settings, montecarlo_file
-from tulip_testbed.experiments.montecarlo.montecarlo_run import raise_runs, run_folder
+from tulip_testbed.experiments.montecarlo.montecarlo_run import collect, raise_runs, run_folder
+from tulip_testbed.experiments.montecarlo.run_columns import RunChunks, read_runs
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.sim.outcome import Outcome
@@ -88,7 +90,7 @@ def test_interrupted_and_killed_it_ends_as_if_undisturbed(plan, tmp_path):
 @pytest.mark.parametrize("engine", ["statics", pytest.param("dynamics", marks=pytest.mark.slow)])
 def test_random_robots(robot, model, plan, engine):
     """Each run has its own robot; the nominal one without a spread; the same stream, the same run."""
-    scenario = Laboratory(robot, "wii"), plan.take(plan.placement <= 1)
+    scenario = tt.Laboratory(robot, "wii"), plan.take(plan.placement <= 1)
     random = source_of(*scenario, 0.1, engine)
     first, second = random([stream_of(107, run) for run in range(2)])
     assert isinstance(first, Outcome)
@@ -108,12 +110,12 @@ def test_random_robots(robot, model, plan, engine):
 
 
 def test_a_run_without_a_posture_does_not_take_others_with_it(robot, plan, monkeypatch):
-    scenario = Laboratory(robot, "wii"), plan.take(plan.placement <= 1)
+    scenario = tt.Laboratory(robot, "wii"), plan.take(plan.placement <= 1)
     static = source_of(*scenario, None, "statics")
 
     def fail(solved_plan, streams, standard):
         if any(stream.spawn_key[0] == 2 for stream in streams):
-            raise InputError("none of 6 postures could be measured: tipped")
+            raise tt.InputError("none of 6 postures could be measured: tipped")
         return run_statics(solved_plan, streams, standard)
 
     monkeypatch.setattr("tulip_testbed.experiments.montecarlo.laboratory_runs.run_statics", fail)
@@ -126,7 +128,7 @@ SETTINGS = Settings(runs=100, seed=5, estimator="mixed-model", robot_spread=None
 
 @pytest.fixture
 def scenario(robot, plan):
-    return Laboratory(robot, "wii"), plan
+    return tt.Laboratory(robot, "wii"), plan
 
 
 def document_of(scenario, settings=SETTINGS):
@@ -170,7 +172,7 @@ def test_the_processor_is_recorded_and_another_one_may_go_on(scenario, tmp_path)
 
 def test_more_runs_in_the_same_folder(robot, plan, tmp_path):
     """The last file, which was not full, is made anew; the folder ends as if made at once."""
-    laboratory, few = Laboratory(robot, "wii"), plan.take(plan.placement <= 8)
+    laboratory, few = tt.Laboratory(robot, "wii"), plan.take(plan.placement <= 8)
 
     def carried_out(name, runs):
         exact = {"estimator": "mixed-model", "imperfections": 0.0}
@@ -197,9 +199,81 @@ def test_more_runs_of_another_kind_are_refused(scenario, tmp_path):
     assert (tmp_path / "run" / "run.json").read_bytes() == before
     with (
         kept(tmp_path / "run", scenario).opened(),
-        pytest.raises(InputError, match="another process is at work"),
+        pytest.raises(tt.InputError, match="another process is at work"),
     ):
         raise_runs(tmp_path / "run", document_of(scenario, dataclasses.replace(SETTINGS, runs=200)))
     assert (tmp_path / "run" / "run.json").read_bytes() == before
     raise_runs(tmp_path / "run", document_of(scenario, dataclasses.replace(SETTINGS, runs=200)))
     assert json.loads((tmp_path / "run" / "run.json").read_text())["settings"]["runs"] == 200
+
+
+FEW, SIZE = 23, 5
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory) -> RunChunks:
+    return run_regressions(tmp_path_factory.mktemp("undisturbed"), FEW, SIZE, Regressions())
+
+
+def test_two_workers_write_the_same_bytes(undisturbed, tmp_path):
+    assert bytes_of(run_regressions(tmp_path, FEW, SIZE, Regressions(), 2)) == bytes_of(undisturbed)
+    assert sorted(p.name for p in tmp_path.iterdir())[-1] == "chunk-000004.parquet"
+
+
+@pytest.mark.parametrize("size", [1, 7, FEW])
+def test_rows_do_not_depend_on_the_chunks(undisturbed, tmp_path, size):
+    run_regressions(tmp_path, FEW, size, Regressions())
+    assert pyarrow.parquet.read_table(tmp_path).equals(pyarrow.parquet.read_table(undisturbed.folder))
+
+
+def test_a_full_disk_leaves_what_was_written(undisturbed, tmp_path, monkeypatch):
+    written = Path.write_bytes
+
+    def until_full(path, content):
+        if "chunk-000002" in path.name:
+            written(path, content[:100])
+            raise OSError(28, "No space left on device")
+        return written(path, content)
+
+    monkeypatch.setattr(Path, "write_bytes", until_full)
+    chunks = RunChunks(tmp_path, FEW, SIZE)
+    refuse("No space left on device", run_regressions, tmp_path, FEW, SIZE, Regressions())
+    monkeypatch.undo()
+    assert chunks.missing() == [2, 3, 4]
+    assert len(list(tmp_path.iterdir())) == 2
+    assert bytes_of(run_regressions(tmp_path, FEW, SIZE, Regressions())) == bytes_of(undisturbed)
+
+
+def test_a_worker_that_dies_is_told(tmp_path):
+    message = "a worker process ended by SIGKILL.*, as the system does when memory runs out"
+    with pytest.raises(tt.InputError, match=message):
+        collect(RunChunks(tmp_path, 4, 1), dying_work.die, lambda count: None, 2)
+
+
+def test_without_a_folder_nothing_is_said_to_stay(monkeypatch, robot, plan):
+    def fail(*given):
+        raise tt.InputError("no space")
+
+    monkeypatch.setattr("tulip_testbed.experiments.montecarlo.montecarlo_run.collect", fail)
+    with pytest.raises(tt.InputError, match=r"^no space; nothing was kept$"):
+        tt.monte_carlo(tt.Laboratory(robot), plan, runs=2, workers=1)
+
+
+@rows("runs")
+def test_what_no_run_gives_is_refused_by_column(tmp_path, changes, words):
+    chunks = run_regressions(tmp_path, FEW, SIZE, Regressions())
+    table, (name, _, values) = pyarrow.parquet.read_table(chunks.path(1)), changes[0].partition(" = ")
+    table = table.set_column(table.column_names.index(name), name, pa.array(eval(values, {"np": np})))
+    pyarrow.parquet.write_table(table, chunks.path(1))
+    refuse(f"chunk-000001.parquet: ... {words}", read_runs, chunks, LAYOUT)
+
+
+def test_a_column_that_comes_twice_and_rows_without_end_are_refused(tmp_path):
+    chunks = run_regressions(tmp_path, FEW, SIZE, Regressions())
+    intact = pyarrow.parquet.read_table(chunks.path(1))
+    twice, many = intact.select([*intact.column_names, "mass"]), pa.concat_tables([intact] * 1_000)
+    for table, message in ((twice, "cannot read"), (many, "not the chunk of runs 5 to 9")):
+        pyarrow.parquet.write_table(table, chunks.path(1))
+        refuse(f"chunk-000001.parquet: {message}", read_runs, chunks, LAYOUT)
+    chunks.path(1).write_bytes(b"PAR1 broken PAR1")
+    refuse("chunk-000001.parquet: cannot read", read_runs, chunks, LAYOUT)

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
-from tests.effect_changes import first
 from tests.test_refusals import refuse
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.discovery.experiment_information import (
     Explanation,
@@ -27,8 +25,6 @@ from tulip_testbed.discovery.next_experiment import (
     within_limits,
 )
 from tulip_testbed.discovery.story import story
-from tulip_testbed.effects.instance import EffectInstance
-from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.proposed_experiment import Proposals, read_experiment
 from tulip_testbed.measurements import Experiment, joined
 
@@ -36,26 +32,21 @@ SEED = 31
 
 
 @pytest.fixture(scope="module")
-def lab(robot) -> Laboratory:
-    return Laboratory(robot, sensors="force-plate")
-
-
-@pytest.fixture(scope="module")
-def small(plan):
-    return first(plan, 12)
+def lab(robot) -> tt.Laboratory:
+    return tt.Laboratory(robot, sensors="force-plate")
 
 
 def explanations(robot, *texts):
-    return tuple(Explanation(EffectInstance.parse(text, robot), 20.0) for text in texts)
+    return tuple(Explanation(tt.EffectInstance.parse(text, robot), 20.0) for text in texts)
 
 
 @pytest.fixture(scope="module")
-def ranked(robot, lab, small):
+def ranked(robot, lab, twelve):
     """Two cells that a single experiment confuses, and the experiments that would tell them apart."""
     made = lab.with_effects("cell-tare:right.front_left=0.8").manipulated(session="one")
-    measured = joined([made.run(small, seed=SEED, engine="statics", workers=1).measurements])
+    measured = joined([made.run(twelve, seed=SEED, engine="statics", workers=1).measurements])
     both = explanations(robot, "cell-tare:right.front_left=0.8", "cell-tare:right.rear_right=0.8")
-    return rank_experiments(measured, robot, [Doubt(both)], small)
+    return rank_experiments(measured, robot, [Doubt(both)], twelve)
 
 
 def test_turning_the_plate_tells_its_cells_apart_and_the_other_one_does_not(ranked):
@@ -73,7 +64,7 @@ def test_an_expectation_against_one_by_hand():
     """One size each, orthogonal columns: the new data's ln BF is that of a normal deviate."""
     one, other = (
         Explanation(dataclasses.replace(instance, values=(1.0,)), 5.0)
-        for instance in [EffectInstance.parse("cell-tare:right.front_left=1", tt.load_robot())] * 2
+        for instance in [tt.EffectInstance.parse("cell-tare:right.front_left=1", tt.load_robot())] * 2
     )
     before, after = np.diag([0.0, 0.0]), np.diag([9.0, 9.0])
     apart = separations([one, other], after)
@@ -92,12 +83,12 @@ def test_an_expectation_against_one_by_hand():
     assert expected < 0.7 * float(entropy(probabilities([0.0, 0.0])))
 
 
-def test_a_measured_angle_beyond_its_range_is_planned_at_the_limit(robot, small):
+def test_a_measured_angle_beyond_its_range_is_planned_at_the_limit(robot, twelve):
     low, high = robot.model.joint("left_hip_roll").range
-    k = small.joints.index("left_hip_roll")
-    angles = small.joint_angles.copy()
+    k = twelve.joints.index("left_hip_roll")
+    angles = twelve.joint_angles.copy()
     angles[0, k], angles[1, k] = high + 0.0006, low - 0.0006
-    planned = within_limits(dataclasses.replace(small, joint_angles=angles), robot).joint_angles
+    planned = within_limits(dataclasses.replace(twelve, joint_angles=angles), robot).joint_angles
     assert (planned[0, k], planned[1, k]) == (high, low)
     angles[[0, 1], k] = planned[[0, 1], k]
     np.testing.assert_array_equal(planned, angles)
@@ -119,9 +110,9 @@ def test_only_gaps_with_several_explanations_are_doubtful(robot):
     assert doubts_of("named", [first, second]) == []
 
 
-def test_nothing_to_settle_is_said(robot, lab, small):
-    with pytest.raises(InputError, match="expected one to settle"):
-        rank_experiments(lab.run(small, engine="statics").measurements, robot, [])
+def test_nothing_to_settle_is_said(robot, lab, twelve):
+    with pytest.raises(tt.InputError, match="expected one to settle"):
+        rank_experiments(lab.run(twelve, engine="statics").measurements, robot, [])
     refuse("found the verdict named", Proposals("named", (), 2, "").save, "anywhere")
 
 

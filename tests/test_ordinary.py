@@ -14,13 +14,10 @@ from tulip_testbed.calibration.families import families_of, tolerances_of
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.experiments.checks import correlation_checks, data_correlation_checks
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, ORDINARY
-from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.imperfections import draw_members, drawn, ordinary_members, single_stream
-from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.laboratory_runs import OrdinaryOutcome, source_of, stream_of
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, Settings
 from tulip_testbed.experiments.validate import evaluate, judge, validate
-from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.measurements import SensorSheet, write_measurements
 from tulip_testbed.sim.outcome import Outcome
@@ -31,7 +28,7 @@ SEED = 140
 
 @pytest.fixture(scope="module")
 def validated(robot, plan):
-    return validate(Laboratory(robot, "wii"), plan, SEED, engine="statics")
+    return validate(tt.Laboratory(robot, "wii"), plan, SEED, engine="statics")
 
 
 def test_members_are_drawn_for_all_families(robot):
@@ -51,7 +48,7 @@ def test_members_are_drawn_for_all_families(robot):
 
 def test_imperfections_have_a_stream_of_their_own(robot, plan):
     """The runs are the same with tiny ones and without, each run has its own, company does not matter."""
-    laboratory, part = Laboratory(robot, "wii"), plan.take(plan.placement <= 4)
+    laboratory, part = tt.Laboratory(robot, "wii"), plan.take(plan.placement <= 4)
     streams = [stream_of(SEED, run) for run in range(3)]
     ordinary = source_of(laboratory, part, None, "statics", 1e-7)(streams)
     exact = source_of(laboratory, part, None, "statics")([stream_of(SEED, run) for run in range(3)])
@@ -73,7 +70,7 @@ def test_imperfections_have_a_stream_of_their_own(robot, plan):
 
 def test_the_truth_follows_the_lengths_of_the_links(robot, plan):
     part = plan.take(plan.placement <= 3)
-    laboratory = Laboratory(robot, "wii")
+    laboratory = tt.Laboratory(robot, "wii")
     (outcome,) = source_of(laboratory, part, None, "statics", 1.0)([stream_of(SEED, 0)])
     assert isinstance(outcome, OrdinaryOutcome)
     _, _, members = stream_of(SEED, 0).spawn(3)
@@ -90,7 +87,7 @@ def test_the_truth_follows_the_lengths_of_the_links(robot, plan):
 
 def test_a_laboratory_that_cannot_be_built_fails_its_run_alone(robot, plan):
     part = plan.take(plan.placement <= 3)
-    outcomes = source_of(Laboratory(robot, "wii"), part, None, "statics", 1e6)([stream_of(SEED, 0)])
+    outcomes = source_of(tt.Laboratory(robot, "wii"), part, None, "statics", 1e6)([stream_of(SEED, 0)])
     assert isinstance(outcomes[0], str)
 
 
@@ -107,8 +104,8 @@ def test_a_validation_in_an_ordinary_laboratory(validated, plan, robot, tmp_path
     assert json.loads((tmp_path / "run" / "result.json").read_text())["imperfections"] == 1.0
     effects = json.loads((tmp_path / "run" / "truth.json").read_text())["effects"]
     assert len(effects) == len(hidden)
-    assert Validation.load(tmp_path / "run", robot).imperfections == 1.0
-    again = drawn(Laboratory(robot, "wii"), 1.0, single_stream(SEED))
+    assert tt.Validation.load(tmp_path / "run", robot).imperfections == 1.0
+    again = drawn(tt.Laboratory(robot, "wii"), 1.0, single_stream(SEED))
     assert [str(i) for i in again.hidden] == [str(i) for i in hidden]
     plain: Any = validated.least_squares
     assert plain.estimator == "least-squares"
@@ -121,11 +118,11 @@ def test_a_validation_in_an_ordinary_laboratory(validated, plan, robot, tmp_path
 def test_an_identification_is_read_as_it_was_written(validated, robot, tmp_path):
     own = validated.identification
     own.save(tmp_path / "fit")
-    read = Identification.load(tmp_path / "fit", robot)
+    read = tt.Identification.load(tmp_path / "fit", robot)
     assert repr(read) == repr(own)
     assert read.to_json() == own.to_json() == json.loads((tmp_path / "fit" / "result.json").read_text())
     assert read["torso.x"] == own["torso.x"]
-    refuse("result.json: cannot read", Identification.load, tmp_path, robot)
+    refuse("result.json: cannot read", tt.Identification.load, tmp_path, robot)
 
 
 def test_what_a_laboratory_hides_has_the_names_that_the_estimator_gives(validated, robot):
@@ -175,7 +172,7 @@ def test_a_plan_that_weakens_a_correlation_is_not_judged():
 def test_the_manifest_says_nothing_about_what_is_imperfect(validated, robot, plan, tmp_path):
     """Exact or not, laboratories state one data sheet, and no tolerances."""
     write_measurements(tmp_path / "ordinary", validated.measurements)
-    exact = Laboratory(robot, "wii").run(plan, SEED, "statics")
+    exact = tt.Laboratory(robot, "wii").run(plan, SEED, "statics")
     write_measurements(tmp_path / "exact", exact.measurements)
     one, other = (
         json.loads((tmp_path / name / "manifest.json").read_text()) for name in ("ordinary", "exact")
@@ -200,7 +197,7 @@ def test_all_that_identifies_has_one_default():
 
 def test_the_verdict_fails_wrong_estimates(validated, robot, plan):
     """Estimates that are off by five standard errors, and standard errors of a third of their size."""
-    run = drawn(Laboratory(robot, "wii"), 1.0, single_stream(SEED)).run(plan, SEED, "statics")
+    run = drawn(tt.Laboratory(robot, "wii"), 1.0, single_stream(SEED)).run(plan, SEED, "statics")
     found = validated.identification
     for change in (
         {"value": found.full.value + 5 * np.sqrt(np.diag(found.full.covariance))},
@@ -215,7 +212,7 @@ def test_the_verdict_fails_wrong_estimates(validated, robot, plan):
 def test_an_ordinary_laboratory_in_the_full_dynamics(robot, plan):
     """Springs in all joints come to rest, with the readings of statics."""
     part = plan.take(plan.placement <= 2)
-    laboratory = drawn(Laboratory(robot, "force-plate"), 1.0, single_stream(SEED))
+    laboratory = drawn(tt.Laboratory(robot, "force-plate"), 1.0, single_stream(SEED))
     moving, static = (laboratory.run(part, 1, engine).measurements for engine in ("dynamics", "statics"))
     assert len(moving) > 0.8 * len(static)
     assert np.abs(moving.cell_forces.sum(axis=1).mean() - static.cell_forces.sum(axis=1).mean()) < 0.5
@@ -229,7 +226,7 @@ def test_a_sensor_in_a_foot_has_no_record_of_its_place_that_could_be_wrong(robot
 
 
 def test_a_monte_carlo_records_its_imperfections(robot, plan, tmp_path):
-    laboratory, part = Laboratory(robot, "wii"), plan.take(plan.placement <= 5)
+    laboratory, part = tt.Laboratory(robot, "wii"), plan.take(plan.placement <= 5)
     tt.monte_carlo(laboratory, part, runs=2, seed=SEED, out=tmp_path / "runs", workers=1, imperfections=0.5)
     read = MonteCarlo.load(tmp_path / "runs", robot)
     assert read.imperfections == read.document.settings.imperfections == 0.5

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import tulip_testbed as tt
 from tests.drawing import draws_with
+from tests.effect_changes import measured
 from tests.published_robot import write_published
 from tests.test_cli import refused, told
 from tests.test_refusals import change_document, refuse, rows
@@ -19,12 +20,8 @@ from tulip_testbed import rendering
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments import planning_run as planning
 from tulip_testbed.experiments.planning_run import PlanSettings, set_up_search, state_folder
-from tulip_testbed.measurements import write_measurements
 from tulip_testbed.rendering import ABOVE, EDGE, SIDE, least_distance
 from tulip_testbed.sim.plan_folder import read_plan
-from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.statics.solved_plan import solve_plan
-from tulip_testbed.sim.statics.static_run import run_statics
 
 SMALL = ("--placements", "5", "--postures-per-placement", "3", "--hops", "1", "--seed", "311")
 
@@ -100,8 +97,7 @@ def test_an_edited_state_is_refused_by_name(interrupted, tmp_path, changes, word
 def test_the_next_postures_and_their_description(robot, plan, tmp_path, capsys):
     """After fifty that were measured."""
     data, out, first = tmp_path / "data", tmp_path / "next", plan.take(plan.placement <= 10)
-    (run,) = run_statics(solve_plan(preset_rig("wii", robot), first), np.random.SeedSequence(312).spawn(1))
-    write_measurements(data, run.measurements)
+    tt.write_measurements(data, measured(robot, first, "wii", seed=312))
     options = ("--after", str(data), "--placements", "1", "--hops", "1", "--seed", "311")
     said = told(capsys, "plan", "optimal", "--out", out, *options, "--repeats", "1")
     assert said["postures"] == 6

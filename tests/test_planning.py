@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.effect_changes import measured
 from tests.holding import check_standing
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.described_plan import describe_plan
@@ -40,7 +41,6 @@ from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.statics.solved_plan import solve_plan
-from tulip_testbed.sim.statics.static_run import run_statics
 
 STEP = 1e-6
 SIGMA = 4.16e-3
@@ -171,32 +171,22 @@ def test_what_cannot_be_repaired_is_refused_with_its_reason(robot, plate, plan):
 SEED = 311
 
 
-def measured(robot, plan, preset="wii", seed=SEED):
-    (run,) = run_statics(solve_plan(preset_rig(preset, robot), plan), np.random.SeedSequence(seed).spawn(1))
-    return run.measurements
-
-
 @pytest.fixture(scope="module")
 def one_foot(robot, plate):
     return planning_problem(robot, plate, support="right")
 
 
 @pytest.fixture(scope="module")
-def optimal(robot, model, plan):
-    return plan.take(plan.placement <= 8)
-
-
-@pytest.fixture(scope="module")
-def with_one_foot(one_foot, optimal):
+def with_one_foot(one_foot, few):
     """Six postures on the stance foot after forty on both."""
-    swing = optimal.swing_pose[-1]
+    swing = few.swing_pose[-1]
     angles = feasible_pool(one_foot, swing, 6, np.random.default_rng(SEED), times=1)[:6]
-    return appended_on_one_foot(optimal, OnOneFoot("right", one_foot, swing, angles))
+    return appended_on_one_foot(few, OnOneFoot("right", one_foot, swing, angles))
 
 
 @pytest.mark.slow
 def test_the_next_placements_tell_more_than_random_ones(problem, robot, plate, plan):
-    taken = measured(robot, plan.take(plan.placement <= 10))
+    taken = measured(robot, plan.take(plan.placement <= 10), "wii", seed=SEED)
     goal = objectives(SIGMA)["condition"]
     states = []
     found = SearchTask(problem, goal, 2, 5, SEED, 10, measured=taken).run(states.append)
@@ -216,10 +206,10 @@ def test_the_next_placements_tell_more_than_random_ones(problem, robot, plate, p
     assert last.best_angles.tobytes() == states[-1].best_angles.tobytes()
 
 
-def test_repeats_stand_in_the_plan_and_in_the_measurements(robot, model, optimal, tmp_path):
-    plan = with_repeats(optimal, 7, SEED)
+def test_repeats_stand_in_the_plan_and_in_the_measurements(robot, few, tmp_path):
+    plan = with_repeats(few, 7, SEED)
     within, anew = (plan.made["repeats"][key] for key in ("within_placement", "placed_anew"))
-    assert (len(within), len(anew), len(plan), plan.postures) == (4, 3, len(optimal) + 7, len(optimal))
+    assert (len(within), len(anew), len(plan), plan.postures) == (4, 3, len(few) + 7, len(few))
     for number in within + anew:
         first, second = np.flatnonzero(plan.posture == number)
         assert second > first + 1  # never at once
@@ -227,7 +217,7 @@ def test_repeats_stand_in_the_plan_and_in_the_measurements(robot, model, optimal
         assert (plan.placement[first] == plan.placement[second]) == (number in within)
     write_plan(tmp_path / "plan", plan)
     again = read_plan(tmp_path / "plan", robot)
-    held = measured(robot, again, "ideal")
+    held = measured(robot, again, "ideal", seed=SEED)
     assert len(held) <= len(plan)  # the laboratory adds none of its own
     assert set(held.posture.tolist()) <= set(plan.posture.tolist())
     pairs = [np.flatnonzero(held.posture == number) for number in anew]
@@ -270,11 +260,11 @@ def test_postures_on_one_foot_keep_their_margins_and_show_26_parameters(robot, o
     said: Any = describe_plan(robot, with_one_foot, "plan", "wii")
     assert len(said.predicted_standard_error_mm) == 26
     assert said.margins["right foot: stability margin"]["value"] >= 0
-    found = measured(robot, with_one_foot)
+    found = measured(robot, with_one_foot, "wii", seed=SEED)
     assert "right" in set(found.support)
     assert len(identify(found, robot).full.value) == 26
 
 
 def test_a_lifted_foot_does_not_drift(robot, nominal, with_one_foot):
-    findings = {f.name: f for f in preflight(measured(robot, with_one_foot), nominal)}
+    findings = {f.name: f for f in preflight(measured(robot, with_one_foot, "wii", seed=SEED), nominal)}
     assert findings["drift"].result == "pass"

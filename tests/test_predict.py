@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
+from tests.edited_rows import changed, put
 from tests.test_cli import told
 from tests.test_refusals import refuse
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of
@@ -136,9 +137,7 @@ def test_the_interval_is_as_wide_as_the_scatter_between_placements(predicted, he
 
 
 def test_no_posture_trains_and_is_predicted(heavier):
-    posture = heavier.posture.copy()
-    posture[-1] = posture[0]  # measured again, in the last placement
-    again = dataclasses.replace(heavier, posture=posture)
+    again = changed(heavier, posture=put(-1, value=heavier.posture[0]))  # in the last placement
     for split in (by_blocks(again), by_halves(again)):
         predicted = np.concatenate([test for _, test in split.folds])
         assert sorted(predicted) == list(range(len(again)))

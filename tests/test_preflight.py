@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import tulip_testbed as tt
+from tests.edited_rows import changed, plus, put
 from tests.test_refusals import refuse
 from tulip_testbed.base.files import sha256
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
@@ -216,9 +217,8 @@ def test_settling_is_a_test_at_its_level_even_with_nothing_stated(part):
 def test_a_window_that_still_moves_is_found(part):
     series = raw_series(part, np.random.default_rng(125))
     row, channel = 5, len(part.joints) + 2
-    readings = series.readings.copy()
-    readings[row * SAMPLES : (row + 1) * SAMPLES, channel] += np.linspace(-8, 8, SAMPLES)
-    finding = settling(part, dataclasses.replace(series, readings=readings))
+    drift = plus(np.linspace(-8, 8, SAMPLES), slice(row * SAMPLES, (row + 1) * SAMPLES), channel)
+    finding = settling(part, changed(series, readings=drift))
     assert finding.result == "fail"
     assert f"posture {part.posture[row]} (row {row + 1}" in finding.where
     assert "cell.right.rear_right by +8" in finding.seen
@@ -226,14 +226,13 @@ def test_a_window_that_still_moves_is_found(part):
 
 def test_a_series_of_something_else_is_found(part):
     series = raw_series(part, np.random.default_rng(126))
-    readings = series.readings.copy()
-    readings[:SAMPLES, 3] += 0.01
-    finding = series_agrees(part, dataclasses.replace(series, readings=readings))
+    wrong = changed(series, readings=plus(0.01, slice(SAMPLES), 3))
+    finding = series_agrees(part, wrong)
     assert finding.result == "fail"
     assert "q.right_knee" in finding.where
     lost = Series(series.posture[SAMPLES:], series.t[SAMPLES:], series.readings[SAMPLES:])
     assert series_agrees(part, lost).result == "warn"
-    assert settling(part, Series(series.posture + 1000, series.t, readings)).result == "not evaluated"
+    assert settling(part, dataclasses.replace(wrong, posture=series.posture + 1000)).result == "not evaluated"
 
 
 def test_without_a_series_the_spread_within_windows_stands_in(part):
@@ -296,9 +295,7 @@ def test_cells_that_are_connected_otherwise_in_some_rows_are_named_with_these(wh
 
 @pytest.mark.parametrize("reads", [0.0, 20.0])
 def test_a_cell_that_is_dead_in_one_placement_is_named_and_gross(reads, precise):
-    forces = precise.cell_forces.copy()
-    forces[precise.placement == 4, 6] = reads
-    found = cell_loads(dataclasses.replace(precise, cell_forces=forces))
+    found = cell_loads(changed(precise, cell_forces=put(precise.placement == 4, 6, value=reads)))
     assert (found.result, found.gross) == ("fail", True)
     assert found.where == "cell.left.rear_right is dead in placement 4"
     heavier = dataclasses.replace(precise, cell_forces=1.05 * precise.cell_forces)

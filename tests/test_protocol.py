@@ -12,13 +12,15 @@ import pytest
 import yaml
 
 import tulip_testbed as tt
+from tests.contact_folders import assert_same
 from tests.drawing import draws_with
 from tests.looking import browse
+from tests.test_cli import told
 from tests.test_refusals import change_document
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.example import empty_measurements
 from tulip_testbed.identification.planning.optimal_plan import with_repeats
-from tulip_testbed.measurements import write_measurements
+from tulip_testbed.measurements import read_measurements, write_measurements
 from tulip_testbed.measurements.measurement_folder import write_start
 from tulip_testbed.pages.placement_drawing import placement_of, scale_for
 from tulip_testbed.pages.protocol_page import rows_to_fill_in, write_protocol
@@ -127,6 +129,7 @@ def test_every_laboratory_s_folder_can_be_started(robot, small_plan, tmp_path, p
     started = json.loads((tmp_path / "data" / "manifest.json").read_text())
     run = tt.Laboratory(robot, preset).run(small_plan, seed=412, engine="statics")
     write_measurements(tmp_path / "simulated", run.measurements)
+    assert_same(read_measurements(tmp_path / "simulated"), run.measurements)
     simulated = json.loads((tmp_path / "simulated" / "manifest.json").read_text())
     for key in ("weighed_mass", "created", "software", "tables"):
         simulated.pop(key)
@@ -218,12 +221,11 @@ def test_pages_ask_the_network_for_nothing(folder):
 def test_command_prints_one_document(tmp_path, small_protocol, capsys, monkeypatch):
     monkeypatch.setattr("tulip_testbed.pages.pictures.rendered", _no_pictures)
     monkeypatch.setattr("tulip_testbed.api.planned.protocol_of", lambda *arguments: small_protocol)
-    assert main(["protocol", "optimal", "--out", str(tmp_path / "day"), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["rows"] == len(small_protocol.plan)
-    assert sum(told["motions"][kind] for kind in ("free", "hoist", "set_down")) == told["rows"]
-    assert {name.split("/")[-1] for name in told["files"]} == {p.name for p in (tmp_path / "day").iterdir()}
-    assert len(told["missing"]) == 1
+    said = told(capsys, "protocol", "optimal", "--out", tmp_path / "day")
+    assert said["rows"] == len(small_protocol.plan)
+    assert sum(said["motions"][kind] for kind in ("free", "hoist", "set_down")) == said["rows"]
+    assert {name.split("/")[-1] for name in said["files"]} == {p.name for p in (tmp_path / "day").iterdir()}
+    assert len(said["missing"]) == 1
 
 
 @pytest.mark.slow

@@ -1,6 +1,5 @@
 """Postures that cannot tell parameters apart: which, said by name, with and without noise."""
 
-import dataclasses
 from typing import Any
 
 import numpy as np
@@ -8,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.edited_rows import changed, put
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.identification.estimators import MIXED_MODEL
@@ -70,9 +70,8 @@ def test_every_joint_at_rest_is_found_at_every_noise(parameters, plan, joint, no
 def test_cad_carries_what_the_postures_do_not_determine(wii, robot):
     measured = wii.measurements
     rng = np.random.default_rng(114)
-    angles = measured.joint_angles.copy()
-    angles[:, 5] = ENCODER * rng.standard_normal(len(angles))
-    still = dataclasses.replace(measured, joint_angles=angles)
+    noise = ENCODER * rng.standard_normal(len(measured))
+    still = changed(measured, joint_angles=put(..., 5, value=noise))
     expected = (
         r"^data: .* right_hip.y \(12\) and right_foot.y \(13\) .*right_ankle.z \(21\) is not determined$"
     )

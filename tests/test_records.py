@@ -10,16 +10,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import tulip_testbed as tt
 from tests.fuzz.documents import changed_anywhere, read_or_refused
 from tests.test_refusals import change_document, refuse, rows
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import sha256
 from tulip_testbed.discovery.dynamics_check import DynamicsCheck
-from tulip_testbed.experiments.discovery_result import Discovered
-from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
+from tulip_testbed.experiments.rig_folder import read_rig
 from tulip_testbed.experiments.saved_runs import RunResult, read_run
 from tulip_testbed.experiments.validate import judge
-from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.pages import NO_TRUE_COM
 from tulip_testbed.pages.run_page import page_of, write_page
 from tulip_testbed.sim.plan_folder import write_plan
@@ -44,8 +42,8 @@ def test_every_file_of_a_run_is_guarded(run_folder, robot, tmp_path):
                 (other / name).unlink()
             else:
                 (other / name).write_bytes(b"" if damage == "emptied" else content + b" ")
-            with pytest.raises(InputError, match=name.name.replace(".", r"\.")):
-                Validation.load(other, robot)
+            with pytest.raises(tt.InputError, match=name.name.replace(".", r"\.")):
+                tt.Validation.load(other, robot)
 
 
 def test_outputs_lie_in_the_folder(run_folder, robot, tmp_path):
@@ -53,11 +51,11 @@ def test_outputs_lie_in_the_folder(run_folder, robot, tmp_path):
     document = json.loads((tmp_path / "run" / "run.json").read_text())
     document["outputs"]["../elsewhere"] = "0"
     (tmp_path / "run" / "run.json").write_text(json.dumps(document))
-    refuse("'../elsewhere'", Validation.load, tmp_path / "run", robot)
+    refuse("'../elsewhere'", tt.Validation.load, tmp_path / "run", robot)
 
 
 @pytest.fixture(scope="module")
-def static(static_run) -> Validation:
+def static(static_run) -> tt.Validation:
     return judge(static_run)
 
 
@@ -78,7 +76,7 @@ def same_page(first, second) -> bool:
 
 def test_a_validation_in_memory_is_the_one_in_its_folder(moved_wii, robot, tmp_path):
     moved_wii.save(tmp_path / "run")
-    read = Validation.load(tmp_path / "run", robot)
+    read = tt.Validation.load(tmp_path / "run", robot)
     assert same(moved_wii, read)
     assert json.loads((tmp_path / "run" / "result.json").read_text()) == moved_wii.to_json()
     assert json.loads((tmp_path / "run" / "truth.json").read_text()) == moved_wii.simulation.to_json()
@@ -126,7 +124,8 @@ def test_the_same_run_gives_the_same_bytes(static, static_run, robot, tmp_path):
     again = static_run.laboratory.run(static_run.plan, static_run.seed, "statics")
     static.save(tmp_path / "first")
     judge(again).save(tmp_path / "second")
-    first, second = (Validation.load(tmp_path / name, robot).document.outputs for name in ("first", "second"))
+    folders = (tmp_path / "first", tmp_path / "second")
+    first, second = (tt.Validation.load(folder, robot).document.outputs for folder in folders)
     assert first.keys() == second.keys()
     timed = ("result.json", "measurements/manifest.json")
     assert all(first[name] == second[name] for name in first if name not in timed)
@@ -135,7 +134,7 @@ def test_the_same_run_gives_the_same_bytes(static, static_run, robot, tmp_path):
 def test_a_discovery_in_memory_is_the_one_in_its_folder(discovered, robot, tmp_path):
     assert discovered.rig is None
     discovered.save(tmp_path / "found")
-    read = Discovered.load(tmp_path / "found", robot)
+    read = tt.Discovered.load(tmp_path / "found", robot)
     assert same(discovered, read)
     assert same_page(page_of(discovered), page_of(read))
     assert repr(read.after) == repr(discovered.after)
@@ -145,7 +144,7 @@ def test_a_discovery_in_memory_is_the_one_in_its_folder(discovered, robot, tmp_p
 
 
 def test_any_result_in_memory_has_a_page_and_a_view(static, discovered, coverage, robot, tmp_path):
-    repeated = MonteCarlo.load(coverage, robot)
+    repeated = tt.MonteCarlo.load(coverage, robot)
     for kind, result in {"validation": static, "discovery": discovered, "Monte Carlo": repeated}.items():
         alone = dataclasses.replace(result, folder=None)
         page = write_page(tmp_path / f"{kind}.html", alone)
@@ -170,40 +169,47 @@ def test_a_run_of_the_statics_says_that_it_has_no_true_centre_of_mass(static):
     assert NO_TRUE_COM in subject.notes
 
 
-def refuse_edited(folder, load, changes, words):
+def refuse_edited(intact, folder, kind, robot, changes, words):
     """Change a document of a run folder and put its hash right: the message names the file and the key."""
+    shutil.copytree(intact, folder)
     name, _, change = changes[0].partition(": ")
     change_document(folder / name, change)
     put_right(folder, name)
-    refuse(f"{name}: ... {words}", load, folder)
+    refuse(f"{name}: ... {words}", kind.load, folder, robot)
 
 
 @pytest.mark.filterwarnings("ignore")  # of arithmetic on strange numbers
-@settings(max_examples=15, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@pytest.mark.parametrize("name", ["run.json", "result.json", "truth.json", "rig/rig.json"])
+@settings(max_examples=20, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
-def test_any_value_anywhere_in_a_run_is_read_or_refused_in_one_line(data, run_folder, robot, tmp_path):
+def test_any_value_anywhere_is_read_or_refused_in_one_line(
+    name, data, run_folder, discovered_folder, robot, tmp_path
+):
     """With matching hashes."""
-    name = data.draw(st.sampled_from(["run.json", "result.json", "truth.json"]))
+    corrections = name.startswith("rig")
     shutil.rmtree(tmp_path / "run", ignore_errors=True)
-    folder = shutil.copytree(run_folder, tmp_path / "run")
+    folder = shutil.copytree(discovered_folder if corrections else run_folder, tmp_path / "run")
     document = json.loads((folder / name).read_text())
     changed_anywhere(document, data.draw)
     (folder / name).write_text(json.dumps(document))
-    if name != "run.json":
+    if name in ("result.json", "truth.json"):
         put_right(folder, name)
-    read_or_refused(lambda: page_of(read_run(folder, robot)))
+    if not corrections:
+        read_or_refused(lambda: page_of(read_run(folder, robot)))
+        return
+    for effect in read_or_refused(lambda: read_rig(folder / "rig", robot)) or ():
+        assert effect.finding
+        assert np.isfinite(effect.values).all()
 
 
 @rows("validation")
 def test_an_edited_validation_is_refused(run_folder, robot, tmp_path, changes, words):
-    folder = shutil.copytree(run_folder, tmp_path / "run")
-    refuse_edited(folder, lambda place: Validation.load(place, robot), changes, words)
+    refuse_edited(run_folder, tmp_path / "run", tt.Validation, robot, changes, words)
 
 
 @rows("discovery")
 def test_an_edited_discovery_is_refused(discovered_folder, robot, tmp_path, changes, words):
-    folder = shutil.copytree(discovered_folder, tmp_path / "found")
-    refuse_edited(folder, lambda place: Discovered.load(place, robot), changes, words)
+    refuse_edited(discovered_folder, tmp_path / "found", tt.Discovered, robot, changes, words)
 
 
 def put_right(folder, name):
@@ -224,7 +230,7 @@ def test_keys_that_nobody_knows_are_passed_over(run_folder, robot, tmp_path):
     document = json.loads((folder / "result.json").read_text())
     change_document(folder / "result.json", 'weather = {"sky": "blue"}')
     put_right(folder, "result.json")
-    assert Validation.load(folder, robot).to_json() == document
+    assert tt.Validation.load(folder, robot).to_json() == document
 
 
 def test_what_is_infinite_or_undefined_is_null_on_disk(static, robot, tmp_path):
@@ -235,7 +241,7 @@ def test_what_is_infinite_or_undefined_is_null_on_disk(static, robot, tmp_path):
     dataclasses.replace(static, identification=changed).save(tmp_path / "run")
     document = json.loads((tmp_path / "run" / "result.json").read_text())
     assert document["identification"]["full"]["relative_standard_error"][0] is None
-    full = Validation.load(tmp_path / "run", robot).identification.full
+    full = tt.Validation.load(tmp_path / "run", robot).identification.full
     assert np.isinf(full.relative_standard_error[0])
 
 

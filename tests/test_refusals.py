@@ -19,7 +19,6 @@ from tests.edited_files import BUILT, change_texts, write_rig
 from tests.published_robot import mjcf, write_published
 from tulip_testbed.calibration.families import read_tolerances
 from tulip_testbed.cli.main import main
-from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.random_effects import read_effects
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.identify import identify
@@ -28,6 +27,7 @@ from tulip_testbed.experiments.robot_import import published
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.experiments.validate import judge
 from tulip_testbed.identification.base_parameters import base_parameters
+from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.planning_ranges import free_joint_ranges, planning_ranges
 from tulip_testbed.measurements import Experiment, joined, read_measurements
 from tulip_testbed.measurements.manipulations import arrangement_of
@@ -190,7 +190,7 @@ def test_ranges_of_free_joints_are_refused(tmp_path, foreign, changes, words):
 @rows("corrections")
 def test_corrections_are_refused(tmp_path, robot, changes, words):
     texts = ("encoder-offset:right_knee=0.01", "joint-compliance:left_ankle_roll=0.0005")
-    effects = [EffectInstance.parse(text, robot) for text in texts]
+    effects = [tt.EffectInstance.parse(text, robot) for text in texts]
     write_rig(tmp_path / "rig", robot, effects)
     change_texts(tmp_path / "rig", changes)
     refuse(f"{tmp_path} ... {words}", read_rig, tmp_path / "rig", robot)
@@ -247,6 +247,7 @@ def names(robot, run):
         "np": np,
         "tt": tt,
         "base_parameters": base_parameters,
+        "center_of_pressure": center_of_pressure,
         "identify": identify,
     }
     fit = tt.identify(run, estimator="mixed-model")

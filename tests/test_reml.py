@@ -4,7 +4,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scipy.integrate import dblquad
 from scipy.linalg import block_diag
 from scipy.optimize import approx_fprime, minimize
 from scipy.stats import multivariate_normal
@@ -300,31 +299,6 @@ def test_marginal_posterior_of_a_member_by_quadrature():
     sd = np.sqrt(weight @ (np.array(variances) + np.array(means) ** 2) - mean**2)
     assert found.estimate[1:] == pytest.approx(mean, abs=0.15 * sd.max())
     assert np.sqrt(np.diag(found.covariance)[1:]) == pytest.approx(sd, rel=0.1)
-
-
-@pytest.mark.slow
-def test_evidence_of_two_members_by_quadrature():
-    """The likelihood of V is the integral over members and a flat parameter."""
-    rng = np.random.default_rng(3)
-    y, n, g = rng.standard_normal(4), rng.standard_normal((4, 1)), rng.standard_normal((4, 1))
-
-    def given(x: float) -> float:
-        one = LinearProblem(np.column_stack([n, g, y])[None], 1, white(np.eye(4)[None]), np.zeros((1, 1)),
-                      (1,), np.zeros(0), np.zeros((1, 1)), np.zeros(1))  # fmt: skip
-        prior = 0.5 * (x / np.log(2)) ** 2
-        return -objective(one, np.zeros(0), np.array([x]))[0] + prior
-
-    def integral(tau: float) -> float:
-        density = multivariate_normal(np.zeros(4))
-        return dblquad(
-            lambda nu, phi: density.pdf(y - n[:, 0] * nu - g[:, 0] * phi)
-            * np.exp(-0.5 * (phi / tau) ** 2) / tau,
-            -8 * tau, 8 * tau, -30, 30,
-        )[0]  # fmt: skip
-
-    assert given(np.log(2.0)) - given(np.log(0.3)) == pytest.approx(
-        np.log(integral(2.0) / integral(0.3)), abs=1e-4
-    )
 
 
 @pytest.mark.slow

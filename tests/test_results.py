@@ -11,7 +11,6 @@ from scipy.stats import t as t_distribution
 
 import tulip_testbed as tt
 from tests.test_refusals import change_document, refuse
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.parameter_tables import NOT_AT_REST, parameter_table, read_reported
@@ -162,6 +161,6 @@ def test_an_edited_result_is_refused_when_it_is_read(run, robot, tmp_path):
     for change in ('estimator = "x"', "confounded = null", "calibration.covariance = null"):
         file.write_text(intact)
         change_document(file, change)
-        with pytest.raises(InputError, match=r"found values that do not fit together|key"):
+        with pytest.raises(tt.InputError, match=r"found values that do not fit together|key"):
             tt.Identification.load(tmp_path / "fit", robot)
     refuse("robot: found none, expected it behind the folder", tt.Identification.load, tmp_path / "fit")

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
-from tulip_testbed.base.errors import InputWarning
 from tulip_testbed.effects.targets import LEG_LINKS, LINKS
 from tulip_testbed.experiments.checks import IMBALANCE, verdict
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of
@@ -19,7 +18,6 @@ from tulip_testbed.measurements import PosturePlan, write_measurements
 from tulip_testbed.sim.drives import LEAST_ARMATURE
 from tulip_testbed.sim.random_robots import draw_robot
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.robot_check import robot_findings
 from tulip_testbed.sim.scene import laboratory_scene
 from tulip_testbed.sim.shipped import TULIP
@@ -49,7 +47,7 @@ SOFT_DRIVE = (
 )
 
 
-def planned(plan: PosturePlan, robot: Robot, placements: int) -> PosturePlan:
+def planned(plan: PosturePlan, robot: tt.Robot, placements: int) -> PosturePlan:
     """The first placements of a plan, for a robot with the same joints."""
     few = plan.take(np.flatnonzero(plan.placement <= placements))
     return dataclasses.replace(few, robot={"model": robot.model_file.name, "sha256": robot.model_hash})
@@ -178,7 +176,7 @@ def test_findings_are_warned_of_once(edited_tulip, plan):
         warnings.simplefilter("always")
         random_plan(robot, 4, 4, 1)
         tt.Laboratory(robot).run(planned(plan, robot, 1), 1, "statics", 1)
-    assert [warning.category for warning in caught] == [InputWarning, InputWarning]
+    assert [warning.category for warning in caught] == [tt.InputWarning, tt.InputWarning]
     assert "tulip.xml: found an armature below" in str(caught[0].message)
     assert "frictionloss softer than" in str(caught[1].message)
 

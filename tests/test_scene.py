@@ -12,6 +12,7 @@ import pytest
 
 import tulip_testbed as tt
 from tests.edited_files import change_texts
+from tests.edited_rows import changed, plus
 from tests.statics_against_dynamics import without_friction
 from tests.test_equilibrium import check_rest
 from tests.test_refusals import refuse
@@ -125,12 +126,27 @@ def test_planner_laboratory_and_identification_know_one_limit(edited_tulip, robo
         assert actuator.forcerange[1] == limits[names.index(actuator.target)]
 
 
-def test_an_edit_that_statics_does_not_have_is_refused_by_it(robot, two):
-    def floating(spec):
-        spec.body("torso").gravcomp = 0.5
+def floating(spec):
+    spec.body("torso").gravcomp = 0.5
 
-    rig = dataclasses.replace(preset_rig("ideal", robot), edit=floating)
-    refuse("static equilibrium: found gravcomp in body 'torso'", solve_plan, rig, two)
+
+def tied(spec):
+    spec.body("torso").add_site(name="a", pos=[0, 0, 0.1])
+    spec.body("left_foot").add_site(name="b")
+    tendon = spec.add_tendon(name="between", stiffness=10.0)
+    tendon.wrap_site("a")
+    tendon.wrap_site("b")
+
+
+@pytest.mark.parametrize(
+    ("edit", "words"),
+    [
+        (floating, "static equilibrium: found gravcomp in body 'torso'"),
+        (tied, "tendon 'between': expected joints, or one site on the robot"),
+    ],
+)
+def test_an_edit_that_statics_does_not_have_is_refused_by_it(robot, two, edit, words):
+    refuse(words, solve_plan, dataclasses.replace(preset_rig("ideal", robot), edit=edit), two)
 
 
 REF = 0.5  # rad
@@ -145,9 +161,7 @@ def test_a_joint_that_is_drawn_bent_is_the_same_robot(edited_tulip, robot):
     bent = edited_tulip(f'tulip.xml: {drive} range="0 120" => {drive} {moved}')
     plan = read_plan(PLANS / "random", robot)
     plan = plan.take(np.flatnonzero(plan.placement == 2))
-    angles = plan.joint_angles.copy()
-    angles[:, plan.joints.index("right_knee")] += REF
-    shifted = dataclasses.replace(plan, joint_angles=angles)
+    shifted = changed(plan, joint_angles=plus(REF, ..., plan.joints.index("right_knee")))
     found = {}
     for name, one, at in (("plain", robot, plan), ("bent", bent, shifted)):
         rig = dataclasses.replace(preset_rig("ideal", one), edit=without_friction())

@@ -8,7 +8,6 @@ import pytest
 
 import tulip_testbed as tt
 from tests.test_refusals import refuse
-from tulip_testbed.base.errors import InputError, InputWarning
 from tulip_testbed.calibration.families import (
     SOLE,
     TOLERANCES,
@@ -25,7 +24,6 @@ from tulip_testbed.discovery.joint_fit import Data
 from tulip_testbed.discovery.patterns import patterns
 from tulip_testbed.effects.instance import instances_of, removed
 from tulip_testbed.experiments.identify import identify, warn_of_unrest
-from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.identification.noise_structure import NoiseStructure, groups
@@ -40,10 +38,9 @@ from tulip_testbed.identification.residual_channels import (
     sensitivity,
 )
 from tulip_testbed.identification.residual_noise import noise_of
-from tulip_testbed.measurements import SensorSheet
 from tulip_testbed.sim.random_robots import draw_robot
 
-FORCE_PLATE = SensorSheet(1e-4, None, 0.1, None, (4e-4, 4e-4, 1e-3))
+FORCE_PLATE = tt.SensorSheet(1e-4, None, 0.1, None, (4e-4, 4e-4, 1e-3))
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +54,7 @@ def ordinary(robot, plan, nominal):
             size = 0.7 * family.tolerance * rng.standard_normal(len(family))
             true[family.name] = family, np.abs(size) if family.positive else size
     hidden = tuple(i for family, values in true.values() for i in family.instances(values))
-    run = Laboratory(robot, "force-plate", hidden=hidden).run(plan, 1001, "statics")
+    run = tt.Laboratory(robot, "force-plate", hidden=hidden).run(plan, 1001, "statics")
     return run, {name: values for name, (_, values) in true.items()}
 
 
@@ -139,15 +136,15 @@ def test_a_tolerance_of_zero_leaves_the_family_out(ordinary, nominal):
 
 def test_tolerances_are_read_or_follow_the_sensors():
     assert read_tolerances(["tilt=0", "cell-tare=0.1"]) == {"tilt": 0.0, "cell-tare": 0.1}
-    wii = tolerances_of(SensorSheet(cell_sd=1.43, placement_sd=(0.0035, 0.0035, 0.01)))
+    wii = tolerances_of(tt.SensorSheet(cell_sd=1.43, placement_sd=(0.0035, 0.0035, 0.01)))
     assert wii.value["cell-gain"] == 0.01
     assert wii.assumed == "those of preset wii"
     fine = tolerances_of(FORCE_PLATE)
     assert fine.value["plate-translation"] == pytest.approx(3e-4)
-    between = tolerances_of(SensorSheet(cell_sd=0.4, placement_sd=(0.0035, 0.0035, 0.01)))
+    between = tolerances_of(tt.SensorSheet(cell_sd=0.4, placement_sd=(0.0035, 0.0035, 0.01)))
     assert 0.003 < between.value["cell-gain"] < 0.01
     assert "assumed" in between.assumed
-    assert tolerances_of(SensorSheet()).value == wii.value  # unknown sensors are taken for coarse ones
+    assert tolerances_of(tt.SensorSheet()).value == wii.value  # unknown sensors are taken for coarse ones
 
 
 def test_the_noise_is_that_which_discovery_uses(ordinary, nominal):
@@ -289,7 +286,7 @@ def test_too_few_postures_name_the_families_to_leave_out(ordinary, robot, nomina
             raise np.linalg.LinAlgError
         return self_calibrate(observed, tolerances, rounds=1)
 
-    with pytest.raises(InputError) as refusal:
+    with pytest.raises(tt.InputError) as refusal:
         identify(ordinary[0].measurements, robot, calibrate=limited)
     named = {15: order[:1], 14: order[:2]}.get(most)
     advice = f"; leave out {', '.join(named)} (tolerance 0), or choose" if named else "calibrating; choose"
@@ -321,7 +318,7 @@ def test_an_estimate_that_does_not_come_to_rest_is_warned_of(ordinary, robot):
     measured = ordinary[0].measurements
     measured = measured.take(measured.placement <= 15)
     sharp = dataclasses.replace(measured, sensors=dataclasses.replace(measured.sensors, cell_sd=0.0))
-    with pytest.warns(InputWarning, match="restless: the estimate did not come to rest"):
+    with pytest.warns(tt.InputWarning, match="restless: the estimate did not come to rest"):
         warn_of_unrest(identify(sharp, robot), "restless")
 
 
@@ -355,7 +352,7 @@ def test_steps_in_circles_come_to_rest_and_steps_ahead_are_kept():
 @pytest.mark.slow
 def test_sensors_finer_than_contacts_are_exact(plan, robot):
     """A stated noise of 1e-12 N is none: the laboratory's own residuals take its place."""
-    measured = Laboratory(robot, "ideal").run(plan, 1, "statics").measurements
+    measured = tt.Laboratory(robot, "ideal").run(plan, 1, "statics").measurements
     fits = []
     for cell_sd in (0.0, 1e-12):
         sheet = dataclasses.replace(measured.sensors, encoder_sd=0.0, cell_sd=cell_sd)

@@ -7,16 +7,17 @@ import mujoco
 import numpy as np
 import pytest
 
+import tulip_testbed as tt
+from tests.edited_rows import changed, plus
+from tests.effect_changes import statically
 from tests.statics_against_dynamics import compare, without_friction
 from tests.test_refusals import refuse
 from tulip_testbed.experiments.identify import identify
-from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.usable_plan import joined as one_after_another
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.center_of_pressure import center_of_pressure, load_shares
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.preflight import preflight
-from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.rig import Rig, preset_rig
@@ -35,7 +36,7 @@ FEET = {"right": "right_foot", "left": "left_foot"}
 
 
 @pytest.fixture(scope="module")
-def balanced(model, plan) -> PosturePlan:
+def balanced(model, plan) -> tt.PosturePlan:
     """Twenty postures on the right foot, in ten placements, by MuJoCo alone."""
     low, high = np.transpose([model.joint(name).range for name in plan.joints])
     rng, angles, poses = np.random.default_rng(23), [], []
@@ -63,7 +64,7 @@ def balanced(model, plan) -> PosturePlan:
 
 
 @pytest.fixture(scope="module")
-def on(balanced) -> dict[str, PosturePlan]:
+def on(balanced) -> dict[str, tt.PosturePlan]:
     """Four of them, and their mirror images on the left foot."""
     right = balanced.take(np.arange(COUNT))
     first, second = np.hsplit(right.joint_angles, 2)
@@ -93,7 +94,7 @@ def test_both_engines_read_mujocos_centre_of_mass_in_the_frame_of_the_foot(model
     other = slice(4) if side == "left" else slice(4, 8)
     true = np.array([a.true_plates for a in run.truth.measured])
     placed = dataclasses.replace(run.measurements, plate_poses=true)
-    for measured, empty in ((placed, 1e-6), (statics(quiet, on[side]), 1e-9)):
+    for measured, empty in ((placed, 1e-6), (statically(quiet, on[side]), 1e-9)):
         assert len(measured) == COUNT
         assert set(measured.support) == {side}
         assert (np.abs(measured.cell_forces[:, other]) < empty).all()  # nobody stands on that plate
@@ -119,7 +120,7 @@ def test_statics_is_where_the_dynamics_come_to_rest(quiet, on, held):
 @pytest.mark.parametrize("engine", ["statics", "dynamics"])
 def test_the_robot_leans_over_a_yielding_left_ankle_and_not_over_the_right_one(robot, model, on, engine):
     """All above the ankle turns about it by compliance times its weight's moment."""
-    sound = Laboratory(robot, "ideal", nominal=still(preset_rig("ideal", robot)))
+    sound = tt.Laboratory(robot, "ideal", nominal=still(preset_rig("ideal", robot)))
     few, compliance = on["left"].take(np.arange(2)), 2e-4
     above = model.body_subtreemass[0] - model.body("left_foot").mass[0]
     for joint, loaded in (("left_ankle_pitch", True), ("right_ankle_pitch", False)):
@@ -145,7 +146,7 @@ def test_two_base_frames_in_a_placement_are_refused(robot, quiet, plan, on, tmp_
         refuse(f"row {COUNT + 1}: found 'left' after 'right' in placement 2", call)
     write_plan(tmp_path / "apart", apart)
     three = joined(plan.take(plan.placement <= 2), read_plan(tmp_path / "apart", robot))
-    assert set(statics(quiet, three).support) == {"double", "right", "left"}
+    assert set(statically(quiet, three).support) == {"double", "right", "left"}
 
 
 def test_both_supports_together_tell_26_parameters(robot, plan, balanced):
@@ -162,11 +163,8 @@ def test_both_supports_together_tell_26_parameters(robot, plan, balanced):
 
 
 def test_an_empty_plate_is_not_read_and_the_preflight_says_what_it_leaves_out(robot, balanced):
-    (run,) = run_statics(solve_plan(preset_rig("wii", robot), balanced), np.random.SeedSequence(5).spawn(1))
-    measured = run.measurements
-    noisy = measured.cell_forces.copy()
-    noisy[:, 4:] += 5.0
-    louder = dataclasses.replace(measured, cell_forces=noisy)
+    measured = statically(preset_rig("wii", robot), balanced)
+    louder = changed(measured, cell_forces=plus(5.0, ..., slice(4, None)))
     np.testing.assert_array_equal(center_of_pressure(louder), center_of_pressure(measured))
     np.testing.assert_array_equal(load_shares(louder)[:, 0], 1.0)
     findings = {finding.name: finding for finding in preflight(measured, nominal_robot(robot), None)}
@@ -174,16 +172,11 @@ def test_an_empty_plate_is_not_read_and_the_preflight_says_what_it_leaves_out(ro
     assert "26 parameters" in findings["identifiable"].expected
 
 
-def joined(first: PosturePlan, second: PosturePlan) -> PosturePlan:
+def joined(first: tt.PosturePlan, second: tt.PosturePlan) -> tt.PosturePlan:
     """Two plans after one another, the second's numbers behind the first's."""
     names = ("posture", "placement")
     behind: Any = {name: getattr(first, name).max() + getattr(second, name) for name in names}
     return one_after_another([first, dataclasses.replace(second, **behind)])
-
-
-def statics(rig: Rig, plan: PosturePlan) -> Measurements:
-    (run,) = run_statics(solve_plan(rig, plan), np.random.SeedSequence(3).spawn(1))
-    return run.measurements
 
 
 def still(rig: Rig) -> Rig:

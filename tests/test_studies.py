@@ -17,7 +17,7 @@ from studies.runner import Settings
 from studies.study_hidden_effects import figures
 from studies.teaching.signature import example, examples
 from studies.teaching.variables import VARIABLES
-from tests.effect_changes import first
+from tests.effect_changes import statically
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import EffectInstance, split_label
 from tulip_testbed.effects.misreading import Misreading
@@ -36,11 +36,6 @@ def test_every_study_has_a_module_and_a_sentence() -> None:
         assert isinstance(module.SETTINGS, Settings)
 
 
-@pytest.fixture(scope="module")
-def twelve(plan):
-    return first(plan, 12)
-
-
 def test_half_of_the_families_are_absent_and_no_member_is_a_clear_fault(robot):
     drawn = [draw_laboratory(robot, "wii", np.random.default_rng(seed)) for seed in range(40)]
     families = [{split_label(label)[0] for label in built.effects} - {"tilt"} for built in drawn]
@@ -53,26 +48,23 @@ def test_half_of_the_families_are_absent_and_no_member_is_a_clear_fault(robot):
 
 def test_the_readers_mean_what_the_catalogue_says(robot, twelve):
     rig = preset_rig("force-plate", robot)
-    (found,) = run_statics(solve_plan(rig, twelve), [np.random.SeedSequence(1)])
+    found = statically(rig, twelve, 1)
     for name, read in READERS.items():
         effect = catalogue()[name]
         assert isinstance(effect.mechanism, Misreading)
         target = effect.targets.of(robot, (3,))[-1]
         values = tuple(p.prior or p.grid[-1] for p in effect.parameters)
-        readings = Readings(found.measurements, rig, twelve, 1)
+        readings = Readings(found, rig, twelve, 1)
         read(readings, target, values)
-        mine, theirs = (
-            readings.measurements,
-            effect.mechanism.apply(found.measurements, robot, target, values),
-        )
+        mine, theirs = readings.measurements, effect.mechanism.apply(found, robot, target, values)
         for field in ("joint_angles", "cell_forces", "plate_poses"):
-            change = np.abs(getattr(theirs, field) - getattr(found.measurements, field)).max()
+            change = np.abs(getattr(theirs, field) - getattr(found, field)).max()
             tolerance = 0.6 if name == "creep" else 1e-9  # when a load begins between two postures is assumed
             assert np.abs(getattr(mine, field) - getattr(theirs, field)).max() <= tolerance * change, name
 
 
 def test_side_forces_and_tilt_are_those_of_the_simulation(rig, twelve):
-    plain = run_statics(solve_plan(rig, twelve), [np.random.SeedSequence(1)])[0].measurements
+    plain = statically(rig, twelve, 1)
     readings = Readings(plain, rig, twelve, 1)
     unbalanced = np.abs(readings.side.sum(axis=1)).max()  # the plates are turned a little
     assert unbalanced < 0.02 * np.abs(readings.side).max()

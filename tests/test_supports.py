@@ -8,13 +8,10 @@ from scipy.optimize import minimize
 
 import tulip_testbed as tt
 from tests.moving_robots import by_inverse_dynamics, moving, random_robot
-from tests.test_refusals import refuse
 from tulip_testbed.calibration.linearisation import SQUEEZE, sources_of
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.discovery.joint_fit import Data
-from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.base_parameters import standard_parameters
-from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.inertial_wrench import link_wrenches
 from tulip_testbed.identification.load_rates import load_rates, soles_by_wrench
 from tulip_testbed.identification.nominal import PostureGeometry, jacobian, nominal_robot
@@ -61,7 +58,7 @@ def test_it_is_what_inverse_dynamics_need(which, robot, foreign):
 @pytest.fixture(scope="module")
 def measured_of_joint(robot, plan):
     few = plan.take(plan.placement <= 2)
-    return Laboratory(robot, "force-plate").run(few, seed=3, engine="statics").measurements
+    return tt.Laboratory(robot, "force-plate").run(few, seed=3, engine="statics").measurements
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +98,7 @@ def test_feed_forward_of_holds_takes_side_forces_off(robot, part, soft):
         exact(robot, WrenchSensors(place=PLATE)),
     )
     assert plan.torques is not None
-    inside = Laboratory(robot, nominal=rig).with_effects(
+    inside = tt.Laboratory(robot, nominal=rig).with_effects(
         *[f"joint-compliance:right_knee={soft}"] * (soft > 0)
     )
     m = inside.run(dataclasses.replace(plan, torques=part * plan.torques), 1, "statics").measurements
@@ -149,11 +146,6 @@ def test_a_softer_joint_takes_load_off(observed):
             ends.append(dataclasses.replace(observed, servo_stiffness=1 / softer).torques)
         expected = -observed.loads.sharing[..., joint] * observed.torques[:, [joint]]
         assert expected == pytest.approx((ends[0] - ends[1]) / 2e-6, abs=1e-4 * np.abs(expected).max())
-
-
-def test_no_weight_is_refused(wii):
-    empty = dataclasses.replace(wii.measurements, cell_forces=np.zeros((len(wii.measurements), 8)))
-    refuse("row 1: cells sum to 0.00 N", center_of_pressure, empty)
 
 
 @pytest.fixture(scope="module")
@@ -227,7 +219,7 @@ def test_rows_of_a_placement_share_what_pushes_their_feet(robot, few, monkeypatc
     """Noise of single rows would average out; compliances seem surer then than the unseen force allows."""
     observed = observe(run(robot, few, monkeypatch, np.zeros(3)).measurements, nominal_robot(robot))
     soft = [f"joint-compliance:{joint}=2e-4" for joint in observed.tree.joints]
-    soft = Laboratory(robot, "force-plate").with_effects(*soft, "sole-compliance=4e-4")
+    soft = tt.Laboratory(robot, "force-plate").with_effects(*soft, "sole-compliance=4e-4")
     found = self_calibrate(observe(soft.run(few, 1, "statics").measurements, observed.nominal))
     structure, at = found.problem.noise, sources_of(found.observed).index(SQUEEZE)
     shared = structure.shared[..., structure.owner == at]

@@ -14,23 +14,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
+from tests.fuzz.documents import HOSTILE
 from tulip_testbed.base.column import Column
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.table import STYLES, Cell, Shown, Table
 from tulip_testbed.cli import terminal
 from tulip_testbed.cli.terminal import PIPE_WIDTH, print_json, refuse, say, show, show_whole
-
-HOSTILE = (
-    "knee[left]",
-    "[red]x[/]",
-    "[link=file:///etc]y",
-    "\x1b[2J",
-    "a\nb",
-    "\u202eabc",
-    "<script>",
-    "a|b",
-    "\ud800",
-)
 
 
 def made(rows=()):
@@ -92,7 +81,7 @@ def test_values_of_a_column_of_numbers(value, text):
     assert Column("share", "%", ".1f", 100).text(value) == text
 
 
-@pytest.mark.parametrize("name", HOSTILE)
+@pytest.mark.parametrize("name", [name for name in HOSTILE if 1 < len(name) < 100])
 def test_a_hostile_name_shows_as_it_is_and_steers_nothing(name):
     table = Table(name, (Column(name, name), Column("x")), [[name, Cell(name, name, "fail")]], name)
     escaped = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in name)

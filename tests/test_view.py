@@ -2,7 +2,6 @@
 
 import itertools
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -17,11 +16,10 @@ from PIL import Image
 import tulip_testbed as tt
 from tests.drawing import draws_with
 from tests.durations import cpu_seconds
-from tests.looking import headless_viewer
+from tests.looking import free_port, headless_viewer
 from tests.test_refusals import check_words, refuse, rows
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
-from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.measurements import write_measurements
 from tulip_testbed.viewer import balance_series as balance
 from tulip_testbed.viewer import postures_view as postures
@@ -62,7 +60,7 @@ def not_blank(picture: Path) -> None:
 
 @draws_with("vulkan")
 def test_rerun_draws_every_view_of_a_run(run_folder, robot, tmp_path, monkeypatch):
-    subject = validated(Validation.load(run_folder, robot))
+    subject = validated(tt.Validation.load(run_folder, robot))
     monkeypatch.setattr(postures, "laid_out", side_by_side)
     window.save(tmp_path / "run.rrd", "run", lambda recording: postures.log_postures(recording, subject))
     found = look(tmp_path / "run.rrd", {"posture": 40}, tmp_path / "run.png")
@@ -90,7 +88,7 @@ def test_a_monte_carlo_has_a_page_and_no_view(coverage, tmp_path):
 
 
 def test_residual_and_truth_are_the_runs_own(run_folder, moved_wii, robot):
-    subject = validated(Validation.load(run_folder, robot))
+    subject = validated(tt.Validation.load(run_folder, robot))
     residual = moved_wii.identification.full.residual.reshape(-1, 2)
     assert subject.residual == pytest.approx(residual, abs=1e-9)
     assert subject.com["truth"] == pytest.approx(np.array([held.com for held in moved_wii.simulation.held]))
@@ -141,12 +139,6 @@ options = (*window.LOCAL[:2], "--serve-web", "--port", data, "--web-viewer-port"
 with window._viewer(place, place / "v.rrd", options):
     time.sleep(60)
 """
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def _listening() -> list[tuple[int, str]]:

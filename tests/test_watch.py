@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tulip_testbed.experiments.laboratory import Laboratory
+import tulip_testbed as tt
+from tests.edited_rows import changed, plus
 from tulip_testbed.experiments.watching.alarm import fault_of_changes, levels
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
 from tulip_testbed.experiments.watching.row_checks import NOT_SETTLED, UNUSABLE
@@ -35,25 +36,23 @@ from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.reading_noise import ReadingNoise, placement_levers, reading_noise
 from tulip_testbed.identification.regressor import regression
 from tulip_testbed.identification.variance_components import MARK_RATIO
-from tulip_testbed.measurements import Measurements, PosturePlan
-from tulip_testbed.sim.robot import Robot
 
 SEED, ONSET = 3, 35
 
 
-def measured_day(robot: Robot, plan: PosturePlan) -> Measurements:
+def measured_day(robot: tt.Robot, plan: tt.PosturePlan) -> tt.Measurements:
     """Measure the plan's first placements by statics."""
     few = plan.take(plan.placement <= 9)
-    return Laboratory(robot, "force-plate").run(few, SEED, "statics").measurements
+    return tt.Laboratory(robot, "force-plate").run(few, SEED, "statics").measurements
 
 
-def one_row(rows: Measurements, k: int) -> Measurements:
+def one_row(rows: tt.Measurements, k: int) -> tt.Measurements:
     """Return one row."""
     return rows.take(np.array([k]))
 
 
 def play(
-    model: DayModel, rows: Measurements, state: WatchState | None = None, targets: np.ndarray | None = None
+    model: DayModel, rows: tt.Measurements, state: WatchState | None = None, targets: np.ndarray | None = None
 ) -> tuple[WatchState, list[Verdict]]:
     """Play rows one after the other."""
     state, out = state or first_state(model), []
@@ -64,7 +63,7 @@ def play(
 
 
 @pytest.fixture(scope="module")
-def day(robot, plan) -> Measurements:
+def day(robot, plan) -> tt.Measurements:
     return measured_day(robot, plan)
 
 
@@ -84,11 +83,9 @@ def before(watched, day):
     return play(watched, day.take(np.arange(ONSET)))[0]
 
 
-def slipped(day: Measurements, angle: float, first: int = ONSET) -> Measurements:
+def slipped(day: tt.Measurements, angle: float, first: int = ONSET) -> tt.Measurements:
     """The right knee's encoder slips: every row from `first` on reads an angle too much."""
-    angles = day.joint_angles.copy()
-    angles[first:, day.joints.index("right_knee")] += angle
-    return replace(day, joint_angles=angles)
+    return changed(day, joint_angles=plus(angle, slice(first, None), day.joints.index("right_knee")))
 
 
 def test_a_row_alone_has_the_columns_that_it_has_among_others(watched, day):
@@ -172,14 +169,11 @@ def test_one_odd_posture_is_to_be_repeated_and_then_forgotten(watched, day, befo
 def test_a_repeat_that_differs_is_told(watched, day):
     first = one_row(day, 0)
     state, _ = play(watched, day.take(np.arange(1)))
-    forces = first.cell_forces.copy()
-    forces[0, [0, 2]] += 3.0
-    forces[0, [1, 3]] -= 3.0
-    other = replace(first, cell_forces=forces, time=first.time + 63)
-    _, (verdict,) = play(watched, other, state)
+    again = replace(first, time=first.time + 63)
+    _, (verdict,) = play(watched, changed(again, cell_forces=plus([3, -3, 3, -3], 0, slice(4))), state)
     assert verdict.verdict == REPEAT
     assert verdict.findings[0].name in ("repeats", "prediction")
-    _, (same,) = play(watched, replace(first, time=first.time + 63), state)
+    _, (same,) = play(watched, again, state)
     assert same.verdict == OK
 
 

@@ -13,7 +13,6 @@ import tulip_testbed as tt
 from tests.test_cli import TULIP
 from tests.test_refusals import change_document, refuse, rows
 from tests.test_watch import measured_day
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.watching.arriving_rows import MOST_AT_ONCE, new_lines
 from tulip_testbed.experiments.watching.watch_day import read_targets
@@ -139,7 +138,7 @@ def test_what_was_read_at_the_end_of_the_file_or_before_it_may_not_change(folder
     grow(path, "".join(lines[:3]).rstrip("\n"))
     assert len(judged(path, plan, robot, out=tmp_path / "state")) == 3
     grow(path, "5\n")  # the last value had not come to its end
-    with pytest.raises(InputError, match="found other values in the first 4 lines than were read before"):
+    with pytest.raises(tt.InputError, match="found other values in the first 4 lines than were read before"):
         judged(path, plan, robot, out=tmp_path / "state")
     days = tt.watch(path, robot, plan=plan, once=True)
     next(days)

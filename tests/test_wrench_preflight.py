@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
+from tests.edited_rows import changed, plus, put
 from tulip_testbed.experiments.check_folder import check_measurements, counts_line
 from tulip_testbed.measurements.contacts import VERTICAL, WRENCH
 
@@ -40,9 +41,7 @@ def test_forces_that_cancel_pass_and_those_of_cells_are_skipped_with_a_reason(st
 
 
 def test_forces_that_do_not_cancel_are_told_and_weighed_by_the_height_of_the_sensor(standing, robot):
-    wrenches = standing.wrenches.copy()
-    wrenches[:, 0, 0] += 30.0
-    pushed = dataclasses.replace(standing, wrenches=wrenches)
+    pushed = changed(standing, wrenches=plus(30.0, ..., 0, 0))
     found = checks(pushed, robot)["horizontal forces"]
     # 30 N of 225 N at the ankle, 60 mm over the sole, are 8 mm.
     assert found["result"] == "fail"
@@ -61,9 +60,7 @@ def test_a_turned_foot_turns_its_forces(standing, robot):
 
 
 def test_the_threshold_is_that_of_noise_and_zeros_or_a_share_of_the_weight(standing, robot):
-    wrenches = standing.wrenches.copy()
-    wrenches[:, 0, 0] += 12.0
-    pushed = dataclasses.replace(standing, wrenches=wrenches)
+    pushed = changed(standing, wrenches=plus(12.0, ..., 0, 0))
     zero = np.zeros((2, 6))
     zero[:, :3] = 3.0
     assert checks(pushed, robot)["horizontal forces"]["result"] != "pass"
@@ -75,8 +72,8 @@ def test_the_threshold_is_that_of_noise_and_zeros_or_a_share_of_the_weight(stand
     assert unknown["carried weight"]["result"] == "not evaluated"
     assert "zeros" in unknown["carried weight"]["seen"]
     assert unknown["horizontal forces"]["result"] == "pass"  # a zero is constant
-    wrenches[-1, 0, 0] += 12.0
-    pulled = with_contacts(dataclasses.replace(pushed, wrenches=wrenches), zero_sd=np.full((2, 6), np.inf))
+    more = changed(pushed, wrenches=plus(12.0, -1, 0, 0))
+    pulled = with_contacts(more, zero_sd=np.full((2, 6), np.inf))
     assert "a constant and" in checks(pulled, robot)["horizontal forces"]["seen"]
     assert checks(pulled, robot)["horizontal forces"]["result"] != "pass"
 
@@ -97,19 +94,14 @@ def test_vertical_channels_have_no_horizontal_forces(standing, robot):
 
 
 def test_a_wrong_weight_is_told(standing, robot):
-    wrenches = standing.wrenches.copy()
-    wrenches[..., 2] *= 1.3
-    found = checks(dataclasses.replace(standing, wrenches=wrenches), robot)["carried weight"]
+    heavy = put(..., 2, value=1.3 * standing.wrenches[..., 2])
+    found = checks(changed(standing, wrenches=heavy), robot)["carried weight"]
     assert found["result"] == "fail"
     assert "(+28.4 %)" in found["seen"]  # what hangs below the sensors is not on them
 
 
 def test_a_dead_channel_is_told_but_not_a_constant_joint(standing, robot):
-    wrenches = standing.wrenches.copy()
-    wrenches[:, 1, 3] = 0.25
-    angles = standing.joint_angles.copy()
-    angles[:, 0] = 0.1
-    m = dataclasses.replace(standing, wrenches=wrenches, joint_angles=angles)
+    m = changed(standing, wrenches=put(..., 1, 3, value=0.25), joint_angles=put(..., 0, value=0.1))
     assert "q.right_hip_yaw reads 0.1 in all postures" in checks(m, robot)["stuck readings"]["seen"]
     m = dataclasses.replace(m, constant_joints={"right_hip_yaw": 0.1})
     found = checks(m, robot)["stuck readings"]

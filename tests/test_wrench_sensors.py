@@ -8,19 +8,16 @@ import pytest
 
 import tulip_testbed as tt
 from tests.effect_changes import agreement, changes, statically
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.families import families_of, tolerances_of
 from tulip_testbed.calibration.prediction import center_errors
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.effects.catalogue import catalogue, targets_in
-from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.misreading import Misreading
 from tulip_testbed.effects.removal import corrected
 from tulip_testbed.experiments.identify import check_physical, identify
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import ROWS, packed, residuals, sensitivity, unpacked
-from tulip_testbed.measurements import SensorSheet
 from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.rig import preset_rig
@@ -106,7 +103,7 @@ def test_every_effect_on_wrenches_has_a_reading_worked_out_by_hand():
 
 @pytest.mark.parametrize("text", BY_HAND)
 def test_a_sensor_misreads_by_definition_and_is_corrected(text, run, robot):
-    found = EffectInstance.parse(text.replace(str(QUARTER), "0.1"), robot)
+    found = tt.EffectInstance.parse(text.replace(str(QUARTER), "0.1"), robot)
     values = tuple(float(value) for value in text.partition("=")[2].split(","))
     rows, mechanism = run.measurements.take(np.arange(3)), found.effect.mechanism
     true = np.tile([*FORCE, *MOMENT], (3, 2, 1))
@@ -160,7 +157,7 @@ def test_cross_talk_is_sought_between_the_channels_that_there_are(sensors, count
     contacts = header_of(preset_rig(sensors, robot)).contacts
     targets = targets_in(catalogue()["wrench-crosstalk"], robot, contacts, ())
     assert len(targets) == count
-    families = {f.name: f for f in families_of(robot, tolerances_of(SensorSheet()), contacts=contacts)}
+    families = {f.name: f for f in families_of(robot, tolerances_of(tt.SensorSheet()), contacts=contacts)}
     assert "plate-map" not in families
     if targets:
         sizes = dict(zip(targets, families["wrench-crosstalk"].sizes.tolist(), strict=True))
@@ -208,7 +205,7 @@ def test_wrong_signs_end_in_a_refusal_or_a_marked_table(robot):
     for weighed in (None, measured.weighed_mass):
         try:
             found: Any = identify(dataclasses.replace(upside_down, weighed_mass=weighed), robot)
-        except InputError as refusal:
+        except tt.InputError as refusal:
             found = str(refusal)
         if isinstance(found, str):
             assert "found a total mass of -" in found
@@ -220,7 +217,7 @@ def test_wrong_signs_end_in_a_refusal_or_a_marked_table(robot):
 
 def test_an_estimate_longer_than_the_robot_is_refused(robot, run, found):
     estimate = dataclasses.replace(found.full, value=np.append(found.full.value[:-1], -1e16))
-    with pytest.raises(InputError, match=r"found left_ankle.z = -1e19 mm, expected at most 2704 mm"):
+    with pytest.raises(tt.InputError, match=r"found left_ankle.z = -1e19 mm, expected at most 2704 mm"):
         check_physical(estimate, found.mass, robot, "data")
     check_physical(found.full, found.mass, robot, "data")
 

@@ -7,11 +7,9 @@ import mujoco
 import numpy as np
 
 import tulip_testbed as tt
-from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.measurements.contacts import WRENCH
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.rig import Rig, preset_rig
-from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.sensors import PRESETS
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
@@ -26,7 +24,7 @@ TILTED = {  # m, rad: mountings
 }
 
 
-def changed_rig(robot: Robot, name: str, exact: bool = True, **changes: Any) -> Rig:
+def changed_rig(robot: tt.Robot, name: str, exact: bool = True, **changes: Any) -> Rig:
     """Return a preset's laboratory with changed wrench sensors, in which nothing is measured twice.
 
     Args:
@@ -40,17 +38,17 @@ def changed_rig(robot: Robot, name: str, exact: bool = True, **changes: Any) -> 
     return dataclasses.replace(rig, sensors=dataclasses.replace(base, wrench=wrench), protocol=protocol)
 
 
-def laboratory(robot: Robot, name: str) -> tt.Laboratory:
+def laboratory(robot: tt.Robot, name: str) -> tt.Laboratory:
     return tt.Laboratory(robot, name, nominal=changed_rig(robot, name))
 
 
-def by_ideal_cells(robot: Robot, plan: PosturePlan) -> Any:
+def by_ideal_cells(robot: tt.Robot, plan: tt.PosturePlan) -> Any:
     rig = preset_rig("ideal", robot)
     rig = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=0))
     return tt.Laboratory(robot, "ideal", nominal=rig).run(plan, 3, "statics")
 
 
-def statics(rig: Rig, plan: PosturePlan, runs: int = 1) -> list[Any]:
+def statics(rig: Rig, plan: tt.PosturePlan, runs: int = 1) -> list[Any]:
     return list(run_statics(solve_plan(rig, plan), np.random.SeedSequence(7).spawn(runs)))
 
 
@@ -60,7 +58,7 @@ def heavy_foot(spec: mujoco.MjSpec) -> None:
     foot.mass, foot.ipos = foot.mass + 0.3, [0.05, 0.01, -0.04]
 
 
-def feet_in_base(robot: Robot, measured: Any) -> np.ndarray:
+def feet_in_base(robot: tt.Robot, measured: Any) -> np.ndarray:
     """Return the feet's frames by row and side from MuJoCo's kinematics, (m, 2, 4, 4)."""
     data, chain = mujoco.MjData(robot.model), ClosedChain(robot.model, robot)
     frames = np.tile(np.eye(4), (len(measured), 2, 1, 1))
@@ -74,7 +72,7 @@ def feet_in_base(robot: Robot, measured: Any) -> np.ndarray:
     return frames
 
 
-def sensors_in_base(robot: Robot, measured: Any) -> tuple[np.ndarray, np.ndarray]:
+def sensors_in_base(robot: tt.Robot, measured: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return rotation (m, 2, 3, 3) and origin (m, 2, 3) of the sensors' frames in the base frame.
 
     On the ground by the recorded pose of the plate, its top at height zero; in the foot by MuJoCo.
@@ -89,7 +87,7 @@ def sensors_in_base(robot: Robot, measured: Any) -> tuple[np.ndarray, np.ndarray
     return np.moveaxis(np.array(rows), (0, 1), (2, 3)), np.stack([x, y, zero], axis=-1)
 
 
-def ground_wrenches(robot: Robot, run: Any) -> tuple[np.ndarray, np.ndarray]:
+def ground_wrenches(robot: tt.Robot, run: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return forces and moments of the ground about the base frame's origin, (m, 2, 3) twice [N, Nm].
 
     Zeros and what hangs below the sensor are taken off. Channels that are not read are zero.
@@ -108,16 +106,3 @@ def ground_wrenches(robot: Robot, run: Any) -> tuple[np.ndarray, np.ndarray]:
         place = feet[..., :3, 3] + np.einsum("mpab,pb->mpa", feet[..., :3, :3], center)
         force, moment = force - weight, moment - np.cross(place, np.broadcast_to(weight, place.shape))
     return force, moment
-
-
-def by_cells(measured: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Return weight and centre of pressure from the cells of both plates at their recorded places."""
-    moment = np.zeros((len(measured), 2))
-    for side in (0, 1):
-        forces = measured.cell_forces[:, 4 * side : 4 * side + 4]
-        x, y, yaw = measured.plate_poses[:, side].T
-        for k, (a, b) in enumerate(measured.cells[side]):
-            place = np.array([x + a * np.cos(yaw) - b * np.sin(yaw), y + a * np.sin(yaw) + b * np.cos(yaw)])
-            moment += (forces[:, k] * place).T
-    total = measured.cell_forces.sum(axis=1)
-    return total, moment / total[:, None]

@@ -96,13 +96,6 @@ def keep_alone(path: Path) -> None:
     manifest.write_text(json.dumps(json.loads(manifest.read_text()) | {"tables": tables}, indent=1))
 
 
-def swap(edits: str) -> Make:
-    """Replace the first occurrence of a text, as lines `OLD => NEW | ANOTHER NEW` say."""
-    pairs = [line.replace("\\n", "\n").split(" =>") for line in edits.strip().splitlines()]
-    both = [(old, new.strip()) for old, news in pairs for new in news.split(" |")]
-    return lambda text, draw: [text.replace(old, new, 1) for old, new in both]
-
-
 def harmless(text: str, draw: Draw) -> list:
     return ["\ufeff" + text, text.replace("\n", "\r\n"), text + "\n\n\n"]
 

@@ -93,6 +93,6 @@ def read_or_refused(read: Callable[[], Any]) -> Any:
 HOSTILE = (
     *("[bold red]x[/]", "[/]", "[link=file:///etc/passwd]x[/link]", "<script>alert(1)</script>", "</td>&lt;"),
     *("\x1b[2J\x1b[31mx", "\x9b31m", "\u202eabc\u202c", "\u2066x", "a\nb", "a\rb", "a\tb", "\x00"),
-    "\x7f\x08",
+    *("\x7f\x08", "knee[left]", "a|b", "\ud800"),
     *("\"'`", "{{ 7 * 7 }}", "%s{0}", "${HOME}", "\u200b", "\ufeffx", "e\u0301", "x" * 5_000, " ", ""),
 )

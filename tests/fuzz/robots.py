@@ -19,7 +19,6 @@ from tests.fuzz.changes import (
     content,
     one,
     refused,
-    swap,
 )
 from tests.fuzz.documents import HOSTILE
 
@@ -36,15 +35,6 @@ STRANGE_XML = (
     *STRANGE_NUMBERS,
 )
 
-
-ODD_ROBOT = """
-diaginertia="0.25 0.23 0.075" => diaginertia="1 1 100"
-<body name="right_ankle" pos="0 0 -0.2732"> => <body name="right_ankle" quat="0 0 0 0">
-<actuator> => <keyframe><key name="stand" qpos="1 2"/></keyframe><actuator>
-"""
-LIMITS = """
-ctrlrange="-25.4 25.4" forcerange="-25.4 25.4" => ctrlrange="-25.4 25.4" | forcerange="-25.4 25.4"
-"""
 
 END = "</mujoco>"
 ENDLESS = (  # small to write, too large to compile
@@ -179,8 +169,6 @@ MODELS: dict[str, tuple] = {
     "models without end": (before_the_end(*ENDLESS), REFUSED),
     "a model in itself": (before_the_end(ITSELF), refused("includes itself (tulip.xml -> tulip.xml)")),
     "a folder elsewhere": (before_the_end(*FOLDERS), refused("line")),
-    "an odd robot": (swap(ODD_ROBOT), EITHER),
-    "other torque limits": (swap(LIMITS), SAME),
 }
 
 
