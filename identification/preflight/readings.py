@@ -241,8 +241,10 @@ def _frozen(m: Measurements, nominal: Nominal) -> list[tuple[str, str, str]]:
     """Find rows of a motion in which no joint changes and the centre of pressure does."""
     if m.joint_rates is None:
         return []
-    center = center_of_pressure(m) if m.contacts is None else contact_pressure(m, nominal).center
     rests = np.abs(np.diff(m.joint_angles, axis=0)).max(axis=1) < SAME_ANGLE
+    if not rests.any():
+        return []
+    center = center_of_pressure(m) if m.contacts is None else contact_pressure(m, nominal).center
     faults = []
     for some in runs(rests):
         moved = float(np.ptp(center[some.start : some.stop + 1], axis=0).max())
