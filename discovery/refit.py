@@ -207,6 +207,15 @@ def equivalent(alternatives: tuple[Fitted, ...], adopted: Fitted) -> tuple[Fitte
     return tuple(a for a in alternatives if a.log_bayes_factor > least or a.label == adopted.label)
 
 
+def stands_alone(term: Fitted) -> bool:
+    """Return whether an effect is of the whole laboratory, as the only member of its family is.
+
+    With an alternative in its place it would stay in that family, and explain the readings from there: it is
+    compared with alternatives by the joint fit alone.
+    """
+    return not term.candidate.target
+
+
 def refit_with_alternatives(
     found: JointFit, alternatives: tuple[tuple[Fitted, ...], ...]
 ) -> tuple[JointFit, np.ndarray, tuple[tuple[Fitted, ...], ...]]:
@@ -233,7 +242,9 @@ def refit_with_alternatives(
             asked = len(judged) <= MOST_REFITS
             exact, doubt = refit_if_better(formula) if asked else (formula, shared)
             more = exact.log_evidence - formula.log_evidence
-            judged.append(replace(alternative, log_bayes_factor=base + alternative.log_bayes_factor + more))
+            of_fit = exact.log_evidence - rest
+            value = of_fit if stands_alone(mine) else base + alternative.log_bayes_factor + more
+            judged.append(replace(alternative, log_bayes_factor=value))
             if asked and judged[-1].log_bayes_factor > most:
                 best, shared, most, gained = exact, doubt, judged[-1].log_bayes_factor, more
         judged.sort(key=lambda one: -one.log_bayes_factor)

@@ -295,8 +295,8 @@ def test_a_fit_through_the_laboratory_that_is_lost_widens_no_interval(monkeypatc
     assert best.covariance == pytest.approx(error**2)
 
 
-def explains(label, log):
-    candidate: Any = SimpleNamespace(label=label)
+def explains(label, log, target="one"):
+    candidate: Any = SimpleNamespace(label=label, target=target)
     return Fitted(candidate, 0, np.zeros(1), log)
 
 
@@ -364,6 +364,14 @@ def test_a_term_that_the_newest_makes_idle_goes_once_both_came_to_rest():
     search: Any = Restless(known)
     best = _without_idle(search, search.tried((spring, sole), "here"), cast(Any, "here"))
     assert [term.label for term in best.terms] == ["sole"]
+
+
+def test_the_only_member_of_a_family_is_not_judged_against_itself():
+    """With the payload the drift of all gains stays in its family, and explains the readings from there."""
+    drift, payload = explains("drift", 8.7, target=""), explains("payload", 8.6)
+    search: Any = Evidences({"drift": 0.0, "payload": 2.7})
+    fit: Any = SimpleNamespace(terms=(drift,))
+    assert _judged_again(search, cast(Any, None), fit, 0, (drift, payload)) == (drift, payload)
 
 
 def with_a_family(spread):
