@@ -118,9 +118,12 @@ class Discovery:
     @property
     def negligible(self) -> tuple[Fitted, ...]:
         """Return the effects without a family that are fitted, but too small to be named."""
-        terms = enumerate(self.fit.terms)
         return tuple(
-            t for k, t in terms if k not in self.effects and t.candidate.effect.name not in TOLERANCES
+            replace(term, log_bayes_factor=same.log_bayes_factor)
+            for k, term in enumerate(self.fit.terms)
+            if k not in self.effects and term.candidate.effect.name not in TOLERANCES
+            for same in self.equivalents[k]
+            if same.label == term.label
         )
 
     def _instance(self, k: int, explanation: Fitted) -> EffectInstance:

@@ -232,7 +232,7 @@ def refit_with_alternatives(
     gained = best.log_evidence - found.repeated.log_evidence
     sets = []
     for k, near in enumerate(alternatives):
-        mine = best.terms[k]
+        mine, of_mine = best.terms[k], gained
         others = best.without(k)
         rest = (refit_if_better(others)[0] if others.terms else others).log_evidence
         most = best.log_evidence - rest
@@ -241,7 +241,9 @@ def refit_with_alternatives(
         for alternative, formula in _in_place_of(best, k, near):
             asked = len(judged) <= MOST_REFITS
             exact, doubt = refit_if_better(formula) if asked else (formula, shared)
-            more = exact.log_evidence - formula.log_evidence
+            # The laboratory corrects no misreading: with any of them, it corrects the other terms alike.
+            both_misread = mine.candidate.effect.misreads and alternative.candidate.effect.misreads
+            more = of_mine if both_misread else exact.log_evidence - formula.log_evidence
             of_fit = exact.log_evidence - rest
             value = of_fit if stands_alone(mine) else base + alternative.log_bayes_factor + more
             judged.append(replace(alternative, log_bayes_factor=value))
