@@ -9,14 +9,12 @@ centres of mass by 20 mm. Where the data determine the base parameters, torques 
 model's.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.linearisation import OF_LOADS, Families, joint_compliance, split_members
-from tulip_testbed.effects.instance import EffectInstance, misread_in_feet, removed
+from tulip_testbed.effects.instance import misread_in_feet, removed, removed_at
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.cad_prior import CENTER_SD, MASS_SD
 from tulip_testbed.identification.observation import Observation
@@ -35,41 +33,30 @@ def members_removed(
 ) -> Observation:
     """Remove members and effects, with the loads of the estimated robot.
 
-    How much an effect changes is computed from readings with little noise, because otherwise the noise would
-    follow the residuals, and a play would rest at the wrong end. Compliances are removed as the cells show
-    the loads; the covariance of the residuals contains what follows from their noise.
+    How much an effect changes is computed from readings with little noise. Otherwise gains would shrink the
+    noise, which the evidence would take for a better fit, and a play would rest at the wrong end. Compliances
+    are removed as the cells show the loads; the covariance of the residuals contains what follows from their
+    noise.
 
     Args:
         errors: noise of the readings as far as it is known, (m, k) as in `packed`.
     """
     compliance = joint_compliance(families, phi, observed.tree.joints)
     loaded = with_estimated_loads(observed, theta, covariance, compliance)
-    members = [(family, family.instances(values)) for family, values in split_members(families, phi)]
-    every = [instance for _, instances in members for instance in instances]
+    every = [
+        instance for family, values in split_members(families, phi) for instance in family.instances(values)
+    ]
     sized = [instance for instance in every if instance.effect.sizes]
     # Exchanged readings are undone as they are, and first: they are the last to act.
     loaded = removed(loaded, [instance for instance in every if not instance.effect.sizes])
-    free = [
-        instance
-        for family, instances in members
-        if isinstance(family, FreeEffect) and len(family) and family.name not in OF_LOADS
-        for instance in instances
-    ]
-    if not free or errors is None:
-        return _removed(loaded, sized)
-    others = [instance for instance in sized if instance not in free]
-    smooth = unpacked(loaded, packed(loaded) - errors)
-    return moved_by(_removed(loaded, others), _removed(smooth, others), _removed(smooth, sized))
-
-
-def _removed(observed: Observation, instances: Sequence[EffectInstance]) -> Observation:
-    """Remove effects; compliances last, and together, since the loads hardly depend on them."""
-    yielding = [instance for instance in instances if instance.effect.name in OF_LOADS]
-    others = [instance for instance in instances if instance.effect.name not in OF_LOADS]
-    out = rest = removed(observed, others)
+    smooth = None if errors is None else unpacked(loaded, packed(loaded) - errors)
+    # Compliances come last, and together, since the loads hardly depend on them.
+    yielding = [instance for instance in sized if instance.effect.name in OF_LOADS]
+    others = [instance for instance in sized if instance.effect.name not in OF_LOADS]
+    out = rest = removed_at(smooth, loaded, others)
     for instance in yielding:
         out = moved_by(out, rest, removed(rest, [instance]))
-    return misread_in_feet(observed, others, rest, out)
+    return misread_in_feet(loaded, others, rest, out, smooth)
 
 
 def with_estimated_loads(

@@ -18,6 +18,7 @@ from tulip_testbed.effects.lasting import arranged, check_everywhere, split_targ
 from tulip_testbed.effects.laws import LAW, law_effect
 from tulip_testbed.effects.targets import check_target
 from tulip_testbed.identification.observation import Observation
+from tulip_testbed.identification.residual_channels import moved_by
 from tulip_testbed.measurements.manipulations import Experiment
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import Robot
@@ -323,8 +324,25 @@ def removed(observed: Observation, instances: Sequence[EffectInstance]) -> Obser
     return observed
 
 
+def removed_at(
+    smooth: Observation | None, observed: Observation, instances: Sequence[EffectInstance]
+) -> Observation:
+    """Return the observation with these effects removed, which change it as they change another one.
+
+    Args:
+        smooth: the other one, with less noise; None: the observation itself.
+    """
+    if smooth is None:
+        return removed(observed, instances)
+    return moved_by(observed, smooth, removed(smooth, instances))
+
+
 def misread_in_feet(
-    observed: Observation, others: Sequence[EffectInstance], rest: Observation, leaning: Observation
+    observed: Observation,
+    others: Sequence[EffectInstance],
+    rest: Observation,
+    leaning: Observation,
+    smooth: Observation | None = None,
 ) -> Observation:
     """Return the observation of feet that lean, with what the sensors misread removed in the feet's axes.
 
@@ -333,12 +351,17 @@ def misread_in_feet(
 
     Args:
         others: effects that were removed from `observed` to give `rest`. leaning: `rest` with feet that lean.
+        smooth: at which they were removed, see `removed_at`.
     """
     if not others or not observed.upright:
         return leaning
     tilts = [np.stack([one.stance_tilt, one.swing_tilt], axis=1) for one in (rest, leaning)]
-    back = observed.changed(cell_forces=observed.seen_from(tilts[1] - tilts[0]))
-    return leaning.changed(cell_forces=removed(back, others).cell_forces)
+
+    def turned_back(one: Observation) -> Observation:
+        return one.changed(cell_forces=one.seen_from(tilts[1] - tilts[0]))
+
+    quiet = None if smooth is None else turned_back(smooth)
+    return leaning.changed(cell_forces=removed_at(quiet, turned_back(observed), others).cell_forces)
 
 
 def as_manipulated(instances: Sequence[EffectInstance], experiment: Experiment) -> tuple[EffectInstance, ...]:
