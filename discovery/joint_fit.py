@@ -14,7 +14,14 @@ from tulip_testbed.discovery.columns import effect_columns
 from tulip_testbed.effects.size_prior import log_tail, prior_sd
 from tulip_testbed.identification.distributions import normal_logcdf
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import difference, fields, moved_by, packed, unpacked
+from tulip_testbed.identification.residual_channels import (
+    difference,
+    fields,
+    moved_by,
+    packed,
+    residuals,
+    unpacked,
+)
 from tulip_testbed.identification.residual_noise import Noise
 
 STEPS = 6
@@ -256,7 +263,12 @@ def _with_sizes(terms: tuple[Fitted, ...], sizes: np.ndarray) -> tuple[Fitted, .
 
 def _residual_without(linear: LinearModel, terms: tuple[Fitted, ...], errors: np.ndarray) -> np.ndarray:
     """Compute the whitened, projected residual with the terms removed, (r + 1,)."""
-    left = linear.residual_of(remove_terms(linear.observed, linear.smoothed, terms))
+    undone = [term for term in terms if not term.candidate.effect.sizes]
+    observed, smoothed = (remove_terms(one, one, undone) for one in (linear.observed, linear.smoothed))
+    clean = remove_terms(smoothed, smoothed, [term for term in terms if term not in undone])
+    # At the readings themselves, forces that are taken off would enlarge the noise of their centre.
+    change = residuals(clean, linear.theta) - residuals(smoothed, linear.theta)
+    left = linear.project_residual(linear.whitening(residuals(observed, linear.theta) + change))
     # The model error of terms that were removed before is in the residual, not in the readings.
     return left - errors @ with_constant(terms) + (linear.residual - linear.plain_residual)
 
