@@ -17,6 +17,7 @@ from tulip_testbed.identification.residual_channels import (
     by_base_parameters,
     by_weight,
     fields,
+    forces_over_readings,
     packed,
     residuals,
     unpacked,
@@ -176,7 +177,9 @@ def _round(
     if (yielding := background.yielding) is not None:
         plain = np.eye(*yielding.shape[1:]) if propagation is None else propagation
         propagation = plain + yielding
-    white = whitening(smoothed, theta, noise, channels, propagation, background.internal, background.squeeze)
+    forces = forces_over_readings(observed)
+    hidden = background.internal, background.squeeze
+    white = whitening(smoothed, theta, noise, channels, propagation, *hidden, forces)
     nuisance = nuisances(smoothed, channels)
     used = np.abs(nuisance).max(axis=(0, 1)) > 0
     members = background.columns.shape[2]
@@ -191,7 +194,10 @@ def _round(
     size = np.abs(np.diag(triangle))
     rank = int((size > RANK * size.max(initial=0.0)).sum())
     basis, triangle = basis[:, :rank], triangle[:rank, :rank]
-    start = np.concatenate([white(residuals(observed, theta) - explained), known])
+    by_cells = (forces - 1) * white.sensitivity[:, ROWS["A"], fields(observed)["cells"]]
+    noisy = residuals(observed, theta) - explained
+    noisy[:, ROWS["A"]] += (by_cells @ (observed.cell_forces - smoothed.cell_forces)[..., None])[..., 0]
+    start = np.concatenate([white(noisy), known])
     gain = basis.T @ start
     left = start - basis @ gain
     solution = np.zeros(len(kept))

@@ -31,6 +31,7 @@ from tulip_testbed.identification.residual_channels import (
     constants_of_stances,
     difference,
     fields,
+    forces_over_readings,
     has_direction,
     residuals,
     residuals_in_use,
@@ -140,8 +141,11 @@ def linearised(
     # Members at an estimate carry the noise of cells and plates, by their loads, into the residuals.
     yields = _yields(state.smooth, families)
     covariance = state.covariance
+    centers = (slice(None), ROWS["A"], at["cells"])
+    as_read = (forces_over_readings(clean) - 1) * slope[centers]
     if covariance is None:
         reach = slope[..., : at["plates"].stop].copy()
+        reach[centers] += as_read
         reach[..., at["cells"].start :] += slope.take(yields.field, axis=2) @ (
             phi[yields.member][:, None] * yields.rate
         )
@@ -168,6 +172,7 @@ def linearised(
     weights = structure.weights(np.log(state.scales))
 
     left = residuals(clean, theta)
+    left[:, ROWS["A"]] += (as_read @ (clean.cell_forces - state.smooth.cell_forces)[..., None])[..., 0]
     unexplained = left.copy()
     unexplained[:, : ROWS["T"].stop] += by_weight(clean) * (state.nu[-1] - clean.heavier)
     pull = weighted_in_time(clean, weights, used * unexplained[..., None])[..., 0]

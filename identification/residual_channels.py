@@ -238,6 +238,17 @@ def total_force(observed: Observation) -> np.ndarray:
     return observed.weight + observed.lift
 
 
+def forces_over_readings(clean: Observation) -> np.ndarray:
+    """Return the force on plates over that which was read, before effects were removed, (m, 1, 1).
+
+    A centre of pressure is a moment over the force. Where effects took off a part of the force, the noise of
+    the cells would count as a larger one, and where they added to it as a smaller one: both would count as
+    evidence. Other sensors: 1, because theirs is over the weight.
+    """
+    read = clean.changed(cell_forces=clean.measurements.cell_forces) if has_twist(clean) else clean
+    return (total_force(clean) / total_force(read))[:, None, None]
+
+
 def by_weight(observed: Observation) -> np.ndarray:
     """Differentiate channels A, F and T by the weight, with which inertial forces grow, (m, 5)."""
     by_lift = _by_lift(observed)

@@ -192,6 +192,7 @@ def whitening(
     propagation: np.ndarray | None = None,
     internal: np.ndarray | None = None,
     squeeze: np.ndarray | None = None,
+    forces: np.ndarray | float = 1.0,
 ) -> Whitening:
     """Return the whitening coordinates of some channels of an experiment.
 
@@ -202,9 +203,11 @@ def whitening(
         internal: change of the residuals by one s.d. of independent errors of every posture that no reading
             shows, (m, 11, j); None: there are none. squeeze: the same of errors that a placement's postures
             share.
+        forces: see `forces_over_readings`.
     """
     slope, at = sensitivity(observed, theta), fields(observed)
-    reach = slope[..., : at["plates"].stop] if propagation is None else slope @ propagation
+    reach = slope[..., : at["plates"].stop].copy() if propagation is None else slope @ propagation
+    reach[:, ROWS["A"], at["cells"]] *= forces
     angles, cells = reach[..., at["angles"]], reach[..., at["cells"]]
     own = noise.encoder**2 * angles @ angles.mT + noise.cell**2 * cells @ cells.mT + floor(noise)
     if internal is not None and internal.shape[2]:
