@@ -295,8 +295,8 @@ def test_a_fit_through_the_laboratory_that_is_lost_widens_no_interval(monkeypatc
     assert best.covariance == pytest.approx(error**2)
 
 
-def explains(label, log, target="one"):
-    candidate: Any = SimpleNamespace(label=label, target=target)
+def explains(label, log, target="one", misreads=False):
+    candidate: Any = SimpleNamespace(label=label, target=target, effect=SimpleNamespace(misreads=misreads))
     return Fitted(candidate, 0, np.zeros(1), log)
 
 
@@ -312,6 +312,21 @@ def test_an_alternative_counts_as_much_as_its_own_calibration_says(monkeypatch):
     best, _, near = refit_with_alternatives(fit, ((tare, gain),))
     assert best is fit
     assert [[one.label for one in several] for several in near] == [["cell-tare"]]
+
+
+@pytest.mark.parametrize(("misreads", "best"), [(True, "tare"), (False, "payload")])
+def test_the_laboratory_decides_between_misreadings_by_nothing(monkeypatch, misreads, best):
+    """It corrects none of them: what a fit through it gains for one of two is that of the other terms."""
+    terms = explains("tare", 20.0, misreads=True), explains("payload", 16.0, misreads=misreads)
+    rest: Any = SimpleNamespace(terms=(), log_evidence=0.0)
+    fit: Any = SimpleNamespace(terms=terms[:1], log_evidence=20.0, without=lambda _: rest)
+    fit.repeated = fit
+    formula: Any = SimpleNamespace(terms=terms[1:], log_evidence=16.0)
+    through = {id(fit): fit, id(formula): SimpleNamespace(terms=terms[1:], log_evidence=30.0)}
+    monkeypatch.setattr("tulip_testbed.discovery.refit.refit_if_better", lambda one: (through[id(one)], None))
+    monkeypatch.setattr("tulip_testbed.discovery.refit._in_place_of", lambda *_: [(terms[1], formula)])
+    found, _, _ = refit_with_alternatives(fit, (terms,))
+    assert [term.label for term in found.terms] == [best]
 
 
 @dataclasses.dataclass

@@ -18,7 +18,7 @@ from tulip_testbed.calibration.families import (
 )
 from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.calibration.member_columns import member_columns
-from tulip_testbed.calibration.member_removal import with_estimated_loads
+from tulip_testbed.calibration.member_removal import members_removed, with_estimated_loads
 from tulip_testbed.calibration.self_calibration import _share_of_last, least_determined, self_calibrate
 from tulip_testbed.discovery.joint_fit import Data
 from tulip_testbed.discovery.patterns import patterns
@@ -36,6 +36,7 @@ from tulip_testbed.identification.residual_channels import (
     residuals,
     residuals_in_use,
     sensitivity,
+    unpacked,
 )
 from tulip_testbed.identification.residual_noise import noise_of
 from tulip_testbed.sim.random_robots import draw_robot
@@ -204,6 +205,37 @@ def test_noise_reaches_what_yields(found, ordinary, nominal):
         by_reading = (ends[0] - ends[1])[:, free] / (2 * step)
         column = expected[:, free, at["cells"].start + reading]
         assert column == pytest.approx(by_reading, abs=0.03 * np.abs(by_reading).max())
+
+
+def test_gains_that_are_removed_leave_the_noise_as_it_was(ordinary, nominal, robot):
+    """Otherwise all gains too large would make it smaller, and the evidence for them would be better."""
+    observed = observe(ordinary[0].measurements, nominal)
+    families = [one for one in families_of(robot, tolerances_of(FORCE_PLATE)) if one.name == "cell-gain"]
+    errors = np.zeros_like(packed(observed))
+    errors[:, fields(observed)["cells"]] = 0.1 * np.random.default_rng(1).standard_normal((len(observed), 8))
+    quiet = unpacked(observed, packed(observed) - errors)
+    estimate = np.full(8, 0.05), nominal.value, 1e-9 * np.eye(len(nominal.value))
+    noisy = members_removed(observed, families, *estimate, errors)
+    assert noisy.cell_forces - members_removed(quiet, families, *estimate).cell_forces == pytest.approx(
+        errors[:, fields(observed)["cells"]]
+    )
+
+
+@pytest.mark.parametrize("drift", [-2.0, 2.0])
+def test_force_that_is_taken_off_leaves_the_noise_of_the_centre_as_it_was_read(
+    ordinary, nominal, robot, drift
+):
+    m = ordinary[0].measurements
+    forces = m.cell_forces.copy()
+    forces[:, :4] += drift * ((m.time - m.time[0]) / np.ptp(m.time))[:, None]
+    read = observe(dataclasses.replace(m, cell_forces=forces), nominal)
+    clean = removed(read, instances_of(f"plate-drift:right={drift}", robot))
+    with_drift, without, never = (
+        linear_model(one, noise_of(one), smoothed=one, rounds=1).whitening.log_volume
+        for one in (read, clean, observe(m, nominal))
+    )
+    # What the drift changes in the plates' shares, and so in the noise of their places, is no such noise.
+    assert abs(without - with_drift) < 0.3 * abs(never - with_drift)
 
 
 def test_no_error_of_cells_is_left_in_the_columns_however_large(ordinary, nominal):
