@@ -218,18 +218,23 @@ def as_log_shows(
 
 def _with_lasting_noise(
     observed: Observation, tolerances: Mapping[str, float] | None, rows: np.ndarray | None
-) -> tuple[Observation, SelfCalibration]:
-    """Find how long the noise lasts, beginning with noise that lasts: otherwise families would explain it."""
+) -> tuple[Observation, SelfCalibration | None]:
+    """Find how long the noise lasts, beginning with noise that lasts: otherwise families would explain it.
+
+    Where a gross fault lets no calibration converge, it stays as assumed, so that the fault can be searched.
+    """
     some, lasting, found = observed if rows is None else observed.take(rows), LASTING, None
     m = some.measurements
     for count in range(LASTING_ROUNDS):
         some = some.changed(noise_in_time=lasting)
-        found = self_calibrate(some, tolerances, start=found)
+        try:
+            found = self_calibrate(some, tolerances, start=found)
+        except np.linalg.LinAlgError:
+            return observed.changed(noise_in_time=lasting), None
         noise = own_noise(some, found.problem, found.solved)
         lasting = noise_in_time_of(noise, m.time, some.stance, float(m.window[0]))
         if count and lasting == some.noise_in_time:
             break
-    assert found is not None
     return observed.changed(noise_in_time=some.noise_in_time), found
 
 

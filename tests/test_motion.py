@@ -17,6 +17,7 @@ import tulip_testbed as tt
 from tests.test_refusals import refuse
 from tulip_testbed.base.progress import Advance
 from tulip_testbed.calibration.families import Family
+from tulip_testbed.calibration.self_calibration import LASTING, as_log_shows
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.effects.laws.misread import undo
 from tulip_testbed.effects.motion_effects import LAG, MOTION_EFFECTS
@@ -176,6 +177,17 @@ def test_fast_motion_is_named_before_and_after(robot, three, planned, moved):
 def identified(robot, moved):
     sheet = header_of(preset_rig("wii", robot)).sensors
     return tt.identify(replace(moved.measurements, sensors=sheet), robot)
+
+
+def test_a_gross_fault_leaves_the_noise_in_time_as_assumed(robot, moved, monkeypatch):
+    """With swapped cells no calibration of a motion converged, so they were not searched for."""
+
+    def diverges(*_, **__):
+        raise np.linalg.LinAlgError
+
+    monkeypatch.setattr("tulip_testbed.calibration.self_calibration.self_calibrate", diverges)
+    seen, found = as_log_shows(observe(moved.measurements, nominal_robot(robot)))
+    assert (seen.noise_in_time, found) == (LASTING, None)
 
 
 @pytest.mark.parametrize(("size", "left"), [(0.5, 1.0), (1e3, 0.0)])
