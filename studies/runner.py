@@ -41,8 +41,6 @@ class Settings:
     """processes; the tables do not depend on their number"""
     only: tuple[str, ...] = ()
     """parts of the study"""
-    out: Path | None = None
-    """Markdown file for the tables"""
 
     def count(self, published: float) -> int:
         """Return how many runs to make where the published table has `published`."""
@@ -94,7 +92,7 @@ def studies() -> dict[str, str]:
 
 
 def run(name: str, arguments: list[str]) -> None:
-    """Run one study, print its lines as they come, and write them to `--out` at the end.
+    """Run one study and print its lines as they come.
 
     Raises:
         InputError: a part that the study does not have, or another setting that the study refuses.
@@ -106,19 +104,12 @@ def run(name: str, arguments: list[str]) -> None:
     )
     for part in settings.only:
         look_up("part", part, module.SETTINGS.only, "--only")
-    began, lines = datetime.now(UTC), []
-
-    def write(line: str) -> None:
-        print(line, flush=True)
-        lines.append(line)
-
-    write(f"`{shlex.join([*prog.split(), *arguments])}` (seed {settings.seed})\n")
+    began = datetime.now(UTC)
+    print(f"`{shlex.join([*prog.split(), *arguments])}` (seed {settings.seed})\n", flush=True)
     for line in module.study(settings):
-        write(line)
+        print(line, flush=True)
     ended, load = datetime.now(UTC), os.getloadavg()[2]
-    write(f"\n{began:%Y-%m-%d %H:%M} to {ended:%H:%M} UTC, workers: {settings.workers}, load {load:.1f}.")
-    if settings.out:
-        write_text(settings.out, "\n".join(lines) + "\n")
+    print(f"\n{began:%Y-%m-%d %H:%M} to {ended:%H:%M} UTC, workers: {settings.workers}, load {load:.1f}.")
 
 
 def row(*cells: object) -> str:

@@ -98,17 +98,15 @@ class FaultyDay:
     """The result of a day with a fault.
 
     Attributes:
-        multiple: of the MDE. began: row. detectable, noticed: rows; -1: never.
-        verdict: with which it was noticed. told: the cause that was named. early: a false alarm before.
+        multiple: of the MDE. detectable, noticed: rows; -1: never.
+        told: the cause that was named. early: a false alarm before.
     """
 
     kind: Kind
     preset: str
     multiple: float
-    began: int
     detectable: int
     noticed: int
-    verdict: str
     told: str
     early: bool
 
@@ -141,15 +139,13 @@ def ordinary_day(seed: int, preset: str, engine: str, plan: PosturePlan) -> Day:
     raise InputError(f"seed {seed}: found no robot that stands")
 
 
-def played(plan: PosturePlan, rows: Measurements) -> tuple[DayModel, list[Verdict], float]:
-    """Play a day row by row; return its model, the verdicts and the largest likelihood ratio of a change."""
-    model = day_model(plan, load_robot(), rows)
-    state, out, most = first_state(model), [], 0.0
+def played(model: DayModel, rows: Measurements) -> list[Verdict]:
+    """Play a day row by row; return the verdicts."""
+    state, out = first_state(model), []
     for k in range(len(rows)):
         state, verdict = watch_row(model, state, rows.take(np.array([k])))
-        most = max(most, float(state.changes.ratio.max()))
         out.append(verdict)
-    return model, out, most
+    return out
 
 
 def alarms(verdicts: list[Verdict]) -> list[int]:
@@ -217,21 +213,18 @@ def faulty_day(day: Day, kind: Kind, plan: PosturePlan, seed: int) -> FaultyDay:
         size, multiple = kind.size, np.inf
     rows = with_fault(day, kind, size, plan, start)
     ratios, _ = known_ratio(model, rows, direction, began)
-    _, verdicts, _ = played(plan, rows)
+    verdicts = played(model, rows)
     odd = alarms(verdicts)
     later = [k for k in odd if k >= began]
     found = np.flatnonzero(ratios > float(chi2_isf(DETECTABLE, 1)))
-    noticed = later[0] if later else -1
     changed = [v for v in verdicts[began:] if v.verdict == CHANGED]
     named = next((f.seen for v in changed for f in v.findings if f.name == "change"), "")
     return FaultyDay(
         kind=kind,
         preset=day.laboratory.sensors,
         multiple=multiple,
-        began=began,
         detectable=int(found[0]) if len(found) else -1,
-        noticed=noticed,
-        verdict=verdicts[noticed].verdict if later else "",
+        noticed=later[0] if later else -1,
         told=named.partition("best explanation: ")[2].rpartition(": ")[0],
         early=bool(odd and odd[0] < began),
     )
