@@ -10,14 +10,15 @@ import importlib
 import os
 import shlex
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import joblib
 import tyro
+from pydantic import TypeAdapter
 from scipy.stats import binomtest
 
 from tulip_testbed.base.errors import InputError, look_up
@@ -64,6 +65,18 @@ class Settings:
                 results.append(result)
                 advance(1)
         return results
+
+    def kept(self, label: str, function: Callable[..., Any], calls: Mapping[Path, tuple]) -> list[Any]:
+        """Do the same for the arguments of each file; keep results there, and read those that are there."""
+        return self.parallel(label, kept, ((path, function, *each) for path, each in calls.items()))
+
+
+def kept(path: Path, function: Callable[..., Any], *arguments: Any) -> Any:
+    """Read what a function returned, of its annotated type, from a file; call it if there is none."""
+    document = TypeAdapter(get_type_hints(function)["return"])
+    if not path.exists():
+        write_text(path, document.dump_json(function(*arguments)).decode())
+    return document.validate_json(path.read_bytes())
 
 
 def main(arguments: list[str]) -> int:
