@@ -28,7 +28,7 @@ from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
 
 SETTINGS = Settings(seed=17000)
-CAMPAIGNS, EXPERIMENTS, PLACEMENTS = 16, 3, 20
+CAMPAIGNS, EXPERIMENTS, PLACEMENTS = 16, 3, 20  # placements of the first experiment
 PRESET, SESSION = "force-plate", "campaign"
 ROBOTS = (0.05, 0.2)  # spread of masses and centres of mass
 SEPARABLE = 0.05  # nat of entropy that the best proposal is expected to leave at most
@@ -106,15 +106,14 @@ def _hidden(rng: np.random.Generator) -> str:
 
 
 @one_blas_thread
-def carry_out(laboratory: Laboratory, seed: int, placements: int = PLACEMENTS) -> Campaign:
+def carry_out(laboratory: Laboratory, seed: int) -> Campaign:
     """Simulate, discover, propose and simulate until one explanation is left or the budget ends.
 
     Args:
-        laboratory: with the effect in question as the first that is hidden. placements: of the first
-            experiment.
+        laboratory: with the effect in question as the first that is hidden.
     """
     robot, hidden = laboratory.robot, laboratory.hidden[0]
-    pool = plan = shipped_plan(robot, placements)
+    pool = plan = shipped_plan(robot, PLACEMENTS)
     experiment, expected, every = Experiment(SESSION), [], []
     verdicts, words = [], ["first experiment"]
     try:

@@ -152,20 +152,13 @@ def figures(outcomes: Sequence[Outcome]) -> list[Figure]:
     sure = [one for one in done if one.verdict in SURE]
     arm = {name: [one for one in done if one.case.arm == name] for name in FULL}
 
+    wii, force_plate = ([o for o in arm[ONE] if o.case.preset == name] for name in ON_PLATES)
     first, both = (lambda o: o.first), (lambda o: o.both)
     shares = (
         ("nothing hidden: named or described", arm[NOTHING], lambda o: o.verdict in SURE[2:], 0, 0.02),
         ("nothing hidden: `unknown`", arm[NOTHING], lambda o: o.verdict == "unknown", 0, 0.05),
-        *(
-            (
-                f"one clear effect, `{name}`: first",
-                [o for o in arm[ONE] if o.case.preset == name],
-                first,
-                least,
-                1,
-            )
-            for name, least in zip(ON_PLATES, (0.8, 0.9), strict=True)
-        ),
+        ("one clear effect, `wii`: first", wii, first, 0.8, 1),
+        ("one clear effect, `force-plate`: first", force_plate, first, 0.9, 1),
         ("two of one kind: both named", [o for o in arm[TWO] if o.alike], both, 0.6, 1),
         ("two of different kinds: both named", [o for o in arm[TWO] if not o.alike], both, 0.75, 1),
         ("outside: neither `none` nor `calibrated`", arm[OUTSIDE], _doubted, 0.95, 1),

@@ -62,7 +62,6 @@ OF_JOINTS = {
     "joint-compliance": "deg/Nm",
     "encoder-offset": "deg",
     "encoder-gain": "%",
-    "encoder-slip": "deg",
     FRICTION: "deg",
 }
 TESTS = 100.0  # independent ones among the candidates

@@ -153,17 +153,17 @@ def alarms(verdicts: list[Verdict]) -> list[int]:
     return [k for k, one in enumerate(verdicts) if one.verdict != OK]
 
 
-def known_ratio(model: DayModel, rows: Measurements, direction: int, onset: int) -> tuple[np.ndarray, ...]:
+def known_ratio(model: DayModel, rows: Measurements, direction: int, onset: int) -> tuple[np.ndarray, float]:
     """Return the likelihood ratio of a fault whose kind and onset are known, after every row.
 
     The filter takes every row in.
 
     Returns:
-        twice its logarithm, and the information on one plausible size, (m,) each.
+        twice its logarithm, (m,), and all information on one plausible size.
     """
     columns, state = row_columns(model, rows), first_state(model)
     bias, pull, information = np.zeros(len(model.covariance)), 0.0, 0.0
-    ratios, informations = np.zeros(len(rows)), np.zeros(len(rows))
+    ratios = np.zeros(len(rows))
     for k in range(len(rows)):
         one = rows.take(np.array([k]))
         before = state.stance
@@ -178,9 +178,9 @@ def known_ratio(model: DayModel, rows: Measurements, direction: int, onset: int)
             pull += float(found.value @ found.precision @ seen)
             information += float(seen @ found.precision @ seen)
             bias = bias + found.gain @ seen
-        ratios[k], informations[k] = pull**2 / information if information > 0 else 0.0, information
+        ratios[k] = pull**2 / information if information > 0 else 0.0
         state = replace(state, belief=state.belief.updated(found))
-    return ratios, informations
+    return ratios, information
 
 
 def direction_of(model: DayModel, kind: Kind) -> int:
@@ -203,7 +203,7 @@ def faulty_day(day: Day, kind: Kind, plan: PosturePlan, seed: int) -> FaultyDay:
     direction = direction_of(model, kind)
     _, information = known_ratio(model, day.rows, direction, began)
     threshold = levels(model).ratio
-    mde = (np.sqrt(threshold) + POWER) / np.sqrt(information[-1])
+    mde = (np.sqrt(threshold) + POWER) / np.sqrt(information)
     multiple = float(np.exp(rng.uniform(*np.log(MULTIPLES))))
     effect = model.directions[direction].effect
     # A mass that is taken away may be more than the link has.

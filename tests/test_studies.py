@@ -185,6 +185,6 @@ def test_a_record_is_audited_before_its_other_steps(monkeypatch, tmp_path):
     monkeypatch.setattr(study_real_robots, "Truth", lambda **_: None)
     nobody: Any = None
     for _ in range(2):  # the second finds everything done
-        study_real_robots.carry_out(nobody, 0, (), False, ("predict", "audit"), tmp_path / "case")
+        study_real_robots.carry_out(nobody, 0, (), False, tmp_path / "case")
     assert done == ["audit", "predict"]
     assert "an error of the tool" in (tmp_path / "case" / "predict.json").read_text()
