@@ -54,21 +54,11 @@ def _postures() -> Image.Image:
 
 
 def _discovery(scratch: Path) -> Path:
-    data, found = Path("hidden"), scratch / "found"
-    hidden = [
-        "--sensors",
-        "force-plate",
-        "--seed",
-        SEED,
-        "--effects",
-        EFFECT,
-        "--truth",
-        f"{scratch}/truth.json",
-    ]
+    hidden = ["--sensors", "force-plate", "--seed", SEED, "--effects", EFFECT, "--truth", "truth.json"]
     with chdir(scratch), redirect_stdout(io.StringIO()):
-        tulip(["simulate", "--engine", "statics", *hidden, "--out", str(data), "--json"])
-        tulip(["discover", str(data), "--no-check", "--out", str(found), "--json"])
-    return found
+        tulip(["simulate", "--engine", "statics", *hidden, "--out", "hidden", "--json"])
+        tulip(["discover", "hidden", "--no-check", "--out", "found", "--json"])
+    return scratch / "found"
 
 
 def _window(run: Path, scratch: Path) -> Image.Image:

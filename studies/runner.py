@@ -10,14 +10,15 @@ import importlib
 import os
 import shlex
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import joblib
 import tyro
+from pydantic import TypeAdapter
 from scipy.stats import binomtest
 
 from tulip_testbed.base.errors import InputError, look_up
@@ -41,8 +42,6 @@ class Settings:
     """processes; the tables do not depend on their number"""
     only: tuple[str, ...] = ()
     """parts of the study"""
-    out: Path | None = None
-    """Markdown file for the tables"""
 
     def count(self, published: float) -> int:
         """Return how many runs to make where the published table has `published`."""
@@ -66,6 +65,18 @@ class Settings:
                 results.append(result)
                 advance(1)
         return results
+
+    def kept(self, label: str, function: Callable[..., Any], calls: Mapping[Path, tuple]) -> list[Any]:
+        """Do the same for the arguments of each file; keep results there, and read those that are there."""
+        return self.parallel(label, kept, ((path, function, *each) for path, each in calls.items()))
+
+
+def kept(path: Path, function: Callable[..., Any], *arguments: Any) -> Any:
+    """Read what a function returned, of its annotated type, from a file; call it if there is none."""
+    document = TypeAdapter(get_type_hints(function)["return"])
+    if not path.exists():
+        write_text(path, document.dump_json(function(*arguments)).decode())
+    return document.validate_json(path.read_bytes())
 
 
 def main(arguments: list[str]) -> int:
@@ -94,7 +105,7 @@ def studies() -> dict[str, str]:
 
 
 def run(name: str, arguments: list[str]) -> None:
-    """Run one study, print its lines as they come, and write them to `--out` at the end.
+    """Run one study and print its lines as they come.
 
     Raises:
         InputError: a part that the study does not have, or another setting that the study refuses.
@@ -106,19 +117,12 @@ def run(name: str, arguments: list[str]) -> None:
     )
     for part in settings.only:
         look_up("part", part, module.SETTINGS.only, "--only")
-    began, lines = datetime.now(UTC), []
-
-    def write(line: str) -> None:
-        print(line, flush=True)
-        lines.append(line)
-
-    write(f"`{shlex.join([*prog.split(), *arguments])}` (seed {settings.seed})\n")
+    began = datetime.now(UTC)
+    print(f"`{shlex.join([*prog.split(), *arguments])}` (seed {settings.seed})\n", flush=True)
     for line in module.study(settings):
-        write(line)
+        print(line, flush=True)
     ended, load = datetime.now(UTC), os.getloadavg()[2]
-    write(f"\n{began:%Y-%m-%d %H:%M} to {ended:%H:%M} UTC, workers: {settings.workers}, load {load:.1f}.")
-    if settings.out:
-        write_text(settings.out, "\n".join(lines) + "\n")
+    print(f"\n{began:%Y-%m-%d %H:%M} to {ended:%H:%M} UTC, workers: {settings.workers}, load {load:.1f}.")
 
 
 def row(*cells: object) -> str:

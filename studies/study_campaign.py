@@ -8,14 +8,11 @@ Campaigns that are done are kept; the same command carries out the others.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
-from pydantic import TypeAdapter
 
 from studies.runner import Settings, header, row, share, shipped_plan
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.base.files import write_text
 from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.discovery.discover import AMBIGUOUS, NAMED
 from tulip_testbed.experiments.discovering import discover_effects
@@ -31,7 +28,7 @@ from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
 
 SETTINGS = Settings(seed=17000)
-CAMPAIGNS, EXPERIMENTS, PLACEMENTS = 16, 3, 20
+CAMPAIGNS, EXPERIMENTS, PLACEMENTS = 16, 3, 20  # placements of the first experiment
 PRESET, SESSION = "force-plate", "campaign"
 ROBOTS = (0.05, 0.2)  # spread of masses and centres of mass
 SEPARABLE = 0.05  # nat of entropy that the best proposal is expected to leave at most
@@ -59,14 +56,12 @@ class Campaign:
     errors: tuple[float, float] = (0.0, 0.0)
 
 
-DOCUMENT = TypeAdapter(Campaign)
-
-
 def study(settings: Settings) -> Iterator[str]:
     """Yield the table of the campaigns."""
     folder = settings.folder("campaign")
-    calls = ((folder, number, settings.seed) for number in range(settings.count(CAMPAIGNS)))
-    every = settings.parallel("campaigns", kept, calls)
+    numbers = range(settings.count(CAMPAIGNS))
+    calls = {folder / f"{number:03}.json": (number, settings.seed) for number in numbers}
+    every = settings.kept("campaigns", campaign, calls)
     done = [one for one in every if not one.failed]
     doubtful = [one for one in done if one.verdicts[0] == AMBIGUOUS]
     separable = [one for one in doubtful if one.expected is not None and one.expected < SEPARABLE]
@@ -84,14 +79,10 @@ def study(settings: Settings) -> Iterator[str]:
         yield f"Bias removed where it was kept ({len(removed)} cases): median {np.median(removed):.2f}."
 
 
-def kept(folder: Path, number: int, seed: int) -> Campaign:
-    """Carry out a campaign, or read one that is done."""
-    path = folder / f"{number:03}.json"
-    if not path.exists():
-        robot, rng = load_robot(), np.random.default_rng([seed, number])
-        laboratory = draw_laboratory(robot, rng, 1.0 if number % 2 == 0 else 0.1)
-        write_text(path, DOCUMENT.dump_json(carry_out(laboratory, number)).decode())
-    return DOCUMENT.validate_json(path.read_bytes())
+def campaign(number: int, seed: int) -> Campaign:
+    """Carry out a campaign in a laboratory of its own."""
+    robot, rng = load_robot(), np.random.default_rng([seed, number])
+    return carry_out(draw_laboratory(robot, rng, 1.0 if number % 2 == 0 else 0.1), number)
 
 
 def draw_laboratory(robot: Robot, rng: np.random.Generator, imperfections: float) -> Laboratory:
@@ -115,15 +106,14 @@ def _hidden(rng: np.random.Generator) -> str:
 
 
 @one_blas_thread
-def carry_out(laboratory: Laboratory, seed: int, placements: int = PLACEMENTS) -> Campaign:
+def carry_out(laboratory: Laboratory, seed: int) -> Campaign:
     """Simulate, discover, propose and simulate until one explanation is left or the budget ends.
 
     Args:
-        laboratory: with the effect in question as the first that is hidden. placements: of the first
-            experiment.
+        laboratory: with the effect in question as the first that is hidden.
     """
     robot, hidden = laboratory.robot, laboratory.hidden[0]
-    pool = plan = shipped_plan(robot, placements)
+    pool = plan = shipped_plan(robot, PLACEMENTS)
     experiment, expected, every = Experiment(SESSION), [], []
     verdicts, words = [], ["first experiment"]
     try:

@@ -21,7 +21,6 @@ from studies.hidden_effects.laboratories import ON_PLATES
 from studies.hidden_effects.outside_faults import AT_WII, FAULTS
 from studies.runner import Settings, header, row, shipped_plan
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.base.files import write_text
 from tulip_testbed.measurements import PosturePlan, write_measurements
 from tulip_testbed.sim.robot import Robot, load_robot
 
@@ -51,7 +50,8 @@ def study(settings: HiddenEffects) -> Iterator[str]:
         return
     chosen = [k for k, case in enumerate(every) if part_of(case) in settings.only]
     try:
-        settings.parallel("cases", kept, ((folder, every[k], k, settings.seed, robot, plan) for k in chosen))
+        calls = {folder / f"{k:05}.json": (every[k], k, settings.seed, robot, plan) for k in chosen}
+        settings.kept("cases", carry_out, calls)
     except KeyboardInterrupt:
         yield "Stopped.\n"
     done = [DOCUMENT.validate_json(path.read_bytes()) for path in sorted(folder.glob("*.json"))]
@@ -73,13 +73,6 @@ def _again(
         write_measurements(there, measured)
     yield f"{case}\n\nmeasurements: {there}\n\n{truth}\n\n{written(built.effects)}\n"
     yield str(carry_out(every[settings.case], *given))
-
-
-def kept(folder: Path, case: Case, run: int, seed: int, robot: Robot, plan: PosturePlan) -> None:
-    """Carry out a case whose file is not there yet."""
-    path = folder / f"{run:05}.json"
-    if not path.exists():
-        write_text(path, DOCUMENT.dump_json(carry_out(case, run, seed, robot, plan)).decode())
 
 
 def part_of(case: Case) -> str:
@@ -159,20 +152,13 @@ def figures(outcomes: Sequence[Outcome]) -> list[Figure]:
     sure = [one for one in done if one.verdict in SURE]
     arm = {name: [one for one in done if one.case.arm == name] for name in FULL}
 
+    wii, force_plate = ([o for o in arm[ONE] if o.case.preset == name] for name in ON_PLATES)
     first, both = (lambda o: o.first), (lambda o: o.both)
     shares = (
         ("nothing hidden: named or described", arm[NOTHING], lambda o: o.verdict in SURE[2:], 0, 0.02),
         ("nothing hidden: `unknown`", arm[NOTHING], lambda o: o.verdict == "unknown", 0, 0.05),
-        *(
-            (
-                f"one clear effect, `{name}`: first",
-                [o for o in arm[ONE] if o.case.preset == name],
-                first,
-                least,
-                1,
-            )
-            for name, least in zip(ON_PLATES, (0.8, 0.9), strict=True)
-        ),
+        ("one clear effect, `wii`: first", wii, first, 0.8, 1),
+        ("one clear effect, `force-plate`: first", force_plate, first, 0.9, 1),
         ("two of one kind: both named", [o for o in arm[TWO] if o.alike], both, 0.6, 1),
         ("two of different kinds: both named", [o for o in arm[TWO] if not o.alike], both, 0.75, 1),
         ("outside: neither `none` nor `calibrated`", arm[OUTSIDE], _doubted, 0.95, 1),

@@ -8,7 +8,6 @@ ones in the full dynamics.
 """
 
 import csv
-import json
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -25,10 +24,9 @@ from studies.hidden_effects.judging import REFUSED, Found, Outcome, said
 from studies.hidden_effects.laboratories import Built
 from studies.hidden_effects.readings import Values
 from studies.runner import Settings, header, row, share, shipped_plan
-from studies.study_hidden_effects import DOCUMENT, written
+from studies.study_hidden_effects import written
 from studies.teaching.style import DOCS, GREY, X, card, save_svg
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.base.files import write_text
 from tulip_testbed.calibration.self_calibration import as_log_shows, with_independent_rows
 from tulip_testbed.discovery.candidate_search import CandidateSearch, calibrated_data, first_calibration
 from tulip_testbed.discovery.columns import candidate_columns
@@ -64,7 +62,6 @@ OF_JOINTS = {
     "joint-compliance": "deg/Nm",
     "encoder-offset": "deg",
     "encoder-gain": "%",
-    "encoder-slip": "deg",
     FRICTION: "deg",
 }
 TESTS = 100.0  # independent ones among the candidates
@@ -91,11 +88,8 @@ def laboratory(sensors: str, seed: int, spread: float = 0.1) -> tt.Laboratory:
     return drawn(tt.Laboratory(sensors=sensors, random_robot=(spread, seed)), 1.0, single_stream(seed))
 
 
-def one(folder: Path, speed: str, sensors: str, seed: int) -> dict:
-    """Return how far estimates lie off in standard errors, with and without the inertias; resume."""
-    place = folder / f"{speed}-{sensors}-{seed}.json"
-    if place.exists():
-        return json.loads(place.read_text())
+def one(speed: str, sensors: str, seed: int) -> dict:
+    """Return how far estimates lie off in standard errors, with and without the inertias."""
     run = laboratory(sensors, seed).run(moving(SPEEDS[speed]), seed=seed, engine="dynamics", workers=1)
     found: dict = {"minutes": len(run.samples or ()) / 6000, "rows": len(run.measurements)}
     for name, tolerances in {"": None, CAD: {"inertia": 0.0}}.items():
@@ -103,7 +97,6 @@ def one(folder: Path, speed: str, sensors: str, seed: int) -> dict:
             continue
         fit = tt.identify(run, tolerances=tolerances)
         found[name] = off(fit, run.truth.standard)
-    place.write_text(json.dumps(found))
     return found
 
 
@@ -132,7 +125,8 @@ def coverage(settings: Settings) -> Iterator[str]:
     )
     folder, seeds = settings.folder("motion"), [settings.seed + k for k in range(settings.count(RUNS))]
     for sensors, speed in product(PRESETS, [each for each in SPEEDS if each in settings.only]):
-        found = settings.parallel(f"{sensors}, {speed}", one, ((folder, speed, sensors, s) for s in seeds))
+        calls = {folder / f"{speed}-{sensors}-{seed}.json": (speed, sensors, seed) for seed in seeds}
+        found = settings.kept(f"{sensors}, {speed}", one, calls)
         for name in ("", CAD) if speed == "fast" else ("",):
             fits = [each[name] for each in found]
             covered = np.array([fit["covered"] for fit in fits])
@@ -147,11 +141,8 @@ def coverage(settings: Settings) -> Iterator[str]:
             )
 
 
-def discoveries(folder: Path, seed: int) -> list[list]:
-    """Return what is hidden in a laboratory's record and what `discover` says of it, case by case; resume."""
-    place = folder / f"faults-{seed}.json"
-    if place.exists():
-        return json.loads(place.read_text())
+def discoveries(seed: int) -> list[list]:
+    """Return what is hidden in a laboratory's record and what `discover` says of it, case by case."""
     rng, cases = np.random.default_rng(seed), []
     run = laboratory("wii", seed).run(moving(0.3, *LONGER), seed=seed, engine="dynamics", workers=1)
     assert run.samples is not None
@@ -167,19 +158,15 @@ def discoveries(folder: Path, seed: int) -> list[list]:
         found = tt.discover(reduced_motion(samples))
         names = [one.label for one in found.adopted]
         cases.append([kind, label, found.verdict, names, label in names[:1]])
-    place.write_text(json.dumps(cases))
     return cases
 
 
 def faults(settings: Settings) -> Iterator[str]:
     """Yield a row a kind of fault."""
-    folder, seeds = (
-        settings.folder("motion"),
-        [settings.seed + k for k in range(settings.count(LABORATORIES))],
-    )
+    seeds = range(settings.seed, settings.seed + settings.count(LABORATORIES))
+    calls = {settings.folder("motion") / f"faults-{seed}.json": (seed,) for seed in seeds}
     yield "\n" + header("hidden", "records", "named first", "other name", "verdicts")
-    each = settings.parallel("faults", discoveries, ((folder, seed) for seed in seeds))
-    found = [case for cases in each for case in cases]
+    found = [case for cases in settings.kept("faults", discoveries, calls) for case in cases]
     for kind in ("", *FAULTS):
         of_kind = [case for case in found if case[0] == kind]
         right = sum(first for *_, first in of_kind)
@@ -189,11 +176,8 @@ def faults(settings: Settings) -> Iterator[str]:
         yield row(kind or "nothing", len(of_kind), right if kind else "", named - right, told)
 
 
-def hidden_fault(folder: Path, seed: int, kind: str) -> Outcome:
-    """Hide a fault that the record shows clearly, and return what `discover` says of it; resume."""
-    place = folder / f"hidden-{seed}.json"
-    if place.exists():
-        return DOCUMENT.validate_json(place.read_bytes())
+def hidden_fault(seed: int, kind: str) -> Outcome:
+    """Hide a fault that the record shows clearly, and return what `discover` says of it."""
     inside, rng, plan = laboratory("wii", seed), np.random.default_rng(seed), moving(0.3, *LONGER)
     built = Built("wii", replace(inside, hidden=()).rig, {})
     clearness = Clearness(built, plan.take(np.arange(0, len(plan), LEAST_ROWS)), seed)
@@ -204,11 +188,9 @@ def hidden_fault(folder: Path, seed: int, kind: str) -> Outcome:
     outcome = Outcome(Case(ONE, "wii", (kind,), True), seed, Truth({label: values}, shows=(shown,)))
     try:
         found = discover(run.measurements, inside.robot, seed)
-        outcome = replace(outcome, verdict=found.verdict, found=said(found))
     except InputError as error:
-        outcome = replace(outcome, verdict=REFUSED, found=(Found(str(error)),))
-    write_text(place, DOCUMENT.dump_json(outcome).decode())
-    return outcome
+        return replace(outcome, verdict=REFUSED, found=(Found(str(error)),))
+    return replace(outcome, verdict=found.verdict, found=said(found))
 
 
 def clear_fault(
@@ -232,8 +214,9 @@ def hidden(settings: Settings) -> Iterator[str]:
     """Yield a row a fault that was simulated."""
     count, rng = settings.count(CASES), np.random.default_rng(settings.seed)
     turns = [kind for _ in range(-(-count // len(kinds()))) for kind in rng.permutation(kinds()).tolist()]
-    cases = [(settings.folder("motion"), settings.seed + k, kind) for k, kind in enumerate(turns[:count])]
-    found = settings.parallel("hidden", hidden_fault, cases)
+    folder, cases = settings.folder("motion"), enumerate(turns[:count], settings.seed)
+    calls = {folder / f"hidden-{seed}.json": (seed, kind) for seed, kind in cases}
+    found = settings.kept("hidden", hidden_fault, calls)
     first, wrong = sum(one.first for one in found), sum(one.wrong for one in found)
     yield f"\n{len(found)} faults: {first} first, {wrong} confident and wrong.\n"
     yield header("seed", "hidden", "shows, s.e.", "verdict", "said", "first", "wrong")
@@ -332,11 +315,7 @@ def study(settings: Settings) -> Iterator[str]:
     """Yield the tables of the parts."""
     if set(settings.only) & set(SPEEDS):
         yield from coverage(settings)
-    if "faults" in settings.only:
-        yield from faults(settings)
-    if "hidden" in settings.only:
-        yield from hidden(settings)
-    if "sizes" in settings.only:
-        yield from sizes(settings)
-    if "time" in settings.only:
-        yield from equal_time(settings)
+    parts = {"faults": faults, "hidden": hidden, "sizes": sizes, "time": equal_time}
+    for part, make in parts.items():
+        if part in settings.only:
+            yield from make(settings)

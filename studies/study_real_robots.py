@@ -8,7 +8,7 @@ Every step of a case is kept, with its seconds; after Ctrl-C the study reports o
 import json
 import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -47,8 +47,6 @@ class RealRobots(Settings):
 
     soft: bool = False
     """soles up to 0.8 of tipping, as the real robot's, in place of 0.06 to 0.16"""
-    steps: tuple[str, ...] = ("audit", "predict", "identify", "discover")
-    """what is done with a record"""
 
 
 SETTINGS = RealRobots(seed=60000, only=tuple(ROBOTS))
@@ -138,15 +136,13 @@ JUDGED = (
 
 
 @one_blas_thread
-def carry_out(
-    robot: Robot, seed: int, not_logged: tuple[str, ...], soft: bool, steps: Sequence[str], case: Path
-) -> None:
+def carry_out(robot: Robot, seed: int, not_logged: tuple[str, ...], soft: bool, case: Path) -> None:
     """Carry out the steps of a case whose files are not there yet; the others need the audit's folder."""
     hidden = case / "truth.json"
     case.mkdir(parents=True, exist_ok=True)
     for step in STEPS:
         kept = case / f"{step}.json"
-        if step not in steps or kept.exists() or (step != "audit" and not (case / MEASURED).exists()):
+        if kept.exists() or (step != "audit" and not (case / MEASURED).exists()):
             continue
         with TemporaryDirectory(dir=case) as scratch:
             folder = Path(scratch)
@@ -182,10 +178,8 @@ def study(settings: RealRobots) -> Iterator[str]:
         robot = tt.load_robot(description / "robot.toml")
         still = tuple(j for j in joint_names(robot.model) if any(part in j for part in parts.split()))
         first = settings.seed + 1000 * list(ROBOTS).index(name)
-        calls = [
-            (robot, seed, still, settings.soft, settings.steps, cases / str(seed))
-            for seed in range(first, first + count)
-        ]
+        seeds = range(first, first + count)
+        calls = [(robot, seed, still, settings.soft, cases / str(seed)) for seed in seeds]
         try:
             settings.parallel(name, carry_out, calls)
         except KeyboardInterrupt:

@@ -98,17 +98,15 @@ class FaultyDay:
     """The result of a day with a fault.
 
     Attributes:
-        multiple: of the MDE. began: row. detectable, noticed: rows; -1: never.
-        verdict: with which it was noticed. told: the cause that was named. early: a false alarm before.
+        multiple: of the MDE. detectable, noticed: rows; -1: never.
+        told: the cause that was named. early: a false alarm before.
     """
 
     kind: Kind
     preset: str
     multiple: float
-    began: int
     detectable: int
     noticed: int
-    verdict: str
     told: str
     early: bool
 
@@ -141,15 +139,13 @@ def ordinary_day(seed: int, preset: str, engine: str, plan: PosturePlan) -> Day:
     raise InputError(f"seed {seed}: found no robot that stands")
 
 
-def played(plan: PosturePlan, rows: Measurements) -> tuple[DayModel, list[Verdict], float]:
-    """Play a day row by row; return its model, the verdicts and the largest likelihood ratio of a change."""
-    model = day_model(plan, load_robot(), rows)
-    state, out, most = first_state(model), [], 0.0
+def played(model: DayModel, rows: Measurements) -> list[Verdict]:
+    """Play a day row by row; return the verdicts."""
+    state, out = first_state(model), []
     for k in range(len(rows)):
         state, verdict = watch_row(model, state, rows.take(np.array([k])))
-        most = max(most, float(state.changes.ratio.max()))
         out.append(verdict)
-    return model, out, most
+    return out
 
 
 def alarms(verdicts: list[Verdict]) -> list[int]:
@@ -157,17 +153,17 @@ def alarms(verdicts: list[Verdict]) -> list[int]:
     return [k for k, one in enumerate(verdicts) if one.verdict != OK]
 
 
-def known_ratio(model: DayModel, rows: Measurements, direction: int, onset: int) -> tuple[np.ndarray, ...]:
+def known_ratio(model: DayModel, rows: Measurements, direction: int, onset: int) -> tuple[np.ndarray, float]:
     """Return the likelihood ratio of a fault whose kind and onset are known, after every row.
 
     The filter takes every row in.
 
     Returns:
-        twice its logarithm, and the information on one plausible size, (m,) each.
+        twice its logarithm, (m,), and all information on one plausible size.
     """
     columns, state = row_columns(model, rows), first_state(model)
     bias, pull, information = np.zeros(len(model.covariance)), 0.0, 0.0
-    ratios, informations = np.zeros(len(rows)), np.zeros(len(rows))
+    ratios = np.zeros(len(rows))
     for k in range(len(rows)):
         one = rows.take(np.array([k]))
         before = state.stance
@@ -182,9 +178,9 @@ def known_ratio(model: DayModel, rows: Measurements, direction: int, onset: int)
             pull += float(found.value @ found.precision @ seen)
             information += float(seen @ found.precision @ seen)
             bias = bias + found.gain @ seen
-        ratios[k], informations[k] = pull**2 / information if information > 0 else 0.0, information
+        ratios[k] = pull**2 / information if information > 0 else 0.0
         state = replace(state, belief=state.belief.updated(found))
-    return ratios, informations
+    return ratios, information
 
 
 def direction_of(model: DayModel, kind: Kind) -> int:
@@ -207,7 +203,7 @@ def faulty_day(day: Day, kind: Kind, plan: PosturePlan, seed: int) -> FaultyDay:
     direction = direction_of(model, kind)
     _, information = known_ratio(model, day.rows, direction, began)
     threshold = levels(model).ratio
-    mde = (np.sqrt(threshold) + POWER) / np.sqrt(information[-1])
+    mde = (np.sqrt(threshold) + POWER) / np.sqrt(information)
     multiple = float(np.exp(rng.uniform(*np.log(MULTIPLES))))
     effect = model.directions[direction].effect
     # A mass that is taken away may be more than the link has.
@@ -217,21 +213,18 @@ def faulty_day(day: Day, kind: Kind, plan: PosturePlan, seed: int) -> FaultyDay:
         size, multiple = kind.size, np.inf
     rows = with_fault(day, kind, size, plan, start)
     ratios, _ = known_ratio(model, rows, direction, began)
-    _, verdicts, _ = played(plan, rows)
+    verdicts = played(model, rows)
     odd = alarms(verdicts)
     later = [k for k in odd if k >= began]
     found = np.flatnonzero(ratios > float(chi2_isf(DETECTABLE, 1)))
-    noticed = later[0] if later else -1
     changed = [v for v in verdicts[began:] if v.verdict == CHANGED]
     named = next((f.seen for v in changed for f in v.findings if f.name == "change"), "")
     return FaultyDay(
         kind=kind,
         preset=day.laboratory.sensors,
         multiple=multiple,
-        began=began,
         detectable=int(found[0]) if len(found) else -1,
-        noticed=noticed,
-        verdict=verdicts[noticed].verdict if later else "",
+        noticed=later[0] if later else -1,
         told=named.partition("best explanation: ")[2].rpartition(": ")[0],
         early=bool(odd and odd[0] < began),
     )

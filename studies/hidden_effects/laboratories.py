@@ -20,6 +20,7 @@ from studies.hidden_effects.readings import (
     wander,
 )
 from tulip_testbed.calibration.families import TOLERANCES
+from tulip_testbed.discovery.refit import without_noise
 from tulip_testbed.effects.catalogue import catalogue, targets_in
 from tulip_testbed.effects.injection import always, edited
 from tulip_testbed.effects.instance import effect_label, split_label
@@ -29,7 +30,6 @@ from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.random_robots import draw_robot, edit_of
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, joint_names
-from tulip_testbed.sim.sensors import PRESETS
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
 
@@ -95,7 +95,7 @@ class Built:
         Raises:
             InputError: nothing can be measured.
         """
-        rig = always(self.physical, _without_noise) if exact else self.physical
+        rig = always(self.physical, without_noise) if exact else self.physical
         if dynamics:
             outcome = run_dynamics(rig, plan, seed)
         else:
@@ -113,15 +113,6 @@ class Built:
         for target, values in ((target, values) for kind, target, values in effects if kind == LOG):
             log(readings, target, values)
         return readings.measurements
-
-
-def _without_noise(rig: Rig) -> Rig:
-    return replace(
-        rig,
-        sensors=PRESETS["ideal"],
-        controller=replace(rig.controller, command_sd=0.0),
-        protocol=replace(rig.protocol, plate_sd=(0.0, 0.0, 0.0), repeats=0),
-    )
 
 
 def draw_laboratory(robot: Robot, preset: str, rng: np.random.Generator, dynamics: bool = False) -> Built:

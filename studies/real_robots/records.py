@@ -5,9 +5,8 @@ a spline through random postures in full dynamics. The sensor is MuJoCo's own, b
 axes in which a log writes the wrench, its sign, and where the sensor sits are drawn.
 """
 
-import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,14 +23,12 @@ FRAMES = ("sensor", "base", "world")  # the axes of a logged wrench
 CHANNELS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 ROCKS = ("rocks_x", "rocks_y")  # hinges of the left sole
 GRAVITY = 9.81  # m/s2
-STEP, EVERY, SETTLING = 0.002, 5, 2.0  # s, steps a row, s before the first row
+STEP, EVERY, SETTLING, SECONDS = 0.002, 5, 2.0, 50.0  # s, steps a row, s before the first row, s of a record
 # How far a true robot and its sensors are from what is stated (s.d., but for ranges).
 MASS, MOST_MASS, CENTER = 0.1, 0.25, 0.003  # relative; m
 ROCKING, ROCKED_BY = (0.25, 1.0), 0.06  # range, deg under the weight at that distance, m
-SOFT = (
-    0.05,
-    0.8,
-)  # range of the compliance, over the one at which the robot tips over; uniform in the logarithm
+# Range of the compliance, over the one at which the robot tips over; uniform in the logarithm.
+SOFT = (0.05, 0.8)
 ORIGIN = ((-0.03, 0.03), (-0.02, 0.02), (0.0, 0.05))  # range of the sensor, m
 TURN, CROSS_TALK, ARM = 0.6, 0.01, 0.03  # deg; relative; m: range of moments over that of forces
 ZERO, NOISE, STEP_OF = (2.0, 0.1), (0.2, 0.01), (0.05, 0.002)  # N, Nm
@@ -84,14 +81,12 @@ class Motion:
     Attributes:
         time: (T,) [s]. joints: true angles, (T, n) [rad]. tilt: of the sole about x and y, (T, 2) [rad].
         wrench: of the ground on the foot, in the sensor, (T, 6) [N, Nm].
-        center: of mass, from the sole's middle, in the world, (T, 3) [m].
     """
 
     time: np.ndarray
     joints: np.ndarray
     tilt: np.ndarray
     wrench: np.ndarray
-    center: np.ndarray
 
 
 def draw_truth(
@@ -201,7 +196,7 @@ def simulate(robot: Robot, truth: Truth, seconds: float, rng: np.random.Generato
         # Sensors read the acceleration of the step; that of mj_forward ignores the implicit damping.
         seen.qacc = (data.qvel - seen.qvel) / STEP
         mujoco.mj_inverse(model, seen)
-        row = (now - SETTLING, seen.qpos[at], seen.qpos[rocks], seen.sensordata, seen.subtree_com[0])
+        row = now - SETTLING, seen.qpos[at], seen.qpos[rocks], seen.sensordata
         rows.append(tuple(map(np.array, row)))
     return Motion(*(np.array(column) for column in zip(*rows, strict=True)))
 
@@ -257,24 +252,16 @@ zero = {np.repeat(ZERO, 3).tolist()}
 
 
 def write_record(
-    robot: Robot, seed: int, out: Path, not_logged: Sequence[str] = (), seconds=50.0, soft=False
+    robot: Robot, seed: int, out: Path, not_logged: Sequence[str] = (), soft: bool = False
 ) -> Truth:
-    """Write a new folder: the log `series.csv` and `MAP.toml`, and apart in `truth` what they hide."""
+    """Write a new folder of the log `series.csv` and of `MAP.toml`; return what they hide."""
     drawn, moving, reading = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(3))
     truth = draw_truth(robot, drawn, not_logged, soft)
-    motion = simulate(robot, truth, seconds, moving)
-    hidden = np.column_stack([motion.time, np.degrees(motion.tilt), motion.center]).T
-    moved = dict(
-        zip(("t_s", "tilt_x_deg", "tilt_y_deg", "com_x_m", "com_y_m", "com_z_m"), hidden, strict=True)
-    )
-    tables = {"series.csv": log(robot, truth, motion, reading), "truth/motion.csv": moved}
+    columns = log(robot, truth, simulate(robot, truth, SECONDS, moving), reading)
     with new_folder(out) as folder:
-        (folder / "truth").mkdir()
-        for name, columns in tables.items():
-            table = np.column_stack(list(columns.values()))
-            np.savetxt(folder / name, table, "%.5f", ",", header=",".join(columns), comments="")
+        table = np.column_stack(list(columns.values()))
+        np.savetxt(folder / "series.csv", table, "%.5f", ",", header=",".join(columns), comments="")
         write_text(folder / "MAP.toml", map_text(robot, truth))
-        write_text(folder / "truth" / "truth.json", json.dumps(asdict(truth), indent=1) + "\n")
     return truth
 
 

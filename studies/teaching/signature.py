@@ -12,7 +12,7 @@ from tulip_testbed.discovery.refit import without_noise
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Effect, Values
 from tulip_testbed.effects.instance import EffectInstance
-from tulip_testbed.identification.nominal import Nominal, nominal_robot
+from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.identification.residual_channels import ROWS, residuals
 from tulip_testbed.measurements import PosturePlan
@@ -95,13 +95,6 @@ def noise_sd(robot: Robot, plan: PosturePlan, preset: str) -> np.ndarray:
 def cop_error(observed: Observation) -> np.ndarray:
     """Return the measured CoP minus the prediction of nominal parameters and angles, (m, 2) [mm]."""
     return 1e3 * residuals(observed, observed.nominal.value)[:, ROWS["A"]]
-
-
-def lever(observed: Observation, joint: str) -> np.ndarray:
-    """Return how far the predicted centre of mass moves when a joint turns, x and y, (m, 2) [mm/deg]."""
-    nominal: Nominal = observed.nominal
-    slope = nominal.parameters.slope(observed.joint_angles) @ nominal.value
-    return 1e3 * np.radians(slope[:, :, observed.tree.joints.index(joint)])
 
 
 def _plain(robot: Robot, instrument: str) -> Rig:

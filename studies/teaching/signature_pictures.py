@@ -5,12 +5,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from studies.runner import shipped_plan
 from studies.teaching.signature import Signature, examples, noise_sd, signature
 from studies.teaching.style import GREY, X, Y, card, save_svg
-from studies.teaching.variables import variable_of
+from studies.teaching.variables import ORDER, VARIABLES
 from tulip_testbed.sim.robot import load_robot
 
 PRESET = "force-plate"
@@ -36,11 +35,13 @@ def one_effect(folder: Path, found: Signature, noise: np.ndarray) -> Path:
         noise: s.d. of the CoP's error, x and y, (2,) [mm].
     """
     effect, instance = found.instance.effect, found.instance
-    label, quantity = variable_of(effect.name)
+    label, quantity = VARIABLES.get(effect.name, ORDER)
     with card(*SMALL) as (figure, ax):
         band = 2 * float(noise.max())
         ax.axhspan(-band, band, color="#dcdcdc", zorder=0)
-        _dots(ax, quantity(found.observed, instance.target), found.error, 2.6)
+        at = quantity(found.observed, instance.target)
+        for column, (colour, size) in enumerate(((X, 3.38), (Y, 2.34))):  # x shows where both are alike
+            ax.plot(at, found.error[:, column], "o", color=colour, markersize=size, markeredgewidth=0)
         largest = max(1.15 * float(np.abs(found.error).max()), 2.5 * band)
         ax.set_ylim(-largest, largest)
         if np.abs(found.error).max() < NONE:
@@ -57,9 +58,3 @@ def _under(found: Signature) -> str:
     """Return what the picture shows as a sentence in short lines."""
     how = "" if found.simulated else " (Predicted, not simulated.)"
     return "\n".join(textwrap.wrap(found.instance.finding + how, LETTERS))
-
-
-def _dots(ax: Axes, at: np.ndarray, error: np.ndarray, size: float) -> None:
-    """Draw errors in x and y, (m, 2); y is smaller, so that x shows where both are the same."""
-    for column, (colour, part) in enumerate(((X, 1.3), (Y, 0.9))):
-        ax.plot(at, error[:, column], "o", color=colour, markersize=part * size, markeredgewidth=0)

@@ -4,7 +4,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from studies.teaching.signature import lever
 from tulip_testbed.effects.targets import plate_of
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.measurements.cells import CELLS, PLATES
@@ -29,7 +28,8 @@ def torque(observed: Observation, joint: str) -> np.ndarray:
 
 def travel(observed: Observation, joint: str) -> np.ndarray:
     """Return how far forward the centre of mass moves when a joint turns, (m,) [mm/deg]."""
-    return -lever(observed, joint)[:, 0]
+    slope = observed.nominal.parameters.slope(observed.joint_angles) @ observed.nominal.value
+    return -1e3 * np.radians(slope[:, 0, observed.tree.joints.index(joint)])
 
 
 def angle(observed: Observation, joint: str) -> np.ndarray:
@@ -72,8 +72,3 @@ VARIABLES: dict[str, Variable] = {
     "wrench-gain": ON_PLATE,
     "wrench-origin": ON_PLATE,
 }
-
-
-def variable_of(effect: str) -> Variable:
-    """Return what explains an effect's error, with its label: the order of the postures if nothing else."""
-    return VARIABLES.get(effect, ORDER)
