@@ -265,7 +265,7 @@ def _residual_without(linear: LinearModel, terms: tuple[Fitted, ...], errors: np
     """Compute the whitened, projected residual with the terms removed, (r + 1,)."""
     undone = [term for term in terms if not term.candidate.effect.sizes]
     observed, smoothed = (remove_terms(one, one, undone) for one in (linear.observed, linear.smoothed))
-    clean = remove_terms(smoothed, smoothed, [term for term in terms if term not in undone])
+    clean = remove_terms(smoothed, smoothed, [term for term in terms if term.candidate.effect.sizes])
     # At the readings themselves, forces that are taken off would enlarge the noise of their centre.
     change = residuals(clean, linear.theta) - residuals(smoothed, linear.theta)
     left = linear.project_residual(linear.whitening(residuals(observed, linear.theta) + change))
