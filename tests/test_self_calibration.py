@@ -20,7 +20,9 @@ from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.calibration.member_columns import member_columns
 from tulip_testbed.calibration.member_removal import members_removed, with_estimated_loads
 from tulip_testbed.calibration.self_calibration import _share_of_last, least_determined, self_calibrate
-from tulip_testbed.discovery.joint_fit import Data
+from tulip_testbed.discovery.candidates import Fitted, candidates
+from tulip_testbed.discovery.columns import effect_columns
+from tulip_testbed.discovery.joint_fit import Data, gauss_newton
 from tulip_testbed.discovery.patterns import patterns
 from tulip_testbed.effects.instance import instances_of, removed
 from tulip_testbed.experiments.identify import identify, warn_of_unrest
@@ -236,6 +238,26 @@ def test_force_that_is_taken_off_leaves_the_noise_of_the_centre_as_it_was_read(
     )
     # What the drift changes in the plates' shares, and so in the noise of their places, is no such noise.
     assert abs(without - with_drift) < 0.3 * abs(never - with_drift)
+
+
+@pytest.mark.parametrize("drift", [-6.0, 6.0])
+def test_evidence_for_a_drift_is_that_of_its_column_whatever_its_sign(robot, nominal, plan, drift):
+    m = tt.Laboratory(robot, "wii").run(plan.take(plan.placement <= 8), seed=3, engine="statics").measurements
+    time, forces = (m.time - m.time[0]) / np.ptp(m.time), m.cell_forces.copy()
+    forces[:, :4] += drift * time[:, None]
+    observed, label = observe(dataclasses.replace(m, cell_forces=forces), nominal), "plate-drift:right"
+    linear = Data(observed, noise_of(observed)).null.linear
+    chosen = next(one for one in candidates(observed) if one.label == label)
+    fit = gauss_newton(linear, (Fitted(chosen, 0, np.zeros(1), 0.0),))
+    left, column = linear.residual, linear.project(effect_columns(linear, chosen, 0))[:, 0]
+    gained, size = 0.5 * (left @ left - fit.residual @ fit.residual), fit.sizes[0]
+    assert gained == pytest.approx(size * (column @ left) - 0.5 * size**2 * (column @ column), abs=1.5)
+
+    found = self_calibrate(observed, effects=instances_of(f"{label}={drift}", robot))
+    reach = found.linear.covariance.reach[:, :2, fields(observed)["cells"]]
+    apart = np.linalg.norm(reach[:, :, 0] - reach[:, :, 3], axis=1) * forces.sum(axis=1)
+    distance = np.linalg.norm(np.ptp(observed.cell_places[:, [0, 3]], axis=1), axis=1)
+    assert abs(np.polyfit(time, apart / distance, 1)[0]) < 0.02
 
 
 def test_no_error_of_cells_is_left_in_the_columns_however_large(ordinary, nominal):
