@@ -362,4 +362,8 @@ def propagation(smoothed: Observation, terms: Sequence[Fitted]) -> np.ndarray | 
     out[:, every, every] += 1.0
     # A faulty cell scales its noise as its reading; with the fault undone, the noise is as stated.
     out[:, at["cells"], at["cells"]] = np.eye(at["cells"].stop - at["cells"].start)
+    # An angle that is restored without its encoder has the noise of what tells it, assumed to be as large.
+    joints = every[at["angles"]]
+    own = out[:, joints, joints]
+    out[:, joints, joints] = np.where(np.abs(own) < NEGLIGIBLE, 1.0, own)
     return out
