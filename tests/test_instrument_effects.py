@@ -242,6 +242,19 @@ def test_a_logged_command_is_undone_by_the_servo_s_error(measured, fault, nomina
     assert unsure.joint_angles[:, knee] - found.joint_angles[:, knee] == pytest.approx([1e-3, 5e-4, 1e-3])
 
 
+def test_in_a_motion_friction_opposes_the_rate(measured, fault, nominal):
+    """By 1.27 Nm and 1 Nms/rad of 1270 Nm/rad: -1.57, 1.57 and 1.27 Nm at 0.3, -0.3 and nearly 0 rad/s."""
+    read = fault(COMMANDED)[0](measured())
+    rates, knee = np.zeros((3, len(read.joints))), read.joints.index("right_knee")
+    rates[:, knee] = [0.3, -0.3, -1e-9]
+    observed = observe(read, nominal)
+    observed = dataclasses.replace(observed, measurements=dataclasses.replace(read, joint_rates=rates))
+    observed.__dict__["loads"] = dataclasses.replace(observed.loads, torques=np.zeros((3, len(read.joints))))
+    found = catalogue()["logged-command"].remove(observed, "right_knee", (1.0,))
+    off = found.joint_angles[:, knee] - COMMAND
+    assert off == pytest.approx(np.array([-1.57, 1.57, 1.27]) / 1270)
+
+
 def test_a_logged_command_is_undone_by_the_motor_s_encoder(measured, fault):
     misread, corrected = fault(COMMANDED)
     true = dataclasses.replace(measured(), motor=measured().joint_angles)
