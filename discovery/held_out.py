@@ -16,6 +16,7 @@ from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.selection import calibrated_with_best
 from tulip_testbed.effects.instance import removed
 from tulip_testbed.effects.targets import PLACEMENTS
+from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import CHANNELS
 from tulip_testbed.measurements import Measurements
 
@@ -64,6 +65,15 @@ def check_placements(measurements: Measurements) -> None:
         )
 
 
+def shown_by_one(observed: Observation, term: Fitted) -> bool:
+    """Return whether a single placement shows an effect: it acts there alone, or began behind it."""
+    candidate, placement = term.candidate, observed.measurements.placement
+    if (timed := candidate.time_parameter) is None:
+        return candidate.effect.targets is PLACEMENTS
+    began = observed.time_fraction >= term.values[timed]
+    return any(len(np.unique(placement[rows])) == 1 for rows in (began, ~began))
+
+
 def held_out(search: CandidateSearch, found: SelfCalibration, terms: Sequence[Fitted]) -> HeldOut:
     """Cross-validate over placements: everything is estimated from the other placements alone.
 
@@ -79,10 +89,10 @@ def held_out(search: CandidateSearch, found: SelfCalibration, terms: Sequence[Fi
     observed = search.observed
     check_placements(observed.measurements)
     placements = np.unique(observed.measurements.placement)
-    # An effect on a single placement cannot be learnt from the others. It is removed as fitted to all.
-    single = [one for one in found.effects if one.effect.targets is PLACEMENTS]
-    corrected = removed(observed, single)
-    general = tuple(t for t in terms if t.candidate.effect.targets is not PLACEMENTS)
+    # Such an effect cannot be learnt from the other placements. It is removed as fitted to all.
+    single = [term.label for term in terms if shown_by_one(observed, term)]
+    corrected = removed(observed, [one for one in found.effects if one.label in single])
+    general = tuple(term for term in terms if term.label not in single)
     fold = np.searchsorted(placements, observed.measurements.placement) % FOLDS
     sums = {key: np.zeros(3) for key in (*CHANNELS, "AFTC")}
     squares = {"A": np.zeros(3), "F": np.zeros(3)}
