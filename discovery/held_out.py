@@ -65,13 +65,12 @@ def check_placements(measurements: Measurements) -> None:
         )
 
 
-def shown_by_one(observed: Observation, term: Fitted) -> bool:
-    """Return whether a single placement shows an effect: it acts there alone, or began behind it."""
-    candidate, placement = term.candidate, observed.measurements.placement
-    if (timed := candidate.time_parameter) is None:
-        return candidate.effect.targets is PLACEMENTS
+def of_one_placement(observed: Observation, term: Fitted) -> bool:
+    """Return whether an effect acts on a single placement, which alone may show it."""
+    if (timed := term.candidate.time_parameter) is None:
+        return term.candidate.effect.targets is PLACEMENTS
     began = observed.time_fraction >= term.values[timed]
-    return any(len(np.unique(placement[rows])) == 1 for rows in (began, ~began))
+    return len(np.unique(observed.measurements.placement[began])) == 1
 
 
 def held_out(search: CandidateSearch, found: SelfCalibration, terms: Sequence[Fitted]) -> HeldOut:
@@ -90,7 +89,7 @@ def held_out(search: CandidateSearch, found: SelfCalibration, terms: Sequence[Fi
     check_placements(observed.measurements)
     placements = np.unique(observed.measurements.placement)
     # Such an effect cannot be learnt from the other placements. It is removed as fitted to all.
-    single = [term.label for term in terms if shown_by_one(observed, term)]
+    single = [term.label for term in terms if of_one_placement(observed, term)]
     corrected = removed(observed, [one for one in found.effects if one.label in single])
     general = tuple(term for term in terms if term.label not in single)
     fold = np.searchsorted(placements, observed.measurements.placement) % FOLDS

@@ -17,7 +17,7 @@ from tests.effect_changes import measured, statically
 from tests.test_refusals import refuse
 from tulip_testbed.base import budget
 from tulip_testbed.base.budget import Budget
-from tulip_testbed.calibration.families import TOLERANCES
+from tulip_testbed.calibration.families import EXACT, TOLERANCES
 from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.discovery.candidate_search import DECISIVE, CandidateSearch
@@ -25,6 +25,7 @@ from tulip_testbed.discovery.candidates import Fitted, candidates, standing_out
 from tulip_testbed.discovery.discover import _crowded, _reasons, discover, stands_out
 from tulip_testbed.discovery.effect_intervals import TIME_GAIN
 from tulip_testbed.discovery.excessive_noise import excessive_noise
+from tulip_testbed.discovery.held_out import held_out
 from tulip_testbed.discovery.joint_fit import Data
 from tulip_testbed.discovery.pairs import ranked_pairs
 from tulip_testbed.discovery.patterns import patterns
@@ -96,6 +97,17 @@ def test_no_gap_no_name(robot, plan, preset):
     assert (found.verdict, found.adopted) == ("none", ())
     assert found.heldout.after["AFTC"] < found.heldout.floor["AFTC"]
     assert "No gap" in story(found, [])[0]
+
+
+def test_what_the_last_placement_alone_shows_is_not_asked_of_the_others(robot, plan, nominal):
+    few, start = plan.take(plan.placement <= 6), 0.9
+    observed = observe(measured(robot, few, "wii", ("payload-step", "torso", (2.0, start))), nominal)
+    search = CandidateSearch.of(observed, EXACT)
+    (payload,) = (one for one in search.candidates if one.label == "payload-step:torso")
+    point = [round(values[1], 3) for values in payload.settings.tolist()].index(start)
+    term = Fitted(payload, point, np.array([2.0]))
+    found = self_calibrate(search.observed, EXACT, [term.instance])
+    assert held_out(search, found, [term]).holds
 
 
 @pytest.mark.parametrize(
