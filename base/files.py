@@ -111,7 +111,7 @@ def _looked_up(path: Path, how: Callable[[Path], os.stat_result]) -> os.stat_res
     except (FileNotFoundError, NotADirectoryError, ValueError):
         return None
     except OSError as error:
-        raise InputError(f"{path}: cannot read ({error_text(error)})") from None
+        raise _unreadable(path, error) from None
 
 
 def check_outside(path: Path) -> None:

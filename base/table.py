@@ -76,11 +76,6 @@ def shown_columns(columns: Sequence[Column], texts: Texts, width: int) -> dict[i
     return shown
 
 
-def whole_width(columns: Sequence[Column], texts: Texts) -> int:
-    """Return the width from which on no column is left out and none is hard to read."""
-    return _room(one.comfortable for one in _widths(columns, texts))
-
-
 def _room(widths: Iterable[int]) -> int:
     sizes = list(widths)
     return sum(sizes) + GAP * (len(sizes) - 1)
@@ -164,7 +159,7 @@ class Table:
     @property
     def whole_width(self) -> int:
         """Return the width from which on no column is left out and none is hard to read."""
-        return whole_width(self.columns, self.texts)
+        return _room(one.comfortable for one in _widths(self.columns, self.texts))
 
     def text(self, width: int = WIDTH) -> str:
         """Return the table as plain text.

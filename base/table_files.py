@@ -138,6 +138,13 @@ def _arrow(values: np.ndarray) -> pa.Array:
     return pa.array(values)
 
 
+def refuse_rows(where: Path | str, name: str, rows: np.ndarray, values: np.ndarray, expected: str) -> None:
+    """Refuse the first row of a column where `rows`, (m,), is true."""
+    if rows.any():
+        row = int(rows.argmax())
+        raise InputError(f"{where}: column '{name}', row {row + 1}: found {values[row]}, expected {expected}")
+
+
 class TableFile:
     """A table whose columns are checked when they are read.
 
@@ -250,14 +257,6 @@ class TableFile:
         self.require([name])
         return self.types[name]
 
-    def refuse(self, name: str, rows: np.ndarray, values: np.ndarray, expected: str) -> None:
-        """Refuse the first of the rows where `rows`, (m,), is true."""
-        if rows.any():
-            row = int(rows.argmax())
-            raise InputError(
-                f"{self.path}: column '{name}', row {row + 1}: found {values[row]}, expected {expected}"
-            )
-
     def numbers(
         self, name: str, missing_allowed: bool = False, low: float = -math.inf, high: float = math.inf
     ) -> np.ndarray:
@@ -274,9 +273,9 @@ class TableFile:
         # Not by `to_numpy`, which loads pandas for a quarter of a second.
         values = np.array(self.table.column(name).to_pylist(), float)
         missing = np.isnan(values) & missing_allowed
-        self.refuse(name, ~(np.isfinite(values) | missing), values, "a finite number")
+        refuse_rows(self.path, name, ~(np.isfinite(values) | missing), values, "a finite number")
         outside = (values < low) | (values > high)
-        self.refuse(name, outside, values, f"a number within [{low:g}, {high:g}]")
+        refuse_rows(self.path, name, outside, values, f"a number within [{low:g}, {high:g}]")
         return values
 
     def _first_text(self, name: str) -> str:
@@ -292,12 +291,8 @@ class TableFile:
     def integers(self, name: str) -> np.ndarray:
         """Return a column of integers that a float represents exactly, (m,)."""
         values = self.numbers(name)
-        self.refuse(
-            name,
-            (values != np.round(values)) | (np.abs(values) >= 2**53),
-            values,
-            "a whole number below 2^53",
-        )
+        broken = (values != np.round(values)) | (np.abs(values) >= 2**53)
+        refuse_rows(self.path, name, broken, values, "a whole number below 2^53")
         return values.astype(np.int64)
 
     def texts(self, name: str, valid: tuple[str, ...]) -> np.ndarray:

@@ -185,8 +185,7 @@ class Observation:
     @property
     def in_feet(self) -> bool:
         """Return whether the contact sensors move with the feet."""
-        contacts = self.measurements.contacts
-        return contacts is not None and contacts.mount == "foot"
+        return not self.measurements.on_plates
 
     @property
     def upright(self) -> bool:

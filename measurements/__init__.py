@@ -3,7 +3,7 @@
 from tulip_testbed.measurements.cells import PlateGeometry, lay_boards
 from tulip_testbed.measurements.data import Measurements, PosturePlan
 from tulip_testbed.measurements.header import MeasurementHeader, SensorSheet
-from tulip_testbed.measurements.joined import as_joined, joined, read_experiments
+from tulip_testbed.measurements.joined import as_joined, joined
 from tulip_testbed.measurements.manipulations import Experiment
 from tulip_testbed.measurements.measurement_folder import (
     read_measurements,
@@ -24,7 +24,6 @@ __all__ = [
     "as_joined",
     "joined",
     "lay_boards",
-    "read_experiments",
     "read_measurements",
     "read_samples",
     "read_series",

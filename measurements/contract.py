@@ -10,6 +10,7 @@ from pydantic import ValidationError
 
 from tulip_testbed.base.arguments import expect
 from tulip_testbed.base.errors import InputError, look_up, shortened
+from tulip_testbed.base.table_files import refuse_rows
 from tulip_testbed.base.validation_message import validation_message
 from tulip_testbed.measurements.bounds import (
     LEAST_CELL_SPREAD,
@@ -112,9 +113,9 @@ def check_contract(
     columns = {name: (values, rule) for name, values, rule in ruled if rule is not None}
     for name, (values, rule) in columns.items():
         finite = np.isfinite(values) | (np.isnan(values) & rule.gaps)  # of wrenches, see `_check_present`
-        _refuse(str(table), name, ~finite, values, "a finite number")
+        refuse_rows(table, name, ~finite, values, "a finite number")
         outside = (values < rule.low) | (values > rule.high)
-        _refuse(str(table), name, outside, values, f"a number within [{rule.low:g}, {rule.high:g}]")
+        refuse_rows(table, name, outside, values, f"a number within [{rule.low:g}, {rule.high:g}]")
     if m.contacts is not None:
         _check_present(m, str(table))
     _check_rows(m, str(table))
@@ -122,7 +123,7 @@ def check_contract(
         return
     for name, (values, rule) in columns.items():
         expected = f"a number within [{-rule.likely:g}, {rule.likely:g}] (rad, m)"
-        _refuse(str(table), name, np.abs(values) > rule.likely, values, expected)
+        refuse_rows(table, name, np.abs(values) > rule.likely, values, expected)
     if m.contacts is not None and np.isfinite(m.contacts.zero_sd).all():
         _check_moments(m, m.contacts, str(table))
     _check_sensors(m, str(manifest))
@@ -134,13 +135,6 @@ def _rule(name: str) -> Rule | None:
     if first == "plate":
         return ANGLE if rest.endswith(".yaw") else LENGTH
     return RULES.get(first)
-
-
-def _refuse(where: str, name: str, rows: np.ndarray, values: np.ndarray, expected: str) -> None:
-    """Refuse the first of the rows where `rows`, (m,), is true."""
-    if rows.any():
-        row = int(rows.argmax())
-        raise InputError(f"{where}: column '{name}', row {row + 1}: found {values[row]}, expected {expected}")
 
 
 def _check_shapes(m: Measurements, where: str) -> None:
@@ -164,7 +158,7 @@ def _check_shapes(m: Measurements, where: str) -> None:
         raise InputError(f"{where}: {wrong}")
     if not len(m):
         raise InputError(f"{where}: found no rows, expected one per posture")
-    _refuse(where, "support", ~np.isin(m.support, SUPPORTS), m.support, f"one of {', '.join(SUPPORTS)}")
+    refuse_rows(where, "support", ~np.isin(m.support, SUPPORTS), m.support, f"one of {', '.join(SUPPORTS)}")
 
 
 def _check_constants(m: Measurements, where: str) -> None:
@@ -173,7 +167,7 @@ def _check_constants(m: Measurements, where: str) -> None:
     for joint in constant:
         look_up("joint", joint, m.joints, f"{where}: constant_joints")
         angles = m.joint_angles[:, m.joints.index(joint)]
-        _refuse(
+        refuse_rows(
             where, f"q.{joint}", angles != angles[0], angles, f"{angles[0]}, as in row 1 (it is constant)"
         )
     if m.contacts is not None and m.contacts.mount == "foot":
@@ -207,7 +201,7 @@ def _check_present(m: Measurements, where: str) -> None:
         for k, channel in enumerate(m.contacts.channels):
             name = f"wrench.{side}.{channel}"
             missing = gaps[:, p, k] & ~whole
-            _refuse(
+            refuse_rows(
                 where, name, missing, m.wrenches[:, p, k], "a number (or, in the air, none of the contact)"
             )
 
@@ -221,7 +215,7 @@ def _check_moments(m: Measurements, contacts: Contacts, where: str) -> None:
             for p, side in enumerate(PLATES):
                 values = m.wrenches[:, p, k]
                 expected = f"a moment within {LIKELY_LEVER:g} m times the weight [Nm]"
-                _refuse(
+                refuse_rows(
                     where, f"wrench.{side}.{channel}", np.abs(values) > LIKELY_LEVER * down, values, expected
                 )
 
@@ -235,10 +229,10 @@ def _check_rows(m: Measurements, where: str) -> None:
     total = forces.sum(axis=1)
     light = total < np.maximum(LEAST_WEIGHT, 1e-2 * np.abs(forces).sum(axis=1))
     if m.contacts is None or np.isfinite(m.contacts.zero_sd).all():
-        _refuse(where, name, light, total, "the robot's weight as their sum [N]")
+        refuse_rows(where, name, light, total, "the robot's weight as their sum [N]")
     _, first = np.unique(np.column_stack([m.posture, m.time]), axis=0, return_index=True)
     again = np.isfinite(m.time) & ~np.isin(np.arange(len(m)), first)
-    _refuse(where, "posture", again, m.posture, "another posture or another time than a row before")
+    refuse_rows(where, "posture", again, m.posture, "another posture or another time than a row before")
 
 
 def _check_sensors(m: Measurements, where: str) -> None:

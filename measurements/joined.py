@@ -21,11 +21,6 @@ MOST_OFF = 5.0  # s.d., between weights of the same robot
 SAME = ("gravity", "gains", "tolerances", "sensors")  # of all experiments, by the keys of their manifests
 
 
-def read_experiments(folders: Sequence[Path]) -> Measurements:
-    """Read the measurement folders of one robot and join them."""
-    return joined([read_measurements(folder) for folder in folders], [str(one) for one in folders])
-
-
 def joined(measured: Sequence[Measurements], sources: Sequence[str] = ()) -> Measurements:
     """Join experiments with one robot.
 
@@ -102,7 +97,8 @@ def write_experiments(folder: Path, measurements: Measurements) -> None:
 def read_written(folder: Path) -> Measurements:
     """Read what `write_experiments` wrote."""
     several = sorted((path for path in folder.glob("*") if path.name.isdigit()), key=lambda p: int(p.name))
-    return read_experiments(several or [folder])
+    folders = several or [folder]
+    return joined([read_measurements(one) for one in folders], [str(one) for one in folders])
 
 
 def _no_jerks(one: Measurements) -> np.ndarray:

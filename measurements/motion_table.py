@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.table_files import refuse_rows
 from tulip_testbed.measurements.data import OF_WRENCHES, Measurements
 from tulip_testbed.measurements.trajectory import runs
 
@@ -53,11 +54,7 @@ def check_segments(
     again = np.zeros(len(segment), bool)
     again[np.delete(begins, first)] = True
     refuse(again, SEGMENT, segment, "the rows of a segment one after the other")
-    if not np.isfinite(time).all():
-        row = int(np.isfinite(time).argmin())
-        raise InputError(
-            f"{where}: column 'time', row {row + 1}: found {time[row]}, expected a finite number"
-        )
+    refuse_rows(where, "time", ~np.isfinite(time), time, "a finite number")
     backward = within & np.append(False, np.diff(time) <= 0)
     refuse(backward, "time", time, "a time that increases within a segment")
     for name, values in (("placement", placement), ("support", support)):

@@ -7,7 +7,7 @@ from pathlib import Path
 from xml.parsers import expat
 
 from tulip_testbed.base.errors import InputError, shortened
-from tulip_testbed.base.files import present, read_bytes
+from tulip_testbed.base.files import present, read_bytes, sha256
 
 MOST_XML = 16 * 2**20  # bytes
 MOST_ELEMENTS = 100_000
@@ -50,7 +50,7 @@ def mjcf_files(path: Path, folder: Path) -> dict[Path, str]:
             for asset_folder in search.asset_folders:
                 asset = _inside(search, where, start / asset_folder, name)
                 if present(asset):
-                    search.hashes[asset] = _hash(read_bytes(asset))
+                    search.hashes[asset] = sha256(asset)
     return search.hashes
 
 
@@ -61,7 +61,7 @@ def _read(search: _Search, path: Path, trail: list[Path]) -> None:
     if path in search.hashes:
         return
     content = read_bytes(path, MOST_XML)
-    search.hashes[path] = _hash(content)
+    search.hashes[path] = hashlib.sha256(content).hexdigest()
     for where, element, name in _references(search, path, content, root="mujoco" if not trail else None):
         if element not in XML_ELEMENTS:
             search.assets.append((where, path.parent, name))
@@ -126,10 +126,6 @@ def _references(search: _Search, path: Path, content: bytes, root: str | None) -
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: byte {error.start}: not UTF-8 text ({error.reason})") from None
     return found
-
-
-def _hash(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
 
 
 def _not_finite(token: str) -> bool:

@@ -102,6 +102,11 @@ def test_a_kill_at_any_file_operation_leaves_the_old_or_the_new(tmp_path):
     assert {(there, file) for there, _, file, *_ in states} == {(False, "old"), (True, "old"), (True, "new")}
 
 
+def enter(context):
+    with context:
+        pass
+
+
 def write_while_another_does(path):
     with new_folder(path) as mine:
         (mine / "a").touch()
@@ -156,13 +161,8 @@ def test_an_exception_or_a_taken_name_leaves_nothing(tmp_path):
         raise KeyboardInterrupt
     assert os.listdir(tmp_path) == []
     (tmp_path / "data").symlink_to("nowhere")
-    with pytest.raises(tt.InputError, match="data: exists already"), new_folder(tmp_path / "data"):
-        pass
-    with (
-        pytest.raises(tt.InputError, match="found a name of 256 bytes, expected at most 255"),
-        new_folder(tmp_path / ("x" * 256)),
-    ):
-        pass
+    refuse("data: exists already", enter, new_folder(tmp_path / "data"))
+    refuse("found a name of 256 bytes, expected at most 255", enter, new_folder(tmp_path / ("x" * 256)))
     assert os.listdir(tmp_path) == ["data"]
 
 
@@ -188,15 +188,11 @@ def test_another_process_at_work_is_refused_until_it_is_killed(tmp_path, monkeyp
     with subprocess.Popen([sys.executable, "-c", WORKING], stdout=subprocess.PIPE, text=True) as other:
         assert other.stdout is not None
         assert other.stdout.readline() == "at work\n"
-        with (
-            pytest.raises(tt.InputError, match=r"^run: another process is at work in it$"),
-            alone_on(Path("run")),
-        ):
-            pass
+        with pytest.raises(tt.InputError, match=r"^run: another process is at work in it$"):
+            enter(alone_on(Path("run")))
         other.kill()
     assert (tmp_path / ".run.lock").exists()
-    with alone_on(Path("run")):
-        pass
+    enter(alone_on(Path("run")))
     assert os.listdir(tmp_path) == ["run"]
 
 
@@ -212,11 +208,8 @@ def test_a_file_system_that_takes_no_files_is_refused():
 
 
 def test_a_folder_that_cannot_be_written_to_has_no_lock():
-    with (
-        pytest.raises(tt.InputError, match=r"^/proc/none/run: cannot write"),
-        alone_on(Path("/proc/none/run")),
-    ):
-        pass
+    with pytest.raises(tt.InputError, match=r"^/proc/none/run: cannot write"):
+        enter(alone_on(Path("/proc/none/run")))
 
 
 def test_the_truth_of_another_is_never_removed(run, tmp_path):

@@ -93,16 +93,9 @@ def measured(run):
     return run.measurements
 
 
-def taken(m, chosen):
-    """Take rows, by indices."""
-    fields = {field.name: getattr(m, field.name) for field in dataclasses.fields(m)}
-    of_rows = {n: v for n, v in fields.items() if isinstance(v, np.ndarray) and len(v) == len(m)}
-    return dataclasses.replace(m, **{name: value[chosen] for name, value in of_rows.items()})
-
-
 @rows("contract")
 def test_measurements_in_memory_are_held_against_the_contract(measured, changes, words):
-    names = {"m": measured, "replace": dataclasses.replace, "changed": changed, "put": put, "taken": taken}
+    names = {"m": measured, "replace": dataclasses.replace, "changed": changed, "put": put}
     names |= {"np": np, "SensorSheet": SensorSheet}
     refuse(f"measurements: ... {words}", check_contract, eval(changes[0], names))
 

@@ -120,7 +120,7 @@ def protocol_page(protocol: LaboratoryProtocol) -> tuple[str, list[str]]:
         before=BEFORE,
         after=AFTER,
         unknown=unknown_entries(empty),
-        on_ground=contacts is None or contacts.mount == "ground",
+        on_ground=empty.on_plates,
         channels=[f"{c.replace('_', ' ')}, N" for c in CORNERS] if contacts is None else contacts.channels,
         missing=missing,
     )

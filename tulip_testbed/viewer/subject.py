@@ -77,8 +77,7 @@ class Subject:
     @property
     def sensors_in_feet(self) -> bool:
         """Return whether the feet stand on the ground, not on plates."""
-        contacts = self.measurements.contacts if self.measurements else None
-        return contacts is not None and contacts.mount == "foot"
+        return self.measurements is not None and not self.measurements.on_plates
 
     @property
     def residual(self) -> np.ndarray | None:
