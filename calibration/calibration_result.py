@@ -19,6 +19,7 @@ from tulip_testbed.calibration.linearisation import (
     FOOT_TILT,
     INERTIA,
     INTERNAL,
+    LOOSE,
     SQUEEZE,
     Families,
     Linearised,
@@ -184,9 +185,13 @@ class SelfCalibration:
         deviates = self.solved.estimate[len(self.theta) + 1 :][: len(spreads)]
         covariance = self.linear.covariance
         scales = dict(zip(sources_of(self.observed), self.solved.scales.tolist(), strict=True))
-        every = ((INTERNAL, covariance.internal), (FOOT_TILT, covariance.tilt), (INERTIA, covariance.inertia))
-        unseen = [scales.get(name, 0.0) * columns for name, columns in every]
-        unseen = np.concatenate([*unseen, covariance.unsure], axis=2)
+        every = (
+            (INTERNAL, covariance.internal),
+            (FOOT_TILT, covariance.tilt),
+            (INERTIA, covariance.inertia),
+            (LOOSE, covariance.unsure),
+        )
+        unseen = np.concatenate([scales.get(name, 0.0) * columns for name, columns in every], axis=2)
         phi = np.concatenate([np.zeros(0), *(calibrated.value for calibrated in self.families)])
         return Background(
             columns=self.problem.members[..., : len(spreads)] * spreads,

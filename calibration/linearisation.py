@@ -45,6 +45,7 @@ INTERNAL = "internal forces"
 SQUEEZE = "squeeze between the feet"  # the part of the internal forces that a placement's postures share
 FOOT_TILT = "tilt of the feet"  # another in every row, which the direction of the force shows
 INERTIA = "inertial forces"  # of a robot that moves, by CAD's inertias and measured accelerations
+LOOSE = "loose parts"  # where they rest in their play, as far as the readings do not show it
 ROW_TILT = np.radians(0.2)  # one s.d. at scale 1, assumed
 # Friction at rest opposes the loads, in like postures alike: its wrench is no noise that averages out, and
 # counts as so many times larger. On development seeds 96 % of the 95 % intervals of members held with 5,
@@ -54,6 +55,9 @@ INTERNAL_PRIOR = 0.01  # s.d. of the logarithm of the scale of the unseen wrench
 # A foot is put down not quite where the servos want it, and the closed legs push it as long as it stands. How
 # far off is assumed [m, m, rad], so its scale is estimated, with a factor of two as s.d.
 PUT_DOWN, SQUEEZE_PRIOR = np.array([0.002, 0.002, 0.004]), 0.7
+# How well the load of a loose part is known is assumed too, so this scale is estimated: 0.4 to 0.7 in exact
+# laboratories, about 1 with cheap cells in ordinary ones.
+LOOSE_PRIOR = 0.7
 CHANNELS = "AFTC"
 Families = Sequence[Family | FreeEffect]
 OF_LOADS = ("joint-compliance", "sole-compliance", "foot-compliance")
@@ -65,7 +69,7 @@ def own_sources(observed: Observation) -> tuple[str, ...]:
     """Name the sources of noise that differ from row to row."""
     tilt = (FOOT_TILT,) if has_direction(observed) else ()
     inertia = (INERTIA,) if observed.moves else ()
-    return ("encoders", "cells", INTERNAL, *tilt, *inertia)
+    return ("encoders", "cells", INTERNAL, *tilt, *inertia, LOOSE)
 
 
 def sources_of(observed: Observation) -> tuple[str, ...]:
@@ -397,12 +401,12 @@ def _covariance(
     at = fields(observed)
     used = residuals_in_use(observed)
     cells, angles = noise.cell * reach[..., at["cells"]], noise.encoder * reach[..., at["angles"]]
-    own = [part @ part.mT for part in (angles, cells, unseen[0], *(u for u in unseen[2:] if u.shape[2]))]
-    fixed = np.where(used[..., None], floor(noise), np.eye(SIZE)) + unsure @ unsure.mT
+    tilt_and_motion = (part for part in unseen[2:] if part.shape[2])
+    own = [part @ part.mT for part in (angles, cells, unseen[0], *tilt_and_motion, unsure)]
     structure = NoiseStructure(
         placement=groups(observed.measurements.placement),
         stance=groups(observed.stance),
-        fixed=fixed,
+        fixed=np.where(used[..., None], floor(noise), np.eye(SIZE)),
         own=np.stack(own),
         shared=np.concatenate([unseen[1], noise.plates * reach[..., at["plates"]]], axis=2),
         owner=len(own) + np.repeat(np.arange(3), 3),
@@ -415,8 +419,8 @@ def _with_unsure(covariance: ResidualCovariance, unsure: np.ndarray) -> Residual
     """Return the covariance of another estimate with what the readings do not show of these effects."""
     if not unsure.shape[2] and not covariance.unsure.shape[2]:
         return covariance
-    fixed = covariance.structure.fixed + unsure @ unsure.mT - covariance.unsure @ covariance.unsure.mT
-    return replace(covariance, unsure=unsure, structure=replace(covariance.structure, fixed=fixed))
+    own = np.concatenate([covariance.structure.own[:-1], (unsure @ unsure.mT)[None]])
+    return replace(covariance, unsure=unsure, structure=replace(covariance.structure, own=own))
 
 
 def _doubt(observed: Observation) -> np.ndarray:
@@ -430,6 +434,7 @@ def _doubt(observed: Observation) -> np.ndarray:
             SHEET_PRIOR if stated else NO_PRIOR,
             INTERNAL_PRIOR,
             *[NO_PRIOR] * (has_direction(observed) + observed.moves),
+            LOOSE_PRIOR,
             SQUEEZE_PRIOR,
             *([MARK_PRIOR, SHEET_PRIOR] if placed else [NO_PRIOR] * 2),
         ]

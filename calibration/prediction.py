@@ -15,6 +15,7 @@ from tulip_testbed.calibration.linearisation import (
     FOOT_TILT,
     INERTIA,
     INTERNAL,
+    LOOSE,
     SQUEEZE,
     LinearisationPoint,
     Linearised,
@@ -196,7 +197,7 @@ def _linearised(
         calibration.mixing @ calibration.solved.covariance[p + 1 :, p + 1 :] @ calibration.mixing.T
     )
     # The noise holds the scales of the readings already; those of other postures are not estimated anew.
-    unseen = np.isin(sources_of(others), (INTERNAL, SQUEEZE, FOOT_TILT, INERTIA))
+    unseen = np.isin(sources_of(others), (INTERNAL, SQUEEZE, FOOT_TILT, INERTIA, LOOSE))
     scales = np.where(unseen, calibration.solved.scales, 1.0)
     state = LinearisationPoint(clean, clean, calibration.nu, estimate[p + 1 :], variance, scales, None)
     return *linearised(state, calibration.all, calibration.noise), clean, scales

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
+from tulip_testbed.calibration.linearisation import LOOSE, sources_of
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.joint import LEAST_STIFFNESS
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
+from tulip_testbed.identification.residual_channels import residuals, sensitivity
 from tulip_testbed.measurements import lay_boards
 from tulip_testbed.measurements.cells import CORNERS
 from tulip_testbed.sim.compliance import Compliance
@@ -167,6 +169,24 @@ def test_where_a_link_rests_in_its_play_is_a_clipped_normal(robot, plan):
     off = play.mechanism.unsure(observed, "left_hip_yaw", (2 * half,)).joint_angles - observed.joint_angles
     assert (off - mean)[:, at] == pytest.approx(rest.std(axis=0), abs=0.03 * half)
     assert not np.delete(off, at, axis=1).any()
+
+
+@pytest.mark.parametrize("joint", ["left_hip_roll", "left_ankle_roll"])
+def test_how_well_the_rest_in_a_play_is_known_is_estimated(robot, plan, joint):
+    """The tilt of the swing foot shows where the link rests, encoders being ten times as exact."""
+    effect, observed = one_effect(robot, plan, f"backlash:{joint}", 0.009)
+    play: Any = effect.effect
+    found = self_calibrate(observed, effects=[effect])
+    scale = found.solved.scales[sources_of(observed).index(LOOSE)]
+    at, theta, tilt = observed.tree.joints.index(joint), observed.nominal.value, slice(6, 8)
+    clean = play.remove(observed, joint, effect.values)
+    spread = play.unsure(observed, joint, effect.values).joint_angles - clean.joint_angles
+    slope = sensitivity(observed, theta)[:, tilt, at]
+    off = (residuals(clean, theta)[:, tilt] * slope).sum(axis=1) / (slope**2).sum(axis=1)
+    unknown = spread[:, at] > 0.3 * 0.009 / 2
+    shown = (off - np.median(off))[unknown] / spread[unknown, at]
+    assert scale < 0.8
+    assert scale == pytest.approx(shown.std(), rel=0.2)
 
 
 def test_a_light_load_turns_a_link_through_its_play_within_a_row_of_a_motion(robot):
