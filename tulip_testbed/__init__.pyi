@@ -40,7 +40,7 @@ from .experiments.export.exported_model import ExportedModel as ExportedModel
 from .experiments.identification_result import Identification as Identification
 from .experiments.laboratory import Laboratory as Laboratory
 from .experiments.laboratory import Run as Run
-from .experiments.montecarlo.montecarlo_result import MonteCarlo as MonteCarlo
+from .experiments.montecarlo.montecarlo_run import MonteCarlo as MonteCarlo
 from .experiments.predict import Prediction as Prediction
 from .experiments.proposed_experiment import Proposals as Proposals
 from .experiments.protocols.motion_plan import MotionPlan as MotionPlan

@@ -1,10 +1,11 @@
-"""The folder of a Monte Carlo: begin or resume it, and compute the runs that it lacks."""
+"""The whole Monte Carlo: check, begin or resume, compute, summarise."""
 
 import dataclasses
 import re
 from collections.abc import Callable, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +15,26 @@ from tulip_testbed.base.errors import InputError, shortened
 from tulip_testbed.base.files import present
 from tulip_testbed.base.progress import Progress
 from tulip_testbed.base.resumable import ResumableFolder, alone_on
+from tulip_testbed.base.table_files import write_json
+from tulip_testbed.base.threads import processes
 from tulip_testbed.base.workers import deaf_to_interruptions, watched
+from tulip_testbed.experiments.imperfections import check_imperfections
+from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of
 from tulip_testbed.experiments.montecarlo.montecarlo_result import (
     CHUNK_FOLDER,
+    REPORT_FILE,
+    MonteCarlo,
     MonteCarloFile,
+    Settings,
+    begin,
+    montecarlo_file,
 )
-from tulip_testbed.experiments.montecarlo.run_columns import RunChunks
+from tulip_testbed.experiments.montecarlo.run_columns import RunChunks, RunJob, layout_of, read_runs
 from tulip_testbed.experiments.run_file import RUN_FILE
+from tulip_testbed.experiments.usable_plan import identifiable_regressor
+from tulip_testbed.measurements import PosturePlan
+from tulip_testbed.sim.robot_check import warn_of_robot
 
 Work = Callable[[Sequence[int]], Any]  # from run numbers to their columns
 
@@ -41,6 +55,58 @@ def collect(chunks: RunChunks, work: Work, advance: Callable[[int], None], worke
             raise InputError(f"a worker process failed ({shortened(error, 200)})") from None
         memory = ", as the system does when memory runs out" if "SIGKILL" in codes[1] else ""
         raise InputError(f"a worker process ended by {codes[1]}{memory}") from None
+
+
+def montecarlo(
+    laboratory: Laboratory,
+    plan: PosturePlan,
+    settings: Settings,
+    folder: Path,
+    workers: int,
+    stays: bool,
+    progress: Progress,
+) -> MonteCarlo:
+    """Carry out what is missing in the folder and report on all runs; see `tulip_testbed.monte_carlo`.
+
+    Args:
+        stays: whether the folder outlives the work; otherwise nobody can go on in it.
+
+    Raises:
+        InputError: what cannot be run, written or read; runs that were written stay.
+        KeyboardInterrupt: by Ctrl-C; after the folder was begun it says what stays.
+    """
+    settings.check()
+    if laboratory.sensors == "ideal":
+        raise InputError(
+            "sensors ideal: found no noise, so no standard errors to judge; valid: wii, force-plate"
+        )
+    check_imperfections(laboratory, settings.imperfections)
+    processes(workers)
+    laboratory.check(plan, settings.engine)
+    warn_of_robot(laboratory.robot)
+    identifiable_regressor("plan", laboratory.robot, plan)
+    robot, parameters = laboratory.robot, laboratory.parameters(plan)
+    layout = layout_of(robot, parameters)
+    document = montecarlo_file(laboratory, plan, settings)
+    chunks = RunChunks(folder / CHUNK_FOLDER, settings.runs, settings.chunk)
+    raise_runs(folder, document)
+    kept, kept_in = run_folder(folder, document), folder if stays else None
+    if not kept.begun() or chunks.missing():
+        job = RunJob(
+            source_of(laboratory, plan, settings.robot_spread, settings.engine, settings.imperfections),
+            robot,
+            parameters,
+            layout,
+            settings.estimator,
+            settings.seed,
+            laboratory.known,
+        )
+        with kept.opened(partial(begin, plan=plan, robot=robot)):
+            _collect_missing(chunks, job, workers, kept_in, progress)
+    beside = {"plan": plan, "robot": robot, "folder": kept_in}
+    result = MonteCarlo.of(read_runs(chunks, layout), layout, document, **beside)
+    write_json(folder / REPORT_FILE, result.to_json())
+    return result
 
 
 def run_folder(folder: Path, document: MonteCarloFile) -> ResumableFolder:
@@ -72,7 +138,7 @@ def raise_runs(folder: Path, document: MonteCarloFile) -> None:
         there.model_copy(update={"settings": document.settings}).write(folder / RUN_FILE)
 
 
-def collect_missing(
+def _collect_missing(
     chunks: RunChunks, job: Work, workers: int, folder: Path | None, progress: Progress
 ) -> None:
     """Compute the missing chunks; an interruption says what stays."""

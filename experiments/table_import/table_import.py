@@ -15,7 +15,7 @@ from tulip_testbed.base.files import new_folder, read_bytes, sha256, write_bytes
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Table
-from tulip_testbed.base.table_files import software, write_json
+from tulip_testbed.base.table_files import TableFile, software, write_json
 from tulip_testbed.experiments.table_import.column_names import Proposal, propose, with_units
 from tulip_testbed.experiments.table_import.import_map import ONE, ImportMap, SeriesOfMap, with_unknowns
 from tulip_testbed.experiments.table_import.series_import import (
@@ -116,23 +116,28 @@ class ImportedTable(Result):
         return [*parts, f"Measurement folder: {self.folder}"]
 
 
+def import_table(table: Path, robot: Robot, folder: Path, stated: ImportMap) -> ImportedTable:
+    """Write a measurement folder with a laboratory's own table, see `tulip_testbed.import_table`."""
+    stated = stated.model_copy(update={"columns": with_units(stated.columns)})
+    return _Import(read_log(table), robot, stated).carried_out(Path(folder))
+
+
 class _RefusedError(InputError):
     """The folder would break the contract."""
 
 
-class TableImport:
+class _Import:
     """An import at work; a class because every step may assume something or find something missing."""
 
-    def __init__(self, path: Path, robot: Robot, stated: ImportMap) -> None:
-        stated = stated.model_copy(update={"columns": with_units(stated.columns)})
-        self.table, self.robot, self.stated = read_log(path), robot, stated
+    def __init__(self, table: TableFile, robot: Robot, stated: ImportMap) -> None:
+        self.table, self.robot, self.stated = table, robot, stated
         self.assumed: list[str] = []
         self.problems: list[str] = []
         self.missing: list[str] = []
         self.conventions: tuple[StatedConvention, ...] = ()
         self.convention = WrenchConvention()
         self.added: dict[str, np.ndarray] = {}  # columns that the table lacks
-        self.series = series_of(self.table, stated)
+        self.series = series_of(table, stated)
 
     def carried_out(self, folder: Path) -> ImportedTable:
         """Map the table, write the folder if nothing is missing, and check the signs."""

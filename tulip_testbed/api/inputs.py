@@ -5,7 +5,6 @@ import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from tulip_testbed.base.arguments import checked
 from tulip_testbed.base.errors import InputError, warn
@@ -16,9 +15,10 @@ from tulip_testbed.experiments.check_folder import warn_of_faults
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.laboratory import Run
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
-from tulip_testbed.experiments.robot_report import RobotReport, report_of
+from tulip_testbed.experiments.robot_report import RobotReport, report_robot
 from tulip_testbed.experiments.table_import.import_map import read_map
-from tulip_testbed.experiments.table_import.table_import import ImportedTable, TableImport
+from tulip_testbed.experiments.table_import.table_import import ImportedTable
+from tulip_testbed.experiments.table_import.table_import import import_table as _import_table
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN, plan_for
 from tulip_testbed.measurements import Measurements, PosturePlan, joined, write_motion
 from tulip_testbed.measurements import read_measurements as _read_measurements
@@ -80,21 +80,11 @@ def describe_robot(
     Raises:
         InputError: a file that cannot be read, no robot on two legs, or a folder that exists.
     """
-    file, place = Path(file), None if out is None else Path(out)
-    if place is not None:
-        check_new(place)
-    if file.suffix.lower() not in PUBLISHED:
-        if feet or sole or place is not None:
-            found = f"{file}: found a {'folder' if file.is_dir() else 'description'}"
-            raise InputError(f"{found}, expected a published MJCF or URDF with feet, sole or out")
-        return report_of(described_robot(file), support)
-    imported = import_robot(file, feet or (), sole or ())
-    more: dict[str, Any] = {"found": imported.found, "assumed": imported.assumed}
-    if place is not None:
-        robot = imported.write(place, _picture)
-        return report_of(robot, support, imported.problems, **more, description=str(place / robot.path.name))
-    with tempfile.TemporaryDirectory() as folder:
-        return report_of(imported.write(Path(folder) / file.stem), support, imported.problems, **more)
+    if out is not None:
+        check_new(Path(out))
+    return report_robot(
+        Path(file), support, feet or (), sole or (), None if out is None else Path(out), _picture
+    )
 
 
 def _picture(robot: Robot) -> bytes | None:
@@ -164,8 +154,7 @@ def import_table(
         InputError: a table or a statement that cannot be read, or a folder that exists.
     """
     check_new(Path(out))
-    work = TableImport(Path(table), robot or load_robot(), read_map(map))
-    return work.carried_out(Path(out))
+    return _import_table(Path(table), robot or load_robot(), Path(out), read_map(map))
 
 
 def plan_of(plan: PlanSource | None, robot: Robot) -> PosturePlan:

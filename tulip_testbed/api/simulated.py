@@ -1,44 +1,21 @@
 """Functions of a virtual laboratory: simulate, validate and Monte Carlo."""
 
 import tempfile
-import time
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from tulip_testbed.base.arguments import checked
-from tulip_testbed.base.errors import InputError, at_least, look_up
-from tulip_testbed.base.files import present
 from tulip_testbed.base.progress import Progress, silent
-from tulip_testbed.base.table_files import write_json
 from tulip_testbed.base.threads import one_blas_thread, processes
-from tulip_testbed.effects.random_effects import RANDOM
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, DEFAULT_SEED, ORDINARY
-from tulip_testbed.experiments.identification_result import ESTIMATORS
-from tulip_testbed.experiments.imperfections import check_imperfections, drawn, single_stream
-from tulip_testbed.experiments.laboratory import Laboratory, tries
-from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of
-from tulip_testbed.experiments.montecarlo.montecarlo_result import (
-    CHUNK_FOLDER,
-    REPORT_FILE,
-    MonteCarlo,
-    Settings,
-    begin,
-    montecarlo_file,
-)
-from tulip_testbed.experiments.montecarlo.montecarlo_run import collect_missing, raise_runs, run_folder
-from tulip_testbed.experiments.montecarlo.run_columns import RunChunks, RunJob, layout_of, read_runs
-from tulip_testbed.experiments.proposed_experiment import EXPERIMENT_FILE, read_experiment
-from tulip_testbed.experiments.simulate import Simulation, disturbed
-from tulip_testbed.experiments.truth_record import check_places, write_experiment
-from tulip_testbed.experiments.usable_plan import identifiable_regressor, plan_for
-from tulip_testbed.experiments.validate import judge
+from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, Settings
+from tulip_testbed.experiments.montecarlo.montecarlo_run import montecarlo
+from tulip_testbed.experiments.simulate import Simulation
+from tulip_testbed.experiments.simulate import simulate as _simulate
+from tulip_testbed.experiments.validate import validate as _validate
 from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.measurements import PosturePlan
-from tulip_testbed.sim.robot_check import warn_of_robot
 
 PlainLaboratory = Laboratory  # in which the function hides effects itself: the command line adds none
 
@@ -90,44 +67,8 @@ def simulate(
     """
     made = Path(plan) if isinstance(plan, str) else plan
     file, proposed = (None if one is None else Path(one) for one in (truth, experiment))
-    check_places(Path(out), file)
-    secret = RANDOM in effects
-    if secret and file is None:
-        raise InputError(
-            "effects random: found no file for the truth, expected `truth=FILE`: nothing else would know it"
-        )
-    wanted, number = (None, 1) if proposed is None else read_experiment(proposed)
-    if proposed is not None and made is not None:
-        raise InputError("experiment: found a plan besides, expected the plan of its own folder")
-    if isinstance(made, Path) and present(made / EXPERIMENT_FILE):
-        raise InputError(
-            f"{made}: found {EXPERIMENT_FILE}, expected it as `experiment={made}`: a plain plan would leave "
-            "its manipulations out"
-        )
-    made = made if isinstance(made, PosturePlan) else plan_for(laboratory.robot, made or proposed)
-    laboratory = disturbed(laboratory, made, effects, seed, engine == "statics")
-    check_imperfections(laboratory, imperfections)
-    if robot_spread is not None:
-        laboratory = replace(laboratory, random_robot=(robot_spread, seed))
-    laboratory = drawn(laboratory, imperfections, single_stream(seed))
-    if wanted is not None or session is not None:
-        texts = () if wanted is None else wanted.manipulations
-        there = "" if wanted is None else wanted.session
-        laboratory = laboratory.manipulated(*texts, session=there if session is None else session)
-    # The laboratory is that of the seed; its noise differs from experiment to experiment.
-    noise = seed if number == 1 else int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
-    try:
-        with progress("holding postures", tries(laboratory, made), 0) as advance:
-            run = laboratory.run(made, noise, engine, workers, advance)
-    except InputError:
-        if not secret:
-            raise
-        raise InputError(
-            "effects random: found an experiment that cannot be carried out with the effect that seed "
-            f"{seed} draws, expected one that can; give another seed"
-        ) from None
-    write_experiment(Path(out), file, run)
-    return Simulation.of(run, str(out), secret)
+    how = (imperfections, robot_spread, proposed, session, engine, workers, progress)
+    return _simulate(laboratory, made, Path(out), seed, file, effects, *how)
 
 
 @checked
@@ -165,18 +106,9 @@ def validate(
     Raises:
         InputError: a plan that does not fit the robot or would not identify it.
     """
-    began = time.perf_counter()
-    look_up("estimator", estimator, ESTIMATORS, "estimator")
-    check_imperfections(laboratory, imperfections)
-    at_least("seed", seed, 0)
-    if robot_spread is not None:
-        laboratory = replace(laboratory, random_robot=(robot_spread, seed))
-    laboratory.check(plan, engine)
-    identifiable_regressor("plan", laboratory.robot, plan)
-    laboratory = drawn(laboratory, imperfections, single_stream(seed))
-    with progress("holding postures", tries(laboratory, plan), 0) as advance:
-        run = laboratory.run(plan, seed, engine, workers, advance)
-    return judge(run, estimator, imperfections, began)
+    return _validate(
+        laboratory, plan, seed, estimator, engine, workers, progress, imperfections, robot_spread
+    )
 
 
 @checked
@@ -220,31 +152,6 @@ def monte_carlo(
         InputError: what cannot be run; a folder that holds another Monte Carlo.
     """
     settings = Settings(runs, seed, estimator, robot_spread, engine, imperfections)
-    count = processes(workers)
-    settings.check()
-    if laboratory.sensors == "ideal":
-        raise InputError(
-            "sensors ideal: found no noise, so no standard errors to judge; valid: wii, force-plate"
-        )
-    check_imperfections(laboratory, imperfections)
-    robot = laboratory.robot
-    laboratory.check(plan, engine)
-    warn_of_robot(robot)
-    identifiable_regressor("plan", robot, plan)
-    parameters = laboratory.parameters(plan)
-    layout = layout_of(robot, parameters)
-    document = montecarlo_file(laboratory, plan, settings)
     with tempfile.TemporaryDirectory() as scratch:
-        folder, stays = (Path(scratch) / "runs", None) if out is None else (Path(out), Path(out))
-        chunks = RunChunks(folder / CHUNK_FOLDER, runs, settings.chunk)
-        raise_runs(folder, document)
-        kept = run_folder(folder, document)
-        if not kept.begun() or chunks.missing():
-            source = source_of(laboratory, plan, robot_spread, engine, imperfections)
-            job = RunJob(source, robot, parameters, layout, estimator, seed, laboratory.known)
-            with kept.opened(partial(begin, plan=plan, robot=robot)):
-                collect_missing(chunks, job, count, stays, progress)
-        told = {"plan": plan, "robot": robot, "folder": stays}
-        result = MonteCarlo.of(read_runs(chunks, layout), layout, document, **told)
-        write_json(folder / REPORT_FILE, result.to_json())
-        return result
+        kept = Path(scratch) / "runs" if out is None else Path(out)
+        return montecarlo(laboratory, plan, settings, kept, processes(workers), out is not None, progress)
