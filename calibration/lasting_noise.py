@@ -1,8 +1,8 @@
 """How long the noise of a moving record lasts, by the restricted likelihood.
 
 Residuals that are left of a fit last shorter than the noise: base parameters and members take its slow part.
-The likelihood of what they leave undetermined does not count them. The scales of the noise are estimated again
-for every duration, since short noise with small scales resembles long noise with large ones.
+The likelihood of what they leave undetermined does not count them. The scales of the noise are estimated for
+every duration, since short noise with small scales resembles long noise with large ones.
 """
 
 from collections.abc import Callable
