@@ -59,7 +59,7 @@ class Fault:
             "plate": (f"cells:{PLATES[number % 2]}",),
             "sides": tuple(f"cell-side-force:{plate}" for plate in PLATES),
             "torso": ("force:torso",),
-            # A plate that shows the load elsewhere, as a function of where it is, is one that stands elsewhere.
+            # A plate that shows the load elsewhere, as a function of its place, seems to stand elsewhere.
             "maps": tuple(f"law:plate:{p}/cop/{shape}" for p in PLATES for shape in ("linear", "quadratic")),
         }[self.errs]
 
