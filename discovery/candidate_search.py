@@ -212,14 +212,18 @@ class CandidateSearch:
         return ranked(candidate_blocks(linear, others, known), linear.residual)
 
     def pairs(
-        self, calibration: SelfCalibration, terms: tuple[Fitted, ...], kind: str = "", count: int = PAIRS
+        self,
+        calibration: SelfCalibration,
+        terms: tuple[Fitted, ...],
+        kinds: Sequence[str] = (),
+        count: int = PAIRS,
     ) -> list[Judged]:
-        """Judge the most promising pairs of candidates, or of those of a kind, in addition to some terms."""
+        """Judge the most promising pairs, of any candidates or of one of some kinds, beyond some terms."""
         near: dict[tuple[str, str], tuple[Fitted, Fitted]] = {}
         for fit in self.fits(calibration, terms):
             others, known = self._others(fit)
-            alike = [one for one in others if kind in ("", one.effect.name)]
-            for first, second in ranked_pairs(fit, alike, known, DECISIVE, count):
+            some = [one for one in others if not kinds or one.effect.name in kinds]
+            for first, second in ranked_pairs(fit, some, known, DECISIVE, count, bool(kinds)):
                 near.setdefault((first.label, second.label), (first, second))
         out = []
         for pair in near.values():

@@ -16,7 +16,12 @@ WIDE = 3.0  # plausible sizes: s.d. of the prior in a ranking, since effects tha
 
 
 def ranked_pairs(
-    adopted: JointFit, others: list[Candidate], known: Changes, least: float, count: int
+    adopted: JointFit,
+    others: list[Candidate],
+    known: Changes,
+    least: float,
+    count: int,
+    alike: bool = False,
 ) -> list[tuple[Fitted, Fitted]]:
     """Rank the pairs of candidates of which each is needed, at the points of their grids that are best alone.
 
@@ -24,7 +29,7 @@ def ranked_pairs(
         adopted: the fit in addition to which they explain the experiment.
         known: see `candidate_columns`.
         least: ln of the Bayes factor that either has to gain where the other is known.
-        count: of pairs, at most.
+        count: of pairs, at most. alike: only pairs of one kind.
 
     Returns:
         the best first; sizes are those of each alone.
@@ -56,6 +61,9 @@ def ranked_pairs(
         gained[k] = _evidence(left, pull - np.einsum("i,inj->nj", pull[k], shrunk)) - price
     total = (_evidence(own, pull) - price)[:, None] + gained
     needed = np.triu(np.minimum(gained, gained.T) >= least, 1)
+    if alike:
+        kind = np.array([one.candidate.effect.name for one in fits])
+        needed &= kind[:, None] == kind
     total[~needed] = -np.inf
     best = np.argsort(-total, axis=None)[: min(count, int(needed.sum()))]
     return [(fits[k], fits[j]) for k, j in zip(*np.unravel_index(best, total.shape), strict=True)]

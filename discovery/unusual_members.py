@@ -76,15 +76,17 @@ def with_unusual_members(
 def _two_at_once(
     search: CandidateSearch, calibration: SelfCalibration, terms: tuple[Fitted, ...]
 ) -> list[Judged]:
-    """Judge pairs of members of the family that is too wide: of two that are off neither stands out.
+    """Judge pairs of members of one family: of two that are off neither stands out.
 
-    A pair has to leave it as usual and to be decisive where a family that wide is seldom.
+    The family that they make too wide need not be their own: two tares look like gains of all cells. A pair
+    has to leave it as usual and to be decisive where a family that wide is seldom.
     """
     search, name = replace(search, widest=WIDEST), _too_wide(calibration)[0]
-    plain = search.tried(terms, calibration)
-    pairs = search.pairs(calibration, terms, name, PAIRS) if len(terms) + 2 <= MOST_TERMS else []
+    plain, kinds = search.tried(terms, calibration), [one.family.name for one in calibration.families]
+    pairs = search.pairs(calibration, terms, kinds, PAIRS) if len(terms) + 2 <= MOST_TERMS else []
     least = np.inf if plain is None else plain.evidence + 2 * DECISIVE
-    return [one for one in pairs if one.evidence >= least and name not in _too_wide(one.calibration)]
+    others = set(_too_wide(calibration)) - {name}
+    return [one for one in pairs if one.evidence >= least and others.issuperset(_too_wide(one.calibration))]
 
 
 def too_wide(calibration: SelfCalibration) -> list[CalibratedFamily]:

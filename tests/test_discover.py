@@ -353,8 +353,8 @@ class Evidences:
         evidence = self.known["".join(term.label for term in terms)]
         return SimpleNamespace(evidence=evidence, possible=True, steady=True)
 
-    def pairs(self, *_):
-        return self.found if self.widest == WIDEST else []
+    def pairs(self, _, __, kinds, ___):
+        return [one for one in self.found if one.kind in kinds and self.widest == WIDEST]
 
 
 def test_alternatives_are_compared_with_families_of_their_own():
@@ -401,16 +401,28 @@ def test_the_only_member_of_a_family_is_not_judged_against_itself():
     assert _judged_again(search, cast(Any, None), fit, 0, (drift, payload)) == (drift, payload)
 
 
-def with_a_family(spread):
-    tares, interval = SimpleNamespace(name="tare"), (spread / 2, spread * 2)
-    return SimpleNamespace(families=[SimpleNamespace(family=tares, spread=spread, spread95=interval)])
+def with_families(**spreads):
+    families = [SimpleNamespace(family=SimpleNamespace(name=name)) for name in spreads]
+    for one, spread in zip(families, spreads.values(), strict=True):
+        one.spread, one.spread95 = spread, (spread / 2, spread * 2)
+    return SimpleNamespace(families=families)
 
 
-@pytest.mark.parametrize(("gain", "spread", "count"), [(6.5, 1.0, 1), (5.5, 1.0, 0), (6.5, 5.0, 0)])
-def test_a_pair_of_members_is_decisive_and_leaves_its_family_as_usual(gain, spread, count):
-    pair = SimpleNamespace(evidence=gain, calibration=with_a_family(spread))
+@pytest.mark.parametrize(
+    ("kind", "gain", "spreads", "count"),
+    [
+        ("gain", 6.5, (1.0, 1.0), 1),
+        ("gain", 5.5, (1.0, 1.0), 0),
+        ("gain", 6.5, (5.0, 1.0), 0),
+        ("tare", 6.5, (1.0, 1.0), 1),  # two tares look like gains of all cells
+        ("tare", 6.5, (1.0, 5.0), 0),
+    ],
+)
+def test_a_pair_of_members_is_decisive_and_leaves_families_as_usual(kind, gain, spreads, count):
+    left = with_families(gain=spreads[0], tare=spreads[1])
+    pair = SimpleNamespace(kind=kind, evidence=gain, calibration=left)
     search: Any = Evidences({"": 0.0}, [pair])
-    assert len(_two_at_once(search, cast(Any, with_a_family(6.0)), ())) == count
+    assert len(_two_at_once(search, cast(Any, with_families(gain=6.0, tare=1.0)), ())) == count
 
 
 def test_what_gains_only_by_noise_of_another_calibration_is_not_the_best():
@@ -465,8 +477,16 @@ def test_effects_that_hide_one_another_are_ranked_as_a_pair(robot, plan, nominal
     drifts = [("plate-drift", side, (size,)) for side, size in (("left", -5.0), ("right", 5.0))]
     observed = observe(measured(robot, plan, "wii", *drifts), nominal)
     null = Data(observed, noise_of(observed)).null
-    ((first, second), *_) = ranked_pairs(null, candidates(observed), {}, DECISIVE, 3)
+    every = candidates(observed)
+    ((first, second), *_) = ranked_pairs(null, every, {}, DECISIVE, 3)
     assert {first.label, second.label} == {"plate-drift:left", "plate-drift:right"}
+    mixed, alike = (
+        [a.candidate.effect is b.candidate.effect for a, b in ranked_pairs(null, every, {}, 0.0, 50, alike)]
+        for alike in (False, True)
+    )
+    assert not all(mixed)
+    assert alike
+    assert all(alike)
 
 
 def test_of_many_placements_those_are_sought_that_stand_out(robot, plan, nominal, monkeypatch):

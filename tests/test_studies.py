@@ -12,6 +12,7 @@ from studies import runner, study_real_robots
 from studies.hidden_effects.hiding import NOTHING, ONE, OUTSIDE, TWO, Case, Clearness, Truth
 from studies.hidden_effects.judging import Found, Outcome, carry_out
 from studies.hidden_effects.laboratories import LARGEST, USUAL, Built, draw_laboratory, tolerance_of
+from studies.hidden_effects.outside_faults import FAULTS
 from studies.hidden_effects.readings import READERS, Readings
 from studies.runner import Settings
 from studies.study_hidden_effects import figures
@@ -143,6 +144,14 @@ def test_scores_of_outcomes_made_by_hand():
     assert rows["base parameters: intervals hold"][0] == 3
     assert rows["`tilt`: intervals hold"][0] == 1
     assert rows["cases without data"] == [1, 15]
+
+
+@pytest.mark.parametrize(("quantity", "wrong"), [("cop", False), ("time", True)])
+def test_a_law_of_the_place_of_the_load_says_that_the_map_of_a_plate_is_bent(robot, quantity, wrong):
+    (waves,) = (fault for fault in FAULTS if fault.name == "plate-waves")
+    truth = Truth(outside="plate-waves:4=0.007", culprits=waves.culprits(robot, 4))
+    law = Found(f"law:plate:left/{quantity}/quadratic", errs="plate:left")
+    assert made(OUTSIDE, "described", truth=truth, found=(law,)).wrong == wrong
 
 
 DOCS = Path(__file__).resolve().parents[1] / "docs" / "pictures"
