@@ -96,7 +96,7 @@ def _whitened(linear: LinearModel) -> Iterator[tuple[str, str, str, np.ndarray]]
 
     They are computed a few at a time for memory's sake.
     """
-    tried = chain(_of_residuals(linear), _of_readings(linear))
+    tried = chain(_of_residuals(linear), _of_loose_parts(linear), _of_readings(linear))
     while some := list(islice(tried, AT_ONCE)):
         whitened = linear.whitening.each([one[-1] for one in some])
         yield from ((*one[:-1], whole) for one, whole in zip(some, whitened, strict=True))
@@ -118,6 +118,22 @@ def _of_residuals(linear: LinearModel) -> Iterator[tuple[str, str, str, np.ndarr
             for k in range(width):
                 raw[:, part.start + k, k::width] = functions
             yield channel, f"{what} {how}", "", raw
+
+
+def _of_loose_parts(linear: LinearModel) -> Iterator[tuple[str, str, str, np.ndarray]]:
+    """Yield a centre of mass that moves in the torso as it leans: channel, words, "", (m, 11, k).
+
+    A part slides, in proportion to the lean, or falls to one side. Along axes that do not turn with the torso
+    it is lost.
+    """
+    observed = linear.smoothed
+    torso = observed.tree.links[0]
+    axes = observed.geometry.frames[0][:, observed.tree.frame(torso)]
+    lean = axes[:, 2, :2] - np.median(axes[:, 2, :2], axis=0)
+    shift = np.concatenate([lean, np.sign(lean)], axis=1)
+    raw = np.zeros((len(observed), SIZE, 2 * shift.shape[1]))
+    raw[:, PARTS[0][1]] = (axes[:, :2, :2, None] * shift[:, None, None]).reshape(len(observed), 2, -1)
+    yield "A", f"the centre of mass of {torso} moves as it leans", "", raw
 
 
 def _of_readings(linear: LinearModel) -> Iterator[tuple[str, str, str, np.ndarray]]:
@@ -152,9 +168,15 @@ def _of_readings(linear: LinearModel) -> Iterator[tuple[str, str, str, np.ndarra
     }
     plates = at["plates"].start
     for k, plate in enumerate(PLATES if not observed.in_feet else ()):
-        columns = slope[:, :, plates + 3 * k : plates + 3 * k + 3, None] * time[:, None, None]
-        columns = columns.reshape(*slope.shape[:2], -1)
-        yield "AC", f"the place of the {plate} plate drifts in time", "", columns
+        by_place = slope[:, :, plates + 3 * k : plates + 3 * k + 3, None]
+        recorded = observed.plate_poses[:, k]
+        recorded = np.column_stack(
+            [_powers(one, 1) for one in recorded.T if np.ptp(one) > 0] or [time[:, :0]]
+        )
+        errors = {"drifts in time": time, "errs with its record": recorded}
+        for how, functions in errors.items():
+            columns = (by_place * functions[:, None, None]).reshape(*slope.shape[:2], -1)
+            yield "AC", f"the place of the {plate} plate {how}", "", columns
     contacts = "cells" if has_twist(observed) else "wrench sensors"
     for how, errors in together.items():
         yield "AFT", f"all {contacts} err with {how}", "", slope[:, :, at["cells"]] @ errors[..., None]

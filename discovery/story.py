@@ -58,11 +58,7 @@ def story(found: Discovery, ranking: Sequence[NextExperiment]) -> list[str]:
         )
     if found.verdict in (*ADOPTED, AMBIGUOUS):
         lines.append("Ordinary imperfections of all families are estimated together with it.")
-    if found.verdict == NAMED and len(found.adopted) > MANY:
-        lines.append(
-            f"{len(found.adopted)} effects at once are rare. A single fault that the catalogue lacks, such "
-            "as a tilted joint axis, can look like several effects: look for a common cause."
-        )
+    lines += _crowd(found.verdict, len(found.adopted))
     lines += _implausible(found)
     if found.negligible and found.verdict != UNKNOWN:  # there terms may have lost their evidence
         lines.append(f"Seen too, but far smaller than is plausible for a fault: {_listed(found.negligible)}.")
@@ -89,6 +85,16 @@ def _next_experiment(ranking: Sequence[NextExperiment]) -> str:
         f"To separate them, measure again ({best.words}): {len(best.plan)} postures in about "
         f"{best.minutes:.0f} min are expected to settle {100 * best.settled:.0f} % of the doubt."
     )
+
+
+def _crowd(verdict: str, count: int) -> list[str]:
+    """Doubt several effects at once, laws from two on: each of them describes what the catalogue lacks."""
+    if verdict not in ADOPTED or count <= (MANY if verdict == NAMED else 1):
+        return []
+    return [
+        f"{count} effects at once are rare. A single fault that the catalogue lacks, such as a tilted joint "
+        "axis, can look like several effects: look for a common cause."
+    ]
 
 
 def _implausible(found: Discovery) -> list[str]:
