@@ -14,7 +14,7 @@ fault of size s that begins at posture k adds s g_t to the residuals of every po
 the filter's innovations keep rho_t = g_t - H_t b_t, since the estimate follows the fault by b_t. With
 y = sum rho' S^-1 gamma and w = sum rho' S^-1 rho the likelihood ratio, maximised over s, is y^2 / w,
 chi-square of one degree of freedom without a fault. Onsets are those of the last postures and, further back,
-every `APART`-th: memory is constant.
+every `DayModel.apart`-th: memory is constant.
 
 Reference: A. S. Willsky and H. L. Jones, A generalized likelihood ratio approach to the detection and
 estimation of jumps in linear systems, IEEE Trans. Automatic Control 21, 1976.
@@ -27,14 +27,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.linalg import block_diag
 
-from tulip_testbed.experiments.watching.day_model import PLATES, RAMP, STANCE, DayModel
+from tulip_testbed.experiments.watching.day_model import APART, PLATES, RAMP, STANCE, DayModel
 from tulip_testbed.experiments.watching.row_columns import RowColumns
 
 OF_PLACEMENT = PLATES + STANCE  # numbers of the state that begin again with a placement
 CENTER = slice(0, 2)  # residuals of the centre of pressure
 LEAST_SHARE = 1e-10  # of the largest eigenvalue, below which parameters are not determined yet
-RECENT, APART, EARLIER = 12, 6, 10  # onsets: the last ones, and so many further back at that distance
-REACH = RECENT + APART * EARLIER + APART  # rows back to the earliest onset
+RECENT, EARLIER = 12, 10  # onsets: the last ones, and so many further back at `DayModel.apart`
 LEAST_SEEN = 1e-4  # information on one plausible size, below which a fault is invisible
 OPEN, MEASURED, AGAIN = 0, 1, 2  # of a plan's rows
 GAPS = 20  # times between postures that are remembered
@@ -81,11 +80,20 @@ class Belief:
         covariance[-numbers:, -numbers:] = model.covariance[-numbers:, -numbers:]
         return Belief(mean, covariance)
 
+    def later(self, model: DayModel, kept: float) -> Belief:
+        """Return the belief after a time in which errors that last kept this correlation with themselves."""
+        at, mean, covariance = model.lasting, self.mean.copy(), self.covariance.copy()
+        mean[at] *= kept
+        covariance[at] *= kept
+        covariance[:, at] *= kept
+        covariance[at, at] += (1 - kept**2) * model.covariance[at, at]
+        return Belief(mean, covariance)
+
     def predict(self, model: DayModel, row: RowColumns) -> Innovation:
         """Predict a posture and return by how much it is missed."""
         here = row.about(self.mean[: model.parameters])
         across = here.state @ self.covariance
-        covariance = across @ here.state.T + here.noise(model.noise.encoder)
+        covariance = across @ here.state.T + here.noise(model.noise.encoder, model.shares[1])
         covariance = (covariance + covariance.T) / 2
         scale = 1 / np.sqrt(np.diag(covariance))
         precision = scale[:, None] * np.linalg.inv(scale[:, None] * covariance * scale) * scale
@@ -112,9 +120,11 @@ class DesignInformation:
 
     Attributes:
         joint: both, parameters first, (p + 6, p + 6) [1/m2].
+        last: whitened columns of the last row, (2, p + 6); None: it is not correlated with the next one.
     """
 
     joint: np.ndarray
+    last: np.ndarray | None = None
 
     @classmethod
     def begun(cls, settled: np.ndarray) -> DesignInformation:
@@ -145,14 +155,20 @@ class DesignInformation:
         """Return the information as a new placement begins."""
         return self.begun(self.whole)
 
-    def with_posture(self, model: DayModel, row: RowColumns) -> DesignInformation:
-        """Return the information with one more posture."""
+    def with_posture(self, model: DayModel, row: RowColumns, kept: float = 0.0) -> DesignInformation:
+        """Return the information with one more posture.
+
+        Args:
+            kept: correlation of its noise with that of the row before.
+        """
         by_angles = row.by_angles[CENTER]
         noise = model.noise.encoder**2 * by_angles @ by_angles.T + row.cells[CENTER, CENTER]
         base = row.state[CENTER, : model.parameters]
         plates = row.state[CENTER, -OF_PLACEMENT:-STANCE]
         both = np.concatenate([base, plates], axis=1)
-        return DesignInformation(self.joint + both.T @ np.linalg.solve(noise, both))
+        white = np.linalg.solve(np.linalg.cholesky(noise), both)
+        new = white if self.last is None else (white - kept * self.last) / np.sqrt(1 - kept**2)
+        return DesignInformation(self.joint + new.T @ new, white)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,15 +179,17 @@ class Changes:
         onset: counts of the rows at which faults may have begun, (o,), -1: none.
         bias: of the estimate by one plausible size of each fault, (o, n, c).
         pull, information: y and w, (o, c).
+        apart: rows between early onsets.
     """
 
     onset: np.ndarray
     bias: np.ndarray
     pull: np.ndarray
     information: np.ndarray
+    apart: int = APART
 
     @classmethod
-    def none(cls, numbers: int, directions: int) -> Changes:
+    def none(cls, numbers: int, directions: int, apart: int = APART) -> Changes:
         """Return the evidence before the first row."""
         onsets = RECENT + EARLIER
         return cls(
@@ -179,6 +197,7 @@ class Changes:
             bias=np.zeros((onsets, numbers, directions)),
             pull=np.zeros((onsets, directions)),
             information=np.zeros((onsets, directions)),
+            apart=apart,
         )
 
     @property
@@ -193,18 +212,27 @@ class Changes:
         bias[:, -numbers:] = 0.0
         return replace(self, bias=bias)
 
-    def with_row(self, innovation: Innovation, count: int, ramps: np.ndarray) -> Changes:
+    def later(self, at: slice, kept: float) -> Changes:
+        """Return the evidence after a time; `Belief.later` keeps so much of the bias of errors that last."""
+        bias = self.bias.copy()
+        bias[:, at] *= kept
+        return replace(self, bias=bias)
+
+    def with_row(
+        self, innovation: Innovation, count: int, ramps: np.ndarray, per_ramp: float = RAMP
+    ) -> Changes:
         """Return the evidence with one more row that the filter takes in.
 
         Args:
             count: number of the row, from 0. ramps: which directions grow with every row, (c,) bool.
+            per_ramp: rows in which they grow by one plausible size.
         """
         changes = self._with_onset(count)
-        grown = np.where(ramps, (count - changes.onset[:, None] + 1) / RAMP, 1.0)
+        grown = np.where(ramps, (count - changes.onset[:, None] + 1) / per_ramp, 1.0)
         seen = innovation.faults * grown[:, None] - innovation.state @ changes.bias
         weighed = innovation.precision @ seen
-        return Changes(
-            onset=changes.onset,
+        return replace(
+            changes,
             bias=changes.bias + innovation.gain @ seen,
             pull=changes.pull + innovation.value @ weighed,
             information=changes.information + (seen * weighed).sum(axis=1),
@@ -214,24 +242,29 @@ class Changes:
         """Return the evidence with an onset at this row, in the place of one that is no longer looked at.
 
         Recent onsets are in the first `RECENT` places, by their number; one that leaves them is kept if its
-        number is a multiple of `APART`.
+        number is a multiple of `apart`.
         """
-        parts = {name: values.copy() for name, values in vars(self).items()}
+        parts = {name: values.copy() for name, values in vars(self).items() if name != "apart"}
         at, onset = count % RECENT, self.onset
-        if onset[at] >= 0 and onset[at] % APART == 0:
-            kept = RECENT + (onset[at] // APART) % EARLIER
+        if onset[at] >= 0 and onset[at] % self.apart == 0:
+            kept = RECENT + (onset[at] // self.apart) % EARLIER
             for values in parts.values():
                 values[kept] = values[at]
         for values in parts.values():
             values[at] = 0
         parts["onset"][at] = count
-        return Changes(**parts)
+        return Changes(**parts, apart=self.apart)
 
 
-def is_onset(onset: int, count: int) -> bool:
+def reach(apart: int) -> int:
+    """Return how many rows back the earliest onset is."""
+    return RECENT + apart * EARLIER + apart
+
+
+def is_onset(onset: int, count: int, apart: int = APART) -> bool:
     """Return whether an onset is still looked at when row `count` comes."""
     back = count - onset
-    return back < RECENT or (onset % APART == 0 and back < REACH)
+    return back < RECENT or (onset % apart == 0 and back < reach(apart))
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,12 +294,13 @@ class WatchState:
         earlier: by posture, the stance in which it was measured last and its columns there.
         odd: postures in succession that did not fit, with their innovations.
         history: the states before the rows at which a change may have begun, without history and evidence.
-        taken: plan's rows of the last rows that were taken in.
+        taken: plan's rows of the last rows that were taken in; of a motion, their own numbers.
         spreads: s.d. within the last windows, (k, n_joints + 9).
         gaps: between the last postures of a placement [s].
         count: rows that were taken in.
         row: of the plan, that was measured last; -1: none. placement: its number. stance: count of the
-            placements and stances so far. support: its support. time: of the last row [s].
+            placements and stances so far. support: its support. time: of the last row, stood: of the
+            stance's first one [s].
         fault: that is there; None: none.
     """
 
@@ -286,19 +320,26 @@ class WatchState:
     stance: int = 0
     support: str = ""
     time: float = float("nan")
+    stood: float = float("nan")
     fault: Fault | None = None
 
     def marked(self, rows: int | list[int], mark: int) -> WatchState:
-        """Return the state with rows of the plan open, measured or to be measured again."""
+        """Return the state with rows of the plan open, measured or to be measured again.
+
+        In a motion there is nothing to mark.
+        """
+        if not len(self.done):
+            return self
         done = self.done.copy()
         done[rows] = mark
         return replace(self, done=done)
 
     def remembered(self, planned: int) -> WatchState:
         """Return the state that also remembers what is known before the row that comes now."""
-        kept = tuple(before for before in self.history if is_onset(before.count, self.count))
+        apart = self.changes.apart
+        kept = tuple(before for before in self.history if is_onset(before.count, self.count, apart))
         now = replace(self, history=(), changes=Changes.none(0, 0))
-        return replace(self, history=(*kept, now), taken=(*self.taken, planned)[-REACH:])
+        return replace(self, history=(*kept, now), taken=(*self.taken, planned)[-reach(apart) :])
 
 
 def first_state(model: DayModel) -> WatchState:
@@ -306,7 +347,7 @@ def first_state(model: DayModel) -> WatchState:
     n = len(model.covariance)
     return WatchState(
         belief=Belief(np.zeros(n), model.covariance),
-        changes=Changes.none(n, len(model.directions)),
+        changes=Changes.none(n, len(model.directions), model.apart),
         information=DesignInformation.begun(np.zeros((model.parameters,) * 2)),
-        done=np.full(len(model.plan), OPEN, np.int8),
+        done=np.full(len(model.plan) if model.window is None else 0, OPEN, np.int8),
     )
