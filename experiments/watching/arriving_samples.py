@@ -53,6 +53,7 @@ class ArrivingSamples:
     Attributes:
         path: of the file. manifest, where: the manifest and its path. weight: of the robot [N].
         window: length of a row [s].
+        known: number of lines that were read by a watch that was killed, and their SHA-256.
     """
 
     path: Path
@@ -60,6 +61,7 @@ class ArrivingSamples:
     where: Path
     weight: float
     window: float
+    known: tuple[int, str] = (0, "")
     _read: Any = field(default_factory=sha256)
     _bytes: int = 0
     _lines: int = 0
@@ -78,6 +80,11 @@ class ArrivingSamples:
                 self._lines += 1
                 self._bytes += len(line)
                 self._read.update(line)
+                if self._lines == self.known[0] and self._read.hexdigest() != self.known[1]:
+                    raise InputError(
+                        f"{self.path}: found other values in the first {self._lines} lines than were read "
+                        "before"
+                    )
                 if not is_row(line):
                     continue
                 if is_header(self.path, self._lines, line, self._header):
@@ -87,6 +94,8 @@ class ArrivingSamples:
                 reads[self._lines] = self._read.copy()
             for number, row, problem in self._taken(samples):
                 yield Arrived(number, reads[number].hexdigest(), row, problem)
+        if self._lines < self.known[0]:
+            raise InputError(f"{self.path}: found fewer lines than the {self.known[0]} that were read before")
 
     def _new_lines(self) -> list[bytes]:
         if not present(self.path):
@@ -189,4 +198,4 @@ def joined(samples: list[Measurements]) -> Measurements:
         for name, values in vars(samples[0]).items()
         if name in OF_ROWS and values is not None
     }
-    return replace(samples[0], **arrays)
+    return replace(samples[0], **arrays)  # pyrefly: ignore[bad-argument-type]

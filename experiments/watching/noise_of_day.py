@@ -13,13 +13,8 @@ from tulip_testbed.identification.noise_in_time import WHITE, NoiseInTime
 from tulip_testbed.measurements import Measurements
 
 FIRST = 120  # rows
-TRIED = (
-    WHITE,
-    *(
-        NoiseInTime(*each)
-        for each in product((0.5, 0.8, 0.9, 0.95, 0.98), (0.5, 1.0, 1.4, 2.0, 2.8, 4.0, 8.0))
-    ),
-)
+SHARES, SECONDS = (0.5, 0.8, 0.9, 0.95, 0.98), (0.5, 1.0, 1.4, 2.0, 2.8, 4.0, 8.0)
+TRIED = (WHITE, *(NoiseInTime(*each) for each in product(SHARES, SECONDS)))
 
 
 def with_noise_in_time(model: DayModel, rows: Measurements) -> DayModel:

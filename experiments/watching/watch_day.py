@@ -192,22 +192,17 @@ class Watch(Result):
         assert model.window is not None
         where, out = self.folder / "manifest.json", self._out
         mass = model.nominal.mass if manifest.weighed_mass is None else manifest.weighed_mass.value
-        samples = ArrivingSamples(
-            self.folder / arriving_samples.TABLE, manifest, where, mass * manifest.gravity, model.window
-        )
-        line, read = (0, "")
+        known = (0, "")
         if out is not None and (kept := arriving_rows.read_state(out, day)):
-            number, read = kept.decode().split()
-            line = int(number)
+            number, _, read = kept.decode().partition(" ")
+            known = int(number), read
+        path, weight = self.folder / arriving_samples.TABLE, mass * manifest.gravity
+        samples = ArrivingSamples(path, manifest, where, weight, model.window, known)
         waiting: list[Arrived] = []
         state, judge, rows = first_state(model), one_blas_thread(watch_row), 0
         for arrived in self._samples(samples):
-            if arrived.line > line and read_bytes(where) != stated:
+            if arrived.line > known[0] and read_bytes(where) != stated:
                 raise InputError(f"{where}: found another manifest than before the first row")
-            if arrived.line == line and arrived.read != read:
-                raise InputError(
-                    f"{samples.path}: found other values in the first {line} lines than were read before"
-                )
             waiting.append(arrived)
             rows += arrived.row is not None
             if rows < FIRST:
@@ -220,7 +215,7 @@ class Watch(Result):
                 verdict = None
                 if one.row is not None:
                     state, verdict = judge(model, state, one.row, targets)
-                if one.line > line:
+                if one.line > known[0]:
                     yield Arrival(one.line, verdict, one.problem)
                     if out is not None:
                         arriving_rows.write_state(out, day, f"{one.line} {one.read}".encode())

@@ -45,8 +45,8 @@ SERIOUS_FIRST = ("fail", "warn", "pass")
 def planned_row(model: DayModel, state: WatchState, posture: int, placement: int) -> int | None:
     """Return the plan's row of a posture; None: not in the plan.
 
-    A row of a motion is its own number, if the plan has its placement. Of a posture that the plan repeats, that is one of the same placement if there is one, and of these one
-    that is not measured.
+    A row of a motion is its own number, if the plan has its placement. Of a posture that the plan repeats,
+    that is one of the same placement if there is one, and of these one that is not measured.
     """
     if model.window is not None:
         return posture if placement in model.plan.placement else None
@@ -124,8 +124,8 @@ class Verdict:
 
     Attributes:
         posture: its number, or that of a row of a motion.
-        verdict: "ok", "not settled", "repeat", "changed", "unusable" or "not in the plan"; in a motion "does not
-            fit" in place of "repeat".
+        verdict: "ok", "not settled", "repeat", "changed", "unusable" or "not in the plan"; in a motion
+            "does not fit" in place of "repeat".
         findings: what was found, the most serious first.
         next: number of the posture to measure next; None: all are measured.
         standard_errors: of the base parameters so far, by name [m]; infinite until they are determined.
