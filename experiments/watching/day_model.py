@@ -46,7 +46,7 @@ STEPS = (
 )
 RAMPS = ("cell-tare", "plate-drift", "thermal-gain-drift")  # these may also grow steadily
 RAMP = 10.0  # postures in which a ramp grows by one plausible size, or minutes of a motion
-HIDDEN = 3  # components of the wrench between the feet that no cell shows
+HIDDEN = 4  # components of the wrench between the feet that no cell shows, and a share of inertial forces
 APART, APART_IN_TIME = 6, 24  # rows between early onsets: of postures, of windows whose noise lasts
 
 

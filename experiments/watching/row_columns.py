@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tulip_testbed.calibration.linear_model import nuisances
+from tulip_testbed.calibration.linearisation import SYSTEMATIC
 from tulip_testbed.calibration.member_columns import STEP, member_columns
 from tulip_testbed.experiments.watching.day_model import STANCE, DayModel
 from tulip_testbed.identification.joint_loads import UNSEEN
@@ -31,6 +32,7 @@ from tulip_testbed.measurements import Measurements
 # Size of the wrench between the feet that no cell shows, over that of `UNSEEN`: friction differs between
 # postures, and the compliances by which it acts are anything up to two tolerances.
 FRICTION = 2.0
+INERTIAL = 0.05  # of the inertial forces that is noise; what a calibration of a simulated motion found
 
 
 @dataclass(frozen=True)
@@ -118,12 +120,17 @@ def row_columns(model: DayModel, rows: Measurements, errors: np.ndarray | None =
     left[:, ANCHORED] -= model.plan.swing_pose[model.first_rows(rows)]
     left[:, -1] = np.arctan2(np.sin(left[:, -1]), np.cos(left[:, -1]))
     by_cells, by_angles = reach[..., at["cells"]], reach[..., at["angles"]]
-    pushed = model.unseen[:, None] * seen.loads.levers * FRICTION * UNSEEN
+    friction = FRICTION if model.window is None else SYSTEMATIC
+    pushed = model.unseen[:, None] * seen.loads.levers * friction * UNSEEN
+    cells, lasting = noise.cell**2 * by_cells @ by_cells.mT + floor(noise), []
     # What the errors that last change in angles and residuals.
-    slow = np.concatenate(
-        [np.broadcast_to(noise.encoder * np.eye(joints), (m, joints, joints)), pushed], axis=2
-    )
-    lasting = [by_angles @ slow, noise.cell * by_cells] if model.window else []
+    read = np.broadcast_to(noise.encoder * np.eye(joints), (m, joints, joints))
+    slow = np.concatenate([read, pushed], axis=2)
+    if model.window is not None:
+        forces = slice(at["shift"].start, at["push"].stop)
+        inertia = INERTIAL * reach[..., forces] @ seen.motion.by_cad[..., None]
+        cells = cells + inertia @ inertia.mT
+        lasting = [by_angles @ slow, inertia, noise.cell * by_cells]
     state = np.concatenate(
         [
             -nuisances(seen, "AFTC"),
@@ -150,7 +157,7 @@ def row_columns(model: DayModel, rows: Measurements, errors: np.ndarray | None =
         angles=angles,
         fault_angles=fault_angles,
         pushed=pushed,
-        cells=noise.cell**2 * by_cells @ by_cells.mT + floor(noise),
+        cells=cells,
     )
 
 
