@@ -130,7 +130,7 @@ def still_there(model: DayModel, state: WatchState, innovation: Innovation) -> t
         fault = replace(fault, gone=gone)
         seen = (
             f"the change since {model.unit} {fault.posture} is still there "
-            f"({model.directions[fault.direction].words(fault.size, model.long)}); "
+            f"({model.directions[fault.direction].words(fault.size)}); "
             f"evidence that it has gone: {number(fault.gone, '.1f')} of {GONE:g}"
         )
         again = (
@@ -139,7 +139,7 @@ def still_there(model: DayModel, state: WatchState, innovation: Innovation) -> t
         return replace(state, fault=fault), _change(model, fault, seen, again)
     seen = f"the change since {model.unit} {fault.posture} is gone"
     cleared = Finding("change", "warn", seen, "", "", f"Measure the {model.unit}s since then again.")
-    empty = Changes.none(len(state.belief.mean), len(model.directions), model.apart)
+    empty = Changes.none(len(state.belief.mean), len(model.directions))
     return replace(state, fault=None, changes=empty, history=(), odd=()), cleared
 
 
@@ -149,7 +149,7 @@ def noticed(model: DayModel, fault: Fault) -> Finding:
         model,
         fault,
         f"since {model.unit} {fault.posture} something is different; best explanation: "
-        f"{model.directions[fault.direction].words(fault.size, model.long)}",
+        f"{model.directions[fault.direction].words(fault.size)}",
         f"Look there first, correct it, and measure again from {model.unit} {fault.posture} on.",
     )
 

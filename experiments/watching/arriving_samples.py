@@ -98,27 +98,17 @@ class ArrivingSamples:
             raise InputError(f"{self.path}: found fewer lines than the {self.known[0]} that were read before")
 
     def _new_lines(self) -> list[bytes]:
-        if not present(self.path):
-            if self._bytes:
-                raise InputError(
-                    f"{self.path}: found no file any more, expected the one that was read so far"
-                )
+        if not present(self.path) and not self._bytes:
             return []
         with opened(self.path) as file:
             size = file.seek(0, 2)
             file.seek(self._bytes)
-            content = file.read(MOST_AT_ONCE)
+            lines = file.read(MOST_AT_ONCE).splitlines(keepends=True)
         if size < self._bytes:
             raise InputError(f"{self.path}: found fewer lines than the {self._lines} that were read before")
-        lines = content.splitlines(keepends=True)
-        if any(len(line) > MOST_LINE or line.endswith(b"\r") for line in lines[:-1]) or (
-            lines and len(lines[-1]) > MOST_LINE
-        ):
-            raise InputError(
-                f"{self.path}: found a line of more than {MOST_LINE} bytes or with a carriage return (CR) "
-                "within, expected lines that end with LF or CR LF"
-            )
-        return lines if content.endswith(b"\n") else lines[:-1]
+        if lines and len(lines[-1]) > MOST_LINE:
+            raise InputError(f"{self.path}: found a line of more than {MOST_LINE} bytes")
+        return lines if lines and lines[-1].endswith(b"\n") else lines[:-1]
 
     def _taken(self, lines: list[tuple[int, bytes]]) -> Iterator[tuple[int, Measurements | None, str]]:
         """Yield rows and problems of some lines, by the number of the line with which they came."""

@@ -45,9 +45,8 @@ STEPS = (
     "sole-compliance",
 )
 RAMPS = ("cell-tare", "plate-drift", "thermal-gain-drift")  # these may also grow steadily
-RAMP = 10.0  # postures in which a ramp grows by one plausible size, or minutes of a motion
+RAMP = 10.0  # postures in which a ramp grows by one plausible size
 HIDDEN = 4  # components of the wrench between the feet that no cell shows, and a share of inertial forces
-APART, APART_IN_TIME = 6, 24  # rows between early onsets: of postures, of windows whose noise lasts
 
 
 @dataclass(frozen=True)
@@ -69,15 +68,15 @@ class Direction:
     def label(self) -> str:
         return effect_label(self.effect.name, self.target)
 
-    def words(self, size: float, long: str = "postures") -> str:
+    def words(self, size: float) -> str:
         """Tell the change in words.
 
         Args:
-            size: in plausible sizes; of a ramp, in ten postures, or what else `long` says.
+            size: in plausible sizes; of a ramp, in ten postures.
         """
         parameters = self.effect.parameters_on(self.target)
         values = [parameters[k].text(size * self.sizes[k]) for k in self.effect.sizes if self.sizes[k]]
-        sort = f"drifts by about {{}} in ten {long}" if self.ramp else "changed by about {}"
+        sort = "drifts by about {} in ten postures" if self.ramp else "changed by about {}"
         return f"{self.label}: {sort.format(', '.join(values))}"
 
 
@@ -118,28 +117,13 @@ class DayModel:
         return max(1, round(self.plan.motion.seconds / self.window))
 
     @property
-    def per_ramp(self) -> float:
-        """Return in how many rows a ramp grows by one plausible size."""
-        return RAMP if self.window is None else 60 * RAMP / self.window
-
-    @property
     def unit(self) -> str:
         """Return what a row is called."""
         return "posture" if self.window is None else "row"
 
-    @property
-    def long(self) -> str:
-        """Return what `RAMP` counts."""
-        return "postures" if self.window is None else "minutes"
-
     def number(self, row: int) -> int:
         """Return the number of a posture in a row of the plan; rows of a motion are numbers."""
         return int(self.plan.posture[row]) if self.window is None else row
-
-    @property
-    def apart(self) -> int:
-        """Return how many rows lie between early onsets."""
-        return APART if self.window is None else APART_IN_TIME
 
     @property
     def lasting(self) -> slice:
@@ -259,7 +243,7 @@ def day_model(
         families=families,
         mixing=mixing,
         covariance=prior,
-        directions=_directions(robot),
+        directions=_directions(robot, window is None),
         unseen=joint_compliance(families, sizes, observed.tree.joints),
         window=window,
         inertias=inertias,
@@ -290,12 +274,13 @@ def _planned_rows(header: MeasurementHeader, motion: Trajectory, window: float) 
     )
 
 
-def _directions(robot: Robot) -> tuple[Direction, ...]:
+def _directions(robot: Robot, held: bool) -> tuple[Direction, ...]:
+    """List the faults that may begin; in the minutes of a motion nothing grows steadily."""
     return tuple(
         Direction(effect, target, sizes, ramp)
         for effect in map(catalogue().__getitem__, STEPS)
         for target in targets_in(effect, robot, None, ())
-        for ramp in ((False, True) if effect.name in RAMPS else (False,))
+        for ramp in ((False, True) if held and effect.name in RAMPS else (False,))
         for sizes in _sizes(effect)
     )
 

@@ -250,7 +250,7 @@ def _judge(
     here = columns.about(state.belief.mean[: model.parameters])
     again = alarm.repeat_probability(model, state, here, posture)
     alone = float(chi2_sf(innovation.chi_square, innovation.freedom))
-    changes = state.changes.with_row(innovation, state.count, model.ramps, model.per_ramp)
+    changes = state.changes.with_row(innovation, state.count, model.ramps)
     sudden = float(changes.ratio[changes.onset.argmax()].max())  # of one row alone
     if alone < level.row or again < level.repeat or sudden > level.ratio:
         findings = [_odd(innovation, alone, again), *findings]

@@ -14,7 +14,7 @@ fault of size s that begins at posture k adds s g_t to the residuals of every po
 the filter's innovations keep rho_t = g_t - H_t b_t, since the estimate follows the fault by b_t. With
 y = sum rho' S^-1 gamma and w = sum rho' S^-1 rho the likelihood ratio, maximised over s, is y^2 / w,
 chi-square of one degree of freedom without a fault. Onsets are those of the last postures and, further back,
-every `DayModel.apart`-th: memory is constant.
+every `APART`-th: memory is constant.
 
 Reference: A. S. Willsky and H. L. Jones, A generalized likelihood ratio approach to the detection and
 estimation of jumps in linear systems, IEEE Trans. Automatic Control 21, 1976.
@@ -27,13 +27,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.linalg import block_diag
 
-from tulip_testbed.experiments.watching.day_model import APART, PLATES, RAMP, STANCE, DayModel
+from tulip_testbed.experiments.watching.day_model import PLATES, RAMP, STANCE, DayModel
 from tulip_testbed.experiments.watching.row_columns import RowColumns
 
 OF_PLACEMENT = PLATES + STANCE  # numbers of the state that begin again with a placement
 CENTER = slice(0, 2)  # residuals of the centre of pressure
 LEAST_SHARE = 1e-10  # of the largest eigenvalue, below which parameters are not determined yet
-RECENT, EARLIER = 12, 10  # onsets: the last ones, and so many further back at `DayModel.apart`
+RECENT, APART, EARLIER = 12, 6, 10  # onsets: the last ones, and so many further back at that distance
+REACH = RECENT + APART * EARLIER + APART  # rows back to the earliest onset
 LEAST_SEEN = 1e-4  # information on one plausible size, below which a fault is invisible
 OPEN, MEASURED, AGAIN = 0, 1, 2  # of a plan's rows
 GAPS = 20  # times between postures that are remembered
@@ -179,17 +180,15 @@ class Changes:
         onset: counts of the rows at which faults may have begun, (o,), -1: none.
         bias: of the estimate by one plausible size of each fault, (o, n, c).
         pull, information: y and w, (o, c).
-        apart: rows between early onsets.
     """
 
     onset: np.ndarray
     bias: np.ndarray
     pull: np.ndarray
     information: np.ndarray
-    apart: int = APART
 
     @classmethod
-    def none(cls, numbers: int, directions: int, apart: int = APART) -> Changes:
+    def none(cls, numbers: int, directions: int) -> Changes:
         """Return the evidence before the first row."""
         onsets = RECENT + EARLIER
         return cls(
@@ -197,7 +196,6 @@ class Changes:
             bias=np.zeros((onsets, numbers, directions)),
             pull=np.zeros((onsets, directions)),
             information=np.zeros((onsets, directions)),
-            apart=apart,
         )
 
     @property
@@ -218,17 +216,14 @@ class Changes:
         bias[:, at] *= kept
         return replace(self, bias=bias)
 
-    def with_row(
-        self, innovation: Innovation, count: int, ramps: np.ndarray, per_ramp: float = RAMP
-    ) -> Changes:
+    def with_row(self, innovation: Innovation, count: int, ramps: np.ndarray) -> Changes:
         """Return the evidence with one more row that the filter takes in.
 
         Args:
             count: number of the row, from 0. ramps: which directions grow with every row, (c,) bool.
-            per_ramp: rows in which they grow by one plausible size.
         """
         changes = self._with_onset(count)
-        grown = np.where(ramps, (count - changes.onset[:, None] + 1) / per_ramp, 1.0)
+        grown = np.where(ramps, (count - changes.onset[:, None] + 1) / RAMP, 1.0)
         seen = innovation.faults * grown[:, None] - innovation.state @ changes.bias
         weighed = innovation.precision @ seen
         return replace(
@@ -242,29 +237,24 @@ class Changes:
         """Return the evidence with an onset at this row, in the place of one that is no longer looked at.
 
         Recent onsets are in the first `RECENT` places, by their number; one that leaves them is kept if its
-        number is a multiple of `apart`.
+        number is a multiple of `APART`.
         """
-        parts = {name: values.copy() for name, values in vars(self).items() if name != "apart"}
+        parts = {name: values.copy() for name, values in vars(self).items()}
         at, onset = count % RECENT, self.onset
-        if onset[at] >= 0 and onset[at] % self.apart == 0:
-            kept = RECENT + (onset[at] // self.apart) % EARLIER
+        if onset[at] >= 0 and onset[at] % APART == 0:
+            kept = RECENT + (onset[at] // APART) % EARLIER
             for values in parts.values():
                 values[kept] = values[at]
         for values in parts.values():
             values[at] = 0
         parts["onset"][at] = count
-        return Changes(**parts, apart=self.apart)
+        return Changes(**parts)
 
 
-def reach(apart: int) -> int:
-    """Return how many rows back the earliest onset is."""
-    return RECENT + apart * EARLIER + apart
-
-
-def is_onset(onset: int, count: int, apart: int = APART) -> bool:
+def is_onset(onset: int, count: int) -> bool:
     """Return whether an onset is still looked at when row `count` comes."""
     back = count - onset
-    return back < RECENT or (onset % apart == 0 and back < reach(apart))
+    return back < RECENT or (onset % APART == 0 and back < REACH)
 
 
 @dataclass(frozen=True, eq=False)
@@ -336,10 +326,9 @@ class WatchState:
 
     def remembered(self, planned: int) -> WatchState:
         """Return the state that also remembers what is known before the row that comes now."""
-        apart = self.changes.apart
-        kept = tuple(before for before in self.history if is_onset(before.count, self.count, apart))
+        kept = tuple(before for before in self.history if is_onset(before.count, self.count))
         now = replace(self, history=(), changes=Changes.none(0, 0))
-        return replace(self, history=(*kept, now), taken=(*self.taken, planned)[-reach(apart) :])
+        return replace(self, history=(*kept, now), taken=(*self.taken, planned)[-REACH:])
 
 
 def first_state(model: DayModel) -> WatchState:
@@ -347,7 +336,7 @@ def first_state(model: DayModel) -> WatchState:
     n = len(model.covariance)
     return WatchState(
         belief=Belief(np.zeros(n), model.covariance),
-        changes=Changes.none(n, len(model.directions), model.apart),
+        changes=Changes.none(n, len(model.directions)),
         information=DesignInformation.begun(np.zeros((model.parameters,) * 2)),
         done=np.full(len(model.plan) if model.window is None else 0, OPEN, np.int8),
     )
