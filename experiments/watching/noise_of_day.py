@@ -6,6 +6,7 @@ from itertools import product
 import numpy as np
 
 from tulip_testbed.experiments.watching.day_model import DayModel
+from tulip_testbed.experiments.watching.row_checks import rocking, spreads_of
 from tulip_testbed.experiments.watching.row_columns import RowColumns, row_columns
 from tulip_testbed.experiments.watching.watch_row import begin_row
 from tulip_testbed.experiments.watching.watch_state import first_state
@@ -23,7 +24,10 @@ def with_noise_in_time(model: DayModel, rows: Measurements) -> DayModel:
     Args:
         rows: the first `FIRST` ones, so that the model does not depend on how many have arrived.
     """
-    columns = row_columns(model, rows)
+    one_by_one = [rows.take(np.array([k])) for k in range(len(rows))]
+    spreads = np.array([spreads_of(row) for row in one_by_one])
+    rocks = np.array([rocking(row, spreads) for row in one_by_one])  # their twists are no noise
+    columns = row_columns(model, rows).without_twist(rocks)
     return max((model.with_noise(one) for one in TRIED), key=lambda each: likelihood(each, rows, columns))
 
 
