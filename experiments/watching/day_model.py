@@ -149,7 +149,7 @@ class DayModel:
 
     @property
     def independent(self) -> float:
-        """Return how many independent rows a row is worth where its noise lasts, for what is constant."""
+        """Return how many independent rows tell as much of a constant as a row whose noise lasts."""
         if self.window is None:
             return 1.0
         next_to = self.shares[0] * self.kept(self.window)
