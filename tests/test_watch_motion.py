@@ -229,7 +229,7 @@ def test_a_motion_in_order_and_changes_within_it(robot):
     later = samples.time >= clean.time[ONSET]
     for field, column, factor, zero, name in (
         ("joint_angles", samples.joints.index("right_knee"), 1.0, np.radians(1.0), "right_knee"),
-        ("cell_forces", 0, 1.12, 0.0, "right.front_left"),
+        ("cell_forces", 0, 1.4, 0.0, "right.front_left"),
     ):
         readings = getattr(samples, field).copy()
         readings[later, column] = factor * readings[later, column] + zero
