@@ -197,6 +197,7 @@ def test_a_killed_watch_goes_on_and_pieces_change_nothing(folder, plan, robot, t
         grow(path, lines[a:b])
         parts.append(list(watch(out=tmp_path / "state")))
     assert [len(part) for part in parts[:2]] == [0, 10]
+    assert tt.watch(path, robot, plan=plan).tables() == ["Fewer than 6 rows have arrived."]
     (path / "motion.csv").write_bytes(header)
     grow(path, lines)
     whole = list(watch())

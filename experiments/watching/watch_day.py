@@ -108,7 +108,8 @@ class Watch(Result):
     def tables(self) -> list[Table | str]:
         """Return the standard errors with their targets, and what to do now."""
         if self._last is None:
-            return [] if self._rows else ["No row has arrived."]
+            least = "No row has" if self.plan.motion is None else f"Fewer than {FIRST} rows have"
+            return [] if self._rows else [f"{least} arrived."]
         figures = ("s.e.", "mm", ".2f", 1e3), ("target", "mm", ".2f", 1e3)
         heads, rows = columns(("no.", "", "d"), "parameter", *figures, "met"), []
         for k, (name, error) in enumerate(self._last.standard_errors.items(), 1):
