@@ -17,7 +17,7 @@ from tulip_testbed.experiments.watching.arriving_samples import ArrivingSamples
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
 from tulip_testbed.experiments.watching.noise_of_day import FIRST, TRIED, likelihood, with_noise_in_time
 from tulip_testbed.experiments.watching.row_columns import row_columns
-from tulip_testbed.experiments.watching.watch_row import CHANGED, ODD, OK
+from tulip_testbed.experiments.watching.watch_row import CHANGED, ODD, OK, _without_noise
 from tulip_testbed.experiments.watching.watch_state import Belief, DesignInformation, first_state
 from tulip_testbed.identification.noise_in_time import NoiseInTime
 from tulip_testbed.identification.nominal import nominal_robot
@@ -155,6 +155,19 @@ def test_the_filter_is_the_regression_with_noise_that_lasts(model, samples):
     sd = np.sqrt(np.maximum(np.diag(prior - gain @ reach @ prior), 1e-30))
     np.testing.assert_allclose(belief.mean[others] / sd, mean / sd, atol=1e-3)
     np.testing.assert_allclose(np.sqrt(np.diag(belief.covariance))[others], sd, rtol=1e-3)
+
+
+def test_columns_do_not_hold_the_noise_that_a_row_shows(model, samples):
+    """Otherwise those of gains draw evidence from it, in every row a little."""
+    one, state = reduced(samples, 50.0, WINDOW, WINDOW).measurements.take(np.arange(1)), first_state(model)
+    before = row_columns(model, one).row(0)
+    belief = state.belief.updated(state.belief.predict(model, before))
+    errors = model.noise.cell * belief.mean[model.lasting][None, -8:]
+    after = _without_noise(model, state, one, before)
+    clean = row_columns(model, replace(one, cell_forces=one.cell_forces - errors)).row(0)
+    assert np.abs(after.faults - before.faults).max() > 1e-6
+    np.testing.assert_allclose(after.faults, clean.faults, atol=1e-12)
+    np.testing.assert_array_equal(after.residual, before.residual)
 
 
 def test_rows_of_noise_that_lasts_count_less(model, samples):
