@@ -18,7 +18,6 @@ from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.linear_model import nuisances, weighed_precision, without_noise
 from tulip_testbed.calibration.linear_problem import LinearProblem
 from tulip_testbed.calibration.member_columns import member_columns
-from tulip_testbed.calibration.reml import LikelihoodFit
 from tulip_testbed.identification.joint_loads import UNSEEN
 from tulip_testbed.identification.load_rates import PLATES, load_rates, soles_by_wrench
 from tulip_testbed.identification.noise_in_time import Decorrelation
@@ -232,17 +231,6 @@ def weighted_in_time(observed: Observation, weights: Weights, columns: np.ndarra
     if (in_time := observed.in_time) is None:
         return weights(columns)
     return in_time.back(weights(in_time(columns)))
-
-
-def own_noise(observed: Observation, problem: LinearProblem, fitted: LikelihoodFit) -> np.ndarray:
-    """Return the noise of each row itself as far as the residuals show it, of s.d. 1, (m, 11)."""
-    structure = problem.noise
-    left = (problem.whole @ np.append(-fitted.estimate, 1.0))[..., None]
-    pull = weighted_in_time(observed, problem.decorrelated().noise.weights(np.log(fitted.scales)), left)
-    pull = pull if observed.in_time is None else observed.in_time.correlated(pull)
-    own = structure.fixed + np.tensordot(fitted.scales[: len(structure.own)] ** 2, structure.own, axes=1)
-    noise = np.linalg.solve(np.linalg.cholesky(own), own @ pull)[..., 0]
-    return np.where(residuals_in_use(observed), noise, 0.0)
 
 
 def _by_sharing(

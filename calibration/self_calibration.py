@@ -18,6 +18,7 @@ from scipy.linalg import block_diag
 from tulip_testbed.calibration.calibration_result import STEADY, SelfCalibration, result_of
 from tulip_testbed.calibration.families import SOLE, Tolerances, families_in, tolerances_of
 from tulip_testbed.calibration.free_effect import FreeEffect
+from tulip_testbed.calibration.lasting_noise import likeliest_noise
 from tulip_testbed.calibration.linear_model import first_parameters
 from tulip_testbed.calibration.linear_problem import LinearProblem
 from tulip_testbed.calibration.linearisation import (
@@ -29,14 +30,13 @@ from tulip_testbed.calibration.linearisation import (
     center_of,
     linearised,
     mixing_of,
-    own_noise,
     sources_of,
     split_members,
 )
 from tulip_testbed.calibration.member_removal import members_removed
 from tulip_testbed.calibration.reml import LikelihoodFit, fit, given
 from tulip_testbed.effects.instance import EffectInstance, removed
-from tulip_testbed.identification.noise_in_time import NoiseInTime, apart, noise_in_time_of
+from tulip_testbed.identification.noise_in_time import Decorrelation, NoiseInTime, apart
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import (
     ROWS,
@@ -224,16 +224,21 @@ def _with_lasting_noise(
     Where a gross fault lets no calibration converge, it stays as assumed, so that the fault can be searched.
     """
     some, lasting, found = observed if rows is None else observed.take(rows), LASTING, None
-    m = some.measurements
+
+    def decorrelated(one: NoiseInTime) -> Decorrelation:
+        in_time = some.changed(noise_in_time=one).in_time
+        assert in_time is not None
+        return in_time
+
     for count in range(LASTING_ROUNDS):
         some = some.changed(noise_in_time=lasting)
         try:
             found = self_calibrate(some, tolerances, start=found)
         except np.linalg.LinAlgError:
             return observed.changed(noise_in_time=lasting), None
-        noise = own_noise(some, found.problem, found.solved)
-        lasting = noise_in_time_of(noise, m.time, some.stance, float(m.window[0]))
-        if count and lasting == some.noise_in_time:
+        start = lasting if count else None
+        lasting = likeliest_noise(found.problem, found.solved, start, decorrelated)
+        if lasting == some.noise_in_time:
             break
     return observed.changed(noise_in_time=some.noise_in_time), found
 

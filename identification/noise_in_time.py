@@ -12,9 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-SHARES = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98)
-SECONDS = 0.5 * 2.0 ** (np.arange(17) / 2)  # s
-LEAST_GAIN = 3.0  # of ln of the likelihood, from which noise lasts
 MOST_ROWS = 240  # of a segment that are looked at together, for the sake of time and memory
 _PLACES = np.linspace(-1.0, 1.0, 81)
 _WEIGHTS = (1 - _PLACES**2) ** 2
@@ -75,6 +72,13 @@ class Decorrelation:
         always = (factor for _, residuals, _, factor in self.blocks if 0 in residuals)
         return float(sum((factor.sum(axis=1) ** 2).sum() for factor in always))
 
+    def log_volume(self, used: np.ndarray) -> float:
+        """Return ln of the determinant of the combinations of all residuals in use, (m, r) bool."""
+        return sum(
+            float(used[rows, residuals].any(axis=0).sum() * np.log(np.diag(factor)).sum())
+            for rows, residuals, _, factor in self.blocks
+        )
+
     def _times(self, values: np.ndarray, matrices: list[np.ndarray]) -> np.ndarray:
         out = values.copy()
         for (rows, residuals, *_), matrix in zip(self.blocks, matrices, strict=True):
@@ -101,34 +105,6 @@ def decorrelation(
                 factor = np.linalg.inv(np.linalg.cholesky(one))
                 blocks.append((rows[:, None], residuals, one, factor))
     return Decorrelation(tuple(blocks))
-
-
-def noise_in_time_of(noise: np.ndarray, time: np.ndarray, segment: np.ndarray, window: float) -> NoiseInTime:
-    """Return the correlation by the largest likelihood of noise with s.d. 1, (m, k) of k independent kinds.
-
-    Args:
-        noise: zero where a row does not have that kind.
-        time, segment, window: see `decorrelation`.
-    """
-    pieces = []
-    for rows in _together(time, segment):
-        kinds = noise[rows]
-        pieces.append((rows, kinds[:, kinds.all(axis=0)]))
-    count = sum(kinds.size for _, kinds in pieces)
-
-    def likelihood(lasting: NoiseInTime) -> float:
-        square, volume = 0.0, 0.0
-        for rows, kinds in pieces:
-            root = np.linalg.cholesky(lasting.correlation(time[rows], window))
-            square += float((np.linalg.solve(root, kinds) ** 2).sum())
-            volume += kinds.shape[1] * float(np.log(np.diag(root)).sum())
-        return -volume - 0.5 * count * np.log(square / count)
-
-    tried = {
-        one: likelihood(one) for one in (NoiseInTime(s, t) for s in SHARES[1:] for t in SECONDS.tolist())
-    }
-    best = max(tried, key=lambda one: tried[one])
-    return best if tried[best] > likelihood(WHITE) + LEAST_GAIN else WHITE
 
 
 def apart(time: np.ndarray, segment: np.ndarray, seconds: float) -> np.ndarray:

@@ -1,14 +1,20 @@
 """The estimate from a robot that moves: forces of motion, inertial parameters, noise that lasts."""
 
 import dataclasses
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 from tests.moving_robots import moving, random_robot
+from tulip_testbed.calibration.lasting_noise import SECONDS, SHARES, likeliest_noise
+from tulip_testbed.calibration.linear_problem import LinearProblem
+from tulip_testbed.calibration.reml import fit, given
 from tulip_testbed.identification import inertial_wrench
 from tulip_testbed.identification.inertial_wrench import beyond_weight, inertial_parameters
-from tulip_testbed.identification.noise_in_time import WHITE, NoiseInTime, decorrelation, noise_in_time_of
+from tulip_testbed.identification.noise_in_time import WHITE, NoiseInTime, decorrelation
+from tulip_testbed.identification.noise_structure import NoiseStructure, groups
 from tulip_testbed.identification.nominal import nominal_robot
 
 STEP, WINDOW = 0.25, 0.5  # s, from row to row, of a row
@@ -61,37 +67,81 @@ def test_a_robot_that_is_held_adds_nothing(robot):
     assert not len(beyond_weight(nominal_robot(robot), m).by_cad)
 
 
-def series(rng, lasting, segments=6, rows=60, kinds=3):
-    time, segment = STEP * np.arange(segments * rows), np.repeat(np.arange(segments), rows)
-    root = np.linalg.cholesky(lasting.correlation(time[:rows], WINDOW))
-    noise = [root @ rng.standard_normal((rows, kinds)) for _ in range(segments)]
-    return np.concatenate(noise), time, segment, WINDOW
+START = NoiseInTime(0.9, 4.0)
+SEGMENTS, ROWS, KINDS, SLOW = 16, 60, 2, 3  # slow functions of time in each segment, whose sizes nobody knows
 
 
-@pytest.mark.parametrize("lasting", [NoiseInTime(0.6, 2.0), NoiseInTime(0.9, 16.0), NoiseInTime(0.3, 1.0)])
-def test_how_long_noise_lasts_is_found(lasting):
-    found = noise_in_time_of(*series(np.random.default_rng(402), lasting))
-    assert found.share == pytest.approx(lasting.share, abs=0.15)
-    assert abs(np.log2(found.seconds / lasting.seconds)) <= 1
+def series(rng, lasting):
+    """Return a linear problem with noise of s.d. 2, and what makes its rows uncorrelated."""
+    time, segment = STEP * np.arange(SEGMENTS * ROWS), np.repeat(np.arange(SEGMENTS), ROWS)
+    root = np.linalg.cholesky(lasting.correlation(time[:ROWS], WINDOW))
+    slow = np.polynomial.legendre.legvander(np.linspace(-1, 1, ROWS), SLOW - 1)
+    columns = np.kron(np.kron(np.eye(SEGMENTS), slow), np.eye(KINDS)).reshape(len(time), KINDS, -1)
+    noise = 2 * np.concatenate([root @ rng.standard_normal((ROWS, KINDS)) for _ in range(SEGMENTS)])
+    m, p, nothing = len(time), columns.shape[2], np.zeros((len(time), KINDS, 0))
+    kept = np.ones((m, KINDS), bool)
+    decorrelated = partial(decorrelation, time, segment, WINDOW, used=kept)
+    problem = LinearProblem(
+        whole=np.concatenate([columns, noise[..., None]], axis=2),
+        flat=p,
+        noise=NoiseStructure(
+            placement=groups(segment),
+            stance=groups(segment),
+            fixed=np.zeros((m, KINDS, KINDS)),
+            own=np.tile(np.eye(KINDS), (1, m, 1, 1)),
+            shared=nothing,
+            owner=np.zeros(0, int),
+            free=nothing,
+        ),
+        information=np.zeros((p, p)),
+        sizes=(),
+        doubt=np.array([10.0]),
+        excess=np.zeros((0, 0)),
+        about=np.zeros(0),
+        in_time=decorrelated(START),
+    )
+    return problem, decorrelated
 
 
-def test_how_long_noise_lasts_is_found_from_the_rows_that_have_it():
-    lasting = NoiseInTime(0.9, 4.0)
-    noise, time, segment, window = series(np.random.default_rng(405), lasting, kinds=4)
-    noise[np.random.default_rng(406).random(len(noise)) < 0.3, 3] = 0.0
-    found = noise_in_time_of(noise, time, segment, window)
-    assert found == noise_in_time_of(noise[:, :3], time, segment, window)
-    assert found.share == pytest.approx(lasting.share, abs=0.1)
+def found_in(problem, decorrelated):
+    return likeliest_noise(problem, fit(problem), None, decorrelated)
+
+
+@pytest.mark.parametrize("lasting", [NoiseInTime(0.6, 2.0), NoiseInTime(0.95, 2.0), NoiseInTime(0.9, 1.0)])
+def test_how_long_noise_lasts_is_found_though_a_fit_takes_its_slow_part(lasting):
+    """The likelihood of the residuals alone finds at most half of the duration."""
+    found = found_in(*series(np.random.default_rng(402), lasting))
+    assert abs(SHARES.index(found.share) - SHARES.index(lasting.share)) <= 1
+    assert abs(SECONDS.index(found.seconds) - SECONDS.index(lasting.seconds)) <= 1
 
 
 def test_white_noise_does_not_last():
     rng = np.random.default_rng(403)
-    assert all(noise_in_time_of(*series(rng, WHITE)) == WHITE for _ in range(5))
+    assert all(found_in(*series(rng, WHITE)) == WHITE for _ in range(2))
+
+
+def test_the_likelihood_of_noise_that_lasts_is_that_of_the_whole_covariance():
+    """Differences of the restricted likelihood, by dense matrices."""
+    problem, decorrelated = series(np.random.default_rng(405), START)
+    time, columns = STEP * np.arange(ROWS), problem.columns[:ROWS, 0, : SLOW * KINDS : KINDS]
+    output = problem.output.reshape(SEGMENTS, ROWS, KINDS)
+    used, out, expected = np.ones((len(problem.whole), KINDS), bool), [], []
+    for lasting in (START, NoiseInTime(0.5, 1.0)):
+        in_time = decorrelated(lasting)
+        least = given(replace(problem, in_time=in_time), np.array([2.0]), np.zeros(0)).value
+        out.append(in_time.log_volume(used) - least)
+        whole = 4 * lasting.correlation(time, WINDOW)
+        weighted = np.linalg.solve(whole, columns)
+        inner = columns.T @ weighted
+        left = np.linalg.inv(whole) - weighted @ np.linalg.solve(inner, weighted.T)
+        logs = np.linalg.slogdet(whole)[1] + np.linalg.slogdet(inner)[1]
+        expected.append(-0.5 * (SEGMENTS * KINDS * logs + np.einsum("sik,ij,sjk", output, left, output)))
+    assert out[0] - out[1] == pytest.approx(expected[0] - expected[1], rel=1e-8)
 
 
 def test_rows_become_uncorrelated_over_the_rows_that_have_a_residual():
     lasting, rng = NoiseInTime(0.8, 4.0), np.random.default_rng(404)
-    _, time, segment, _ = series(rng, lasting, segments=3, rows=40)
+    time, segment = STEP * np.arange(120), np.repeat(np.arange(3), 40)
     used = np.ones((len(time), 2), bool)
     used[:, 1] = rng.random(len(time)) < 0.7
     found = decorrelation(time, segment, WINDOW, lasting, used)
