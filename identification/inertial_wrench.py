@@ -124,10 +124,15 @@ NOTHING = ((0, 5), (0, 5, 0), (0, 5, 0), (0, 0), (0, 3, 2, 2), (0, 5, 4))
 HELD = BeyondWeight(*map(np.zeros, NOTHING))
 
 
-def beyond_weight(nominal: Nominal, measurements: Measurements) -> BeyondWeight:
+def beyond_weight(
+    nominal: Nominal, measurements: Measurements, directions: np.ndarray | None = None
+) -> BeyondWeight:
     """Compute what motion adds to the robot's weight; nothing for a robot that is held.
 
     The mean over a row's window is not that of the mean posture: the postures between count too.
+
+    Args:
+        directions: of another motion; None: those that this one shows.
     """
     if measurements.joint_rates is None and measurements.joint_accelerations is None:
         return HELD
@@ -146,12 +151,12 @@ def beyond_weight(nominal: Nominal, measurements: Measurements) -> BeyondWeight:
     for values in (by_all, by_cad):
         values[:, :2] -= depth * values[:, 3:]
     known, rest = _given_base_parameters(nominal, cad)
-    # Of the directions that are left, those in which the forces change most.
-    shift = by_all @ rest * np.array([1.0, 1.0, LENGTH / weight, LENGTH, LENGTH])[:, None]
-    flat = shift.reshape(-1, rest.shape[1])
-    squares, turn = np.linalg.eigh(flat.T @ flat / len(measurements))
-    most = squares[::-1][:MOST_DIRECTIONS] > LEAST_SHIFT**2
-    directions = rest @ turn[:, ::-1][:, :MOST_DIRECTIONS][:, most]
+    if directions is None:  # of those that are left, the ones in which the forces change most
+        shift = by_all @ rest * np.array([1.0, 1.0, LENGTH / weight, LENGTH, LENGTH])[:, None]
+        flat = shift.reshape(-1, rest.shape[1])
+        squares, turn = np.linalg.eigh(flat.T @ flat / len(measurements))
+        most = squares[::-1][:MOST_DIRECTIONS] > LEAST_SHIFT**2
+        directions = rest @ turn[:, ::-1][:, :MOST_DIRECTIONS][:, most]
     none = [np.zeros((len(measurements), *shape[1:])) for shape in NOTHING[4:]]
     return BeyondWeight(by_cad, by_all @ known, by_all @ directions, directions, *none)
 

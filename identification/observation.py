@@ -340,11 +340,15 @@ class Observation:
 NAMES = tuple(one.name for one in fields(Observation))
 
 
-def observe(measurements: Measurements, nominal: Nominal) -> Observation:
-    """Return the observation of an experiment in the nominal laboratory."""
+def observe(measurements: Measurements, nominal: Nominal, inertias: np.ndarray | None = None) -> Observation:
+    """Return the observation of an experiment in the nominal laboratory.
+
+    Args:
+        inertias: directions of inertial parameters, see `beyond_weight`.
+    """
     measurements, m = as_joined(measurements), len(measurements)
     contacts = contact_readings(measurements, nominal)
-    motion = beyond_weight(nominal, measurements)
+    motion = beyond_weight(nominal, measurements, inertias)
     added = motion.by_cad if len(motion.by_cad) else np.zeros((m, 5))
     share = np.array(plate_masses(nominal.robot)) * measurements.gravity / 4
     gain = servo_stiffness(nominal.robot, measurements.gains)

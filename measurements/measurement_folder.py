@@ -183,7 +183,15 @@ def read_samples(folder: Path, likely: bool = True) -> Measurements | None:
 
 def samples_in(manifest: Manifest, folder: Path, likely: bool = True) -> Measurements:
     """Check the samples of a folder against its manifest and return them."""
-    table, where = motion_table(manifest, folder), folder / "manifest.json"
+    return samples_from(manifest, motion_table(manifest, folder), folder / "manifest.json", likely)
+
+
+def samples_from(manifest: Manifest, table: MappedTable, where: Path, likely: bool = True) -> Measurements:
+    """Check samples in a table against a manifest and return them.
+
+    Args:
+        where: path of the manifest, for messages. likely: see `read_measurements`.
+    """
     constant = manifest.constant_joints or {}
     table.require((*required_columns(tuple(manifest.joints), manifest.contacts, constant), "time"))
     samples = rows_in(manifest, table, where)
@@ -193,13 +201,18 @@ def samples_in(manifest: Manifest, folder: Path, likely: bool = True) -> Measure
 
 
 def motion_table(manifest: Manifest, folder: Path) -> MappedTable:
-    """Return the table of samples of a folder, whose segments are read as postures."""
+    """Return the table of samples of a folder."""
     table = checked_table(folder, MOTION, manifest.tables, MOST_SAMPLES)
+    return mapped_samples(manifest, table, folder / "manifest.json")
+
+
+def mapped_samples(manifest: Manifest, table: TableFile, where: Path) -> MappedTable:
+    """Return a table of samples by the names of the contract, whose segments are read as postures."""
     mapping = dict(manifest.mapping or {})
     segment = mapping.pop(SEGMENT, MappingEntry(column=SEGMENT))
     table.require([segment.column])
     mapping["posture"] = segment
-    return mapped_table(table, mapping, known_columns(manifest), manifest.gravity, folder / "manifest.json")
+    return mapped_table(table, mapping, known_columns(manifest), manifest.gravity, where)
 
 
 def measurements_in(manifest: Manifest, table: TableFile, where: Path, likely: bool = True) -> Measurements:

@@ -276,7 +276,7 @@ def test_a_row_that_came_twice_counts_once(watched, day):
 def test_a_posture_that_is_measured_again_is_not_taken_for_its_repeat_elsewhere(watched):
     """Posture 5 opens placement 1 and is repeated in placement 7."""
     plan = SimpleNamespace(posture=np.array([5, 6, 5]), placement=np.array([1, 1, 7]))
-    model: Any = SimpleNamespace(plan=plan)
+    model: Any = SimpleNamespace(plan=plan, window=None)
     state: Any = SimpleNamespace(done=np.array([AGAIN, OPEN, OPEN]))
     assert planned_row(model, state, 5, 1) == 0
     assert planned_row(model, state, 5, 7) == 2

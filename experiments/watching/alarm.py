@@ -46,7 +46,7 @@ class Level:
 
 def levels(model: DayModel) -> Level:
     """Return the limits that keep `FALSE_ALARMS` over a plan."""
-    row, repeat, change = (FALSE_ALARMS[name] / len(model.plan) for name in ("row", "repeat", "change"))
+    row, repeat, change = (FALSE_ALARMS[name] / model.rows for name in ("row", "repeat", "change"))
     return Level(row, repeat, float(chi2_isf(change / TESTS, 1)))
 
 
@@ -92,10 +92,10 @@ def fault_of_changes(model: DayModel, state: WatchState, level: Level) -> WatchS
     moved, anew = before.placement != state.placement, before.stance != state.stance
     return replace(
         state.marked(rows, AGAIN),
-        belief=before.belief.begun(model, OF_PLACEMENT) if anew else before.belief,
+        belief=(before.belief.begun(model, OF_PLACEMENT) if anew else before.belief).later(model, 0.0),
         information=before.information.placement_begun() if moved else before.information,
         earlier=before.earlier,
-        fault=Fault(int(direction), onset, int(model.plan.posture[rows[0]]), size),
+        fault=Fault(int(direction), onset, model.number(rows[0]), size),
         odd=(),
     )
 
@@ -124,18 +124,21 @@ def still_there(model: DayModel, state: WatchState, innovation: Innovation) -> t
     assert fault is not None
     signature = fault.size * innovation.faults[:, fault.direction]
     there = float(signature @ innovation.precision @ (innovation.value - signature / 2))
+    there *= model.independent  # the estimate stands still, so that noise that lasts is in every row
     gone = max(0.0, fault.gone - there)
     if gone <= GONE:
         fault = replace(fault, gone=gone)
         seen = (
-            f"the change since posture {fault.posture} is still there "
+            f"the change since {model.unit} {fault.posture} is still there "
             f"({model.directions[fault.direction].words(fault.size)}); "
             f"evidence that it has gone: {number(fault.gone, '.1f')} of {GONE:g}"
         )
-        again = f"Correct it and measure again from posture {fault.posture} on; until then nothing counts."
-        return replace(state, fault=fault), _change(fault, seen, again)
-    seen = f"the change since posture {fault.posture} is gone"
-    cleared = Finding("change", "warn", seen, "", "", "Measure the postures since then again.")
+        again = (
+            f"Correct it and measure again from {model.unit} {fault.posture} on; until then nothing counts."
+        )
+        return replace(state, fault=fault), _change(model, fault, seen, again)
+    seen = f"the change since {model.unit} {fault.posture} is gone"
+    cleared = Finding("change", "warn", seen, "", "", f"Measure the {model.unit}s since then again.")
     empty = Changes.none(len(state.belief.mean), len(model.directions))
     return replace(state, fault=None, changes=empty, history=(), odd=()), cleared
 
@@ -143,13 +146,14 @@ def still_there(model: DayModel, state: WatchState, innovation: Innovation) -> t
 def noticed(model: DayModel, fault: Fault) -> Finding:
     """Tell of a change that was noticed now."""
     return _change(
+        model,
         fault,
-        f"since posture {fault.posture} something is different; best explanation: "
+        f"since {model.unit} {fault.posture} something is different; best explanation: "
         f"{model.directions[fault.direction].words(fault.size)}",
-        f"Look there first, correct it, and measure again from posture {fault.posture} on.",
+        f"Look there first, correct it, and measure again from {model.unit} {fault.posture} on.",
     )
 
 
-def _change(fault: Fault, seen: str, advice: str) -> Finding:
-    where = f"from posture {fault.posture} on"
+def _change(model: DayModel, fault: Fault, seen: str, advice: str) -> Finding:
+    where = f"from {model.unit} {fault.posture} on"
     return Finding("change", "fail", seen, "a laboratory that stays as it is", where, advice)

@@ -15,7 +15,7 @@ from tulip_testbed.measurements.manifest import Manifest
 from tulip_testbed.measurements.measurement_folder import measurements_in, moves
 
 TABLE = "postures.csv"
-FORMAT = b"tulip-watch-6"
+FORMAT = b"tulip-watch-7"
 MOST_LINE = 2**20  # bytes
 MOST_AT_ONCE = 2**22  # bytes that are read of a file at a time
 
@@ -82,8 +82,8 @@ def is_header(path: Path, number: int, line: bytes, header: bytes) -> bool:
 
 def _in_motion(found: str) -> InputError:
     return InputError(
-        f"{found}, expected held postures: a watch takes the noise of rows as independent, and in a motion "
-        "it lasts; `check` takes the segments that are complete"
+        f"{found}, expected held postures as in the plan; of a plan that moves, a watch reads the samples of "
+        "motion.csv"
     )
 
 

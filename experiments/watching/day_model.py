@@ -1,12 +1,16 @@
 """The knowledge before a day of measurements: the robot, its tolerances, and the faults that may begin.
 
 The residuals of a posture are linear in the state x = (base parameters less CAD's, error of the weight,
-deviates of the ordinary imperfections, errors of the placement's recorded plates, swing foot's place in the
-stance). Before the first row x is normal with mean zero.
+deviates of the ordinary imperfections, errors of readings that last, errors of the placement's recorded
+plates, swing foot's place in the stance). Before the first row x is normal with mean zero.
+
+Errors that last are those of a robot that moves: of each encoder and cell, and of the wrench between the feet
+that no cell shows, an Ornstein-Uhlenbeck process each. Its inertias are those of the families.
 """
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -20,10 +24,14 @@ from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import effect_label
 from tulip_testbed.identification.base_parameters import common_support, standard_parameters
 from tulip_testbed.identification.cad_prior import cad_prior
+from tulip_testbed.identification.inertial_wrench import beyond_weight
+from tulip_testbed.identification.noise_in_time import WHITE, NoiseInTime
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.observation import LEAST_LOAD, Observation, observe
 from tulip_testbed.identification.residual_noise import ASSUMED_CELL, ASSUMED_ENCODER, Noise, noise_of
 from tulip_testbed.measurements import MeasurementHeader, Measurements, PosturePlan
+from tulip_testbed.measurements.cells import CELLS
+from tulip_testbed.measurements.trajectory import Trajectory
 from tulip_testbed.sim.plan_folder import check_fits
 from tulip_testbed.sim.robot import Robot
 
@@ -38,6 +46,7 @@ STEPS = (
 )
 RAMPS = ("cell-tare", "plate-drift", "thermal-gain-drift")  # these may also grow steadily
 RAMP = 10.0  # postures in which a ramp grows by one plausible size
+HIDDEN = 4  # components of the wrench between the feet that no cell shows, and a share of inertial forces
 
 
 @dataclass(frozen=True)
@@ -82,6 +91,9 @@ class DayModel:
         families: of ordinary imperfections. mixing: members from their deviates, (q, k).
         covariance: of the state before the day, (n, n); plates and stance are the last nine.
         directions: faults that may begin. unseen: s.d. of joint compliances, (n_joints,) [rad/Nm].
+        window: of a row of a motion [s]; None: the robot holds postures.
+        noise_in_time: how the noise of rows is correlated; in postures it is not.
+        inertias: directions of the inertial parameters that the planned motion shows, (10 n_links, k).
     """
 
     plan: PosturePlan
@@ -92,6 +104,63 @@ class DayModel:
     covariance: np.ndarray
     directions: tuple[Direction, ...]
     unseen: np.ndarray
+    window: float | None = None
+    noise_in_time: NoiseInTime = WHITE
+    inertias: np.ndarray | None = None
+
+    @property
+    def rows(self) -> int:
+        """Count the rows of the day: postures, or windows of the planned motion."""
+        if self.window is None:
+            return len(self.plan)
+        assert self.plan.motion is not None
+        return max(1, round(self.plan.motion.seconds / self.window))
+
+    @property
+    def unit(self) -> str:
+        """Return what a row is called."""
+        return "posture" if self.window is None else "row"
+
+    def number(self, row: int) -> int:
+        """Return the number of a posture in a row of the plan; rows of a motion are numbers."""
+        return int(self.plan.posture[row]) if self.window is None else row
+
+    @property
+    def lasting(self) -> slice:
+        """Return the numbers of the state that are errors that last."""
+        last = len(self.covariance) - PLATES - STANCE
+        count = 0 if self.window is None else len(self.unseen) + len(CELLS) + HIDDEN
+        return slice(last - count, last)
+
+    def kept(self, seconds: float) -> float:
+        """Return the correlation of an error that lasts with itself after a time; NaN: in another segment."""
+        return float(np.exp(-seconds / self.noise_in_time.seconds)) if seconds >= 0 else 0.0
+
+    @cached_property
+    def shares(self) -> tuple[float, float]:
+        """Return the shares of a row's variance that last and that are new in every row."""
+        if self.window is None:
+            return 0.0, 1.0
+        # Two rows apart by n windows have the correlation share exp(-n window / seconds).
+        apart, lasts = 8 * self.window, self.noise_in_time.seconds
+        share = float(self.noise_in_time.correlation(np.array([0.0, apart]), self.window)[0, 1])
+        share = min(share * np.exp(apart / lasts), 1.0)
+        return share, 1.0 - share
+
+    @property
+    def independent(self) -> float:
+        """Return how many independent rows tell as much of a constant as a row whose noise lasts."""
+        if self.window is None:
+            return 1.0
+        next_to = self.shares[0] * self.kept(self.window)
+        return (1 - next_to) / (1 + next_to)
+
+    def with_noise(self, noise_in_time: NoiseInTime) -> Self:
+        """Return the model of a day whose noise is correlated in this way."""
+        model = replace(self, noise_in_time=noise_in_time, covariance=self.covariance.copy())
+        at = model.lasting
+        model.covariance[at, at] = model.shares[0] * np.eye(at.stop - at.start)
+        return model
 
     @property
     def parameters(self) -> int:
@@ -99,8 +168,13 @@ class DayModel:
         return len(self.nominal.value)
 
     def first_rows(self, rows: Measurements) -> np.ndarray:
-        """Return the plan's first row of the posture of each measured row, (m,); 0 if it has none."""
-        return (self.plan.posture == rows.posture[:, None]).argmax(axis=1)
+        """Return the plan's first row of the posture of each measured row, (m,); 0 if it has none.
+
+        Of a motion it is the first of the placement.
+        """
+        if self.window is None:
+            return (self.plan.posture == rows.posture[:, None]).argmax(axis=1)
+        return (self.plan.placement == rows.placement[:, None]).argmax(axis=1)
 
     @cached_property
     def ramps(self) -> np.ndarray:
@@ -110,31 +184,41 @@ class DayModel:
     def observe(self, rows: Measurements) -> Observation:
         """Return an observation in which no row depends on another one.
 
-        Time is counted in the plan's postures, so that neither a break nor a clock that jumps matters. Servos
-        sag where the plan has no feed-forward.
+        Time is counted in the plan's postures or a motion's rows, so that neither a break nor a clock that
+        jumps matters. Servos sag where the plan has no feed-forward.
         """
-        seen, first = observe(rows, self.nominal), self.first_rows(rows)
+        seen, first = observe(rows, self.nominal, self.inertias), self.first_rows(rows)
+        time, fed = first / max(len(self.plan) - 1, 1), self.plan.feed_forward[first].any(axis=1)
+        if (motion := self.plan.motion) is not None:
+            time, fed = rows.posture / self.rows, np.full(len(rows), motion.torques is not None)
         forces = seen.cell_forces.reshape(len(seen), 2, 4)
         margin = max(LEAST_LOAD, 4 * self.noise.cell)
         loaded = forces.min(axis=2) > margin - seen.board_share
         return replace(
             seen,
             cell_sd=self.noise.cell,
-            sag=np.where(self.plan.feed_forward[first].any(axis=1), 0.0, 1.0),
-            time_fraction=first / max(len(self.plan) - 1, 1),
+            sag=np.where(fed, 0.0, 1.0),
+            time_fraction=time,
             on_four_cells=loaded,
         )
 
 
-def day_model(plan: PosturePlan, robot: Robot, header: MeasurementHeader) -> DayModel:
+def day_model(
+    plan: PosturePlan, robot: Robot, header: MeasurementHeader, window: float | None = None
+) -> DayModel:
     """Prepare the watch of a day.
 
     Args:
         header: of the day's measurements, by plates on four cells.
+        window: of the rows of a plan that moves [s]; None: it does not.
     """
     check_fits("plan", plan, robot)
     nominal = nominal_robot(robot, common_support(plan.support))
-    observed = observe(Measurements.without_rows(header), nominal)
+    observed, inertias = observe(Measurements.without_rows(header), nominal), None
+    if window is not None:
+        assert plan.motion is not None
+        shown = beyond_weight(nominal, _planned_rows(header, plan.motion, window))
+        observed, inertias = observed.changed(motion=shown), shown.directions
     sheet = header.sensors  # what it does not state is assumed: one row cannot tell it
     stated = replace(
         sheet, encoder_sd=sheet.encoder_sd or ASSUMED_ENCODER, cell_sd=sheet.cell_sd or ASSUMED_CELL
@@ -148,6 +232,7 @@ def day_model(plan: PosturePlan, robot: Robot, header: MeasurementHeader) -> Day
         base @ base.T,
         1 / weighed_precision(observed) ** 2,
         np.eye(mixing.shape[1]),
+        np.eye(0 if window is None else len(observed.tree.joints) + len(CELLS) + HIDDEN),
         np.eye(PLATES),
         np.diag(STANCE_SD**2),
     )
@@ -158,17 +243,44 @@ def day_model(plan: PosturePlan, robot: Robot, header: MeasurementHeader) -> Day
         families=families,
         mixing=mixing,
         covariance=prior,
-        directions=_directions(robot),
+        directions=_directions(robot, window is None),
         unseen=joint_compliance(families, sizes, observed.tree.joints),
+        window=window,
+        inertias=inertias,
     )
 
 
-def _directions(robot: Robot) -> tuple[Direction, ...]:
+def _planned_rows(header: MeasurementHeader, motion: Trajectory, window: float) -> Measurements:
+    """Return the planned motion as rows without readings, one a window."""
+    rates, faster = np.zeros((2, *motion.joint_angles.shape))
+    for rows in motion.segments:
+        if rows.stop - rows.start > 2:
+            rates[rows] = np.gradient(motion.joint_angles[rows], motion.time[rows], axis=0)
+            faster[rows] = np.gradient(rates[rows], motion.time[rows], axis=0)
+    seconds = max(motion.seconds, window)
+    at = np.linspace(0, len(motion) - 1, max(2, round(seconds / window))).astype(int)
+    return Measurements.from_arrays(
+        header,
+        posture=np.arange(len(at)),
+        placement=motion.placement[at],
+        support=motion.support[at],
+        time=motion.time[at],
+        window=np.full(len(at), window),
+        joint_angles=motion.joint_angles[at],
+        joint_rates=rates[at],
+        joint_accelerations=faster[at],
+        cell_forces=np.zeros((len(at), len(CELLS))),
+        plate_poses=np.zeros((len(at), 2, 3)),
+    )
+
+
+def _directions(robot: Robot, held: bool) -> tuple[Direction, ...]:
+    """List the faults that may begin; in the minutes of a motion nothing grows steadily."""
     return tuple(
         Direction(effect, target, sizes, ramp)
         for effect in map(catalogue().__getitem__, STEPS)
         for target in targets_in(effect, robot, None, ())
-        for ramp in ((False, True) if effect.name in RAMPS else (False,))
+        for ramp in ((False, True) if held and effect.name in RAMPS else (False,))
         for sizes in _sizes(effect)
     )
 

@@ -5,6 +5,7 @@ import numpy as np
 from tulip_testbed.base.numbers import number
 from tulip_testbed.experiments.watching.day_model import DayModel
 from tulip_testbed.experiments.watching.watch_state import WatchState
+from tulip_testbed.identification.observation import ROCKING
 from tulip_testbed.identification.preflight import settling
 from tulip_testbed.identification.preflight.finding import Finding
 from tulip_testbed.identification.preflight.readings import cell_loads
@@ -21,11 +22,13 @@ UNUSABLE, NOT_SETTLED = "unusable", "not settled"
 MOST_OFF = 0.1  # rad, of a joint from its planned angle: drives sag by 0.02 rad in the simulated laboratory
 
 
-def refused(state: WatchState, row: Measurements, planned: int | None) -> Finding | None:
+def refused(model: DayModel, state: WatchState, row: Measurements, planned: int | None) -> Finding | None:
     """Refuse a row that is not in the plan or there twice; None: it is neither."""
     where = f"posture {row.posture[0]}"
     if planned is None:
-        return Finding("posture", "fail", where, "a posture of the plan", "", "Look at its number.")
+        kind = "posture" if model.window is None else "placement"
+        seen = f"{kind} {getattr(row, kind)[0]}"
+        return Finding(kind, "fail", seen, f"a {kind} of the plan", "", "Look at its number.")
     if float(row.time[0]) == state.time and planned == state.row:
         # Its noise is the same, so that it would count for more than it says.
         seen, wanted = f"{where} at the same time as in the row before", "a row for every measurement"
@@ -36,6 +39,8 @@ def refused(state: WatchState, row: Measurements, planned: int | None) -> Findin
 def order_findings(model: DayModel, state: WatchState, row: Measurements, planned: int) -> list[Finding]:
     """Return what is odd about placement, order and time of a row."""
     findings, where = [], f"posture {row.posture[0]}"
+    if model.window is not None:
+        return findings
     if (placement := int(row.placement[0])) != (expected := int(model.plan.placement[planned])):
         wanted = f"placement {expected}, as in the plan"
         advice = "Correct the number if the plates were not laid again."
@@ -63,7 +68,7 @@ def unfit(
     Args:
         level: p-value below which a statistical check of the preflight counts.
     """
-    nominal, where, findings = model.nominal, f"posture {row.posture[0]}", []
+    nominal, where, findings = model.nominal, f"{model.unit} {row.posture[0]}", []
     in_units = units(row, nominal)
     if in_units.result == "fail":
         return UNUSABLE, [in_units]
@@ -78,6 +83,8 @@ def unfit(
             findings.append(finding)
     if any(finding.result == "fail" for finding in findings):
         return UNUSABLE, findings
+    if model.window is not None:  # no posture of the plan, and no rest
+        return "", findings
     off = row.joint_angles[0] - model.plan.joint_angles[planned]
     worst = int(np.abs(off).argmax())
     if abs(off[worst]) > MOST_OFF:
@@ -89,6 +96,18 @@ def unfit(
     if unrest is not None:
         return NOT_SETTLED if unrest.result == "fail" else "", [unrest, *findings]
     return "", findings
+
+
+def rocking(row: Measurements, usual: np.ndarray) -> np.ndarray:
+    """Return which boards rock within a row of a motion, (2,) bool, see `Observation.on_four_cells`.
+
+    Args:
+        usual: `spreads_of` the last rows, (k, n_joints + 9).
+    """
+    cells = slice(len(row.joints), -1)
+    known = usual[:, cells] if len(usual) >= LEAST_ROWS else np.full((1, len(CELLS)), np.inf)
+    before = np.median(known.reshape(-1, 2, 4).max(axis=2), axis=0)
+    return row.cell_forces_sd[0].reshape(2, 4).max(axis=1) > ROCKING * before
 
 
 def spreads_of(row: Measurements) -> np.ndarray:

@@ -10,12 +10,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tulip_testbed.calibration.linear_model import nuisances
+from tulip_testbed.calibration.linearisation import SYSTEMATIC
 from tulip_testbed.calibration.member_columns import STEP, member_columns
 from tulip_testbed.experiments.watching.day_model import STANCE, DayModel
 from tulip_testbed.identification.joint_loads import UNSEEN
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import (
     ANCHORED,
+    ROWS,
     SIZE,
     constants_of_stances,
     difference,
@@ -30,6 +32,7 @@ from tulip_testbed.measurements import Measurements
 # Size of the wrench between the feet that no cell shows, over that of `UNSEEN`: friction differs between
 # postures, and the compliances by which it acts are anything up to two tolerances.
 FRICTION = 2.0
+INERTIAL = 0.05  # of the inertial forces that is noise; what a calibration of a simulated motion found
 
 
 @dataclass(frozen=True)
@@ -77,31 +80,62 @@ class RowColumns:
         faults[..., :2, :] -= turn @ self.fault_angles
         return replace(self, by_angles=by_angles, state=state, faults=faults)
 
-    def noise(self, encoder: float) -> np.ndarray:
-        """Return the covariance of the residuals by what no posture shares, (..., 11, 11); 1 if not used."""
+    def without_twist(self, rows: np.ndarray) -> RowColumns:
+        """Return rows without the twists that are unreliable, (..., 2) bool."""
+        used = self.used.copy()
+        used[..., ROWS["T"]] &= ~rows
+        names = ("state", "faults", "by_angles")
+        kept = {name: getattr(self, name) * used[..., None] for name in names}
+        return replace(self, used=used, residual=self.residual * used, **kept)
+
+    def noise(self, encoder: float, share: float = 1.0) -> np.ndarray:
+        """Return the covariance of the residuals by what no posture shares, (..., 11, 11); 1 if not used.
+
+        Args:
+            share: of it that does not last.
+        """
         pushed = self.by_angles @ self.pushed
         own = encoder**2 * self.by_angles @ self.by_angles.swapaxes(-1, -2)
         own = own + self.cells + pushed @ pushed.swapaxes(-1, -2)
         both = self.used[..., :, None] & self.used[..., None, :]
-        return np.where(both, own, np.eye(SIZE))
+        return np.where(both, share * own, np.eye(SIZE))
 
 
-def row_columns(model: DayModel, rows: Measurements) -> RowColumns:
-    """Compute the columns of some postures of a day."""
+def row_columns(model: DayModel, rows: Measurements, errors: np.ndarray | None = None) -> RowColumns:
+    """Compute the columns of some postures of a day.
+
+    Args:
+        errors: of the cells, (m, 8) [N], which the residuals have and the columns should not; None: unknown.
+            Columns of gains would be correlated with the noise otherwise, by a little in every row.
+    """
     seen, m, p = model.observe(rows), len(rows), model.parameters
     at, theta, noise = fields(seen), model.nominal.value, model.noise
-    used = residuals_in_use(seen)
+    used, left = residuals_in_use(seen), residuals(seen, theta)
+    if errors is not None:
+        seen = seen.changed(cell_forces=seen.cell_forces - errors)
     reach = sensitivity(seen, theta)
     joints = at["angles"].stop
     members, member_angles = _families(model, seen, theta, reach)
     faults, fault_angles = _faults(model, seen, theta, reach)
-    left = residuals(seen, theta)
     left[:, ANCHORED] -= model.plan.swing_pose[model.first_rows(rows)]
     left[:, -1] = np.arctan2(np.sin(left[:, -1]), np.cos(left[:, -1]))
+    by_cells, by_angles = reach[..., at["cells"]], reach[..., at["angles"]]
+    friction = FRICTION if model.window is None else SYSTEMATIC
+    pushed = model.unseen[:, None] * seen.loads.levers * friction * UNSEEN
+    cells, lasting = noise.cell**2 * by_cells @ by_cells.mT + floor(noise), []
+    # What the errors that last change in angles and residuals.
+    read = np.broadcast_to(noise.encoder * np.eye(joints), (m, joints, joints))
+    slow = np.concatenate([read, pushed], axis=2)
+    if model.window is not None:
+        forces = slice(at["shift"].start, at["push"].stop)
+        inertia = INERTIAL * reach[..., forces] @ seen.motion.by_cad[..., None]
+        cells = cells + inertia @ inertia.mT
+        lasting = [by_angles @ slow, inertia, noise.cell * by_cells]
     state = np.concatenate(
         [
             -nuisances(seen, "AFTC"),
             members,
+            *lasting,
             reach[..., at["plates"]] * noise.plates,
             constants_of_stances(used)[..., :STANCE],
         ],
@@ -109,19 +143,21 @@ def row_columns(model: DayModel, rows: Measurements) -> RowColumns:
     )
     angles = np.zeros((m, joints, state.shape[2]))
     angles[..., p + 1 : p + 1 + members.shape[2]] = member_angles
-    by_cells = reach[..., at["cells"]]
+    if model.window:
+        first = model.lasting.start
+        angles[..., first : first + slow.shape[2]] = slow
     inside = used[..., None]
     return RowColumns(
         residual=np.where(used, left, 0.0),
         used=used,
         state=state * inside,
         faults=faults * inside,
-        by_angles=reach[..., at["angles"]] * inside,
+        by_angles=by_angles * inside,
         slope=seen.geometry.slope,
         angles=angles,
         fault_angles=fault_angles,
-        pushed=model.unseen[:, None] * seen.loads.levers * FRICTION * UNSEEN,
-        cells=noise.cell**2 * by_cells @ by_cells.mT + floor(noise),
+        pushed=pushed,
+        cells=cells,
     )
 
 

@@ -22,13 +22,16 @@ from tulip_testbed.base.result import Result
 from tulip_testbed.base.resumable import alone_on
 from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.base.threads import one_blas_thread
-from tulip_testbed.experiments.watching import arriving_rows
+from tulip_testbed.experiments.watching import arriving_rows, arriving_samples
+from tulip_testbed.experiments.watching.arriving_samples import Arrived, ArrivingSamples, joined
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
+from tulip_testbed.experiments.watching.noise_of_day import FIRST, with_noise_in_time
 from tulip_testbed.experiments.watching.watch_row import Verdict, watch_row
 from tulip_testbed.experiments.watching.watch_state import first_state
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.regressor import check_robot
 from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.measurements.logs.series_reduction import usual_window
 from tulip_testbed.measurements.manifest import Manifest
 from tulip_testbed.measurements.measurement_folder import header_in, read_manifest
 from tulip_testbed.sim.robot import Robot
@@ -105,7 +108,8 @@ class Watch(Result):
     def tables(self) -> list[Table | str]:
         """Return the standard errors with their targets, and what to do now."""
         if self._last is None:
-            return [] if self._rows else ["No row has arrived."]
+            least = "No row has" if self.plan.motion is None else f"Fewer than {FIRST} rows have"
+            return [] if self._rows else [f"{least} arrived."]
         figures = ("s.e.", "mm", ".2f", 1e3), ("target", "mm", ".2f", 1e3)
         heads, rows = columns(("no.", "", "d"), "parameter", *figures, "met"), []
         for k, (name, error) in enumerate(self._last.standard_errors.items(), 1):
@@ -152,6 +156,9 @@ class Watch(Result):
             self._targets = _targets_of(model.nominal.parameters.names, self._targets)
             targets = np.array(list(self._targets.values()))
             day = _hash_of_day(self.plan, stated := read_bytes(where))
+            if model.window is not None:
+                yield from self._moving(model, manifest, targets, day, stated)
+                return
             kept = b"" if out is None else arriving_rows.read_state(out, day)
             state, number, judge = first_state(model), 0, one_blas_thread(watch_row)
             for line in itertools.chain(io.BytesIO(kept), self._arriving(path)):
@@ -179,6 +186,48 @@ class Watch(Result):
                 if verdict is not None and verdict.next is None:
                     return
 
+    def _moving(
+        self, model: DayModel, manifest: Manifest, targets: np.ndarray, day: str, stated: bytes
+    ) -> Iterator[Arrival]:
+        """Yield what comes of every row of a motion, after the first ones have shown how its noise lasts."""
+        assert model.window is not None
+        where, out = self.folder / "manifest.json", self._out
+        mass = model.nominal.mass if manifest.weighed_mass is None else manifest.weighed_mass.value
+        known = (0, "")
+        if out is not None and (kept := arriving_rows.read_state(out, day)):
+            number, _, read = kept.decode().partition(" ")
+            known = int(number), read
+        path, weight = self.folder / arriving_samples.TABLE, mass * manifest.gravity
+        samples = ArrivingSamples(path, manifest, where, weight, model.window, known)
+        waiting: list[Arrived] = []
+        state, judge, rows = first_state(model), one_blas_thread(watch_row), 0
+        for arrived in self._samples(samples):
+            if arrived.line > known[0] and read_bytes(where) != stated:
+                raise InputError(f"{where}: found another manifest than before the first row")
+            waiting.append(arrived)
+            rows += arrived.row is not None
+            if rows < FIRST:
+                continue
+            if rows == FIRST and arrived.row is not None:
+                first = joined([one.row for one in waiting if one.row is not None])
+                model = one_blas_thread(with_noise_in_time)(model, first)
+                state = first_state(model)
+            for one in waiting:
+                verdict = None
+                if one.row is not None:
+                    state, verdict = judge(model, state, one.row, targets)
+                if one.line > known[0]:
+                    yield Arrival(one.line, verdict, one.problem)
+                    if out is not None:
+                        arriving_rows.write_state(out, day, f"{one.line} {one.read}".encode())
+            waiting = []
+
+    def _samples(self, samples: ArrivingSamples) -> Iterator[Arrived]:
+        yield from samples.new()
+        while not self._once:
+            time.sleep(POLL)
+            yield from samples.new()
+
     def _arriving(self, path: Path) -> Iterator[bytes]:
         while (
             lines := arriving_rows.new_lines(path, bytes(self._read), self._header, self._once)
@@ -197,7 +246,11 @@ class Watch(Result):
         header = header_in(manifest, where)
         nothing = Measurements.without_rows(header)
         check_robot(nominal_robot(self.robot).parameters, nothing, self.robot, str(self.folder))
-        return day_model(self.plan, self.robot, header)
+        window = None
+        if self.plan.motion is not None:
+            window = manifest.motion.window if manifest.motion else None
+            window = window or usual_window(header.sensors.encoder_resolution)
+        return day_model(self.plan, self.robot, header, window)
 
 
 def read_targets(texts: Sequence[str]) -> dict[str, float]:
@@ -220,6 +273,8 @@ def _hash_of_day(plan: PosturePlan, manifest: bytes) -> str:
     whole = sha256(manifest)
     for values in (plan.posture, plan.placement, plan.joint_angles, plan.swing_pose):
         whole.update(np.ascontiguousarray(values).tobytes())
+    if plan.motion is not None:
+        whole.update(np.ascontiguousarray(plan.motion.joint_angles).tobytes())
     return whole.hexdigest()
 
 

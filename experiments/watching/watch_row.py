@@ -14,6 +14,7 @@ from tulip_testbed.experiments.watching.row_checks import (
     USUAL,
     order_findings,
     refused,
+    rocking,
     spreads_of,
     unfit,
 )
@@ -28,13 +29,15 @@ from tulip_testbed.experiments.watching.watch_state import (
     WatchState,
 )
 from tulip_testbed.identification.distributions import chi2_sf
-from tulip_testbed.identification.observation import LONG_GAP
+from tulip_testbed.identification.observation import LONG_GAP, STILL
 from tulip_testbed.identification.preflight.finding import Finding
 from tulip_testbed.identification.residual_channels import CHANNELS, ROWS
 from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.cells import CELLS
 
 LEAST_GAPS = 3  # from which a gap is compared with the usual one
 OK, REPEAT, CHANGED, UNPLANNED = "ok", "repeat", "changed", "not in the plan"
+ODD = "does not fit"  # of a row of a motion, which nobody can repeat
 TOLD = ("result", "seen", "expected", "where", "advice")  # of a finding in JSON
 SERIOUS_FIRST = ("fail", "warn", "pass")
 
@@ -42,9 +45,11 @@ SERIOUS_FIRST = ("fail", "warn", "pass")
 def planned_row(model: DayModel, state: WatchState, posture: int, placement: int) -> int | None:
     """Return the plan's row of a posture; None: not in the plan.
 
-    Of a posture that the plan repeats, that is one of the same placement if there is one, and of these one
-    that is not measured.
+    A row of a motion is its own number, if the plan has its placement. Of a posture that the plan repeats,
+    that is one of the same placement if there is one, and of these one that is not measured.
     """
+    if model.window is not None:
+        return posture if placement in model.plan.placement else None
     rows = np.flatnonzero(model.plan.posture == posture).tolist()
     if not rows:
         return None
@@ -61,7 +66,12 @@ def begin_row(model: DayModel, state: WatchState, row: Measurements, planned: in
     usual = float(np.median(state.gaps)) if len(state.gaps) >= LEAST_GAPS else np.inf
     # Within a placement the robot may have been put down again, see `Observation.stance`.
     put_down = planned != state.row + 1
-    if np.isfinite(gap):
+    stood = state.stood
+    if model.window is not None:  # feet creep below moving legs, see `Observation.stance`
+        put_down = not 0 < gap <= LONG_GAP * model.window or time - stood >= STILL
+        kept, at = model.kept(gap), model.lasting
+        state = replace(state, belief=state.belief.later(model, kept), changes=state.changes.later(at, kept))
+    elif np.isfinite(gap):
         put_down = gap <= 0 or gap > LONG_GAP * usual or (usual == np.inf and planned > state.row + 1)
     numbers = OF_PLACEMENT if anew else STANCE if put_down else 0
     if numbers:
@@ -70,6 +80,7 @@ def begin_row(model: DayModel, state: WatchState, row: Measurements, planned: in
             belief=state.belief.begun(model, numbers),
             changes=state.changes.begun(numbers),
             stance=state.stance + 1,
+            stood=time,
         )
     if placement != state.placement:
         state = replace(state, information=state.information.placement_begun())
@@ -87,6 +98,8 @@ def next_posture(model: DayModel, state: WatchState, fits: bool) -> int | None:
     Args:
         fits: whether the last row was taken in.
     """
+    if model.window is not None:
+        return None
     plan, done = model.plan, state.done
     if state.fault is not None:
         return state.fault.posture
@@ -110,14 +123,17 @@ class Verdict:
     """The judgement of a watch on a posture.
 
     Attributes:
-        posture: its number.
-        verdict: "ok", "not settled", "repeat", "changed", "unusable" or "not in the plan".
+        posture: its number, or that of a row of a motion.
+        verdict: "ok", "not settled", "repeat", "changed", "unusable" or "not in the plan"; in a motion
+            "does not fit" in place of "repeat".
         findings: what was found, the most serious first.
         next: number of the posture to measure next; None: all are measured.
         standard_errors: of the base parameters so far, by name [m]; infinite until they are determined.
         stop: why the day may end; "" if it should not.
         left: postures of the plan that are still to be measured.
         onset: posture at which a change began; None: there is none.
+        time: at which a row of a motion begins [s]; None: the robot held a posture, which `next` and `left`
+            are for.
     """
 
     posture: int
@@ -128,17 +144,19 @@ class Verdict:
     stop: str
     left: int
     onset: int | None = None
+    time: float | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON document."""
+        moving = self.time is not None
         return {
-            "posture": self.posture,
+            **({"row": self.posture, "time": self.time} if moving else {"posture": self.posture}),
             "verdict": self.verdict,
             "findings": [
                 {"check": finding.name} | {name: getattr(finding, name) for name in TOLD}
                 for finding in self.findings
             ],
-            "next": self.next,
+            **({} if moving else {"next": self.next}),
             "standard_errors": dict(self.standard_errors),
             "stop": self.stop or None,
         }
@@ -148,7 +166,8 @@ class Verdict:
         seen = f" - {found}" if found else ""
         then = "" if self.next is None else f"; next {self.next}, {self.left} left"
         stop = f"; stop: {self.stop}" if self.stop else ""
-        return f"posture {self.posture}: {self.verdict}{seen}{then}{stop}"
+        at = f"posture {self.posture}" if self.time is None else f"row {self.posture}, {self.time:.1f} s"
+        return f"{at}: {self.verdict}{seen}{then}{stop}"
 
 
 def watch_row(
@@ -165,26 +184,32 @@ def watch_row(
     """
     posture, level = int(row.posture[0]), alarm.levels(model)
     planned = planned_row(model, state, posture, int(row.placement[0]))
-    wrong = refused(state, row, planned)
+    wrong = refused(model, state, row, planned)
     verdict, findings = UNPLANNED if planned is None else UNUSABLE, [] if wrong is None else [wrong]
     if planned is not None and wrong is None:
         verdict, odd = unfit(model, state, row, planned, level.row)
         findings = order_findings(model, state, row, planned) + odd
+        kept = model.shares[0] * model.kept(float(row.time[0]) - state.time)
         state = begin_row(model, state, row, planned)
         if verdict:
             state = state.marked(planned, AGAIN)
         else:
             spreads = spreads_of(row)[None]
-            spreads = np.concatenate([state.spreads, spreads])[-USUAL:] if len(state.spreads) else spreads
             columns = row_columns(model, row).row(0)
+            if model.window is not None:
+                rocks = rocking(row, state.spreads)
+                columns = _without_noise(model, state, row, columns.without_twist(rocks)).without_twist(rocks)
+            spreads = np.concatenate([state.spreads, spreads])[-USUAL:] if len(state.spreads) else spreads
             innovation = state.belief.predict(model, columns)
             state = replace(state, spreads=spreads)
-            state, verdict, told = _judge(model, state, columns, innovation, planned, level)
+            state, verdict, told = _judge(model, state, columns, innovation, planned, level, kept)
             findings = [*told, *findings]
     errors = state.information.standard_errors()
     left, stop = int((state.done != MEASURED).sum()), ""
     met = targets is not None and np.isfinite(targets).any() and bool((errors <= targets).all())
-    if state.fault is None and (met or left == 0):
+    if state.fault is None and met and model.window is not None:
+        stop = "the targets are met"
+    elif state.fault is None and (met or (left == 0 and model.window is None)):
         stop = f"the targets are met; {left} posture{'s are' if left > 1 else ' is'} left"
         stop = stop if left else "every posture of the plan is measured"
     return state, Verdict(
@@ -196,7 +221,14 @@ def watch_row(
         stop=stop,
         left=left,
         onset=None if state.fault is None else state.fault.posture,
+        time=None if model.window is None else float(row.time[0]),
     )
+
+
+def _without_noise(model: DayModel, state: WatchState, row: Measurements, columns: RowColumns) -> RowColumns:
+    """Return the columns of a row at the readings without the errors of cells that the row shows."""
+    shown = state.belief.updated(state.belief.predict(model, columns)).mean[model.lasting][-len(CELLS) :]
+    return row_columns(model, row, model.noise.cell * shown[None]).row(0)
 
 
 def _judge(
@@ -206,9 +238,10 @@ def _judge(
     innovation: Innovation,
     planned: int,
     level: alarm.Level,
+    kept: float,
 ) -> tuple[WatchState, str, list[Finding]]:
     """Hold a plausible row against the model of the day and take it in if it fits."""
-    posture, findings = int(model.plan.posture[planned]), []
+    posture, findings = model.number(planned), []
     if state.fault is not None:
         state, change = alarm.still_there(model, state, innovation)
         findings = [change]
@@ -222,15 +255,16 @@ def _judge(
     if alone < level.row or again < level.repeat or sudden > level.ratio:
         findings = [_odd(innovation, alone, again), *findings]
         state = alarm.fault_of_odd_rows(model, state.marked(planned, AGAIN), innovation, posture)
-        verdict = REPEAT if state.fault is None else CHANGED
+        odd = REPEAT if model.window is None else ODD
+        verdict = odd if state.fault is None else CHANGED
     else:
         state = replace(
             state.remembered(planned).marked(planned, MEASURED),
             odd=(),
             changes=changes,
             belief=state.belief.updated(innovation),
-            information=state.information.with_posture(model, columns),
-            earlier=state.earlier | {posture: (state.stance, here)},
+            information=state.information.with_posture(model, columns, kept),
+            earlier=state.earlier | ({posture: (state.stance, here)} if model.window is None else {}),
             count=state.count + 1,
         )
         state = alarm.fault_of_changes(model, state, level)

@@ -81,11 +81,20 @@ class Belief:
         covariance[-numbers:, -numbers:] = model.covariance[-numbers:, -numbers:]
         return Belief(mean, covariance)
 
+    def later(self, model: DayModel, kept: float) -> Belief:
+        """Return the belief after a time in which errors that last kept this correlation with themselves."""
+        at, mean, covariance = model.lasting, self.mean.copy(), self.covariance.copy()
+        mean[at] *= kept
+        covariance[at] *= kept
+        covariance[:, at] *= kept
+        covariance[at, at] += (1 - kept**2) * model.covariance[at, at]
+        return Belief(mean, covariance)
+
     def predict(self, model: DayModel, row: RowColumns) -> Innovation:
         """Predict a posture and return by how much it is missed."""
         here = row.about(self.mean[: model.parameters])
         across = here.state @ self.covariance
-        covariance = across @ here.state.T + here.noise(model.noise.encoder)
+        covariance = across @ here.state.T + here.noise(model.noise.encoder, model.shares[1])
         covariance = (covariance + covariance.T) / 2
         scale = 1 / np.sqrt(np.diag(covariance))
         precision = scale[:, None] * np.linalg.inv(scale[:, None] * covariance * scale) * scale
@@ -112,9 +121,11 @@ class DesignInformation:
 
     Attributes:
         joint: both, parameters first, (p + 6, p + 6) [1/m2].
+        last: whitened columns of the last row, (2, p + 6); None: it is not correlated with the next one.
     """
 
     joint: np.ndarray
+    last: np.ndarray | None = None
 
     @classmethod
     def begun(cls, settled: np.ndarray) -> DesignInformation:
@@ -145,14 +156,20 @@ class DesignInformation:
         """Return the information as a new placement begins."""
         return self.begun(self.whole)
 
-    def with_posture(self, model: DayModel, row: RowColumns) -> DesignInformation:
-        """Return the information with one more posture."""
+    def with_posture(self, model: DayModel, row: RowColumns, kept: float = 0.0) -> DesignInformation:
+        """Return the information with one more posture.
+
+        Args:
+            kept: correlation of its noise with that of the row before.
+        """
         by_angles = row.by_angles[CENTER]
         noise = model.noise.encoder**2 * by_angles @ by_angles.T + row.cells[CENTER, CENTER]
         base = row.state[CENTER, : model.parameters]
         plates = row.state[CENTER, -OF_PLACEMENT:-STANCE]
         both = np.concatenate([base, plates], axis=1)
-        return DesignInformation(self.joint + both.T @ np.linalg.solve(noise, both))
+        white = np.linalg.solve(np.linalg.cholesky(noise), both)
+        new = white if self.last is None else (white - kept * self.last) / np.sqrt(1 - kept**2)
+        return DesignInformation(self.joint + new.T @ new, white)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,6 +210,12 @@ class Changes:
         bias[:, -numbers:] = 0.0
         return replace(self, bias=bias)
 
+    def later(self, at: slice, kept: float) -> Changes:
+        """Return the evidence after a time; `Belief.later` keeps so much of the bias of errors that last."""
+        bias = self.bias.copy()
+        bias[:, at] *= kept
+        return replace(self, bias=bias)
+
     def with_row(self, innovation: Innovation, count: int, ramps: np.ndarray) -> Changes:
         """Return the evidence with one more row that the filter takes in.
 
@@ -203,8 +226,8 @@ class Changes:
         grown = np.where(ramps, (count - changes.onset[:, None] + 1) / RAMP, 1.0)
         seen = innovation.faults * grown[:, None] - innovation.state @ changes.bias
         weighed = innovation.precision @ seen
-        return Changes(
-            onset=changes.onset,
+        return replace(
+            changes,
             bias=changes.bias + innovation.gain @ seen,
             pull=changes.pull + innovation.value @ weighed,
             information=changes.information + (seen * weighed).sum(axis=1),
@@ -261,12 +284,13 @@ class WatchState:
         earlier: by posture, the stance in which it was measured last and its columns there.
         odd: postures in succession that did not fit, with their innovations.
         history: the states before the rows at which a change may have begun, without history and evidence.
-        taken: plan's rows of the last rows that were taken in.
+        taken: plan's rows of the last rows that were taken in; of a motion, their own numbers.
         spreads: s.d. within the last windows, (k, n_joints + 9).
         gaps: between the last postures of a placement [s].
         count: rows that were taken in.
         row: of the plan, that was measured last; -1: none. placement: its number. stance: count of the
-            placements and stances so far. support: its support. time: of the last row [s].
+            placements and stances so far. support: its support. time: of the last row, stood: of the
+            stance's first one [s].
         fault: that is there; None: none.
     """
 
@@ -286,10 +310,16 @@ class WatchState:
     stance: int = 0
     support: str = ""
     time: float = float("nan")
+    stood: float = float("nan")
     fault: Fault | None = None
 
     def marked(self, rows: int | list[int], mark: int) -> WatchState:
-        """Return the state with rows of the plan open, measured or to be measured again."""
+        """Return the state with rows of the plan open, measured or to be measured again.
+
+        In a motion there is nothing to mark.
+        """
+        if not len(self.done):
+            return self
         done = self.done.copy()
         done[rows] = mark
         return replace(self, done=done)
@@ -308,5 +338,5 @@ def first_state(model: DayModel) -> WatchState:
         belief=Belief(np.zeros(n), model.covariance),
         changes=Changes.none(n, len(model.directions)),
         information=DesignInformation.begun(np.zeros((model.parameters,) * 2)),
-        done=np.full(len(model.plan), OPEN, np.int8),
+        done=np.full(len(model.plan) if model.window is None else 0, OPEN, np.int8),
     )

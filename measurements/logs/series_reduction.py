@@ -106,6 +106,20 @@ def reduced(
         starts = starts[starts <= there[-1] - window + 1e-9]
         ends = [rows.start + np.searchsorted(there, starts + shift - 1e-9) for shift in (0.0, window)]
         found += list(zip(starts.tolist(), *(end.tolist() for end in ends), strict=True))
+    return _reduced(samples, weight, window, found)
+
+
+def reduced_window(samples: Measurements, weight: float, start: float, window: float) -> Reduced:
+    """Reduce the samples of one segment from a time on [s], as `reduced` does, to one row or none."""
+    a, b = np.searchsorted(samples.time, [start - 1e-9, start + window - 1e-9]).tolist()
+    return _reduced(samples, weight, window, [(start, a, b)])
+
+
+def _reduced(
+    samples: Measurements, weight: float, window: float, found: list[tuple[float, int, int]]
+) -> Reduced:
+    """Reduce windows, each with its start and its first and last sample."""
+    time = samples.time
     carried, loaded = feet_in_contact(samples.support), loads(samples) >= LIFTED * weight
     dropped, windows = Counter[str](), []
     for start, a, b in found:

@@ -349,8 +349,8 @@ def watch(
     noise. The watch ends when every posture is measured, or by Ctrl-C.
 
     Args:
-        folder: measurement folder whose manifest.json is written and whose postures.csv grows; nothing is
-            written into it.
+        folder: measurement folder whose manifest.json is written and whose postures.csv grows, or motion.csv
+            with a plan that moves; nothing is written into it.
         robot: the nominal robot; TULip if None.
         plan: postures that are being measured, or their folder, or the name of a shipped plan.
         out: file that keeps the state, so that a watch that was killed goes on; None: it is not kept.
