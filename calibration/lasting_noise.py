@@ -16,7 +16,7 @@ from tulip_testbed.identification.noise_in_time import WHITE, Decorrelation, Noi
 
 SHARES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98)
 # s. What lasts longer than a few postures is not noise of the sensors but what the model lacks, and has to be
-# seen as such: with force plates the likelihood would rise to 8 to 45 s in most laboratories. Assumed.
+# seen as such. Assumed.
 SECONDS = (0.5 * 2.0 ** (np.arange(7) / 2)).tolist()
 SHORT = NoiseInTime(0.5, 1.0)
 WAYS = ((0, -1), (0, 1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))
