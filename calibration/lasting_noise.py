@@ -14,12 +14,14 @@ from tulip_testbed.calibration.linear_problem import LinearProblem
 from tulip_testbed.calibration.reml import LikelihoodFit, fit_nearby
 from tulip_testbed.identification.noise_in_time import WHITE, Decorrelation, NoiseInTime
 
-SHARES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98)
+SHARES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98, 0.995)
 # s. What lasts longer than a few postures is not noise of the sensors but what the model lacks, and has to be
 # seen as such. Assumed.
 SECONDS = (0.5 * 2.0 ** (np.arange(7) / 2)).tolist()
-SHORT = NoiseInTime(0.5, 1.0)
-WAYS = ((0, -1), (0, 1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))
+SHORT = NoiseInTime(0.7, 1.0, 0.9)
+# Steps of share, seconds and the closure's share: of all shares, and then of one of them.
+WAYS = tuple((k, j, k) for k, j in ((0, -1), (0, 1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1)))
+WAYS += ((0, 0, 1), (0, 0, -1), (1, 0, 0), (-1, 0, 0))
 LEAST_GAIN = 3.0  # of ln of the likelihood, from which noise lasts
 
 
@@ -52,14 +54,15 @@ def likeliest_noise(
                 known[one] = -np.inf
         return known[one]
 
+    def noise(at: np.ndarray) -> NoiseInTime:
+        return NoiseInTime(SHARES[at[0]], SECONDS[at[1]], SHARES[at[2]])
+
     start = start or SHORT
-    at = SHARES.index(max(start.share, SHARES[0])), SECONDS.index(start.seconds)
-    best, ways = NoiseInTime(SHARES[at[0]], SECONDS[at[1]]), list(WAYS)
+    shares = [SHARES.index(max(one.share, SHARES[0])) for one in (start, start.of_closure())]
+    at, ways = np.array([shares[0], SECONDS.index(start.seconds), shares[1]]), list(WAYS)
+    best, last = noise(at), np.array([len(SHARES), len(SECONDS), len(SHARES)]) - 1
     while ways:
-        by = ways.pop(0)
-        k, j = at[0] + by[0], at[1] + by[1]
-        if not (0 <= k < len(SHARES) and 0 <= j < len(SECONDS)):
-            continue
-        if likelihood(other := NoiseInTime(SHARES[k], SECONDS[j])) > likelihood(best):
-            at, best, ways = (k, j), other, [by, *(way for way in WAYS if way != by)]
+        there = np.clip(at + (by := ways.pop(0)), 0, last)
+        if likelihood(other := noise(there)) > likelihood(best):
+            at, best, ways = there, other, [by, *(way for way in WAYS if way != by)]
     return best if likelihood(best) > likelihood(WHITE) + LEAST_GAIN else WHITE

@@ -4,11 +4,13 @@ The noise of samples has two parts: one that is white, and one with the correlat
 Ornstein-Uhlenbeck process. A row is the mean of a window in which a sample weighs (1 - u^2)^2; the
 correlation of two rows is the mean over both windows. Of a row's variance the share s lasts. Rows times the
 inverse of a root of the matrix of correlations are uncorrelated. A residual that some rows do not have is
-decorrelated over the others.
+decorrelated over the others. Encoders alone show whether the legs close, and more of their noise lasts than
+of the cells': these residuals have a share of their own.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -25,10 +27,16 @@ class NoiseInTime:
 
     Attributes:
         share: of its variance that lasts, 0 to 1. seconds: for how long [s].
+        closure: share of the residuals of the legs' closure; None: the same.
     """
 
     share: float = 0.0
     seconds: float = 1.0
+    closure: float | None = None
+
+    def of_closure(self) -> Self:
+        """Return how that of the legs' closure is correlated."""
+        return self if self.closure is None else replace(self, share=self.closure)
 
     def correlation(self, time: np.ndarray, window: float) -> np.ndarray:
         """Return the correlation of rows at these times, means over windows of this length, (n, n)."""
@@ -87,23 +95,28 @@ class Decorrelation:
 
 
 def decorrelation(
-    time: np.ndarray, segment: np.ndarray, window: float, lasting: NoiseInTime, used: np.ndarray
+    time: np.ndarray,
+    segment: np.ndarray,
+    window: float,
+    lasting: Sequence[NoiseInTime],
+    used: np.ndarray,
 ) -> Decorrelation:
     """Return what makes rows uncorrelated.
 
     Args:
         time, segment: of every row, (m,) [s] and numbers. window: length of a row [s].
-        used: which residuals each row has, (m, r) bool.
+        lasting: of every residual, r of them. used: which residuals each row has, (m, r) bool.
     """
     blocks = []
     for together in _together(time, segment):
-        whole, alike = lasting.correlation(time[together], window), dict[bytes, list[int]]()
-        for residual, having in enumerate(used[together].T):
-            alike.setdefault(having.tobytes(), []).append(residual)
-        for residuals in alike.values():
+        whole = {one: one.correlation(time[together], window) for one in set(lasting)}
+        alike = dict[tuple[bytes, NoiseInTime], list[int]]()
+        for residual, (having, one) in enumerate(zip(used[together].T, lasting, strict=True)):
+            alike.setdefault((having.tobytes(), one), []).append(residual)
+        for (_, kind), residuals in alike.items():
             having = np.flatnonzero(used[together, residuals[0]])
             if len(having):
-                one = whole[np.ix_(having, having)]
+                one = whole[kind][np.ix_(having, having)]
                 factor = np.linalg.inv(np.linalg.cholesky(one))
                 blocks.append((together[having, None], np.array(residuals), one, factor))
     return Decorrelation(tuple(blocks))

@@ -13,11 +13,11 @@ import math
 import numpy as np
 
 from tulip_testbed.identification.kinematics import roll_pitch_yaw
-from tulip_testbed.identification.observation import SIZE, TWISTS, Observation, turned
+from tulip_testbed.identification.observation import CLOSURE, SIZE, TWISTS, Observation, turned
 from tulip_testbed.measurements.data import feet_in_contact
 
 CHANNELS = ("A", "F", "T", "C")
-ROWS = {"A": slice(0, 2), "F": slice(2, 3), "T": TWISTS, "C": slice(5, 11)}
+ROWS = {"A": slice(0, 2), "F": slice(2, 3), "T": TWISTS, "C": CLOSURE}
 ANCHORED = slice(8, 11)  # x, y, yaw of the swing foot, known up to a constant of the placement
 UNITS = {"A": "mm", "F": "N", "T": "N", "C": "mm, deg"}
 TWIST = np.array([1.0, -1.0, 1.0, -1.0])
