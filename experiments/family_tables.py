@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tulip_testbed.base.column import columns
-from tulip_testbed.base.table import Cell, Table
+from tulip_testbed.base.table import Table
 from tulip_testbed.calibration.calibration_result import OF_CAD, CalibratedFamily, SelfCalibration
 from tulip_testbed.calibration.families import TOLERANCES
 from tulip_testbed.effects.catalogue import acts_on, catalogue
@@ -87,12 +87,10 @@ def first_to_improve(found: SelfCalibration) -> str:
 def family_table(families: Sequence[CalibratedFamily], title: str, singly: bool = False) -> Table:
     """Return the families with their spreads, and how many members the data determine `singly`."""
     rows = []
-    for k, one in enumerate(families):
+    for one in families:
         tolerance = one.family.effect.parameters[0].text(one.family.tolerance)
-        spread = Cell(one.spread, f"families.{k}.spread")
-        ends = (Cell(end, f"families.{k}.spread95.{side}") for side, end in enumerate(one.spread95))
         count = [f"{int(one.determined.sum())} of {len(one.determined)}"] if singly else []
-        rows.append([one.family.name, tolerance, spread, *ends, *count])
+        rows.append([one.family.name, tolerance, one.spread, *one.spread95, *count])
     spread = ("spread", "tolerances", ".2f"), ("low", "", ".2f"), ("high", "", ".2f")
     heads = columns("family", "tolerance", *spread, *["determined singly"] * singly)
     return Table(title, heads, rows, SPREAD)

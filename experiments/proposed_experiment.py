@@ -12,7 +12,7 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import present
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Documented, Outside, Result
-from tulip_testbed.base.table import Table, cells
+from tulip_testbed.base.table import Table
 from tulip_testbed.base.table_files import json_text
 from tulip_testbed.discovery.discover import AMBIGUOUS
 from tulip_testbed.discovery.experiment_information import Explanation
@@ -110,12 +110,9 @@ class Proposals(Result):
         return Table("Mean residuals that each explanation predicts for the best", heads, rows)
 
 
-def experiment_table(experiments: Sequence[NextExperiment], key: str = "experiments") -> Table:
-    """Return ranked experiments, one per row; key: of these in their document."""
-    rows = []
-    for k, one in enumerate(experiments):
-        postures, minutes, separation = cells(one, f"{key}.{k}", "postures", "minutes", "separation")
-        rows.append([one.words, postures, minutes, one.settled, separation])
+def experiment_table(experiments: Sequence[NextExperiment]) -> Table:
+    """Return ranked experiments, one per row."""
+    rows = [[one.words, one.postures, one.minutes, one.settled, one.separation] for one in experiments]
     figures = ("time", "min", ".0f"), ("settled", "%", ".0f", 100.0), ("least ln BF", "", ".1f")
     heads = columns("experiment", ("postures", "", "d"), *figures)
     note = (

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from tulip_testbed.base.column import Column
 from tulip_testbed.base.result import Figure
-from tulip_testbed.base.table import Table, cells
+from tulip_testbed.base.table import Table
 from tulip_testbed.base.table_files import Columns
 from tulip_testbed.experiments.montecarlo.run_columns import errors_of, matrix
 from tulip_testbed.identification.distributions import chi2_ppf, f_ppf, t_ppf
@@ -220,6 +220,5 @@ SHOWN = {
 
 def coverage_table(model: str, rows: list[ParameterCoverage]) -> Table:
     """Return bias, standard errors and coverage of the parameters of the "full" or "simplified" model."""
-    path = "parameters" if model == "full" else f"{model}.parameters"
-    lines = [cells(row, f"{path}.{k}", *SHOWN) for k, row in enumerate(rows)]
+    lines = [[getattr(row, name) for name in SHOWN] for row in rows]
     return Table(f"{model.capitalize()} model", tuple(SHOWN.values()), lines)

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.correlations import NO_CORRELATION
 from tulip_testbed.experiments.parameter_tables import LEGEND, models
 from tulip_testbed.experiments.validate import correlations_at
@@ -46,7 +47,7 @@ def validation_page(run: Validation) -> Page:
         for entry in robot.settings.get("correlated", [])
     ]
     matrix = correlations_at(own.parameters, measured.joint_angles, measured.support)
-    high = tuple(filter(None, map(run.correlation_table, estimates)))
+    high = tuple(one for one in map(run.correlation_table, estimates) if isinstance(one, Table))
     com, nominal = run.simulation.com, nominal_robot(robot, common_support(measured.support))
     poses = observe(measured, nominal).contact_poses  # of plates, or of soles with sensors in the feet
     dropped = f"All {run.postures_planned} planned postures could be measured."
