@@ -204,8 +204,7 @@ def marks_moved(robot: Robot, plan: PosturePlan, rows: list[int]) -> np.ndarray:
     """
     feet = plan.foot_poses[rows]
     boards = boards_under(preset_rig("ideal", robot), feet)
-    half = nominal_plates(robot)[0].size / 2
-    corners = half * np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]])
+    corners = nominal_plates(robot)[0].corners
     soles = [sole_corners(robot.model, foot)[:, :2] for foot in robot.feet]
     marks = np.array(
         [

@@ -58,8 +58,7 @@ def placement_of(robot: Robot, boards: np.ndarray, feet: np.ndarray, support: np
 
     The poses of right and left board and foot are in the base frame, (2, 3) [m, m, rad].
     """
-    half = nominal_plates(robot)[0].size / 2
-    corners = half * np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]])
+    corners = nominal_plates(robot)[0].corners
     soles = [sole_corners(robot.model, foot)[:, :2] for foot in robot.feet]
     return Placement(
         boards=boards,

@@ -28,7 +28,7 @@ def factor_for(residual: np.ndarray) -> int:
 
 def log_balance(canvas: Canvas, subject: Subject) -> None:
     """Log everything on the ground, under /world/balance [m] and from above under /above [mm]."""
-    corners = subject.board.size / 2 * np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]])
+    corners = subject.board.corners
     boards = [[_closed(place_polygon(corners, plate)) for plate in plates] for plates in subject.plates]
     soles = subject.nominal.geometry(subject.joint_angles, subject.support).soles
     if not subject.sensors_in_feet:
