@@ -100,7 +100,6 @@ def present(path: Path) -> bool:
 
 
 def is_folder(path: Path) -> bool:
-    """Return whether the path leads to a folder."""
     there = _looked_up(path, os.stat)
     return there is not None and stat.S_ISDIR(there.st_mode)
 

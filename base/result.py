@@ -110,7 +110,6 @@ class Documented:
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Read a file."""
         return cls.from_json(read_json(path), str(path))
 
     def write(self, path: Path) -> None:

@@ -249,7 +249,6 @@ class Shown:
     """A result that prints as its `parts`, tables and sentences, in a terminal and in a notebook."""
 
     def parts(self) -> list[Table | str]:
-        """Return what is shown."""
         raise NotImplementedError
 
     def __repr__(self) -> str:

@@ -227,7 +227,6 @@ class TableFile:
         return self.table.num_rows
 
     def has(self, name: str) -> bool:
-        """Return whether the table has a column of this name."""
         return name in self.types
 
     def require(self, names: Sequence[str], others: Sequence[str] = ()) -> None:

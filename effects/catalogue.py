@@ -84,7 +84,6 @@ def every_effect() -> Catalogue:
 
 
 def explanation(name: str) -> str:
-    """Return the physics of an effect of the catalogue."""
     return cleandoc(catalogue()[name].explanation)
 
 

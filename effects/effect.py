@@ -57,7 +57,6 @@ class Parameter:
 
     @property
     def heading(self) -> str:
-        """Return the name with its unit in brackets."""
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
     @property
@@ -67,7 +66,6 @@ class Parameter:
 
     @property
     def plausible(self) -> str:
-        """Describe the plausible values."""
         if self.grid:
             return f"one of {listed(self.text(value) for value in self.grid)}"
         sign = ", not negative" if self.positive else ""

@@ -153,7 +153,6 @@ class EffectInstance:
         return [v for p, v in zip(self.effect.parameters, self.values, strict=True) if p.choices]
 
     def document(self) -> EffectDocument:
-        """Return the effect for JSON."""
         ends = [interval or (None, None) for interval in self.intervals or (None,) * len(self.values)]
         return {
             "name": self.effect.name,

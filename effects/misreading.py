@@ -31,7 +31,6 @@ class Misreading:
     unsure: Callable[[Observation, str, Values], Observation] | None = None
 
     def inject(self, rig: Rig, target: str, values: Values) -> Rig:
-        """Return the laboratory with the faulty instruments."""
         return misreading(rig, lambda measurements: self.apply(measurements, rig.robot, target, values))
 
 
@@ -52,7 +51,6 @@ class InstrumentFault:
 
     @property
     def size(self) -> float:
-        """Return the first value."""
         return self.values[0]
 
     @property

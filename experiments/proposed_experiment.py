@@ -111,7 +111,6 @@ class Proposals(Result):
 
 
 def experiment_table(experiments: Sequence[NextExperiment]) -> Table:
-    """Return ranked experiments, one per row."""
     rows = [[one.words, one.postures, one.minutes, one.settled, one.separation] for one in experiments]
     figures = ("time", "min", ".0f"), ("settled", "%", ".0f", 100.0), ("least ln BF", "", ".1f")
     heads = columns("experiment", ("postures", "", "d"), *figures)

@@ -154,7 +154,6 @@ def difference(
 
 
 def _outside(nominal: Rig, changed: Rig, instances: Sequence[EffectInstance]) -> list[str]:
-    """Return the effects that MJCF cannot hold."""
     lines = [
         f"  Readings are changed: {found.effect.sentence} {_numbers(found)}"
         for found in instances

@@ -95,7 +95,6 @@ class Nominal:
 
 @lru_cache(maxsize=32)
 def nominal_robot(robot: Robot, support: str = "double") -> Nominal:
-    """Read the nominal robot from its files."""
     model = robot.model
     parameters = base_parameters(robot, support=support)
     standard = standard_parameters(model)

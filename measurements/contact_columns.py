@@ -34,7 +34,6 @@ def reading_columns(entries: Entries, prefix_end: str = "") -> list[str]:
 
 
 def pose_columns() -> list[str]:
-    """List the columns of the plates' recorded poses."""
     return [f"plate.{plate}.{axis}" for plate in PLATES for axis in POSE_AXES]
 
 
@@ -112,7 +111,6 @@ def _read_cells(
 
 
 def _read_cops(entries: list[CopEntry], table: MappedTable, loaded: np.ndarray) -> dict[str, Any]:
-    """Read centres of pressure as vertical wrenches."""
     both = zip(entries, loaded, strict=True)
     cops = np.stack([_present(table, "cop", COP, entry.name, stands, True) for entry, stands in both], axis=1)
     sd = np.array([np.full(3, np.nan) if entry.sd is None else entry.sd for entry in entries], float)

@@ -185,7 +185,6 @@ Pair = Annotated[list[ContactEntry], Field(min_length=2, max_length=2), AfterVal
 
 
 def contacts_of(entries: Sequence[WrenchEntry]) -> Contacts:
-    """Return the wrench sensors of a manifest."""
     covariance, channels = entries[0].covariance, tuple(entries[0].channels)
     below = [entry.below for entry in entries]
     return Contacts(

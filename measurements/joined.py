@@ -95,7 +95,6 @@ def write_experiments(folder: Path, measurements: Measurements) -> None:
 
 
 def read_written(folder: Path) -> Measurements:
-    """Read what `write_experiments` wrote."""
     several = sorted((path for path in folder.glob("*") if path.name.isdigit()), key=lambda p: int(p.name))
     folders = several or [folder]
     return joined([read_measurements(one) for one in folders], [str(one) for one in folders])
@@ -177,7 +176,6 @@ def _check_weights(first: Measurements, second: Measurements, both: str) -> None
 
 
 def _kind(one: Measurements) -> str:
-    """Name the kind of contact sensors."""
     if one.contacts is None:
         return "plates on cells"
     return f"wrench sensors ({one.contacts.mount}; {', '.join(one.contacts.channels)})"

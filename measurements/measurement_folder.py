@@ -201,7 +201,6 @@ def samples_from(manifest: Manifest, table: MappedTable, where: Path, likely: bo
 
 
 def motion_table(manifest: Manifest, folder: Path) -> MappedTable:
-    """Return the table of samples of a folder."""
     table = checked_table(folder, MOTION, manifest.tables, MOST_SAMPLES)
     return mapped_samples(manifest, table, folder / "manifest.json")
 

@@ -173,7 +173,6 @@ class Sentence:
 
     @cached_property
     def form(self) -> str:
-        """Return the shape of the function."""
         return self.shape.removesuffix(GAIN)
 
     @cached_property
@@ -276,7 +275,6 @@ def quantities(robot: Robot, what: str) -> Iterator[str]:
 
 @cache
 def sentences(robot: Robot) -> tuple[Sentence, ...]:
-    """List all sentences about a robot."""
     return tuple(
         Sentence(what, of, shape)
         for what in whats(robot)

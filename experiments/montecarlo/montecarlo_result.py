@@ -78,7 +78,6 @@ class Settings:
         return 1 if self.engine == "dynamics" else CHUNK
 
     def check(self) -> None:
-        """Refuse what cannot be run."""
         at_least("runs", self.runs, 1)
         at_most("runs", self.runs, MOST_RUNS)
         at_least("seed", self.seed, 0)
@@ -307,7 +306,6 @@ def _usable(runs: Columns, full: Errors, robot: Robot, plan: PosturePlan) -> str
 
 
 def montecarlo_file(laboratory: Laboratory, plan: PosturePlan, settings: Settings) -> MonteCarloFile:
-    """Make the run.json of a Monte Carlo."""
     return MonteCarloFile(
         format="tulip-montecarlo",
         version=VERSION,

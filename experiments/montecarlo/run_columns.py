@@ -49,11 +49,9 @@ class RunChunks:
         return self.folder / f"chunk-{index:06d}.parquet"
 
     def missing(self) -> list[int]:
-        """Return the chunks that are still to be computed."""
         return [index for index in range(len(self)) if not present(self.path(index))]
 
     def done(self) -> int:
-        """Return how many runs are there."""
         return self.runs - sum(len(self.runs_of(index)) for index in self.missing())
 
     def write(self, columns: Columns) -> int:
@@ -122,7 +120,6 @@ def read_runs(chunks: RunChunks, layout: Layout) -> Columns:
 
 
 def identified(runs: Columns) -> Columns:
-    """Return the runs that could be identified."""
     good = runs["failure"] == ""
     return {name: values[good] for name, values in runs.items()}
 

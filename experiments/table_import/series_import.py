@@ -181,7 +181,6 @@ def _touching(rows: Measurements, weight: float) -> np.ndarray:
 
 
 def added_columns(count: int, series: SeriesOfMap) -> dict[str, np.ndarray]:
-    """Return the columns that every sample is given."""
     columns = {"posture": np.ones(count, int), "placement": np.ones(count, int)}
     if series.rate is not None:
         columns["time"] = np.arange(count) / series.rate

@@ -76,7 +76,6 @@ def _by_closed_legs(m: Measurements, nominal: Nominal) -> Evidence:
 
 
 def _by_range(m: Measurements, nominal: Nominal) -> Evidence:
-    """Check the sign of a joint with a one-sided range."""
     for k, joint in enumerate(m.joints):
         low, high = nominal.parameters.tree.joint_range[k]
         values, name = m.joint_angles[:, k], f"q.{joint}"

@@ -144,7 +144,6 @@ def still_there(model: DayModel, state: WatchState, innovation: Innovation) -> t
 
 
 def noticed(model: DayModel, fault: Fault) -> Finding:
-    """Tell of a change that was noticed now."""
     return _change(
         model,
         fault,

@@ -182,7 +182,6 @@ class ArrivingSamples:
 
 
 def joined(samples: list[Measurements]) -> Measurements:
-    """Return samples one after the other."""
     arrays = {
         name: np.concatenate([getattr(one, name) for one in samples])
         for name, values in vars(samples[0]).items()

@@ -118,7 +118,6 @@ class DayModel:
 
     @property
     def unit(self) -> str:
-        """Return what a row is called."""
         return "posture" if self.window is None else "row"
 
     def number(self, row: int) -> int:
@@ -164,7 +163,6 @@ class DayModel:
 
     @property
     def parameters(self) -> int:
-        """Count the base parameters."""
         return len(self.nominal.value)
 
     def first_rows(self, rows: Measurements) -> np.ndarray:

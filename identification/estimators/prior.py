@@ -121,7 +121,6 @@ class IdentifiableMasses:
 
     @property
     def sentence(self) -> str:
-        """Return the result as a sentence."""
         count = len(self.combinations)
         if count == 1:
             return (

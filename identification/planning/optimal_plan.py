@@ -87,12 +87,10 @@ class SearchTask:
 
     @property
     def rounds(self) -> int:
-        """Return the number of rounds of the search."""
         return round_count(self.objective, self.hops)
 
     @cached_property
     def goal(self) -> Objective:
-        """Return the objective of the postures that are searched for."""
         return after(self.problem, self.objective, self.measured)
 
     @cached_property

@@ -28,11 +28,9 @@ class StaticState:
     wrench: np.ndarray
 
     def take(self, which: np.ndarray) -> StaticState:
-        """Select items of a flat batch."""
         return StaticState(self.position[which], self.rotation[which], self.angles[which], self.wrench[which])
 
     def put(self, which: np.ndarray, other: StaticState) -> None:
-        """Overwrite items of a flat batch."""
         self.position[which], self.rotation[which] = other.position, other.rotation
         self.angles[which], self.wrench[which] = other.angles, other.wrench
 
@@ -192,7 +190,6 @@ def body_frames(m: Mechanism, state: StaticState) -> Frames:
 
 
 def _turned(rotation: np.ndarray, joint: Joint, angle: np.ndarray) -> np.ndarray:
-    """Rotate matrices by an angle about the axis of a joint."""
     cosine, sine = np.cos(angle), np.sin(angle)
     if (k := joint.along) is not None:  # two columns mix, the third stays
         i, j = (k + 1) % 3, (k + 2) % 3

@@ -23,7 +23,6 @@ LEVEL = 1e-6  # m, largest difference in height of a sole's corners
 
 
 def read_mechanism(rig: Rig) -> Mechanism:
-    """Return the mechanism of a rig's scene."""
     if not np.isfinite(rig.protocol.speed_gate):
         raise InputError(
             "static equilibrium: found a robot read before it is at rest (speed_gate inf), expected a finite "

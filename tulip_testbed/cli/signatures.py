@@ -65,7 +65,6 @@ def summary_of(name: str) -> str:
 
 
 def public_function(name: str) -> PublicFunction:
-    """Return a function of `tulip_testbed.api`."""
     node, imported = _sources()[name]
     said = cleandoc(ast.get_docstring(node) or "")
     texts, placed = _argument_texts(said), node.args.args
@@ -101,7 +100,6 @@ def _value(node: ast.expr, imported: dict[str, tuple[str, str]]) -> Any:
 
 
 def _argument_texts(said: str) -> dict[str, str]:
-    """Return what a docstring says of each parameter."""
     section = re.search(r"\nArgs:\n((?:    .*\n?|\n)+)", said)
     texts: dict[str, str] = {}
     for entry in re.split(r"\n(?=    \S)", section[1].rstrip()) if section else ():

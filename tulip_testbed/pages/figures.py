@@ -20,7 +20,6 @@ SYMBOLS = {"full": "circle", "simplified": "diamond"}
 
 
 def of_model(model: str, size: int) -> dict[str, Any]:
-    """Return the style of a model's markers."""
     return {
         "mode": "markers",
         "marker": {"color": MODEL_COLOURS[model], "symbol": SYMBOLS[model], "size": size},
@@ -177,7 +176,6 @@ def support_polygon_figure(
 
 
 def interval_bars(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> dict[str, Any]:
-    """Return the error bars of values with their intervals."""
     return {"type": "data", "symmetric": False, "array": high - values, "arrayminus": values - low}
 
 

@@ -72,7 +72,6 @@ def write_protocol(folder: Path, protocol: LaboratoryProtocol) -> list[str]:
 
 
 def contents(folder: Path) -> list[str]:
-    """List the files of a protocol's folder."""
     return [str(folder / name) for name in (PAGE, PLAN, TRAJECTORIES, MEASUREMENTS, ROWS)]
 
 

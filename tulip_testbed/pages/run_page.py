@@ -25,7 +25,6 @@ from tulip_testbed.pages.validation_page import validation_page
 
 
 def page_of(run: RunResult | Prediction) -> Page:
-    """Make the page of a prediction or of a run of any kind."""
     if isinstance(run, Prediction):
         return prediction_page(run)
     if isinstance(run, Discovered):
@@ -46,7 +45,6 @@ def write_page(path: Path, run: RunResult | Prediction) -> Page:
 
 
 def montecarlo_page(run: MonteCarlo) -> Page:
-    """Make the page of a Monte Carlo."""
     missing: list[str] = []
     rows = {model: of.parameters for model, of in run.models.items()}
     tables = tuple(coverage_table(*of) for of in rows.items())

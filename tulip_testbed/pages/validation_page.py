@@ -30,7 +30,6 @@ POLYGON_WORDS = (
 
 
 def validation_page(run: Validation) -> Page:
-    """Make the page of a validation."""
     robot, measured, own = run.robot, run.measurements, run.identification
     estimates = {model: getattr(own, model) for model in models(robot)}
     missing: list[str] = []

@@ -15,7 +15,6 @@ MAGNIFIED_TO = 0.08  # m, about what the median residual is drawn as
 
 
 def magnification(subject: Subject) -> int:
-    """Factor by which the residual is drawn."""
     return 1 if subject.residual is None else factor_for(subject.residual)
 
 

@@ -57,7 +57,6 @@ def flat(colour: Colour, radius: float, **more: Any) -> dict[str, Any]:
 
 
 def styled(colour: Colour, radius: Any, **more: Any) -> dict[str, Any]:
-    """Return the style of points or lines; the radius is in the unit of the space."""
     return {"colors": rgb(colour) if isinstance(colour, str) else colour, "radii": radius, **more}
 
 

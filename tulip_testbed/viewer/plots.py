@@ -77,7 +77,6 @@ TITLES = {
 
 
 def posture_text(subject: Subject, row: int) -> str:
-    """Return a posture's numbers as Markdown."""
     lines = [
         f"## Posture {subject.posture[row]}, placement {subject.placement[row]}",
         f"Row {row + 1} of {len(subject)}, support {subject.support[row]}. {subject.verdict}",
