@@ -124,10 +124,6 @@ class Result(Documented, Shown):
     folder holds them next to it.
     """
 
-    def tables(self) -> list[Table | str]:
-        """Return the tables and sentences that terminal, notebook and page show, in this order."""
-        raise NotImplementedError
-
     def answer(self) -> list[Table | str]:
         """Return what the command line shows without --full."""
         return self.tables()
@@ -178,10 +174,6 @@ class Result(Documented, Shown):
     def placed_in(self, folder: Path) -> Self:
         """Return the result as it was read from a folder, with its parts checked against each other."""
         return self
-
-    def parts(self) -> list[Table | str]:
-        """Return what a notebook shows."""
-        return self.tables()
 
 
 @cache

@@ -246,18 +246,19 @@ class Verbatim(str):
 
 
 class Shown:
-    """A result that prints as its `parts`, tables and sentences, in a terminal and in a notebook."""
+    """A result that prints as its tables and sentences, in a terminal and in a notebook."""
 
-    def parts(self) -> list[Table | str]:
+    def tables(self) -> list[Table | str]:
+        """Return the tables and sentences that terminal, notebook and page show, in this order."""
         raise NotImplementedError
 
     def __repr__(self) -> str:
-        texts = (p.text() + "\n" if isinstance(p, Table) else printable(p) for p in self.parts())
+        texts = (p.text() + "\n" if isinstance(p, Table) else printable(p) for p in self.tables())
         return "\n".join(texts).rstrip("\n")
 
     def _repr_html_(self) -> str:
         return "\n".join(
-            p.html() if isinstance(p, Table) else f"<p>{escape(printable(p))}</p>" for p in self.parts()
+            p.html() if isinstance(p, Table) else f"<p>{escape(printable(p))}</p>" for p in self.tables()
         )
 
 

@@ -40,7 +40,7 @@ class Pairs(Shown, tuple[Pair, ...]):
         """Return a pandas DataFrame with one row per pair."""
         return self.table().frame()
 
-    def parts(self) -> list[Table | str]:
+    def tables(self) -> list[Table | str]:
         return [self.table()] if self else [f"No correlation above {self.level:g}."]
 
 
@@ -98,8 +98,8 @@ class Correlations(Shown):
 
         return pd.DataFrame(self.matrix, index=list(self.names), columns=list(self.names))
 
-    def parts(self) -> list[Table | str]:
-        return [f"Correlations of {len(self.names)} parameters.", *self.above().parts()]
+    def tables(self) -> list[Table | str]:
+        return [f"Correlations of {len(self.names)} parameters.", *self.above().tables()]
 
 
 def correlation_table(

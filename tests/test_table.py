@@ -151,7 +151,7 @@ def test_marks_colour_the_terminal_alone():
 
 
 class Found(Shown):
-    def parts(self):
+    def tables(self):
         return ["Found [red]x[/].", made(ROWS), "Verdict: \x1b[2J<b>"]
 
 
