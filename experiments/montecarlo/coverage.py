@@ -174,22 +174,13 @@ def model_errors(runs: Columns, model: str, numbers: tuple[int, ...], given: boo
     return replace(errors, exceeded=exceeded, residual_dof=float(below.mean()) if errors.count else np.nan)
 
 
-def coverage_of(errors: Errors) -> list[dict[str, Any]]:
-    """Return the figures of every parameter by their names in `Coverage`."""
+def coverage_of(errors: Errors) -> list[tuple[Any, ...]]:
+    """Return the figures of every parameter in the order of `Coverage`."""
     ratio, ratio_interval = errors.standard_error_ratio(CONFIDENCE)
     held, held_interval = errors.coverage(CONFIDENCE)
-    figures = {
-        "bias": errors.bias,
-        "bias_mc_error": errors.mc_error,
-        "standard_error": errors.standard_error,
-        "empirical_standard_error": errors.sd,
-        "standard_error_ratio": ratio,
-        "standard_error_ratio_interval": ratio_interval.T,
-        "coverage95": held,
-        "coverage95_interval": held_interval.T,
-    }
-    columns = [column.tolist() for column in figures.values()]
-    return [dict(zip(figures, row, strict=True)) for row in zip(*columns, strict=True)]
+    sizes = (errors.bias, errors.mc_error, errors.standard_error, errors.sd)
+    figures = (*sizes, ratio, ratio_interval.T, held, held_interval.T)
+    return list(zip(*(figure.tolist() for figure in figures), strict=True))
 
 
 def model_coverage(errors: Errors, names: tuple[str, ...]) -> dict[str, Any]:
@@ -199,7 +190,7 @@ def model_coverage(errors: Errors, names: tuple[str, ...]) -> dict[str, Any]:
     if errors.exceeded is not None and errors.count:
         exceeded, interval = share(np.array([errors.exceeded]), errors.count, CONFIDENCE)
         beyond = Share(float(exceeded[0]), interval[:, 0].tolist())
-    parameters = [ParameterCoverage(number=n, name=names[n - 1], **row) for n, row in rows]
+    parameters = [ParameterCoverage(*row, number=n, name=names[n - 1]) for n, row in rows]
     return {"parameters": parameters, "beyond_95": beyond}
 
 

@@ -274,7 +274,7 @@ class MonteCarlo(Result, ModelCoverage):
             imperfections=float(settings.imperfections),
             **covered["full"],
             simplified=ModelCoverage(**covered.get("simplified", {"parameters": []})),
-            total_mass=Coverage(**coverage.coverage_of(of_mass)[0]),
+            total_mass=Coverage(*coverage.coverage_of(of_mass)[0]),
             identified=models["full"].count,
             failures=dict(Counter(str(reason) for reason in every_run["failure"] if reason)),
             checks=done,
