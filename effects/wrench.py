@@ -60,10 +60,6 @@ def _linear(matrix: Callable[[str, Values], np.ndarray]) -> Misreading:
     return Misreading(apply, remove)
 
 
-def _gain(target: str, values: Values) -> np.ndarray:
-    return (1 + values[0]) * np.eye(6)
-
-
 def _crosstalk(target: str, values: Values) -> np.ndarray:
     _, channel, load = target.split(".")
     out = np.eye(6)
@@ -139,7 +135,7 @@ EFFECTS = (
         name="wrench-gain",
         sentence="A force-torque sensor reads all forces and moments in proportion too large.",
         parameters=(Parameter("gain error", "", prior=0.01),),
-        mechanism=_linear(_gain),
+        mechanism=_linear(lambda target, values: (1 + values[0]) * np.eye(6)),
         words="The {target} force-torque sensor reads {0} too much of any load.",
         targets=PLATE_NAMES,
         explanation="""A force-torque sensor reads all forces and moments in proportion too large.
