@@ -72,11 +72,7 @@ class Parameter:
         return f"s.d. {self.text(self.prior)}{sign}"
 
     def text(self, value: float, interval: tuple[float, float] | None = None) -> str:
-        """Write a value with its unit, and ± the longer half of its 95 % interval if there is one.
-
-        Args:
-            value, interval: in the parameter's SI unit.
-        """
+        """Write a value [SI] with its unit, and ± the longer half of its 95 % interval if there is one."""
         if self.choices:
             return self.choices[round(value)].replace("_", " ")
         factor, unit = self.display

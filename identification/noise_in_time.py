@@ -21,11 +21,7 @@ OFTEN = np.convolve(_WEIGHTS, _WEIGHTS)  # how much pairs of samples with these 
 
 @dataclass(frozen=True)
 class NoiseInTime:
-    """How the noise of rows is correlated in time.
-
-    Attributes:
-        share: of its variance that lasts, 0 to 1. seconds: for how long [s].
-    """
+    """The share, 0 to 1, of the noise's variance that lasts from row to row, and for how long [s]."""
 
     share: float = 0.0
     seconds: float = 1.0

@@ -43,11 +43,7 @@ class ReadingNoise:
 
     @property
     def weights(self) -> Weights:
-        """Return the inverse of the covariance.
-
-        Raises:
-            numpy.linalg.LinAlgError: a posture without noise of its own.
-        """
+        """Return the inverse of the covariance; LinAlgError: a posture without noise of its own."""
         m, placement = len(self.own), groups(self.placement)
         nothing = np.zeros((m, 2, 0))
         own, owner = np.zeros((0, m, 2, 2)), np.zeros(self.shared.shape[2], int)

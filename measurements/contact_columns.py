@@ -17,11 +17,7 @@ NO_CELLS = np.zeros((2, 0, 2))  # places of the cells of plates that have none
 
 
 def reading_columns(entries: Entries, prefix_end: str = "") -> list[str]:
-    """List the columns of the contacts' readings, without the plates' poses.
-
-    Args:
-        prefix_end: "_std" for the columns of their s.d., which cops do not have.
-    """
+    """List the columns of readings without plates' poses, or, by "_std", of their s.d.; cops have none."""
     names = []
     for entry in entries:
         if isinstance(entry, WrenchEntry):
@@ -131,11 +127,7 @@ def _vertical(
     cop_sd: np.ndarray | None = None,
     depth: float = 0.0,
 ) -> dict[str, Any]:
-    """Return tared sensors of vertical wrenches.
-
-    Args:
-        readings: fz, mx, my of the right and of the left, (m, 2, 3). cop_sd, depth: see `Contacts`.
-    """
+    """Return tared sensors of vertical wrenches, whose readings fz, mx, my are (m, 2, 3)."""
     contacts = Contacts(
         mount=mount,
         channels=VERTICAL,

@@ -15,11 +15,7 @@ ADVICE = {
 
 
 def check_kind(folder: Path, wanted: str) -> None:
-    """Refuse a path that is no folder, or a folder of another kind.
-
-    Args:
-        wanted: "measurement" or "plan".
-    """
+    """Refuse a path that is no folder of the wanted kind, "measurement" or "plan"."""
     if not is_folder(folder):
         there = present(folder)
         found = "found a file, expected a" if there else "no such"

@@ -98,11 +98,7 @@ def write_measurements(folder: Path, measurements: Measurements, likely: bool = 
 
 
 def write_motion(folder: Path, samples: Measurements) -> None:
-    """Write a measurement folder of a robot that moves, which appears whole or not at all.
-
-    Args:
-        samples: one row a sample, whose `posture` is the number of its segment.
-    """
+    """Write the folder of a motion, whole or not at all; a sample's `posture` is its segment's number."""
     check_contract(samples)
     check_segments("samples", samples.time, samples.posture, samples.placement, samples.support)
     window = usual_window(samples.sensors.encoder_resolution)
@@ -162,11 +158,7 @@ def read_measurements(folder: Path, likely: bool = True) -> Measurements:
 
 
 def moves(folder: Path) -> bool:
-    """Return whether a measurement folder holds samples of a motion in place of postures.
-
-    Raises:
-        InputError: it holds both.
-    """
+    """Return whether a folder holds samples of a motion in place of postures; refuse one with both."""
     motion, postures = (
         [path for path in (folder / f"{name}.{suffix}" for suffix in ("parquet", "csv")) if present(path)]
         for name in (MOTION, "postures")

@@ -195,11 +195,7 @@ def shapes_of(kind: str, quantity: str) -> tuple[str, ...]:
 
 @cache
 def sentence_of(text: str, where: str = "law") -> Sentence:
-    """Read `WHAT/OF/SHAPE`, without checking names against a robot.
-
-    Raises:
-        InputError: a sentence that makes no sense, with those that do.
-    """
+    """Read `WHAT/OF/SHAPE`, without checking names against a robot; refuse what makes no sense."""
     parts = text.split("/")
     if len(parts) != 3:
         raise InputError(

@@ -66,11 +66,7 @@ def _without_pull(observed: Observation, target: str, values: Values) -> Observa
 
 @dataclass(frozen=True, repr=False)
 class Law(Effect):
-    """An effect that the grammar makes.
-
-    Attributes:
-        target: the only one that it has.
-    """
+    """An effect that the grammar makes, with its only target."""
 
     target: str = ""
 
@@ -98,11 +94,7 @@ class Law(Effect):
 
 
 def law_effect(target: str, where: str = LAW) -> Effect:
-    """Return the effect that a law of this target says.
-
-    Raises:
-        InputError: a sentence that makes no sense, with those that do.
-    """
+    """Return the effect that a law of this target says; refuse a sentence that makes no sense."""
     sentence_of(target, where)
     return _law_effect(target)
 

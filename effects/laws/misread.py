@@ -109,11 +109,7 @@ def undo(observed: Observation, target: str, values: Values) -> Observation:
 
 
 def error(observed: Observation, sentence: Sentence, values: Values) -> np.ndarray:
-    """Compute reading minus truth, in the shape of the readings: joint angles, cells or plate poses.
-
-    Args:
-        observed: with true readings.
-    """
+    """Compute reading minus truth, in the shape of angles, cells or plate poses, from true readings."""
     sizes, fixed, ends = split_values(sentence, values)
     out = np.zeros_like(getattr(observed, sentence.field))
     for at in readings(observed, sentence):

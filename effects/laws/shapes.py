@@ -94,11 +94,7 @@ def _spline(knots: int) -> CubicSpline:
 
 
 def choices(sentence: Sentence, x: np.ndarray) -> np.ndarray:
-    """List the values of `fixed_names` that a search tries, (g, f).
-
-    Args:
-        x: the quantity as it was measured, (m, d).
-    """
+    """List the values of `fixed_names` that a search tries, (g, f), of a measured quantity, (m, d)."""
     form, timed = sentence.form, sentence.quantity == g.TIME
     first = x[:, 0]
     if not fixed_names(sentence):

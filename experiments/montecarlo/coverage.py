@@ -159,11 +159,7 @@ def summarise_errors(
 
 
 def model_errors(runs: Columns, model: str, numbers: tuple[int, ...], given: bool = False) -> Errors:
-    """Summarise the errors of a model's parameters.
-
-    Args:
-        given: that are left if the imperfections which the data do not show were known.
-    """
+    """Summarise a model's errors, or those `given` the imperfections that the data do not show."""
     value, error = ("given", "given_se") if given else ("value", "se")
     stated, dof = (matrix(runs, [f"{model}.{name}.{n}" for n in numbers]) for name in (error, "dof"))
     errors = summarise_errors(errors_of(runs, model, numbers, value), stated, dof, numbers)

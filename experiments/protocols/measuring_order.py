@@ -181,11 +181,7 @@ def _explained(robot: Robot, plan: PosturePlan) -> np.ndarray:
 
 
 def _inflation(basis: np.ndarray, rig: Rig, plan: PosturePlan, order: np.ndarray) -> float:
-    """Return the larger inflation of both axes.
-
-    Args:
-        basis: see `_explained`.
-    """
+    """Return the larger inflation of both axes with a basis of `_explained`."""
     if len(order) < 2:
         return 1.0
     time = start_times(rig, plan.placement[order])

@@ -69,11 +69,7 @@ class Direction:
         return effect_label(self.effect.name, self.target)
 
     def words(self, size: float) -> str:
-        """Tell the change in words.
-
-        Args:
-            size: in plausible sizes; of a ramp, in ten postures.
-        """
+        """Tell the change, in plausible sizes (of a ramp, in ten postures), in words."""
         parameters = self.effect.parameters_on(self.target)
         values = [parameters[k].text(size * self.sizes[k]) for k in self.effect.sizes if self.sizes[k]]
         sort = "drifts by about {} in ten postures" if self.ramp else "changed by about {}"

@@ -155,11 +155,7 @@ class DesignInformation:
         return self.begun(self.whole)
 
     def with_posture(self, model: DayModel, row: RowColumns, kept: float = 0.0) -> DesignInformation:
-        """Return the information with one more posture.
-
-        Args:
-            kept: correlation of its noise with that of the row before.
-        """
+        """Return the information with one more posture, by its noise's correlation with the row before."""
         by_angles = row.by_angles[CENTER]
         noise = model.noise.encoder**2 * by_angles @ by_angles.T + row.cells[CENTER, CENTER]
         base = row.state[CENTER, : model.parameters]

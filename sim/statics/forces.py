@@ -204,11 +204,7 @@ def _turned(rotation: np.ndarray, joint: Joint, angle: np.ndarray) -> np.ndarray
 
 
 def body_loads(m: Mechanism, state: StaticState, load: Load, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
-    """Return force and moment about the world's origin on every body, by weight, feet and ropes.
-
-    Returns:
-        (nb, ..., 3) each [N], [Nm].
-    """
+    """Return force and moment on every body about the world's origin, (nb, ..., 3) each [N], [Nm]."""
     batch = state.angles.ndim - 1
     weight = _by_body(load.mass[..., None], batch) * m.gravity
     center = frames.place + (frames.rotation @ _by_body(load.center, batch)[..., None])[..., 0]

@@ -43,11 +43,7 @@ class RockingBoard:
         return [(self.cell + 1) % 4, (self.cell + 3) % 4]
 
     def tare(self, share: float) -> np.ndarray:
-        """Return what the cells of the empty board bear, (4,) [N]: it balances on the diagonal.
-
-        Args:
-            share: a quarter of its weight [N].
-        """
+        """Return what the cells of the empty board bear, (4,) [N], by a quarter of its weight [N]."""
         return np.where(np.isin(np.arange(4), self.beside), 2 * share, 0.0)
 
     def deflection(self, down: np.ndarray, tip: np.ndarray) -> np.ndarray:

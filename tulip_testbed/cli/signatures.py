@@ -32,11 +32,7 @@ class Argument:
 
 @dataclass(frozen=True)
 class PublicFunction:
-    """A function of the API.
-
-    Attributes:
-        explanation: its docstring up to the sections.
-    """
+    """A function of the API, explained by its docstring up to the sections."""
 
     name: str
     arguments: tuple[Argument, ...]

@@ -20,11 +20,7 @@ RUN = "Run"  # title of the values that no other table holds
 
 @dataclass(frozen=True)
 class Section:
-    """A section of the page; empty parts are left out.
-
-    Attributes:
-        folded: a heading and a preformatted text or a table, which a click unfolds.
-    """
+    """A section of the page; empty parts are left out; a click unfolds `folded`, a heading with a text."""
 
     title: str
     paragraphs: tuple[str, ...] = ()

@@ -121,11 +121,7 @@ def prediction_page(found: Prediction) -> Page:
 
 
 def write_atlas(folder: Path, found: Atlas) -> None:
-    """Write the folder, which appears whole or not at all.
-
-    Raises:
-        InputError: the folder exists or cannot be written.
-    """
+    """Write the folder, which appears whole or not at all."""
     with new_folder(folder) as working:
         write_json(working / "atlas.json", found.to_json())
         write_text(working / ATLAS_PAGE, html(atlas_page(found)))
