@@ -45,13 +45,7 @@ def hook(robot: Robot, link: str = "") -> Hook:
 def tie(
     spec: mujoco.MjSpec, name: str, hooked: Hook, reach: np.ndarray, stiffness: float, length: float
 ) -> None:
-    """Tie a link to a point far away by a spring.
-
-    Args:
-        reach: from the link's upright place to that point, (3,) [m].
-        stiffness: of the spring [N/m].
-        length: of the spring at rest [m].
-    """
+    """Tie a link by a spring [N/m] of a length at rest [m] to a point, `reach` [m] from its place, (3,)."""
     spec.worldbody.add_site(name=f"{name}_anchor", pos=hooked.upright + reach)
     spec.body(hooked.body).add_site(name=f"{name}_hook", pos=hooked.point)
     rope = spec.add_tendon(name=name, stiffness=[stiffness, 0.0, 0.0], springlength=[length, length])

@@ -27,12 +27,7 @@ def _unit(target: str) -> str:
 
 
 def _linear(matrix: Callable[[str, Values], np.ndarray]) -> Misreading:
-    """Make a misreading of one foot's sensor from a matrix: its reading per wrench.
-
-    Args:
-        matrix: (target, values) -> (6, 6), in the order of `WRENCH`. Of a sensor with fewer channels, the
-            part between these counts.
-    """
+    """Make a misreading of one foot's sensor of its reading per wrench, (6, 6), or the part that it has."""
 
     def of_foot(contacts: Contacts | None, target: str, values: Values) -> tuple[int, np.ndarray]:
         assert contacts is not None

@@ -20,12 +20,7 @@ LEAST_SHARE = 0.01
 def calibration_report(
     found: SelfCalibration, names: tuple[str, ...], contacts: Contacts | None, rows: int
 ) -> list[Table | str]:
-    """Return the tables of families, of members that the data know, and the budget.
-
-    Args:
-        names: of the base parameters, (p,). contacts: the sensors of the measurements.
-        rows: how many there are.
-    """
+    """Return the tables of families, of members that the data know, and the budget."""
     zero, small, unseen, members = 0, [], [], []
     for one in found.families:
         clear = (one.interval95[:, 0] > 0) | (one.interval95[:, 1] < 0)  # of zero

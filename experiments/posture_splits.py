@@ -16,12 +16,7 @@ RANGE = re.compile(r"(placement:)?(\d+)(?:-(\d+))?")
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """One way to take postures apart.
-
-    Attributes:
-        name: "blocks", "halves" or "stated".
-        folds: rows that train and rows that are predicted, by fold; no posture is in both.
-    """
+    """A way to take postures apart, by name, into rows that train and rows that are predicted, by fold."""
 
     name: str
     folds: tuple[tuple[np.ndarray, np.ndarray], ...]

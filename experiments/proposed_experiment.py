@@ -129,12 +129,7 @@ def propose_experiments(
     plan: PosturePlan | None = None,
     seed: int = 0,
 ) -> Proposals:
-    """Rank the experiments that would settle a discovery.
-
-    Args:
-        measurements: everything so far. verdict, explanations: of the discovery.
-        plan, seed: see `tulip_testbed.next_experiment`.
-    """
+    """Rank the experiments that would settle a discovery, see `tulip_testbed.next_experiment`."""
     doubts = doubts_of(verdict, explanations)
     ranking = rank_experiments(measurements, robot, doubts, plan, seed) if doubts else []
     count = max(len(measurements.experiments), 1)

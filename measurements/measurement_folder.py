@@ -276,12 +276,7 @@ def rows_in(manifest: Manifest, table: MappedTable, where: Path) -> Measurements
 def header_in(
     manifest: Manifest, where: Path, of_sensors: Mapping[str, Any] | None = None
 ) -> MeasurementHeader:
-    """Return the header of measurements that a manifest states.
-
-    Args:
-        of_sensors: `cells`, `top_height` and `contacts` of the sensors of version 2, which follow from their
-            readings too.
-    """
+    """Return a manifest's header; cells, heights and contacts of sensors of version 2 are given."""
     mass, sheet, constant = manifest.weighed_mass, manifest.sensors, manifest.constant_joints or {}
     return MeasurementHeader(
         robot={key: getattr(manifest.robot, key) for key in ("model", "sha256", "stance_foot", "swing_foot")},

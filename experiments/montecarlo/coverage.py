@@ -140,12 +140,7 @@ def share(counts: np.ndarray, count: int, confidence: float) -> Estimates:
 def summarise_errors(
     error: np.ndarray, stated: np.ndarray, dof: np.ndarray, numbers: tuple[int, ...] = (0,)
 ) -> Errors:
-    """Summarise the errors of p parameters in n runs.
-
-    Args:
-        error, stated: estimate minus truth and the stated standard error, (n, p) [m].
-        dof: of each parameter's t interval, (n, p).
-    """
+    """Summarise errors, (n, p) [m], by stated standard errors and their degrees of freedom, (n, p)."""
     count = len(error)
     none = np.full(error.shape[1], np.nan)
     return Errors(

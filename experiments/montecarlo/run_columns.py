@@ -88,12 +88,7 @@ class RunChunks:
 
 @dataclass(frozen=True)
 class Layout:
-    """Which columns a record has.
-
-    Attributes:
-        names: of all base parameters, numbered from 1.
-        models: numbers of the parameters that each model estimates.
-    """
+    """Columns of a record: all base parameters, numbered from 1, and the numbers that a model estimates."""
 
     names: tuple[str, ...]
     models: dict[str, tuple[int, ...]]

@@ -22,12 +22,7 @@ BOTH = "double"
 
 @dataclass(frozen=True)
 class SignCheck:
-    """The signs of a table that the robot confirms.
-
-    Attributes:
-        confirmed: by column of the contract, what confirms its sign.
-        doubtful: what contradicts the signs or units, one sentence each.
-    """
+    """Confirmations of a table's signs, by column of the contract, and what contradicts signs or units."""
 
     confirmed: dict[str, str]
     doubtful: list[str]

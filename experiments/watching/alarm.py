@@ -32,12 +32,7 @@ GONE = 10.0  # ln of the likelihood ratio, from which a change counts as gone
 
 @dataclass(frozen=True)
 class Level:
-    """Limits of a day.
-
-    Attributes:
-        row: p-value below which a row does not fit. repeat: that of its difference from the last time.
-        ratio: of a change, twice the ln of the likelihood ratio.
-    """
+    """Limits of a day: p-values of a row and of a repeat, and twice the ln of a change's likelihood ratio."""
 
     row: float
     repeat: float

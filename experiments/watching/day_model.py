@@ -200,12 +200,7 @@ class DayModel:
 def day_model(
     plan: PosturePlan, robot: Robot, header: MeasurementHeader, window: float | None = None
 ) -> DayModel:
-    """Prepare the watch of a day.
-
-    Args:
-        header: of the day's measurements, by plates on four cells.
-        window: of the rows of a plan that moves [s]; None: it does not.
-    """
+    """Prepare the watch of a day on plates with four cells; a plan that moves has rows of a window [s]."""
     check_fits("plan", plan, robot)
     nominal = nominal_robot(robot, common_support(plan.support))
     observed, inertias = observe(Measurements.without_rows(header), nominal), None

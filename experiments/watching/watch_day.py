@@ -42,12 +42,7 @@ EVERY = "all"
 
 @dataclass(frozen=True, eq=False)
 class Arrival:
-    """The result of a line of the table.
-
-    Attributes:
-        line: its number. verdict: None if it could not be read.
-        problem: why it could not be read, otherwise "".
-    """
+    """The verdict on a line of the table, or the problem why it could not be read."""
 
     line: int
     verdict: Verdict | None

@@ -46,13 +46,7 @@ GROUPS = {"joint": "joint limits", "torque": "torques"}  # by the first word of 
 
 @dataclass(frozen=True)
 class Start:
-    """Start of a search.
-
-    Attributes:
-        drawn: random postures on both feet.
-        state: state of their search.
-        single: postures on each foot that are optimised with them.
-    """
+    """Start of a search: random postures on both feet, their search's state, and those on each foot."""
 
     drawn: PosturePlan
     state: SearchState

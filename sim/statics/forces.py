@@ -35,12 +35,7 @@ class StaticState:
         self.angles[which], self.wrench[which] = other.angles, other.wrench
 
     def moved(self, change: np.ndarray) -> StaticState:
-        """Return the state after a change.
-
-        Args:
-            change: translation and rotation vector of the torso in the world's axes, coordinates and
-                wrenches, (..., 6 + n + 12).
-        """
+        """Return the state after a change of torso, coordinates and wrenches, (..., 6 + n + 12)."""
         n = self.angles.shape[-1]
         return StaticState(
             self.position + change[..., :3],

@@ -69,12 +69,7 @@ class RockingBoard:
 
 
 def rocking_board(cells: np.ndarray, short: np.ndarray) -> RockingBoard | None:
-    """Return a plate's board if it rocks, None if its feet are equally long.
-
-    Args:
-        cells: positions of the cells on the plate, (4, 2) [m].
-        short: by how much the foot at each is shorter than the longest, (4,) [m].
-    """
+    """Return a board if it rocks, by its cells' places, (4, 2), and how far each is too short, (4,) [m]."""
     if (short <= LEVEL).all():
         return None
     if (short > LEVEL).sum() > 1:

@@ -61,12 +61,7 @@ def _check_soles(model: mujoco.MjModel, feet: tuple[str, str]) -> None:
 
 @dataclass(frozen=True)
 class _Tree:
-    """The robot's part of a compiled scene.
-
-    Attributes:
-        number: of every body in the mechanism, by its number in the scene.
-        column: of every joint's coordinate, likewise.
-    """
+    """The robot's part of a compiled scene: numbers of bodies and coordinates by those in the scene."""
 
     model: mujoco.MjModel
     number: dict[int, int]

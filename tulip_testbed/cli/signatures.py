@@ -15,13 +15,7 @@ REQUIRED = object()  # the default of a parameter that has none
 
 @dataclass(frozen=True)
 class Argument:
-    """A parameter of a function.
-
-    Attributes:
-        annotation: as text. default: its value, or `REQUIRED`.
-        by_place: whether it may be given without its name.
-        text: what the docstring says of it.
-    """
+    """A parameter of a function: annotation as text, default or `REQUIRED`, what the docstring says of it."""
 
     name: str
     annotation: str

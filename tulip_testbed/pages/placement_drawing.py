@@ -21,12 +21,7 @@ BOARD, SOLE, DATUM = "#8a939c", "#1f5fa8", "#c4461b"
 
 @dataclass(frozen=True)
 class Mark:
-    """A point to be measured on boards or floor.
-
-    Attributes:
-        label: as in the drawing. name: its description.
-        x, y: in the base frame [mm].
-    """
+    """A point to be measured on boards or floor, in the base frame [mm], with its label and description."""
 
     label: str
     name: str
