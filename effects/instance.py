@@ -364,10 +364,7 @@ def misread_in_feet(
 
 
 def as_manipulated(instances: Sequence[EffectInstance], experiment: Experiment) -> tuple[EffectInstance, ...]:
-    """Return effects as they act in a manipulated laboratory.
-
-    Instruments that were zeroed, tared or surveyed again are exact.
-    """
+    """Return effects as they act where instruments that were zeroed, tared or surveyed again are exact."""
     out = []
     for one in instances:
         check_everywhere(one.target, str(one))

@@ -145,10 +145,7 @@ def series_rows(
 
 
 def _support(samples: Measurements, nominal: Nominal, weight: float) -> np.ndarray:
-    """Return on which feet the robot stands by its contact sensors and its legs, (n,).
-
-    It is "" where it stands on none, or while a foot lands or lifts.
-    """
+    """Return on which feet the robot stands, (n,); "" where it is on none, or while a foot lands or lifts."""
     support, share = supports(samples, weight), loads(samples) / weight
     light = (support == "double") & (share < LIGHT).any(axis=1)
     both = (support == "double") & ~light

@@ -111,10 +111,7 @@ def fault_of_odd_rows(model: DayModel, state: WatchState, innovation: Innovation
 
 
 def still_there(model: DayModel, state: WatchState, innovation: Innovation) -> tuple[WatchState, Finding]:
-    """Return the state with or without the change after one more row, and what to say of it.
-
-    While a change is there, no row is taken in.
-    """
+    """Return the state after one more row, not taken in while the change is there, and what to say of it."""
     fault = state.fault
     assert fault is not None
     signature = fault.size * innovation.faults[:, fault.direction]

@@ -162,10 +162,7 @@ class DayModel:
         return len(self.nominal.value)
 
     def first_rows(self, rows: Measurements) -> np.ndarray:
-        """Return the plan's first row of the posture of each measured row, (m,); 0 if it has none.
-
-        Of a motion it is the first of the placement.
-        """
+        """Return the plan's first row of each row's posture (of a motion: of its placement), (m,); else 0."""
         if self.window is None:
             return (self.plan.posture == rows.posture[:, None]).argmax(axis=1)
         return (self.plan.placement == rows.placement[:, None]).argmax(axis=1)

@@ -49,10 +49,7 @@ class Placement:
 
 
 def placement_of(robot: Robot, boards: np.ndarray, feet: np.ndarray, support: np.ndarray) -> Placement:
-    """Return the boards and soles of a placement by the support of its postures, (k,).
-
-    The poses of right and left board and foot are in the base frame, (2, 3) [m, m, rad].
-    """
+    """Return boards and soles of a placement, (2, 3) [m, m, rad] each, by supports, (k,)."""
     corners = nominal_plates(robot)[0].corners
     soles = [sole_corners(robot.model, foot)[:, :2] for foot in robot.feet]
     return Placement(

@@ -60,10 +60,7 @@ def check_display() -> None:
 
 
 def open_window(title: str, log: Log) -> Callable[[], None]:
-    """Open rerun's own viewer; the window stays until it is closed or this process ends.
-
-    The returned function waits until it is closed.
-    """
+    """Open rerun's own viewer until it is closed or this process ends; return what waits for that."""
     check_display()
     kept = ExitStack()
     scratch = kept.enter_context(scratch_folder(SCRATCH))
