@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from tulip_testbed.base.files import check_new, new_folder, write_bytes, write_text
+from tulip_testbed.base.files import new_folder, write_bytes, write_text
 from tulip_testbed.base.table import Table
 from tulip_testbed.base.table_files import write_json
 from tulip_testbed.experiments.atlases.atlas_result import LEGEND as ATLAS_LEGEND
@@ -15,7 +15,6 @@ from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
 from tulip_testbed.experiments.predict import Prediction
 from tulip_testbed.experiments.saved_runs import RunResult
 from tulip_testbed.experiments.validation_result import Validation
-from tulip_testbed.pages import ENDING
 from tulip_testbed.pages import figures as drawn
 from tulip_testbed.pages.discovery_page import discovery_page
 from tulip_testbed.pages.figures import Figure
@@ -33,12 +32,7 @@ def page_of(run: RunResult | Prediction) -> Page:
 
 
 def write_page(path: Path, run: RunResult | Prediction) -> Page:
-    """Write the page of a prediction or a run as one HTML file, which appears whole, and return it.
-
-    Raises:
-        InputError: the file exists, cannot be written or has another ending.
-    """
-    check_new(path, ENDING)
+    """Write the page of a prediction or a run as one new HTML file, which appears whole, and return it."""
     page = page_of(run)
     write_bytes(path, html(page).encode(), new=True)
     return page
