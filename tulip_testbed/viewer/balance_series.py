@@ -29,7 +29,7 @@ def log_balance(canvas: Canvas, subject: Subject) -> None:
     """Log everything on the ground, under /world/balance [m] and from above under /above [mm]."""
     corners = subject.board.corners
     boards = [[_closed(place_polygon(corners, plate)) for plate in plates] for plates in subject.plates]
-    soles = subject.nominal.geometry(subject.joint_angles, subject.support).soles
+    soles = subject.nominal.geometry(subject.rows.joint_angles, subject.rows.support).soles
     if not subject.sensors_in_feet:
         _strips_above(canvas, "above/plates", boards, (158, 184, 204), 2.0)
     _strips_above(canvas, "above/soles", [[_closed(s) for s in row] for row in soles], (130, 130, 130), 2.0)

@@ -55,7 +55,7 @@ def log_links(canvas: Canvas, subject: Subject) -> None:
     nominal = standard_parameters(subject.nominal.robot.visual_model)
     others = {name: true for name, true in subject.true_masses.items() if not np.allclose(true, nominal)}
     robot_view.log_masses(canvas, subject, {"nominal model": nominal} | others)
-    robot_view.log_skeleton(canvas, "world/masses/skeleton", subject, subject.joint_angles, SKELETON)
+    robot_view.log_skeleton(canvas, "world/masses/skeleton", subject, subject.rows.joint_angles, SKELETON)
 
 
 def posture_views(subject: Subject) -> dict[str, list[rrb.View]]:
