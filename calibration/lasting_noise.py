@@ -11,12 +11,12 @@ from dataclasses import replace
 import numpy as np
 
 from tulip_testbed.calibration.linear_problem import LinearProblem
-from tulip_testbed.calibration.reml import LikelihoodFit, fit
+from tulip_testbed.calibration.reml import LikelihoodFit, fit_nearby
 from tulip_testbed.identification.noise_in_time import WHITE, Decorrelation, NoiseInTime
 
 SHARES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98)
 # s. What lasts longer than a few postures is not noise of the sensors but what the model lacks, and has to be
-# seen as such: with force plates the likelihood would rise to 8 to 45 s in most laboratories. Assumed.
+# seen as such. Assumed.
 SECONDS = (0.5 * 2.0 ** (np.arange(7) / 2)).tolist()
 SHORT = NoiseInTime(0.5, 1.0)
 WAYS = ((0, -1), (0, 1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))
@@ -39,14 +39,15 @@ def likeliest_noise(
             ridge on which a larger share that lasts longer resembles a smaller one.
         decorrelated: makes what the problem needs in place of its `in_time`.
     """
-    used, known = np.any(problem.whole, axis=2), dict[NoiseInTime, float]()
+    used = np.any(problem.whole, axis=2)
+    known, modes = dict[NoiseInTime, float](), dict[NoiseInTime, LikelihoodFit]()
 
     def likelihood(one: NoiseInTime) -> float:
         if one not in known:
-            in_time = decorrelated(one)
+            in_time, near = decorrelated(one), modes.get(best, fitted)
             try:
-                found = fit(replace(problem, in_time=in_time), (fitted.scales, fitted.spreads))
-                known[one] = in_time.log_volume(used) - found.value
+                modes[one] = fit_nearby(replace(problem, in_time=in_time), (near.scales, near.spreads))
+                known[one] = in_time.log_volume(used) - modes[one].value
             except np.linalg.LinAlgError:
                 known[one] = -np.inf
         return known[one]

@@ -43,6 +43,7 @@ from tulip_testbed.identification.residual_noise import solve_triangular
 
 QUIETEST = np.log(0.05)  # of a scale of the noise: less leaves residuals without any
 CONVERGED = 1e-3  # of the log-likelihood: a step of less than a twentieth of a standard deviation
+LITTLE = 0.5  # of the log-likelihood
 ROUNDING = 1e-14  # of the largest information, that is lost where columns N are projected out
 UNNOTICED = 1e-9  # of the information about a member whose prior s.d. is 1
 
@@ -101,10 +102,33 @@ def fit(problem: LinearProblem, start: tuple[np.ndarray, np.ndarray] | None = No
         numpy.linalg.LinAlgError: readings that are not finite, or columns N that are not independent.
     """
     small, shown = problem.in_use()
-    return _with_hidden(problem, shown, _fit(small, start))
+    noise, spread, joint, _ = _mode(small, start, CONVERGED)
+    return _with_hidden(problem, shown, _result(small, noise, spread, joint))
 
 
-def _fit(problem: LinearProblem, start: tuple[np.ndarray, np.ndarray] | None) -> LikelihoodFit:
+def fit_nearby(problem: LinearProblem, start: tuple[np.ndarray, np.ndarray]) -> LikelihoodFit:
+    """Return about what `fit` returns, to compare the values of similar problems.
+
+    From the mode of a similar problem one of Newton's steps mostly suffices: what the next would gain is
+    little, and counted in the value without being made.
+
+    Raises:
+        numpy.linalg.LinAlgError: see `fit`.
+    """
+    small, shown = problem.in_use()
+    noise, spread, joint, gain = _mode(small, start, LITTLE)
+    fitted = _with_hidden(problem, shown, _result(small, noise, spread, joint))
+    return replace(fitted, value=fitted.value - gain)
+
+
+def _mode(
+    problem: LinearProblem, start: tuple[np.ndarray, np.ndarray] | None, little: float
+) -> tuple[_Noise, Spread, tuple[np.ndarray, np.ndarray, tuple[np.ndarray, ...]], float]:
+    """Go down by Newton's steps, until one gains less than a little of the log-likelihood.
+
+    Returns:
+        the terms there, what `_joint` returns, and what the next step would gain.
+    """
     k, f = len(problem.noise), len(problem.sizes)
     first = (np.zeros(k), np.zeros(f)) if start is None else (np.log(start[0]), np.log(start[1]))
     noise = _noise(problem, first[0])
@@ -113,8 +137,8 @@ def _fit(problem: LinearProblem, start: tuple[np.ndarray, np.ndarray] | None) ->
     for _ in range(MOST_STEPS):
         gradient, hessian, _ = joint = _joint(problem, noise, spread)
         step = newton_step(gradient, hessian, np.append(noise.log_scale, spread.log_spread), limits)
-        if abs(gradient @ step) < CONVERGED:
-            return _result(problem, noise, spread, joint)
+        if abs(gradient @ step) < little:
+            return noise, spread, joint, -0.5 * float(gradient @ step)
         del joint
         at, value = noise.log_scale, noise.value + spread.value
         del noise  # it is large: one at a time
@@ -124,9 +148,9 @@ def _fit(problem: LinearProblem, start: tuple[np.ndarray, np.ndarray] | None) ->
             break
         noise, spread = better
         del better
-        if value - noise.value - spread.value < CONVERGED:
+        if value - noise.value - spread.value < little:
             break
-    return _result(problem, noise, spread, _joint(problem, noise, spread))
+    return noise, spread, _joint(problem, noise, spread), 0.0
 
 
 def _on_the_way(

@@ -6,10 +6,9 @@ import numpy as np
 
 from tulip_testbed.calibration.families import Family, families_in
 from tulip_testbed.calibration.linear_model import linear_model
-from tulip_testbed.calibration.linearisation import SYSTEMATIC, joint_compliance
+from tulip_testbed.calibration.linearisation import joint_compliance, unseen_wrench
 from tulip_testbed.calibration.member_columns import member_columns
 from tulip_testbed.calibration.self_calibration import usual_tolerances
-from tulip_testbed.identification.joint_loads import UNSEEN
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.preflight.usual import Usual
@@ -51,7 +50,7 @@ def usual_changes(
     sizes = np.concatenate([np.zeros(0), *(np.full(len(family), family.tolerance) for family in families)])
     compliance = joint_compliance(families, sizes, observed.tree.joints)
     by_angles = slope[:, LEVEL, fields(observed)["angles"]]
-    unseen = by_angles @ (compliance[:, None] * observed.loads.levers) * SYSTEMATIC * UNSEEN
+    unseen = by_angles @ (compliance[:, None] * observed.loads.levers) * unseen_wrench(observed)
     return Usual(known, whole[:, :2], whole[:, 2], whole[:, 3:], unseen)
 
 

@@ -110,22 +110,21 @@ def identify(
             f"`estimator={SELF_CALIBRATING}`"
         )
     parameters = parameters or base_parameters(robot, support=common_support(measurements.support))
-    observed = None
+    nominal = nominal_robot(robot, parameters.support)
     if adopted:
         check_robot(parameters, measurements, robot, source)
-        measurements, observed = without(measurements, nominal_robot(robot, parameters.support), adopted)
-        parameters = dataclasses.replace(parameters, tree=observed.tree)
+        measurements, without_effects = without(measurements, nominal, adopted)
+        parameters = dataclasses.replace(parameters, tree=without_effects.tree)
     data = regression(parameters, measurements, robot, source)
     _check_weighed_mass(measurements, float(robot.model.body_mass.sum()), source)
     kept = simplified_numbers(robot, parameters)
-    mass = contact_pressure(measurements, nominal_robot(robot, parameters.support)).mass
+    observed = observe(given if estimator == SELF_CALIBRATING else measurements, nominal)
     if estimator == SELF_CALIBRATING:
-        observed = observe(given, nominal_robot(robot, parameters.support))
         observed = but_for_compliances(observed, adopted, tolerances)
         free = confounded_directions(observed, data)
         full, simplified, found = calibrated_estimates(observed, data, kept, tolerances, calibrate, adopted)
         mass = found.mass
-    elif observe(measurements, nominal_robot(robot, parameters.support)).contacts.unsure.any():
+    elif observed.contacts.unsure.any():
         raise InputError(
             f"{source}: found force-torque sensors whose zeros no foot in the air shows well, with estimator "
             f"{estimator}; expected `estimator={SELF_CALIBRATING}`"
@@ -137,6 +136,7 @@ def identify(
         )
     else:
         full, found, free = estimate_by(data, estimator), None, np.zeros((0, 0))
+        mass = contact_pressure(observed).mass
         simplified = full if len(kept) == len(data.numbers) else estimate_by(data.keep(kept), estimator)
     check_physical(full, mass, robot, source)
     estimates = (parameters, full, simplified, mass)

@@ -354,7 +354,7 @@ class PredictionProblem:
     def __init__(self, m: Measurements, nominal: Nominal):
         self.observed = observe(m, nominal)
         self.matrix = -by_base_parameters(self.observed)[:, ROWS["A"]]  # with what they change in motion
-        self.center, self.zeros = contact_pressure(m, nominal).center, np.zeros((len(m), 2, 0))
+        self.center, self.zeros = contact_pressure(self.observed).center, np.zeros((len(m), 2, 0))
         contacts = self.observed.contacts
         if contacts.zero_sd is not None and contacts.unknown is not None and contacts.unsure.any():
             sd = np.where(contacts.unknown, np.inf, contacts.zero_sd)
@@ -380,7 +380,7 @@ def _about_zeros(m: Measurements, nominal: Nominal, zero_sd: np.ndarray) -> tupl
 
     def center(wrenches: np.ndarray) -> np.ndarray:
         stated = (nominal.mass, 0.0) if nominal_weight else m.weighed_mass
-        return contact_pressure(replace(m, wrenches=wrenches, weighed_mass=stated), nominal).center
+        return contact_pressure(observe(replace(m, wrenches=wrenches, weighed_mass=stated), nominal)).center
 
     assert m.wrenches is not None
     nominal_weight = m.weighed_mass is None and np.isinf(zero_sd).any()

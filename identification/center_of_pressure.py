@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.identification.nominal import Nominal
-from tulip_testbed.identification.observation import Observation, observe, turned
+from tulip_testbed.identification.observation import Observation, turned
 from tulip_testbed.identification.residual_channels import carried, fields, sensitivity
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.data import feet_in_contact
@@ -74,13 +73,13 @@ class ContactPressure:
     mass: tuple[float, float]
 
 
-def contact_pressure(measurements: Measurements, nominal: Nominal) -> ContactPressure:
+def contact_pressure(observed: Observation) -> ContactPressure:
     """Return centre of pressure, load and mass by the contacts.
 
     The moments of wrench sensors are divided by the weighed weight and the vertical inertial force by CAD, if
     there is one: both have less noise. The inertial part by CAD is taken off.
     """
-    observed = observe(measurements, nominal)
+    measurements = observed.measurements
     if measurements.contacts is None:
         center = center_of_pressure(measurements) - observed.shift
         return ContactPressure(center, load_shares(measurements), total_mass(measurements))

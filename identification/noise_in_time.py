@@ -93,13 +93,15 @@ def decorrelation(
     """
     blocks = []
     for together in _together(time, segment):
-        kinds, kind = np.unique(used[together], axis=1, return_inverse=True)
-        for number, having in enumerate(kinds.T):
-            rows, residuals = together[having], np.flatnonzero(kind == number)
-            if len(rows):
-                one = lasting.correlation(time[rows], window)
+        whole, alike = lasting.correlation(time[together], window), dict[bytes, list[int]]()
+        for residual, having in enumerate(used[together].T):
+            alike.setdefault(having.tobytes(), []).append(residual)
+        for residuals in alike.values():
+            having = np.flatnonzero(used[together, residuals[0]])
+            if len(having):
+                one = whole[np.ix_(having, having)]
                 factor = np.linalg.inv(np.linalg.cholesky(one))
-                blocks.append((rows[:, None], residuals, one, factor))
+                blocks.append((together[having, None], np.array(residuals), one, factor))
     return Decorrelation(tuple(blocks))
 
 

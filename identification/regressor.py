@@ -184,7 +184,7 @@ def regression(
     if parameters.tree is not nominal.parameters.tree:
         nominal = replace(nominal, parameters=parameters)
     observed = observe(measurements, nominal)
-    pressure = contact_pressure(measurements, nominal)
+    pressure = contact_pressure(observed)
     output, known_slope = pressure.center, None
     if observed.moves:
         faster = observed.motion.slope[:, :2]

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import get_lapack_funcs, helmert
+from scipy.sparse import csr_array
 from scipy.special import ndtri
 
 from tulip_testbed.base.result import Array
@@ -29,6 +30,7 @@ FLOOR = np.array([1.5e-5] * 2 + [2e-3] + [2e-3] * 2 + [5e-6] + [1e-5] * 2 + [5e-
 FINEST_ENCODER, FINEST_CELL = 1e-8, 1e-5  # rad, N: finer sensors are exact beside these residuals
 ASSUMED_ENCODER = 5e-4  # rad
 ASSUMED_CELL = 1.0  # N
+MANY = 200  # residuals of a placement, whose contrasts are multiplied as the sparse matrices that they are
 OUTLYING = 4.0  # s.d. beyond which a twist is an outlier
 # Components of a plate's cell forces orthogonal to the twist: the load and its position.
 OTHERS = np.array([[1.0, 1.0, 1.0, 1.0], [1.0, 1.0, -1.0, -1.0], [1.0, -1.0, -1.0, 1.0]])
@@ -241,7 +243,8 @@ def _factored(
             known[alike] = without_constants(stance[inside], used[inside])
         contrast, of = contrasts(used[inside], known[alike])
         contrast = contrast[:, keep]
-        lower = np.linalg.cholesky(contrast @ block[keep][:, keep] @ contrast.T)
+        few = csr_array(contrast) if len(contrast) > MANY else contrast
+        lower = np.linalg.cholesky(few @ block[keep][:, keep] @ few.T)
         factor = contrast  # of a placement without a residual in these channels
         if len(lower):
             factor, _ = solve_triangular(lower, contrast, lower=1)

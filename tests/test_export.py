@@ -24,6 +24,7 @@ from tulip_testbed.identification.base_parameters import base_parameters, standa
 from tulip_testbed.identification.cad_prior import cad_prior
 from tulip_testbed.identification.center_of_pressure import contact_pressure
 from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.pseudo_inertia import pseudo_inertia
 from tulip_testbed.sim.random_robots import draw_robot
 from tulip_testbed.sim.robot import joint_names
@@ -119,7 +120,7 @@ def test_the_document(exported, found, robot):
     assert 0 < told["misfit_in_standard_errors"] < 5
     m, full = found.measurements, found.full
     com = found.parameters.regressor(m.joint_angles, m.support) @ full.value
-    off = contact_pressure(m, nominal_robot(robot)).center - com
+    off = contact_pressure(observe(m, nominal_robot(robot))).center - com
     assert told["constant"]["mean"] == pytest.approx(off.mean(axis=0), abs=1e-6)
     assert told["constant"]["share"] == pytest.approx(off.mean(axis=0) ** 2 / (off**2).mean(axis=0), rel=1e-3)
     assert Path(told["file"]).name == "identified.xml"

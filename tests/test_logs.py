@@ -86,7 +86,7 @@ def test_rows_obey_the_equation_of_motion(imported, bowing, regular):
     np.testing.assert_allclose(accelerations, middle[2], atol=0.5)
     nominal = nominal_robot(bowing, "right")
     weighed = dataclasses.replace(m, weighed_mass=(nominal.mass, 0.0))
-    center, *others = [contact_pressure(one, nominal).center for one in (m, weighed)]
+    center, *others = [contact_pressure(observe(one, nominal)).center for one in (m, weighed)]
     assert m.contacts is not None
     unknown = dataclasses.replace(m.contacts, zero_sd=np.full((2, 6), np.inf))
     others.append(PredictionProblem(dataclasses.replace(m, contacts=unknown), nominal).center)

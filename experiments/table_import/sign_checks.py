@@ -10,6 +10,7 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.numbers import number
 from tulip_testbed.identification.center_of_pressure import contact_pressure
 from tulip_testbed.identification.nominal import Nominal
+from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.preflight.stance_checks import CLEARLY, LEVEL, misclosures
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.cells import PLATES
@@ -130,7 +131,7 @@ def _by_center(m: Measurements, nominal: Nominal) -> Evidence:
 def _apart(m: Measurements, nominal: Nominal) -> float | None:
     """Return the distance between centre of pressure and nominal centre of mass, r.m.s. [m]."""
     try:
-        apart = contact_pressure(m, nominal).center - nominal.center_of_mass(m.joint_angles)
+        apart = contact_pressure(observe(m, nominal)).center - nominal.center_of_mass(m.joint_angles)
     except InputError:
         return None
     both = m.support == BOTH

@@ -155,7 +155,7 @@ def _lag(m: Measurements, nominal: Nominal, observed: Observation) -> Finding:
     if m.contacts is None:
         off = center_of_pressure(m) - place - added
     else:  # without the part of motion
-        off = contact_pressure(m, nominal).center - place
+        off = contact_pressure(observe(m, nominal)).center - place
     both = np.concatenate([columns, off[..., None]], axis=2)
     _, number = np.unique(m.placement, return_inverse=True)
     means = np.array([both[number == k].mean(axis=0) for k in range(number.max() + 1)])

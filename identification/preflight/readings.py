@@ -5,6 +5,7 @@ import numpy as np
 from tulip_testbed.base.numbers import number
 from tulip_testbed.identification.center_of_pressure import center_of_pressure, contact_pressure
 from tulip_testbed.identification.nominal import Nominal
+from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.preflight.finding import (
     Finding,
     bonferroni,
@@ -244,7 +245,7 @@ def _frozen(m: Measurements, nominal: Nominal) -> list[tuple[str, str, str]]:
     rests = np.abs(np.diff(m.joint_angles, axis=0)).max(axis=1) < SAME_ANGLE
     if not rests.any():
         return []
-    center = center_of_pressure(m) if m.contacts is None else contact_pressure(m, nominal).center
+    center = center_of_pressure(m) if m.contacts is None else contact_pressure(observe(m, nominal)).center
     faults = []
     for some in runs(rests):
         moved = float(np.ptp(center[some.start : some.stop + 1], axis=0).max())

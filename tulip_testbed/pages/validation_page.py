@@ -94,7 +94,7 @@ def _polygons(
 ) -> tuple[Figure, ...]:
     robot = nominal.robot
     soles = nominal_robot(robot, "mixed").geometry(measured.joint_angles, measured.support).soles
-    carrying, cop = feet_in_contact(measured.support), contact_pressure(measured, nominal).center
+    carrying, cop = feet_in_contact(measured.support), contact_pressure(observe(measured, nominal)).center
     placements, board, drawings = np.unique(measured.placement), nominal_plates(robot)[0].corners, []
     for placement in placements[np.unique(np.linspace(0, len(placements) - 1, POLYGONS).astype(int))]:
         rows = np.flatnonzero(measured.placement == placement)

@@ -137,7 +137,8 @@ def of_measurements(measurements: Measurements, robot: Robot, source: str = "mea
     nominal = nominal_robot(robot, "mixed")
     if measurements.joints != nominal.parameters.tree.joints:
         raise InputError(f"{source}: found other joints than those of {robot.model_file.name}")
-    seen, cop = observe(measurements, nominal), contact_pressure(measurements, nominal).center
+    seen = observe(measurements, nominal)
+    cop = contact_pressure(seen).center
     down, points = seen.foot_loads
     return _subject(
         measurements,
