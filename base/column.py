@@ -37,7 +37,6 @@ class Column:
 
     @property
     def heading(self) -> str:
-        """Return the name with its unit in brackets."""
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
     def text(self, value: Any) -> str:

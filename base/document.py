@@ -20,7 +20,6 @@ class Document(BaseModel):
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Read a file."""
         try:
             return cls.model_validate_json(json.dumps(read_json(path)))
         except ValidationError as error:

@@ -106,12 +106,10 @@ def look_up(kind: str, name: str, valid, where: str) -> str:
 
 
 def at_most(name: str, value: int, most: int) -> None:
-    """Refuse a number above `most`."""
     if value > most:
         raise InputError(f"{name}: found {shortened(value)}, expected {most} or less")
 
 
 def at_least(name: str, value: int, least: int) -> None:
-    """Refuse a number below `least`."""
     if value < least:
         raise InputError(f"{name}: found {value}, expected {least} or more")

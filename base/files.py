@@ -100,7 +100,6 @@ def present(path: Path) -> bool:
 
 
 def is_folder(path: Path) -> bool:
-    """Return whether the path leads to a folder."""
     there = _looked_up(path, os.stat)
     return there is not None and stat.S_ISDIR(there.st_mode)
 
@@ -130,11 +129,7 @@ def check_outside(path: Path) -> None:
 
 
 def check_new(path: Path, ending: str = "") -> None:
-    """Refuse, before the work, a path at which its result could not be written.
-
-    Args:
-        ending: of the name of a file, such as ".html".
-    """
+    """Refuse, before the work, a path at which its result could not be written, or of another ending."""
     check_path(path)
     path = Path(path)
     if not path.name.lower().endswith(ending):
@@ -181,11 +176,7 @@ def write_text(path: Path, text: str, new: bool = False) -> None:
 
 
 def write_bytes(path: Path, content: bytes, new: bool = False) -> None:
-    """Write a file atomically and replace one of the same name.
-
-    Args:
-        new: leave one of the same name alone, also one that another process writes at the same time.
-    """
+    """Write a file atomically, in the place of one of the same name unless it is to be `new`."""
     check_path(path)
     path = Path(path)
     with _partial(path, _new_file) as working:

@@ -110,7 +110,6 @@ class Documented:
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Read a file."""
         return cls.from_json(read_json(path), str(path))
 
     def write(self, path: Path) -> None:
@@ -124,10 +123,6 @@ class Result(Documented, Shown):
     `--json` prints the document, and a run folder holds it. Fields marked as `Kept` are no part of it; the
     folder holds them next to it.
     """
-
-    def tables(self) -> list[Table | str]:
-        """Return the tables and sentences that terminal, notebook and page show, in this order."""
-        raise NotImplementedError
 
     def answer(self) -> list[Table | str]:
         """Return what the command line shows without --full."""
@@ -179,10 +174,6 @@ class Result(Documented, Shown):
     def placed_in(self, folder: Path) -> Self:
         """Return the result as it was read from a folder, with its parts checked against each other."""
         return self
-
-    def parts(self) -> list[Table | str]:
-        """Return what a notebook shows."""
-        return self.tables()
 
 
 @cache

@@ -83,11 +83,7 @@ class ResumableFolder:
 
     @contextmanager
     def opened(self, fill: Callable[[Path], object] = lambda folder: None) -> Iterator[Path]:
-        """Make the folder, unless it is begun, and keep other processes out of it.
-
-        Args:
-            fill: called with a new folder, for what lies next to the pieces.
-        """
+        """Make the folder and `fill` it, unless it is begun, and keep other processes out of it."""
         if not self.begun():
             with new_folder(self.folder) as working:
                 fill(working)

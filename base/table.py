@@ -1,7 +1,6 @@
 """A table: columns with units and rows of plain values, rendered as text, HTML, Markdown or a data frame."""
 
 import io
-import json
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -11,7 +10,6 @@ from textwrap import wrap
 from typing import Any
 
 from tulip_testbed.base.column import Column, printable
-from tulip_testbed.base.table_files import finite
 
 GAP = 2  # blanks between two columns
 COMFORTABLE = 32  # characters of a column of text that wraps without being hard to read
@@ -107,22 +105,15 @@ def _heading_width(name: str) -> int:
 
 @dataclass(frozen=True)
 class Cell:
-    """A value with the other data that a renderer needs.
+    """A value that a renderer emphasises.
 
     Attributes:
         value: see `Column.text`.
-        key: path in the run's JSON that it comes from, with dots; "": it is not from there.
         mark: one of `STYLES`; others have no effect.
     """
 
     value: Any
-    key: str = ""
     mark: str = ""
-
-
-def cells(of: object, where: str, *names: str) -> list[Cell]:
-    """Return attributes of an object as cells; where: path of the object in the run's JSON."""
-    return [Cell(getattr(of, name), f"{where}.{name}") for name in names]
 
 
 @dataclass(frozen=True, repr=False)
@@ -255,19 +246,19 @@ class Verbatim(str):
 
 
 class Shown:
-    """A result that prints as its `parts`, tables and sentences, in a terminal and in a notebook."""
+    """A result that prints as its tables and sentences, in a terminal and in a notebook."""
 
-    def parts(self) -> list[Table | str]:
-        """Return what is shown."""
+    def tables(self) -> list[Table | str]:
+        """Return the tables and sentences that terminal, notebook and page show, in this order."""
         raise NotImplementedError
 
     def __repr__(self) -> str:
-        texts = (p.text() + "\n" if isinstance(p, Table) else printable(p) for p in self.parts())
+        texts = (p.text() + "\n" if isinstance(p, Table) else printable(p) for p in self.tables())
         return "\n".join(texts).rstrip("\n")
 
     def _repr_html_(self) -> str:
         return "\n".join(
-            p.html() if isinstance(p, Table) else f"<p>{escape(printable(p))}</p>" for p in self.parts()
+            p.html() if isinstance(p, Table) else f"<p>{escape(printable(p))}</p>" for p in self.tables()
         )
 
 
@@ -279,13 +270,9 @@ def _scaled(value: Any, column: Column) -> Any:
 
 
 def _td(column: Column, cell: Cell, text: str) -> str:
-    source = ""
-    if cell.key:
-        value = escape(json.dumps(finite(cell.value)))
-        source = f' data-key="{escape(printable(cell.key))}" data-value="{value}"'
     # A long name such as effect:target may break where its target begins.
     shown = re.sub(r":(?=\w)", ":<wbr>", escape(text))
-    return f"<td{_classes(column, cell.mark)}{source}>{shown}</td>"
+    return f"<td{_classes(column, cell.mark)}>{shown}</td>"
 
 
 def _classes(column: Column, mark: str) -> str:

@@ -227,15 +227,10 @@ class TableFile:
         return self.table.num_rows
 
     def has(self, name: str) -> bool:
-        """Return whether the table has a column of this name."""
         return name in self.types
 
     def require(self, names: Sequence[str], others: Sequence[str] = ()) -> None:
-        """Refuse a table that lacks columns.
-
-        Args:
-            others: columns, or their words before the dot, that are not meant for one that is missing.
-        """
+        """Refuse a table that lacks columns; `others` (or their first words) are not meant for one."""
         if missing := [name for name in names if not self.has(name)]:
             free = [name for name in self.types if name not in names and name.partition(".")[0] not in others]
             near = dict.fromkeys(close for name in missing for close in close_to(name, free)[:1])

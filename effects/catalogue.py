@@ -84,7 +84,6 @@ def every_effect() -> Catalogue:
 
 
 def explanation(name: str) -> str:
-    """Return the physics of an effect of the catalogue."""
     return cleandoc(catalogue()[name].explanation)
 
 
@@ -130,11 +129,7 @@ def targets_in(
     placements: tuple[int, ...],
     experiments: tuple[Experiment, ...] = (),
 ) -> tuple[str, ...]:
-    """List the targets that an effect has in an experiment; none if it does not act on its sensors.
-
-    Args:
-        experiments: those that were joined; empty: one in an ordinary laboratory.
-    """
+    """List the targets that an effect has in an experiment, or in some that were joined."""
     if not acts_on(effect, contacts):
         return ()
     targets = targets_over(effect, effect.targets.of(robot, placements), experiments)

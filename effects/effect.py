@@ -57,7 +57,6 @@ class Parameter:
 
     @property
     def heading(self) -> str:
-        """Return the name with its unit in brackets."""
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
     @property
@@ -67,18 +66,13 @@ class Parameter:
 
     @property
     def plausible(self) -> str:
-        """Describe the plausible values."""
         if self.grid:
             return f"one of {listed(self.text(value) for value in self.grid)}"
         sign = ", not negative" if self.positive else ""
         return f"s.d. {self.text(self.prior)}{sign}"
 
     def text(self, value: float, interval: tuple[float, float] | None = None) -> str:
-        """Write a value with its unit, and ± the longer half of its 95 % interval if there is one.
-
-        Args:
-            value, interval: in the parameter's SI unit.
-        """
+        """Write a value [SI] with its unit, and ± the longer half of its 95 % interval if there is one."""
         if self.choices:
             return self.choices[round(value)].replace("_", " ")
         factor, unit = self.display

@@ -153,7 +153,6 @@ class EffectInstance:
         return [v for p, v in zip(self.effect.parameters, self.values, strict=True) if p.choices]
 
     def document(self) -> EffectDocument:
-        """Return the effect for JSON."""
         ends = [interval or (None, None) for interval in self.intervals or (None,) * len(self.values)]
         return {
             "name": self.effect.name,
@@ -365,10 +364,7 @@ def misread_in_feet(
 
 
 def as_manipulated(instances: Sequence[EffectInstance], experiment: Experiment) -> tuple[EffectInstance, ...]:
-    """Return effects as they act in a manipulated laboratory.
-
-    Instruments that were zeroed, tared or surveyed again are exact.
-    """
+    """Return effects as they act where instruments that were zeroed, tared or surveyed again are exact."""
     out = []
     for one in instances:
         check_everywhere(one.target, str(one))

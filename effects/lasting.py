@@ -49,11 +49,7 @@ class Lasting:
         return {"tare": state.tared, "survey": state.moved}.get(self.until, False)
 
     def phase(self, target: str, one: Experiment, number: int) -> tuple[object, ...]:
-        """Return what is the same in two experiments in which the effect is the same.
-
-        Args:
-            number: index of the experiment.
-        """
+        """Return what is the same in two experiments (indices) in which the effect is the same."""
         state, session = one.arrangement, one.session or number
         return {
             "session": (session,),
@@ -107,11 +103,7 @@ def targets_over(
 
 @lru_cache(maxsize=4096)
 def epochs(lasting: Lasting, target: str, experiments: tuple[Experiment, ...]) -> tuple[int, ...]:
-    """Return for each experiment the number, from 1, of the first in which an effect was the same.
-
-    Args:
-        target: without the mark of an experiment.
-    """
+    """Return by experiment the number, from 1, of the first in which a target (unmarked) was the same."""
     phases = [lasting.phase(target, one, k) for k, one in enumerate(experiments)]
     return tuple(1 + phases.index(phase) for phase in phases)
 
@@ -119,11 +111,7 @@ def epochs(lasting: Lasting, target: str, experiments: tuple[Experiment, ...]) -
 def acting(
     effect: HasTargets, target: str, values: Values, experiments: tuple[Experiment, ...], number: int
 ) -> tuple[str, Values] | None:
-    """Return target and values with which an effect acts in one of the experiments, None: it does not.
-
-    Args:
-        number: index of the experiment.
-    """
+    """Return target and values with which an effect acts in experiment `number`, from 0, or None."""
     name, first = split_target(target)
     if first is not None and epochs(effect.lasting, name, experiments)[number] != first:
         return None
@@ -153,11 +141,7 @@ def arranged(effect: HasTargets, target: str, values: Values, one: Experiment) -
 def by_experiment(
     effect: HasTargets, change: Change, observed: Observation, target: str, values: Values
 ) -> Observation:
-    """Change the rows of every experiment by an effect as it acts there.
-
-    Args:
-        change: of the effect, in an ordinary laboratory.
-    """
+    """Change every experiment's rows by an effect as it acts there, by its change of ordinary ones."""
     m = observed.measurements
     if not m.experiments:
         return change(observed, target, values)
@@ -184,10 +168,6 @@ def by_experiment(
 
 
 def check_everywhere(target: str, where: str) -> None:
-    """Refuse a target of one session where a laboratory is simulated.
-
-    Raises:
-        InputError: names it.
-    """
+    """Refuse a target of one session where a laboratory is simulated."""
     if not everywhere(target):
         raise InputError(f"{where}: found an effect of one session only, expected one of every experiment")

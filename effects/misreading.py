@@ -31,7 +31,6 @@ class Misreading:
     unsure: Callable[[Observation, str, Values], Observation] | None = None
 
     def inject(self, rig: Rig, target: str, values: Values) -> Rig:
-        """Return the laboratory with the faulty instruments."""
         return misreading(rig, lambda measurements: self.apply(measurements, rig.robot, target, values))
 
 
@@ -52,7 +51,6 @@ class InstrumentFault:
 
     @property
     def size(self) -> float:
-        """Return the first value."""
         return self.values[0]
 
     @property
@@ -103,18 +101,10 @@ def mapped(
 
 
 def added(field: str, error: Callable[[InstrumentFault], np.ndarray]) -> Misreading:
-    """Make a misreading from an error that does not depend on the reading itself.
-
-    Args:
-        error: fault -> reading minus truth, in the shape of the readings or of one row.
-    """
+    """Make a misreading of an error, reading minus truth, that does not depend on the reading itself."""
     return mapped(field, lambda true, fault: true + error(fault), lambda read, fault: read - error(fault))
 
 
 def scaled(field: str, factor: Callable[[InstrumentFault], np.ndarray]) -> Misreading:
-    """Make a misreading from a factor.
-
-    Args:
-        factor: fault -> reading over truth, in the shape of the readings or of one row.
-    """
+    """Make a misreading of a factor, reading over truth, in the shape of the readings or of one row."""
     return mapped(field, lambda true, fault: true * factor(fault), lambda read, fault: read / factor(fault))

@@ -22,10 +22,7 @@ def draw_effect(
     statics: bool,
     contacts: Contacts | None = None,
 ) -> EffectInstance:
-    """Draw an effect: kind and target with equal chances, sizes from their priors, the rest from its grid.
-
-    Arguments are those of `read_effects`.
-    """
+    """Draw an effect, see `read_effects`: kind and target alike, sizes from priors, the rest from a grid."""
     effects = [effect for effect in effects_on(contacts, statics) if effect.searched]
     effect = effects[rng.integers(len(effects))]
     targets = targets_in(effect, robot, contacts, tuple(int(p) for p in placements))

@@ -120,10 +120,7 @@ def without(
 
 
 def beyond_range(observed: Observation, instance: EffectInstance) -> list[int]:
-    """Return the numbers of the postures at which a law would have to extrapolate.
-
-    There are none for an effect of the catalogue, or a law that has no range.
-    """
+    """Return the numbers of the postures at which a law that has a range would have to extrapolate."""
     if instance.effect.name != LAW:
         return []
     sentence = sentence_of(instance.target)

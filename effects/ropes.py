@@ -43,23 +43,10 @@ def hook(robot: Robot, link: str = "") -> Hook:
 
 
 def tie(
-    spec: mujoco.MjSpec, name: str, hooked: Hook, way: np.ndarray, stiffness: float, length: float
+    spec: mujoco.MjSpec, name: str, hooked: Hook, reach: np.ndarray, stiffness: float, length: float
 ) -> None:
-    """Tie a link to a point far away by a spring.
-
-    Args:
-        way: horizontal unit vector to that point, (2,).
-        stiffness: of the spring [N/m].
-        length: of the spring at rest [m].
-    """
-    tie_to(spec, name, hooked, hooked.upright + FAR * np.append(way, 0.0), stiffness, length)
-
-
-def tie_to(
-    spec: mujoco.MjSpec, name: str, hooked: Hook, anchor: np.ndarray, stiffness: float, length: float
-) -> None:
-    """Tie a link to a point in the base frame, (3,) [m]; see `tie`."""
-    spec.worldbody.add_site(name=f"{name}_anchor", pos=anchor)
+    """Tie a link by a spring [N/m] of a length at rest [m] to a point, `reach` [m] from its place, (3,)."""
+    spec.worldbody.add_site(name=f"{name}_anchor", pos=hooked.upright + reach)
     spec.body(hooked.body).add_site(name=f"{name}_hook", pos=hooked.point)
     rope = spec.add_tendon(name=name, stiffness=[stiffness, 0.0, 0.0], springlength=[length, length])
     rope.wrap_site(f"{name}_anchor")

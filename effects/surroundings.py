@@ -39,8 +39,8 @@ def _pull(rig: Rig, target: str, values: Values) -> Rig:
     force = float(np.linalg.norm(values))
     if force == 0:
         return rig
-    hooked, way = hook(rig.robot), np.array(values) / force
-    return edited(rig, lambda spec: tie(spec, "tether", hooked, way, force / FAR, 0.0))
+    hooked, reach = hook(rig.robot), FAR * np.append(np.array(values) / force, 0.0)
+    return edited(rig, lambda spec: tie(spec, "tether", hooked, reach, force / FAR, 0.0))
 
 
 def _without_pull(observed: Observation, target: str, values: Values) -> Observation:
@@ -51,8 +51,8 @@ def _hold(rig: Rig, target: str, values: Values) -> Rig:
     hooked = hook(rig.robot)
 
     def edit(spec: mujoco.MjSpec) -> None:
-        for name, way in zip("xy", np.eye(2), strict=True):
-            tie(spec, f"tether_spring_{name}", hooked, way, values[0], FAR)
+        for name, way in zip("xy", np.eye(3), strict=False):
+            tie(spec, f"tether_spring_{name}", hooked, FAR * way, values[0], FAR)
 
     return rig if values[0] == 0 else edited(rig, edit)
 

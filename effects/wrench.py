@@ -27,12 +27,7 @@ def _unit(target: str) -> str:
 
 
 def _linear(matrix: Callable[[str, Values], np.ndarray]) -> Misreading:
-    """Make a misreading of one foot's sensor from a matrix: its reading per wrench.
-
-    Args:
-        matrix: (target, values) -> (6, 6), in the order of `WRENCH`. Of a sensor with fewer channels, the
-            part between these counts.
-    """
+    """Make a misreading of one foot's sensor of its reading per wrench, (6, 6), or the part that it has."""
 
     def of_foot(contacts: Contacts | None, target: str, values: Values) -> tuple[int, np.ndarray]:
         assert contacts is not None
@@ -58,10 +53,6 @@ def _linear(matrix: Callable[[str, Values], np.ndarray]) -> Misreading:
         return observed.changed(cell_forces=forces)
 
     return Misreading(apply, remove)
-
-
-def _gain(target: str, values: Values) -> np.ndarray:
-    return (1 + values[0]) * np.eye(6)
 
 
 def _crosstalk(target: str, values: Values) -> np.ndarray:
@@ -139,7 +130,7 @@ EFFECTS = (
         name="wrench-gain",
         sentence="A force-torque sensor reads all forces and moments in proportion too large.",
         parameters=(Parameter("gain error", "", prior=0.01),),
-        mechanism=_linear(_gain),
+        mechanism=_linear(lambda target, values: (1 + values[0]) * np.eye(6)),
         words="The {target} force-torque sensor reads {0} too much of any load.",
         targets=PLATE_NAMES,
         explanation="""A force-torque sensor reads all forces and moments in proportion too large.

@@ -66,7 +66,7 @@ class Preflight(Result):
         if self.complaints is not None:
             return self._lacks(self.complaints)
         evaluated = [check for check in self.checks if check.result != NOT_EVALUATED]
-        both = [(check, Cell(check.result, mark=check.result)) for check in evaluated]
+        both = [(check, Cell(check.result, check.result)) for check in evaluated]
         rows = [[check.name, result, check.seen, check.expected] for check, result in both]
         parts: list[Table | str] = [Table("Preflight", columns("check", "result", "found", "expected"), rows)]
         faulty = ("warn", "fail")

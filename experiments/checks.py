@@ -11,7 +11,7 @@ import numpy as np
 from tulip_testbed.base.column import columns
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Figure
-from tulip_testbed.base.table import Cell, Table, cells
+from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.identification.distributions import f_ppf, t_ppf
 from tulip_testbed.identification.estimators import Estimate
 from tulip_testbed.identification.statistics import standard_errors
@@ -79,11 +79,10 @@ def verdict(checks: Sequence[Check]) -> str:
 def check_table(checks: Sequence[Check]) -> Table:
     numbers = ("value", "", ".4g"), ("threshold", "", ".4g")
     rows = []
-    for k, check in enumerate(checks):
-        name, value, source = cells(check, f"checks.{k}", "name", "value", "source")
-        result, limit = Cell(check.result, f"checks.{k}.result", check.result), check.threshold
+    for check in checks:
+        limit = check.threshold
         bound = (-math.inf, limit) if isinstance(limit, int | float) else limit
-        rows.append([name, result, value, bound, source])
+        rows.append([check.name, Cell(check.result, check.result), check.value, bound, check.source])
     heads = columns("check", "result", *numbers, "where the threshold comes from")
     return Table("Checks", heads, rows)
 

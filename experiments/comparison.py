@@ -56,7 +56,7 @@ class Comparison(Result):
         if any(result for check in self.checks for result in check["result"]):
             rows = []
             for check in self.checks:
-                (first, second), values = (Cell(r, mark=r or "") for r in check["result"]), check["value"]
+                (first, second), values = (Cell(r, r or "") for r in check["result"]), check["value"]
                 rows.append([check["name"], first, values[0], second, values[1]])
             checks = Table("Checks", columns("check", "result A", a, "result B", b), rows)
         return [

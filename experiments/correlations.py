@@ -10,7 +10,7 @@ import numpy as np
 from tulip_testbed.base.arguments import expect
 from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import InputError, UnknownNameError, choices, listed, shortened
-from tulip_testbed.base.table import Cell, Shown, Table
+from tulip_testbed.base.table import Shown, Table
 from tulip_testbed.identification.base_parameters import BaseParameters
 from tulip_testbed.identification.kinematics import walk
 from tulip_testbed.identification.statistics import HIGH_CORRELATION
@@ -40,7 +40,7 @@ class Pairs(Shown, tuple[Pair, ...]):
         """Return a pandas DataFrame with one row per pair."""
         return self.table().frame()
 
-    def parts(self) -> list[Table | str]:
+    def tables(self) -> list[Table | str]:
         return [self.table()] if self else [f"No correlation above {self.level:g}."]
 
 
@@ -98,8 +98,8 @@ class Correlations(Shown):
 
         return pd.DataFrame(self.matrix, index=list(self.names), columns=list(self.names))
 
-    def parts(self) -> list[Table | str]:
-        return [f"Correlations of {len(self.names)} parameters.", *self.above().parts()]
+    def tables(self) -> list[Table | str]:
+        return [f"Correlations of {len(self.names)} parameters.", *self.above().tables()]
 
 
 def correlation_table(
@@ -107,19 +107,19 @@ def correlation_table(
     pairs: Sequence[tuple[int, int, float]],
     parameters: BaseParameters,
     joint_angles: np.ndarray | None = None,
-    where: str = "",
-) -> Table:
-    """Return every high correlation with the joints that distinguish the two parameters.
+) -> Table | str:
+    """Return every high correlation with the joints that distinguish both parameters, or that there is none.
 
     Args:
         model: "full" or "simplified". pairs: numbers of both parameters and their correlation.
         joint_angles: of the postures, (m, n_joints) [rad], whose ranges are shown; None: they are not.
-        where: path of the pairs in the run's JSON.
     """
+    if not pairs:
+        return NO_CORRELATION
     by = "distinguished by (range in these postures)" if joint_angles is not None else "distinguished by"
     heads = columns(("no.", "", "d"), ("and", "", "d"), ("correlation", "", "+.4f"), "parameters", by)
     rows = []
-    for k, pair in enumerate(pairs):
+    for pair in pairs:
         joints = joints_between(parameters, pair[0] - 1, pair[1] - 1)
         names = joints
         if joint_angles is not None:
@@ -130,7 +130,7 @@ def correlation_table(
             names = [f"the {len(names)} joints between them"]
         rows.append(
             [
-                *(Cell(value, where and f"{where}.{k}.{place}") for place, value in enumerate(pair)),
+                *pair,
                 " and ".join(meaning(parameters, number) for number in pair[:2]),
                 ", ".join(names) or "no joint: both are of one link",
             ]

@@ -13,7 +13,7 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Array, Figure, Outside, Result
 from tulip_testbed.base.table import Table
-from tulip_testbed.experiments.correlations import NO_CORRELATION, correlation_table, united_links
+from tulip_testbed.experiments.correlations import correlation_table, united_links
 from tulip_testbed.experiments.plan_clearances import clearance_table, clearances_of
 from tulip_testbed.experiments.usable_plan import as_plan, identifiable_regressor, joined, planned_parameters
 from tulip_testbed.identification.base_parameters import common_support, standard_parameters
@@ -126,9 +126,7 @@ class DescribedPlan(Result):
             f"(relative standard error below {WELL_IDENTIFIED:.0f} %), preset {self.preset}, sigma "
             f"{self.sigma_mm:.2f} mm.",
             self.table(),
-            correlation_table("full", pairs, parameters, self.whole.joint_angles)
-            if pairs
-            else NO_CORRELATION,
+            correlation_table("full", pairs, parameters, self.whole.joint_angles),
             NO_MARGINS if self.margins is None else margin_table(self.margins),
             clearance_table(self.clearances),
             *self.notes,

@@ -43,10 +43,7 @@ def discover_effects(
     tolerances: Mapping[str, float] | None = None,
     progress: Progress = silent,
 ) -> Discovered:
-    """Find what the nominal model lacks, adopt it if it has a name, identify the robot before and after.
-
-    The arguments are those of `tulip_testbed.discover`.
-    """
+    """Find and adopt what the nominal model lacks, and identify the robot; see `tulip_testbed.discover`."""
     at_least("seed", seed, 0)
     processes(workers)
     measurements = as_joined(measurements)

@@ -8,7 +8,7 @@ from typing import Any
 from tulip_testbed.base.column import columns
 from tulip_testbed.base.errors import listed
 from tulip_testbed.base.numbers import number
-from tulip_testbed.base.table import Cell, Table, cells
+from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.discovery.detectability import Undetectable, WeaklyDetectable
 from tulip_testbed.discovery.discover import clear_of_zero
 from tulip_testbed.discovery.dynamics_check import DynamicsCheck
@@ -36,14 +36,9 @@ def gap_table(heldout: HeldOut) -> Table:
     rows: list[list[Any]] = []
     for channel, name in CHANNEL_NAMES.items():
         if channel in heldout.before:
-            sides = {side: getattr(heldout, side)[channel] for side in ("before", "after", "floor")}
-            rows.append([name, *(Cell(value, f"heldout.{side}.{channel}") for side, value in sides.items())])
-    for key, name in (
-        ("millimetres", "centre of pressure, mm r.m.s. per axis"),
-        ("newtons", "sum of the vertical forces, N r.m.s."),
-    ):
-        values = enumerate(getattr(heldout, key))
-        rows.append([name, *(Cell(value, f"heldout.{key}.{k}") for k, value in values)])
+            rows.append([name, *(side[channel] for side in (heldout.before, heldout.after, heldout.floor))])
+    rows.append(["centre of pressure, mm r.m.s. per axis", *heldout.millimetres])
+    rows.append(["sum of the vertical forces, N r.m.s.", *heldout.newtons])
     note = (
         "Before: the nominal model, everything exact. After: ordinary imperfections and the explanations, "
         "estimated from the other placements. Both are relative to the noise and to what those placements "
@@ -55,10 +50,10 @@ def gap_table(heldout: HeldOut) -> Table:
 def explanation_table(explanations: Sequence[Explanation]) -> Table:
     factors = ("ln of Bayes factor", "", ".1f"), ("behind the best", "", ".1f")
     heads = columns(("gap", "", "d"), "effect", "size", *factors)
-    rows = []
-    for k, (one, short) in enumerate(zip(explanations, behind(explanations), strict=True)):
-        gap, evidence = cells(one, f"explanations.{k}", "gap", "log_bayes_factor")
-        rows.append([gap, one.instance.label, _sizes(one.instance), evidence, short])
+    rows = [
+        [one.gap, one.instance.label, _sizes(one.instance), one.log_bayes_factor, short]
+        for one, short in zip(explanations, behind(explanations), strict=True)
+    ]
     note = "±: half of the 95 % interval. Rows of one gap explain the same part of the residuals."
     return Table("Explanations", heads, rows, note)
 
@@ -108,8 +103,8 @@ def moved_table(
         adopted: effects that were removed.
         all_of_them: whether those that hardly moved are listed too.
     """
-    new, side = (before, "before") if after is None else (after, "after")
-    bound, estimate = least_move(len(before)), before.full
+    bound, estimate, new = least_move(len(before)), before.full, (after or before).full
+    errors = new.clustered_standard_error
     millimetres = "mm", ".2f", 1e3
     title = "Base parameters before and after the correction" if adopted else "Base parameters"
     first = "before: no corrections" if adopted else "estimate: no corrections"
@@ -122,16 +117,9 @@ def moved_table(
         mark = "moved" if abs(move or 0.0) > bound else ""
         if not (mark or all_of_them):
             continue
-        names = ("value", "clustered_standard_error") if adopted else ("clustered_standard_error",)
-        shown = [(estimate, "before", name) for name in ("names", "value")]
-        shown += [(new.full, side, name) for name in names]
-        lines.append(
-            [
-                Cell(int(estimate.numbers[k]), f"before.full.numbers.{k}", mark),
-                *(Cell(getattr(of, name)[k], f"{at}.full.{name}.{k}", mark) for of, at, name in shown),
-                *([Cell(move, mark=mark), Cell(mark, mark=mark)] if adopted else []),
-            ]
-        )
+        values = [int(estimate.numbers[k]), estimate.names[k], estimate.value[k]]
+        values += [new.value[k], errors[k], move, mark] if adopted else [errors[k]]
+        lines.append([Cell(value, mark) for value in values])
     return Table(title, heads, lines, moved_words(before, after, adopted))
 
 
@@ -168,18 +156,17 @@ def moved_words(
 
 def pattern_table(patterns: Sequence[Pattern]) -> Table:
     heads = columns("channel", "pattern", ("p", "", ".2g"))
-    clear = [(k, one) for k, one in enumerate(patterns) if one.p < MOST_P]
-    rows = [cells(one, f"patterns.{k}", "channel", "words", "p") for k, one in clear]
+    rows = [[one.channel, one.words, one.p] for one in patterns if one.p < MOST_P]
     return Table("The clearest patterns in the remaining residuals", heads, rows)
 
 
 def repeat_table(repeats: PureError) -> Table:
     """Return how repeated postures agree with the stated noise."""
     heads = columns("channel", ("chi² per degree of freedom", "", ".2f"), ("p", "", ".2g"))
-    rows = []
-    for channel, ratio in repeats.ratio.items():
-        p = Cell(repeats.p.get(channel), f"repeats.p.{channel}")
-        rows.append([CHANNEL_NAMES.get(channel, channel), Cell(ratio, f"repeats.ratio.{channel}"), p])
+    rows = [
+        [CHANNEL_NAMES.get(channel, channel), ratio, repeats.p.get(channel)]
+        for channel, ratio in repeats.ratio.items()
+    ]
     return Table("Repeated postures against the stated noise", heads, rows)
 
 

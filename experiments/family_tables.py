@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tulip_testbed.base.column import columns
-from tulip_testbed.base.table import Cell, Table
+from tulip_testbed.base.table import Table
 from tulip_testbed.calibration.calibration_result import OF_CAD, CalibratedFamily, SelfCalibration
 from tulip_testbed.calibration.families import TOLERANCES
 from tulip_testbed.effects.catalogue import acts_on, catalogue
@@ -20,12 +20,7 @@ LEAST_SHARE = 0.01
 def calibration_report(
     found: SelfCalibration, names: tuple[str, ...], contacts: Contacts | None, rows: int
 ) -> list[Table | str]:
-    """Return the tables of families, of members that the data know, and the budget.
-
-    Args:
-        names: of the base parameters, (p,). contacts: the sensors of the measurements.
-        rows: how many there are.
-    """
+    """Return the tables of families, of members that the data know, and the budget."""
     zero, small, unseen, members = 0, [], [], []
     for one in found.families:
         clear = (one.interval95[:, 0] > 0) | (one.interval95[:, 1] < 0)  # of zero
@@ -87,12 +82,10 @@ def first_to_improve(found: SelfCalibration) -> str:
 def family_table(families: Sequence[CalibratedFamily], title: str, singly: bool = False) -> Table:
     """Return the families with their spreads, and how many members the data determine `singly`."""
     rows = []
-    for k, one in enumerate(families):
+    for one in families:
         tolerance = one.family.effect.parameters[0].text(one.family.tolerance)
-        spread = Cell(one.spread, f"families.{k}.spread")
-        ends = (Cell(end, f"families.{k}.spread95.{side}") for side, end in enumerate(one.spread95))
         count = [f"{int(one.determined.sum())} of {len(one.determined)}"] if singly else []
-        rows.append([one.family.name, tolerance, spread, *ends, *count])
+        rows.append([one.family.name, tolerance, one.spread, *one.spread95, *count])
     spread = ("spread", "tolerances", ".2f"), ("low", "", ".2f"), ("high", "", ".2f")
     heads = columns("family", "tolerance", *spread, *["determined singly"] * singly)
     return Table(title, heads, rows, SPREAD)

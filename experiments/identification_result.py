@@ -16,7 +16,6 @@ from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.effects.instance import EffectInstance, check_instances
 from tulip_testbed.effects.removal import without
 from tulip_testbed.experiments.correlations import (
-    NO_CORRELATION,
     Correlations,
     correlation_table,
     parameter_index,
@@ -267,10 +266,9 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
         for model in models(self.robot):
             estimate = getattr(self, model)
             pairs, weak = estimate.high_correlations, weak_directions(estimate, self.parameters)
-            where = f"{model}.high_correlations"
             parts += [
                 self.table(model),
-                correlation_table(model, pairs, self.parameters, angles, where) if pairs else NO_CORRELATION,
+                correlation_table(model, pairs, self.parameters, angles),
                 *([f"Weakly determined: {weak}."] if weak else []),
                 "",
             ]

@@ -70,7 +70,6 @@ def drawn(laboratory: Laboratory, scale: float, stream: np.random.SeedSequence) 
 
 
 def single_stream(seed: int) -> np.random.SeedSequence:
-    """Return the stream of the imperfections of a single experiment."""
     return np.random.SeedSequence(seed, spawn_key=(STREAM,))
 
 

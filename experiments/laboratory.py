@@ -32,7 +32,7 @@ from tulip_testbed.identification.base_parameters import BaseParameters, base_pa
 from tulip_testbed.measurements import Experiment, Measurements, PosturePlan
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.dynamics.moving_run import run_motion
-from tulip_testbed.sim.outcome import Outcome, Truth
+from tulip_testbed.sim.outcome import Truth
 from tulip_testbed.sim.plan_folder import check_fits
 from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.random_robots import check_spread, draw_robot, edit_of
@@ -254,10 +254,6 @@ class Run:
     measurements: Measurements
     truth: Truth
     samples: Measurements | None = None
-
-    @property
-    def outcome(self) -> Outcome:
-        return Outcome(self.measurements, self.truth)
 
     def __repr__(self) -> str:
         used = f"{self.plan.postures - len(self.truth.dropped)} of {self.plan.postures} postures"

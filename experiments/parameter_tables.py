@@ -113,7 +113,6 @@ def parameter_table(
     paper: Reported | None = None,
     at_rest: bool = True,
     least_squares: Estimate | None = None,
-    where: str = "",
     cad: np.ndarray | None = None,
 ) -> Table:
     """Return a model's parameters, with the truth and the paper's Table II where these are known.
@@ -124,41 +123,30 @@ def parameter_table(
         paper: see `read_reported`; None: without.
         at_rest: whether the estimator's iteration ended; otherwise no parameter is well identified.
         least_squares: the paper's estimate from the same data; compared with Table II.
-        where: of the estimates in the run's JSON, such as "identification.".
         cad: all base parameters by CAD, (p,) [m], which the table shows where CAD was a prior; None: without.
     """
-
-    def values(name: str, of: Estimate = estimate, start: str = where, mark: str = "") -> list[Cell]:
-        path = f"{start}{model}.{name}"
-        return [Cell(value, f"{path}.{k}", mark) for k, value in enumerate(_plain(getattr(of, name)))]
-
     well = [at_rest and bool(known) for known in estimate.well_identified]
     columns: list[tuple[Column, Sequence[Any]]] = [
-        (Column("no.", format="d"), values("numbers")),
-        (Column("parameter"), values("names")),
-        (_millimetres("estimate"), values("value")),
-        (_millimetres("s.e."), values("standard_error")),
-        (Column("relative s.e.", "%", ".1f"), values("relative_standard_error")),
-        (Column("well identified"), [Cell(yes, mark="good" if yes else "") for yes in well]),
+        (Column("no.", format="d"), estimate.numbers.tolist()),
+        (Column("parameter"), estimate.names),
+        (_millimetres("estimate"), estimate.value.tolist()),
+        (_millimetres("s.e."), estimate.standard_error.tolist()),
+        (Column("relative s.e.", "%", ".1f"), estimate.relative_standard_error.tolist()),
+        (Column("well identified"), [Cell(yes, "good" if yes else "") for yes in well]),
     ]
     # The default's own standard errors allow for placements: then the clustered ones would repeat them.
     clustered = (estimate.clustered_standard_error != estimate.standard_error).any()
     if clustered:
-        columns.insert(4, (_millimetres("clustered s.e."), values("clustered_standard_error")))
+        columns.insert(4, (_millimetres("clustered s.e."), estimate.clustered_standard_error.tolist()))
     if truth is not None:
-        kept = truth[estimate.numbers - 1].tolist()
-        errors = [value - true for value, true in zip(estimate.value.tolist(), kept, strict=True)]
-        cells = [
-            Cell(true, f"truth.{number - 1}") for true, number in zip(kept, estimate.numbers, strict=True)
-        ]
-        columns.insert(3, (_millimetres("error", "+.2f"), errors))
-        columns.insert(2, (_millimetres("truth"), cells))
+        kept = truth[estimate.numbers - 1]
+        columns.insert(3, (_millimetres("error", "+.2f"), (estimate.value - kept).tolist()))
+        columns.insert(2, (_millimetres("truth"), kept.tolist()))
     shown = least_squares or estimate
     if least_squares:
-        start = "least_squares."
         columns += [
-            (_millimetres("least squares"), values("value", least_squares, start, "aside")),
-            (_millimetres("its s.e."), values("standard_error", least_squares, start, "aside")),
+            (_millimetres("least squares"), _aside(least_squares.value.tolist())),
+            (_millimetres("its s.e."), _aside(least_squares.standard_error.tolist())),
         ]
     beside = paper is not None and bool(paper.parameters)
     if paper and beside:
@@ -182,8 +170,8 @@ def parameter_table(
     return Table(title, tuple(c for c, _ in columns), list(zip(*(v for _, v in columns), strict=True)), note)
 
 
-def _plain(values: np.ndarray | tuple[str, ...]) -> Sequence[Any]:
-    return values.tolist() if isinstance(values, np.ndarray) else values
+def _aside(values: list[Any]) -> list[Cell]:
+    return [Cell(value, "aside") for value in values]
 
 
 def _millimetres(name: str, spec: str = ".2f") -> Column:
@@ -207,7 +195,7 @@ def _paper_columns(model: str, estimate: Estimate, paper: Reported) -> list[tupl
         (Column("paper's s.e.", "mm", ".2f", extra=True), errors),
         (Column("s.e. over paper's", "", ".2f", extra=True), ratios),
     )
-    return [(column, [Cell(value, mark="aside") for value in of_column]) for column, of_column in columns]
+    return [(column, _aside(of_column)) for column, of_column in columns]
 
 
 def standard_table(standard: StandardEstimate) -> Table:

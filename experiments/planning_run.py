@@ -52,26 +52,7 @@ def state_folder(out: Path) -> Path:
     return out.with_name(f".{out.name}.search")
 
 
-@dataclass(frozen=True)
-class PlanSearch:
-    """A search for a plan, checked and ready: its settings, and the task of their seed."""
-
-    settings: PlanSettings
-    task: SearchTask
-
-    def folder(self, out: Path) -> ResumableFolder:
-        robot, measured = self.task.problem.robot, self.task.measured
-        made_with = {
-            "settings": dataclasses.asdict(self.settings),
-            "measured": None if measured is None else plan_hash(as_plan(robot, measured)),
-            "robot": robot.hashes,
-            "software": software(),
-            "machine": machine(),
-        }
-        return ResumableFolder(state_folder(out), "search.json", made_with, "search", "states")
-
-
-def set_up_search(robot: Robot, settings: PlanSettings, measured: Measurements | None = None) -> PlanSearch:
+def set_up_search(robot: Robot, settings: PlanSettings, measured: Measurements | None = None) -> SearchTask:
     """Check, before the work, what a plan is to be, alone or after what was measured before."""
     for name, value in vars(settings).items():
         if name != "objective":
@@ -93,16 +74,15 @@ def set_up_search(robot: Robot, settings: PlanSettings, measured: Measurements |
     taken = sum(counts.values()) if measured is None else len(measured)
     enough("placements, postures_per_placement", taken + placements * per, problem.parameters)
     seed, hops = settings.seed, settings.hops
-    return PlanSearch(settings, SearchTask(problem, goal, placements, per, seed, hops, counts, measured))
+    return SearchTask(problem, goal, placements, per, seed, hops, counts, measured)
 
 
 def search_plan(
-    search: PlanSearch, out: Path | None, sensors: str, progress: Progress = silent
+    task: SearchTask, wanted: PlanSettings, out: Path | None, sensors: str, progress: Progress = silent
 ) -> DescribedPlan:
     """Search for a plan, or go on with the interrupted search whose states are next to its folder."""
-    began, task, wanted = time.perf_counter(), search.task, search.settings
-    place = None if out is None else str(out)
-    with _states_of(search, out) as states:
+    began, place = time.perf_counter(), None if out is None else str(out)
+    with _states_of(task, wanted, out) as states:
         plan, finished = _carry_out(task, states, progress)
         if finished and wanted.repeats:
             plan = with_repeats(plan, wanted.repeats, wanted.seed)
@@ -123,12 +103,21 @@ def search_plan(
 
 
 @contextmanager
-def _states_of(search: PlanSearch, out: Path | None) -> Iterator[Path | None]:
+def _states_of(task: SearchTask, wanted: PlanSettings, out: Path | None) -> Iterator[Path | None]:
     """Open the folder of a search's states; it goes when it holds none."""
     if out is None:
         yield None
         return
-    with search.folder(out).opened() as states:
+    robot, measured = task.problem.robot, task.measured
+    made_with = {
+        "settings": dataclasses.asdict(wanted),
+        "measured": None if measured is None else plan_hash(as_plan(robot, measured)),
+        "robot": robot.hashes,
+        "software": software(),
+        "machine": machine(),
+    }
+    folder = ResumableFolder(state_folder(out), "search.json", made_with, "search", "states")
+    with folder.opened() as states:
         try:
             yield states
         finally:

@@ -16,12 +16,7 @@ RANGE = re.compile(r"(placement:)?(\d+)(?:-(\d+))?")
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """One way to take postures apart.
-
-    Attributes:
-        name: "blocks", "halves" or "stated".
-        folds: rows that train and rows that are predicted, by fold; no posture is in both.
-    """
+    """A way to take postures apart, by name, into rows that train and rows that are predicted, by fold."""
 
     name: str
     folds: tuple[tuple[np.ndarray, np.ndarray], ...]
@@ -72,11 +67,7 @@ def _without_shared(m: Measurements, train: np.ndarray, test: np.ndarray) -> tup
 
 
 def stated(m: Measurements, train: Sequence[str], test: Sequence[str]) -> Split:
-    """Return the split that a user states; what is not stated is the rest.
-
-    Args:
-        train, test: "A-B" or "A" are numbers of postures, "placement:A-B" of placements.
-    """
+    """Return the split that a user states: postures "A-B" or "A", or "placement:A-B"; else the rest."""
     both = [_rows(m, name, texts) for name, texts in (("train", train), ("test", test))]
     first = both[0] if train else ~both[1]
     second = both[1] if test else ~both[0]

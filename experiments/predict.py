@@ -195,7 +195,6 @@ def _score(
     notes: list[str],
     advance: Advance,
 ) -> None:
-    """Add the scores of every model that the split allows."""
     m = problem.observed.measurements
     rows = np.concatenate([test for _, test in split.folds])
     models = (*MODELS, *([] if change is None else [EXPORTED]))

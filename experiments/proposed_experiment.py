@@ -12,7 +12,7 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import present
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Documented, Outside, Result
-from tulip_testbed.base.table import Table, cells
+from tulip_testbed.base.table import Table
 from tulip_testbed.base.table_files import json_text
 from tulip_testbed.discovery.discover import AMBIGUOUS
 from tulip_testbed.discovery.experiment_information import Explanation
@@ -110,12 +110,8 @@ class Proposals(Result):
         return Table("Mean residuals that each explanation predicts for the best", heads, rows)
 
 
-def experiment_table(experiments: Sequence[NextExperiment], key: str = "experiments") -> Table:
-    """Return ranked experiments, one per row; key: of these in their document."""
-    rows = []
-    for k, one in enumerate(experiments):
-        postures, minutes, separation = cells(one, f"{key}.{k}", "postures", "minutes", "separation")
-        rows.append([one.words, postures, minutes, one.settled, separation])
+def experiment_table(experiments: Sequence[NextExperiment]) -> Table:
+    rows = [[one.words, one.postures, one.minutes, one.settled, one.separation] for one in experiments]
     figures = ("time", "min", ".0f"), ("settled", "%", ".0f", 100.0), ("least ln BF", "", ".1f")
     heads = columns("experiment", ("postures", "", "d"), *figures)
     note = (
@@ -133,12 +129,7 @@ def propose_experiments(
     plan: PosturePlan | None = None,
     seed: int = 0,
 ) -> Proposals:
-    """Rank the experiments that would settle a discovery.
-
-    Args:
-        measurements: everything so far. verdict, explanations: of the discovery.
-        plan, seed: see `tulip_testbed.next_experiment`.
-    """
+    """Rank the experiments that would settle a discovery, see `tulip_testbed.next_experiment`."""
     doubts = doubts_of(verdict, explanations)
     ranking = rank_experiments(measurements, robot, doubts, plan, seed) if doubts else []
     count = max(len(measurements.experiments), 1)

@@ -85,10 +85,7 @@ def rig_files(robot: Robot, instances: Sequence[EffectInstance]) -> dict[str, st
 
 
 def read_rig(folder: Path, robot: Robot) -> tuple[EffectInstance, ...]:
-    """Read and check a rig folder for a robot: its effects, in the order in which they act.
-
-    Whether a placement is there, the experiment must tell.
-    """
+    """Read and check a rig folder, but for its placements: the effects in the order in which they act."""
     folder = Path(folder)
     if not is_folder(folder):
         found = "found a file, expected a" if present(folder) else "no such"
@@ -154,7 +151,6 @@ def difference(
 
 
 def _outside(nominal: Rig, changed: Rig, instances: Sequence[EffectInstance]) -> list[str]:
-    """Return the effects that MJCF cannot hold."""
     lines = [
         f"  Readings are changed: {found.effect.sentence} {_numbers(found)}"
         for found in instances

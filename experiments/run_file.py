@@ -208,7 +208,6 @@ def kind_of(folder: Path) -> RunKind | Literal["plan", "measurement"]:
 
 
 def run_kind(folder: Path) -> RunKind:
-    """Return which kind of run a folder holds."""
     if (kind := kind_of(folder)) in ("plan", "measurement"):
         raise InputError(f"{folder}: found a {kind} folder, expected a run folder ({RUN_FILE})")
     return kind

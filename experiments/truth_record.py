@@ -41,7 +41,6 @@ class SimulatedTruth(Truth, Documented):
 
     @classmethod
     def of(cls, run: Run) -> Self:
-        """Return what only the simulation knows of a run."""
         laboratory, support = run.laboratory, common_support(run.plan.support)
         parameters = base_parameters(laboratory.robot, true_model(laboratory.rig), support)
         values = parameters.values(run.truth.standard).tolist()

@@ -92,7 +92,6 @@ def _least_squares(run: Run) -> Identification | None:
 
 
 def evaluate(run: Run, identification: Identification, truth: np.ndarray) -> list[Check]:
-    """Make the checks of the verdict."""
     full, simplified = identification.full, identification.simplified
     robot = run.laboratory.robot
     settings = robot.settings

@@ -12,7 +12,7 @@ from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import RESULT_FILE, Array, Kept, Place
 from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.checks import Check, check_table, verdict, worst_balance
-from tulip_testbed.experiments.correlations import NO_CORRELATION, correlation_table
+from tulip_testbed.experiments.correlations import correlation_table
 from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.imperfections import imperfections_line
 from tulip_testbed.experiments.parameter_tables import (
@@ -162,8 +162,7 @@ class Validation(SavedRun):
     def tables(self) -> list[Table | str]:
         parts: list[Table | str] = []
         for model in models(self.robot):
-            high = self.correlation_table(model)
-            parts += [self.parameter_table(model), high or NO_CORRELATION, ""]
+            parts += [self.parameter_table(model), self.correlation_table(model), ""]
         reasons, paper = [one.reason for one in self.dropped], self.robot.settings.get("paper")
         parts += [
             LEGEND,
@@ -195,17 +194,13 @@ class Validation(SavedRun):
             self.truth,
             read_reported(self.robot),
             least_squares=None if plain is None else getattr(plain, model),
-            where="identification.",
         )
 
-    def correlation_table(self, model: str) -> Table | None:
-        """Return the high correlations of a model by least squares; None if there are none.
+    def correlation_table(self, model: str) -> Table | str:
+        """Return the high correlations of a model by least squares, or that there are none.
 
         Eq. 15 is of least squares: priors of imperfections would hide what postures do not distinguish.
         """
         shown = self.least_squares or self.identification
-        pairs = getattr(shown, model).high_correlations
-        name = "least_squares" if self.least_squares else "identification"
-        where = f"{name}.{model}.high_correlations"
-        angles = self.measurements.joint_angles
-        return correlation_table(model, pairs, shown.parameters, angles, where) if pairs else None
+        pairs, angles = getattr(shown, model).high_correlations, self.measurements.joint_angles
+        return correlation_table(model, pairs, shown.parameters, angles)

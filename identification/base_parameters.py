@@ -65,10 +65,7 @@ class BaseParameters:
     support: str
 
     def rotations(self, joint_angles: np.ndarray, support: np.ndarray | None = None) -> np.ndarray:
-        """Compute the rotations of all frames in the frame of the foot that carries, (m, n_frames, 3, 3).
-
-        Arguments are those of `regressor`.
-        """
+        """Compute all frames' rotations in the carrying foot's, (m, n_frames, 3, 3); see `regressor`."""
         rotations = link_rotations(self.tree, self.base, joint_angles)
         return rotations if support is None else seen_from(self.swing, rotations, self.on_swing_foot(support))
 
@@ -114,10 +111,7 @@ class BaseParameters:
         support: np.ndarray | None = None,
         rotations: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Compute the derivative of the regressor times theta by every joint angle, (m, 2, n_joints) [m/rad].
-
-        Theta is (p,) [m]; the other arguments are those of `regressor`.
-        """
+        """Differentiate the regressor times theta, (p,) [m], by the angles, (m, 2, n_joints) [m/rad]."""
         axes, vectors, moved = self._turning(joint_angles, support, rotations)
         beyond = (vectors * (self.combination @ theta)) @ moved.mT.astype(float)  # (m, 3, n)
         return np.cross(axes, beyond.mT)[..., :2].mT

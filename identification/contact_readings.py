@@ -68,13 +68,11 @@ class ContactReadings:
         return self.zero_sd > UNSURE * noise
 
     def take(self, rows: np.ndarray) -> Self:
-        """Return the readings of some rows, by a mask or by indices."""
         below = None if self.below is None else self.below[rows]
         return replace(self, values=self.values[rows], below=below)
 
 
 def of_cells(measurements: Measurements) -> ContactReadings:
-    """Return the readings of vertical cells."""
     forces, cells = measurements.cell_forces, measurements.cells
     forces = np.where(np.isfinite(forces), forces, 0.0)
     return ContactReadings(forces, np.ones(cells.shape[:2]), cells, measurements.sensors.cell_sd or 0.0)

@@ -81,7 +81,6 @@ def predicted_cell_loads(
 
 
 def boards_fit(soles: np.ndarray, boards: np.ndarray, plate: PlateGeometry) -> bool:
-    """Return whether each sole lies entirely on its own board."""
     inside = np.abs(soles - boards[:, None, :2]) <= plate.size / 2 + 1e-9
     return bool(inside.all())
 

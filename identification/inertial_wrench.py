@@ -115,7 +115,6 @@ class BeyondWeight:
     shown: bool = field(default=True, kw_only=True)
 
     def take(self, rows: np.ndarray) -> Self:
-        """Return some rows."""
         names = ("by_cad", "slope", "unknown", "load_rates", "rocking")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 

@@ -56,11 +56,7 @@ class Loads:
 
     @cached_property
     def sharing(self) -> np.ndarray:
-        """Compute the torque that the closed legs take off every joint when one of them turns by an angle.
-
-        Returns:
-            (m, n_joints, n_joints) [Nm/rad].
-        """
+        """Compute the torque that closed legs take off every joint by a turn of one, (m, n, n) [Nm/rad]."""
         return self.levers @ self.turns
 
     @cached_property

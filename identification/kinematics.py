@@ -86,7 +86,6 @@ class Tree:
         return other
 
     def frame(self, link: str) -> int:
-        """Return the frame number of a link."""
         look_up("link", link, self.links, "kinematic tree")
         return self.frame_of_link[self.links.index(link)]
 

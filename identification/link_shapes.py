@@ -51,7 +51,6 @@ class LinkShapes:
 
 @lru_cache(maxsize=2)
 def link_shapes(robot: Robot) -> LinkShapes:
-    """Read the shapes of a robot's links from its files."""
     spec = _whole_spec(robot)
     rigid = {robot.model.body(i).name: int(robot.model.body_weldid[i]) for i in range(robot.model.nbody)}
     touching = {name for pair in spec.pairs for name in (pair.geomname1, pair.geomname2)}

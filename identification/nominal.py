@@ -68,10 +68,7 @@ class Nominal:
         return PostureGeometry(self, self.parameters.tree, joint_angles, support, standard)
 
     def other_sole(self, joint_angles: np.ndarray, support: np.ndarray) -> np.ndarray:
-        """Compute the pose of the sole that is not the base frame's: x, y, yaw, (m, 3) [m, m, rad].
-
-        Arguments are those of `center_of_mass`.
-        """
+        """Compute x, y, yaw of the other sole, (m, 3) [m, m, rad]; arguments as `center_of_mass`."""
         geometry = self.geometry(joint_angles, support)
         foot = geometry.rotations[:, geometry.base]
         there = np.column_stack([geometry.stance_sole[:, :2], np.arctan2(foot[:, 1, 0], foot[:, 0, 0])])
@@ -95,7 +92,6 @@ class Nominal:
 
 @lru_cache(maxsize=32)
 def nominal_robot(robot: Robot, support: str = "double") -> Nominal:
-    """Read the nominal robot from its files."""
     model = robot.model
     parameters = base_parameters(robot, support=support)
     standard = standard_parameters(model)
@@ -292,10 +288,7 @@ class PostureGeometry:
 
     @property
     def slope(self) -> np.ndarray:
-        """Differentiate the regressor with respect to the joint angles, (m, 2, n_joints, p) [1/rad].
-
-        It is large and not kept.
-        """
+        """Differentiate the regressor by the angles, (m, 2, n_joints, p) [1/rad]: large, and not kept."""
         return self.nominal.parameters.slope(self.joint_angles, self.support, self._nominal_rotations)
 
     def slope_along(self, theta: np.ndarray) -> np.ndarray:

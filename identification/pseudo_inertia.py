@@ -18,10 +18,7 @@ REACH = 0.5  # of the ellipsoid that CAD's own inertia takes up at most
 
 
 def pseudo_inertia(mass: float, center: np.ndarray, inertia: np.ndarray) -> np.ndarray:
-    """Return the pseudo-inertia of a body, (4, 4).
-
-    Its inertia is about its centre of mass along the axes of its frame, (3, 3) [kg m2].
-    """
+    """Return a pseudo-inertia, (4, 4), by the inertia about the centre of mass, (3, 3) [kg m2]."""
     second = np.trace(inertia) / 2 * np.eye(3) - inertia
     point = np.append(center, 1.0)
     pseudo = mass * np.outer(point, point)

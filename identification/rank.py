@@ -22,10 +22,7 @@ MOST_TERMS = 4  # of a combination that are written out
 def require_identifiable(
     matrix: np.ndarray, names: tuple[str, ...], source: str, blur: np.ndarray | None = None
 ) -> None:
-    """Refuse a regressor H, (r, p), that does not determine every parameter.
-
-    The blur is B, (k, p); None: rounding errors alone.
-    """
+    """Refuse a regressor, (r, p), that leaves a parameter open by a blur, (k, p), or by rounding if None."""
     rows, columns = matrix.shape
     if rows <= columns:
         raise InputError(

@@ -43,11 +43,7 @@ class ReadingNoise:
 
     @property
     def weights(self) -> Weights:
-        """Return the inverse of the covariance.
-
-        Raises:
-            numpy.linalg.LinAlgError: a posture without noise of its own.
-        """
+        """Return the inverse of the covariance; LinAlgError: a posture without noise of its own."""
         m, placement = len(self.own), groups(self.placement)
         nothing = np.zeros((m, 2, 0))
         own, owner = np.zeros((0, m, 2, 2)), np.zeros(self.shared.shape[2], int)
@@ -90,10 +86,7 @@ def cell_noise(measurements: Measurements, center: np.ndarray | None = None) -> 
 
 
 def placement_levers(measurements: Measurements) -> np.ndarray:
-    """Return the displacement of the centre of pressure by both recorded plate poses, (m, 2, 6) [-, -, m].
-
-    The columns are x, y, yaw of the right plate, then of the left.
-    """
+    """Return displacements of the CoP by x, y, yaw of right and left plate, (m, 2, 6) [-, -, m]."""
     m = measurements
     forces = loads(m).reshape(-1, 2, 4)
     share = forces.sum(axis=2) / forces.sum(axis=(1, 2))[:, None]

@@ -118,7 +118,6 @@ def _blur(slope: np.ndarray, sd: float) -> np.ndarray:
 def check_robot(
     parameters: BaseParameters, measurements: Measurements, robot: Robot, source: str = "measurements"
 ) -> None:
-    """Refuse measurements of another robot."""
     where = f"{source}: manifest.json"
     check_model(where, measurements.robot["model"], measurements.robot["sha256"], robot)
     for key, expected in (("stance_foot", robot.stance_foot), ("swing_foot", robot.swing_foot)):

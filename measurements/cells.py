@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 CORNERS = ("front_left", "front_right", "rear_right", "rear_left")
+SIGNS = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]])  # of x and y of each corner
 PLATES = ("right", "left")
 CELLS = tuple(f"{plate}.{corner}" for plate in PLATES for corner in CORNERS)
 
@@ -24,6 +25,11 @@ class PlateGeometry:
     size: np.ndarray
     top_height: float
     mass: float
+
+    @property
+    def corners(self) -> np.ndarray:
+        """Return the corners of the board in the plate's frame, in the order of `CORNERS`, (4, 2) [m]."""
+        return self.size / 2 * SIGNS
 
 
 def lay_boards(soles: np.ndarray, size: np.ndarray, gap: float) -> np.ndarray:

@@ -115,7 +115,6 @@ class MappedTable:
         return len(self._table)
 
     def has(self, name: str) -> bool:
-        """Return whether the table has this column of the contract."""
         return name in self.types
 
     def require(self, names: Sequence[str], others: Sequence[str] = ()) -> None:

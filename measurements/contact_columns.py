@@ -17,11 +17,7 @@ NO_CELLS = np.zeros((2, 0, 2))  # places of the cells of plates that have none
 
 
 def reading_columns(entries: Entries, prefix_end: str = "") -> list[str]:
-    """List the columns of the contacts' readings, without the plates' poses.
-
-    Args:
-        prefix_end: "_std" for the columns of their s.d., which cops do not have.
-    """
+    """List the columns of readings without plates' poses, or, by "_std", of their s.d.; cops have none."""
     names = []
     for entry in entries:
         if isinstance(entry, WrenchEntry):
@@ -34,7 +30,6 @@ def reading_columns(entries: Entries, prefix_end: str = "") -> list[str]:
 
 
 def pose_columns() -> list[str]:
-    """List the columns of the plates' recorded poses."""
     return [f"plate.{plate}.{axis}" for plate in PLATES for axis in POSE_AXES]
 
 
@@ -112,7 +107,6 @@ def _read_cells(
 
 
 def _read_cops(entries: list[CopEntry], table: MappedTable, loaded: np.ndarray) -> dict[str, Any]:
-    """Read centres of pressure as vertical wrenches."""
     both = zip(entries, loaded, strict=True)
     cops = np.stack([_present(table, "cop", COP, entry.name, stands, True) for entry, stands in both], axis=1)
     sd = np.array([np.full(3, np.nan) if entry.sd is None else entry.sd for entry in entries], float)
@@ -133,11 +127,7 @@ def _vertical(
     cop_sd: np.ndarray | None = None,
     depth: float = 0.0,
 ) -> dict[str, Any]:
-    """Return tared sensors of vertical wrenches.
-
-    Args:
-        readings: fz, mx, my of the right and of the left, (m, 2, 3). cop_sd, depth: see `Contacts`.
-    """
+    """Return tared sensors of vertical wrenches, whose readings fz, mx, my are (m, 2, 3)."""
     contacts = Contacts(
         mount=mount,
         channels=VERTICAL,

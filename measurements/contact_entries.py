@@ -185,7 +185,6 @@ Pair = Annotated[list[ContactEntry], Field(min_length=2, max_length=2), AfterVal
 
 
 def contacts_of(entries: Sequence[WrenchEntry]) -> Contacts:
-    """Return the wrench sensors of a manifest."""
     covariance, channels = entries[0].covariance, tuple(entries[0].channels)
     below = [entry.below for entry in entries]
     return Contacts(
@@ -217,11 +216,7 @@ def _three(value: Any) -> list[float]:
 
 
 def entries_of(contacts: Contacts, top_height: np.ndarray) -> list[dict[str, Any]]:
-    """Return the manifest's entries of wrench sensors, or of devices that give centres of pressure.
-
-    Args:
-        top_height: of the plates, (2,) [m].
-    """
+    """Return a manifest's entries of wrench sensors or of devices for centres of pressure; heights in m."""
     c, entries = contacts, []
     for side, name in enumerate(PLATES):
         entry: dict[str, Any] = {"name": name, "kind": "wrench", "mount": c.mount}

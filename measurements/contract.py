@@ -93,11 +93,7 @@ def check_contract(
     manifest: Path | str = "measurements",
     likely: bool = True,
 ) -> None:
-    """Refuse measurements that break the contract, wherever they come from.
-
-    Args:
-        likely: refuse implausible figures as well, which suggest degrees or millimetres.
-    """
+    """Refuse measurements that break the contract, or are not `likely`: as if in degrees or millimetres."""
     m = measurements
     _check_shapes(m, str(table))
     _check_constants(m, str(table))

@@ -342,6 +342,5 @@ def base_foot(support: np.ndarray) -> np.ndarray:
 
 
 def _described(rows: PosturePlan | Measurements) -> str:
-    """Count postures and placements, and name the supports."""
     counts = f"{len(np.unique(rows.posture))} postures on {len(np.unique(rows.placement))} placements"
     return f"{counts}, support {', '.join(np.unique(rows.support).tolist())}"

@@ -15,11 +15,7 @@ ADVICE = {
 
 
 def check_kind(folder: Path, wanted: str) -> None:
-    """Refuse a path that is no folder, or a folder of another kind.
-
-    Args:
-        wanted: "measurement" or "plan".
-    """
+    """Refuse a path that is no folder of the wanted kind, "measurement" or "plan"."""
     if not is_folder(folder):
         there = present(folder)
         found = "found a file, expected a" if there else "no such"
@@ -31,16 +27,15 @@ def check_kind(folder: Path, wanted: str) -> None:
         raise InputError(f"{folder}: {found} {wanted} folder{advice if table else ''}")
     if present(folder / KINDS[wanted]):
         return
+    inside = folder / INSIDE[wanted]
+    there = f"there is one in it: {inside}" if present(inside / KINDS[wanted]) else ""
     for kind, file in KINDS.items():
         if present(folder / file):
-            inside = folder / INSIDE[wanted]
-            there = f"there is one in it: {inside}" if present(inside / KINDS[wanted]) else ""
             advice = ADVICE.get((kind, wanted), there)
             raise InputError(
                 f"{folder}: found a {kind} folder ({file}), expected a {wanted} folder ({KINDS[wanted]})"
                 + (f"; {advice}" if advice else "")
             )
     if wanted == "plan":  # a check lists all that a measurement folder lacks
-        inside = folder / INSIDE[wanted]
-        advice = f"; there is one in it: {inside}" if present(inside / KINDS[wanted]) else ""
+        advice = f"; {there}" if there else ""
         raise InputError(f"{folder}: found no {KINDS[wanted]} in it, expected a plan folder{advice}")

@@ -47,7 +47,8 @@ def joined(measured: Sequence[Measurements], sources: Sequence[str] = ()) -> Mea
     for field in OF_ROWS:
         values = [getattr(one, field) for one in each]
         if field == "wrench_jerks" and any(v is not None for v in values):  # older folders hold none
-            values = [_no_jerks(one) if v is None else v for one, v in zip(each, values, strict=True)]
+            unknown = [np.full_like(one.wrenches, np.nan) for one in each]
+            values = [other if v is None else v for v, other in zip(values, unknown, strict=True)]
         rows[field] = None if any(v is None for v in values) else np.concatenate(values)
     rows["placement"] = np.concatenate(_renumbered([one.placement for one in each]))
     rows["posture"] = np.concatenate(_renumbered([one.posture for one in each]))
@@ -95,14 +96,9 @@ def write_experiments(folder: Path, measurements: Measurements) -> None:
 
 
 def read_written(folder: Path) -> Measurements:
-    """Read what `write_experiments` wrote."""
     several = sorted((path for path in folder.glob("*") if path.name.isdigit()), key=lambda p: int(p.name))
     folders = several or [folder]
     return joined([read_measurements(one) for one in folders], [str(one) for one in folders])
-
-
-def _no_jerks(one: Measurements) -> np.ndarray:
-    return np.full_like(one.wrenches, np.nan)
 
 
 def _experiment(one: Measurements) -> Experiment:
@@ -177,7 +173,6 @@ def _check_weights(first: Measurements, second: Measurements, both: str) -> None
 
 
 def _kind(one: Measurements) -> str:
-    """Name the kind of contact sensors."""
     if one.contacts is None:
         return "plates on cells"
     return f"wrench sensors ({one.contacts.mount}; {', '.join(one.contacts.channels)})"

@@ -76,8 +76,6 @@ class SensorsEntry(_Strict):
 
 
 class ConstantEntry(_Strict):
-    """A joint that is not logged."""
-
     value: Angle
     sd: Deviation
 

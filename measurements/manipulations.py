@@ -80,12 +80,10 @@ class Experiment:
 
     @property
     def arrangement(self) -> Arrangement:
-        """Return the state of the laboratory."""
         return arrangement_of(self.manipulations)
 
 
 def arrangement_of(manipulations: Sequence[str], where: str = "manipulations") -> Arrangement:
-    """Read manipulations."""
     return _read(tuple(manipulations), where)
 
 
@@ -151,10 +149,8 @@ def _opposite(cell: str) -> str:
 
 
 def written_mass(one: KnownMass) -> str:
-    """Write a known mass as the grammar has it."""
     return f"known mass {one.mass:g} kg at {one.link} ({', '.join(f'{x:g}' for x in one.place)})"
 
 
 def needs_cells(text: str) -> bool:
-    """Return whether a manipulation needs plates on cells."""
     return text in OF_CELLS or TURNED.fullmatch(text) is not None

@@ -98,11 +98,7 @@ def write_measurements(folder: Path, measurements: Measurements, likely: bool = 
 
 
 def write_motion(folder: Path, samples: Measurements) -> None:
-    """Write a measurement folder of a robot that moves, which appears whole or not at all.
-
-    Args:
-        samples: one row a sample, whose `posture` is the number of its segment.
-    """
+    """Write the folder of a motion, whole or not at all; a sample's `posture` is its segment's number."""
     check_contract(samples)
     check_segments("samples", samples.time, samples.posture, samples.placement, samples.support)
     window = usual_window(samples.sensors.encoder_resolution)
@@ -162,11 +158,7 @@ def read_measurements(folder: Path, likely: bool = True) -> Measurements:
 
 
 def moves(folder: Path) -> bool:
-    """Return whether a measurement folder holds samples of a motion in place of postures.
-
-    Raises:
-        InputError: it holds both.
-    """
+    """Return whether a folder holds samples of a motion in place of postures; refuse one with both."""
     motion, postures = (
         [path for path in (folder / f"{name}.{suffix}" for suffix in ("parquet", "csv")) if present(path)]
         for name in (MOTION, "postures")
@@ -201,7 +193,6 @@ def samples_from(manifest: Manifest, table: MappedTable, where: Path, likely: bo
 
 
 def motion_table(manifest: Manifest, folder: Path) -> MappedTable:
-    """Return the table of samples of a folder."""
     table = checked_table(folder, MOTION, manifest.tables, MOST_SAMPLES)
     return mapped_samples(manifest, table, folder / "manifest.json")
 
@@ -285,12 +276,7 @@ def rows_in(manifest: Manifest, table: MappedTable, where: Path) -> Measurements
 def header_in(
     manifest: Manifest, where: Path, of_sensors: Mapping[str, Any] | None = None
 ) -> MeasurementHeader:
-    """Return the header of measurements that a manifest states.
-
-    Args:
-        of_sensors: `cells`, `top_height` and `contacts` of the sensors of version 2, which follow from their
-            readings too.
-    """
+    """Return a manifest's header; cells, heights and contacts of sensors of version 2 are given."""
     mass, sheet, constant = manifest.weighed_mass, manifest.sensors, manifest.constant_joints or {}
     return MeasurementHeader(
         robot={key: getattr(manifest.robot, key) for key in ("model", "sha256", "stance_foot", "swing_foot")},

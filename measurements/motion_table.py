@@ -36,11 +36,7 @@ def motion_columns(samples: Measurements) -> dict[str, np.ndarray]:
 def check_segments(
     where: Path | str, time: np.ndarray, segment: np.ndarray, placement: np.ndarray, support: np.ndarray
 ) -> None:
-    """Refuse a clock that does not run forward, and segments that are not one motion on one stance.
-
-    Args:
-        where: the table. time: [s]; the others are its columns, (n,) each.
-    """
+    """Refuse a clock [s] that does not run forward, and segments that are not one motion on one stance."""
 
     def refuse(rows: np.ndarray, name: str, values: np.ndarray, expected: str) -> None:
         if rows.any():

@@ -42,10 +42,7 @@ class Series:
 
 
 def read_series(folder: Path) -> Series | None:
-    """Read series.parquet (or series.csv) of a measurement folder; return None without one.
-
-    Those of version 2 are not read.
-    """
+    """Read series.parquet (or series.csv) of a measurement folder of version 1; None without one."""
     folder = Path(folder)
     if not any(present(folder / f"series.{suffix}") for suffix in ("parquet", "csv")):
         return None

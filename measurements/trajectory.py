@@ -30,7 +30,6 @@ class Trajectory:
 
     @property
     def segments(self) -> list[slice]:
-        """Return the rows of every segment."""
         return runs(self.segment)
 
     @property

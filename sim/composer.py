@@ -252,7 +252,6 @@ class Channel:
         self.repeatability, self.noise, self.resolution = repeatability, noise, resolution
 
     def draw(self, random_state: np.random.RandomState) -> None:
-        """Draw the repeatability error of an episode."""
         self.offset = self.repeatability * random_state.standard_normal(self.gain.shape)
 
     def __call__(self, truth: np.ndarray, random_state: np.random.RandomState) -> np.ndarray:

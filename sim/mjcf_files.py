@@ -36,10 +36,7 @@ class _Search:
 
 
 def mjcf_files(path: Path, folder: Path) -> dict[Path, str]:
-    """Return every file that an MJCF consists of, with its hash.
-
-    Files outside of the robot's folder, also by a symbolic link, are refused.
-    """
+    """Return every file of an MJCF with its hash; those outside of the robot's folder are refused."""
     path = Path(path)
     search = _Search(path.parent, Path(os.path.realpath(folder)))
     if not Path(os.path.realpath(path)).is_relative_to(search.folder):

@@ -66,11 +66,7 @@ class Truth:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Measurements and truth of one experiment.
-
-    Attributes:
-        measurements: the data contract; truth: the true values, which no estimator sees.
-    """
+    """The measurements of one experiment, and its truth, which no estimator sees."""
 
     measurements: Measurements
     truth: Truth
@@ -81,11 +77,7 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MovingOutcome(Outcome):
-    """Measurements and truth of a robot that moved.
-
-    Attributes:
-        samples: of which the measurements are the rows, one each 10 ms; `posture` is the segment's number.
-    """
+    """Outcome of a motion, with its samples, one each 10 ms, whose `posture` is the segment's number."""
 
     samples: Measurements
 

@@ -77,7 +77,6 @@ def write_plan(folder: Path, plan: PosturePlan, beside: Mapping[str, str] | None
 
 
 def read_plan(folder: Path, robot: Robot) -> PosturePlan:
-    """Read and check a plan folder for a robot."""
     folder = Path(folder)
     check_kind(folder, "plan")
     where = folder / "plan.json"

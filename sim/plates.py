@@ -8,7 +8,6 @@ from tulip_testbed.measurements.cells import CORNERS, PLATES, PlateGeometry
 
 
 def plate_geometry(spec: mujoco.MjSpec, plate: str) -> PlateGeometry:
-    """Read a plate's geometry from the scene."""
     body = spec.body(f"{plate}_plate")
     if body is None:
         raise InputError(f"scene '{spec.modelname}': found no body '{plate}_plate', expected one per plate")

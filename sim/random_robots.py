@@ -32,7 +32,6 @@ def draw_robot(model: mujoco.MjModel, spread: float, rng: np.random.Generator) -
 
 
 def check_spread(spread: float) -> None:
-    """Refuse an impossible spread of random robots."""
     if not 0 < spread <= 1:
         raise InputError(
             f"robot_spread: found {spread}, expected more than 0 and at most 1 (s.d. of the logarithm of a "

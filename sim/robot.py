@@ -213,10 +213,7 @@ def _description(path: Path) -> dict[str, Any]:
 
 
 def load_spec(path: Path, folder: Path | None = None) -> mujoco.MjSpec:
-    """Parse an MJCF file after a separate process has compiled it without a crash.
-
-    Files may be read from the robot's folder; None means the MJCF's own folder.
-    """
+    """Parse an MJCF after a separate process has compiled it, with files of a folder; None: of its own."""
     path = Path(path)
     try_to_compile(path, {path: _files(path, folder or path.parent)})
     return read_spec(path)

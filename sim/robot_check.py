@@ -127,7 +127,6 @@ class RobotFinding:
 
     @property
     def sentence(self) -> str:
-        """Return the finding in one sentence."""
         return f"found {self.found}: {self.consequence}; {self.assumed}"
 
 
@@ -184,7 +183,6 @@ def _of_drives(robot: Robot, torques: dict[str, float]) -> Iterator[RobotFinding
 
 
 def _of_start(robot: Robot) -> Iterator[RobotFinding]:
-    """Judge where inverse kinematics starts."""
     there = STAND in [robot.model.key(k).name for k in range(robot.model.nkey)]
     straight = _some(_straight_legs(robot, standing(robot.model)))
     if not there:

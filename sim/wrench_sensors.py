@@ -53,16 +53,8 @@ def frame_of(mounting: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
     return Rotation.from_euler("xyz", mounting[3:]).as_matrix(), np.array(mounting[:3])
 
 
-def in_sensor_frame(mounting: Sequence[float], wrenches: np.ndarray) -> np.ndarray:
-    """Transform wrenches from the foot's frame to the sensor's, (..., 6) [N, Nm]."""
-    return in_frame(*frame_of(mounting), wrenches)
-
-
 def in_frame(rotation: np.ndarray, place: np.ndarray, wrenches: np.ndarray) -> np.ndarray:
-    """Transform wrenches about the origin to a frame at a place, with its axes, (..., 6) [N, Nm].
-
-    Rotation and place of the frame are (..., 3, 3) and (..., 3) [m].
-    """
+    """Transform wrenches, (..., 6) [N, Nm], to a frame: rotation (..., 3, 3), place (..., 3) [m]."""
     force, moment = wrenches[..., :3], wrenches[..., 3:]
     both = np.stack([force, moment - np.cross(place, force)], axis=-2) @ rotation
     return both.reshape(*both.shape[:-2], 6)

@@ -82,13 +82,11 @@ class Browsed:
 
     Attributes:
         complaints: of its console. requests: addresses that the page asked the network for.
-        cells: JSON value by key of every cell of a table that says where it comes from.
         width: that the page needs [pixels].
     """
 
     complaints: list[str]
     requests: list[str]
-    cells: dict[str, Any]
     width: int
 
 
@@ -152,12 +150,6 @@ class _Tab:
         return self("Runtime.evaluate", expression=expression, returnByValue=True)["result"].get("value")
 
 
-CELLS = (
-    "Object.fromEntries([...document.querySelectorAll('[data-key]')]"
-    ".map(cell => [cell.dataset.key, JSON.parse(cell.dataset.value)]))"
-)
-
-
 def _visit(
     tab: _Tab,
     page: Path,
@@ -185,7 +177,6 @@ def _visit(
     shot = tab("Page.captureScreenshot", captureBeyondViewport=True)
     picture.write_bytes(base64.b64decode(shot["data"]))
     width = int(tab.evaluate("document.documentElement.scrollWidth"))
-    cells = tab.evaluate(CELLS)
     asked = [e["params"]["request"]["url"] for e in tab.events if e["method"] == "Network.requestWillBeSent"]
     complaints = [
         json.dumps(e["params"])[:300]
@@ -193,7 +184,7 @@ def _visit(
         if e["method"] in ("Runtime.exceptionThrown", "Log.entryAdded", "Runtime.consoleAPICalled")
     ]
     outside = [url for url in asked if url != address and not url.startswith("data:")]
-    return Browsed(complaints, outside, cells, width)
+    return Browsed(complaints, outside, width)
 
 
 def _page_address(profile: Path, browser: subprocess.Popen[bytes]) -> str:

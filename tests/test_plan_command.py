@@ -17,6 +17,7 @@ from tests.published_robot import write_published
 from tests.test_cli import refused, told
 from tests.test_refusals import change_document, refuse, rows
 from tulip_testbed import rendering
+from tulip_testbed.base.resumable import alone_on
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments import planning_run as planning
 from tulip_testbed.experiments.planning_run import PlanSettings, set_up_search, state_folder
@@ -45,7 +46,7 @@ def test_interrupted_and_gone_on_with_by_the_same_command(tmp_path, robot, monke
     assert first.made["rounds"] == 3
     other = "holds states of another configuration: settings"
     assert f"{other}.seed is 311 there" in refused(capsys, "plan", "optimal", "--out", out, *SMALL[:-1], 5)
-    with search_of(robot).folder(out).opened():
+    with alone_on(state_folder(out)):
         assert "another process is at work" in refused(capsys, "plan", "optimal", "--out", out, *SMALL)
     assert main(["plan", "optimal", "--out", str(out), *SMALL]) == 0
     assert main(["plan", "optimal", "--out", str(tmp_path / "whole"), *SMALL]) == 0
@@ -57,8 +58,7 @@ def test_interrupted_and_gone_on_with_by_the_same_command(tmp_path, robot, monke
     assert "exists already" in refused(capsys, "plan", "optimal", "--out", out, *SMALL)
 
 
-def search_of(robot):
-    return set_up_search(robot, PlanSettings(311, placements=5, postures_per_placement=3, hops=1))
+SETTINGS = PlanSettings(311, placements=5, postures_per_placement=3, hops=1)
 
 
 class Stopped(Exception):  # noqa: N818
@@ -68,7 +68,7 @@ class Stopped(Exception):  # noqa: N818
 @pytest.fixture(scope="module")
 def interrupted(robot, tmp_path_factory):
     """A search and the states that its end after one round left."""
-    out, search = tmp_path_factory.mktemp("interrupted") / "plan", search_of(robot)
+    out, search = tmp_path_factory.mktemp("interrupted") / "plan", set_up_search(robot, SETTINGS)
 
     @contextmanager
     def stopping(what, total, done):
@@ -78,7 +78,7 @@ def interrupted(robot, tmp_path_factory):
         yield stop
 
     with pytest.raises(Stopped):
-        planning.search_plan(search, out, "wii", progress=stopping)
+        planning.search_plan(search, SETTINGS, out, "wii", progress=stopping)
     assert [path.name for path in out.parent.iterdir()] == [".plan.search"]
     return search, state_folder(out)
 
@@ -87,11 +87,9 @@ def interrupted(robot, tmp_path_factory):
 def test_an_edited_state_is_refused_by_name(interrupted, tmp_path, changes, words):
     search, states = interrupted
     shutil.copytree(states, state_folder(tmp_path / "plan"))
-    path = state_folder(tmp_path / "plan") / "seed-311.json"
-    change_document(path, changes[0])
-    refuse(
-        f"seed-311.json: ... {words} ... ; remove it", planning.search_plan, search, tmp_path / "plan", "wii"
-    )
+    change_document(state_folder(tmp_path / "plan") / "seed-311.json", changes[0])
+    refused_state = f"seed-311.json: ... {words} ... ; remove it"
+    refuse(refused_state, planning.search_plan, search, SETTINGS, tmp_path / "plan", "wii")
 
 
 def test_the_next_postures_and_their_description(robot, plan, tmp_path, capsys):

@@ -3,7 +3,6 @@
 import html as standard
 import json
 import math
-import re
 from io import StringIO
 from queue import Queue
 
@@ -33,8 +32,8 @@ def made(rows=()):
 
 
 ROWS = (
-    [1, "torso.x", Cell(-0.01172, "full.parameters.0.estimate", "fail"), (0.5, 0.75)],
-    [2, "right_hip_yaw.x", Cell(None, "full.parameters.1.estimate"), [0.25, 1.0]],
+    [1, "torso.x", Cell(-0.01172, "fail"), (0.5, 0.75)],
+    [2, "right_hip_yaw.x", None, [0.25, 1.0]],
 )
 
 
@@ -83,7 +82,7 @@ def test_values_of_a_column_of_numbers(value, text):
 
 @pytest.mark.parametrize("name", [name for name in HOSTILE if 1 < len(name) < 100])
 def test_a_hostile_name_shows_as_it_is_and_steers_nothing(name):
-    table = Table(name, (Column(name, name), Column("x")), [[name, Cell(name, name, "fail")]], name)
+    table = Table(name, (Column(name, name), Column("x")), [[name, Cell(name, "fail")]], name)
     escaped = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in name)
     screen = StringIO()
     Console(file=screen, force_terminal=True, width=300, color_system=None).print(table)
@@ -91,7 +90,7 @@ def test_a_hostile_name_shows_as_it_is_and_steers_nothing(name):
         assert text.count(escaped) >= 6
         assert all(line.isprintable() for line in text.splitlines())
     page = table.html()
-    assert page.count(standard.escape(escaped)) >= 7
+    assert page.count(standard.escape(escaped)) >= 6
     assert "<script" not in page
     assert page.isprintable() or all(line.isprintable() for line in page.splitlines())
     assert table.markdown().count("\n") == 2
@@ -108,24 +107,13 @@ def test_any_text_at_any_width(texts, width):
     assert all(c in shown for text in table.texts[0] for c in text if not c.isspace())
 
 
-def test_html_says_where_a_value_is_from():
+def test_html():
     page = made(ROWS).html()
-    assert (
-        '<td class="number fail" data-key="full.parameters.0.estimate" data-value="-0.01172">-11.72</td>'
-        in page
-    )
-    assert 'data-key="full.parameters.1.estimate" data-value="null"></td>' in page
+    assert '<td class="number fail">-11.72</td>' in page
     assert '<th scope="col" class="number">estimate <span>mm</span></th>' in page
-    assert page.count("data-key") == 2
     assert "<caption>Parameters</caption>" in page
     assert '<p class="note">A note.</p>' in page
     assert made(ROWS)._repr_html_() == page
-
-
-def test_html_is_json_where_numbers_are_not_finite():
-    page = Table("", (Column("x", format=".1f"),), [[Cell((-math.inf, 2.0), "k")]]).html()
-    (value,) = re.findall(r'data-value="([^"]*)"', page)
-    assert json.loads(standard.unescape(value)) == [None, 2.0]
 
 
 def test_frame_holds_plain_numbers_in_the_units_that_it_names():
@@ -163,7 +151,7 @@ def test_marks_colour_the_terminal_alone():
 
 
 class Found(Shown):
-    def parts(self):
+    def tables(self):
         return ["Found [red]x[/].", made(ROWS), "Verdict: \x1b[2J<b>"]
 
 

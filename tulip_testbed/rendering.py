@@ -83,11 +83,7 @@ def rendered(
 
 
 def standing_picture(robot: Robot) -> bytes:
-    """Draw the keyframe `stand` on the plates; a PNG.
-
-    Raises:
-        InputError: nothing draws here.
-    """
+    """Draw the keyframe `stand` on the plates as a PNG; InputError: nothing draws here."""
     angles = robot.model.key("stand").qpos[7:][None]
     pose = nominal_robot(robot).swing_sole(angles)[:, [0, 1, 5]]
     boards = boards_under(preset_rig("ideal", robot), np.stack([np.zeros_like(pose), pose], axis=1))

@@ -173,7 +173,6 @@ class Sentence:
 
     @cached_property
     def form(self) -> str:
-        """Return the shape of the function."""
         return self.shape.removesuffix(GAIN)
 
     @cached_property
@@ -196,11 +195,7 @@ def shapes_of(kind: str, quantity: str) -> tuple[str, ...]:
 
 @cache
 def sentence_of(text: str, where: str = "law") -> Sentence:
-    """Read `WHAT/OF/SHAPE`, without checking names against a robot.
-
-    Raises:
-        InputError: a sentence that makes no sense, with those that do.
-    """
+    """Read `WHAT/OF/SHAPE`, without checking names against a robot; refuse what makes no sense."""
     parts = text.split("/")
     if len(parts) != 3:
         raise InputError(
@@ -276,7 +271,6 @@ def quantities(robot: Robot, what: str) -> Iterator[str]:
 
 @cache
 def sentences(robot: Robot) -> tuple[Sentence, ...]:
-    """List all sentences about a robot."""
     return tuple(
         Sentence(what, of, shape)
         for what in whats(robot)

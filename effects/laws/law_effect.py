@@ -20,7 +20,7 @@ from tulip_testbed.effects.laws.grammar import LAW, Sentence, says, sentence_of
 from tulip_testbed.effects.laws.misread import POSE, all_size_names, misread, split_values, undo
 from tulip_testbed.effects.laws.shapes import fixed_names, range_names, size_names
 from tulip_testbed.effects.misreading import Misreading
-from tulip_testbed.effects.ropes import FAR, hook, tie_to, without_force
+from tulip_testbed.effects.ropes import FAR, hook, tie, without_force
 from tulip_testbed.effects.targets import Targets
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.rig import Rig
@@ -41,14 +41,11 @@ def _pull(rig: Rig, target: str, values: Values) -> Rig:
     size = float(np.linalg.norm(force))
     if size == 0:
         return rig
-    hooked = hook(rig.robot, sentence.place)
-    anchor = hooked.upright + FAR * force / size
+    hooked, reach = hook(rig.robot, sentence.place), FAR * force / size
 
     def pulling(count: int, part: float) -> Callable[[Rig], Rig]:
         name = f"force_{sentence.place}_{sentence.quantity}_{count}"
-        return lambda one: edited(
-            one, lambda spec: tie_to(spec, name, hooked, anchor, part * size / FAR, 0.0)
-        )
+        return lambda one: edited(one, lambda spec: tie(spec, name, hooked, reach, part * size / FAR, 0.0))
 
     if sentence.quantity == g.NOTHING:
         return pulling(0, 1.0)(rig)
@@ -69,11 +66,7 @@ def _without_pull(observed: Observation, target: str, values: Values) -> Observa
 
 @dataclass(frozen=True, repr=False)
 class Law(Effect):
-    """An effect that the grammar makes.
-
-    Attributes:
-        target: the only one that it has.
-    """
+    """An effect that the grammar makes, with its only target."""
 
     target: str = ""
 
@@ -101,11 +94,7 @@ class Law(Effect):
 
 
 def law_effect(target: str, where: str = LAW) -> Effect:
-    """Return the effect that a law of this target says.
-
-    Raises:
-        InputError: a sentence that makes no sense, with those that do.
-    """
+    """Return the effect that a law of this target says; refuse a sentence that makes no sense."""
     sentence_of(target, where)
     return _law_effect(target)
 

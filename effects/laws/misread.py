@@ -87,7 +87,6 @@ AT_REST = 1e-10  # rad, N or m
 
 
 def misread(m: Measurements, robot: Robot, target: str, values: Values) -> Measurements:
-    """Return the measurements that the faulty instruments give."""
     sentence = sentence_of(target)
     observed = observe(m, nominal_robot(robot, common_support(m.support)))
     read: Any = getattr(m, sentence.field) + error(observed, sentence, values)
@@ -95,7 +94,6 @@ def misread(m: Measurements, robot: Robot, target: str, values: Values) -> Measu
 
 
 def undo(observed: Observation, target: str, values: Values) -> Observation:
-    """Return the observation with the readings corrected."""
     sentence = sentence_of(target)
     name = sentence.field
     read, true = getattr(observed, name), observed
@@ -111,11 +109,7 @@ def undo(observed: Observation, target: str, values: Values) -> Observation:
 
 
 def error(observed: Observation, sentence: Sentence, values: Values) -> np.ndarray:
-    """Compute reading minus truth, in the shape of the readings: joint angles, cells or plate poses.
-
-    Args:
-        observed: with true readings.
-    """
+    """Compute reading minus truth, in the shape of angles, cells or plate poses, from true readings."""
     sizes, fixed, ends = split_values(sentence, values)
     out = np.zeros_like(getattr(observed, sentence.field))
     for at in readings(observed, sentence):

@@ -50,12 +50,7 @@ def range_names(sentence: Sentence) -> tuple[str, ...]:
 
 
 def basis(sentence: Sentence, x: np.ndarray, fixed: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Compute the functions whose sum, each times its size, is the law, (m, s).
-
-    Args:
-        x: the quantity, (m, d).
-        fixed: as `fixed_names`. ends: as `range_names`.
-    """
+    """Compute the functions of a quantity, (m, d), whose sum, each times its size, is the law, (m, s)."""
     low, high = ends[0::2], ends[1::2]
     if len(ends):
         x = np.clip(x, low, high)
@@ -94,11 +89,7 @@ def _spline(knots: int) -> CubicSpline:
 
 
 def choices(sentence: Sentence, x: np.ndarray) -> np.ndarray:
-    """List the values of `fixed_names` that a search tries, (g, f).
-
-    Args:
-        x: the quantity as it was measured, (m, d).
-    """
+    """List the values of `fixed_names` that a search tries, (g, f), of a measured quantity, (m, d)."""
     form, timed = sentence.form, sentence.quantity == g.TIME
     first = x[:, 0]
     if not fixed_names(sentence):

@@ -8,7 +8,7 @@ import numpy as np
 from tulip_testbed.base.column import columns
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.result import Array, Result
-from tulip_testbed.base.table import Table, cells
+from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.parameter_tables import ConstantError
 from tulip_testbed.identification.cad_prior import CENTER_SD, MASS_SD
 from tulip_testbed.identification.pseudo_inertia import central, standard_of
@@ -70,8 +70,8 @@ class ExportedModel(Result):
             cad = (f"{axis}, CAD", "mm", ".1f", 1e3, True)
             heads += columns(cad, (axis, "mm", ".1f", 1e3), (f"{axis} from data", "%", ".0f", 100, True))
         rows = []
-        for k, link in enumerate(self.links):
-            of_mass = cells(link, f"links.{k}", "mass_cad", "mass", "mass_data_share")
+        for link in self.links:
+            of_mass = link.mass_cad, link.mass, link.mass_data_share
             of_center = zip(link.center_cad, link.center, link.center_data_share, strict=True)
             rows.append([link.link, *of_mass, *(float(value) for axis in of_center for value in axis)])
         note = (

@@ -23,12 +23,7 @@ TAG = re.compile(rb"""(?:[^"'>]|"[^"]*"|'[^']*')*>""")  # quoted values may hold
 
 @dataclass
 class _Element:
-    """A body or a link in the text.
-
-    Attributes:
-        start: of its start tag, in bytes. after: end of the start tag.
-        inertial: start and end of its <inertial>; None: there is none.
-    """
+    """A body or a link in the text: start and end of its tag, in bytes, and those of its <inertial>."""
 
     start: int
     after: int

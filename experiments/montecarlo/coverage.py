@@ -8,7 +8,7 @@ from pydantic import Field
 
 from tulip_testbed.base.column import Column
 from tulip_testbed.base.result import Figure
-from tulip_testbed.base.table import Table, cells
+from tulip_testbed.base.table import Table
 from tulip_testbed.base.table_files import Columns
 from tulip_testbed.experiments.montecarlo.run_columns import errors_of, matrix
 from tulip_testbed.identification.distributions import chi2_ppf, f_ppf, t_ppf
@@ -140,12 +140,7 @@ def share(counts: np.ndarray, count: int, confidence: float) -> Estimates:
 def summarise_errors(
     error: np.ndarray, stated: np.ndarray, dof: np.ndarray, numbers: tuple[int, ...] = (0,)
 ) -> Errors:
-    """Summarise the errors of p parameters in n runs.
-
-    Args:
-        error, stated: estimate minus truth and the stated standard error, (n, p) [m].
-        dof: of each parameter's t interval, (n, p).
-    """
+    """Summarise errors, (n, p) [m], by stated standard errors and their degrees of freedom, (n, p)."""
     count = len(error)
     none = np.full(error.shape[1], np.nan)
     return Errors(
@@ -159,11 +154,7 @@ def summarise_errors(
 
 
 def model_errors(runs: Columns, model: str, numbers: tuple[int, ...], given: bool = False) -> Errors:
-    """Summarise the errors of a model's parameters.
-
-    Args:
-        given: that are left if the imperfections which the data do not show were known.
-    """
+    """Summarise a model's errors, or those `given` the imperfections that the data do not show."""
     value, error = ("given", "given_se") if given else ("value", "se")
     stated, dof = (matrix(runs, [f"{model}.{name}.{n}" for n in numbers]) for name in (error, "dof"))
     errors = summarise_errors(errors_of(runs, model, numbers, value), stated, dof, numbers)
@@ -174,22 +165,13 @@ def model_errors(runs: Columns, model: str, numbers: tuple[int, ...], given: boo
     return replace(errors, exceeded=exceeded, residual_dof=float(below.mean()) if errors.count else np.nan)
 
 
-def coverage_of(errors: Errors) -> list[dict[str, Any]]:
-    """Return the figures of every parameter by their names in `Coverage`."""
+def coverage_of(errors: Errors) -> list[tuple[Any, ...]]:
+    """Return the figures of every parameter in the order of `Coverage`."""
     ratio, ratio_interval = errors.standard_error_ratio(CONFIDENCE)
     held, held_interval = errors.coverage(CONFIDENCE)
-    figures = {
-        "bias": errors.bias,
-        "bias_mc_error": errors.mc_error,
-        "standard_error": errors.standard_error,
-        "empirical_standard_error": errors.sd,
-        "standard_error_ratio": ratio,
-        "standard_error_ratio_interval": ratio_interval.T,
-        "coverage95": held,
-        "coverage95_interval": held_interval.T,
-    }
-    columns = [column.tolist() for column in figures.values()]
-    return [dict(zip(figures, row, strict=True)) for row in zip(*columns, strict=True)]
+    sizes = (errors.bias, errors.mc_error, errors.standard_error, errors.sd)
+    figures = (*sizes, ratio, ratio_interval.T, held, held_interval.T)
+    return list(zip(*(figure.tolist() for figure in figures), strict=True))
 
 
 def model_coverage(errors: Errors, names: tuple[str, ...]) -> dict[str, Any]:
@@ -199,7 +181,7 @@ def model_coverage(errors: Errors, names: tuple[str, ...]) -> dict[str, Any]:
     if errors.exceeded is not None and errors.count:
         exceeded, interval = share(np.array([errors.exceeded]), errors.count, CONFIDENCE)
         beyond = Share(float(exceeded[0]), interval[:, 0].tolist())
-    parameters = [ParameterCoverage(number=n, name=names[n - 1], **row) for n, row in rows]
+    parameters = [ParameterCoverage(*row, number=n, name=names[n - 1]) for n, row in rows]
     return {"parameters": parameters, "beyond_95": beyond}
 
 
@@ -220,6 +202,5 @@ SHOWN = {
 
 def coverage_table(model: str, rows: list[ParameterCoverage]) -> Table:
     """Return bias, standard errors and coverage of the parameters of the "full" or "simplified" model."""
-    path = "parameters" if model == "full" else f"{model}.parameters"
-    lines = [cells(row, f"{path}.{k}", *SHOWN) for k, row in enumerate(rows)]
+    lines = [[getattr(row, name) for name in SHOWN] for row in rows]
     return Table(f"{model.capitalize()} model", tuple(SHOWN.values()), lines)

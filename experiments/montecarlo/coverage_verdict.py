@@ -24,7 +24,7 @@ import numpy as np
 
 from tulip_testbed.base.column import Column, columns
 from tulip_testbed.base.result import Figure
-from tulip_testbed.base.table import Cell, Table, cells
+from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.experiments.montecarlo.coverage import WHOLE_LEVEL, Errors, Estimates, Interval, share
 from tulip_testbed.experiments.validate import NEGLIGIBLE
 from tulip_testbed.identification.distributions import f_ppf, f_sf
@@ -160,11 +160,10 @@ def coverage_check_table(checks: list[CoverageCheck]) -> Table:
     figures = ("worst no.", "", "d"), ("value", "", ".4f"), ("interval", "", ".4f"), ("bounds", "", ".2g")
     extra = (Column(name, extra=True) for name in ("beyond, no.", "where the bounds come from"))
     heads, rows = columns("check", "result", *figures, *extra), []
-    for k, check in enumerate(checks):
-        of_bounds = ("number", "value", "interval", "bounds", "beyond", "source")
-        name, *others = cells(check, f"checks.{k}", "name", *of_bounds)
+    for check in checks:
         result = check.result if check.shown or check.result != "pass" else "inconclusive"
-        rows.append([name, Cell(result, mark=result), *others])
+        figures = (check.number, check.value, check.interval, check.bounds, check.beyond)
+        rows.append([check.name, Cell(result, result), *figures, check.source])
     note = (
         f"Bounds: bias within {BIAS[1]:g} s.e., found over stated s.e. {RATIO[0]:g} to {RATIO[1]:g}, "
         f"coverage {100 * COVERAGE[0]:g} to {100 * COVERAGE[1]:g} %. Judged are the errors that "

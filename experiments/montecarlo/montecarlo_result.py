@@ -78,7 +78,6 @@ class Settings:
         return 1 if self.engine == "dynamics" else CHUNK
 
     def check(self) -> None:
-        """Refuse what cannot be run."""
         at_least("runs", self.runs, 1)
         at_most("runs", self.runs, MOST_RUNS)
         at_least("seed", self.seed, 0)
@@ -275,7 +274,7 @@ class MonteCarlo(Result, ModelCoverage):
             imperfections=float(settings.imperfections),
             **covered["full"],
             simplified=ModelCoverage(**covered.get("simplified", {"parameters": []})),
-            total_mass=Coverage(**coverage.coverage_of(of_mass)[0]),
+            total_mass=Coverage(*coverage.coverage_of(of_mass)[0]),
             identified=models["full"].count,
             failures=dict(Counter(str(reason) for reason in every_run["failure"] if reason)),
             checks=done,
@@ -307,7 +306,6 @@ def _usable(runs: Columns, full: Errors, robot: Robot, plan: PosturePlan) -> str
 
 
 def montecarlo_file(laboratory: Laboratory, plan: PosturePlan, settings: Settings) -> MonteCarloFile:
-    """Make the run.json of a Monte Carlo."""
     return MonteCarloFile(
         format="tulip-montecarlo",
         version=VERSION,

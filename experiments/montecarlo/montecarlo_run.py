@@ -110,7 +110,6 @@ def montecarlo(
 
 
 def run_folder(folder: Path, document: MonteCarloFile) -> ResumableFolder:
-    """Return the folder of a Monte Carlo."""
     return ResumableFolder(folder, RUN_FILE, document.plain(), "Monte Carlo", "runs")
 
 

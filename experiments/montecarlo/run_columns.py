@@ -49,11 +49,9 @@ class RunChunks:
         return self.folder / f"chunk-{index:06d}.parquet"
 
     def missing(self) -> list[int]:
-        """Return the chunks that are still to be computed."""
         return [index for index in range(len(self)) if not present(self.path(index))]
 
     def done(self) -> int:
-        """Return how many runs are there."""
         return self.runs - sum(len(self.runs_of(index)) for index in self.missing())
 
     def write(self, columns: Columns) -> int:
@@ -90,12 +88,7 @@ class RunChunks:
 
 @dataclass(frozen=True)
 class Layout:
-    """Which columns a record has.
-
-    Attributes:
-        names: of all base parameters, numbered from 1.
-        models: numbers of the parameters that each model estimates.
-    """
+    """Columns of a record: all base parameters, numbered from 1, and the numbers that a model estimates."""
 
     names: tuple[str, ...]
     models: dict[str, tuple[int, ...]]
@@ -122,7 +115,6 @@ def read_runs(chunks: RunChunks, layout: Layout) -> Columns:
 
 
 def identified(runs: Columns) -> Columns:
-    """Return the runs that could be identified."""
     good = runs["failure"] == ""
     return {name: values[good] for name, values in runs.items()}
 

@@ -181,11 +181,7 @@ def _explained(robot: Robot, plan: PosturePlan) -> np.ndarray:
 
 
 def _inflation(basis: np.ndarray, rig: Rig, plan: PosturePlan, order: np.ndarray) -> float:
-    """Return the larger inflation of both axes.
-
-    Args:
-        basis: see `_explained`.
-    """
+    """Return the larger inflation of both axes with a basis of `_explained`."""
     if len(order) < 2:
         return 1.0
     time = start_times(rig, plan.placement[order])
@@ -204,8 +200,7 @@ def marks_moved(robot: Robot, plan: PosturePlan, rows: list[int]) -> np.ndarray:
     """
     feet = plan.foot_poses[rows]
     boards = boards_under(preset_rig("ideal", robot), feet)
-    half = nominal_plates(robot)[0].size / 2
-    corners = half * np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]])
+    corners = nominal_plates(robot)[0].corners
     soles = [sole_corners(robot.model, foot)[:, :2] for foot in robot.feet]
     marks = np.array(
         [

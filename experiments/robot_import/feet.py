@@ -7,6 +7,7 @@ import numpy as np
 
 from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.experiments.robot_import.skeleton import Array, Skeleton
+from tulip_testbed.measurements.cells import SIGNS
 
 UP = np.array([0.0, 0.0, 1.0])
 SOLE = 0.004  # m: points no higher above the lowest one belong to the sole
@@ -232,6 +233,5 @@ def _corners(points: Array) -> Array:
     center = (points[:, :2].max(axis=0) + points[:, :2].min(axis=0)) / 2
     half = np.maximum(np.ptp(points[:, :2], axis=0) / 2, 1e-6)
     scaled = (points[:, :2] - center) / half
-    signs = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]])
-    chosen = [points[int((scaled @ sign).argmax()), :2] for sign in signs]
+    chosen = [points[int((scaled @ signs).argmax()), :2] for signs in SIGNS]
     return np.column_stack([chosen, np.full(4, points[:, 2].min())])

@@ -169,7 +169,6 @@ def _is_mesh(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh) -> bool:
 
 
 def _check_tree(model: mujoco.MjModel, root: int, path: Path) -> None:
-    """Refuse sizes that no robot has."""
     if model.nbody > MOST_LINKS:
         raise InputError(f"{path}: found {model.nbody - 1} links, expected at most {MOST_LINKS}")
     own = model.body_rootid == root

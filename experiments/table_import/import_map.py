@@ -50,11 +50,7 @@ class SeriesOfMap(BaseModel):
 
 
 class ValuesOfMap(BaseModel):
-    """The values of a device or a matrix by their order, columns NAME.1, NAME.2, ..., and their meaning.
-
-    Attributes:
-        names: columns of the contract. unit: of all, or of each.
-    """
+    """Values of a device or a matrix by their order, columns NAME.1, ...; their unit is of all or of each."""
 
     model_config = ConfigDict(extra="forbid")
     names: list[str]

@@ -145,10 +145,7 @@ def series_rows(
 
 
 def _support(samples: Measurements, nominal: Nominal, weight: float) -> np.ndarray:
-    """Return on which feet the robot stands by its contact sensors and its legs, (n,).
-
-    It is "" where it stands on none, or while a foot lands or lifts.
-    """
+    """Return on which feet the robot stands, (n,); "" where it is on none, or while a foot lands or lifts."""
     support, share = supports(samples, weight), loads(samples) / weight
     light = (support == "double") & (share < LIGHT).any(axis=1)
     both = (support == "double") & ~light
@@ -181,7 +178,6 @@ def _touching(rows: Measurements, weight: float) -> np.ndarray:
 
 
 def added_columns(count: int, series: SeriesOfMap) -> dict[str, np.ndarray]:
-    """Return the columns that every sample is given."""
     columns = {"posture": np.ones(count, int), "placement": np.ones(count, int)}
     if series.rate is not None:
         columns["time"] = np.arange(count) / series.rate

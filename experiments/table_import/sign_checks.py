@@ -23,12 +23,7 @@ BOTH = "double"
 
 @dataclass(frozen=True)
 class SignCheck:
-    """The signs of a table that the robot confirms.
-
-    Attributes:
-        confirmed: by column of the contract, what confirms its sign.
-        doubtful: what contradicts the signs or units, one sentence each.
-    """
+    """Confirmations of a table's signs, by column of the contract, and what contradicts signs or units."""
 
     confirmed: dict[str, str]
     doubtful: list[str]
@@ -77,7 +72,6 @@ def _by_closed_legs(m: Measurements, nominal: Nominal) -> Evidence:
 
 
 def _by_range(m: Measurements, nominal: Nominal) -> Evidence:
-    """Check the sign of a joint with a one-sided range."""
     for k, joint in enumerate(m.joints):
         low, high = nominal.parameters.tree.joint_range[k]
         values, name = m.joint_angles[:, k], f"q.{joint}"

@@ -32,12 +32,7 @@ GONE = 10.0  # ln of the likelihood ratio, from which a change counts as gone
 
 @dataclass(frozen=True)
 class Level:
-    """Limits of a day.
-
-    Attributes:
-        row: p-value below which a row does not fit. repeat: that of its difference from the last time.
-        ratio: of a change, twice the ln of the likelihood ratio.
-    """
+    """Limits of a day: p-values of a row and of a repeat, and twice the ln of a change's likelihood ratio."""
 
     row: float
     repeat: float
@@ -116,10 +111,7 @@ def fault_of_odd_rows(model: DayModel, state: WatchState, innovation: Innovation
 
 
 def still_there(model: DayModel, state: WatchState, innovation: Innovation) -> tuple[WatchState, Finding]:
-    """Return the state with or without the change after one more row, and what to say of it.
-
-    While a change is there, no row is taken in.
-    """
+    """Return the state after one more row, not taken in while the change is there, and what to say of it."""
     fault = state.fault
     assert fault is not None
     signature = fault.size * innovation.faults[:, fault.direction]
@@ -144,7 +136,6 @@ def still_there(model: DayModel, state: WatchState, innovation: Innovation) -> t
 
 
 def noticed(model: DayModel, fault: Fault) -> Finding:
-    """Tell of a change that was noticed now."""
     return _change(
         model,
         fault,

@@ -33,12 +33,7 @@ TABLE = "motion.csv"
 
 
 class Arrived(NamedTuple):
-    """A row, or what is wrong, with the line at which it came.
-
-    Attributes:
-        read: SHA-256 of the file as far as this line.
-        row: None if there is a problem.
-    """
+    """A row or a problem, with its line's number and the SHA-256 of the file as far as this line."""
 
     line: int
     read: str
@@ -182,7 +177,6 @@ class ArrivingSamples:
 
 
 def joined(samples: list[Measurements]) -> Measurements:
-    """Return samples one after the other."""
     arrays = {
         name: np.concatenate([getattr(one, name) for one in samples])
         for name, values in vars(samples[0]).items()

@@ -69,11 +69,7 @@ class Direction:
         return effect_label(self.effect.name, self.target)
 
     def words(self, size: float) -> str:
-        """Tell the change in words.
-
-        Args:
-            size: in plausible sizes; of a ramp, in ten postures.
-        """
+        """Tell the change, in plausible sizes (of a ramp, in ten postures), in words."""
         parameters = self.effect.parameters_on(self.target)
         values = [parameters[k].text(size * self.sizes[k]) for k in self.effect.sizes if self.sizes[k]]
         sort = "drifts by about {} in ten postures" if self.ramp else "changed by about {}"
@@ -118,7 +114,6 @@ class DayModel:
 
     @property
     def unit(self) -> str:
-        """Return what a row is called."""
         return "posture" if self.window is None else "row"
 
     def number(self, row: int) -> int:
@@ -164,14 +159,10 @@ class DayModel:
 
     @property
     def parameters(self) -> int:
-        """Count the base parameters."""
         return len(self.nominal.value)
 
     def first_rows(self, rows: Measurements) -> np.ndarray:
-        """Return the plan's first row of the posture of each measured row, (m,); 0 if it has none.
-
-        Of a motion it is the first of the placement.
-        """
+        """Return the plan's first row of each row's posture (of a motion: of its placement), (m,); else 0."""
         if self.window is None:
             return (self.plan.posture == rows.posture[:, None]).argmax(axis=1)
         return (self.plan.placement == rows.placement[:, None]).argmax(axis=1)
@@ -206,12 +197,7 @@ class DayModel:
 def day_model(
     plan: PosturePlan, robot: Robot, header: MeasurementHeader, window: float | None = None
 ) -> DayModel:
-    """Prepare the watch of a day.
-
-    Args:
-        header: of the day's measurements, by plates on four cells.
-        window: of the rows of a plan that moves [s]; None: it does not.
-    """
+    """Prepare the watch of a day on plates with four cells; a plan that moves has rows of a window [s]."""
     check_fits("plan", plan, robot)
     nominal = nominal_robot(robot, common_support(plan.support))
     observed, inertias = observe(Measurements.without_rows(header), nominal), None

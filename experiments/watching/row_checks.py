@@ -63,11 +63,7 @@ def order_findings(model: DayModel, state: WatchState, row: Measurements, planne
 def unfit(
     model: DayModel, state: WatchState, row: Measurements, planned: int, level: float
 ) -> tuple[str, list[Finding]]:
-    """Return the verdict if the row alone cannot be used, otherwise "", and what it shows.
-
-    Args:
-        level: p-value below which a statistical check of the preflight counts.
-    """
+    """Return the verdict if the row alone cannot be used, else "", and what a check below `level` shows."""
     nominal, where, findings = model.nominal, f"{model.unit} {row.posture[0]}", []
     in_units = units(row, nominal)
     if in_units.result == "fail":

@@ -68,11 +68,7 @@ class RowColumns:
         return RowColumns(**{name: values[k] for name, values in vars(self).items()})
 
     def about(self, theta: np.ndarray) -> RowColumns:
-        """Return a row linearised about other base parameters.
-
-        Args:
-            theta: less CAD's, (p,) [m].
-        """
+        """Return a row linearised about other base parameters, theta less CAD's, (p,) [m]."""
         turn = self.slope @ theta
         by_angles, state, faults = self.by_angles.copy(), self.state.copy(), self.faults.copy()
         by_angles[..., :2, :] -= turn
@@ -89,11 +85,7 @@ class RowColumns:
         return replace(self, used=used, residual=self.residual * used, **kept)
 
     def noise(self, encoder: float, share: float = 1.0) -> np.ndarray:
-        """Return the covariance of the residuals by what no posture shares, (..., 11, 11); 1 if not used.
-
-        Args:
-            share: of it that does not last.
-        """
+        """Return the covariance of the residuals by the share of it that does not last, (..., 11, 11)."""
         pushed = self.by_angles @ self.pushed
         own = encoder**2 * self.by_angles @ self.by_angles.swapaxes(-1, -2)
         own = own + self.cells + pushed @ pushed.swapaxes(-1, -2)

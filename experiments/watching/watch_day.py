@@ -42,12 +42,7 @@ EVERY = "all"
 
 @dataclass(frozen=True, eq=False)
 class Arrival:
-    """The result of a line of the table.
-
-    Attributes:
-        line: its number. verdict: None if it could not be read.
-        problem: why it could not be read, otherwise "".
-    """
+    """The verdict on a line of the table, or the problem why it could not be read."""
 
     line: int
     verdict: Verdict | None
@@ -114,7 +109,7 @@ class Watch(Result):
         heads, rows = columns(("no.", "", "d"), "parameter", *figures, "met"), []
         for k, (name, error) in enumerate(self._last.standard_errors.items(), 1):
             target = self._targets[name]
-            met = Cell("yes", mark="pass") if error <= target else Cell("no", mark="warn")
+            met = Cell("yes", "pass") if error <= target else Cell("no", "warn")
             wanted = math.isfinite(target)
             rows.append([k, name, error, target if wanted else None, met if wanted else ""])
         note = "By the data sheets and the postures so far; the readings' scatter does not enter."

@@ -147,7 +147,6 @@ class Verdict:
     time: float | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON document."""
         moving = self.time is not None
         return {
             **({"row": self.posture, "time": self.time} if moving else {"posture": self.posture}),

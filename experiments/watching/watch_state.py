@@ -109,7 +109,6 @@ class Belief:
         )
 
     def updated(self, innovation: Innovation) -> Belief:
-        """Return the belief with the posture taken in."""
         mean = self.mean + innovation.gain @ innovation.value
         covariance = self.covariance - innovation.gain @ innovation.covariance @ innovation.gain.T
         return Belief(mean, (covariance + covariance.T) / 2)
@@ -153,15 +152,10 @@ class DesignInformation:
         return scale * np.sqrt(np.diag(np.linalg.inv(scaled)))
 
     def placement_begun(self) -> DesignInformation:
-        """Return the information as a new placement begins."""
         return self.begun(self.whole)
 
     def with_posture(self, model: DayModel, row: RowColumns, kept: float = 0.0) -> DesignInformation:
-        """Return the information with one more posture.
-
-        Args:
-            kept: correlation of its noise with that of the row before.
-        """
+        """Return the information with one more posture, by its noise's correlation with the row before."""
         by_angles = row.by_angles[CENTER]
         noise = model.noise.encoder**2 * by_angles @ by_angles.T + row.cells[CENTER, CENTER]
         base = row.state[CENTER, : model.parameters]
@@ -189,7 +183,6 @@ class Changes:
 
     @classmethod
     def none(cls, numbers: int, directions: int) -> Changes:
-        """Return the evidence before the first row."""
         onsets = RECENT + EARLIER
         return cls(
             onset=np.full(onsets, -1),
@@ -332,7 +325,6 @@ class WatchState:
 
 
 def first_state(model: DayModel) -> WatchState:
-    """Return the state before the first row."""
     n = len(model.covariance)
     return WatchState(
         belief=Belief(np.zeros(n), model.covariance),

@@ -87,7 +87,6 @@ class Conventions:
 
 
 def convention_table(conventions: Sequence[StatedConvention]) -> Table:
-    """Return hypotheses as a table."""
     names = ("convention", "hypothesis", "log-likelihood", "applied")
     rows = [
         [row.what, row.hypothesis, round(row.log_likelihood, 1), "yes" if row.applied else ""]

@@ -44,7 +44,6 @@ MIXED_MODEL = "mixed-model"
 
 
 def estimate_by(data: Regression, name: str = MIXED_MODEL) -> Estimate:
-    """Run an estimator by its name."""
     return ESTIMATORS[look_up("estimator", name, ESTIMATORS, "estimator")].run(data)
 
 

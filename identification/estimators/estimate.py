@@ -57,12 +57,7 @@ class Unseen:
     covariance: Array
 
     def given(self, value: np.ndarray, sizes: Mapping[str, float]) -> np.ndarray:
-        """Return the base parameters (p,) as they were estimated if these imperfections were known.
-
-        Args:
-            value: the estimate, (p,) [m].
-            sizes: true numbers by label, zero if missing [SI].
-        """
+        """Return an estimate, (p,) [m], as if imperfections of these sizes, by label [SI], were known."""
         return value + self.carry @ (np.array([sizes.get(label, 0.0) for label in self.labels]) - self.value)
 
 

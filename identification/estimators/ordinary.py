@@ -47,11 +47,7 @@ def least_squares(data: Regression) -> Estimate:
 
 
 def estimate_at(data: Regression, value: np.ndarray, c: np.ndarray) -> Estimate:
-    """Return an estimate with the errors of least squares.
-
-    Args:
-        value: the parameters, (p,). c: (H'H)^-1 or what takes its place, (p, p).
-    """
+    """Return the estimate at a value, (p,), with the errors of least squares of (H'H)^-1 or its like, c."""
     _, sigma, dof = residual_sigma(data, value)
     clustered, placement_sd = clustered_covariance(data, c)
     freedom = np.full(len(value), float(dof)), float(dof)

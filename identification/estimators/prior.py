@@ -121,7 +121,6 @@ class IdentifiableMasses:
 
     @property
     def sentence(self) -> str:
-        """Return the result as a sentence."""
         count = len(self.combinations)
         if count == 1:
             return (
@@ -179,10 +178,7 @@ def physically_consistent(data: Regression) -> Estimate:
 
 
 def corner_parameters(data: Regression) -> np.ndarray:
-    """Return the base parameters of robots with all mass on one corner of a link's box, (p, 8 n) [m].
-
-    The n links are those that have a mass.
-    """
+    """Return base parameters of robots with all mass on a corner of one of n links' boxes, (p, 8 n) [m]."""
     if data.robot is None or data.parameters is None:
         raise InputError(f"{data.source}: found no robot, expected one, whose link boxes are the bounds")
     boxes = link_boxes(data.robot.visual_model)

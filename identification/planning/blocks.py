@@ -88,10 +88,7 @@ def information_slope(evaluation: Evaluation, by_matrix: np.ndarray) -> np.ndarr
 def improve(
     problem: PlanningProblem, block: Block, rest: np.ndarray, smooth: Smooth, iterations: int
 ) -> Block:
-    """Minimise a function of M over one block, given the information of the rest, (p, p).
-
-    Returns a feasible block with a smaller value, or the same block.
-    """
+    """Minimise a function of M over one block, given the rest's information, (p, p); never to a worse one."""
 
     def objective(evaluation: Evaluation) -> tuple[float, np.ndarray]:
         value, by_matrix = smooth(rest + information(evaluation))

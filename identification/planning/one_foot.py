@@ -73,7 +73,6 @@ def from_other_foot(problem: PlanningProblem) -> PlanningProblem:
 
 @lru_cache(maxsize=8)
 def with_feet_exchanged(robot: Robot) -> Robot:
-    """Return the robot with its swing foot as stance foot."""
     return replace(robot, stance_foot=robot.swing_foot, swing_foot=robot.stance_foot)
 
 

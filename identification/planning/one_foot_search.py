@@ -145,10 +145,7 @@ def from_pools(
 
 
 def improved(single: Sequence[OnOneFoot], both: np.ndarray, *stages: Smooth) -> list[OnOneFoot]:
-    """Improve feasible postures on one foot, one foot after the other, by each function of M in turn.
-
-    The information of the postures on both feet is (p, p).
-    """
+    """Improve postures on each foot in turn by each function of M; those on both feet give (p, p) of it."""
     single = list(single)
     for smooth in stages:
         for k, own in enumerate(single):

@@ -46,13 +46,7 @@ GROUPS = {"joint": "joint limits", "torque": "torques"}  # by the first word of 
 
 @dataclass(frozen=True)
 class Start:
-    """Start of a search.
-
-    Attributes:
-        drawn: random postures on both feet.
-        state: state of their search.
-        single: postures on each foot that are optimised with them.
-    """
+    """Start of a search: random postures on both feet, their search's state, and those on each foot."""
 
     drawn: PosturePlan
     state: SearchState
@@ -87,12 +81,10 @@ class SearchTask:
 
     @property
     def rounds(self) -> int:
-        """Return the number of rounds of the search."""
         return round_count(self.objective, self.hops)
 
     @cached_property
     def goal(self) -> Objective:
-        """Return the objective of the postures that are searched for."""
         return after(self.problem, self.objective, self.measured)
 
     @cached_property

@@ -103,7 +103,6 @@ def repair_start(
 
 
 def round_count(objective: Objective, hops: int) -> int:
-    """Return the number of rounds of `search`."""
     return len(objective.smooth) + hops + 1
 
 

@@ -121,10 +121,7 @@ class Shifts:
 
 
 def shifts(found: AgreementFit, directions: np.ndarray, together: Groups) -> Shifts:
-    """Test a shift of the residuals of each group of postures, each within a placement.
-
-    The directions of the shifts are (m, 2, d).
-    """
+    """Test a shift of each group's residuals, within a placement, in directions (m, 2, d)."""
     weighted = found.weights.of_postures @ directions
     if len(together) < len(directions):
         weighted = found.weights(directions)  # within the placement

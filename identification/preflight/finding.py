@@ -42,7 +42,6 @@ class Finding:
 
 
 def skipped(name: str, reason: str) -> Finding:
-    """Return the finding of a check that was not evaluated."""
     return Finding(name, "not evaluated", reason)
 
 

@@ -104,7 +104,6 @@ def _saturation(m: Measurements) -> Finding:
 
 
 def rows_of(m: Measurements, nominal: Nominal) -> list[Finding]:
-    """Check the rows of a motion."""
     nominal = nominal_robot(nominal.robot, common_support(m.support))
     observed = observe(m, nominal)
     return [_lag(m, nominal, observed), _inertial_part(observed)]

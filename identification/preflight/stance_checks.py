@@ -172,7 +172,6 @@ def _outside(cop: np.ndarray, soles: np.ndarray, spread: np.ndarray) -> tuple[np
 
 
 def legs(measurements: Measurements, nominal: Nominal, usual: Usual) -> list[Finding]:
-    """Run both checks of the legs."""
     pose = nominal.swing_sole(measurements.joint_angles)
     slope = jacobian(nominal.swing_sole, measurements.joint_angles)
     closed = _legs_close(measurements, nominal, pose, slope, usual)

@@ -29,10 +29,7 @@ class Device:
 
 
 def joined_devices(path: Path, devices: Sequence[Device]) -> TableFile:
-    """Interpolate all devices on the clock of the slowest, where all of them were logged.
-
-    Samples of that clock in a gap of another device are left out.
-    """
+    """Interpolate all devices on the slowest one's clock, where all were logged and none has a gap."""
     new = [in_order(f"{path}: {device.name}", device.time) for device in devices]
     devices = [replace(d, time=d.time[k], values=d.values[k]) for d, k in zip(devices, new, strict=True)]
     first, last = (max(devices, key=lambda d: d.time[0]), min(devices, key=lambda d: d.time[-1]))

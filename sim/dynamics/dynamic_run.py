@@ -11,7 +11,7 @@ from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.base.workers import deaf_to_interruptions, watched
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim import procedure
-from tulip_testbed.sim.dynamics.hold import Held, hold, move, put_down
+from tulip_testbed.sim.dynamics.hold import hold, move, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.outcome import Attempt, Outcome, Truth, dropped_postures
 from tulip_testbed.sim.plan_folder import check_support
@@ -134,16 +134,13 @@ def run_placement(
             move(stand, before, planned, command)
         held, reason = hold(stand, planned)
         before = planned if held else None
-        reading = _read(rig, held, zeros, rng) if held else {}
+        reading = {}
+        if held:
+            true = (held.joint_angles, held.motor_angles, held.cell_forces, held.wrenches)
+            reading = procedure.read_sensors(rig, *true, zeros, rng)
         number, true_plates = int(plan.posture[row]), stand.plates_in_base()
         attempts.append(Attempt(number, placement, repeat, held, reason, reading, recorded, true_plates))
     return attempts
-
-
-def _read(rig: Rig, held: Held, zeros: np.ndarray | None, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    return procedure.read_sensors(
-        rig, held.joint_angles, held.motor_angles, held.cell_forces, held.wrenches, zeros, rng
-    )
 
 
 def _measurements(

@@ -117,10 +117,7 @@ def _times(rig: Rig, motion: Trajectory) -> np.ndarray:
 def _move_on_placement(
     rig: Rig, plan: PosturePlan, numbers: list[int], stream: np.random.SeedSequence, zeros: np.ndarray | None
 ) -> list[_Segment]:
-    """Set up one placement and follow the segments with these numbers in the trajectory.
-
-    The zeros are the true ones of the wrench sensors, (2, c) [N, Nm].
-    """
+    """Set up a placement and follow these segments; zeros of wrench sensors are true, (2, c) [N, Nm]."""
     motion, rng = plan.motion, np.random.default_rng(stream)
     assert motion is not None
     there = np.flatnonzero(plan.placement == motion.placement[motion.segments[numbers[0]].start])

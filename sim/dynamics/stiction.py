@@ -134,7 +134,6 @@ def _contacts(
 
 
 def sliding_friction(model: mujoco.MjModel, pair: tuple[int, int]) -> float:
-    """Return the coefficient of sliding friction in the contact pair of two bodies."""
     for k in range(model.npair):
         geoms = model.pair_geom1[k], model.pair_geom2[k]
         if {model.geom_bodyid[geom] for geom in geoms} == set(pair):

@@ -73,13 +73,7 @@ def _closed_displacements(
 def sway_displacements(
     reference: Reference, weight: float, which: np.ndarray, push: np.ndarray
 ) -> np.ndarray:
-    """Return the displacement of every coordinate under a push at the torso, (b, n) [rad].
-
-    Args:
-        weight: weight of the robot [N].
-        which: indices of the postures, (b,).
-        push: standard normal, (b, 2).
-    """
+    """Return every coordinate's displacement, (b, n) [rad], by standard normal pushes at the torso."""
     n = reference.state.angles.shape[-1]
     yielding = -reference.inverse[:, 6 : 6 + n, :2]
     return SWAY * weight * (yielding[which] @ push[..., None])[..., 0]

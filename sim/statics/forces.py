@@ -28,21 +28,14 @@ class StaticState:
     wrench: np.ndarray
 
     def take(self, which: np.ndarray) -> StaticState:
-        """Select items of a flat batch."""
         return StaticState(self.position[which], self.rotation[which], self.angles[which], self.wrench[which])
 
     def put(self, which: np.ndarray, other: StaticState) -> None:
-        """Overwrite items of a flat batch."""
         self.position[which], self.rotation[which] = other.position, other.rotation
         self.angles[which], self.wrench[which] = other.angles, other.wrench
 
     def moved(self, change: np.ndarray) -> StaticState:
-        """Return the state after a change.
-
-        Args:
-            change: translation and rotation vector of the torso in the world's axes, coordinates and
-                wrenches, (..., 6 + n + 12).
-        """
+        """Return the state after a change of torso, coordinates and wrenches, (..., 6 + n + 12)."""
         n = self.angles.shape[-1]
         return StaticState(
             self.position + change[..., :3],
@@ -192,7 +185,6 @@ def body_frames(m: Mechanism, state: StaticState) -> Frames:
 
 
 def _turned(rotation: np.ndarray, joint: Joint, angle: np.ndarray) -> np.ndarray:
-    """Rotate matrices by an angle about the axis of a joint."""
     cosine, sine = np.cos(angle), np.sin(angle)
     if (k := joint.along) is not None:  # two columns mix, the third stays
         i, j = (k + 1) % 3, (k + 2) % 3
@@ -207,11 +199,7 @@ def _turned(rotation: np.ndarray, joint: Joint, angle: np.ndarray) -> np.ndarray
 
 
 def body_loads(m: Mechanism, state: StaticState, load: Load, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
-    """Return force and moment about the world's origin on every body, by weight, feet and ropes.
-
-    Returns:
-        (nb, ..., 3) each [N], [Nm].
-    """
+    """Return force and moment on every body about the world's origin, (nb, ..., 3) each [N], [Nm]."""
     batch = state.angles.ndim - 1
     weight = _by_body(load.mass[..., None], batch) * m.gravity
     center = frames.place + (frames.rotation @ _by_body(load.center, batch)[..., None])[..., 0]

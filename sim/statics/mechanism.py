@@ -43,11 +43,7 @@ class RockingBoard:
         return [(self.cell + 1) % 4, (self.cell + 3) % 4]
 
     def tare(self, share: float) -> np.ndarray:
-        """Return what the cells of the empty board bear, (4,) [N]: it balances on the diagonal.
-
-        Args:
-            share: a quarter of its weight [N].
-        """
+        """Return what the cells of the empty board bear, (4,) [N], by a quarter of its weight [N]."""
         return np.where(np.isin(np.arange(4), self.beside), 2 * share, 0.0)
 
     def deflection(self, down: np.ndarray, tip: np.ndarray) -> np.ndarray:
@@ -73,12 +69,7 @@ class RockingBoard:
 
 
 def rocking_board(cells: np.ndarray, short: np.ndarray) -> RockingBoard | None:
-    """Return a plate's board if it rocks, None if its feet are equally long.
-
-    Args:
-        cells: positions of the cells on the plate, (4, 2) [m].
-        short: by how much the foot at each is shorter than the longest, (4,) [m].
-    """
+    """Return a board if it rocks, by its cells' places, (4, 2), and how far each is too short, (4,) [m]."""
     if (short <= LEVEL).all():
         return None
     if (short > LEVEL).sum() > 1:

@@ -23,7 +23,6 @@ LEVEL = 1e-6  # m, largest difference in height of a sole's corners
 
 
 def read_mechanism(rig: Rig) -> Mechanism:
-    """Return the mechanism of a rig's scene."""
     if not np.isfinite(rig.protocol.speed_gate):
         raise InputError(
             "static equilibrium: found a robot read before it is at rest (speed_gate inf), expected a finite "
@@ -62,12 +61,7 @@ def _check_soles(model: mujoco.MjModel, feet: tuple[str, str]) -> None:
 
 @dataclass(frozen=True)
 class _Tree:
-    """The robot's part of a compiled scene.
-
-    Attributes:
-        number: of every body in the mechanism, by its number in the scene.
-        column: of every joint's coordinate, likewise.
-    """
+    """The robot's part of a compiled scene: numbers of bodies and coordinates by those in the scene."""
 
     model: mujoco.MjModel
     number: dict[int, int]

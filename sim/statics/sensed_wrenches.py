@@ -14,7 +14,7 @@ from tulip_testbed.sim.statics.forces import (
 )
 from tulip_testbed.sim.statics.mechanism import Mechanism
 from tulip_testbed.sim.statics.solved_plan import SolvedPlan
-from tulip_testbed.sim.wrench_sensors import in_frame, in_sensor_frame, mountings
+from tulip_testbed.sim.wrench_sensors import frame_of, in_frame, mountings
 
 
 def sensed_wrenches(solved_plan: SolvedPlan, state: StaticState, load: Load) -> np.ndarray:
@@ -27,7 +27,7 @@ def sensed_wrenches(solved_plan: SolvedPlan, state: StaticState, load: Load) -> 
         return _on_plates(load, _ground_wrenches(m, state, frames))
     in_feet = _of_feet(m, state, load, frames) if where == ANKLE else _on_soles(m, state, frames)
     poses = mountings(sensors, solved_plan.rig.robot)
-    sides = [in_sensor_frame(pose, in_feet[..., side, :]) for side, pose in enumerate(poses)]
+    sides = [in_frame(*frame_of(pose), in_feet[..., side, :]) for side, pose in enumerate(poses)]
     return np.stack(sides, axis=-2)
 
 

@@ -34,11 +34,7 @@ def has_closed_slope(m: Mechanism) -> bool:
 
 
 def closed_slope(m: Mechanism, state: StaticState, load: Load) -> np.ndarray:
-    """Compute the derivative of `residual` by the state's change, (b, s, s).
-
-    Args:
-        state: a flat batch, (b,).
-    """
+    """Compute the derivative of `residual` by the change of a flat batch of states, (b, s, s)."""
     count, n = state.angles.shape
     frames = body_frames(m, state)
     at = [

@@ -78,11 +78,7 @@ def board_compliance(points: np.ndarray, compliance: float) -> np.ndarray:
 
 
 def contact_compliance(model: mujoco.MjModel, geom: str, other: str | None) -> float:
-    """Return the compliance of a contact at rest, (1 - d) mobility / (K d^2) as in `Stops` [m/N].
-
-    Args:
-        other: geom that it touches by an explicit contact pair; None means the floor.
-    """
+    """Return (1 - d) mobility / (K d^2) [m/N], as in `Stops`, of a contact at rest; None: with the floor."""
     this = model.geom(geom)
     mobility = model.body_invweight0[this.bodyid[0], 0]
     reference, impedance = this.solref, this.solimp

@@ -130,11 +130,7 @@ def inverted(slope: np.ndarray) -> np.ndarray:
 
 
 def derivative(mechanism: Mechanism, state: StaticState, load: Load) -> np.ndarray:
-    """Compute the derivative of the residual by the state's change, by central differences, (b, s, s).
-
-    Args:
-        state: a flat batch, (b,).
-    """
+    """Compute the derivative of the residual by a flat batch's change, by central differences, (b, s, s)."""
     count, n = state.angles.shape
     size = np.repeat([STEP, 1.0], [6 + n, 12])  # linear in the wrenches
     steps = np.diag(size)[:, None]

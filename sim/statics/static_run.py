@@ -126,7 +126,6 @@ def _outcome(solved_plan: SolvedPlan, tries: Tries, standard: np.ndarray | None)
 def _in_time(
     solved_plan: SolvedPlan, tries: Tries, first: Equilibria, standard: np.ndarray | None
 ) -> Equilibria:
-    """Return every attempt with the rig that is in place at its time."""
     starts, outcomes = [0.0], [first]
     for start, then in solved_plan.later:
         added = (

@@ -116,7 +116,7 @@ def _slacken(rig: Rig, number: int, size: float) -> Rig:
     hooked = hook(rig.robot)
 
     def edit(spec: mujoco.MjSpec) -> None:
-        tie(spec, "slack", hooked, _way(number), size, FAR)
+        tie(spec, "slack", hooked, FAR * np.append(_way(number), 0.0), size, FAR)
         spec.tendon("slack").springlength = [0.0, FAR]
 
     return edited(rig, edit)

@@ -178,7 +178,6 @@ def corrections_of(corrections: Effects, robot: Robot) -> tuple[EffectInstance, 
 
 
 def each_of(measurements: Several) -> list[Measured]:
-    """Return one experiment or several as a list."""
     single = isinstance(measurements, Measurements | Run | str | Path)
     return [measurements] if single else list(measurements)  # pyrefly: ignore[bad-argument-type]
 

@@ -197,7 +197,7 @@ def optimize_plan(
     size = (placements, postures_per_placement, hops)
     settings = PlanSettings(seed, objective, *size, repeats, right, left)
     earlier = None if after is None else measurements_of(after, robot)
-    return search_plan(set_up_search(robot, settings, earlier), place, sensors, progress)
+    return search_plan(set_up_search(robot, settings, earlier), settings, place, sensors, progress)
 
 
 def _check_noisy(sensors: str) -> None:

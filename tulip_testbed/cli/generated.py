@@ -65,21 +65,18 @@ SAVED = _shown(Path | None, "PATH", "new folder for the result; none if left out
 def read_robot(
     robot: Annotated[Path, tyro.conf.arg(metavar="FILE", help="description of the robot (TOML)")] = TULIP,
 ) -> Any:
-    """Load the robot."""
     from tulip_testbed.experiments.description import described_robot
 
     return described_robot(robot)
 
 
 def read_plan_folder(robot: Any, value: PlanFolder = None) -> Any:
-    """Read a plan that fits the robot."""
     from tulip_testbed.experiments.usable_plan import plan_for
 
     return plan_for(robot, value)
 
 
 def read_corrections(robot: Any, value: Corrections = None) -> tuple[Any, ...]:
-    """Read what a discovery adopted."""
     from tulip_testbed.experiments.rig_folder import read_rig
 
     return () if value is None else tuple(read_rig(value, robot))
@@ -95,7 +92,6 @@ def read_stated_tolerances(
         ),
     ] = (),
 ) -> Mapping[str, float]:
-    """Read tolerances of families."""
     from tulip_testbed.calibration.families import read_tolerances
 
     return read_tolerances(value)
@@ -110,7 +106,6 @@ def read_standard_errors(
         ),
     ] = (),
 ) -> Mapping[str, float]:
-    """Read standard errors that are wanted."""
     from tulip_testbed.experiments.watching.watch_day import read_targets
 
     return read_targets(value)
@@ -135,7 +130,6 @@ def read_laboratory(
     ] = (),
     corrections: Corrections = None,
 ) -> Any:
-    """Set up a laboratory."""
     return read_plain_laboratory(robot, sensors, corrections).with_effects(*effects)
 
 
@@ -268,7 +262,6 @@ def _option(name: str, kind: Any, default: Any, by_place: bool) -> Parameter:
 
 
 def _arguments(function: PublicFunction, given: dict[str, Any]) -> dict[str, Any]:
-    """Return what the library's function is called with."""
     from tulip_testbed.cli.terminal import progress
 
     robot = read_robot(given[ROBOT]) if given.get(ROBOT) else None

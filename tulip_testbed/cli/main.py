@@ -59,7 +59,6 @@ def split_name(given: list[str]) -> tuple[str | None, list[str]]:
 
 
 def summaries() -> dict[str, str]:
-    """Return the summary of every command."""
     return {name: command.summary for name, command in COMMANDS.items()}
 
 
@@ -90,7 +89,6 @@ def usage(group: str | None = None) -> str:
 
 
 def command_of(name: str | None) -> Command:
-    """Load the function of a command."""
     names = list(COMMANDS)
     if name is None:
         raise InputError(f"found no command; valid: {listed(names)}; `tulip --help` explains them")

@@ -15,13 +15,7 @@ REQUIRED = object()  # the default of a parameter that has none
 
 @dataclass(frozen=True)
 class Argument:
-    """A parameter of a function.
-
-    Attributes:
-        annotation: as text. default: its value, or `REQUIRED`.
-        by_place: whether it may be given without its name.
-        text: what the docstring says of it.
-    """
+    """A parameter of a function: annotation as text, default or `REQUIRED`, what the docstring says of it."""
 
     name: str
     annotation: str
@@ -32,11 +26,7 @@ class Argument:
 
 @dataclass(frozen=True)
 class PublicFunction:
-    """A function of the API.
-
-    Attributes:
-        explanation: its docstring up to the sections.
-    """
+    """A function of the API, explained by its docstring up to the sections."""
 
     name: str
     arguments: tuple[Argument, ...]
@@ -65,7 +55,6 @@ def summary_of(name: str) -> str:
 
 
 def public_function(name: str) -> PublicFunction:
-    """Return a function of `tulip_testbed.api`."""
     node, imported = _sources()[name]
     said = cleandoc(ast.get_docstring(node) or "")
     texts, placed = _argument_texts(said), node.args.args
@@ -101,7 +90,6 @@ def _value(node: ast.expr, imported: dict[str, tuple[str, str]]) -> Any:
 
 
 def _argument_texts(said: str) -> dict[str, str]:
-    """Return what a docstring says of each parameter."""
     section = re.search(r"\nArgs:\n((?:    .*\n?|\n)+)", said)
     texts: dict[str, str] = {}
     for entry in re.split(r"\n(?=    \S)", section[1].rstrip()) if section else ():

@@ -100,8 +100,6 @@ class _Screen(Console):
 
 
 class RateColumn(ProgressColumn):
-    """Steps a second."""
-
     def render(self, task: Task) -> Text:
         return Text(f"{task.speed:.3g}/s" if task.speed else "")
 

@@ -20,10 +20,7 @@ WIDE = 1.96  # s.d. that 95 % of the noise stay within
 
 
 def gap_figure(rows: Sequence[tuple[str, float, float, float]]) -> Figure:
-    """Draw the gap by channel before and after, relative to the noise.
-
-    Each row holds a channel, before, after, and the bound by chance alone.
-    """
+    """Draw each channel before and after, relative to the noise, with the bound by chance alone."""
     drawn = go.Figure()
     names = [name for name, *_ in rows]
     for side, colour, symbol, at in (("before", BEFORE, "circle", 1), ("after", AFTER, "diamond", 2)):
@@ -41,10 +38,7 @@ def gap_figure(rows: Sequence[tuple[str, float, float, float]]) -> Figure:
 
 
 def curve_figure(k: int, curve: Curve, posture: np.ndarray, changed: bool) -> Figure:
-    """Draw one residual over the experiment, before and, if an effect was removed, after, over the noise.
-
-    The numbers of the postures are in the order of time, (m,).
-    """
+    """Draw a residual over the noise, before and after, by posture number in the order of time, (m,)."""
     drawn = go.Figure()
     there = np.isfinite(curve.sd)
     row, sd, posture = np.arange(1, len(posture) + 1)[there], curve.sd[there], posture[there]

@@ -85,7 +85,7 @@ def discovery_page(discovery: Discovered) -> Page:
         figures = tuple(drawn.law_figure(k, curve) for k, curve in enumerate(law_curves(discovery)))
         sections.insert(1, Section("The law", tuple(said), figures=figures))
     if discovery.next_experiments:
-        ranking = experiment_table(discovery.next_experiments, "next_experiments")
+        ranking = experiment_table(discovery.next_experiments)
         sections.append(Section("Next experiment", tables=(ranking,)))
     sections.append(_limits(discovery))
     if discovery.check:

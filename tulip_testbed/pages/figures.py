@@ -20,7 +20,6 @@ SYMBOLS = {"full": "circle", "simplified": "diamond"}
 
 
 def of_model(model: str, size: int) -> dict[str, Any]:
-    """Return the style of a model's markers."""
     return {
         "mode": "markers",
         "marker": {"color": MODEL_COLOURS[model], "symbol": SYMBOLS[model], "size": size},
@@ -155,12 +154,10 @@ def support_polygon_figure(
 ) -> Figure:
     """Draw the plates, the support polygon and the centres of pressure from above (the paper's Fig. 2).
 
-    The plates are poses, (2, 3) [m, m, rad], of boards of an extent, (2,) [m]; points go by name, (n, 2) [m].
+    The plates are poses, (2, 3) [m, m, rad], of boards by their corners, (4, 2) [m]; points, (n, 2) [m].
     """
     drawn = go.Figure()
-    x, y = board / 2
-    corners = np.array([[x, y], [x, -y], [-x, -y], [-x, y]])
-    outlines = [(place_polygon(corners, pose), MARGIN) for pose in plates]
+    outlines = [(place_polygon(board, pose), MARGIN) for pose in plates]
     for outline, colour in [*outlines, (polygon, POLYGON)]:
         closed = 1e3 * np.vstack([outline, outline[:1]])
         line = {"color": colour, "width": 2}
@@ -179,7 +176,6 @@ def support_polygon_figure(
 
 
 def interval_bars(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> dict[str, Any]:
-    """Return the error bars of values with their intervals."""
     return {"type": "data", "symmetric": False, "array": high - values, "arrayminus": values - low}
 
 

@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from tulip_testbed.base.column import Column, printable
 from tulip_testbed.base.document import Document, flattened
-from tulip_testbed.base.table import Cell, Table
+from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.saved_runs import RunResult
 from tulip_testbed.pages.figures import Figure, plotly_script
 from tulip_testbed.pages.pictures import Picture
@@ -20,11 +20,7 @@ RUN = "Run"  # title of the values that no other table holds
 
 @dataclass(frozen=True)
 class Section:
-    """A section of the page; empty parts are left out.
-
-    Attributes:
-        folded: a heading and a preformatted text or a table, which a click unfolds.
-    """
+    """A section of the page; empty parts are left out; a click unfolds `folded`, a heading with a text."""
 
     title: str
     paragraphs: tuple[str, ...] = ()
@@ -94,7 +90,7 @@ def how_it_was_made(document: Document) -> Section:
     for name, value in flattened(document.plain()).items():
         part, _, rest = name.partition(".")
         title, shown = (part.capitalize(), rest) if rest else (RUN, name)
-        parts.setdefault(title, []).append([shown, Cell(value, f"run.{name}")])
+        parts.setdefault(title, []).append([shown, value])
     columns = (Column("key"), Column("value"))
     tables = [Table(title, columns, rows) for title, rows in parts.items() if rows]
     return Section("How it was made", folded=tuple((f"{t.title} ({len(t.rows)} values)", t) for t in tables))

@@ -21,12 +21,7 @@ BOARD, SOLE, DATUM = "#8a939c", "#1f5fa8", "#c4461b"
 
 @dataclass(frozen=True)
 class Mark:
-    """A point to be measured on boards or floor.
-
-    Attributes:
-        label: as in the drawing. name: its description.
-        x, y: in the base frame [mm].
-    """
+    """A point to be measured on boards or floor, in the base frame [mm], with its label and description."""
 
     label: str
     name: str
@@ -54,12 +49,8 @@ class Placement:
 
 
 def placement_of(robot: Robot, boards: np.ndarray, feet: np.ndarray, support: np.ndarray) -> Placement:
-    """Return the boards and soles of a placement by the support of its postures, (k,).
-
-    The poses of right and left board and foot are in the base frame, (2, 3) [m, m, rad].
-    """
-    half = nominal_plates(robot)[0].size / 2
-    corners = half * np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]])
+    """Return boards and soles of a placement, (2, 3) [m, m, rad] each, by supports, (k,)."""
+    corners = nominal_plates(robot)[0].corners
     soles = [sole_corners(robot.model, foot)[:, :2] for foot in robot.feet]
     return Placement(
         boards=boards,

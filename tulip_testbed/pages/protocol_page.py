@@ -49,11 +49,7 @@ AFTER = (
 
 
 def write_protocol(folder: Path, protocol: LaboratoryProtocol) -> list[str]:
-    """Write a protocol as a new folder, which appears whole or not at all; return why pictures are missing.
-
-    Raises:
-        InputError: the folder exists or cannot be written.
-    """
+    """Write a protocol as a new folder, whole or not at all; return why pictures are missing."""
     plan, robot = protocol.plan, protocol.robot
     empty = empty_measurements(robot, protocol.sensors)
     with new_folder(folder) as working:
@@ -72,7 +68,6 @@ def write_protocol(folder: Path, protocol: LaboratoryProtocol) -> list[str]:
 
 
 def contents(folder: Path) -> list[str]:
-    """List the files of a protocol's folder."""
     return [str(folder / name) for name in (PAGE, PLAN, TRAJECTORIES, MEASUREMENTS, ROWS)]
 
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from tulip_testbed.base.files import check_new, new_folder, write_bytes, write_text
+from tulip_testbed.base.files import new_folder, write_bytes, write_text
 from tulip_testbed.base.table import Table
 from tulip_testbed.base.table_files import write_json
 from tulip_testbed.experiments.atlases.atlas_result import LEGEND as ATLAS_LEGEND
@@ -15,7 +15,6 @@ from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
 from tulip_testbed.experiments.predict import Prediction
 from tulip_testbed.experiments.saved_runs import RunResult
 from tulip_testbed.experiments.validation_result import Validation
-from tulip_testbed.pages import ENDING
 from tulip_testbed.pages import figures as drawn
 from tulip_testbed.pages.discovery_page import discovery_page
 from tulip_testbed.pages.figures import Figure
@@ -25,7 +24,6 @@ from tulip_testbed.pages.validation_page import validation_page
 
 
 def page_of(run: RunResult | Prediction) -> Page:
-    """Make the page of a prediction or of a run of any kind."""
     if isinstance(run, Prediction):
         return prediction_page(run)
     if isinstance(run, Discovered):
@@ -34,19 +32,13 @@ def page_of(run: RunResult | Prediction) -> Page:
 
 
 def write_page(path: Path, run: RunResult | Prediction) -> Page:
-    """Write the page of a prediction or a run as one HTML file, which appears whole, and return it.
-
-    Raises:
-        InputError: the file exists, cannot be written or has another ending.
-    """
-    check_new(path, ENDING)
+    """Write the page of a prediction or a run as one new HTML file, which appears whole, and return it."""
     page = page_of(run)
     write_bytes(path, html(page).encode(), new=True)
     return page
 
 
 def montecarlo_page(run: MonteCarlo) -> Page:
-    """Make the page of a Monte Carlo."""
     missing: list[str] = []
     rows = {model: of.parameters for model, of in run.models.items()}
     tables = tuple(coverage_table(*of) for of in rows.items())
@@ -123,11 +115,7 @@ def prediction_page(found: Prediction) -> Page:
 
 
 def write_atlas(folder: Path, found: Atlas) -> None:
-    """Write the folder, which appears whole or not at all.
-
-    Raises:
-        InputError: the folder exists or cannot be written.
-    """
+    """Write the folder, which appears whole or not at all."""
     with new_folder(folder) as working:
         write_json(working / "atlas.json", found.to_json())
         write_text(working / ATLAS_PAGE, html(atlas_page(found)))

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.correlations import NO_CORRELATION
 from tulip_testbed.experiments.parameter_tables import LEGEND, models
 from tulip_testbed.experiments.validate import correlations_at
@@ -29,7 +30,6 @@ POLYGON_WORDS = (
 
 
 def validation_page(run: Validation) -> Page:
-    """Make the page of a validation."""
     robot, measured, own = run.robot, run.measurements, run.identification
     estimates = {model: getattr(own, model) for model in models(robot)}
     missing: list[str] = []
@@ -46,7 +46,7 @@ def validation_page(run: Validation) -> Page:
         for entry in robot.settings.get("correlated", [])
     ]
     matrix = correlations_at(own.parameters, measured.joint_angles, measured.support)
-    high = tuple(filter(None, map(run.correlation_table, estimates)))
+    high = tuple(one for one in map(run.correlation_table, estimates) if isinstance(one, Table))
     com, nominal = run.simulation.com, nominal_robot(robot, common_support(measured.support))
     poses = observe(measured, nominal).contact_poses  # of plates, or of soles with sensors in the feet
     dropped = f"All {run.postures_planned} planned postures could be measured."
@@ -95,7 +95,7 @@ def _polygons(
     robot = nominal.robot
     soles = nominal_robot(robot, "mixed").geometry(measured.joint_angles, measured.support).soles
     carrying, cop = feet_in_contact(measured.support), contact_pressure(observe(measured, nominal)).center
-    placements, board, drawings = np.unique(measured.placement), nominal_plates(robot)[0].size, []
+    placements, board, drawings = np.unique(measured.placement), nominal_plates(robot)[0].corners, []
     for placement in placements[np.unique(np.linspace(0, len(placements) - 1, POLYGONS).astype(int))]:
         rows = np.flatnonzero(measured.placement == placement)
         polygon = support_polygon(soles[rows[0]][carrying[rows[0]]])

@@ -15,7 +15,6 @@ MAGNIFIED_TO = 0.08  # m, about what the median residual is drawn as
 
 
 def magnification(subject: Subject) -> int:
-    """Factor by which the residual is drawn."""
     return 1 if subject.residual is None else factor_for(subject.residual)
 
 
@@ -28,9 +27,9 @@ def factor_for(residual: np.ndarray) -> int:
 
 def log_balance(canvas: Canvas, subject: Subject) -> None:
     """Log everything on the ground, under /world/balance [m] and from above under /above [mm]."""
-    corners = subject.board.size / 2 * np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]])
+    corners = subject.board.corners
     boards = [[_closed(place_polygon(corners, plate)) for plate in plates] for plates in subject.plates]
-    soles = subject.nominal.geometry(subject.joint_angles, subject.support).soles
+    soles = subject.nominal.geometry(subject.rows.joint_angles, subject.rows.support).soles
     if not subject.sensors_in_feet:
         _strips_above(canvas, "above/plates", boards, (158, 184, 204), 2.0)
     _strips_above(canvas, "above/soles", [[_closed(s) for s in row] for row in soles], (130, 130, 130), 2.0)

@@ -32,10 +32,7 @@ class Canvas:
         lengths: Sequence[int] | None = None,
         **columns: Any,
     ) -> None:
-        """Log something of rerun's for every row, with a style that all rows share and columns row by row.
-
-        The lengths say how many of them each row has; None: one.
-        """
+        """Log one of rerun's things, or as many as `lengths` says, by row: a shared style and columns."""
         self.recording.log(path, kind.from_fields(**style), static=True)
         data = kind.columns(**columns)
         self.recording.send_columns(path, [self.index], data if lengths is None else data.partition(lengths))
@@ -57,7 +54,6 @@ def flat(colour: Colour, radius: float, **more: Any) -> dict[str, Any]:
 
 
 def styled(colour: Colour, radius: Any, **more: Any) -> dict[str, Any]:
-    """Return the style of points or lines; the radius is in the unit of the space."""
     return {"colors": rgb(colour) if isinstance(colour, str) else colour, "radii": radius, **more}
 
 

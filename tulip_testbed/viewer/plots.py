@@ -35,9 +35,9 @@ def curves(subject: Subject) -> dict[str, dict[str, np.ndarray]]:
         plots["feet"] = dict(zip(PLATES, subject.foot_loads.T, strict=True))
     joints = subject.nominal.parameters.tree.joints
     if subject.command is not None:
-        errors = 1e3 * (subject.joint_angles - subject.command)
+        errors = 1e3 * (subject.rows.joint_angles - subject.command)
         plots |= _spread("tracking", joints, errors)
-    plots |= _spread("joints", joints, np.rad2deg(subject.joint_angles))
+    plots |= _spread("joints", joints, np.rad2deg(subject.rows.joint_angles))
     if subject.cop is not None:
         plots["cop"] = {"x": 1e3 * subject.cop[:, 0], "y": 1e3 * subject.cop[:, 1]}
     if subject.residual is not None:
@@ -77,10 +77,9 @@ TITLES = {
 
 
 def posture_text(subject: Subject, row: int) -> str:
-    """Return a posture's numbers as Markdown."""
     lines = [
-        f"## Posture {subject.posture[row]}, placement {subject.placement[row]}",
-        f"Row {row + 1} of {len(subject)}, support {subject.support[row]}. {subject.verdict}",
+        f"## Posture {subject.rows.posture[row]}, placement {subject.rows.placement[row]}",
+        f"Row {row + 1} of {len(subject)}, support {subject.rows.support[row]}. {subject.verdict}",
         "",
         "| mm | x | y |",
         "|---|---:|---:|",
@@ -101,7 +100,7 @@ def posture_text(subject: Subject, row: int) -> str:
             f"{right + left:.1f} N; the nominal robot weighs {subject.weight:.1f} N.",
         ]
     if subject.command is not None:
-        error = 1e3 * (subject.joint_angles[row] - subject.command[row])
+        error = 1e3 * (subject.rows.joint_angles[row] - subject.command[row])
         worst = int(np.argmax(np.abs(error)))
         name = subject.nominal.parameters.tree.joints[worst]
         lines += ["", f"Largest tracking error: {error[worst]:+.1f} mrad in {name}."]

@@ -16,7 +16,6 @@ SOLE = np.array([0.3, 0.15])  # m, of the picture around a foot that stands on n
 
 
 def log_postures(recording: rr.RecordingStream, subject: Subject) -> None:
-    """Log all data of the postures and the blueprint."""
     canvas = log_standing(recording, subject)
     log_links(canvas, subject)
     if subject.command is not None:
@@ -56,11 +55,10 @@ def log_links(canvas: Canvas, subject: Subject) -> None:
     nominal = standard_parameters(subject.nominal.robot.visual_model)
     others = {name: true for name, true in subject.true_masses.items() if not np.allclose(true, nominal)}
     robot_view.log_masses(canvas, subject, {"nominal model": nominal} | others)
-    robot_view.log_skeleton(canvas, "world/masses/skeleton", subject, subject.joint_angles, SKELETON)
+    robot_view.log_skeleton(canvas, "world/masses/skeleton", subject, subject.rows.joint_angles, SKELETON)
 
 
 def posture_views(subject: Subject) -> dict[str, list[rrb.View]]:
-    """Return the views of the robot, of the ground, of the curves and of the numbers."""
     size = SOLE if subject.sensors_in_feet else subject.board.size
     ground = [above_view(subject.plates, size)]
     if subject.cop is not None:

@@ -52,7 +52,7 @@ def undrawn(model: mujoco.MjModel) -> list[str]:
 
 def log_motion(canvas: Canvas, subject: Subject) -> None:
     """Log every link's pose in the base frame at every time."""
-    rotations, positions = subject.nominal.geometry(subject.joint_angles, subject.support).frames
+    rotations, positions = subject.nominal.geometry(subject.rows.joint_angles, subject.rows.support).frames
     tree = subject.nominal.parameters.tree
     for link, frame in zip(tree.links, tree.frame_of_link, strict=True):
         canvas.poses(f"world/robot/{link}", Rotation.from_matrix(rotations[:, frame]), positions[:, frame])
@@ -60,7 +60,7 @@ def log_motion(canvas: Canvas, subject: Subject) -> None:
 
 def log_skeleton(canvas: Canvas, path: str, subject: Subject, joint_angles: np.ndarray, colour: str) -> None:
     """Log lines from joint to joint at every time, at the measured or the commanded angles."""
-    _, positions = subject.nominal.geometry(joint_angles, subject.support).frames
+    _, positions = subject.nominal.geometry(joint_angles, subject.rows.support).frames
     edges = subject.nominal.parameters.tree.edges
     ends = np.array([[edge.parent, edge.child] for edge in edges])
     strips = positions[:, ends].reshape(-1, 2, 3)
@@ -73,7 +73,7 @@ def log_masses(canvas: Canvas, subject: Subject, masses: dict[str, np.ndarray]) 
 
     Standard parameters (eq. 5) go by where they come from, (n_links, 4) [kg, kg m].
     """
-    rotations, positions = subject.nominal.geometry(subject.joint_angles, subject.support).frames
+    rotations, positions = subject.nominal.geometry(subject.rows.joint_angles, subject.rows.support).frames
     tree = subject.nominal.parameters.tree
     frames = np.array(tree.frame_of_link)
     for name, standard in masses.items():
@@ -91,7 +91,7 @@ def log_masses(canvas: Canvas, subject: Subject, masses: dict[str, np.ndarray]) 
 def height_of(subject: Subject) -> float:
     """Return the height of the highest geom or link's centre of mass, the median of all postures [m]."""
     model, tree = subject.nominal.robot.model, subject.nominal.parameters.tree
-    rotations, positions = subject.nominal.geometry(subject.joint_angles, subject.support).frames
+    rotations, positions = subject.nominal.geometry(subject.rows.joint_angles, subject.rows.support).frames
     frame = np.array(tree.frame_of_link)[model.geom_bodyid - 1]
     # Rows of the rotations that give z; a geom's own sphere reaches as far upwards as in any direction.
     middle = positions[:, frame, 2] + (rotations[:, frame, 2] * model.geom_pos).sum(axis=-1)

@@ -34,7 +34,7 @@ class Subject:
             model"), (m, 2) [m] each.
         command: (m, n_joints) [rad], None: unknown. cell_forces: (m, 8) [N], None: a plan, or no cells.
         foot_loads: vertical force on each foot, (m, 2) [N], and its point, (m, 2, 2) [m]. None: a plan.
-        cop: (m, 2) [m], None: a plan.
+        cop: (m, 2) [m], None: a plan. weight: of the nominal robot [N], NaN: a plan.
         polygons: support polygon of every row, (k, 2) [m]. margin: d_e of the point that is judged (the CoP,
             in a plan the nominal CoM), (m,) [m].
         least_margin: d_s [m], None: the robot's description gives none.
@@ -42,16 +42,12 @@ class Subject:
         verdict: in a sentence, or "".
     """
 
+    rows: PosturePlan | Measurements
     nominal: Nominal
-    joint_angles: np.ndarray
-    posture: np.ndarray
-    placement: np.ndarray
-    support: np.ndarray
     plates: np.ndarray
     board: PlateGeometry
     cells: np.ndarray
     top_height: np.ndarray
-    gravity: float
     com: dict[str, np.ndarray]
     polygons: list[np.ndarray]
     margin: np.ndarray
@@ -61,18 +57,17 @@ class Subject:
     foot_loads: np.ndarray | None = None
     load_points: np.ndarray | None = None
     cop: np.ndarray | None = None
-    measurements: Measurements | None = None
+    weight: float = np.nan
     true_masses: dict[str, np.ndarray] = field(default_factory=dict)
     verdict: str = ""
     notes: tuple[str, ...] = field(default=())
 
     def __len__(self) -> int:
-        return len(self.posture)
+        return len(self.rows)
 
     @property
-    def weight(self) -> float:
-        """Of the nominal robot [N]."""
-        return self.nominal.mass * self.gravity
+    def measurements(self) -> Measurements | None:
+        return self.rows if isinstance(self.rows, Measurements) else None
 
     @property
     def sensors_in_feet(self) -> bool:
@@ -96,7 +91,6 @@ def planned(plan: PosturePlan, robot: Robot) -> Subject:
         plates=boards_under(preset_rig("ideal", robot), plan.foot_poses),
         cells=np.array([board.cells, board.cells]),
         top_height=np.full(2, board.top_height),
-        gravity=float(-robot.model.opt.gravity[2]),
     )
 
 
@@ -153,12 +147,11 @@ def of_measurements(measurements: Measurements, robot: Robot, source: str = "mea
         plates=seen.contact_poses,
         cells=measurements.cells,
         top_height=measurements.top_height,
-        gravity=measurements.gravity,
         command=measurements.command,
         cell_forces=measurements.cell_forces if measurements.contacts is None else None,
         foot_loads=down,
         load_points=points,
-        measurements=measurements,
+        weight=nominal.mass * measurements.gravity,
     )
 
 
@@ -172,11 +165,8 @@ def _subject(
     polygons = [support_polygon(feet[on]) for feet, on in carrying]
     judged = zip(com if cop is None else cop, polygons, strict=True)
     return Subject(
+        rows=rows,
         nominal=nominal,
-        joint_angles=rows.joint_angles,
-        posture=rows.posture,
-        placement=rows.placement,
-        support=rows.support,
         board=nominal_plates(nominal.robot)[0],
         com={"nominal model": com},
         polygons=polygons,

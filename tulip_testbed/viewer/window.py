@@ -12,8 +12,7 @@ from pathlib import Path
 import rerun as rr
 
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.base.files import check_new, present, scratch_folder, write_bytes
-from tulip_testbed.viewer import ENDING
+from tulip_testbed.base.files import present, scratch_folder, write_bytes
 
 Log = Callable[[rr.RecordingStream], None]
 APPLICATION = "tulip"
@@ -43,7 +42,6 @@ FAULTS = {
 
 def save(path: Path, title: str, log: Log) -> int:
     """Write a recording to a file, which appears whole, and return its size [bytes]."""
-    check_new(path, ENDING)
     with scratch_folder(SCRATCH) as scratch:
         content = _record(scratch, title, log).read_bytes()
     write_bytes(path, content, new=True)
@@ -60,10 +58,7 @@ def check_display() -> None:
 
 
 def open_window(title: str, log: Log) -> Callable[[], None]:
-    """Open rerun's own viewer; the window stays until it is closed or this process ends.
-
-    The returned function waits until it is closed.
-    """
+    """Open rerun's own viewer until it is closed or this process ends; return what waits for that."""
     check_display()
     kept = ExitStack()
     scratch = kept.enter_context(scratch_folder(SCRATCH))
