@@ -17,11 +17,12 @@ from tulip_testbed.discovery.selection import calibrated_with_best
 from tulip_testbed.effects.instance import removed
 from tulip_testbed.effects.targets import PLACEMENTS
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import CHANNELS
+from tulip_testbed.identification.residual_channels import CHANNELS, packed
 from tulip_testbed.measurements import Measurements
 
 FOLDS = 4
 LEAST_PLACEMENTS = 4
+SAME = 1e-9  # difference of readings that rounding makes [SI]
 # Of a held-out value by chance: 0.1 % a channel. Folds share their estimates, so it is a little more.
 CHANCE = float(ndtri(0.999))
 
@@ -73,6 +74,12 @@ def of_one_placement(observed: Observation, term: Fitted) -> bool:
     return len(np.unique(observed.measurements.placement[began])) == 1
 
 
+def lasts_beyond_placements(observed: Observation, term: Fitted, rows: np.ndarray) -> bool:
+    """Return whether what an effect does in some placements depends on the others, as the creep of a cell."""
+    part = packed(term.removed(observed))[rows] - packed(term.removed(observed.take(rows)))
+    return bool(np.abs(part).max() > SAME)
+
+
 def held_out(search: CandidateSearch, found: SelfCalibration, terms: Sequence[Fitted]) -> HeldOut:
     """Cross-validate over placements: everything is estimated from the other placements alone.
 
@@ -88,11 +95,15 @@ def held_out(search: CandidateSearch, found: SelfCalibration, terms: Sequence[Fi
     observed = search.observed
     check_placements(observed.measurements)
     placements = np.unique(observed.measurements.placement)
+    fold = np.searchsorted(placements, observed.measurements.placement) % FOLDS
     # Such an effect cannot be learnt from the other placements. It is removed as fitted to all.
-    single = [term.label for term in terms if of_one_placement(observed, term)]
+    single = [
+        term.label
+        for term in terms
+        if of_one_placement(observed, term) or lasts_beyond_placements(observed, term, fold > 0)
+    ]
     corrected = removed(observed, [one for one in found.effects if one.label in single])
     general = tuple(term for term in terms if term.label not in single)
-    fold = np.searchsorted(placements, observed.measurements.placement) % FOLDS
     sums = {key: np.zeros(3) for key in (*CHANNELS, "AFTC")}
     squares = {"A": np.zeros(3), "F": np.zeros(3)}
     for k in range(FOLDS):

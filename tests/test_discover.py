@@ -25,7 +25,7 @@ from tulip_testbed.discovery.candidates import Fitted, candidates, standing_out
 from tulip_testbed.discovery.discover import _crowded, _reasons, discover, stands_out
 from tulip_testbed.discovery.effect_intervals import TIME_GAIN
 from tulip_testbed.discovery.excessive_noise import excessive_noise
-from tulip_testbed.discovery.held_out import held_out
+from tulip_testbed.discovery.held_out import held_out, lasts_beyond_placements
 from tulip_testbed.discovery.joint_fit import Data
 from tulip_testbed.discovery.pairs import ranked_pairs
 from tulip_testbed.discovery.patterns import patterns
@@ -109,6 +109,18 @@ def test_a_part_that_slides_and_a_turned_survey_are_patterns(robot, plan, nomina
     clearest, *_ = patterns(linear, linear.residual, np.zeros((len(linear.residual), 0)))
     assert clearest.words == words
     assert clearest.p < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("label", "lasts"),
+    [("creep:left.front_right", True), ("cell-gain:left.front_right", False), ("lag:right_knee", False)],
+)
+def test_what_a_cell_has_borne_in_other_placements_lasts(robot, plan, nominal, label, lasts):
+    """Where a fold leaves placements out, its creep by the others is not that of the experiment."""
+    observed = observe(measured(robot, plan, "force-plate"), nominal)
+    (chosen,) = (one for one in candidates(observed) if one.label == label)
+    rows = observed.measurements.placement % 4 > 0
+    assert lasts_beyond_placements(observed, Fitted(chosen, 0, np.array([0.05])), rows) == lasts
 
 
 @pytest.mark.parametrize(
