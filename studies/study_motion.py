@@ -36,6 +36,7 @@ from tulip_testbed.discovery.law_candidates import law_candidates
 from tulip_testbed.discovery.selection import LEVEL
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import EffectInstance, split_label
+from tulip_testbed.effects.true_robot import true_base_parameters
 from tulip_testbed.experiments.identify import Identification
 from tulip_testbed.experiments.imperfections import drawn, single_stream
 from tulip_testbed.experiments.laboratory import FROM_POSTURE_TO_POSTURE
@@ -96,15 +97,15 @@ def one(speed: str, sensors: str, seed: int) -> dict:
         if name and speed != "fast":
             continue
         fit = tt.identify(run, tolerances=tolerances)
-        found[name] = off(fit, run.truth.standard)
+        found[name] = off(fit, true_base_parameters(run.laboratory.rig))
     return found
 
 
-def off(fit: Identification, standard: np.ndarray) -> dict:
+def off(fit: Identification, truth: np.ndarray) -> dict:
     """Return the errors of estimates in standard errors, whether their intervals cover, and the noise."""
     calibration, full = fit.calibration, fit.full
     assert calibration is not None
-    error, noise = full.value - fit.parameters.values(standard), calibration.observed.noise_in_time or WHITE
+    error, noise = full.value - truth, calibration.observed.noise_in_time or WHITE
     z = error / np.sqrt(np.diag(full.covariance))
     lags = [each for each in calibration.families if each.family.name == "contact-lag"]
     return {
