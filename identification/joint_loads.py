@@ -18,7 +18,6 @@ FRICTION = 5.0  # times that if each row counts by itself: friction is alike in 
 ZERO = np.radians(0.15)  # s.d. of an encoder's zero, assumed
 LITTLE = 0.01  # precision of the part of the sag that is left before any data, assumed
 MOVING = 2.0  # times that, of a robot that moves: the feet stay where they were put down
-LEAST_BORNE = 0.8  # correlation of the wrench that loads need and that servos show, assumed
 MISPLACED = 0.002  # m, s.d. of the point of a foot's load by what is not noise of its cells, assumed
 
 
@@ -120,7 +119,6 @@ def joint_loads(
     servo_stiffness: np.ndarray,
     servo_gain: np.ndarray,
     sag: np.ndarray,
-    servo_errors: np.ndarray,
     moves: bool = False,
 ) -> Loads:
     """Compute the loads of joints and feet in held postures from the nominal robot and the cells.
@@ -143,8 +141,6 @@ def joint_loads(
         servo_stiffness: torque of each joint's servo per error of its angle, (n_joints,) [Nm/rad].
         servo_gain: the same without what yields between encoder and link. sag: part of the error of the
             angles which feed-forward leaves, (m,), see `sag_left`. moves: whether the robot moves.
-        servo_errors: torque of each servo over its gain where commands show it, (m, n_joints) [rad], see
-            `shown_by_servos`; no rows: nowhere.
     """
     mass = geometry.standard[:, 0].sum()
     # The wrench of the ground on the swing foot acts on every joint between it and the base.
@@ -171,13 +167,8 @@ def joint_loads(
     closing = unknown.mT - (1 - left) * sagging @ unplanned
     closed = _inverted(closing @ (unknown / servo_stiffness[:, None]))
     turns = closed @ closing
-    if len(servo_errors):
-        by_servos = _against_servos(unknown, servo_gain)
-        yields = by_servos / servo_gain
-        push = -(by_servos @ (torque / servo_gain + servo_errors)[..., None])[..., 0]
-    else:
-        yields = turns * (1 / servo_stiffness - (1 - left) / servo_gain)
-        push = -(yields @ torque[..., None])[..., 0]
+    yields = turns * (1 / servo_stiffness - (1 - left) / servo_gain)
+    push = -(yields @ torque[..., None])[..., 0]
     return Loads(
         torques=torque + (unknown @ push[..., None])[..., 0],
         internal_wrench=push,
@@ -193,44 +184,6 @@ def joint_loads(
         carries=carries,
         unseen=UNSEEN * (MOVING if moves else 1.0),
     )
-
-
-def shown_by_servos(
-    loads: Loads, servo_gain: np.ndarray, sags: np.ndarray, experiment: np.ndarray
-) -> np.ndarray:
-    """Return the torque of each servo over its gain in a motion, (m, n_joints) [rad], by its commands.
-
-    A servo that moves errs by what it has to bear, friction included: then it shows the wrench between the
-    closed legs. Its constant part may be an encoder's zero; that of the loads is taken in its place. Gains
-    are known up to a factor, with which the servos bear most of the loads.
-
-    Args:
-        loads: without these. sags: commanded less measured angles, (m, n_joints) [rad]. experiment: its
-            number, (m,).
-
-    Returns:
-        no rows where servos do not bear the loads by their errors.
-    """
-    by_servos = _against_servos(loads.levers, servo_gain)
-    by_loads = -loads.torques / servo_gain
-    borne = loads.torques - (loads.levers @ loads.internal_wrench[..., None])[..., 0]
-    needed = -(by_servos @ (borne / servo_gain)[..., None])[..., 0] / UNSEEN
-    out = np.empty_like(sags)
-    for number in np.unique(experiment):
-        rows = experiment == number
-        change = sags[rows] - sags[rows].mean(axis=0)
-        shown = (by_servos[rows] @ change[..., None])[..., 0] / UNSEEN
-        pairs = np.stack([shown - shown.mean(axis=0), needed[rows] - needed[rows].mean(axis=0)])
-        (square, both), (_, whole) = np.einsum("amk,bmk->ab", pairs, pairs)
-        if both < LEAST_BORNE * np.sqrt(square * whole):
-            return np.empty((0, sags.shape[1]))
-        out[rows] = both / max(square, ROUNDING) * change + by_loads[rows].mean(axis=0)
-    return out
-
-
-def _against_servos(levers: np.ndarray, servo_gain: np.ndarray) -> np.ndarray:
-    """Return the internal wrench that takes up a turn of each joint against the servos, (m, 3, n_joints)."""
-    return _inverted(levers.mT @ (levers / servo_gain[:, None])) @ levers.mT
 
 
 def _inverted(square: np.ndarray) -> np.ndarray:

@@ -19,13 +19,7 @@ from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.cad_prior import CadPrior
 from tulip_testbed.identification.contact_readings import ContactReadings, of_cells, of_wrenches
 from tulip_testbed.identification.inertial_wrench import HELD, BeyondWeight, beyond_weight, rocking
-from tulip_testbed.identification.joint_loads import (
-    Loads,
-    joint_loads,
-    sag_left,
-    servo_stiffness,
-    shown_by_servos,
-)
+from tulip_testbed.identification.joint_loads import Loads, joint_loads, sag_left, servo_stiffness
 from tulip_testbed.identification.kinematics import Tree, turned_about
 from tulip_testbed.identification.noise_in_time import Decorrelation, NoiseInTime, decorrelation
 from tulip_testbed.identification.nominal import Nominal, PostureGeometry
@@ -73,7 +67,6 @@ class Observation:
             of the board's weight; if the empty board rocked when it was tared, nothing.
         motion: what motion adds to shift, lift and push, see `BeyondWeight`; nothing if the robot is held.
         sag: of servos, the part that feed-forward leaves, by the commands, (m,), see `joint_loads`.
-        servo_errors: of a motion whose commands show what the servos bear, (m, n_joints) [rad]; or no rows.
         noise_in_time: how the noise of rows is correlated in time; None: it is not.
         cad: what CAD says about the base parameters; None: the postures determine them.
         compliances: means of the prior of corrected compliances, by label; those of the others are zero.
@@ -102,7 +95,6 @@ class Observation:
     time_fraction: np.ndarray
     on_four_cells: np.ndarray
     sag: np.ndarray
-    servo_errors: np.ndarray
     motion: BeyondWeight = HELD
     noise_in_time: NoiseInTime | None = None
     cad: CadPrior | None = None
@@ -292,7 +284,6 @@ class Observation:
             self.servo_stiffness,
             self.servo_gain,
             self.sag,
-            self.servo_errors,
             self.moves,
         )
 
@@ -381,7 +372,6 @@ def observe(measurements: Measurements, nominal: Nominal, inertias: np.ndarray |
         lift=known_weight(measurements) + added[:, 2],
         push=added[:, 3:],
         sag=np.ones(m),
-        servo_errors=np.empty((0, len(gain))),
         motion=motion,
         standard=standard_parameters(nominal.robot.model),
         board_share=share,
@@ -404,9 +394,6 @@ def observe(measurements: Measurements, nominal: Nominal, inertias: np.ndarray |
     if measurements.command is not None:
         sags = measurements.command - measurements.joint_angles
         observed = observed.changed(sag=sag_left(observed.loads, sags, measurements.of_experiment))
-        if observed.moves and not observed.in_feet and (measurements.support == "double").all():
-            shown = shown_by_servos(observed.loads, gain, sags, measurements.of_experiment)
-            observed = observed.changed(servo_errors=shown)
     m = measurements
     if not observed.moves or not observed.in_feet or m.wrench_rates is None or m.wrench_accelerations is None:
         return observed
