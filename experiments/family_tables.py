@@ -64,7 +64,8 @@ def _in_time(found: SelfCalibration, rows: int) -> list[str]:
     lasting, count = found.noise_in_time, found.effective_rows
     if lasting is None or count is None:
         return []
-    lasts = f"{100 * lasting.share:.0f} % of its variance lasts for {lasting.seconds:.2g} s"
+    share, closure = (f"{100 * one.share:.3g} %" for one in (lasting, lasting.of_closure()))
+    lasts = f"{share} of its variance ({closure} in the legs' closure) lasts for {lasting.seconds:.2g} s"
     known = f"{rows} rows determine a constant like {count:.0f} rows with independent noise"
     return [f"Noise in time: {lasts if lasting.share else 'white'}; {known}."]
 

@@ -2,7 +2,6 @@
 
 import dataclasses
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -10,12 +9,15 @@ import pytest
 from tests.moving_robots import moving, random_robot
 from tulip_testbed.calibration.lasting_noise import SECONDS, SHARES, likeliest_noise
 from tulip_testbed.calibration.linear_problem import LinearProblem
+from tulip_testbed.calibration.linearisation import unseen_wrench
 from tulip_testbed.calibration.reml import fit, given
 from tulip_testbed.identification import inertial_wrench
 from tulip_testbed.identification.inertial_wrench import beyond_weight, inertial_parameters
+from tulip_testbed.identification.joint_loads import UNSEEN
 from tulip_testbed.identification.noise_in_time import WHITE, NoiseInTime, decorrelation
 from tulip_testbed.identification.noise_structure import NoiseStructure, groups
 from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.observation import observe
 
 STEP, WINDOW = 0.25, 0.5  # s, from row to row, of a row
 
@@ -67,20 +69,38 @@ def test_a_robot_that_is_held_adds_nothing(robot):
     assert not len(beyond_weight(nominal_robot(robot), m).by_cad)
 
 
+def test_friction_of_a_robot_that_moves_counts_once(robot, nominal):
+    """At rest it opposes the loads of like postures alike, and counts as a multiple."""
+    m = slow_motion(robot, np.random.default_rng(406), 4)
+    held = dataclasses.replace(m, joint_rates=None, joint_accelerations=None)
+    in_motion, at_rest = (unseen_wrench(observe(one, nominal)) for one in (m, held))
+    assert in_motion == pytest.approx(UNSEEN)
+    assert (at_rest > 3 * in_motion).all()
+
+
 START = NoiseInTime(0.9, 4.0)
 SEGMENTS, ROWS, KINDS, SLOW = 16, 60, 2, 3  # slow functions of time in each segment, whose sizes nobody knows
 
 
 def series(rng, lasting):
-    """Return a linear problem with noise of s.d. 2, and what makes its rows uncorrelated."""
+    """Return a linear problem with noise of s.d. 2, and what makes its rows uncorrelated.
+
+    The last residual is one of the closure.
+    """
     time, segment = STEP * np.arange(SEGMENTS * ROWS), np.repeat(np.arange(SEGMENTS), ROWS)
-    root = np.linalg.cholesky(lasting.correlation(time[:ROWS], WINDOW))
+    roots = [
+        np.linalg.cholesky(one.correlation(time[:ROWS], WINDOW)) for one in (lasting, lasting.of_closure())
+    ]
     slow = np.polynomial.legendre.legvander(np.linspace(-1, 1, ROWS), SLOW - 1)
     columns = np.kron(np.kron(np.eye(SEGMENTS), slow), np.eye(KINDS)).reshape(len(time), KINDS, -1)
-    noise = 2 * np.concatenate([root @ rng.standard_normal((ROWS, KINDS)) for _ in range(SEGMENTS)])
+    white = rng.standard_normal((SEGMENTS, ROWS, KINDS))
+    noise = 2 * np.einsum("kij,sjk->sik", roots, white).reshape(-1, KINDS)
     m, p, nothing = len(time), columns.shape[2], np.zeros((len(time), KINDS, 0))
     kept = np.ones((m, KINDS), bool)
-    decorrelated = partial(decorrelation, time, segment, WINDOW, used=kept)
+
+    def decorrelated(one):
+        return decorrelation(time, segment, WINDOW, (one, one.of_closure()), kept)
+
     problem = LinearProblem(
         whole=np.concatenate([columns, noise[..., None]], axis=2),
         flat=p,
@@ -107,11 +127,15 @@ def found_in(problem, decorrelated):
     return likeliest_noise(problem, fit(problem), None, decorrelated)
 
 
-@pytest.mark.parametrize("lasting", [NoiseInTime(0.6, 2.0), NoiseInTime(0.95, 2.0), NoiseInTime(0.9, 1.0)])
+@pytest.mark.parametrize(
+    "lasting",
+    [NoiseInTime(0.6, 2.0), NoiseInTime(0.95, 2.0), NoiseInTime(0.9, 1.0), NoiseInTime(0.6, 2.0, 0.98)],
+)
 def test_how_long_noise_lasts_is_found_though_a_fit_takes_its_slow_part(lasting):
     """The likelihood of the residuals alone finds at most half of the duration."""
     found = found_in(*series(np.random.default_rng(402), lasting))
-    assert abs(SHARES.index(found.share) - SHARES.index(lasting.share)) <= 1
+    for one, other in ((found, lasting), (found.of_closure(), lasting.of_closure())):
+        assert abs(SHARES.index(one.share) - SHARES.index(other.share)) <= 1
     assert abs(SECONDS.index(found.seconds) - SECONDS.index(lasting.seconds)) <= 1
 
 
@@ -144,11 +168,11 @@ def test_rows_become_uncorrelated_over_the_rows_that_have_a_residual():
     time, segment = STEP * np.arange(120), np.repeat(np.arange(3), 40)
     used = np.ones((len(time), 2), bool)
     used[:, 1] = rng.random(len(time)) < 0.7
-    found = decorrelation(time, segment, WINDOW, lasting, used)
+    each = (lasting, NoiseInTime(0.5, 2.0))
+    found = decorrelation(time, segment, WINDOW, each, used)
     unit = np.repeat(np.eye(len(time))[:, None], 2, axis=1)
-    whole = (segment[:, None] == segment) * lasting.correlation(time, WINDOW)
-    for number, having in enumerate(used.T):
-        both = np.outer(having, having)
+    for number, (having, one) in enumerate(zip(used.T, each, strict=True)):
+        both, whole = np.outer(having, having), (segment[:, None] == segment) * one.correlation(time, WINDOW)
         root = found(unit * having[:, None, None])[:, number]
         assert root @ (both * whole) @ root.T == pytest.approx(np.diag(having.astype(float)), abs=1e-9)
         assert found.back(unit)[:, number] == pytest.approx(found(unit)[:, number].T, abs=1e-12)
@@ -160,7 +184,7 @@ def test_effective_rows_are_those_of_a_continuous_record():
     time, segment, lasts = STEP * np.arange(480), np.repeat([1, 2], 240), 8.0
     used = np.ones((480, 2), bool)
     used[::3, 1] = False
-    slow = decorrelation(time, segment, WINDOW, NoiseInTime(1.0, lasts), used)
+    slow = decorrelation(time, segment, WINDOW, [NoiseInTime(1.0, lasts)] * 2, used)
     assert slow.effective_rows == pytest.approx(2 * (1 + 240 * STEP / (2 * lasts)), rel=0.03)
-    white = decorrelation(2 * time, segment, WINDOW, WHITE, used)
+    white = decorrelation(2 * time, segment, WINDOW, [WHITE] * 2, used)
     assert white.effective_rows == pytest.approx(480)
