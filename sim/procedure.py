@@ -7,7 +7,14 @@ import numpy as np
 
 from tulip_testbed.measurements import MeasurementHeader, Measurements, PosturePlan, SensorSheet
 from tulip_testbed.measurements.cells import CORNERS
-from tulip_testbed.measurements.contacts import COP, VERTICAL, Contacts, covariance_of_cops, wrenches_of_cops
+from tulip_testbed.measurements.contacts import (
+    COP,
+    VERTICAL,
+    Contacts,
+    cops_of_wrenches,
+    covariance_of_cops,
+    wrenches_of_cops,
+)
 from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import joint_names
@@ -190,6 +197,7 @@ def make_measurements(
     if sensors is not None and sensors.channels == COP and contacts is not None:
         stands = feet_in_contact(rows["support"])
         cops = np.where(stands[..., None], reading["wrench"], np.nan)  # nothing presses in the air
+        cops = cops_of_wrenches(wrenches_of_cops(cops))  # to the last bit those that a folder gives back
         assert contacts.cop_sd is not None
         contacts = replace(contacts, covariance=covariance_of_cops(cops, contacts.cop_sd, stands))
         reading = reading | {"wrench": wrenches_of_cops(cops), "wrench_std": np.full(cops.shape, np.nan)}
