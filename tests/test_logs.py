@@ -153,7 +153,7 @@ def test_a_person_who_bows_becomes_rows(imported, bowing):
     ("zeros", "expected"),
     [
         ("unknown", [8.3, 8.3, 23.5, 7.9, 5.9]),
-        ("tared", [11.9, 6.6, 23.5, 8.4, 8.1]),
+        pytest.param("tared", [11.9, 6.6, 23.5, 8.4, 8.1], marks=pytest.mark.slow),
     ],
 )
 def test_identified_masses_predict_the_person_better_than_cad(imported, bowing, zeros, expected):

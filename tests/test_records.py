@@ -179,7 +179,15 @@ def refuse_edited(intact, folder, kind, robot, changes, words):
 
 
 @pytest.mark.filterwarnings("ignore")  # of arithmetic on strange numbers
-@pytest.mark.parametrize("name", ["run.json", "result.json", "truth.json", "rig/rig.json"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "run.json",
+        "rig/rig.json",
+        pytest.param("result.json", marks=pytest.mark.slow),
+        pytest.param("truth.json", marks=pytest.mark.slow),
+    ],
+)
 @settings(max_examples=20, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_any_value_anywhere_is_read_or_refused_in_one_line(

@@ -179,6 +179,7 @@ def unexplained_directions(observed, truth):
     return residuals(clean, observed.nominal.value)[1:-1, 3:5].std(axis=0)
 
 
+@pytest.mark.slow
 def test_wrenches_in_axes_that_turn_become_the_same_rows(robot, truth, motion, tmp_path):
     rows = []
     for frame, sign in (("sensor", 1), ("base", -1)):
