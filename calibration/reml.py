@@ -43,7 +43,7 @@ from tulip_testbed.identification.residual_noise import solve_triangular
 
 QUIETEST = np.log(0.05)  # of a scale of the noise: less leaves residuals without any
 CONVERGED = 1e-3  # of the log-likelihood: a step of less than a twentieth of a standard deviation
-LITTLE = 0.5  # of the log-likelihood
+LITTLE = 0.5  # of the log-likelihood: a step of less is foretold and not made
 ROUNDING = 1e-14  # of the largest information, that is lost where columns N are projected out
 UNNOTICED = 1e-9  # of the information about a member whose prior s.d. is 1
 

@@ -243,8 +243,8 @@ def _factored(
             known[alike] = without_constants(stance[inside], used[inside])
         contrast, of = contrasts(used[inside], known[alike])
         contrast = contrast[:, keep]
-        few = csr_array(contrast) if len(contrast) > MANY else contrast
-        lower = np.linalg.cholesky(few @ block[keep][:, keep] @ few.T)
+        quick = csr_array(contrast) if len(contrast) > MANY else contrast
+        lower = np.linalg.cholesky(quick @ block[keep][:, keep] @ quick.T)
         factor = contrast  # of a placement without a residual in these channels
         if len(lower):
             factor, _ = solve_triangular(lower, contrast, lower=1)

@@ -33,7 +33,10 @@ from tulip_testbed.sim.wrench_sensors import mountings, nominal_feet
 
 
 def record_error(rig: Rig, rng: np.random.Generator, placements: int) -> np.ndarray:
-    """Draw errors of plates as recorded, (placements, 2, 3) [m, m, rad]: `mark_sd`, left `placement_sd`."""
+    """Draw the errors of both plates' recorded poses, (placements, 2, 3) [m, m, rad].
+
+    The right plate has `mark_sd`, the left one `placement_sd`, in every support.
+    """
     sd = np.array([rig.sensors.mark_sd, rig.sensors.placement_sd])
     return sd * rng.standard_normal((placements, 2, 3))
 
