@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
+from studies.hidden_effects.laboratories import draw_laboratory
 from tests.test_refusals import refuse
 from tulip_testbed.calibration.families import (
     SOLE,
@@ -269,6 +270,20 @@ def test_no_error_of_cells_is_left_in_the_columns_however_large(ordinary, nomina
     twist = smooth.cell_forces.reshape(-1, 2, 4) @ TWIST
     assert observed.on_four_cells[3, 0]
     assert twist[observed.on_four_cells] == pytest.approx(0, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_joints_do_not_take_up_the_noise_that_a_soft_sole_makes_of_loads(robot, plan, nominal):
+    """Steps lead away to joints ten times as soft as they are, and the best evidence was on the way there."""
+    built = draw_laboratory(
+        robot, "wii", np.random.default_rng(np.random.SeedSequence(111, spawn_key=(3, 60, 0)))
+    )
+    sole = instances_of("sole-compliance=0.0013", robot)
+    measured = built.with_effects({"sole-compliance": (0.0013,)}).measured(plan, 1294)
+    found = self_calibrate(observe(measured, nominal), effects=sole)
+    (joints,) = (one for one in found.families if one.family.name == "joint-compliance")
+    assert joints.spread < 1
+    assert found.effects[0].values[0] == pytest.approx(0.0013, abs=3 * found.effect_errors[0][0])
 
 
 @pytest.fixture(scope="module")
