@@ -154,7 +154,8 @@ def self_calibrate(
             if settled or not solved.limited or residual_covariance is not None:
                 break
             settled = True
-        if not noisy and (best is None or solved.log_evidence > best[2].log_evidence):
+        near = moved < STEADY, solved.log_evidence  # on the way to an estimate, evidence says little
+        if not noisy and (best is None or near > (best[4] < STEADY, best[2].log_evidence)):
             # Without what they have computed, for the sake of memory.
             bare = replace(state, clean=replace(state.clean), smooth=replace(state.smooth))
             best = bare, families, solved, clean, moved
