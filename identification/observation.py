@@ -30,6 +30,7 @@ from tulip_testbed.sim.scene import plate_masses
 LONG_GAP = 1.5  # of the median time between a placement's postures
 STILL = 10.0  # s, assumed: simulated feet creep 0.1 mm in 75 s, and slip by 0.6 mm where a corner lifts
 LEAST_LOAD = 0.5  # N
+CROSSTALK = 0.01  # of the load on a board that a cell in the air may read
 SIZE, TWISTS, CLOSURE = 11, slice(3, 5), slice(5, 11)  # residuals of a posture, see `residual_channels`
 NEARLY_ALL = 0.9  # of the postures
 ROCKING = 2.0  # times the usual s.d. of a board's cells within a row: more is no noise
@@ -437,18 +438,20 @@ def _on_four_cells(forces: np.ndarray, margin: float, share: np.ndarray) -> np.n
 
     A board that rocks was tared on two cells, so the one of the others that is in the air reads nothing. That
     counts only if it is so in nearly all postures: a board that does not rock may have such readings by
-    chance, and noise may hide one.
+    chance, and noise may hide one. A cell in the air may read a part of the load on the others.
 
     Args:
         forces: (m, 2, 4) [N].
         margin: of a reading over that of no load [N].
         share: of a board's weight on each of its cells, (2,) [N].
     """
-    idle = np.abs(forces) < margin
-    loaded = forces.sum(axis=2) > 4 * margin
+    load = forces.sum(axis=2)
+    margins = margin + CROSSTALK * np.maximum(load, 0.0)
+    idle = np.abs(forces) < margins[..., None]
+    loaded = load > 4 * margins
     one_of_two = np.stack([idle[..., k] | idle[..., k + 2] for k in (0, 1)], axis=-1) & loaded[..., None]
     rocks = one_of_two.sum(axis=0).max(axis=-1) > NEARLY_ALL * loaded.sum(axis=0)
-    return (forces.min(axis=2) > margin - share) & ~rocks
+    return (forces.min(axis=2) > margins - share) & ~rocks
 
 
 def _steady(spread: np.ndarray) -> np.ndarray:

@@ -284,6 +284,14 @@ def test_a_part_of_an_experiment_creeps_as_in_the_whole(measured, nominal):
     assert found.cell_forces[:, 4] == pytest.approx([40 / (1 + 0.9 * 0.2)])
 
 
+def test_a_cell_in_the_air_is_seen_though_it_reads_a_part_of_the_others_load(measured, nominal):
+    """Cross-talk of 0.9 % of 120 N makes 1.08 N of nothing: a board's twist on three cells says nothing."""
+    share = observe(measured(), nominal).board_share[0]
+    loads = np.array([[40, 40, 40, 1.08 - share], [40, 40, 40, 3.0 - share], [30, 30, 30, 30]])
+    observed = observe(measured(right=loads), nominal)
+    assert observed.on_four_cells[:, 0].tolist() == [False, True, True]
+
+
 def test_a_board_rocks_towards_its_short_foot_by_hand(measured, nominal):
     """Cells at (+-0.1, +-0.1) m, the front left foot short by sqrt(2) mm, sqrt(0.02) m from its diagonal.
 
