@@ -29,6 +29,7 @@ DIRECTION = {  # what six-axis sensors in the feet have in place of the twist
     "the twist of the left plate": "the force's direction along y",
 }
 DISTINCT = 0.05
+ROUNDING = 1e-6  # of the noise: a constant of a stance leaves the swing foot's place but for rounding
 AT_ONCE = 30  # patterns
 SMOOTH = 12  # directions of a smooth function of many quantities
 MOST_LANDMARKS = 400  # postures from whose neighbourhood such a function is made
@@ -81,7 +82,7 @@ def patterns(linear: LinearModel, residual: np.ndarray, fitted: np.ndarray) -> l
         left, size, _ = np.linalg.svd(columns, full_matrices=False)
         # Directions that the model explains almost entirely are no pattern of their own.
         length = float(np.sqrt(max(np.linalg.eigvalsh(whole.T @ whole)[-1], 0.0)))
-        left = left[:, size > DISTINCT * max(length, 1e-12)]
+        left = left[:, size > max(DISTINCT * length, ROUNDING)]
         gain = float(((left.T @ residual) ** 2).sum())
         rows = max(int(whole.any(axis=1).sum()), 1)
         size_in_noise = float(np.sqrt(gain / rows))
