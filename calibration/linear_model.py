@@ -15,9 +15,9 @@ from tulip_testbed.identification.residual_channels import (
     ROWS,
     SIZE,
     by_base_parameters,
+    by_noise_as_read,
     by_weight,
     fields,
-    forces_over_readings,
     packed,
     residuals,
     unpacked,
@@ -177,9 +177,8 @@ def _round(
     if (yielding := background.yielding) is not None:
         plain = np.eye(*yielding.shape[1:]) if propagation is None else propagation
         propagation = plain + yielding
-    forces = forces_over_readings(observed)
     hidden = background.internal, background.squeeze
-    white = whitening(smoothed, theta, noise, channels, propagation, *hidden, forces)
+    white = whitening(smoothed, theta, noise, channels, propagation, *hidden, observed)
     nuisance = nuisances(smoothed, channels)
     used = np.abs(nuisance).max(axis=(0, 1)) > 0
     members = background.columns.shape[2]
@@ -194,9 +193,10 @@ def _round(
     size = np.abs(np.diag(triangle))
     rank = int((size > RANK * size.max(initial=0.0)).sum())
     basis, triangle = basis[:, :rank], triangle[:rank, :rank]
-    by_cells = (forces - 1) * white.sensitivity[:, ROWS["A"], fields(observed)["cells"]]
+    by_cells = white.sensitivity[:, ROWS["A"], fields(observed)["cells"]]
+    as_read = by_noise_as_read(observed, by_cells) - by_cells
     noisy = residuals(observed, theta) - explained
-    noisy[:, ROWS["A"]] += (by_cells @ (observed.cell_forces - smoothed.cell_forces)[..., None])[..., 0]
+    noisy[:, ROWS["A"]] += (as_read @ (observed.cell_forces - smoothed.cell_forces)[..., None])[..., 0]
     start = np.concatenate([white(noisy), known])
     gain = basis.T @ start
     left = start - basis @ gain

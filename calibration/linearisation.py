@@ -26,11 +26,11 @@ from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import (
     ROWS,
     SIZE,
+    by_noise_as_read,
     by_weight,
     constants_of_stances,
     difference,
     fields,
-    forces_over_readings,
     has_direction,
     residuals,
     residuals_in_use,
@@ -152,7 +152,7 @@ def linearised(
     yields = _yields(state.smooth, families)
     covariance = state.covariance
     centers = (slice(None), ROWS["A"], at["cells"])
-    as_read = (forces_over_readings(clean) - 1) * slope[centers]
+    as_read = by_noise_as_read(clean, slope[centers]) - slope[centers]
     if covariance is None:
         reach = slope[..., : at["plates"].stop].copy()
         reach[centers] += as_read

@@ -238,15 +238,23 @@ def total_force(observed: Observation) -> np.ndarray:
     return observed.weight + observed.lift
 
 
-def forces_over_readings(clean: Observation) -> np.ndarray:
-    """Return the force on plates over that which was read, before effects were removed, (m, 1, 1).
+def by_noise_as_read(clean: Observation, by_cells: np.ndarray) -> np.ndarray:
+    """Return how the noise of cells moved the centre of pressure before effects were removed, (m, 2, 2 k).
 
-    A centre of pressure is a moment over the force. Where effects took off a part of the force, the noise of
-    the cells would count as a larger one, and where they added to it as a smaller one: both would count as
-    evidence. Other sensors: 1, because theirs is over the weight.
+    It is a moment over the force. Where effects took off a part of the force or moved the cells outwards, the
+    noise would count as a larger one, and where they added to it or moved them inwards as a smaller one: both
+    would count as evidence. Other sensors: as now, because theirs is over the weight.
+
+    Args:
+        by_cells: the derivative of the centre of pressure by the forces as they are now, (m, 2, 2 k) [m/N].
     """
-    read = clean.changed(cell_forces=clean.measurements.cell_forces) if has_twist(clean) else clean
-    return (total_force(clean) / total_force(read))[:, None, None]
+    if not has_twist(clean):
+        return by_cells
+    m, force = clean.measurements, total_force(clean)[:, None, None]
+    over = force / total_force(clean.changed(cell_forces=m.cell_forces))[:, None, None]
+    moved = turned(clean.contact_poses[:, :, None, 2], (m.cells - clean.cells)[None])
+    moved = moved.reshape(len(clean), -1, 2).swapaxes(1, 2)
+    return over * (by_cells + (by_cells != 0) * moved / force)
 
 
 def by_weight(observed: Observation) -> np.ndarray:

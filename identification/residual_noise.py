@@ -16,6 +16,7 @@ from tulip_testbed.identification.residual_channels import (
     ROWS,
     SIZE,
     TWIST,
+    by_noise_as_read,
     fields,
     has_twist,
     residuals_in_use,
@@ -194,7 +195,7 @@ def whitening(
     propagation: np.ndarray | None = None,
     internal: np.ndarray | None = None,
     squeeze: np.ndarray | None = None,
-    forces: np.ndarray | float = 1.0,
+    clean: Observation | None = None,
 ) -> Whitening:
     """Return the whitening coordinates of some channels of an experiment.
 
@@ -205,11 +206,13 @@ def whitening(
         internal: change of the residuals by one s.d. of independent errors of every posture that no reading
             shows, (m, 11, j); None: there are none. squeeze: the same of errors that a placement's postures
             share.
-        forces: see `forces_over_readings`.
+        clean: the experiment with its noise, see `by_noise_as_read`; None: nothing was removed from it.
     """
     slope, at = sensitivity(observed, theta), fields(observed)
     reach = slope[..., : at["plates"].stop].copy() if propagation is None else slope @ propagation
-    reach[:, ROWS["A"], at["cells"]] *= forces
+    if clean is not None:
+        by_cells = slope[:, ROWS["A"], at["cells"]]
+        reach[:, ROWS["A"], at["cells"]] += by_noise_as_read(clean, by_cells) - by_cells
     angles, cells = reach[..., at["angles"]], reach[..., at["cells"]]
     own = noise.encoder**2 * angles @ angles.mT + noise.cell**2 * cells @ cells.mT + floor(noise)
     if internal is not None and internal.shape[2]:
