@@ -32,6 +32,7 @@ from tulip_testbed.calibration.member_removal import members_removed
 from tulip_testbed.calibration.reml import LikelihoodFit, fit, parts_of_variance
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.identification.estimators import Unseen
+from tulip_testbed.identification.load_rates import PLATES
 from tulip_testbed.identification.noise_in_time import NoiseInTime
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import has_twist, moved_by, packed, unpacked
@@ -41,6 +42,7 @@ from tulip_testbed.identification.statistics import of_f_test, satterthwaite
 HALF_95 = float(ndtri(0.975))  # half of a normal 95 % interval in s.d.
 ROUNDING = 1e-6  # of a spread [tolerances]
 STEADY = 3.0  # s.e. by which the last linearisation may move a number that can be believed
+READINGS = 2  # the first of `sources_of`: encoders and cells
 PRIOR_ONLY = 0.5  # share of its prior's variance from which a member is known by its prior only
 OF_CAD = "CAD"  # what its prior leaves open, with the weighing
 
@@ -171,6 +173,27 @@ class SelfCalibration:
         with_effects = moved_by(clean, removed(loaded, self.effects), loaded)
         loads = replace(plain, standard=clean.standard, servo_stiffness=clean.servo_stiffness)
         return unpacked(loads, packed(with_effects))
+
+    def log_evidence_about(self, start: SelfCalibration) -> float:
+        """Return ln of the evidence, to be compared with that of other estimates about the same start.
+
+        Errors in variables: a row's true readings are unknowns of its own, which no prior holds. Integrated
+        out, they leave the determinant of how the readings' noise enters the residuals, as if it were
+        evidence against a compliance that lets more of it in, and for a smaller unit of the readings. The
+        sizes at which it is largest are not those that are estimated; those of the quadratic form are
+        (Fuller 1987, "Measurement error models"). So the noise of angles, cells and plates has the
+        determinant that it has at the start.
+        """
+        if start is self:
+            return self.solved.log_evidence
+        at_start, here, scales = start.problem.noise, self.problem.noise, np.log(self.solved.scales)
+        reference = replace(
+            here,
+            own=np.concatenate([at_start.own[:READINGS], here.own[READINGS:]]),
+            shared=np.concatenate([here.shared[..., :-PLATES], at_start.shared[..., -PLATES:]], axis=2),
+        )
+        own, about = (one.weights(scales).log_volume for one in (here, reference))
+        return self.solved.log_evidence + own - about
 
     def background(self, most: float = np.inf) -> Background:
         """Return what is still uncertain about the members.

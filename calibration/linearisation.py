@@ -91,7 +91,6 @@ class LinearisationPoint:
         clean: readings without the members. smooth: the same without noise, by the last linearisation.
         nu: base parameters [m] and error of the weight [N], (p + 1,).
         deviates: of the members' parts, (k,). variance: of the members, (q,). scales: of `sources_of`.
-        covariance: that of another linearisation, in place of the one at these members; None: at these.
     """
 
     clean: Observation
@@ -100,7 +99,6 @@ class LinearisationPoint:
     deviates: np.ndarray
     variance: np.ndarray
     scales: np.ndarray
-    covariance: ResidualCovariance | None
 
 
 @dataclass(frozen=True)
@@ -150,32 +148,26 @@ def linearised(
     slope = used * sensitivity(state.smooth, theta)
     # Members at an estimate carry the noise of cells and plates, by their loads, into the residuals.
     yields = _yields(state.smooth, families)
-    covariance = state.covariance
     centers = (slice(None), ROWS["A"], at["cells"])
     as_read = by_noise_as_read(clean, slope[centers]) - slope[centers]
-    if covariance is None:
-        reach = slope[..., : at["plates"].stop].copy()
-        reach[centers] += as_read
-        reach[..., at["cells"].start :] += slope.take(yields.field, axis=2) @ (
-            phi[yields.member][:, None] * yields.rate
-        )
-        # The mean square: with that of an estimate that is too small, the estimate would seem too certain.
-        square = np.maximum(phi, 0.0) ** 2 + state.variance
-        pushed = slope.take(yields.field, axis=2) @ (
-            np.sqrt(square)[yields.member][:, None] * yields.by_wrench
-        )
-        unsure = slope @ _unsure(state.smooth, families, phi)
-        feet = np.repeat(feet_in_contact(clean.measurements.support), 2, axis=1)[:, None]
-        tilt = ROW_TILT * feet * slope[..., at["stance_tilt"].start : at["swing_tilt"].stop]
-        tilt = tilt if has_direction(clean) else tilt[..., :0]
-        motion = tilt[..., :0]
-        if clean.moves:
-            motion = slope[..., at["shift"].start : at["push"].stop] @ clean.motion.by_cad[..., None]
-        squeeze = pushed @ (state.smooth.loads.closed * PUT_DOWN)
-        parts = (pushed * unseen_wrench(clean), squeeze, tilt, motion)
-        covariance = _covariance(reach, parts, unsure, noise, clean)
-    else:
-        covariance = _with_unsure(covariance, slope @ _unsure(state.smooth, families, phi))
+    reach = slope[..., : at["plates"].stop].copy()
+    reach[centers] += as_read
+    reach[..., at["cells"].start :] += slope.take(yields.field, axis=2) @ (
+        phi[yields.member][:, None] * yields.rate
+    )
+    # The mean square: with that of an estimate that is too small, the estimate would seem too certain.
+    square = np.maximum(phi, 0.0) ** 2 + state.variance
+    pushed = slope.take(yields.field, axis=2) @ (np.sqrt(square)[yields.member][:, None] * yields.by_wrench)
+    unsure = slope @ _unsure(state.smooth, families, phi)
+    feet = np.repeat(feet_in_contact(clean.measurements.support), 2, axis=1)[:, None]
+    tilt = ROW_TILT * feet * slope[..., at["stance_tilt"].start : at["swing_tilt"].stop]
+    tilt = tilt if has_direction(clean) else tilt[..., :0]
+    motion = tilt[..., :0]
+    if clean.moves:
+        motion = slope[..., at["shift"].start : at["push"].stop] @ clean.motion.by_cad[..., None]
+    squeeze = pushed @ (state.smooth.loads.closed * PUT_DOWN)
+    parts = (pushed * unseen_wrench(clean), squeeze, tilt, motion)
+    covariance = _covariance(reach, parts, unsure, noise, clean)
     reach, structure = covariance.reach, covariance.structure
     if (in_time := clean.in_time) is not None:
         structure = replace(structure, shared=in_time(structure.shared), free=in_time(structure.free))
@@ -408,14 +400,6 @@ def _covariance(
         free=constants_of_stances(used),
     )
     return ResidualCovariance(reach, *unseen, unsure, structure)
-
-
-def _with_unsure(covariance: ResidualCovariance, unsure: np.ndarray) -> ResidualCovariance:
-    """Return the covariance of another estimate with what the readings do not show of these effects."""
-    if not unsure.shape[2] and not covariance.unsure.shape[2]:
-        return covariance
-    own = np.concatenate([covariance.structure.own[:-1], (unsure @ unsure.mT)[None]])
-    return replace(covariance, unsure=unsure, structure=replace(covariance.structure, own=own))
 
 
 def _doubt(observed: Observation) -> np.ndarray:

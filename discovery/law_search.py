@@ -149,7 +149,7 @@ def _forward(law_search: LawSearch, selection: Selection) -> Judged | None:
     calibration = law_search.start
     seen: list[set[str]] = []
     while len(terms) < MOST_TERMS and not search.budget.spent:
-        before = search.evidence(calibration, terms)
+        before = search.evidence(calibration, terms, law_search.start)
         if terms and (plain := search.tried(terms, law_search.start)) is not None:
             before = plain.evidence
         tried = _judged_in_addition(law_search, terms, calibration, None if terms else selection)
@@ -270,7 +270,11 @@ def _alternatives(law_search: LawSearch, found: Judged) -> tuple[tuple[Fitted, .
     for k, term in enumerate(found.terms):
         others = found.terms[:k] + found.terms[k + 1 :]
         plain = law_search.search.tried(others, law_search.start)
-        before = law_search.search.evidence(law_search.start, ()) if plain is None else plain.evidence
+        before = (
+            law_search.search.evidence(law_search.start, (), law_search.start)
+            if plain is None
+            else plain.evidence
+        )
         calibration = law_search.start if plain is None else plain.calibration
         several = _judged_in_addition(law_search, others, calibration, None)
         best: dict[str, Fitted] = {_pair(term): replace(term, log_bayes_factor=found.evidence - before)}

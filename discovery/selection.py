@@ -213,7 +213,7 @@ def _forward(
     before = []
     while len(terms) < MOST_TERMS and not search.budget.spent:
         plain = search.tried(terms, calibration)
-        before_all = search.evidence(calibration, terms) if plain is None else plain.evidence
+        before_all = search.evidence(calibration, terms, calibration) if plain is None else plain.evidence
         near = search.best(calibration, terms)
         # A large effect distorts the members so far that it hides among them.
         afresh = [] if terms else search.shortest(null)
@@ -225,25 +225,13 @@ def _forward(
             decisive = [one for one in pairs if is_decisive(one, before_all, tests, together=2)]
         if not decisive:
             return calibration, terms, True
-        best = _without_idle(search, best_by_itself(search, decisive), calibration)
+        best = max(decisive, key=lambda one: (one.steady, one.evidence))
+        best = _without_idle(search, best, calibration)
         if {term.label for term in best.terms} in before:
             break
         before.append({term.label for term in best.terms})
         calibration, terms = _at_best_times(search, search.calibrated(best), best.terms)
     return calibration, terms, search.budget.spent
-
-
-def best_by_itself(search: CandidateSearch, judged: Sequence[Judged]) -> Judged:
-    """Return the best by the evidence, those near it compared by the covariance that is their own.
-
-    In that of the start, a wide family of compliances may have made noise of the loads of what a softer joint
-    then seems to explain.
-    """
-    best = max(judged, key=lambda one: (one.steady, one.evidence))
-    near = [one for one in judged if one.steady == best.steady and one.evidence > best.evidence - NEAR]
-    if len(near) == 1:
-        return best
-    return max(near, key=lambda one: search.evidence(search.calibrated(one), one.terms))
 
 
 def _without_idle(search: CandidateSearch, best: Judged, start: SelfCalibration) -> Judged:

@@ -272,6 +272,21 @@ def test_no_error_of_cells_is_left_in_the_columns_however_large(ordinary, nomina
     assert twist[observed.on_four_cells] == pytest.approx(0, abs=1e-6)
 
 
+def test_smaller_units_of_the_readings_are_no_evidence(robot, nominal):
+    """Of cells that lie further inwards all noise is smaller, also that of the loads by which a soft sole leans."""
+    few = tt.draw_plan(placements=10, per_placement=8, seed=1).plan
+    soft = tt.Laboratory(sensors="wii").with_effects("sole-compliance=0.0015")
+    measured = soft.run(few, seed=1, engine="statics").measurements
+    more = np.random.default_rng(2).normal(0.0, 2.0, measured.cell_forces.shape)
+    noisy = dataclasses.replace(measured, cell_forces=measured.cell_forces + more)
+    observed, known = observe(noisy, nominal), {"cell-position-scale": 0.0}
+    start = self_calibrate(observed, known)
+    inwards = removed(observed, instances_of("cell-position-scale=-0.05", robot))
+    found = self_calibrate(inwards, known, start=start)
+    assert found.log_evidence_about(start) < start.solved.log_evidence - 3
+    assert found.solved.log_evidence > start.solved.log_evidence
+
+
 @pytest.mark.slow
 def test_joints_do_not_take_up_the_noise_that_a_soft_sole_makes_of_loads(robot, plan, nominal):
     """Steps lead away to joints ten times as soft as they are, and the best evidence was on the way there."""
