@@ -273,7 +273,7 @@ def test_no_error_of_cells_is_left_in_the_columns_however_large(ordinary, nomina
 
 
 def test_smaller_units_of_the_readings_are_no_evidence(robot, nominal):
-    """Of cells that lie further inwards all noise is smaller, also that of the loads by which a soft sole leans."""
+    """Of cells further inwards all noise is smaller, also that of the loads by which a soft sole leans."""
     few = tt.draw_plan(placements=10, per_placement=8, seed=1).plan
     soft = tt.Laboratory(sensors="wii").with_effects("sole-compliance=0.0015")
     measured = soft.run(few, seed=1, engine="statics").measurements
