@@ -91,6 +91,7 @@ class LinearisationPoint:
         clean: readings without the members. smooth: the same without noise, by the last linearisation.
         nu: base parameters [m] and error of the weight [N], (p + 1,).
         deviates: of the members' parts, (k,). variance: of the members, (q,). scales: of `sources_of`.
+        covariance: that of another linearisation, whose unseen wrench counts; None: that of these members.
     """
 
     clean: Observation
@@ -99,6 +100,7 @@ class LinearisationPoint:
     deviates: np.ndarray
     variance: np.ndarray
     scales: np.ndarray
+    covariance: ResidualCovariance | None
 
 
 @dataclass(frozen=True)
@@ -155,19 +157,23 @@ def linearised(
     reach[..., at["cells"].start :] += slope.take(yields.field, axis=2) @ (
         phi[yields.member][:, None] * yields.rate
     )
-    # The mean square: with that of an estimate that is too small, the estimate would seem too certain.
-    square = np.maximum(phi, 0.0) ** 2 + state.variance
-    pushed = slope.take(yields.field, axis=2) @ (np.sqrt(square)[yields.member][:, None] * yields.by_wrench)
     unsure = slope @ _unsure(state.smooth, families, phi)
+    if state.covariance is None:
+        # The mean square: with that of an estimate that is too small, the estimate would seem too certain.
+        square = np.maximum(phi, 0.0) ** 2 + state.variance
+        pushed = slope.take(yields.field, axis=2) @ (
+            np.sqrt(square)[yields.member][:, None] * yields.by_wrench
+        )
+        internal, squeeze = pushed * unseen_wrench(clean), pushed @ (state.smooth.loads.closed * PUT_DOWN)
+    else:
+        internal, squeeze = state.covariance.internal, state.covariance.squeeze
     feet = np.repeat(feet_in_contact(clean.measurements.support), 2, axis=1)[:, None]
     tilt = ROW_TILT * feet * slope[..., at["stance_tilt"].start : at["swing_tilt"].stop]
     tilt = tilt if has_direction(clean) else tilt[..., :0]
     motion = tilt[..., :0]
     if clean.moves:
         motion = slope[..., at["shift"].start : at["push"].stop] @ clean.motion.by_cad[..., None]
-    squeeze = pushed @ (state.smooth.loads.closed * PUT_DOWN)
-    parts = (pushed * unseen_wrench(clean), squeeze, tilt, motion)
-    covariance = _covariance(reach, parts, unsure, noise, clean)
+    covariance = _covariance(reach, (internal, squeeze, tilt, motion), unsure, noise, clean)
     reach, structure = covariance.reach, covariance.structure
     if (in_time := clean.in_time) is not None:
         structure = replace(structure, shared=in_time(structure.shared), free=in_time(structure.free))

@@ -199,7 +199,7 @@ def _linearised(
     # The noise holds the scales of the readings already; those of other postures are not estimated anew.
     unseen = np.isin(sources_of(others), (INTERNAL, SQUEEZE, FOOT_TILT, INERTIA, LOOSE))
     scales = np.where(unseen, calibration.solved.scales, 1.0)
-    state = LinearisationPoint(clean, clean, calibration.nu, estimate[p + 1 :], variance, scales)
+    state = LinearisationPoint(clean, clean, calibration.nu, estimate[p + 1 :], variance, scales, None)
     return *linearised(state, calibration.all, calibration.noise), clean, scales
 
 

@@ -25,6 +25,7 @@ from tulip_testbed.calibration.linearisation import (
     Families,
     LinearisationPoint,
     Linearised,
+    ResidualCovariance,
     at_sizes,
     center_of,
     linearised,
@@ -68,6 +69,7 @@ def self_calibrate(
     tolerances: Mapping[str, float] | None = None,
     effects: Sequence[EffectInstance] = (),
     start: SelfCalibration | None = None,
+    residual_covariance: ResidualCovariance | None = None,
     rounds: int = ROUNDS,
 ) -> SelfCalibration:
     """Estimate base parameters and members.
@@ -78,6 +80,9 @@ def self_calibrate(
             zero: exact.
         effects: that are no members of a family; their sizes are estimated, beginning where they are.
         start: an estimate of the same experiment from which this one begins.
+        residual_covariance: that of another estimate, whose unseen wrench counts, so that the evidence of
+            several estimates can be compared: it depends on how well the compliances are known. None: that of
+            the members found.
         rounds: largest number of linearisations.
 
     Raises:
@@ -120,7 +125,7 @@ def self_calibrate(
     for count in range(rounds):
         families = tuple(at_sizes(family, part) for family, part in split_members(families, phi))
         both, lengths = block_diag(np.eye(p + 1), mixing_of(families)[0]), _lengths(families)
-        state = LinearisationPoint(clean, smooth, nu, along / lengths, variance, scales)
+        state = LinearisationPoint(clean, smooth, nu, along / lengths, variance, scales, residual_covariance)
         latest = None  # a linear model is large: one at a time
         problem, linear = latest = linearised(state, families, noise)
         noisy = count == 0 and start is None
@@ -147,7 +152,7 @@ def self_calibrate(
             observed = observed.weighing(float(nu[p]))
         clean = members_removed(observed, families, phi, nu[:p], covariance[:p, :p], errors)
         if moved < STANDS:
-            if settled or not solved.limited:
+            if settled or not solved.limited or residual_covariance is not None:
                 break
             settled = True
         near = moved < STEADY, solved.log_evidence  # on the way to an estimate, evidence says little
@@ -291,7 +296,7 @@ def least_determined(observed: Observation, tolerances: Mapping[str, float] | No
     left = np.ones(sum(sizes))  # variance of the deviates over that of their prior
     variance, scales = (mixing**2).sum(axis=1), np.ones(len(sources_of(observed)))
     try:
-        state = LinearisationPoint(observed, observed, nu, 0 * left, variance, scales)
+        state = LinearisationPoint(observed, observed, nu, 0 * left, variance, scales, None)
         problem, _ = linearised(state, families, noise_of(observed))
         left = np.diag(given(problem, scales, np.ones(len(problem.sizes))).conditional)[len(nu) :]
     except np.linalg.LinAlgError:

@@ -10,6 +10,7 @@ import numpy as np
 
 from tulip_testbed.base.budget import ROWS, Budget
 from tulip_testbed.calibration.calibration_result import SelfCalibration
+from tulip_testbed.calibration.linearisation import ResidualCovariance
 from tulip_testbed.calibration.self_calibration import ROUNDS as AFRESH
 from tulip_testbed.calibration.self_calibration import STANDS, self_calibrate
 from tulip_testbed.discovery.candidates import Candidate, Fitted, candidates, change_times, log_choices
@@ -86,7 +87,7 @@ class CandidateSearch:
         best, found = None, start
         for _ in range(LOOKS):
             try:
-                found = self.calibration(terms, found, 1)
+                found = self.calibration(terms, found, start.linear.covariance, 1)
             except np.linalg.LinAlgError:
                 break
             judged = Judged(at_estimate(terms, found), found, self.evidence(found, terms, start))
@@ -100,16 +101,17 @@ class CandidateSearch:
         self,
         terms: Sequence[Fitted],
         start: SelfCalibration | None,
+        covariance: ResidualCovariance | None = None,
         rounds: int = ROUNDS,
     ) -> SelfCalibration:
         """Calibrate with some effects, see `self_calibrate`, or recall what was found before."""
-        key = key_of(terms), id(start), rounds
+        key = key_of(terms), id(start), id(covariance), rounds
         if key not in self.known:
             instances = [term.instance for term in terms]
-            found = self_calibrate(self.observed, self.tolerances, instances, start, rounds)
+            found = self_calibrate(self.observed, self.tolerances, instances, start, covariance, rounds)
             while len(self.known) * len(self.observed) > KEPT_ROWS:
                 del self.known[next(iter(self.known))]
-            self.known[key] = start, found
+            self.known[key] = (start, covariance), found
         return self.known[key][1]
 
     def evidence(self, found: SelfCalibration, terms: Sequence[Fitted], start: SelfCalibration) -> float:
@@ -118,9 +120,8 @@ class CandidateSearch:
         Args:
             start: about which all that it is compared with were calibrated.
         """
-        out = found.log_evidence_about(start) - sum(
-            log_choices(term.candidate, self.observed) for term in terms
-        )
+        out = found.log_evidence_about(start)
+        out -= sum(log_choices(term.candidate, self.observed) for term in terms)
         for one, error in zip(found.effects, found.effect_errors, strict=True):
             sizes = np.array([one.values[k] for k in one.effect.sizes])
             positive = np.array([one.effect.parameters[k].positive for k in one.effect.sizes], bool)
@@ -142,6 +143,7 @@ class CandidateSearch:
         Returns:
             None: with these effects the calibration does not converge.
         """
+        covariance = start.linear.covariance
         if not (afresh or begin) and start.moved < RESTS and key_of(terms) == key_of(start.effects):
             glance = self.glanced(terms, start)
             if glance is not None and glance.calibration.moved < STANDS:
@@ -149,7 +151,7 @@ class CandidateSearch:
         try:
             found = self.calibration(terms, None, rounds=AFRESH) if afresh else begin or start
             for _ in range(TRIES):
-                found = self.calibration(terms, found)
+                found = self.calibration(terms, found, covariance)
                 if found.moved < RESTS:
                     break
         except np.linalg.LinAlgError:

@@ -225,13 +225,25 @@ def _forward(
             decisive = [one for one in pairs if is_decisive(one, before_all, tests, together=2)]
         if not decisive:
             return calibration, terms, True
-        best = max(decisive, key=lambda one: (one.steady, one.evidence))
-        best = _without_idle(search, best, calibration)
+        best = _without_idle(search, best_by_itself(search, decisive, calibration), calibration)
         if {term.label for term in best.terms} in before:
             break
         before.append({term.label for term in best.terms})
         calibration, terms = _at_best_times(search, search.calibrated(best), best.terms)
     return calibration, terms, search.budget.spent
+
+
+def best_by_itself(search: CandidateSearch, judged: Sequence[Judged], start: SelfCalibration) -> Judged:
+    """Return the best by the evidence, those near it compared by the covariance that is their own.
+
+    In that of the start, a wide family of compliances may have made noise of the loads of what a softer joint
+    then seems to explain.
+    """
+    best = max(judged, key=lambda one: (one.steady, one.evidence))
+    near = [one for one in judged if one.steady == best.steady and one.evidence > best.evidence - NEAR]
+    if len(near) == 1:
+        return best
+    return max(near, key=lambda one: search.evidence(search.calibrated(one), one.terms, start))
 
 
 def _without_idle(search: CandidateSearch, best: Judged, start: SelfCalibration) -> Judged:

@@ -30,7 +30,7 @@ from tulip_testbed.discovery.joint_fit import Data
 from tulip_testbed.discovery.pairs import ranked_pairs
 from tulip_testbed.discovery.patterns import patterns
 from tulip_testbed.discovery.refit import refit_if_better, refit_with_alternatives
-from tulip_testbed.discovery.selection import _chance, _judged_again, _without_idle
+from tulip_testbed.discovery.selection import _chance, _judged_again, _without_idle, best_by_itself
 from tulip_testbed.discovery.story import _crowd, story
 from tulip_testbed.discovery.unusual_members import WIDEST, _two_at_once
 from tulip_testbed.effects.catalogue import catalogue
@@ -481,6 +481,18 @@ def test_a_pair_of_members_is_decisive_and_leaves_families_as_usual(kind, gain, 
     pair = SimpleNamespace(kind=kind, evidence=gain, calibration=left)
     search: Any = Evidences({"": 0.0}, [pair])
     assert len(_two_at_once(search, cast(Any, with_families(gain=6.0, tare=1.0)), ())) == count
+
+
+def test_what_gains_only_by_noise_of_another_calibration_is_not_the_best():
+    """In its own noise the softer joint explains nothing; what is far behind is not asked."""
+    at_start = {"joint-compliance": 5475.7, "backlash": 5471.5, "encoder-load": 5450.0}
+    by_itself = {"joint-compliance": 5335.8, "backlash": 5477.5}
+    several: Any = [SimpleNamespace(terms=k, evidence=e, steady=True) for k, e in at_start.items()]
+    search: Any = SimpleNamespace(
+        calibrated=lambda one: one, evidence=lambda one, terms, start: by_itself[terms]
+    )
+    assert best_by_itself(search, several, several[0]).terms == "backlash"
+    assert best_by_itself(search, [several[0], several[2]], several[0]).terms == "joint-compliance"
 
 
 @pytest.mark.parametrize("times", [0.5, 1.0, 3.0])

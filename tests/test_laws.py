@@ -100,14 +100,14 @@ def test_a_search_recalls_what_it_computed_of_the_same_effects_and_start(robot, 
     start = first_calibration(search.observed)
     (offset,) = (c for c in search.candidates if c.label == "encoder-offset:right_knee")
     terms, others = ((Fitted(offset, 0, np.array([size])),) for size in (0.0, 1e-3))
-    part = search.of_part(observed, np.arange(len(observed)))
-    found = search.calibration(terms, start, 1)
-    assert search.calibration(list(terms), start, 1) is found
+    covariance, part = start.linear.covariance, search.of_part(observed, np.arange(len(observed)))
+    found = search.calibration(terms, start, covariance, 1)
+    assert search.calibration(list(terms), start, covariance, 1) is found
     assert search.fits(start, ())[0] is search.fits(start, [])[0]
-    assert search.calibration(others, start, 1) is not found
-    assert search.calibration(terms, replace(start), 1) is not found
-    assert search.calibration(terms, start, 2) is not found
-    assert part.calibration(terms, start, 1) is not found
+    assert search.calibration(others, start, covariance, 1) is not found
+    assert search.calibration(terms, replace(start), covariance, 1) is not found
+    assert search.calibration(terms, start, None, 1) is not found
+    assert part.calibration(terms, start, covariance, 1) is not found
 
 
 def test_a_judgement_with_a_family_at_its_bound_is_made_afresh(robot, monkeypatch):
