@@ -167,12 +167,11 @@ class SelfCalibration:
         if not self.effects:
             return plain
         # Members are removed from readings that have no effects any more, and the effects are put back:
-        # a large effect and the removal of a member are not additive.
+        # a large effect and the removal of a member are not additive. What an effect changes is taken from
+        # readings without members, since it is removed from such.
         clean = self.cleaned(observed).weighing(observed.heavier)
-        loaded = replace(observed, standard=clean.standard, servo_stiffness=clean.servo_stiffness)
-        with_effects = moved_by(clean, removed(loaded, self.effects), loaded)
         loads = replace(plain, standard=clean.standard, servo_stiffness=clean.servo_stiffness)
-        return unpacked(loads, packed(with_effects))
+        return unpacked(loads, packed(moved_by(clean, removed(loads, self.effects), loads)))
 
     def log_evidence_about(self, start: SelfCalibration) -> float:
         """Return ln of the evidence, to be compared with that of other estimates about the same start.

@@ -34,8 +34,8 @@ def with_unusual_members(
     the other members then. Those of one family are added together, or else the largest alone. Of a family
     that is too wide, and whose members the data hardly distinguish, the one with the most evidence is added.
     A member without which a family that was too wide is as usual is added even if an evidence that believes
-    in wide families is against it, or else two members, see `_two_at_once`. The only member of a family is
-    added regardless of the evidence.
+    in wide families is against it, unless another family becomes too wide in its place; or else two members,
+    see `_two_at_once`. The only member of a family is added regardless of the evidence.
     """
     refused: set[str] = set()
     while len(terms) < MOST_TERMS and not search.budget.spent:
@@ -49,6 +49,8 @@ def with_unusual_members(
         elif wide:
             tries = [[one] for one in wide]
             tried_in_vain = {one.label for one in wide}
+        elif _too_wide(calibration) and not refused:  # of no member that a search tries, such as a map
+            tries, tried_in_vain = [], {""}
         else:
             break
         plain = search.tried(terms, calibration)
@@ -57,10 +59,10 @@ def with_unusual_members(
         tried = [search.tried((*terms, *added), calibration) for added in tries]
         good = [one for one in tried if one is not None and one.possible]
         # Of a family with one member there is no doubt which is off, however implausible its size.
-        name = tries[0][0].candidate.effect.name
+        name = tries[0][0].candidate.effect.name if tries else ""
         if any(len(one.family.targets) > 1 for one in calibration.families if one.family.name == name):
-            before = name in _too_wide(calibration)
-            usual = [before and name not in _too_wide(one.calibration) for one in good]
+            before = set(_too_wide(calibration))
+            usual = [name in before and before - {name} >= set(_too_wide(one.calibration)) for one in good]
             near = [bool(found) and one.evidence > plain.evidence - DECISIVE for one in good]
             good = [one for one, *why in zip(good, usual, near, strict=True) if any(why)]
         good = good or ([] if found else _two_at_once(search, calibration, terms))

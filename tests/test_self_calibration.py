@@ -90,6 +90,16 @@ def test_spreads_tell_which_families_are_there(ordinary, found):
     assert spread["encoder-gain"] < 0.2  # exact, and the data show it
 
 
+def test_effects_are_put_back_as_they_are_removed(ordinary, found, robot, nominal):
+    """How a floor that slopes tilts the swing foot depends on the zeros of encoders."""
+    observed = observe(ordinary[0].measurements, nominal)
+    effects = instances_of(["sole-compliance=0.001", "tilt=0,0.03"], robot)
+    both = dataclasses.replace(found, effects=effects)
+    clean, members_out = both.cleaned(observed), both.without_members(observed)
+    assert np.abs(packed(members_out) - packed(clean)).max() > 0.01
+    assert packed(removed(members_out, effects)) == pytest.approx(packed(clean), abs=1e-6)
+
+
 def test_zeros_that_wander_are_estimated_however_they_wander(ordinary, nominal):
     """Paths of sines and of the square of time, not of the waves that the families have."""
     measured = ordinary[0].measurements
