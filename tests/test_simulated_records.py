@@ -7,14 +7,7 @@ import pytest
 
 import tulip_testbed as tt
 from studies.real_robots import records
-from studies.real_robots.records import (
-    DELAY,
-    _tipping,
-    draw_truth,
-    log,
-    map_text,
-    simulate,
-)
+from studies.real_robots.records import DELAY, _tipping, draw_truth, log, map_text, simulate
 from tulip_testbed.calibration.families import Family
 from tulip_testbed.calibration.member_removal import members_removed
 from tulip_testbed.calibration.reml import fit
