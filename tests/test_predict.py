@@ -9,6 +9,7 @@ import pytest
 
 import tulip_testbed as tt
 from tests.edited_rows import changed, put
+from tests.posed import posed, seen_from
 from tests.test_cli import told
 from tests.test_refusals import refuse
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of
@@ -25,8 +26,10 @@ from tulip_testbed.experiments.predict import (
 )
 from tulip_testbed.identification.base_parameters import base_parameters, common_support, standard_parameters
 from tulip_testbed.identification.cad_prior import cad_prior
+from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.measurements import write_measurements
+from tulip_testbed.sim.robot import sole_point
 
 SEED = 4217  # development seeds are 0 to 99
 
@@ -102,21 +105,11 @@ def test_a_robot_like_its_cad_is_predicted_no_better_by_identification(laborator
 
 def test_residuals_of_cad_are_those_of_the_measurements(predicted, heavier, robot):
     """By MuJoCo's centre of mass of the nominal robot with its stance foot at the base frame."""
-    import mujoco
-
-    from tulip_testbed.identification.center_of_pressure import center_of_pressure
-    from tulip_testbed.sim.robot import joint_names, sole_point
-
-    model, data, off = robot.model, mujoco.MjData(robot.model), []
-    cop = center_of_pressure(heavier)
-    for row in range(len(heavier)):
-        for joint, angle in zip(joint_names(model), heavier.joint_angles[row], strict=True):
-            data.joint(joint).qpos = angle
-        mujoco.mj_forward(model, data)
-        foot = data.body(robot.stance_foot)
-        turn = foot.xmat.reshape(3, 3)
-        center = turn.T @ (data.subtree_com[1] - foot.xpos) - sole_point(model, robot.stance_foot)
-        off.append(cop[row] - center[:2])
+    off, cop = [], center_of_pressure(heavier)
+    for row, angles in enumerate(heavier.joint_angles):
+        data = posed(robot.model, angles)
+        center = seen_from(data, robot.stance_foot, data.subtree_com[1])
+        off.append(cop[row] - (center - sole_point(robot.model, robot.stance_foot))[:2])
     off_rms = np.sqrt(np.mean(np.square(off), axis=0))
     assert rms(score(predicted, CAD)) == pytest.approx(
         off_rms, abs=1e-6

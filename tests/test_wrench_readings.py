@@ -9,6 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import tulip_testbed as tt
 from tests.statics_against_dynamics import center_of_pressure, compare, laboratories
@@ -117,19 +118,13 @@ def test_the_dynamics_sum_up_mujocos_contacts(robot, plan, name, sticks):
         stand.run(1.0)
     assert data.xfrc_applied.any() == sticks
     mujoco.mj_forward(model, data)
-    *place, roll, pitch, yaw = TILTED[name]
-    (cr, sr), (cp, sp), (cy, sy) = ((np.cos(a), np.sin(a)) for a in (roll, pitch, yaw))
-    mounted = (
-        np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
-        @ [[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]]
-        @ [[1, 0, 0], [0, cr, -sr], [0, sr, cr]]
-    )
+    mounted = Rotation.from_euler("xyz", TILTED[name][3:]).as_matrix()
     for side, (foot, plate) in enumerate(zip(robot.feet, ("right_plate", "left_plate"), strict=True)):
         body, own = data.body(plate if name == "plate-ft" else foot), model.body(foot).id
         geom = robot.model.geom(f"{foot}_front_left")
         height = {"plate-ft": 0.05, "sole-ft": geom.pos[2] - geom.size[0]}.get(name, 0.0)
         turn = body.xmat.reshape(3, 3)
-        origin = body.xpos + turn @ np.add(place, [0, 0, height])
+        origin = body.xpos + turn @ np.add(TILTED[name][:3], [0, 0, height])
         force, moment = np.zeros(3), np.zeros(3)
         for k, contact in enumerate(data.contact):
             bodies = model.geom_bodyid[[contact.geom1, contact.geom2]].tolist()
