@@ -12,6 +12,7 @@ from scipy.stats import cauchy, chi2, norm
 import tulip_testbed as tt
 import tulip_testbed.discovery.discover as discover_module
 from studies.hidden_effects.outside_faults import FAULTS
+from tests.edited_rows import within
 from tests.effect_changes import DISCOVERY_SEED as SEED
 from tests.effect_changes import measured, statically
 from tests.test_refusals import refuse
@@ -134,8 +135,7 @@ def test_plates_that_scatter_several_times_as_stated_are_a_finding(robot, plan, 
     wider = dataclasses.replace(stated, placement_sd=(px, py, pa), mark_sd=(mx, my, ma))
     laboratory = tt.Laboratory(robot, nominal=dataclasses.replace(rig, sensors=wider))
     m = laboratory.run(plan, SEED, "statics").measurements
-    sheet = dataclasses.replace(m.sensors, placement_sd=stated.placement_sd)
-    observed = observe(dataclasses.replace(m, sensors=sheet), nominal)
+    observed = observe(within("sensors", m, placement_sd=stated.placement_sd), nominal)
     found = excessive_noise(self_calibrate(observed))
     assert [source for source in sources if any(source in sentence for sentence in found)] == sources
     assert len(found) == len(sources)
@@ -293,8 +293,7 @@ def test_what_neither_the_catalogue_nor_a_law_says_is_unknown(robot, plan):
 )
 def test_repeats_overrule_a_data_sheet(robot, plan, sheet, word):
     honest = measured(robot, plan, "wii")
-    boasting = dataclasses.replace(honest, sensors=dataclasses.replace(honest.sensors, **sheet))
-    found = discover(boasting, robot, hold_out=False)
+    found = discover(within("sensors", honest, **sheet), robot, hold_out=False)
     assert found.verdict == "none"
     assert any(word in text for text in found.noise.assumed)
 

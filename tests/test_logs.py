@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
-from tests.edited_rows import changed, put
+from tests.edited_rows import changed, put, within
 from tests.moving_robots import moving
 from tests.recorded_logs import BAD, CHANNELS, KINDS, motion, unit, write_dumper, write_table
 from tests.test_refusals import check_words, rows
@@ -88,8 +88,8 @@ def test_rows_obey_the_equation_of_motion(imported, bowing, regular):
     nominal = nominal_robot(bowing, "right")
     weighed = dataclasses.replace(m, weighed_mass=(nominal.mass, 0.0))
     center, *others = [contact_pressure(observe(one, nominal)).center for one in (m, weighed)]
-    unknown = dataclasses.replace(m.contacts, zero_sd=np.full((2, 6), np.inf))
-    others.append(PredictionProblem(dataclasses.replace(m, contacts=unknown), nominal).center)
+    unknown = within("contacts", m, zero_sd=np.full((2, 6), np.inf))
+    others.append(PredictionProblem(unknown, nominal).center)
     for other in others:  # over the weight in motion, which differs from the measured force by 1 N at most
         np.testing.assert_allclose(other, center, rtol=0, atol=1.0 / WEIGHT * np.abs(center).max())
 
@@ -152,9 +152,7 @@ def test_a_person_who_bows_becomes_rows(imported, bowing):
 def test_identified_masses_predict_the_person_better_than_cad(imported, bowing, zeros, expected):
     """Along the plane of the motion, halves both ways [mm]; CAD with an offset is not beaten surely."""
     if zeros == "tared":
-        contacts = imported.contacts
-        exact = dataclasses.replace(contacts, zero_sd=np.zeros_like(contacts.zero_sd))
-        imported = dataclasses.replace(imported, contacts=exact)
+        imported = within("contacts", imported, zero_sd=np.zeros((2, 6)))
     predicted = tt.predict(imported, bowing)
     found = {one.name: one.rms_mm.x for one in predicted.models if one.split == "halves"}
     names = ["CAD", "CAD with offset", "constant", "identified", "identified with corrections"]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
-from tests.edited_rows import changed, put
+from tests.edited_rows import changed, put, within
 from tests.posed import posed, seen_from
 from tests.test_cli import told
 from tests.test_refusals import refuse
@@ -210,8 +210,7 @@ def test_zeros_that_are_stated_are_fitted_within_their_s_d(robot):
     m = measured(tt.Laboratory(robot, sensors="foot-ft"), None).take(np.arange(20))
     rms = []
     for sd in (1.0, 2.0, np.inf):
-        contacts = dataclasses.replace(m.contacts, zero_sd=np.full((2, 6), sd))
-        problem = PredictionProblem(dataclasses.replace(m, contacts=contacts), nominal_robot(robot))
+        problem = PredictionProblem(within("contacts", m, zero_sd=np.full((2, 6), sd)), nominal_robot(robot))
         rms.append(np.sqrt((problem.zeros**2).mean()))
     assert rms[1] == pytest.approx(2 * rms[0])
     assert rms[2] > 5 * rms[1]

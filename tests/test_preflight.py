@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import tulip_testbed as tt
-from tests.edited_rows import changed, plus, put
+from tests.edited_rows import changed, plus, put, within
 from tests.test_refusals import refuse
 from tulip_testbed.base.files import sha256
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
@@ -203,9 +203,7 @@ def test_steady_noise_is_no_settling(part, correlation):
 
 def test_settling_is_a_test_at_its_level_even_with_nothing_stated(part):
     """With nothing stated no change is harmless; few of many noise-only windows fall below 5 %."""
-    unknown = dataclasses.replace(
-        part, sensors=dataclasses.replace(part.sensors, encoder_sd=None, cell_sd=None)
-    )
+    unknown = within("sensors", part, encoder_sd=None, cell_sd=None)
     p_values = [
         settling(unknown.take(np.array([row])), raw_series(unknown.take(np.array([row])), rng)).p_value
         for rng in np.random.default_rng(124).spawn(4)

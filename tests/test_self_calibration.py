@@ -8,6 +8,7 @@ import pytest
 
 import tulip_testbed as tt
 from studies.hidden_effects.laboratories import draw_laboratory
+from tests.edited_rows import within
 from tests.test_refusals import refuse
 from tulip_testbed.calibration.families import (
     SOLE,
@@ -369,20 +370,20 @@ def test_the_zero_of_a_sensor_is_no_family_to_leave_out(robot):
     feet: Any = (
         tt.Laboratory(robot, sensors="foot-ft").run(tt.plans.random, seed=2, engine="statics").measurements
     )
-    zeros = dataclasses.replace(feet.contacts, zero_sd=np.ones((2, 6)))
+    zeros = within("contacts", feet, zero_sd=np.ones((2, 6)))
 
     def impossible(observed, tolerances):
         check_tolerances(tolerances or {})
         raise np.linalg.LinAlgError
 
-    refuse("too much alike", identify, dataclasses.replace(feet, contacts=zeros), robot, calibrate=impossible)
+    refuse("too much alike", identify, zeros, robot, calibrate=impossible)
 
 
 def test_an_estimate_that_does_not_come_to_rest_is_warned_of(ordinary, robot):
     """Cells without noise by their sheet: nothing explains the noise that the readings have."""
     measured = ordinary[0].measurements
     measured = measured.take(measured.placement <= 15)
-    sharp = dataclasses.replace(measured, sensors=dataclasses.replace(measured.sensors, cell_sd=0.0))
+    sharp = within("sensors", measured, cell_sd=0.0)
     with pytest.warns(tt.InputWarning, match="restless: the estimate did not come to rest"):
         warn_of_unrest(identify(sharp, robot), "restless")
 
@@ -420,6 +421,6 @@ def test_sensors_finer_than_contacts_are_exact(plan, robot):
     measured = tt.Laboratory(robot, "ideal").run(plan, 1, "statics").measurements
     fits = []
     for cell_sd in (0.0, 1e-12):
-        sheet = dataclasses.replace(measured.sensors, encoder_sd=0.0, cell_sd=cell_sd)
-        fits.append(identify(dataclasses.replace(measured, sensors=sheet), robot).full.value)
+        sheet = within("sensors", measured, encoder_sd=0.0, cell_sd=cell_sd)
+        fits.append(identify(sheet, robot).full.value)
     np.testing.assert_allclose(fits[0], fits[1], atol=1e-6)  # m
