@@ -17,7 +17,6 @@ UNIT = np.array([1e-3, 1e-3, 1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3])
 
 
 def first(plan, count):
-    """Take the first placements of a plan."""
     return plan.take(np.isin(plan.placement, np.unique(plan.placement)[:count]))
 
 

@@ -125,5 +125,4 @@ HEALTHY: dict[str, Callable[[Measurements], Measurements]] = {
 
 
 def planted(fault: str, m: Measurements, seed: int = 0) -> Measurements:
-    """Return measurements with a fault."""
     return FAULTS[fault][0](m, np.random.default_rng(seed))

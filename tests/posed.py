@@ -4,11 +4,12 @@ from collections.abc import Sequence
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tulip_testbed.sim.robot import joint_names
 
 
-def posed(model: mujoco.MjModel, angles: np.ndarray, joints: Sequence[str] = ()) -> mujoco.MjData:
+def posed(model: mujoco.MjModel, angles: ArrayLike, joints: Sequence[str] = ()) -> mujoco.MjData:
     """Turn joints, all of the model unless some are named [rad]; a free body lies in the world's axes."""
     data = mujoco.MjData(model)
     data.qpos[[int(model.joint(name).qposadr[0]) for name in joints or joint_names(model)]] = angles

@@ -83,13 +83,8 @@ def random_tree(seed: int, bodies: int) -> tuple[mujoco.MjModel, Robot]:
                 pos=[0.1 if "front" in corner else -0.1, 0.05 if "left" in corner else -0.05, -0.05],
             )
     model = spec.compile()
-    files = {
-        "path": Path("x.toml"),
-        "model_file": Path("x.xml"),
-        "scene_file": None,
-        "plate_file": Path("x.xml"),
-    }
-    nothing = {"settings": {}, "hashes": {}, "model_hash": ""}
+    mjcf, nothing = Path("x.xml"), {"scene_file": None, "settings": {}, "hashes": {}, "model_hash": ""}
+    files = {"path": Path("x.toml"), "model_file": mjcf, "plate_file": mjcf}
     return model, Robot(**files, **nothing, stance_foot=feet[0], swing_foot=feet[1], spec=spec, model=model)
 
 

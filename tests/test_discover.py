@@ -336,8 +336,6 @@ def test_an_effect_is_surely_unusual(robot, plan, nominal, label, size, error, s
 
 @dataclasses.dataclass(frozen=True)
 class OfASize:
-    """A fit with one size."""
-
     log_evidence: float
     sizes: np.ndarray
     covariance: np.ndarray

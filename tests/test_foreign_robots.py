@@ -26,17 +26,11 @@ from tulip_testbed.sim.specs import compile_spec
 NAMES = sorted(ROBOTS)
 
 
-def test_planned_postures_stand_on_both_soles_and_move_every_joint(foreign, humanoid_plan):
-    check_planned(foreign["humanoid"], humanoid_plan)
-
-
-@pytest.mark.slow
-def test_postures_of_56_joints_do_so_too(foreign):
-    robot = foreign["humanoid_CMU"]
-    check_planned(robot, random_postures(robot, nominal_plates(robot)[0], 8, 5, 110))
-
-
-def check_planned(robot, plan):
+@pytest.mark.parametrize("name", ["humanoid", pytest.param("humanoid_CMU", marks=pytest.mark.slow)])
+def test_planned_postures_stand_on_both_soles_and_move_every_joint(name, foreign, humanoid_plan):
+    robot, plan = foreign[name], humanoid_plan
+    if name != "humanoid":
+        plan = random_postures(robot, nominal_plates(robot)[0], 8, 5, 110)
     model, ranges = robot.model, planning_ranges(robot)
     for angles, pose in zip(plan.joint_angles, plan.swing_pose, strict=True):
         data, (stance, swing) = posed(model, angles), robot.feet

@@ -49,7 +49,6 @@ SOFT_DRIVE = (
 
 
 def planned(plan: PosturePlan, robot: tt.Robot, placements: int) -> PosturePlan:
-    """The first placements of a plan, for a robot with the same joints."""
     few = plan.take(np.flatnonzero(plan.placement <= placements))
     return dataclasses.replace(few, robot={"model": robot.model_file.name, "sha256": robot.model_hash})
 

@@ -46,14 +46,12 @@ def measured_day(robot: tt.Robot, plan: tt.PosturePlan) -> tt.Measurements:
 
 
 def one_row(rows: tt.Measurements, k: int) -> tt.Measurements:
-    """Return one row."""
     return rows.take(np.array([k]))
 
 
 def play(
     model: DayModel, rows: tt.Measurements, state: WatchState | None = None, targets: np.ndarray | None = None
 ) -> tuple[WatchState, list[Verdict]]:
-    """Play rows one after the other."""
     state, out = state or first_state(model), []
     for k in range(len(rows)):
         state, verdict = watch_row(model, state, one_row(rows, k), targets)
