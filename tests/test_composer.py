@@ -30,16 +30,6 @@ def cells(step, name: str = "cells") -> np.ndarray:
     return np.concatenate([step.observation[f"{side}_plate/{name}"] for side in ("right", "left")])
 
 
-def start(stand: Stand, command: np.ndarray) -> None:
-    """On the fast path: what a reset does."""
-    model, data = stand.model, stand.data
-    stand.reset(command, stand.chain.base_pose(command))
-    # dm_control computes a reset state without the actuators; the solver starts from that.
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
-    mujoco.mj_forward(model, data)
-    model.opt.disableflags ^= mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
-
-
 @pytest.mark.parametrize(
     "changes",
     [
@@ -55,7 +45,11 @@ def test_both_paths_go_the_same_way_bit_for_bit(rig, plan, changes):
     posture = plan.joint_angles[7]
     environment, fast = laboratory_environment(rig, posture, POSES), Stand(rig, POSES)
     environment.reset()
-    start(fast, posture)
+    fast.reset(posture, fast.chain.base_pose(posture))
+    # dm_control computes a reset state without the actuators; the solver starts from that.
+    fast.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
+    mujoco.mj_forward(fast.model, fast.data)
+    fast.model.opt.disableflags ^= mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
     for k in range(150):
         command = posture + 0.02 * np.sin(0.1 * k) * np.arange(12) / 12
         step = environment.step(command)

@@ -281,11 +281,6 @@ def import_log(bowing, path, columns, text=MAP):
     return tt.import_table(path, bowing, out=path.with_name("rows"), map=[str(stated), *columns])
 
 
-def entries_of(texts):
-    """Return column and unit of texts NAME=COLUMN:UNIT:SIGN, by name."""
-    return {name: tuple(rest.split(":")[:2]) for name, rest in (text.split("=") for text in texts)}
-
-
 @pytest.mark.parametrize("name", KINDS)
 def test_every_reader_gives_the_same_rows(bowing, tmp_path, name):
     write, columns = KINDS[name]
@@ -312,7 +307,8 @@ def test_the_values_of_a_device_are_stated_at_once(bowing, tmp_path):
     with pytest.raises(tt.InputError, match="found 5, expected one, or 6"):
         import_log(bowing, tmp_path / "log", [], MAP + values.replace("UNITS", units.replace('"N", ', "", 1)))
     mapped = import_log(bowing, tmp_path / "log", [], MAP + values.replace("UNITS", units)).mapped
-    told = entries_of(KINDS["log"][1])
+    pairs = (text.split("=") for text in KINDS["log"][1])  # NAME=COLUMN:UNIT:SIGN
+    told = {name: tuple(entry.split(":")[:2]) for name, entry in pairs}
     assert {name: (one.column, one.unit) for name, one in mapped.items() if name in told} == told
 
 

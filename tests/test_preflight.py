@@ -165,19 +165,15 @@ def part(wii):
     return wii.measurements.take(wii.measurements.placement <= 3)
 
 
-def write_series(folder, series, joints):
-    names = [*(f"q.{joint}" for joint in joints), *(f"cell.{cell}" for cell in CELLS)]
-    columns = {"posture": series.posture, "t": series.t}
-    columns |= {name: series.readings[:, k] for k, name in enumerate(names)}
-    pyarrow.parquet.write_table(pa.table(columns), folder / "series.parquet")
-
-
 def test_series_is_read_whole_and_its_hash_is_checked(part, tmp_path):
     folder = tmp_path / "data"
     write_measurements(folder, part)
     assert read_series(folder) is None
     series = raw_series(part, np.random.default_rng(120))
-    write_series(folder, series, part.joints)
+    columns = {"posture": series.posture, "t": series.t}
+    names = [*(f"q.{joint}" for joint in part.joints), *(f"cell.{cell}" for cell in CELLS)]
+    columns |= dict(zip(names, series.readings.T, strict=True))
+    pyarrow.parquet.write_table(pa.table(columns), folder / "series.parquet")
     again: Any = read_series(folder)
     assert np.array_equal(again.readings, series.readings)
     measured = read_measurements(folder)
