@@ -45,10 +45,10 @@ def cad(cads):
     return cads[0]
 
 
-def target(cad, standard, error=ERROR):
+def target(cad, standard):
     count = len(cad.parameters.names)
     value = cad.parameters.values(standard)
-    return Target(cad.parameters.from_standard, value, error**2 * np.eye(count), standard[:, 0].sum())
+    return Target(cad.parameters.from_standard, value, ERROR**2 * np.eye(count), standard[:, 0].sum())
 
 
 def check(cad, wanted, found):

@@ -41,12 +41,11 @@ def plain(columns: np.ndarray, flat: int, variance: np.ndarray, **more) -> Linea
     )
 
 
-def problem(
-    seed: int, postures: int = 15, rows: int = 5, sizes: tuple[int, ...] = (5, 3, 1)
-) -> LinearProblem:
+def problem(seed: int, postures: int = 15) -> LinearProblem:
     """Two residuals of each posture have a constant of its stance, one posture has no such residuals."""
     rng = np.random.default_rng(seed)
-    p, q = 4, sum(sizes)
+    p, rows, sizes = 4, 5, (5, 3, 1)
+    q = sum(sizes)
     used = np.ones((postures, rows))
     used[4, :2] = 0
     factors = used[..., None] * rng.standard_normal((postures, rows, 6))
@@ -55,11 +54,11 @@ def problem(
     own = factors @ factors.mT
     fixed = 0.01 * np.tile(np.eye(rows), (postures, 1, 1)) + (1 - used)[..., None] * np.eye(rows)
     columns, members = rng.standard_normal((postures, rows, p)), rng.standard_normal((postures, rows, q))
-    members *= np.repeat([0.5, 1.5, 2.5][: len(sizes)], sizes)
+    members *= np.repeat([0.5, 1.5, 2.5], sizes)
     common = rng.standard_normal((postures // 3, 2))[np.arange(postures) // 3]
     noise = (factors @ rng.standard_normal((postures, 6, 1)) + levers @ common[..., None])[..., 0]
     noise += 0.1 * rng.standard_normal(noise.shape)
-    phi = np.repeat([1, 0.05, 2][: len(sizes)], sizes) * rng.standard_normal(q)
+    phi = np.repeat([1, 0.05, 2], sizes) * rng.standard_normal(q)
     output = noise + columns @ rng.standard_normal(p) + members @ phi
     return LinearProblem(
         whole=used[..., None] * np.concatenate([columns, members, output[..., None]], axis=2),
