@@ -28,3 +28,8 @@ def put(*place: Any, value: Any) -> Make:
 def plus(change: Any, *place: Any) -> Make:
     """Return a function that adds to the values in a place of an array."""
     return lambda values: put(*place, value=values[place] + change)(values)
+
+
+def within(part: str, m: Any, **fields: Any) -> Any:
+    """Replace fields of a part of measurements, such as their `sensors` or `contacts`."""
+    return dataclasses.replace(m, **{part: dataclasses.replace(getattr(m, part), **fields)})

@@ -17,7 +17,6 @@ UNIT = np.array([1e-3, 1e-3, 1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3])
 
 
 def first(plan, count):
-    """Take the first placements of a plan."""
     return plan.take(np.isin(plan.placement, np.unique(plan.placement)[:count]))
 
 
@@ -33,28 +32,25 @@ def measured(robot, plan, preset, *hidden, seed=DISCOVERY_SEED):
     return statically(rig, plan, seed)
 
 
-def changes(nominal, base, with_it, effect, target, values, absorbed=True, physics=True):
+def changes(nominal, base, with_it, effect, target, values, absorbed=True):
     """Compute the simulated and the predicted change of the residuals, both (k, 11).
 
     Only postures in both experiments count. What the base parameters (if `absorbed`) and the constants of a
-    stance absorb is projected out of both, as a discovery does. For an effect of the `physics`, postures in
-    which a board rests on three cells are left out, because small loads decide which these are. Of a board
-    that rocks, and so rests on three cells in all of them, only the twist is left out.
+    stance absorb is projected out of both, as a discovery does. Postures in which a board rests on three
+    cells are left out, because small loads decide which these are. Of a board that rocks, and so rests on
+    three cells in all of them, only the twist is left out.
     """
     observed, before = observe(with_it, nominal), observe(base, nominal)
     rows = {key: k for k, key in enumerate(_keys(base))}
     here = np.array([k for k, key in enumerate(_keys(with_it)) if key in rows])
     steady = np.where(observed.on_four_cells.any(axis=0), 1.0, 0.0)
-    if physics:
-        there = np.array([rows[_keys(with_it)[k]] for k in here])
-        twisted = np.abs(residuals(before, nominal.value)[there]) + np.abs(
-            residuals(observed, nominal.value)[here]
-        )
-        here = here[(twisted[:, ROWS["T"]] * steady).max(axis=1) < 1e-6]
     there = np.array([rows[_keys(with_it)[k]] for k in here])
-    found = residuals(observed, nominal.value)
+    found, earlier = (residuals(one, nominal.value) for one in (observed, before))
+    twisted = np.abs(earlier[there]) + np.abs(found[here])
+    kept = (twisted[:, ROWS["T"]] * steady).max(axis=1) < 1e-6
+    here, there = here[kept], there[kept]
     cleaned = residuals(effect.remove(observed, target, values), nominal.value)
-    differences = (found[here] - residuals(before, nominal.value)[there], (found - cleaned)[here])
+    differences = (found[here] - earlier[there], (found - cleaned)[here])
     regressor = nominal.parameters.regressor(with_it.joint_angles[here]).reshape(2 * len(here), -1)
     basis = np.linalg.qr(regressor)[0]
     stances = np.column_stack([observed.stance[here], before.stance[there]])

@@ -3,6 +3,7 @@
 import mujoco
 import numpy as np
 
+from tests.posed import posed, seen_from
 from tulip_testbed.identification.feasibility import place_polygon, stability_margin, support_polygon
 from tulip_testbed.identification.planning_ranges import planning_ranges
 from tulip_testbed.measurements import PosturePlan
@@ -12,7 +13,7 @@ from tulip_testbed.sim.robot import Robot, sole_corners
 
 def check_standing(robot: Robot, plan: PosturePlan) -> None:
     """Check that postures stand flat on both soles where the plan says, within the ranges of TULip."""
-    model, ranges, data = robot.model, planning_ranges(robot), mujoco.MjData(robot.model)
+    model, ranges, (stance, swing) = robot.model, planning_ranges(robot), robot.feet
     low, high = np.array([model.joint(name).range for name in plan.joints]).T
     assert ((plan.joint_angles >= low) & (plan.joint_angles <= high)).all()
     for axis, (least, most) in enumerate((ranges.swing_x, ranges.swing_y, ranges.swing_yaw)):
@@ -20,19 +21,17 @@ def check_standing(robot: Robot, plan: PosturePlan) -> None:
         assert plan.swing_pose[:, axis].max() <= most + 1e-9
     soles = [sole_corners(model, foot)[:, :2] for foot in robot.feet]
     for angles, planned in zip(plan.joint_angles, plan.swing_pose, strict=True):
-        data.qpos[:7], data.qpos[7:] = [0, 0, 0, 1, 0, 0, 0], angles
-        mujoco.mj_forward(model, data)
-        stance, swing = (data.body(foot) for foot in robot.feet)
-        base = stance.xmat.reshape(3, 3)
-        offset, turn = base.T @ (swing.xpos - stance.xpos), base.T @ swing.xmat.reshape(3, 3)
+        data = posed(model, angles)
+        offset = seen_from(data, stance, data.body(swing).xpos)
+        turn = data.body(stance).xmat.reshape(3, 3).T @ data.body(swing).xmat.reshape(3, 3)
         pose = [*offset[:2], np.arctan2(turn[1, 0], turn[0, 0])]
         np.testing.assert_allclose(pose, planned, rtol=0, atol=1e-7)
         np.testing.assert_allclose([offset[2], *turn[:, 2]], [0, 0, 0, 1], rtol=0, atol=1e-7)  # flat
-        com = base.T @ (data.subtree_com[1] - stance.xpos)
+        com = seen_from(data, stance, data.subtree_com[1])
         feet = [place_polygon(sole, at) for sole, at in zip(soles, (np.zeros(3), planned), strict=True)]
         margin = stability_margin(com[:2], support_polygon(np.array(feet)))
         assert margin > ranges.stability_margin - 1e-7
-        hip = base.T @ (data.body("torso").xpos - stance.xpos)
+        hip = seen_from(data, stance, data.body("torso").xpos)
         assert hip[2] + 0.06 > ranges.least_height - 1e-9
 
 

@@ -90,19 +90,14 @@ class Browsed:
     width: int
 
 
-def browse(
-    page: Path, picture: Path, size: tuple[int, int] = (1100, 900), dark: bool = False, ready: str = "drawn"
-) -> Browsed:
-    """Open a page in Chromium without a screen and take a picture of all of it.
-
-    Args:
-        size: of the window. ready: name of the body's data attribute that the page sets at its end.
+def browse(page: Path, picture: Path, size: tuple[int, int] = (1100, 900), dark: bool = False) -> Browsed:
+    """Open a page in Chromium without a screen, with a window of a size, and take a picture of all of it.
 
     Raises:
-        RuntimeError: Chromium does not start, or the page does not get ready.
+        RuntimeError: Chromium does not start, or the page does not set `data-drawn` of its body at its end.
     """
     with browser() as visit:
-        return visit(page, picture, size, dark, ready)
+        return visit(page, picture, size, dark)
 
 
 @contextmanager
@@ -150,14 +145,7 @@ class _Tab:
         return self("Runtime.evaluate", expression=expression, returnByValue=True)["result"].get("value")
 
 
-def _visit(
-    tab: _Tab,
-    page: Path,
-    picture: Path,
-    size: tuple[int, int] = (1100, 900),
-    dark: bool = False,
-    ready: str = "drawn",
-) -> Browsed:
+def _visit(tab: _Tab, page: Path, picture: Path, size: tuple[int, int], dark: bool = False) -> Browsed:
     tab("Page.navigate", url="about:blank")
     tab.events.clear()
     for domain in ("Page", "Runtime", "Log", "Network"):
@@ -169,7 +157,7 @@ def _visit(
     address = page.resolve().as_uri()
     tab("Page.navigate", url=address)
     until = time.monotonic() + PATIENCE
-    while not tab.evaluate(f"document.body && document.body.dataset.{ready}"):
+    while not tab.evaluate("document.body && document.body.dataset.drawn"):
         if time.monotonic() > until:
             raise RuntimeError(f"{page}: not ready after {PATIENCE:.0f} s")
         time.sleep(0.2)

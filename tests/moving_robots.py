@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -27,7 +28,7 @@ def random_robot(robot, rng, spread=0.3):
     return dataclasses.replace(robot, model=model)
 
 
-def moving(robot, rng, count=6) -> tt.Measurements:
+def moving(robot, rng, count=6) -> Any:
     joints = nominal_robot(robot).parameters.tree.joints
     contacts = Contacts(
         "foot", WRENCH, np.zeros((2, 6)), None, np.zeros((2, 6)), np.zeros((2, 4)), np.zeros((2, 4))

@@ -112,73 +112,43 @@ KINDS = {
 }
 
 
-def no_overlap(path):
-    write_dumper(path, lambda device, rows: rows + 100 * (device == "legs"))
+def dumped(change):
+    """Return a function that writes a log with changed rows."""
+    return lambda path: write_dumper(path, change)
 
 
-def backwards(path):
-    write_dumper(path, lambda device, rows: rows[::-1])
+def retold(edit):
+    """Return a function that writes a log with changed lines of the legs."""
+
+    def write(path):
+        write_dumper(path)
+        file = path / "legs" / "data.log"
+        file.write_text("".join(f"{line}\n" for line in edit(file.read_text().splitlines())))
+
+    return write
 
 
-def words_inside(path):
-    write_dumper(path)
-    (path / "legs" / "data.log").write_text("0 1.0 [ok] 2 3\n")
-
-
-def without_samples(path):
-    write_dumper(path)
-    (path / "legs" / "data.log").write_text("")
-
-
-def cut_line(path):
-    write_dumper(path)
-    with (path / "legs" / "data.log").open("a") as file:
-        file.write("501 1000000005\n")
-
-
-def not_a_number(path):
-    write_dumper(path)
-    lines = (path / "legs" / "data.log").read_text().splitlines()
-    lines[7] = "7 1000000000.07 nan 0"
-    (path / "legs" / "data.log").write_text("\n".join(lines))
-
-
-def nothing(path):
-    path.mkdir()
-
-
-def new_matlab(path):
-    path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM" + b"\x89HDF" * 100)
-
-
-def short_matlab(path):
-    scipy.io.savemat(path, {"gain": 3.0})
+def in_the_air(device, rows):
+    return rows * (1 - (device != "legs") * (np.arange(rows.shape[1]) > 1))
 
 
 def broken(path):
     path.write_bytes(b"nothing")
 
 
-def lifted(path):
-    write_dumper(path, lambda device, rows: rows * (1 - (device != "legs") * (np.arange(rows.shape[1]) > 1)))
-
-
-def still(path):
-    write_dumper(path, lambda device, rows: np.where((device == "legs") & (rows < 2), 0.1, rows))
-
-
+NEW_MATLAB = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM" + b"\x89HDF" * 100
 BAD = {
-    "clocks that do not overlap": ("log", no_overlap),
-    "a clock that runs backwards": ("log", backwards),
-    "words among numbers": ("log", words_inside),
-    "a device without samples": ("log", without_samples),
-    "a line that is cut": ("log", cut_line),
-    "NaN in a log": ("log", not_a_number),
-    "an empty folder": ("log", nothing),
-    "MATLAB 7.3": ("log.mat", new_matlab),
-    "MATLAB without a series": ("log.mat", short_matlab),
+    "clocks that do not overlap": ("log", dumped(lambda device, rows: rows + 100 * (device == "legs"))),
+    "a clock that runs backwards": ("log", dumped(lambda device, rows: rows[::-1])),
+    "words among numbers": ("log", retold(lambda lines: ["0 1.0 [ok] 2 3"])),
+    "a device without samples": ("log", retold(lambda lines: [])),
+    "a line that is cut": ("log", retold(lambda lines: [*lines, "501 1000000005"])),
+    "NaN in a log": ("log", retold(lambda lines: [*lines[:7], "7 1000000000.07 nan 0", *lines[8:]])),
+    "an empty folder": ("log", lambda path: path.mkdir()),
+    "MATLAB 7.3": ("log.mat", lambda path: path.write_bytes(NEW_MATLAB)),
+    "MATLAB without a series": ("log.mat", lambda path: scipy.io.savemat(path, {"gain": 3.0})),
     "no MATLAB file": ("log.mat", broken),
     "no bag": ("log.mcap", broken),
-    "a foot in the air all the time": ("log", lifted),
-    "nothing moves": ("log", still),
+    "a foot in the air all the time": ("log", dumped(in_the_air)),
+    "nothing moves": ("log", dumped(lambda name, rows: np.where((name == "legs") & (rows < 2), 0.1, rows))),
 }

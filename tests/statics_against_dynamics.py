@@ -180,27 +180,27 @@ def plate_center(cells: np.ndarray, plate: np.ndarray, forces: np.ndarray) -> np
 
 
 def excess_sag(
-    solved_plan: SolvedPlan, held: list[Attempt], rng: np.random.Generator, draws: int = 5
+    solved_plan: SolvedPlan, held: list[Attempt], rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compute by how much dry friction changes each joint's angle [rad] and, last column, the load share.
 
     Returns:
         the changes in the held postures, (m, n_joints + 1), and those that statics draws,
-        (draws m, n_joints + 1).
+        (5 m, n_joints + 1).
     """
     m = solved_plan.mechanism
     found = compare(without(solved_plan), held)
     forces = np.array([a.held.cell_forces for a in held if a.held])
     actual = np.column_stack([-found.angles, load_share(forces) - load_share(forces + found.cells)])
     drawn = []
-    for still, loose, loads in _drawn(solved_plan, held, rng, draws):
+    for still, loose, loads in _drawn(solved_plan, held, rng):
         shares = [load_share(cell_forces(m, state, loads)) for state in (still, loose)]
         drawn.append(np.column_stack([(still.angles - loose.angles)[:, m.joints], shares[0] - shares[1]]))
     return actual, np.concatenate(drawn)
 
 
 def _drawn(
-    solved_plan: SolvedPlan, held: list[Attempt], rng: np.random.Generator, draws: int
+    solved_plan: SolvedPlan, held: list[Attempt], rng: np.random.Generator
 ) -> Iterator[tuple[StaticState, StaticState, Load]]:
     """Draw the held postures in statics: with dry friction, without it, and their loads."""
     free = without(solved_plan)
@@ -209,7 +209,7 @@ def _drawn(
     fresh = np.append(True, place[1:] != place[:-1])
     before = np.where(fresh, rows, np.append(0, rows[:-1]))
     m = solved_plan.mechanism
-    for _ in range(draws):
+    for _ in range(5):
         tries = Tries(
             run=np.zeros(len(rows), int),
             row=rows,

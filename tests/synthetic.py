@@ -75,7 +75,6 @@ class Bench:
 
 
 def synthetic_bench(nominal: Nominal, plan: PosturePlan) -> Bench:
-    """A bench on the postures of a plan."""
     rng = np.random.default_rng(120)
     left = rng.uniform(0.3, 0.7, len(plan))
     root = 2e-3 * (np.eye(2) + 0.3 * rng.standard_normal((len(plan), 2, 2)))

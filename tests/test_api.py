@@ -3,8 +3,6 @@
 import inspect
 import pickle
 import re
-import subprocess
-import sys
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,7 +15,7 @@ from IPython.core.interactiveshell import InteractiveShell
 import tulip_testbed as tt
 from tests.documented import blocks
 from tests.test_architecture import FLOW
-from tests.test_cli import told
+from tests.test_cli import in_a_process, told
 from tulip_testbed.base.arguments import checked
 from tulip_testbed.sim import robot as robot_module
 
@@ -71,7 +69,7 @@ def test_importing_loads_no_more_than_is_needed_and_leaves_the_environment_alone
         "tt.load_robot; tt.plans; tt.effects; import tulip_testbed.api;"
         "print(sorted({'scipy.stats', 'pandas'} & set(sys.modules)), before == dict(os.environ))"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    done = in_a_process(code)
     assert done.stdout == "[]\n[] True\n"
 
 

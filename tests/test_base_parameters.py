@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from scipy.linalg import subspace_angles
 
 from tests.moving_robots import moving
+from tests.posed import posed, seen_from
 from tulip_testbed.identification.base_parameters import _frame_matrix, base_parameters, standard_parameters
 from tulip_testbed.identification.inertial_wrench import wrench_regressor
 from tulip_testbed.identification.kinematics import link_rotations
@@ -82,13 +83,8 @@ def random_tree(seed: int, bodies: int) -> tuple[mujoco.MjModel, Robot]:
                 pos=[0.1 if "front" in corner else -0.1, 0.05 if "left" in corner else -0.05, -0.05],
             )
     model = spec.compile()
-    files = {
-        "path": Path("x.toml"),
-        "model_file": Path("x.xml"),
-        "scene_file": None,
-        "plate_file": Path("x.xml"),
-    }
-    nothing = {"settings": {}, "hashes": {}, "model_hash": ""}
+    mjcf, nothing = Path("x.xml"), {"scene_file": None, "settings": {}, "hashes": {}, "model_hash": ""}
+    files = {"path": Path("x.toml"), "model_file": mjcf, "plate_file": mjcf}
     return model, Robot(**files, **nothing, stance_foot=feet[0], swing_foot=feet[1], spec=spec, model=model)
 
 
@@ -117,15 +113,9 @@ def test_structural_count_is_the_numerical_rank_on_random_trees(seed, bodies):
 def test_random_trees_com_is_mujocos(seed, bodies):
     model, robot = random_tree(seed, bodies)
     parameters = base_parameters(robot, model, "right")
-    data = mujoco.MjData(model)
     angles = np.random.default_rng(seed).uniform(-3, 3, len(parameters.tree.joints))
-    for name, angle in zip(parameters.tree.joints, angles, strict=True):
-        data.qpos[model.joint(name).qposadr[0]] = angle
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
-    foot = data.body(robot.stance_foot)
-    base = foot.xmat.reshape(3, 3)
-    com = base.T @ (data.subtree_com[1] - foot.xpos) - sole_point(model, robot.stance_foot)
+    data = posed(model, angles, parameters.tree.joints)
+    com = seen_from(data, robot.stance_foot, data.subtree_com[1]) - sole_point(model, robot.stance_foot)
     estimate = parameters.regressor(angles[None])[0] @ parameters.values(standard_parameters(model))
     assert estimate == pytest.approx(com[:2], abs=1e-12)
 

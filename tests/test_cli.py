@@ -5,6 +5,7 @@ import json
 import re
 import subprocess
 import sys
+from typing import Any
 
 import pytest
 
@@ -20,16 +21,8 @@ from tulip_testbed.measurements import write_measurements
 TULIP = [sys.executable, "-c", "from tulip_testbed.cli.entry import run; run()"]  # in its own process
 NAMES = list(COMMANDS)
 HEAVY = (
-    "mujoco",
-    "numpy",
-    "scipy",
-    "pyarrow",
-    "statsmodels",
-    "pydantic",
-    "rich",
-    "pandas",
-    "rerun",
-    "plotly",
+    *("mujoco", "numpy", "scipy", "pyarrow", "statsmodels"),
+    *("pydantic", "rich", "pandas", "rerun", "plotly"),
 )
 
 
@@ -68,12 +61,15 @@ def test_help_lists_every_command_with_the_first_line_of_its_docstring(capsys):
         assert re.search(rf"  {name} +{re.escape(summary)}\n", out)
 
 
+def in_a_process(code: str, **options: Any) -> subprocess.CompletedProcess[str]:
+    """Run Python in a process of its own."""
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, **options)
+
+
 def loaded_by(code: str) -> list[str]:
     """Run code in a process of its own and return the heavy libraries that it has loaded."""
     tell = f"import sys; print(*[name for name in {HEAVY} if name in sys.modules], file=sys.stderr)"
-    done = subprocess.run(
-        [sys.executable, "-c", f"{code}\n{tell}"], capture_output=True, text=True, check=True
-    )
+    done = in_a_process(f"{code}\n{tell}")
     return done.stderr.split()
 
 
@@ -116,7 +112,7 @@ sys.argv = ["tulip", "robot"]
 from tulip_testbed.cli.entry import run
 run()
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    done = in_a_process(code)
     assert (done.returncode, done.stdout) == (130, "")
     assert done.stderr == "tulip: interrupted; nothing was written\n"
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
+from tests.edited_rows import within
 from tulip_testbed.calibration.linearisation import LOOSE, sources_of
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.effects.catalogue import catalogue
@@ -99,10 +100,10 @@ def test_a_drive_winds_up_by_its_torque_and_half_its_backlash(side, backlash):
 STANCE_LEG, SWING_LEG = "right_ankle_roll", "left_ankle_pitch"
 
 
-def one_effect(robot, plan, label, size, preset="force-plate", seed=1002):
+def one_effect(robot, plan, label, size, preset="force-plate"):
     name, _, target = label.partition(":")
     effect = tt.EffectInstance(catalogue()[name], target, (size,))
-    run = tt.Laboratory(robot, preset, hidden=(effect,)).run(plan, seed, "statics")
+    run = tt.Laboratory(robot, preset, hidden=(effect,)).run(plan, 1002, "statics")
     return effect, observe(run.measurements, nominal_robot(robot))
 
 
@@ -201,7 +202,6 @@ def test_a_light_load_turns_a_link_through_its_play_within_a_row_of_a_motion(rob
 def test_the_noise_of_cells_without_a_sheet_counts_too(robot, plan):
     few = plan.take(plan.placement <= 6)
     m = tt.Laboratory(robot, "wii").run(few, seed=1005, engine="statics").measurements
-    sheet = dataclasses.replace(m.sensors, cell_sd=None)
-    observed = observe(dataclasses.replace(m, sensors=sheet), nominal_robot(robot))
+    observed = observe(within("sensors", m, cell_sd=None), nominal_robot(robot))
     assert observed.cell_sd == 0
     assert self_calibrate(observed).observed.cell_sd == pytest.approx(m.sensors.cell_sd, rel=0.3)

@@ -30,16 +30,6 @@ def cells(step, name: str = "cells") -> np.ndarray:
     return np.concatenate([step.observation[f"{side}_plate/{name}"] for side in ("right", "left")])
 
 
-def start(stand: Stand, command: np.ndarray) -> None:
-    """On the fast path: what a reset does."""
-    model, data = stand.model, stand.data
-    stand.reset(command, stand.chain.base_pose(command))
-    # dm_control computes a reset state without the actuators; the solver starts from that.
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
-    mujoco.mj_forward(model, data)
-    model.opt.disableflags ^= mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
-
-
 @pytest.mark.parametrize(
     "changes",
     [
@@ -55,7 +45,11 @@ def test_both_paths_go_the_same_way_bit_for_bit(rig, plan, changes):
     posture = plan.joint_angles[7]
     environment, fast = laboratory_environment(rig, posture, POSES), Stand(rig, POSES)
     environment.reset()
-    start(fast, posture)
+    fast.reset(posture, fast.chain.base_pose(posture))
+    # dm_control computes a reset state without the actuators; the solver starts from that.
+    fast.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
+    mujoco.mj_forward(fast.model, fast.data)
+    fast.model.opt.disableflags ^= mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
     for k in range(150):
         command = posture + 0.02 * np.sin(0.1 * k) * np.arange(12) / 12
         step = environment.step(command)
@@ -99,12 +93,8 @@ def test_truth_is_there_when_asked_for_and_balances(rig, stand):
     # The robot is symmetric: it stands in the middle between its feet.
     assert step.observation["robot/centre_of_mass"][1] == pytest.approx(0.0624, abs=1e-4)
     plain = laboratory_environment(rig, stand).observation_spec()
-    assert sorted(plain) == [
-        "left_plate/cells",
-        "right_plate/cells",
-        "robot/joint_encoders",
-        "robot/motor_encoders",
-    ]
+    encoders = ["robot/joint_encoders", "robot/motor_encoders"]
+    assert sorted(plain) == ["left_plate/cells", "right_plate/cells", *encoders]
 
 
 def test_every_sample_is_rounded_and_cells_have_their_gain(rig, stand):

@@ -45,10 +45,10 @@ def cad(cads):
     return cads[0]
 
 
-def target(cad, standard, error=ERROR):
+def target(cad, standard):
     count = len(cad.parameters.names)
     value = cad.parameters.values(standard)
-    return Target(cad.parameters.from_standard, value, error**2 * np.eye(count), standard[:, 0].sum())
+    return Target(cad.parameters.from_standard, value, ERROR**2 * np.eye(count), standard[:, 0].sum())
 
 
 def check(cad, wanted, found):
@@ -101,19 +101,13 @@ def test_pseudo_inertia_of_point_masses():
         assert np.abs(a - b).max() < 1e-13
 
 
-def small_case(rng):
-    """Two links, two first moments over the mass, in place of a robot's base parameters."""
-    reference = np.array(
-        [pseudo_inertia(m, rng.normal(size=3) / 10, np.diag([3.0, 4, 5]) * m / 100) for m in (2, 1)]
-    )
-    from_standard = np.array([[0.0, 1, 0, 0, 0.3, 1, 0, 0], [0, 0, 1, 0, 0, 0, 0, 1]])
-    everywhere = np.diag([-1e-6, -1e-6, -1e-6, 1.0])
-    return reference, from_standard, np.array([everywhere] * 2)
-
-
 def test_projection_against_a_search_over_cholesky_factors():
-    """The same minimum by SciPy's SLSQP, with P = L L' and the divergence written out."""
-    reference, from_standard, everywhere = small_case(np.random.default_rng(3))
+    """Of two links, by SciPy's SLSQP, with P = L L' and the divergence written out."""
+    rng = np.random.default_rng(3)
+    inertia = np.diag([3.0, 4, 5]) / 100
+    reference = np.array([pseudo_inertia(m, rng.normal(size=3) / 10, inertia * m) for m in (2, 1)])
+    from_standard = np.array([[0.0, 1, 0, 0, 0.3, 1, 0, 0], [0, 0, 1, 0, 0, 0, 0, 1]])
+    everywhere = np.array([np.diag([-1e-6, -1e-6, -1e-6, 1.0])] * 2)
     standard = reference[:, 3, [3, 0, 1, 2]]
     mass = 3.3
     value = from_standard @ standard.ravel() / 3 + [0.05, -0.03]

@@ -2,7 +2,7 @@
 
 import copy
 import dataclasses
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -87,7 +87,7 @@ def record(foreign) -> Record:
     return Record(robot, m, wrench @ talk.T + np.repeat([2.0, 0.1], 3) + noise, body, place, tilts)
 
 
-def logged(record: Record, convention: WrenchConvention) -> Measurements:
+def logged(record: Record, convention: WrenchConvention) -> Any:
     """The record as a log with this convention has it; its sensor is at the origin of the foot's frame."""
     force, moment = record.wrench[:, :3], record.wrench[:, 3:]
     sensor = -nominal_robot(record.robot).points[1]
@@ -106,11 +106,6 @@ def logged(record: Record, convention: WrenchConvention) -> Measurements:
     return dataclasses.replace(record.motion, wrenches=wrenches)
 
 
-def readings(m: Measurements) -> np.ndarray:
-    assert m.wrenches is not None
-    return m.wrenches.copy()
-
-
 @pytest.mark.parametrize(
     "convention",
     [
@@ -127,14 +122,14 @@ def readings(m: Measurements) -> np.ndarray:
     ],
 )
 def test_the_convention_of_a_record_is_found_and_undone(convention, record):
-    found = audit_conventions(logged(record, convention), nominal_robot(record.robot))
+    found: Any = audit_conventions(logged(record, convention), nominal_robot(record.robot))
     assert dataclasses.replace(found.convention, yaw=0.0) == dataclasses.replace(convention, yaw=0.0)
     assert found.problems == ()
     if convention.axes == WORLD:
         assert found.convention.yaw == pytest.approx(YAW, abs=np.radians(3))
     else:
-        expected = readings(logged(record, WrenchConvention()))[:, 1]
-        assert readings(found.applied)[:, 1] == pytest.approx(expected, abs=1e-9)
+        expected = logged(record, WrenchConvention()).wrenches[:, 1]
+        assert found.applied.wrenches[:, 1] == pytest.approx(expected, abs=1e-9)
     for what in NAMES.values():
         best, second, *_ = (row for row in found.rows if row.what == what)
         assert best.applied
@@ -148,7 +143,7 @@ def test_the_zero_of_a_foot_in_the_air_tells_the_axes(record):
     log = logged(record, WrenchConvention(PREPARED)).take(some)
     zero, weight = np.array([24.0, -6.0, 24.0]), 0.01 * nominal_robot(record.robot).mass * GRAVITY
     force = contact_frames(nominal, log).sensors[:, 0] @ zero - [0.0, 0.0, weight]
-    wrenches = readings(log)
+    wrenches = log.wrenches.copy()
     wrenches[:, 0, :3] = (record.body[some].mT @ force[..., None])[..., 0]
     silent = audit_conventions(log, nominal)
     found = audit_conventions(dataclasses.replace(log, wrenches=wrenches), nominal)
@@ -186,7 +181,7 @@ def test_a_delay_beyond_those_that_are_tried_is_told(late, side, record):
 def _audited_late(record: Record, late: float) -> Conventions:
     """Audit a log whose left wrenches come late [s]."""
     log = logged(record, WrenchConvention())
-    wrenches = readings(log)
+    wrenches = log.wrenches.copy()
     wrenches[:, 1] = np.transpose([np.interp(log.time - late, log.time, c) for c in wrenches[:, 1].T])
     return audit_conventions(dataclasses.replace(log, wrenches=wrenches), nominal_robot(record.robot))
 
@@ -203,7 +198,7 @@ def test_a_record_that_fits_nothing_says_so_with_the_best_two(record):
     log = logged(record, WrenchConvention())
     rng = np.random.default_rng(221)
     turns = Rotation.random(len(log), rng=rng)
-    wrenches = readings(log)
+    wrenches = log.wrenches.copy()
     wrenches[:, 1, :3] = turns.apply(wrenches[:, 1, :3])
     log = dataclasses.replace(log, wrenches=wrenches)
     found = audit_conventions(log, nominal_robot(record.robot))

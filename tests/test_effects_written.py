@@ -11,13 +11,7 @@ from pydantic import TypeAdapter
 import tulip_testbed as tt
 from tests.test_refusals import refuse
 from tulip_testbed.effects.catalogue import catalogue
-from tulip_testbed.effects.instance import (
-    MOST_PRIORS,
-    EffectInstance,
-    check_instance,
-    effect_label,
-    split_label,
-)
+from tulip_testbed.effects.instance import MOST_PRIORS, check_instance, effect_label, split_label
 from tulip_testbed.effects.lasting import split_target
 from tulip_testbed.effects.laws.grammar import says, sentence_of, sentences
 from tulip_testbed.sim.robot import load_robot
@@ -53,7 +47,7 @@ def instances(draw, name):
     intervals = tuple(
         draw(st.none() | st.tuples(st.floats(-1e9, value), st.floats(value, 1e9))) for value in values
     )
-    return EffectInstance(effect, target, values, intervals if any(intervals) else ())
+    return tt.EffectInstance(effect, target, values, intervals if any(intervals) else ())
 
 
 @pytest.mark.parametrize("name", catalogue())
@@ -61,13 +55,13 @@ def instances(draw, name):
 @given(data=st.data())
 def test_what_is_written_is_read_exactly(name, data):
     found, robot = data.draw(instances(name)), tulip()
-    plain = EffectInstance(found.effect, found.target, found.values)
-    read = EffectInstance.parse(str(found), robot, PLACEMENTS)
+    plain = tt.EffectInstance(found.effect, found.target, found.values)
+    read = tt.EffectInstance.parse(str(found), robot, PLACEMENTS)
     assert read == plain
     assert str(read) == str(found)
     assert split_label(found.label) == (name, found.target)
     assert effect_label(*split_label(found.label)) == found.label == str(found).partition("=")[0]
-    document = TypeAdapter(EffectInstance)
+    document = TypeAdapter(tt.EffectInstance)
     assert document.validate_json(document.dump_json(found)) == found
     check_instance(found, robot, PLACEMENTS, "here")
     check_instance(found, robot, None, "here")
@@ -78,7 +72,7 @@ def test_what_is_written_is_read_exactly(name, data):
 )
 def test_a_joint_of_any_name_is_read_as_it_was_written(name, edited_tulip):
     robot = edited_tulip(*[f'tulip.xml: "left_knee" => "{name}"'] * 5)
-    found = EffectInstance.parse(f"encoder-offset:{name}=0.01", robot)
+    found = tt.EffectInstance.parse(f"encoder-offset:{name}=0.01", robot)
     assert (found.target, str(found)) == (name, f"encoder-offset:{name}=0.01")
     assert split_target(f"{name}@2") == (name, 2)
     laws = [law for law in sentences(robot) if name in (law.place, law.joint)]
@@ -89,8 +83,8 @@ def test_a_joint_of_any_name_is_read_as_it_was_written(name, edited_tulip):
 
 def test_a_placement_is_any_number_until_the_experiment_is_known(robot):
     text = "placement-blunder:70=0.01,0"
-    assert EffectInstance.parse(text, robot).target == "70"
-    refuse("unknown target '70'; valid: 1, 2, 30", EffectInstance.parse, text, robot, PLACEMENTS)
+    assert tt.EffectInstance.parse(text, robot).target == "70"
+    refuse("unknown target '70'; valid: 1, 2, 30", tt.EffectInstance.parse, text, robot, PLACEMENTS)
 
 
 @pytest.mark.parametrize(
@@ -108,7 +102,7 @@ def test_a_placement_is_any_number_until_the_experiment_is_known(robot):
     ],
 )
 def test_a_finding_is_a_sentence(text, interval, sentence, robot):
-    found = EffectInstance.parse(text, robot)
+    found = tt.EffectInstance.parse(text, robot)
     intervals = () if interval is None else (interval,)
     assert dataclasses.replace(found, intervals=intervals).finding == sentence
 

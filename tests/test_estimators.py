@@ -204,24 +204,17 @@ def test_masses_that_statics_gives(parameters, nominal, model, foreign):
     assert identifiable_masses(base_parameters(foreign["humanoid"])).alone == ("right_foot", "left_foot")
 
 
-def drawn(nominal, model, rng):
-    """A robot from the prior: its mass and centre of mass per link, (n, 4), and it as a `Nominal`."""
-    standard = standard_parameters(model)
-    mass, center = standard[:, 0], standard[:, 1:] / standard[:, :1]
-    mass = mass * (1 + MASS_SD * rng.standard_normal(len(mass)))
-    center = center + CENTER_SD * rng.standard_normal(center.shape)
-    standard = np.column_stack([mass, mass[:, None] * center])
-    truth = dataclasses.replace(nominal, value=nominal.parameters.values(standard), mass=float(mass.sum()))
-    return np.column_stack([mass, center]), truth
-
-
 def test_the_posterior_is_right_about_its_errors(bench, nominal, model):
     """30 robots from the prior, 52 quantities each: the mean of z^2 is 1 within 0.15, about four of its s.d.
     (quantities correlate), masses and centres each."""
-    squares, shares = [], []
+    standard, squares, shares = standard_parameters(model), [], []
     for seed in range(30):
         rng = np.random.default_rng([132, seed])
-        truth, robot = drawn(nominal, model, rng)
+        mass = standard[:, 0] * (1 + MASS_SD * rng.standard_normal(len(standard)))
+        center = standard[:, 1:] / standard[:, :1] + CENTER_SD * rng.standard_normal((len(mass), 3))
+        truth = np.column_stack([mass, center])
+        value = nominal.parameters.values(np.column_stack([mass, mass[:, None] * center]))
+        robot = dataclasses.replace(nominal, value=value, mass=float(mass.sum()))
         data = dataclasses.replace(bench, nominal=robot).draw(rng, **WII)
         found = estimate_by(data, "prior").standard
         assert found is not None

@@ -14,6 +14,7 @@ import pytest
 
 import tulip_testbed as tt
 from tests.edited_files import change_texts
+from tests.posed import posed
 from tests.published_robot import write_published
 from tests.test_refusals import refuse
 from tulip_testbed.experiments.export.export_model import export_model
@@ -66,11 +67,7 @@ def imagined(found, robot, standard, error=1e-4):
 
 def center_of_mass(model, angles):
     """Centre of mass from the first hinge in the axes of the link above it, by MuJoCo's own kinematics."""
-    data = mujoco.MjData(model)
-    for name, angle in angles.items():
-        data.qpos[int(model.joint(name).qposadr[0])] = angle
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
+    data = posed(model, list(angles.values()), list(angles))
     mass, place = model.body_mass, data.xipos
     whole = mass @ place / mass.sum()
     joint = model.joint(next(iter(angles))).id

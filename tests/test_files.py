@@ -15,7 +15,7 @@ import pytest
 
 import tulip_testbed as tt
 from tests.test_cli import TULIP as COMMAND
-from tests.test_cli import refused
+from tests.test_cli import in_a_process, refused
 from tests.test_refusals import refuse, rows
 from tulip_testbed.base.files import (
     check_new,
@@ -81,13 +81,7 @@ print(json.dumps(states))
 
 
 def test_a_kill_at_any_file_operation_leaves_the_old_or_the_new(tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-c", KILLED_AT_EVERY_STEP],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = in_a_process(KILLED_AT_EVERY_STEP, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     states = json.loads(done.stdout)
     assert len(states) > 30

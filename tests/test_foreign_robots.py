@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests.foreign_robots import ROBOTS
+from tests.posed import posed, seen_from
 from tulip_testbed.cli.main import main
 from tulip_testbed.effects.targets import LEG_LINKS
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
@@ -25,41 +26,21 @@ from tulip_testbed.sim.specs import compile_spec
 NAMES = sorted(ROBOTS)
 
 
-def feet_and_com(model, robot, angles):
-    """Both sole frames (2, 4, 4) and the CoM (3,), the free body at the world's origin, by MuJoCo."""
-    data = mujoco.MjData(model)
-    data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
-    data.qpos[[model.joint(name).qposadr[0] for name in joint_names(model)]] = angles
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
-    frames = []
-    for foot in robot.feet:
-        body = data.body(foot)
-        frames.append(np.eye(4))
-        frames[-1][:3, :3], frames[-1][:3, 3] = body.xmat.reshape(3, 3), body.xpos
-    return np.array(frames), data.subtree_com[1].copy()
-
-
-def test_planned_postures_stand_on_both_soles_and_move_every_joint(foreign, humanoid_plan):
-    check_planned(foreign["humanoid"], humanoid_plan)
-
-
-@pytest.mark.slow
-def test_postures_of_56_joints_do_so_too(foreign):
-    robot = foreign["humanoid_CMU"]
-    check_planned(robot, random_postures(robot, nominal_plates(robot)[0], 8, 5, 110))
-
-
-def check_planned(robot, plan):
+@pytest.mark.parametrize("name", ["humanoid", pytest.param("humanoid_CMU", marks=pytest.mark.slow)])
+def test_planned_postures_stand_on_both_soles_and_move_every_joint(name, foreign, humanoid_plan):
+    robot, plan = foreign[name], humanoid_plan
+    if name != "humanoid":
+        plan = random_postures(robot, nominal_plates(robot)[0], 8, 5, 110)
     model, ranges = robot.model, planning_ranges(robot)
     for angles, pose in zip(plan.joint_angles, plan.swing_pose, strict=True):
-        (stance, swing), com = feet_and_com(model, robot, angles)
-        relative = np.linalg.inv(stance) @ swing
-        assert relative[:2, 3] == pytest.approx(pose[:2], abs=1e-7)
+        data, (stance, swing) = posed(model, angles), robot.feet
+        place = seen_from(data, stance, data.body(swing).xpos)
+        up = data.body(stance).xmat.reshape(3, 3).T @ data.body(swing).xmat.reshape(3, 3)[:, 2]
+        assert place[:2] == pytest.approx(pose[:2], abs=1e-7)
         heights = [sole_corners(model, foot)[0, 2] for foot in robot.feet]
-        assert relative[2, 3] == pytest.approx(heights[0] - heights[1], abs=1e-7)
-        assert relative[:3, 2] == pytest.approx([0, 0, 1], abs=1e-7)
-        com = (np.linalg.inv(stance) @ [*com, 1])[:2]
+        assert place[2] == pytest.approx(heights[0] - heights[1], abs=1e-7)
+        assert up == pytest.approx([0, 0, 1], abs=1e-7)
+        com = seen_from(data, stance, data.subtree_com[1])[:2]
         corners = np.vstack([sole_corners(model, robot.feet[0])[:, :2], pose[:2]])
         assert (corners.min(axis=0) - 0.2 < com).all()
         assert (com < corners.max(axis=0) + 0.2).all()

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
+from tests.edited_rows import within
 from tests.test_refusals import change_document
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import removed
@@ -116,11 +117,10 @@ def test_jerks_of_forces_are_kept_by_each_experiment(robot, tmp_path, known):
     feet = tt.Laboratory(robot, sensors="foot-ft")
     for k, holds in enumerate(known):
         m: Any = measured(feet, plan.take(plan.support == "right"), session=str(k), seed=k)
-        tared = dataclasses.replace(m.contacts, zero_sd=np.zeros_like(m.contacts.zero_sd))
         parts = {f"joint_{name}": np.ones_like(m.joint_angles) for name in ("rates", "accelerations")}
         parts |= {f"wrench_{name}": np.ones_like(m.wrenches) for name in ("rates", "accelerations")}
         parts["wrench_jerks"] = rng.normal(size=m.wrenches.shape) if holds else None
-        written.append(dataclasses.replace(m, contacts=tared, **parts))
+        written.append(dataclasses.replace(within("contacts", m, zero_sd=np.zeros((2, 6))), **parts))
         tt.write_measurements(tmp_path / str(k + 1), written[-1])
     read: Any = read_written(tmp_path)
     jerks = observe(read, nominal_robot(robot, "right")).motion.load_rates[:, 2]

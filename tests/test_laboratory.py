@@ -13,7 +13,6 @@ from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.validate import evaluate
 from tulip_testbed.identification.base_parameters import standard_parameters
-from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.sim.dynamics import dynamic_run as laboratory
 from tulip_testbed.sim.dynamics.balance import balance_of
@@ -23,14 +22,6 @@ from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.outcome import dropped_postures
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.sensors import PRESETS, averaged_sd
-
-
-def test_the_centre_of_pressure_is_the_com(ideal):
-    lying = np.array([attempt.true_plates for attempt in ideal.simulation.measured])
-    placed = dataclasses.replace(ideal.measurements, plate_poses=lying)
-    truth = np.array([held.com for held in ideal.simulation.held])
-    for measured, most in ((placed, 2e-6), (ideal.measurements, 5e-5)):
-        assert np.sqrt(((center_of_pressure(measured) - truth) ** 2).mean()) < most
 
 
 @pytest.mark.slow

@@ -3,13 +3,14 @@
 import dataclasses
 import json
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 
 import tulip_testbed as tt
-from tests.edited_rows import changed, put
+from tests.edited_rows import changed, put, within
 from tests.moving_robots import moving
 from tests.recorded_logs import BAD, CHANNELS, KINDS, motion, unit, write_dumper, write_table
 from tests.test_refusals import check_words, rows
@@ -75,7 +76,7 @@ def test_rows_obey_the_equation_of_motion(imported, bowing, regular):
     rng = np.random.default_rng(100)
     steps = np.full(2000, 0.01) if regular else rng.uniform(0.005, 0.015, 2000)
     time = np.cumsum(steps)
-    m = reduced(samples(imported, bowing, time), WEIGHT).measurements
+    m: Any = reduced(samples(imported, bowing, time), WEIGHT).measurements
     assert len(m) > 70
     wrenches, angles, rates, accelerations = moved(m)
     off = wrenches - needed(bowing, angles, rates, accelerations)
@@ -87,9 +88,8 @@ def test_rows_obey_the_equation_of_motion(imported, bowing, regular):
     nominal = nominal_robot(bowing, "right")
     weighed = dataclasses.replace(m, weighed_mass=(nominal.mass, 0.0))
     center, *others = [contact_pressure(observe(one, nominal)).center for one in (m, weighed)]
-    assert m.contacts is not None
-    unknown = dataclasses.replace(m.contacts, zero_sd=np.full((2, 6), np.inf))
-    others.append(PredictionProblem(dataclasses.replace(m, contacts=unknown), nominal).center)
+    unknown = within("contacts", m, zero_sd=np.full((2, 6), np.inf))
+    others.append(PredictionProblem(unknown, nominal).center)
     for other in others:  # over the weight in motion, which differs from the measured force by 1 N at most
         np.testing.assert_allclose(other, center, rtol=0, atol=1.0 / WEIGHT * np.abs(center).max())
 
@@ -98,18 +98,16 @@ def test_means_are_exact_for_cubic_motion_by_any_clock(imported, bowing):
     rng = np.random.default_rng(101)
     time = np.cumsum(rng.uniform(0.002, 0.03, 400))
     cubic = np.polynomial.Polynomial([0.3, -0.2, 0.1, 0.05])
-    made = samples(imported, bowing, time)
-    assert made.wrenches is not None
+    made: Any = samples(imported, bowing, time)
     wrenches = 0 * made.wrenches + WEIGHT + cubic(time - 3)[:, None, None]
     made = dataclasses.replace(made, joint_angles=np.column_stack([cubic(time - 3)] * 2), wrenches=wrenches)
-    m = reduced(made, WEIGHT, window=0.4, step=0.3).measurements
+    m: Any = reduced(made, WEIGHT, window=0.4, step=0.3).measurements
     _, angles, rates, accelerations = moved(m)
     middle = m.time + 0.2 - 3
     spread = 0.2**2 / 7  # variance of the window's weights
     np.testing.assert_allclose(angles[:, 0], (cubic + spread / 2 * cubic.deriv(2))(middle), atol=1e-9)
     np.testing.assert_allclose(rates[:, 0], (cubic.deriv() + spread / 2 * cubic.deriv(3))(middle), atol=1e-9)
     np.testing.assert_allclose(accelerations[:, 0], cubic.deriv(2)(middle), atol=1e-9)
-    assert m.wrench_jerks is not None
     np.testing.assert_allclose(m.wrench_jerks[:, 0, 0], cubic.deriv(3)(middle), atol=1e-6)
     np.testing.assert_allclose(m.joint_angles_sd[:, 0], 0, atol=1e-9)
 
@@ -119,17 +117,13 @@ def test_forces_change_as_fast_in_rows_as_in_samples(imported, bowing):
     time, pace, offset = np.arange(0, 30, 0.01), 5.4, 0.8 * WEIGHT
     made = samples(imported, bowing, time)
     made = changed(made, wrenches=put(..., 0, slice(None), value=offset + 10 * np.sin(pace * time)[:, None]))
-    m = reduced(made, WEIGHT, window=1.0, step=0.5).measurements
-    assert m.wrenches is not None
-    assert m.wrench_rates is not None
-    assert m.wrench_accelerations is not None
+    m: Any = reduced(made, WEIGHT, window=1.0, step=0.5).measurements
     swing = m.wrenches[:, 0] - offset
     assert swing.std() > 2
     np.testing.assert_allclose(m.wrench_accelerations[:, 0], -(pace**2) * swing, atol=0.01 * pace**2 * 10)
     rates = pace * (swing[2:] - swing[:-2]) / 2 / np.sin(pace * 0.5)
     np.testing.assert_allclose(m.wrench_rates[1:-1, 0], rates, atol=0.01 * pace * 10)
-    assert m.wrench_jerks is not None  # by other weights, with more of fast motion
-    ratio = m.wrench_jerks[:, 0] / m.wrench_rates[:, 0]
+    ratio = m.wrench_jerks[:, 0] / m.wrench_rates[:, 0]  # by other weights, with more of fast motion
     assert (np.median(ratio, axis=0) < -(pace**2)).all()
     assert (np.median(ratio, axis=0) > -1.4 * pace**2).all()
     assert np.isnan(m.wrench_accelerations[:, 1]).all()
@@ -140,7 +134,6 @@ def test_a_person_who_bows_becomes_rows(imported, bowing):
     assert len(m) == 57
     assert set(m.support) == {"right"}
     assert set(m.placement) == {1, 2, 3, 4}  # blocks of four seconds
-    assert m.wrenches is not None
     assert np.isnan(m.wrenches[:, 1]).all()
     wrenches, angles, rates, accelerations = moved(m)
     off = wrenches - needed(bowing, angles, rates, accelerations)
@@ -159,9 +152,7 @@ def test_a_person_who_bows_becomes_rows(imported, bowing):
 def test_identified_masses_predict_the_person_better_than_cad(imported, bowing, zeros, expected):
     """Along the plane of the motion, halves both ways [mm]; CAD with an offset is not beaten surely."""
     if zeros == "tared":
-        contacts = imported.contacts
-        exact = dataclasses.replace(contacts, zero_sd=np.zeros_like(contacts.zero_sd))
-        imported = dataclasses.replace(imported, contacts=exact)
+        imported = within("contacts", imported, zero_sd=np.zeros((2, 6)))
     predicted = tt.predict(imported, bowing)
     found = {one.name: one.rms_mm.x for one in predicted.models if one.split == "halves"}
     names = ["CAD", "CAD with offset", "constant", "identified", "identified with corrections"]
@@ -267,13 +258,12 @@ def test_a_moving_record_has_cad_as_prior_even_where_its_rows_have_full_rank(imp
 
 
 def test_the_gain_of_the_sensors_is_in_the_standard_error_of_a_mass_that_nobody_weighed(imported, bowing):
-    found = tt.identify(imported, bowing)
+    found: Any = tt.identify(imported, bowing)
     exact = dataclasses.replace(imported, tolerances={**imported.tolerances, "wrench-gain": 0.0})
     without_gain = tt.identify(exact, bowing).mass[1]
     assert found.mass[1] ** 2 - without_gain**2 == pytest.approx((0.01 * found.mass[0]) ** 2, rel=1e-3)
     assert tt.identify(imported, bowing, tolerances={"wrench-gain": 0.0}).mass[1] == without_gain
     # Once: the force's own gain is the same gain.
-    assert found.calibration is not None
     labels = [label for one in found.calibration.families for label in one.family.labels]
     assert "wrench-crosstalk:right.fz.fx" in labels
     assert "wrench-crosstalk:right.fz.fz" not in labels
@@ -289,11 +279,6 @@ def import_log(bowing, path, columns, text=MAP):
     stated = path.with_name("map.toml")
     stated.write_text(text)
     return tt.import_table(path, bowing, out=path.with_name("rows"), map=[str(stated), *columns])
-
-
-def entries_of(texts):
-    """Return column and unit of texts NAME=COLUMN:UNIT:SIGN, by name."""
-    return {name: tuple(rest.split(":")[:2]) for name, rest in (text.split("=") for text in texts)}
 
 
 @pytest.mark.parametrize("name", KINDS)
@@ -322,7 +307,8 @@ def test_the_values_of_a_device_are_stated_at_once(bowing, tmp_path):
     with pytest.raises(tt.InputError, match="found 5, expected one, or 6"):
         import_log(bowing, tmp_path / "log", [], MAP + values.replace("UNITS", units.replace('"N", ', "", 1)))
     mapped = import_log(bowing, tmp_path / "log", [], MAP + values.replace("UNITS", units)).mapped
-    told = entries_of(KINDS["log"][1])
+    pairs = (text.split("=") for text in KINDS["log"][1])  # NAME=COLUMN:UNIT:SIGN
+    told = {name: tuple(entry.split(":")[:2]) for name, entry in pairs}
     assert {name: (one.column, one.unit) for name, one in mapped.items() if name in told} == told
 
 

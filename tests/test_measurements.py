@@ -38,13 +38,6 @@ def test_round_trip_is_exact(wii, folder):
     assert_same(wii.measurements, read_measurements(folder))
 
 
-def test_rates_and_accelerations_of_a_moving_robot_are_read_back(wii, tmp_path):
-    angles = wii.measurements.joint_angles
-    moving = dataclasses.replace(wii.measurements, joint_rates=0.1 * angles, joint_accelerations=-angles)
-    write_measurements(tmp_path / "moving", moving)
-    assert_same(read_measurements(tmp_path / "moving"), moving)
-
-
 def test_an_edited_twin_is_not_passed_over(folder):
     """Whoever edits the CSV must not get the Parquet's results, even if both hashes are right."""
     path = folder / "postures.csv"

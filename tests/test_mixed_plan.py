@@ -3,11 +3,11 @@
 import dataclasses
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 
 from tests.holding import holding_torques
+from tests.posed import posed, seen_from
 from tests.test_link_clearances import Collisions
 from tulip_testbed import plans
 from tulip_testbed.experiments.described_plan import describe_plan
@@ -81,8 +81,7 @@ def test_derivatives_on_either_foot_are_central_differences(problem):
 def test_rows_on_either_foot_stand_by_mujoco(robot, mixed):
     """CoM over the carrying sole, other foot and links off the ground, drives within their limits."""
     model, ranges = robot.model, planning_ranges(robot)
-    data, low_high = mujoco.MjData(model), np.array([model.joint(name).range for name in mixed.joints])
-    qpos = [model.joint(name).qposadr[0] for name in mixed.joints]
+    low_high = np.array([model.joint(name).range for name in mixed.joints])
     for support, own in (("right", robot), ("left", with_feet_exchanged(robot))):
         rows = np.flatnonzero(mixed.support == support)
         assert len(rows) == COUNTS[support]
@@ -90,16 +89,13 @@ def test_rows_on_either_foot_stand_by_mujoco(robot, mixed):
         collisions, limits = Collisions(own), torque_limits(robot)
         for row in rows:
             angles = mixed.joint_angles[row]
-            data.qpos[:] = model.qpos0
-            data.qpos[qpos] = angles
-            mujoco.mj_fwdPosition(model, data)
-            foot, lifted = (data.body(name) for name in own.feet)
-            base, point = foot.xmat.reshape(3, 3), sole_point(model, own.stance_foot)
-            com = (data.subtree_com[1] - foot.xpos) @ base - point
+            data, point = posed(model, angles, mixed.joints), sole_point(model, own.stance_foot)
+            com = seen_from(data, own.stance_foot, data.subtree_com[1]) - point
             room = np.minimum(com[:2] - sole.min(axis=0), sole.max(axis=0) - com[:2])
             assert room.min() > ranges.stability_margin
+            foot, lifted = (data.body(name) for name in own.feet)
             corners = sole_corners(model, own.swing_foot) @ lifted.xmat.reshape(3, 3).T + lifted.xpos
-            assert ((corners - foot.xpos) @ base - point)[:, 2].min() > 0.0199
+            assert ((corners - foot.xpos) @ foot.xmat.reshape(3, 3) - point)[:, 2].min() > 0.0199
             assert (angles > low_high[:, 0]).all()
             assert (angles < low_high[:, 1]).all()
             depths = collisions.at(angles)

@@ -1,6 +1,7 @@
 """Errors against stated errors: wrong standard errors are found out, right ones are not accused."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from tulip_testbed.experiments.montecarlo.coverage_verdict import (
 )
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo
 from tulip_testbed.experiments.montecarlo.run_columns import Layout, numbers_of
-from tulip_testbed.identification.estimators import Estimate, Unseen
+from tulip_testbed.identification.estimators import Unseen
 
 RUNS, FEW, FAILING = 5000, 200, (3, 77)
 
@@ -137,35 +138,20 @@ def outcomes(factor: float, size: int, runs: int, seed: int) -> list[list[Covera
 def test_what_only_a_prior_knows_is_no_error_of_the_estimator():
     """Hand-worked: theta = y - 2 phi, y of s.d. 1, phi unknown with a prior of s.d. 1.5; phi is really 3."""
     rng, runs = np.random.default_rng(116), 4000
-    layout = Layout(("a", "b"), {"full": (1, 2)})
+    layout, covariance = Layout(("a", "b"), {"full": (1, 2)}), np.diag([1 + 9.0, 1])
+    made = Regressions().fit(np.eye(4, 3), np.zeros(4), (1, 2))
+    stated = {"covariance": covariance, "clustered_covariance": covariance}
+    made = replace(made, interval_dof=np.full(2, 1e9), joint_dof=1e9, dof=1000, **stated)
     rows = []
     for theta in 0.7 + rng.standard_normal((runs, 2)):
         unseen = Unseen(("tilt",), np.zeros(1), np.array([[-2.0], [0.0]]), np.eye(2))
-        estimate = one_estimate(theta + np.array([6.0, 0.0]), np.diag([1 + 9.0, 1]), unseen)
+        estimate = replace(made, value=theta + np.array([6.0, 0.0]), unseen=unseen)
         rows.append(numbers_of(layout, {"full": estimate}, np.array([0.7, 0.7]), (1, 1, 1, 1), {"tilt": 3.0}))
     columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     plain, given = (model_errors(columns, "full", (1, 2), given) for given in (False, True))
     assert plain.bias[0] == pytest.approx(6, abs=0.1)
     assert verdict(checks(runs, {"full": plain}, {"full": 0.0})) == "fail"
     assert verdict(checks(runs, {"full": given}, {"full": 0.0})) != "fail"
-
-
-def one_estimate(value: np.ndarray, covariance: np.ndarray, unseen: Unseen) -> Estimate:
-    return Estimate(
-        numbers=np.array([1, 2]),
-        names=("a", "b"),
-        value=value,
-        covariance=covariance,
-        clustered_covariance=covariance,
-        residual=np.zeros(4),
-        sigma=1.0,
-        placement_sd=(0.0, 0.0),
-        dof=1000,
-        interval_dof=np.full(2, 1e9),
-        joint_dof=1e9,
-        condition_number=1.0,
-        unseen=unseen,
-    )
 
 
 MOST = binom.ppf(0.999, 300, LEVEL)  # of 300 verdicts at a level of 1 %

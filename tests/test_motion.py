@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -82,11 +83,10 @@ def test_the_side_force_between_the_feet_follows_from_the_commands(robot, three,
     """Servos sag without feed-forward. Loads of that put a link at its play's other end."""
     rig, plan = preset_rig(EXACT, robot), tt.plan_motion(three).plan
     rig = replace(rig, sensors=replace(rig.sensors, wrench=WrenchSensors(place=PLATE)))
-    assert plan.motion is not None
-    plan = plan if fed else replace(plan, motion=replace(plan.motion, torques=None))
-    m = tt.Laboratory(robot, nominal=rig).run(plan, workers=1).measurements
+    motion: Any = plan.motion
+    plan = plan if fed else replace(plan, motion=replace(motion, torques=None))
+    m: Any = tt.Laboratory(robot, nominal=rig).run(plan, workers=1).measurements
     observed = observe(m, nominal_robot(robot))
-    assert m.wrenches is not None
     truth = turned(m.plate_poses[:, 1, 2], m.wrenches[:, 1, :2])
     assert np.abs(truth).mean(axis=0).max() < 1 if fed else np.abs(truth).mean(axis=0).min() > 5
     off = truth - observed.loads.internal_wrench[:, :2]
@@ -95,8 +95,7 @@ def test_the_side_force_between_the_feet_follows_from_the_commands(robot, three,
 
 def test_feet_that_creep_have_no_place_for_longer_than_a_stance(robot, monkeypatch):
     monkeypatch.setattr(moving_run, "STICKS", 1.0)
-    plan = tt.plan_motion(tt.plans.random.take(tt.plans.random.placement == 1), speed=0.1).plan
-    assert plan.motion is not None
+    plan: Any = tt.plan_motion(tt.plans.random.take(tt.plans.random.placement == 1), speed=0.1).plan
     assert plan.motion.seconds > 35
     observed = observe(
         tt.Laboratory(robot, sensors=EXACT).run(plan, 2, workers=1).measurements, nominal_robot(robot)
@@ -376,10 +375,8 @@ def test_a_posture_that_cannot_be_held_costs_the_way_to_the_next_one(robot, thre
         return (None, "lost sole corner") if len(tried) == 1 else hold(stand, posture)
 
     monkeypatch.setattr(moving_run, "hold", once_lost)
-    plan = tt.plan_motion(three, robot).plan
-    run = tt.Laboratory(robot, sensors=EXACT).run(plan, workers=1)
-    assert plan.motion is not None
-    assert run.samples is not None
+    plan: Any = tt.plan_motion(three, robot).plan
+    run: Any = tt.Laboratory(robot, sensors=EXACT).run(plan, workers=1)
     assert run.truth.dropped == ((1, "lost sole corner"),)
     first = int(np.abs(plan.motion.joint_angles - tried[1]).max(axis=1).argmin())
     assert np.abs(plan.joint_angles[1] - tried[1]).max() < 1e-4
@@ -399,7 +396,6 @@ def test_results_do_not_depend_on_workers(robot, planned):
 def test_a_foot_that_lifts_costs_its_samples(robot, planned):
     """A link that is 3 mm longer than the plan knows lifts a corner of its foot."""
     laboratory = tt.Laboratory(robot, sensors=EXACT).with_effects("link-length:right_upper_leg=0.003")
-    run = laboratory.run(planned.plan)
-    assert run.samples is not None
+    run: Any = laboratory.run(planned.plan)
     assert 0 < len(run.samples) < len(planned.plan.motion)
     assert all("lost" in reason or "lifted" in reason for _, reason in run.truth.dropped)

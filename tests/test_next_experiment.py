@@ -135,15 +135,8 @@ def test_the_plan_folder_holds_postures_manipulations_and_steps(robot, lab, rank
 
 def test_simulate_carries_an_experiment_out(ranked, tmp_path, capsys):
     Proposals("ambiguous", tuple(ranked), 2, "one").save(tmp_path / "next")
-    options = [
-        "--sensors",
-        "force-plate",
-        "--engine",
-        "statics",
-        "--effects",
-        "cell-tare:right.front_left=50",
-    ]
-    command = ["simulate", "--experiment", str(tmp_path / "next"), *options]
+    command = ["simulate", "--experiment", str(tmp_path / "next"), "--sensors", "force-plate"]
+    command += ["--engine", "statics", "--effects", "cell-tare:right.front_left=50"]
     assert main([*command, "--out", str(tmp_path / "second")]) == 0
     found = tt.read_measurements(tmp_path / "second")
     assert found.experiments == (ranked[0].experiment,)

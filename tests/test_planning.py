@@ -53,14 +53,9 @@ def problem(robot, plate):
 
 
 @pytest.fixture(scope="module")
-def goal(problem):
-    return objectives(SIGMA)["condition"]
-
-
-@pytest.fixture(scope="module")
-def small(problem, goal):
+def small(problem):
     """Five placements of three postures, as `tulip plan optimal --hops 1` makes them."""
-    return SearchTask(problem, goal, 5, 3, 211, hops=1).run()
+    return SearchTask(problem, objectives(SIGMA)["condition"], 5, 3, 211, hops=1).run()
 
 
 def differences(function, design):

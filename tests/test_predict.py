@@ -2,12 +2,14 @@
 
 import dataclasses
 import json
+from typing import Any
 
 import numpy as np
 import pytest
 
 import tulip_testbed as tt
-from tests.edited_rows import changed, put
+from tests.edited_rows import changed, put, within
+from tests.posed import posed, seen_from
 from tests.test_cli import told
 from tests.test_refusals import refuse
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of
@@ -24,8 +26,10 @@ from tulip_testbed.experiments.predict import (
 )
 from tulip_testbed.identification.base_parameters import base_parameters, common_support, standard_parameters
 from tulip_testbed.identification.cad_prior import cad_prior
+from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.measurements import write_measurements
+from tulip_testbed.sim.robot import sole_point
 
 SEED = 4217  # development seeds are 0 to 99
 
@@ -35,11 +39,10 @@ def laboratory(robot):
     return tt.Laboratory(robot, sensors="wii")
 
 
-def measured(laboratory, spread):
+def measured(laboratory, spread) -> Any:
     """Measure a robot whose masses and centres differ from its CAD."""
-    outcome = source_of(laboratory, tt.plans.random, spread, "statics")([np.random.SeedSequence(SEED)])[0]
-    assert not isinstance(outcome, str)
-    return outcome.measurements
+    outcomes: Any = source_of(laboratory, tt.plans.random, spread, "statics")
+    return outcomes([np.random.SeedSequence(SEED)])[0].measurements
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +57,7 @@ def predicted(heavier, robot):
     return tt.predict(heavier, robot)
 
 
-def score(found, name, split="blocks"):
+def score(found, name, split="blocks") -> Any:
     return next(one for one in found.models if (one.name, one.split) == (name, split))
 
 
@@ -102,21 +105,11 @@ def test_a_robot_like_its_cad_is_predicted_no_better_by_identification(laborator
 
 def test_residuals_of_cad_are_those_of_the_measurements(predicted, heavier, robot):
     """By MuJoCo's centre of mass of the nominal robot with its stance foot at the base frame."""
-    import mujoco
-
-    from tulip_testbed.identification.center_of_pressure import center_of_pressure
-    from tulip_testbed.sim.robot import joint_names, sole_point
-
-    model, data, off = robot.model, mujoco.MjData(robot.model), []
-    cop = center_of_pressure(heavier)
-    for row in range(len(heavier)):
-        for joint, angle in zip(joint_names(model), heavier.joint_angles[row], strict=True):
-            data.joint(joint).qpos = angle
-        mujoco.mj_forward(model, data)
-        foot = data.body(robot.stance_foot)
-        turn = foot.xmat.reshape(3, 3)
-        center = turn.T @ (data.subtree_com[1] - foot.xpos) - sole_point(model, robot.stance_foot)
-        off.append(cop[row] - center[:2])
+    off, cop = [], center_of_pressure(heavier)
+    for row, angles in enumerate(heavier.joint_angles):
+        data = posed(robot.model, angles)
+        center = seen_from(data, robot.stance_foot, data.subtree_com[1])
+        off.append(cop[row] - (center - sole_point(robot.model, robot.stance_foot))[:2])
     off_rms = np.sqrt(np.mean(np.square(off), axis=0))
     assert rms(score(predicted, CAD)) == pytest.approx(
         off_rms, abs=1e-6
@@ -126,8 +119,6 @@ def test_residuals_of_cad_are_those_of_the_measurements(predicted, heavier, robo
 def test_the_interval_is_as_wide_as_the_scatter_between_placements(predicted, heavier):
     """By the delta method: the r.m.s. of the placements' own mean squares."""
     found, placements = score(predicted, CAD_WITH_OFFSET), np.unique(heavier.placement)
-    assert found.low95 is not None
-    assert found.high95 is not None
     low, high = (1e-3 * np.array([end.x, end.y]) for end in (found.low95, found.high95))
     assert ((low < rms(found)) & (rms(found) < high)).all()
     # A mean square of k normal numbers has a relative s.d. of sqrt(2 / k): placements' errors are common.
@@ -217,11 +208,9 @@ def test_unknown_zeros_of_sensors_in_the_feet_are_no_merit_of_identification(rob
 
 def test_zeros_that_are_stated_are_fitted_within_their_s_d(robot):
     m = measured(tt.Laboratory(robot, sensors="foot-ft"), None).take(np.arange(20))
-    assert m.contacts is not None
     rms = []
     for sd in (1.0, 2.0, np.inf):
-        contacts = dataclasses.replace(m.contacts, zero_sd=np.full((2, 6), sd))
-        problem = PredictionProblem(dataclasses.replace(m, contacts=contacts), nominal_robot(robot))
+        problem = PredictionProblem(within("contacts", m, zero_sd=np.full((2, 6), sd)), nominal_robot(robot))
         rms.append(np.sqrt((problem.zeros**2).mean()))
     assert rms[1] == pytest.approx(2 * rms[0])
     assert rms[2] > 5 * rms[1]

@@ -1,6 +1,7 @@
 """The restricted likelihood and predictive densities against dense formulas, differences and quadrature."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,18 +25,27 @@ def noise_of(fixed: np.ndarray, own: np.ndarray, shared: np.ndarray, free: np.nd
     return NoiseStructure(groups(np.arange(m) // 3), groups(stance), fixed, own, shared, owner, free)
 
 
-def white(fixed: np.ndarray) -> NoiseStructure:
-    """Noise of known covariance (m, r, r), without anything that postures share."""
-    m, r = fixed.shape[:2]
-    return noise_of(fixed, np.zeros((0, m, r, r)), np.zeros((m, r, 0)), np.zeros((m, r, 0)))
+def plain(columns: np.ndarray, flat: int, variance: np.ndarray, **more) -> LinearProblem:
+    """Flat parameters, one family: columns and output (m, r, p + 1), covariance of white noise (m, r, r)."""
+    m, r, members = *columns.shape[:2], columns.shape[2] - 1 - flat
+    nothing = np.zeros((m, r, 0))
+    choices: Any = {"excess": np.zeros((members, members)), "about": np.zeros(members)} | more
+    return LinearProblem(
+        whole=columns,
+        flat=flat,
+        noise=noise_of(variance, np.zeros((0, m, r, r)), nothing, nothing),
+        information=np.zeros((flat, flat)),
+        sizes=(members,),
+        doubt=np.zeros(0),
+        **choices,
+    )
 
 
-def problem(
-    seed: int, postures: int = 15, rows: int = 5, sizes: tuple[int, ...] = (5, 3, 1)
-) -> LinearProblem:
+def problem(seed: int, postures: int = 15) -> LinearProblem:
     """Two residuals of each posture have a constant of its stance, one posture has no such residuals."""
     rng = np.random.default_rng(seed)
-    p, q = 4, sum(sizes)
+    p, rows, sizes = 4, 5, (5, 3, 1)
+    q = sum(sizes)
     used = np.ones((postures, rows))
     used[4, :2] = 0
     factors = used[..., None] * rng.standard_normal((postures, rows, 6))
@@ -44,11 +54,11 @@ def problem(
     own = factors @ factors.mT
     fixed = 0.01 * np.tile(np.eye(rows), (postures, 1, 1)) + (1 - used)[..., None] * np.eye(rows)
     columns, members = rng.standard_normal((postures, rows, p)), rng.standard_normal((postures, rows, q))
-    members *= np.repeat([0.5, 1.5, 2.5][: len(sizes)], sizes)
+    members *= np.repeat([0.5, 1.5, 2.5], sizes)
     common = rng.standard_normal((postures // 3, 2))[np.arange(postures) // 3]
     noise = (factors @ rng.standard_normal((postures, 6, 1)) + levers @ common[..., None])[..., 0]
     noise += 0.1 * rng.standard_normal(noise.shape)
-    phi = np.repeat([1, 0.05, 2][: len(sizes)], sizes) * rng.standard_normal(q)
+    phi = np.repeat([1, 0.05, 2], sizes) * rng.standard_normal(q)
     output = noise + columns @ rng.standard_normal(p) + members @ phi
     return LinearProblem(
         whole=used[..., None] * np.concatenate([columns, members, output[..., None]], axis=2),
@@ -279,26 +289,18 @@ def test_marginal_posterior_of_a_member_by_quadrature():
     rng = np.random.default_rng(7)
     members = rng.standard_normal((1, 12, 4))
     output = members @ np.array([0.5, -0.8, 0.4, 0.9]) + 0.5 * rng.standard_normal((1, 12))
-    plain = LinearProblem(
-        whole=np.concatenate([np.ones((1, 12, 1)), members, output[..., None]], axis=2),
-        flat=1,
-        noise=white(0.25 * np.eye(12)[None]),
-        information=np.zeros((1, 1)),
-        sizes=(4,),
-        doubt=np.zeros(0),
-        excess=np.zeros((4, 4)),
-        about=np.zeros(4),
-    )
-    found = fit(plain)
+    columns = np.concatenate([np.ones((1, 12, 1)), members, output[..., None]], axis=2)
+    given = plain(columns, 1, 0.25 * np.eye(12)[None])
+    found = fit(given)
     grid = np.linspace(-6, 4, 400)
     log_posterior, means, variances = [], [], []
     for x in grid:
-        value = -objective(plain, np.zeros(0), np.array([x]))[0]
+        value = -objective(given, np.zeros(0), np.array([x]))[0]
         d = np.exp(2 * x)
         g, n = members[0], np.ones((12, 1))
         z = np.hstack([n, g])
         omega = np.linalg.inv(z.T @ z / 0.25 + np.diag([0, *[1 / d] * 4]))
-        mean = omega @ z.T @ plain.output[0] / 0.25
+        mean = omega @ z.T @ given.output[0] / 0.25
         log_posterior.append(value)
         means.append(mean[1:])
         variances.append(np.diag(omega)[1:])
@@ -320,16 +322,9 @@ def test_noise_in_a_column_does_not_draw_its_member_to_zero():
         noisy = true + 0.7 * rng.standard_normal(true.shape)
         y = 3.0 * true[..., 0] + 0.3 * rng.standard_normal((1, 200))
         for share in errors:
-            one = LinearProblem(
-                whole=np.concatenate([np.ones((1, 200, 1)), 100.0 * noisy, y[..., None]], axis=2),
-                flat=1,
-                noise=white(np.eye(200)[None]),
-                information=np.zeros((1, 1)),
-                sizes=(1,),
-                doubt=np.zeros(0),
-                excess=np.array([[share * 0.49 * 199 * 100.0**2]]),
-                about=np.zeros(1),
-            )
+            whole = np.concatenate([np.ones((1, 200, 1)), 100.0 * noisy, y[..., None]], axis=2)
+            excess = np.array([[share * 0.49 * 199 * 100.0**2]])
+            one = plain(whole, 1, np.eye(200)[None], excess=excess)
             errors[share].append(100.0 * fit_with(one, np.ones(0), np.ones(1)).estimate[1] - 3.0)
     assert np.mean(errors[0.0]) < -0.9
     assert abs(np.mean(errors[1.0])) < 0.1
@@ -343,16 +338,9 @@ def test_errors_of_a_member_are_as_large_as_stated_however_noisy_its_column(shar
     for _ in range(300):
         column = true + 0.02 * np.sqrt(share) * rng.standard_normal((3000, 1))
         left = rng.standard_normal((3000, 1))
-        one = LinearProblem(
-            whole=np.stack([column, left + column], axis=2),
-            flat=0,
-            noise=white(np.ones((3000, 1, 1))),
-            information=np.zeros((0, 0)),
-            sizes=(1,),
-            doubt=np.zeros(0),
-            excess=np.array([[share * 3000 * 0.02**2]]),
-            about=np.ones(1),
-        )
+        excess = np.array([[share * 3000 * 0.02**2]])
+        whole, variance = np.stack([column, left + column], axis=2), np.ones((3000, 1, 1))
+        one = plain(whole, 0, variance, excess=excess, about=np.ones(1))
         found = fit_with(one, np.ones(0), 10 * np.ones(1))
         off.append((found.estimate[0] - 1.0) / np.sqrt(found.covariance[0, 0]))
     assert np.sqrt(np.mean(np.square(off))) == pytest.approx(1.0, abs=0.12)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
+from tests.posed import posed
 from tests.published_robot import MASS, SOLE, mjcf, write_published
 from tests.test_cli import told
 from tests.test_refusals import refuse, rows
@@ -75,11 +76,7 @@ def test_the_centre_of_mass_is_that_of_the_published_file(urdf, prepared):
     for _ in range(5):
         angles, centers = rng.uniform(-0.5, 0.5, len(names)), []
         for model in models:
-            data = mujoco.MjData(model)
-            for name, angle in zip(names, angles, strict=True):
-                data.joint(name).qpos = angle
-            mujoco.mj_kinematics(model, data)
-            mujoco.mj_comPos(model, data)
+            data = posed(model, angles, names)
             centers.append(data.subtree_com[1] - data.xpos[1])
         np.testing.assert_allclose(*centers, atol=1e-5)  # the MJCF has six digits
 

@@ -87,17 +87,13 @@ MOTORS = {
 }
 
 
-def one_joint(motor: str, limit: str = "") -> mujoco.MjSpec:
-    return mujoco.MjSpec.from_string(
-        f'<mujoco model="arm"><worldbody><body><joint name="elbow" {limit}/><geom size="0.1"/></body>'
-        f'</worldbody><actuator>{motor} name="m" joint="elbow"/></actuator></mujoco>'
-    )
-
-
 @pytest.mark.parametrize("motor", MOTORS)
 def test_torque_limit_is_that_on_the_joint(motor):
     """Held against what MuJoCo does: the servo, far off its command, pushes with this torque."""
-    spec = one_joint(motor, 'actuatorfrcrange="-50 50"')
+    spec = mujoco.MjSpec.from_string(
+        '<mujoco model="arm"><worldbody><body><joint name="elbow" actuatorfrcrange="-50 50"/>'
+        f'<geom size="0.1"/></body></worldbody><actuator>{motor} name="m" joint="elbow"/></actuator></mujoco>'
+    )
     assert torque_limit(spec, spec.actuators[0]) == pytest.approx(MOTORS[motor])
     add_servos(spec, Controller())
     model = spec.compile()

@@ -8,6 +8,7 @@ import pytest
 
 import tulip_testbed as tt
 from studies.hidden_effects.laboratories import draw_laboratory
+from tests.edited_rows import within
 from tests.test_refusals import refuse
 from tulip_testbed.calibration.families import (
     SOLE,
@@ -63,8 +64,13 @@ def ordinary(robot, plan, nominal):
 
 
 @pytest.fixture(scope="module")
-def found(ordinary, nominal):
-    return self_calibrate(observe(ordinary[0].measurements, nominal))
+def observed(ordinary, nominal):
+    return observe(ordinary[0].measurements, nominal)
+
+
+@pytest.fixture(scope="module")
+def found(observed):
+    return self_calibrate(observed)
 
 
 def test_members_and_base_parameters_are_recovered(ordinary, found, plan):
@@ -136,15 +142,14 @@ def test_the_budget_is_the_whole_variance(found):
     assert len(found.sources) == len(found.shares)
 
 
-def test_a_tolerance_of_zero_leaves_the_family_out(ordinary, nominal):
-    observed = observe(ordinary[0].measurements, nominal)
+def test_a_tolerance_of_zero_leaves_the_family_out(observed, nominal):
     exact = dict.fromkeys(TOLERANCES, 0.0)
     assert not self_calibrate(observed, exact).families
     only = self_calibrate(observed, exact | {"encoder-offset": 0.01})
     assert [one.family.name for one in only.families] == ["encoder-offset"]
-    measured = dataclasses.replace(ordinary[0].measurements, tolerances=exact)
-    assert not self_calibrate(observe(measured, nominal)).families
-    stated = self_calibrate(observe(measured, nominal), {"encoder-offset": 0.01})
+    stating = observe(dataclasses.replace(observed.measurements, tolerances=exact), nominal)
+    assert not self_calibrate(stating).families
+    stated = self_calibrate(stating, {"encoder-offset": 0.01})
     assert [one.family.tolerance for one in stated.families] == [0.01]
 
 
@@ -161,9 +166,8 @@ def test_tolerances_are_read_or_follow_the_sensors():
     assert tolerances_of(tt.SensorSheet()).value == wii.value  # unknown sensors are taken for coarse ones
 
 
-def test_the_noise_is_that_which_discovery_uses(ordinary, nominal):
+def test_the_noise_is_that_which_discovery_uses(observed):
     """Chi-square without members, by weights without the feet's poses and with them as nuisances."""
-    observed = observe(ordinary[0].measurements, nominal)
     model = linear_model(observed, noise_of(observed))
     used, white = residuals_in_use(observed), model.whitening
     structure = NoiseStructure(
@@ -189,9 +193,8 @@ def test_the_noise_is_that_which_discovery_uses(ordinary, nominal):
     assert rest - moment @ np.linalg.solve(inner, moment) == pytest.approx(model.chi_square, rel=1e-3)
 
 
-def test_columns_are_the_change_by_removal(ordinary, nominal, robot):
+def test_columns_are_the_change_by_removal(observed, nominal, robot):
     """Removing small members of all kinds at once changes the residuals as their columns say."""
-    observed = observe(ordinary[0].measurements, nominal)
     families = families_of(robot, tolerances_of(FORCE_PLATE))
     theta = nominal.value
     slope = sensitivity(observed, theta)
@@ -204,9 +207,9 @@ def test_columns_are_the_change_by_removal(ordinary, nominal, robot):
     assert (error < 0.03 * np.abs(change).max(axis=0)).all()
 
 
-def test_noise_reaches_what_yields(found, ordinary, nominal):
+def test_noise_reaches_what_yields(found, observed):
     """A cell that reads more, or a plate recorded elsewhere, changes angles and tilts without compliances."""
-    observed, at = observe(ordinary[0].measurements, nominal), fields(found.observed)
+    at = fields(found.observed)
     expected = found.background().yielding
     free = [*range(at["cells"].start), *range(at["stance_tilt"].start, at["rise"].stop)]
     for reading, field, step in ((2, "cell_forces", 0.1), (5, "cell_forces", 0.1), (8, "plate_poses", 1e-4)):
@@ -220,9 +223,8 @@ def test_noise_reaches_what_yields(found, ordinary, nominal):
         assert column == pytest.approx(by_reading, abs=0.03 * np.abs(by_reading).max())
 
 
-def test_gains_that_are_removed_leave_the_noise_as_it_was(ordinary, nominal, robot):
+def test_gains_that_are_removed_leave_the_noise_as_it_was(observed, nominal, robot):
     """Otherwise all gains too large would make it smaller, and the evidence for them would be better."""
-    observed = observe(ordinary[0].measurements, nominal)
     families = [one for one in families_of(robot, tolerances_of(FORCE_PLATE)) if one.name == "cell-gain"]
     errors = np.zeros_like(packed(observed))
     errors[:, fields(observed)["cells"]] = 0.1 * np.random.default_rng(1).standard_normal((len(observed), 8))
@@ -236,16 +238,15 @@ def test_gains_that_are_removed_leave_the_noise_as_it_was(ordinary, nominal, rob
 
 @pytest.mark.parametrize("drift", [-2.0, 2.0])
 def test_force_that_is_taken_off_leaves_the_noise_of_the_centre_as_it_was_read(
-    ordinary, nominal, robot, drift
+    observed, nominal, robot, drift
 ):
-    m = ordinary[0].measurements
-    forces = m.cell_forces.copy()
+    m, forces = observed.measurements, observed.cell_forces.copy()
     forces[:, :4] += drift * ((m.time - m.time[0]) / np.ptp(m.time))[:, None]
     read = observe(dataclasses.replace(m, cell_forces=forces), nominal)
     clean = removed(read, instances_of(f"plate-drift:right={drift}", robot))
     with_drift, without, never = (
         linear_model(one, noise_of(one), smoothed=one, rounds=1).whitening.log_volume
-        for one in (read, clean, observe(m, nominal))
+        for one in (read, clean, observed)
     )
     # What the drift changes in the plates' shares, and so in the noise of their places, is no such noise.
     assert abs(without - with_drift) < 0.3 * abs(never - with_drift)
@@ -271,9 +272,8 @@ def test_evidence_for_a_drift_is_that_of_its_column_whatever_its_sign(robot, nom
     assert abs(np.polyfit(time, apart / distance, 1)[0]) < 0.02
 
 
-def test_no_error_of_cells_is_left_in_the_columns_however_large(ordinary, nominal):
+def test_no_error_of_cells_is_left_in_the_columns_however_large(observed):
     # A cell that errs by a hundred s.d. in one row would otherwise ask for other gains in all rows.
-    observed = observe(ordinary[0].measurements, nominal)
     forces = observed.cell_forces.copy()
     forces[3, 2] += 100 * 0.1
     smooth = linear_model(observed.changed(cell_forces=forces), noise_of(observed), "AFT").smoothed
@@ -328,8 +328,7 @@ def test_noisy_loads_leave_no_pattern_in_soft_joints(soft, nominal):
 
 
 def test_noisy_loads_are_allowed_for_in_a_known_compliance(soft, robot):
-    found = identify(soft, robot, adopted=instances_of("sole-compliance=4e-4", robot)).calibration
-    assert found is not None
+    found: Any = identify(soft, robot, adopted=instances_of("sole-compliance=4e-4", robot)).calibration
     for name, true in (("joint-compliance", 2e-4), ("sole-compliance", 0.0)):
         one = next(family for family in found.families if family.family.name == name)
         assert np.abs((one.value - true) / one.standard_error).max() < 3
@@ -347,9 +346,8 @@ def test_a_gap_that_passes_for_noise_of_the_loads_does_not_make_joints_soft(robo
     assert found.solved.log_evidence > rigid.solved.log_evidence - 10
 
 
-def test_loads_are_those_of_the_estimated_robot(ordinary, nominal, robot):
+def test_loads_are_those_of_the_estimated_robot(observed, nominal, robot):
     """Exact base parameters of another robot give its loads, though its masses are unknown."""
-    observed = observe(ordinary[0].measurements, nominal)
     other = draw_robot(robot.model, 0.2, np.random.default_rng(1))
     other *= observed.weight / observed.measurements.gravity / other[:, 0].sum()
     theta = nominal.parameters.values(other)
@@ -364,9 +362,8 @@ def test_loads_are_those_of_the_estimated_robot(ordinary, nominal, robot):
 
 
 @pytest.mark.parametrize("most", [15, 14, 0])
-def test_too_few_postures_name_the_families_to_leave_out(ordinary, robot, nominal, most):
+def test_too_few_postures_name_the_families_to_leave_out(ordinary, observed, robot, most):
     """With more families than `most` nothing can be estimated; the least determined go first."""
-    observed = observe(ordinary[0].measurements, nominal)
     order = least_determined(observed)
     # Without those of sensors that are not there, and what is taken as exact.
     exact = {"cell-side-force", SOLE}
@@ -398,20 +395,20 @@ def test_the_zero_of_a_sensor_is_no_family_to_leave_out(robot):
     feet: Any = (
         tt.Laboratory(robot, sensors="foot-ft").run(tt.plans.random, seed=2, engine="statics").measurements
     )
-    zeros = dataclasses.replace(feet.contacts, zero_sd=np.ones((2, 6)))
+    zeros = within("contacts", feet, zero_sd=np.ones((2, 6)))
 
     def impossible(observed, tolerances):
         check_tolerances(tolerances or {})
         raise np.linalg.LinAlgError
 
-    refuse("too much alike", identify, dataclasses.replace(feet, contacts=zeros), robot, calibrate=impossible)
+    refuse("too much alike", identify, zeros, robot, calibrate=impossible)
 
 
 def test_an_estimate_that_does_not_come_to_rest_is_warned_of(ordinary, robot):
     """Cells without noise by their sheet: nothing explains the noise that the readings have."""
     measured = ordinary[0].measurements
     measured = measured.take(measured.placement <= 15)
-    sharp = dataclasses.replace(measured, sensors=dataclasses.replace(measured.sensors, cell_sd=0.0))
+    sharp = within("sensors", measured, cell_sd=0.0)
     with pytest.warns(tt.InputWarning, match="restless: the estimate did not come to rest"):
         warn_of_unrest(identify(sharp, robot), "restless")
 
@@ -423,11 +420,11 @@ def test_a_family_as_wide_as_allowed_is_at_its_bound(found):
     assert wide.at_bound == (first.family.name,)
 
 
-def test_a_step_that_leaves_no_load_is_an_error_without_warnings(ordinary, nominal, robot):
+def test_a_step_that_leaves_no_load_is_an_error_without_warnings(observed, robot):
     (louder,) = instances_of(["cell-gain:right.front_left=0.1"], robot)
     silent = [dataclasses.replace(louder, values=(-1.0,))]
     with pytest.raises(np.linalg.LinAlgError):
-        self_calibrate(observe(ordinary[0].measurements, nominal), effects=silent)
+        self_calibrate(observed, effects=silent)
 
 
 def test_steps_in_circles_come_to_rest_and_steps_ahead_are_kept():
@@ -449,6 +446,6 @@ def test_sensors_finer_than_contacts_are_exact(plan, robot):
     measured = tt.Laboratory(robot, "ideal").run(plan, 1, "statics").measurements
     fits = []
     for cell_sd in (0.0, 1e-12):
-        sheet = dataclasses.replace(measured.sensors, encoder_sd=0.0, cell_sd=cell_sd)
-        fits.append(identify(dataclasses.replace(measured, sensors=sheet), robot).full.value)
+        sheet = within("sensors", measured, encoder_sd=0.0, cell_sd=cell_sd)
+        fits.append(identify(sheet, robot).full.value)
     np.testing.assert_allclose(fits[0], fits[1], atol=1e-6)  # m

@@ -7,14 +7,7 @@ import pytest
 
 import tulip_testbed as tt
 from studies.real_robots import records
-from studies.real_robots.records import (
-    DELAY,
-    _tipping,
-    draw_truth,
-    log,
-    map_text,
-    simulate,
-)
+from studies.real_robots.records import DELAY, _tipping, draw_truth, log, map_text, simulate
 from tulip_testbed.calibration.families import Family
 from tulip_testbed.calibration.member_removal import members_removed
 from tulip_testbed.calibration.reml import fit
@@ -123,7 +116,7 @@ def test_a_log_in_axes_that_do_not_lean_becomes_one_in_axes_that_do(robot, tmp_p
     for frame in ("sensor", "world"):
         one = observed(robot, replace(exact, frame=frame), motion, tmp_path / frame)
         assert one.upright == (frame == "world")
-        left[frame] = unexplained_directions(DAMPING.remove(one, "left", late), exact)
+        left[frame] = left_unexplained(one, exact)[3:]
         theta = one.nominal.value
         by_calibration = members_removed(one, families, sizes, theta, 1e-9 * np.eye(len(theta)))
         down[frame] = [residuals(o, theta)[1:-1, 2] for o in (removed(one, planted), by_calibration)]
@@ -171,12 +164,6 @@ def left_unexplained(observed, truth):
     late = DAMPING.remove(observed, side, tuple(DELAY * np.array(truth.compliance)))
     clean = catalogue()["foot-compliance"].remove(late, side, tuple(truth.compliance))
     return residuals(clean, observed.nominal.value)[1:-1, :5].std(axis=0)
-
-
-def unexplained_directions(observed, truth):
-    """Return the s.d. of the force's direction without what a foot that yields explains, (2,) [rad]."""
-    clean = catalogue()["foot-compliance"].remove(observed, "left", tuple(truth.compliance))
-    return residuals(clean, observed.nominal.value)[1:-1, 3:5].std(axis=0)
 
 
 @pytest.mark.slow

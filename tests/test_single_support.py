@@ -10,6 +10,7 @@ import pytest
 import tulip_testbed as tt
 from tests.edited_rows import changed, plus
 from tests.effect_changes import statically
+from tests.posed import posed, seen_from
 from tests.statics_against_dynamics import compare, without_friction
 from tests.test_refusals import refuse
 from tulip_testbed.experiments.identify import identify
@@ -184,19 +185,10 @@ def still(rig: Rig) -> Rig:
     return dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=0))
 
 
-def posed(model: mujoco.MjModel, angles: np.ndarray) -> mujoco.MjData:
-    data = mujoco.MjData(model)
-    data.qpos[3], data.qpos[7:] = 1.0, angles
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
-    return data
-
-
 def center_in(model: mujoco.MjModel, angles: np.ndarray, foot: str) -> np.ndarray:
     """MuJoCo's centre of mass above the plane of a foot's sole, in the foot's frame, (2,) [m]."""
     data = posed(model, angles)
-    body = data.body(foot)
-    return (body.xmat.reshape(3, 3).T @ (data.subtree_com[1] - body.xpos))[:2]
+    return seen_from(data, foot, data.subtree_com[1])[:2]
 
 
 def lean_of(model: mujoco.MjModel, angles: np.ndarray) -> tuple[float, float]:
@@ -211,6 +203,5 @@ def lean_of(model: mujoco.MjModel, angles: np.ndarray) -> tuple[float, float]:
 def body_in(model: mujoco.MjModel, angles: np.ndarray, name: str, base: str) -> tuple[np.ndarray, np.ndarray]:
     """Place and turn of a body in a foot's frame, (3,) [m] and (3, 3)."""
     data = posed(model, angles)
-    body, foot = data.body(name), data.body(base)
-    frame = foot.xmat.reshape(3, 3).T
-    return frame @ (body.xpos - foot.xpos), frame @ body.xmat.reshape(3, 3)
+    turn = data.body(base).xmat.reshape(3, 3).T @ data.body(name).xmat.reshape(3, 3)
+    return seen_from(data, base, data.body(name).xpos), turn

@@ -31,10 +31,7 @@ def made(rows=()):
     return Table("Parameters", columns, rows, "A note.")
 
 
-ROWS = (
-    [1, "torso.x", Cell(-0.01172, "fail"), (0.5, 0.75)],
-    [2, "right_hip_yaw.x", None, [0.25, 1.0]],
-)
+ROWS = ([1, "torso.x", Cell(-0.01172, "fail"), (0.5, 0.75)], [2, "right_hip_yaw.x", None, [0.25, 1.0]])
 
 
 @pytest.mark.parametrize(

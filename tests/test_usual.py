@@ -9,8 +9,7 @@ from scipy.stats import chi2, kstest, norm
 
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.calibration.usual_changes import usual_changes
-from tulip_testbed.effects.catalogue import catalogue
-from tulip_testbed.effects.instance import EffectInstance, instances_of
+from tulip_testbed.effects.instance import instances_of
 from tulip_testbed.experiments.check_folder import check_measurements
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.imperfections import ordinary_members
@@ -32,17 +31,16 @@ def test_an_ordinary_laboratory_passes(robot, plan, preset, seed):
     found = results(plain.measurements, robot)
     assert found["legs close"] == found["weight balance"] == "pass"
 
-    gross = EffectInstance(catalogue()["encoder-offset"], "right_knee", (np.radians(1.0),))
-    gain = EffectInstance(catalogue()["cell-gain"], "left.rear_left", (0.3,))
-    gross_too = Laboratory(robot, preset, hidden=(*hidden, gross, gain))
+    errors = f"encoder-offset:right_knee={np.radians(1.0)}", "cell-gain:left.rear_left=0.3"
+    gross_too = Laboratory(robot, preset, hidden=hidden).with_effects(*errors)
     worse = gross_too.run(plan, seed, "statics", workers=1)
     found = results(worse.measurements, robot)
     assert found["legs close"] == found["weight balance"] == "fail"
 
 
 def test_an_imperfection_of_almost_four_tolerances_is_a_warning_that_names_it(robot, plan):
-    offset = EffectInstance(catalogue()["encoder-offset"], "right_ankle_roll", (0.01,))
-    run = Laboratory(robot, "force-plate", hidden=(offset,)).run(plan, 3, "statics", workers=1)
+    hidden = Laboratory(robot, "force-plate").with_effects("encoder-offset:right_ankle_roll=0.01")
+    run = hidden.run(plan, 3, "statics", workers=1)
     (legs,) = [
         one
         for one in check_measurements(run.measurements, robot).to_json()["checks"]
@@ -54,11 +52,8 @@ def test_an_imperfection_of_almost_four_tolerances_is_a_warning_that_names_it(ro
 
 def test_a_tolerance_of_zero_allows_nothing(robot, plan, nominal):
     """Offsets of usual size fail where the manifest says that the encoders are exact."""
-    hidden = tuple(
-        EffectInstance(catalogue()["encoder-offset"], joint, (0.003,))
-        for joint in ("right_knee", "left_ankle_roll")
-    )
-    run = Laboratory(robot, "force-plate", hidden=hidden).run(plan, 5, "statics", workers=1)
+    hidden = (f"encoder-offset:{joint}=0.003" for joint in ("right_knee", "left_ankle_roll"))
+    run = Laboratory(robot, "force-plate").with_effects(*hidden).run(plan, 5, "statics", workers=1)
     tolerances = dict.fromkeys(("encoder-offset", "encoder-gain", "link-length", "joint-compliance"), 0.0)
     assert results(run.measurements, robot)["legs close"] == "pass"
     exact = dataclasses.replace(run.measurements, tolerances=tolerances)

@@ -26,7 +26,6 @@ from tulip_testbed.experiments.watching.watch_state import (
     AGAIN,
     OF_PLACEMENT,
     OPEN,
-    Belief,
     Changes,
     Innovation,
     WatchState,
@@ -47,14 +46,12 @@ def measured_day(robot: tt.Robot, plan: tt.PosturePlan) -> tt.Measurements:
 
 
 def one_row(rows: tt.Measurements, k: int) -> tt.Measurements:
-    """Return one row."""
     return rows.take(np.array([k]))
 
 
 def play(
     model: DayModel, rows: tt.Measurements, state: WatchState | None = None, targets: np.ndarray | None = None
 ) -> tuple[WatchState, list[Verdict]]:
-    """Play rows one after the other."""
     state, out = state or first_state(model), []
     for k in range(len(rows)):
         state, verdict = watch_row(model, state, one_row(rows, k), targets)
@@ -92,24 +89,6 @@ def test_a_row_alone_has_the_columns_that_it_has_among_others(watched, day):
     whole, alone = row_columns(watched, day).row(17), row_columns(watched, one_row(day, 17)).row(0)
     for one in fields(whole):
         np.testing.assert_allclose(getattr(alone, one.name), getattr(whole, one.name), rtol=1e-9, atol=1e-12)
-
-
-def test_the_filter_is_the_regression_of_all_rows_at_once(watched, day):
-    """By brute force: the posterior of one stacked Bayesian regression without relinearisation."""
-    rows = [k for k in range(len(day)) if day.placement[k] == day.placement[0]]
-    columns = row_columns(watched, day)
-    columns = replace(columns, slope=np.zeros_like(columns.slope))
-    precision, pull = np.linalg.inv(watched.covariance + 1e-12 * np.eye(len(watched.covariance))), 0.0
-    belief = Belief(np.zeros(len(precision)), np.linalg.inv(precision))
-    for k in rows:
-        row = columns.row(k)
-        belief = belief.updated(belief.predict(watched, row))
-        weight = np.linalg.inv(row.noise(watched.noise.encoder))
-        precision = precision + row.state.T @ weight @ row.state
-        pull = pull + row.state.T @ weight @ row.residual
-    sd = np.sqrt(np.diag(belief.covariance))
-    np.testing.assert_allclose(belief.mean / sd, np.linalg.solve(precision, pull) / sd, atol=1e-3)
-    np.testing.assert_allclose(sd, np.sqrt(np.diag(np.linalg.inv(precision))), rtol=1e-3)
 
 
 def test_evidence_for_a_step_by_hand():

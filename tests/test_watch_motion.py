@@ -21,7 +21,6 @@ from tulip_testbed.experiments.watching.watch_row import CHANGED, ODD, OK, _with
 from tulip_testbed.experiments.watching.watch_state import Belief, DesignInformation, first_state
 from tulip_testbed.identification.noise_in_time import NoiseInTime
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.logs.series_reduction import reduced
 from tulip_testbed.measurements.measurement_folder import read_manifest, write_motion
 from tulip_testbed.measurements.motion_table import motion_columns
@@ -39,12 +38,12 @@ def plan():
 
 
 @pytest.fixture(scope="module")
-def samples(robot, plan) -> Measurements:
+def samples(robot, plan) -> tt.Measurements:
     """The planned motion with readings that carry the weight somehow, and noise."""
     motion, rng = plan.motion, np.random.default_rng(SEED)
     n, header = len(motion), header_of(preset_rig("wii", robot))
     weight = nominal_robot(robot).mass * header.gravity
-    return Measurements.from_arrays(
+    return tt.Measurements.from_arrays(
         header,
         posture=motion.segment,
         placement=motion.placement,

@@ -11,6 +11,7 @@ from threading import Event, Thread
 import pytest
 from threadpoolctl import threadpool_info
 
+from tests.test_cli import in_a_process
 from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.sim.plan_folder import write_plan
 
@@ -48,7 +49,7 @@ with deaf_to_interruptions():
 here = signal.pthread_sigmask(signal.SIG_BLOCK, ())
 print([signal.SIGINT in mask for mask in (*workers, here)])
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    done = in_a_process(code)
     assert done.stdout == "[True, True, False]\n", done.stderr
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
-from tests.edited_rows import changed, plus, put
+from tests.edited_rows import changed, plus, put, within
 from tulip_testbed.experiments.check_folder import check_measurements, counts_line
 from tulip_testbed.measurements.contacts import VERTICAL, WRENCH
 
@@ -27,10 +27,6 @@ def checks(m, robot):
     return {one["name"]: one for one in check_measurements(m, robot).to_json()["checks"]}
 
 
-def with_contacts(m, **fields):
-    return dataclasses.replace(m, contacts=dataclasses.replace(m.contacts, **fields))
-
-
 def test_forces_that_cancel_pass_and_those_of_cells_are_skipped_with_a_reason(standing, robot):
     found = checks(standing, robot)
     assert found["horizontal forces"]["result"] == "pass"
@@ -48,14 +44,14 @@ def test_forces_that_do_not_cancel_are_told_and_weighed_by_the_height_of_the_sen
     assert "they do not cancel" in found["seen"]
     pose = np.zeros((2, 6))
     pose[:, 2] = -0.06
-    assert checks(with_contacts(pushed, pose=pose), robot)["horizontal forces"]["result"] == "warn"
+    assert checks(within("contacts", pushed, pose=pose), robot)["horizontal forces"]["result"] == "warn"
 
 
 def test_a_turned_foot_turns_its_forces(standing, robot):
     """Without the feet's yaw the same readings would not cancel."""
     yaw = np.zeros((2, 6))
     yaw[1, 5] = np.pi / 2
-    found = checks(with_contacts(standing, pose=yaw), robot)["horizontal forces"]
+    found = checks(within("contacts", standing, pose=yaw), robot)["horizontal forces"]
     assert found["result"] != "pass"
 
 
@@ -64,23 +60,24 @@ def test_the_threshold_is_that_of_noise_and_zeros_or_a_share_of_the_weight(stand
     zero = np.zeros((2, 6))
     zero[:, :3] = 3.0
     assert checks(pushed, robot)["horizontal forces"]["result"] != "pass"
-    assert checks(with_contacts(pushed, zero_sd=zero), robot)["horizontal forces"]["result"] == "pass"
-    unstated = checks(with_contacts(pushed, covariance=None), robot)["horizontal forces"]
+    assert checks(within("contacts", pushed, zero_sd=zero), robot)["horizontal forces"]["result"] == "pass"
+    unstated = checks(within("contacts", pushed, covariance=None), robot)["horizontal forces"]
     assert unstated["result"] != "pass"
     assert "2 % of the weight" in unstated["expected"]
-    unknown = checks(with_contacts(pushed, zero_sd=np.full((2, 6), np.inf)), robot)
+    unknown = checks(within("contacts", pushed, zero_sd=np.full((2, 6), np.inf)), robot)
     assert unknown["carried weight"]["result"] == "not evaluated"
     assert "zeros" in unknown["carried weight"]["seen"]
     assert unknown["horizontal forces"]["result"] == "pass"  # a zero is constant
     more = changed(pushed, wrenches=plus(12.0, -1, 0, 0))
-    pulled = with_contacts(more, zero_sd=np.full((2, 6), np.inf))
+    pulled = within("contacts", more, zero_sd=np.full((2, 6), np.inf))
     assert "a constant and" in checks(pulled, robot)["horizontal forces"]["seen"]
     assert checks(pulled, robot)["horizontal forces"]["result"] != "pass"
 
 
 def test_vertical_channels_have_no_horizontal_forces(standing, robot):
     places = [WRENCH.index(channel) for channel in VERTICAL]
-    m = with_contacts(
+    m = within(
+        "contacts",
         dataclasses.replace(
             standing, wrenches=standing.wrenches[..., places], wrenches_sd=standing.wrenches_sd[..., places]
         ),

@@ -9,8 +9,10 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import tulip_testbed as tt
+from tests.edited_rows import within
 from tests.statics_against_dynamics import center_of_pressure, compare, laboratories
 from tests.wrench_rigs import (
     GRAVITY,
@@ -117,19 +119,13 @@ def test_the_dynamics_sum_up_mujocos_contacts(robot, plan, name, sticks):
         stand.run(1.0)
     assert data.xfrc_applied.any() == sticks
     mujoco.mj_forward(model, data)
-    *place, roll, pitch, yaw = TILTED[name]
-    (cr, sr), (cp, sp), (cy, sy) = ((np.cos(a), np.sin(a)) for a in (roll, pitch, yaw))
-    mounted = (
-        np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
-        @ [[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]]
-        @ [[1, 0, 0], [0, cr, -sr], [0, sr, cr]]
-    )
+    mounted = Rotation.from_euler("xyz", TILTED[name][3:]).as_matrix()
     for side, (foot, plate) in enumerate(zip(robot.feet, ("right_plate", "left_plate"), strict=True)):
         body, own = data.body(plate if name == "plate-ft" else foot), model.body(foot).id
         geom = robot.model.geom(f"{foot}_front_left")
         height = {"plate-ft": 0.05, "sole-ft": geom.pos[2] - geom.size[0]}.get(name, 0.0)
         turn = body.xmat.reshape(3, 3)
-        origin = body.xpos + turn @ np.add(place, [0, 0, height])
+        origin = body.xpos + turn @ np.add(TILTED[name][:3], [0, 0, height])
         force, moment = np.zeros(3), np.zeros(3)
         for k, contact in enumerate(data.contact):
             bodies = model.geom_bodyid[[contact.geom1, contact.geom2]].tolist()
@@ -219,15 +215,14 @@ def test_a_sensor_that_was_never_in_the_air_is_as_far_off_as_the_one_that_was(st
         zeros = tared * rng.standard_normal((2, 6)) * ([1.0] * 3 + [0.03] * 3)
         shares.append(zeros[1] / left_sd(replace(m, wrenches=exact + zeros)))
     assert np.sqrt(np.square(shares).mean()) == pytest.approx(1.0, abs=0.12)
-    stated = replace(m, contacts=replace(m.contacts, zero_sd=np.full((2, 6), 2.0)))
-    assert (left_sd(stated) == 2.0).all()
+    assert (left_sd(within("contacts", m, zero_sd=np.full((2, 6), 2.0))) == 2.0).all()
     wrenches = exact.copy()
     wrenches[:, 0] = 0.0  # written by a program that leaves out a foot in the air
     assert (left_sd(replace(m, wrenches=wrenches)) > 10.0).all()  # N, Nm: nothing is known
     plates = static["plate-ft"].measurements  # whose moments have another range
-    contacts = replace(plates.contacts, zero_sd=np.full((2, 6), np.inf))
+    plates = within("contacts", plates, zero_sd=np.full((2, 6), np.inf))
     plates = plates.take(np.flatnonzero(plates.support == "left"))
-    assert (left_sd(replace(plates, contacts=contacts, wrenches=plates.wrenches + 0.1)) > 10.0).all()
+    assert (left_sd(replace(plates, wrenches=plates.wrenches + 0.1)) > 10.0).all()
 
 
 def test_measurements_say_what_a_user_knows_and_no_more(robot, plan, static):

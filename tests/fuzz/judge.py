@@ -32,21 +32,10 @@ NOBODY = 65534
 NOTE = re.compile(r"((Run|Plan|Measurement) folder|Report|View|Atlas|Left out): ")
 TOLERANCE = 1e-6  # of a result, relative to its largest number
 MAY_BE_NULL = (
-    "calibration",
-    "standard",
-    "data_share",
-    "direction_shares",
-    "cad_scales",
-    "unseen",
-    "made",
-    "rig",
-    "found",
-    "description",
-    "complaints",
-    "example_manifest",
-    "example_row",
+    *("calibration", "standard", "data_share", "direction_shares", "cad_scales", "unseen", "made", "rig"),
+    *("found", "description", "complaints", "example_manifest", "example_row", "low95", "high95"),
+    *("relative_standard_error", "predicted_relative_standard_error_percent"),
 )
-MAY_BE_NULL += ("relative_standard_error", "predicted_relative_standard_error_percent", "low95", "high95")
 
 
 class Run(NamedTuple):

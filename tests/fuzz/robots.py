@@ -8,18 +8,7 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from tests.fuzz import changes
-from tests.fuzz.changes import (
-    EITHER,
-    REFUSED,
-    SAME,
-    Change,
-    Draw,
-    Expected,
-    Make,
-    content,
-    one,
-    refused,
-)
+from tests.fuzz.changes import EITHER, REFUSED, SAME, Change, Draw, Expected, Make, content, one, refused
 from tests.fuzz.documents import HOSTILE
 
 TOML, ROBOT, PAPER = "tulip.toml", "tulip.xml", "table2.csv"
