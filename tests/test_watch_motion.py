@@ -141,7 +141,7 @@ def test_the_filter_is_the_regression_with_noise_that_lasts(model, samples):
     others = np.delete(np.arange(len(model.covariance)), np.arange(at.start, at.stop))
     belief = Belief(np.zeros(len(model.covariance)), model.covariance)
     for k in range(len(rows)):
-        belief = belief.later(model, np.exp(-WINDOW / 2.0) if k else 0.0)
+        belief = belief.later(model, model.lasting, np.exp(-WINDOW / 2.0) if k else 0.0)
         belief = belief.updated(belief.predict(model, columns.row(k)))
     reach, slow = columns.state[..., others].reshape(88, -1), columns.state[..., at]
     apart = np.abs(rows.time[:, None] - rows.time)

@@ -69,24 +69,22 @@ def begin_row(model: DayModel, state: WatchState, row: Measurements, planned: in
     stood = state.stood
     if model.window is not None:  # feet creep below moving legs, see `Observation.stance`
         put_down = not 0 < gap <= LONG_GAP * model.window or time - stood >= STILL
-        kept, at = model.kept(gap), model.lasting
-        state = replace(state, belief=state.belief.later(model, kept), changes=state.changes.later(at, kept))
+        state = _later(model, state, model.lasting, model.kept(gap))
     elif np.isfinite(gap):
         put_down = gap <= 0 or gap > LONG_GAP * usual or (usual == np.inf and planned > state.row + 1)
     numbers = OF_PLACEMENT if anew else STANCE if put_down else 0
     if numbers:
-        state = replace(
-            state,
-            belief=state.belief.begun(model, numbers),
-            changes=state.changes.begun(numbers),
-            stance=state.stance + 1,
-            stood=time,
-        )
+        state = _later(model, state, slice(-numbers, None), 0.0)
+        state = replace(state, stance=state.stance + 1, stood=time)
     if placement != state.placement:
         state = replace(state, information=state.information.placement_begun())
     if not anew and np.isfinite(gap) and gap > 0:
         state = replace(state, gaps=(*state.gaps, gap)[-GAPS:])
     return replace(state, placement=placement, support=support, time=time, row=planned)
+
+
+def _later(model: DayModel, state: WatchState, at: slice, kept: float) -> WatchState:
+    return replace(state, belief=state.belief.later(model, at, kept), changes=state.changes.later(at, kept))
 
 
 def next_posture(model: DayModel, state: WatchState, fits: bool) -> int | None:
