@@ -137,7 +137,7 @@ def _slsqp(
             design = unpack(x)
             change = last.joint_jacobian @ (design - last_design)[..., None]
             far = max(1.0, np.abs(change).max() / FARTHEST)
-            cache[key] = evaluate(problem, design, last.chain.angles + change[..., 0] / far)
+            cache[key] = evaluate(problem, design, last.chain.joint_angles + change[..., 0] / far)
             if cache[key].reached.all():
                 last, last_design = cache[key], design
         return cache[key]
@@ -160,7 +160,7 @@ def _slsqp(
         options={"maxiter": iterations, "ftol": 1e-6},
     )
     design = unpack(np.clip(result.x, box[:, 0], box[:, 1]))
-    return Block(design, at(pack(design)).chain.angles)
+    return Block(design, at(pack(design)).chain.joint_angles)
 
 
 def candidates(problem: PlanningProblem, swing: np.ndarray, start: Block, rng: np.random.Generator) -> Block:
@@ -189,7 +189,7 @@ def candidates(problem: PlanningProblem, swing: np.ndarray, start: Block, rng: n
     distance = np.abs((design[:, None, :6] - start.design[None, :, :6]) / SCALE[:6]).sum(axis=2)
     evaluation = evaluate(problem, design, start.angles[distance.argmin(axis=1)])
     feasible = evaluation.reached & (evaluation.inequalities.min(axis=1) >= 0)
-    return Block(design[feasible], evaluation.chain.angles[feasible])
+    return Block(design[feasible], evaluation.chain.joint_angles[feasible])
 
 
 def exchange(

@@ -172,7 +172,7 @@ def _descended(own: OnOneFoot, smooth: Smooth) -> OnOneFoot:
             break
         broken = moved.inequalities.min(axis=1) < -FEASIBLE
         region = np.where(broken, SHRINK * region, region)
-        kept = np.where(broken[:, None], found.chain.angles, moved.chain.angles)
+        kept = np.where(broken[:, None], found.chain.joint_angles, moved.chain.joint_angles)
         moved = evaluate_one_foot(problem, kept, standing)
         after, slope = smooth(information(moved))
         if after < value:
@@ -180,20 +180,20 @@ def _descended(own: OnOneFoot, smooth: Smooth) -> OnOneFoot:
             region = np.where(broken, region, np.minimum(GROW * region, WIDEST))
         else:
             region = SHRINK * region
-    return replace(own, angles=found.chain.angles)
+    return replace(own, angles=found.chain.joint_angles)
 
 
 def _moved(
     problem: PlanningProblem, found: Evaluated, standing: np.ndarray, cost: np.ndarray, region: np.ndarray
 ) -> tuple[Evaluated, float]:
     """Return the postures after a linear step, corrected for curvature, and the gain that it predicts."""
-    angles = found.chain.angles
+    angles = found.chain.joint_angles
     columns = np.arange(angles.size).reshape(angles.shape)
     free = np.full(angles.shape, np.inf)
     now, slopes = found.inequalities, found.inequality_jacobian
     room, moved, gain = now, found, 0.0
     for count in range(1 + CORRECTIONS):
-        step, predicted = elastic_step(cost, columns, angles.size, now, slopes, (-free, free), region, room)
+        step, predicted = elastic_step(cost, columns, now, slopes, (-free, free), region, room)
         gain = predicted if count == 0 else gain
         moved = evaluate_one_foot(problem, angles + step, standing)
         if moved.inequalities.min() >= -FEASIBLE:

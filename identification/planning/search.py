@@ -26,7 +26,7 @@ from tulip_testbed.identification.planning.blocks import (
     repair,
 )
 from tulip_testbed.identification.planning.closed_chain import chain_at
-from tulip_testbed.identification.planning.constraints import Evaluation, evaluate, inequality_names
+from tulip_testbed.identification.planning.constraints import Evaluation, evaluate
 from tulip_testbed.identification.planning.linear_steps import descend, merit
 from tulip_testbed.identification.planning.objectives import Objective, Smooth
 from tulip_testbed.identification.planning.problem import PlanningProblem
@@ -78,14 +78,14 @@ def repair_start(
     The joint angles are (m, n) [rad], the swing foot's poses (m, 3) [m, m, rad], `per` in each placement.
     """
     design = design_of(problem, angles, swing)
-    names, tally, blocks = inequality_names(problem), Counter[str](), list[Block]()
+    tally, blocks = Counter[str](), list[Block]()
     for drawn in _blocks(design, angles, per):
         block = repair(problem, drawn)
         evaluation = evaluate(problem, block.design, block.angles)
         if not evaluation.reached.all():
             tally["out of reach"] += 1
         elif evaluation.inequalities.min() < -FEASIBLE:
-            tally[names[int(evaluation.inequalities.min(axis=0).argmin())]] += 1
+            tally[evaluation.names[int(evaluation.inequalities.min(axis=0).argmin())]] += 1
         else:
             blocks.append(block)
         if len(blocks) == placements:
@@ -125,7 +125,7 @@ def search(
             plan = _hop(problem, plan, per, smooth, objective.penalty, np.random.default_rng([seed, k]))
         else:
             best = evaluate(problem, state.best_design, state.best_angles)
-            plan = _polish(problem, _blocks(best.design, best.chain.angles, per), stages[-1])
+            plan = _polish(problem, _blocks(best.design, best.chain.joint_angles, per), stages[-1])
         state = _kept(problem, objective, state, plan, per)
         yield state
 
@@ -141,7 +141,7 @@ def _kept(
     problem: PlanningProblem, objective: Objective, state: SearchState, plan: Evaluation, per: int
 ) -> SearchState:
     """Return the state after a round; only a feasible plan can become the best."""
-    angles = plan.chain.angles
+    angles = plan.chain.joint_angles
     after = replace(state, rounds=state.rounds + 1, design=plan.design, angles=angles)
     if objective.value(information(plan)) > state.value:
         return after
@@ -153,7 +153,7 @@ def _kept(
     whole = _evaluated(problem, blocks)
     value = objective.value(information(whole))
     if whole.reached.all() and whole.inequalities.min() >= -FEASIBLE and value < state.value:
-        return replace(after, best_design=whole.design, best_angles=whole.chain.angles, value=value)
+        return replace(after, best_design=whole.design, best_angles=whole.chain.joint_angles, value=value)
     return after
 
 
@@ -166,7 +166,7 @@ def _hop(
     rng: np.random.Generator,
 ) -> Evaluation:
     """Exchange postures of one placement, perhaps at another foot pose; keep the plan if it improves."""
-    blocks = _blocks(plan.design, plan.chain.angles, per)
+    blocks = _blocks(plan.design, plan.chain.joint_angles, per)
     at = int(rng.integers(len(blocks)))
     block = blocks[at]
     every = plan.regressor.reshape(len(blocks), -1, plan.regressor.shape[-1])
