@@ -179,12 +179,12 @@ def watch_row(
     Returns:
         the state after the row, and the verdict; the state that was given is not changed.
     """
-    posture, level = int(row.posture[0]), alarm.levels(model)
+    posture = int(row.posture[0])
     planned = planned_row(model, state, posture, int(row.placement[0]))
     wrong = refused(model, state, row, planned)
     verdict, findings = UNPLANNED if planned is None else UNUSABLE, [] if wrong is None else [wrong]
     if planned is not None and wrong is None:
-        verdict, odd = unfit(model, state, row, planned, level.row)
+        verdict, odd = unfit(model, state, row, planned, alarm.levels(model).row)
         findings = order_findings(model, state, row, planned) + odd
         kept = model.shares[0] * model.kept(float(row.time[0]) - state.time)
         state = begin_row(model, state, row, planned)
@@ -197,9 +197,7 @@ def watch_row(
                 rocks = rocking(row, state.spreads)
                 columns = _without_noise(model, state, row, columns.without_twist(rocks)).without_twist(rocks)
             spreads = np.concatenate([state.spreads, spreads])[-USUAL:] if len(state.spreads) else spreads
-            innovation = state.belief.predict(model, columns)
-            state = replace(state, spreads=spreads)
-            state, verdict, told = _judge(model, state, columns, innovation, planned, level, kept)
+            state, verdict, told = _judge(model, replace(state, spreads=spreads), columns, planned, kept)
             findings = [*told, *findings]
     errors = state.information.standard_errors()
     left, stop = int((state.done != MEASURED).sum()), ""
@@ -229,16 +227,11 @@ def _without_noise(model: DayModel, state: WatchState, row: Measurements, column
 
 
 def _judge(
-    model: DayModel,
-    state: WatchState,
-    columns: RowColumns,
-    innovation: Innovation,
-    planned: int,
-    level: alarm.Level,
-    kept: float,
+    model: DayModel, state: WatchState, columns: RowColumns, planned: int, kept: float
 ) -> tuple[WatchState, str, list[Finding]]:
-    """Hold a plausible row against the model of the day and take it in if it fits."""
-    posture, findings = model.number(planned), []
+    """Compare a plausible row with the model of the day and take it in if it fits."""
+    posture, level, findings = model.number(planned), alarm.levels(model), []
+    innovation = state.belief.predict(model, columns)
     if state.fault is not None:
         state, change = alarm.still_there(model, state, innovation)
         findings = [change]
