@@ -165,7 +165,7 @@ def test_what_cannot_be_repaired_is_refused_with_its_reason(robot, plate, plan):
     problem = planning_problem(robot, plate, ranges)
     goal = objectives(SIGMA)["condition"]
     with pytest.raises(InputError, match=r"cannot be repaired .* expected 1 that can; blocked by cell load"):
-        repair_start(problem, goal, plan.joint_angles[:5], plan.swing_pose[:5], 5, 1, "ranges")
+        repair_start(problem, goal, plan.take(np.arange(5)), 5, 1, "ranges")
 
 
 SEED = 311

@@ -21,6 +21,7 @@ from tulip_testbed.identification.planning.problem import PlanningProblem
 
 SCALE = np.array([0.05, 0.05, 0.05, 0.3, 0.3, 0.3, 0.05, 0.05, 0.3])  # of the design variables [m, rad]
 OWN, SHARED = slice(0, 6), slice(6, 9)
+POLISH = 20  # iterations of SLSQP on a block
 FREEDOM = 0.5  # of the scale: largest step of a block, so that inverse kinematics converges
 FARTHEST = 0.5  # rad: largest change of an angle in a prediction by dq/du
 # Violation of an inequality that SLSQP may leave; `Margins.rounding` is a hundred times as large.
@@ -85,9 +86,7 @@ def information_slope(evaluation: Evaluation, by_matrix: np.ndarray) -> np.ndarr
     return np.einsum("mip,mipu->mu", by_regressor, evaluation.regressor_slopes, optimize=True)
 
 
-def improve(
-    problem: PlanningProblem, block: Block, rest: np.ndarray, smooth: Smooth, iterations: int
-) -> Block:
+def improve(problem: PlanningProblem, block: Block, rest: np.ndarray, smooth: Smooth) -> Block:
     """Minimise a function of M over one block, given the rest's information, (p, p); never to a worse one."""
 
     def objective(evaluation: Evaluation) -> tuple[float, np.ndarray]:
@@ -99,7 +98,7 @@ def improve(
         return value, gradient_of_block(slope[:, None]).sum(axis=0)
 
     before = evaluate(problem, block.design, block.angles)
-    after = _slsqp(problem, block, packed, iterations, FREEDOM)
+    after = _slsqp(problem, block, packed, POLISH, FREEDOM)
     now = evaluate(problem, after.design, after.angles)
     if now.inequalities.min() < -FEASIBLE:
         after = repair(problem, after)

@@ -188,7 +188,7 @@ def evaluate(problem: PlanningProblem, design: np.ndarray, guess: np.ndarray) ->
     torque_slope = torque_by_angle @ dq + lines[..., 2:5] @ (foot_slope.wrench @ by_design)
 
     names = parameters.tree.joints
-    low, high = problem.limits[problem.between].T
+    low, high = parameters.tree.joint_range[problem.between].T
     stay, turn = angles[:, problem.between], dq[:, problem.between]
     joints = np.stack([stay - low, high - stay], axis=2) - margins.joint
     slopes = np.stack([turn, -turn], axis=2)

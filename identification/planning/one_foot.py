@@ -83,7 +83,7 @@ def one_foot_constraints(problem: PlanningProblem, chain: Chain, swing: np.ndarr
     The board of the other foot lies under its last standing pose, (m, 3) [m, m, rad].
     """
     angles, ranges, margins = chain.joint_angles, problem.ranges, problem.margins
-    low, high = problem.limits.T
+    low, high = problem.parameters.tree.joint_range.T
     used = open_chain_torques(problem, chain) / problem.torques
     spare = margins.torque_share + np.stack([used, -used], axis=2)
     height, side = _lifted(problem, chain)
@@ -107,6 +107,10 @@ def one_foot_constraints(problem: PlanningProblem, chain: Chain, swing: np.ndarr
         rate = slope / problem.torques[:, None]
         return np.stack([rate, -rate], axis=2).reshape(len(angles), -1, len(low))
 
+    def loads() -> np.ndarray:  # linear in the CoM's x and y
+        steps = [_cell_loads(problem, chain.com + step, swing) - cells for step in np.eye(3)[:2]]
+        return np.stack(steps, axis=2) @ plan_view()
+
     torso, torso_slope = _torso_room(problem, chain)
     cells = _cell_loads(problem, chain.com, swing)
     found = {
@@ -121,10 +125,7 @@ def one_foot_constraints(problem: PlanningProblem, chain: Chain, swing: np.ndarr
             lambda: inward @ plan_view() - margins.assurance * sd_slope(),
         ),
         "sole margin": (apart - ranges.sole_margin, lambda: inward @ plan_view()),
-        "cell load": (
-            cells - ranges.least_cell_load,
-            lambda: _cell_slope(problem, cells, chain.com, swing) @ plan_view(),
-        ),
+        "cell load": (cells - ranges.least_cell_load, loads),
         "torques": (spare.reshape(len(angles), -1), torques),
         "leg clearance": (limb - margins.leg_clearance, lambda: limb_slope),
         "straight leg": (
@@ -215,11 +216,3 @@ def _cell_loads(problem: PlanningProblem, com: np.ndarray, swing: np.ndarray) ->
         cop = np.array([point, boards[1, :2]])
         loads.append(predicted_cell_loads(share, cop, boards, problem.plate, problem.weight)[:4])
     return np.array(loads)
-
-
-def _cell_slope(
-    problem: PlanningProblem, loads: np.ndarray, com: np.ndarray, swing: np.ndarray
-) -> np.ndarray:
-    """Differentiate the cell loads by the CoM's x and y, of which they are linear functions, (m, 4, 2)."""
-    steps = np.eye(3)[:2]
-    return np.stack([_cell_loads(problem, com + step, swing) - loads for step in steps], axis=2)

@@ -19,7 +19,7 @@ from tulip_testbed.base.errors import InputError, most_frequent
 from tulip_testbed.identification.planning.blocks import FEASIBLE, exchanged, information
 from tulip_testbed.identification.planning.closed_chain import chain_at, com_jacobian, open_chain_torques
 from tulip_testbed.identification.planning.constraints import Evaluated
-from tulip_testbed.identification.planning.linear_steps import elastic_step
+from tulip_testbed.identification.planning.linear_steps import GROW, SHRINK, elastic_step
 from tulip_testbed.identification.planning.objectives import Smooth, shifted
 from tulip_testbed.identification.planning.one_foot import (
     evaluate_one_foot,
@@ -35,7 +35,6 @@ NEWTON_STEPS = 6
 POOL = 3  # random postures for each wanted one on one foot
 STEPS = 40  # linear steps of the postures on one foot in a round
 REGION, WIDEST, NARROWEST = 0.2, 0.5, 2e-3  # trust regions [rad]
-GROW, SHRINK = 1.5, 0.4
 CORRECTIONS = 3  # of a step for the curvature of the constraints
 GAIN = 1e-6  # smallest predicted gain of a step
 
@@ -92,7 +91,8 @@ def feasible_pool(
     There are `times` as many as the `count` to be chosen from them, as far as draws suffice, or at least
     `count`.
     """
-    low, high = np.where(np.isfinite(problem.limits), problem.limits, [-np.pi, np.pi]).T
+    limits = problem.parameters.tree.joint_range
+    low, high = np.where(np.isfinite(limits), limits, [-np.pi, np.pi]).T
     sole = problem.soles[0]
     inner = problem.ranges.stability_margin
     kept: list[np.ndarray] = []

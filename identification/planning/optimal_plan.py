@@ -117,8 +117,7 @@ class SearchTask:
         problem, size = self.problem, (SPARE * self.placements, self.per, self.seed)
         drawn = random_postures(problem.robot, problem.plate, *size, problem.ranges, margins=problem.margins)
         where = f"{problem.robot.path}: planning ranges, seed {self.seed}"
-        random = (drawn.joint_angles, drawn.swing_pose, self.per, self.placements)
-        state = repair_start(problem, self.goal, *random, where)
+        state = repair_start(problem, self.goal, drawn, self.per, self.placements, where)
         first = drawn.take(np.arange(self.placements * self.per))
         return replace(first, joint_angles=state.angles, swing_pose=state.design[:, 6:]), state
 

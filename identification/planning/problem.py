@@ -42,7 +42,6 @@ class PlanningProblem(Nominal):
     Attributes:
         ranges, margins, plate: ranges, margins and plate geometry that define the constraints.
         between: joints between the feet, which inverse kinematics determines, (12,).
-        limits: ranges of all joints, (n, 2) [rad].
         torques: torque limits of the drives, (n,) [N m]; infinite if the robot's file has none.
         masses, centers: mass of every frame, (f,) [kg], and its centre of mass in the frame, (f, 3) [m].
         gravity: acceleration of gravity [m/s2].
@@ -60,7 +59,6 @@ class PlanningProblem(Nominal):
     margins: Margins
     plate: PlateGeometry
     between: np.ndarray
-    limits: np.ndarray
     torques: np.ndarray
     masses: np.ndarray
     centers: np.ndarray
@@ -115,7 +113,6 @@ def planning_problem(
         margins=margins,
         plate=plate,
         between=between,
-        limits=tree.joint_range,
         torques=torque_limits(robot),
         masses=masses,
         centers=centers,

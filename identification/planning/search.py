@@ -30,10 +30,10 @@ from tulip_testbed.identification.planning.constraints import Evaluation, evalua
 from tulip_testbed.identification.planning.linear_steps import descend, merit
 from tulip_testbed.identification.planning.objectives import Objective, Smooth
 from tulip_testbed.identification.planning.problem import PlanningProblem
+from tulip_testbed.measurements import PosturePlan
 
 WARM = 15  # linear steps for each of the smooth objectives at the start
 STEPS = 12  # linear steps in a hop
-POLISH = 20  # iterations of SLSQP on each placement at the end
 LEAST_POOL = 3  # smallest number of candidates for an exchange
 GAIN = 1e-6
 ARRAYS = ("design", "angles", "best_design", "best_angles")
@@ -65,22 +65,17 @@ class SearchState(Documented):
 
 
 def repair_start(
-    problem: PlanningProblem,
-    objective: Objective,
-    angles: np.ndarray,
-    swing: np.ndarray,
-    per: int,
-    placements: int,
-    source: str,
+    problem: PlanningProblem, objective: Objective, drawn: PosturePlan, per: int, placements: int, source: str
 ) -> SearchState:
     """Repair the first placements of a random plan that can be made feasible, and begin the search there.
 
-    The joint angles are (m, n) [rad], the swing foot's poses (m, 3) [m, m, rad], `per` in each placement.
+    Each placement has `per` postures.
     """
-    design = design_of(problem, angles, swing)
+    angles = drawn.joint_angles
+    design = design_of(problem, angles, drawn.swing_pose)
     tally, blocks = Counter[str](), list[Block]()
-    for drawn in _blocks(design, angles, per):
-        block = repair(problem, drawn)
+    for start in _blocks(design, angles, per):
+        block = repair(problem, start)
         evaluation = evaluate(problem, block.design, block.angles)
         if not evaluation.reached.all():
             tally["out of reach"] += 1
@@ -193,7 +188,7 @@ def _polish(problem: PlanningProblem, blocks: list[Block], smooth: Smooth) -> Ev
     for k, block in enumerate(blocks):
         rest = np.sum([part for j, part in enumerate(parts) if j != k], axis=0)
         rest = rest if len(parts) > 1 else np.zeros_like(parts[0])
-        blocks[k] = improve(problem, block, rest, smooth, POLISH)
+        blocks[k] = improve(problem, block, rest, smooth)
         parts[k] = information(evaluate(problem, blocks[k].design, blocks[k].angles))
     return _evaluated(problem, blocks)
 
