@@ -92,15 +92,9 @@ def montecarlo(
     raise_runs(folder, document)
     kept, kept_in = run_folder(folder, document), folder if stays else None
     if not kept.begun() or chunks.missing():
-        job = run_job(
-            source_of(laboratory, plan, settings.robot_spread, settings.engine, settings.imperfections),
-            robot,
-            parameters,
-            layout,
-            settings.estimator,
-            settings.seed,
-            laboratory.known,
-        )
+        more = (settings.robot_spread, settings.engine, settings.imperfections)
+        source = source_of(laboratory, plan, *more)
+        job = run_job(source, laboratory, parameters, settings.estimator, settings.seed)
         with kept.opened(partial(begin, plan=plan, robot=robot)):
             _collect_missing(chunks, job, workers, kept_in, progress)
     beside = {"plan": plan, "robot": robot, "folder": kept_in}

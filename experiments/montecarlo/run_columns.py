@@ -11,8 +11,8 @@ import pyarrow.parquet
 from tulip_testbed.base.errors import InputError, shortened
 from tulip_testbed.base.files import present, read_bytes, write_bytes
 from tulip_testbed.base.table_files import Columns
-from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.identify import identify
+from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.laboratory_runs import OrdinaryOutcome, Source, stream_of
 from tulip_testbed.identification.base_parameters import BaseParameters, simplified_numbers
 from tulip_testbed.identification.estimators import Estimate
@@ -157,13 +157,7 @@ def layout_of(robot: Robot, parameters: BaseParameters) -> Layout:
 
 
 def run_job(
-    source: Source,
-    robot: Robot,
-    parameters: BaseParameters,
-    layout: Layout,
-    estimator: str,
-    seed: int,
-    adopted: tuple[EffectInstance, ...] = (),
+    source: Source, laboratory: Laboratory, parameters: BaseParameters, estimator: str, seed: int
 ) -> Callable[[Sequence[int]], Columns]:
     """Return the work of every run, as it is sent to the workers.
 
@@ -171,9 +165,11 @@ def run_job(
     identified, with NaN in its other columns, or "").
 
     Args:
+        laboratory: its known effects are removed from the measurements.
         parameters: with the lengths of the robot that stands there.
-        adopted: effects that are removed from the measurements.
     """
+    robot, adopted = laboratory.robot, laboratory.known
+    layout = layout_of(robot, parameters)
 
     def carried_out(runs: Sequence[int]) -> Columns:
         records = [record_of(outcome) for outcome in source([stream_of(seed, run) for run in runs])]
