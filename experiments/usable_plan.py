@@ -16,6 +16,7 @@ from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.identification.rank import labels, require_identifiable
 from tulip_testbed.identification.regressor import ENCODER_SD, encoder_blur, stacked_regressor
 from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.measurements.trajectory import Trajectory
 from tulip_testbed.sim.plan_folder import check_fits, read_plan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
@@ -114,8 +115,8 @@ def joined(plans: list[PosturePlan]) -> PosturePlan:
     return replace(plans[0], **arrays, torques=None if held else torques, motion=None)
 
 
-def plan_hash(plan: PosturePlan) -> str:
-    """Hash everything that a plan asks for, which is in its arrays, in hexadecimal."""
+def plan_hash(plan: PosturePlan | Trajectory) -> str:
+    """Hash everything that a plan or its motion asks for, which is in its arrays, in hexadecimal."""
     digest = hashlib.sha256()
     for field in fields(plan):
         if isinstance(array := getattr(plan, field.name), np.ndarray):

@@ -18,7 +18,7 @@ from tulip_testbed.identification.link_clearances import (
 )
 from tulip_testbed.identification.link_paths import SHARE, blocked, path_clearances, with_free_paths
 from tulip_testbed.identification.link_shapes import GROUND
-from tulip_testbed.identification.planning.constraints import evaluate, inequality_names
+from tulip_testbed.identification.planning.constraints import evaluate
 from tulip_testbed.identification.planning.objectives import objectives
 from tulip_testbed.identification.planning.optimal_plan import SearchTask, smallest_margins
 from tulip_testbed.identification.planning.problem import planning_problem
@@ -133,14 +133,14 @@ def test_distances_are_those_of_all_shapes(name, robot, foreign):
 
 def test_derivatives_of_the_distances(problem, random_plan):
     design = design_of(problem, random_plan.joint_angles, random_plan.swing_pose)
-    rows = np.array(inequality_names(problem)) == "link clearance"
-    step = 1e-5
+    found, step = evaluate(problem, design, random_plan.joint_angles), 1e-5
+    rows = np.array(found.names) == "link clearance"
 
     def values(u):
         return evaluate(problem, u, random_plan.joint_angles).inequalities[:, rows]
 
     slopes = [(values(design + step * e) - values(design - step * e)) / (2 * step) for e in np.eye(9)]
-    exact = evaluate(problem, design, random_plan.joint_angles).inequality_jacobian[:, rows]
+    exact = found.inequality_jacobian[:, rows]
     assert np.abs(exact).max() > 1
     scale = np.maximum(np.abs(exact).max(axis=2, keepdims=True), 1.0)
     assert np.abs((np.stack(slopes, axis=-1) - exact) / scale).max() < 1e-4

@@ -56,7 +56,7 @@ def mixed(problem, goal):
 
 
 def criterion(problem, plan):
-    rows = problem.parameters.regressor(plan.joint_angles, plan.support).reshape(-1, len(problem.nominal))
+    rows = problem.parameters.regressor(plan.joint_angles, plan.support).reshape(-1, len(problem.value))
     return objectives(4.16e-3)["d-optimal"].value(rows.T @ rows)
 
 

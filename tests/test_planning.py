@@ -15,7 +15,7 @@ from tulip_testbed.experiments.described_plan import describe_plan
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN, joined
 from tulip_testbed.identification.planning.blocks import information, information_slope
-from tulip_testbed.identification.planning.constraints import evaluate, inequality_names
+from tulip_testbed.identification.planning.constraints import evaluate
 from tulip_testbed.identification.planning.footing import footing
 from tulip_testbed.identification.planning.objectives import OBJECTIVES, objectives
 from tulip_testbed.identification.planning.one_foot import single_support_margins
@@ -75,7 +75,7 @@ def test_derivatives_through_the_inverse_kinematics(problem, plan, row, noise):
     found = evaluate(problem, design, angles)
     slopes = differences(lambda u: evaluate(problem, u, angles).inequalities, design)
     smooth = np.abs(found.inequalities)[0] < 50  # not the corners off the hull, which begin no edge
-    smooth &= np.array(inequality_names(problem)) != "link clearance"  # exact to 1e-10 m: larger steps there
+    smooth &= np.array(found.names) != "link clearance"  # exact to 1e-10 m: larger steps there
     scale = np.maximum(np.abs(found.inequality_jacobian[0]).max(axis=1, keepdims=True), 1.0)
     assert np.abs((slopes - found.inequality_jacobian)[0] / scale)[smooth].max() < 1e-6
     regressor = differences(lambda u: evaluate(problem, u, angles).regressor, design)
@@ -160,7 +160,7 @@ def test_what_cannot_be_repaired_is_refused_with_its_reason(robot, plate, plan):
     problem = planning_problem(robot, plate, ranges)
     goal = objectives(SIGMA)["condition"]
     with pytest.raises(InputError, match=r"cannot be repaired .* expected 1 that can; blocked by cell load"):
-        repair_start(problem, goal, plan.joint_angles[:5], plan.swing_pose[:5], 5, 1, "ranges")
+        repair_start(problem, goal, plan.take(np.arange(5)), 5, 1, "ranges")
 
 
 SEED = 311

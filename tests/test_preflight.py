@@ -74,14 +74,14 @@ def test_a_shift_is_the_added_column_of_generalised_least_squares(wii, nominal):
     singly = shifts(best, directions, Groups(np.arange(len(measured))))
     together = shifts(best, several, groups(measured.placement))
     number = groups(measured.placement).number[40]
-    for direction, found, at in ((one, singly, 40), (several, together, number)):
+    for direction, (p_value, size, error), at in ((one, singly, 40), (several, together, number)):
         both = np.hstack([data.matrix, direction.reshape(-1, 2)])
         normal = both.T @ weight @ both
         solved = np.linalg.solve(normal, both.T @ weight @ data.output)
-        assert found.size[at] == pytest.approx(solved[-2:], rel=1e-6)
-        scale = found.error[at] / np.sqrt(np.diag(np.linalg.inv(normal))[-2:])
+        assert size[at] == pytest.approx(solved[-2:], rel=1e-6)
+        scale = error[at] / np.sqrt(np.diag(np.linalg.inv(normal))[-2:])
         assert scale == pytest.approx([max(1.0, scale[0])] * 2)
-        assert 0 < found.p_value[at] < 1
+        assert 0 < p_value[at] < 1
     chi_square = best.square
     residual = data.output - data.matrix @ np.linalg.solve(
         data.matrix.T @ weight @ data.matrix, data.matrix.T @ weight @ data.output

@@ -65,7 +65,7 @@ def test_feet_and_drives_carry_the_motion(robot, small_protocol):
 
 def test_every_motion_keeps_every_limit(robot, small_protocol):
     """Looked at anew: ranges, speed, torque, feet, centre of mass."""
-    nominal, chain = nominal_robot(robot), MotionPlanner(robot, small_protocol.plan).chain
+    nominal, chain = nominal_robot(robot), MotionPlanner(robot, small_protocol.plan).loads
     ranges, torques = joint_ranges(robot.model), torque_limits(robot)
     inside = planning_ranges(robot).stability_margin
     motions = [m for m in small_protocol.motions if m]

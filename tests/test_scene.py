@@ -115,7 +115,7 @@ def test_planner_laboratory_and_identification_know_one_limit(edited_tulip, robo
     other = load_robot(folder / "tulip.toml")
     limits = torque_limits(robot).tolist()
     assert torque_limits(other).tolist() == limits
-    assert planning_problem(other, plate).torques[:, 1].tolist() == limits
+    assert planning_problem(other, plate).torques.tolist() == limits
     assert servo_stiffness(other, {}) == pytest.approx(servo_stiffness(robot, {}))
     names = list(joint_names(other.model))
     for actuator in laboratory_scene(preset_rig("ideal", other), POSES).actuators:

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from tests.test_cli import TULIP
 from tests.test_refusals import change_document, refuse, rows
 from tests.test_watch import measured_day
 from tulip_testbed.cli.main import main
-from tulip_testbed.experiments.watching.arriving_rows import MOST_AT_ONCE, new_lines
+from tulip_testbed.experiments.watching.arriving_rows import MOST_AT_ONCE, ArrivingRows
 from tulip_testbed.experiments.watching.watch_day import read_targets
 from tulip_testbed.experiments.watching.watch_row import OK
 from tulip_testbed.measurements import Measurements, write_measurements
@@ -208,7 +209,8 @@ def test_killed_and_started_again_it_goes_on(folder, day, tmp_path):
 def test_a_line_without_end_is_refused(tmp_path, content):
     path = tmp_path / "postures.csv"
     path.write_bytes(content)
-    refuse("found a line of more than ... or with a carriage return (CR)", new_lines, path, b"", b"")
+    rows = ArrivingRows(path=path, manifest=cast(Any, None), where=path)
+    refuse("found a line of more than ... or with a carriage return (CR)", list, rows.new())
 
 
 def test_a_second_watch_of_one_state_is_refused(folder, plan, robot, tmp_path):

@@ -13,6 +13,7 @@ from tests.test_refusals import change_document, refuse
 from tests.test_watch import play
 from tulip_testbed.base.table_files import write_table
 from tulip_testbed.experiments.watching import watch_day
+from tulip_testbed.experiments.watching.arriving_rows import NOTHING, Seen
 from tulip_testbed.experiments.watching.arriving_samples import ArrivingSamples
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
 from tulip_testbed.experiments.watching.noise_of_day import FIRST, TRIED, likelihood, with_noise_in_time
@@ -76,9 +77,10 @@ def grow(folder: Path, lines: list[bytes]) -> None:
         file.write(b"".join(lines))
 
 
-def arriving(folder: Path, weight: float, known: tuple[int, str] = (0, "")) -> ArrivingSamples:
-    where = folder / "manifest.json"
-    return ArrivingSamples(folder / "motion.csv", read_manifest(folder), where, weight, WINDOW, known)
+def arriving(folder: Path, weight: float, kept: Seen = NOTHING) -> ArrivingSamples:
+    where, manifest = folder / "manifest.json", read_manifest(folder)
+    path, size = folder / "motion.csv", {"weight": weight, "window": WINDOW}
+    return ArrivingSamples(path=path, manifest=manifest, where=where, kept=kept, **size)
 
 
 def found(arriving: ArrivingSamples, folder: Path, lines: list[bytes], cuts: list[int]) -> list:
@@ -113,7 +115,7 @@ def test_lines_that_cannot_be_used_are_told_and_passed_over(folder):
     lines[20] = b"broken" + lines[20]
     lines[30] = lines[29]  # the clock stands still
     told = found(arriving(path, 50.0), path, lines, [25])
-    assert [one.line for one in told if one.problem] == [22, 32]
+    assert [one.line.number for one in told if one.problem] == [22, 32]
     assert "motion.csv: line 22: " in told[0].problem
     assert "expected a time that increases" in told[1].problem
     assert len([one for one in told if one.row is not None]) == 3
@@ -122,13 +124,13 @@ def test_lines_that_cannot_be_used_are_told_and_passed_over(folder):
 def test_what_was_read_may_not_change(folder):
     path, lines = folder
     first = found(arriving(path, 50.0), path, lines[:200], [])[-1]
-    known = first.line, first.read
-    assert list(arriving(path, 50.0, known).new())[-1].read == first.read
+    seen = first.line.seen
+    assert [one.line.new for one in arriving(path, 50.0, seen).new()][-1:] == [False]
     text = (path / "motion.csv").read_bytes()
     (path / "motion.csv").write_bytes(text.replace(b"0.", b"1.", 1))
-    refuse("found other values in the first", list, arriving(path, 50.0, known).new())
+    refuse("found other values in the first", list, arriving(path, 50.0, seen).new())
     (path / "motion.csv").write_bytes(text[:5000])
-    refuse("found fewer lines than", list, arriving(path, 50.0, known).new())
+    refuse("than were read before, or fewer", list, arriving(path, 50.0, seen).new())
 
 
 def test_the_filter_is_the_regression_with_noise_that_lasts(model, samples):
@@ -140,7 +142,7 @@ def test_the_filter_is_the_regression_with_noise_that_lasts(model, samples):
     others = np.delete(np.arange(len(model.covariance)), np.arange(at.start, at.stop))
     belief = Belief(np.zeros(len(model.covariance)), model.covariance)
     for k in range(len(rows)):
-        belief = belief.later(model, np.exp(-WINDOW / 2.0) if k else 0.0)
+        belief = belief.later(model, model.lasting, np.exp(-WINDOW / 2.0) if k else 0.0)
         belief = belief.updated(belief.predict(model, columns.row(k)))
     reach, slow = columns.state[..., others].reshape(88, -1), columns.state[..., at]
     apart = np.abs(rows.time[:, None] - rows.time)

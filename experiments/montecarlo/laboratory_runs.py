@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
-import mujoco
 import numpy as np
 
 from tulip_testbed.base.errors import InputError
@@ -66,70 +65,49 @@ def source_of(
                 solved = solve_plan(similar.rig, plan)
     elif engine == "statics":
         solved = solve_plan(rig, plan)
-    return _Repeated(laboratory, plan, model, spread, engine, imperfections, solved)
 
-
-@dataclass(frozen=True)
-class _Repeated:
-    """The source of runs in one laboratory; arguments as of `source_of`.
-
-    Attributes:
-        model: the robot that stands there.
-        solved: equilibria of the plan, in ordinary laboratories those of a similar one; None: dynamics.
-    """
-
-    laboratory: Laboratory
-    plan: PosturePlan
-    model: mujoco.MjModel
-    spread: float | None
-    engine: str
-    imperfections: float
-    solved: SolvedPlan | None
-
-    def __call__(self, streams: Sequence[np.random.SeedSequence]) -> list[Outcome | str]:
+    def repeated(streams: Sequence[np.random.SeedSequence]) -> list[Outcome | str]:
         # So the laboratory's stream is the same with and without random robots or imperfections.
         parts = [stream.spawn(3) for stream in streams]
-        model, spread = self.model, self.spread
         robots = [
             standard_parameters(model)
             if spread is None
             else draw_robot(model, spread, np.random.default_rng(of_robot))
             for of_robot, _, _ in parts
         ]
-        if self.solved is not None and not self.imperfections:
-            return _solved(self.solved, np.array(robots), [of_noise for _, of_noise, _ in parts])
+        if solved is not None and not imperfections:
+            return _solved(solved, np.array(robots), [of_noise for _, of_noise, _ in parts])
         outcomes: list[Outcome | str] = []
         for standard, (_, of_noise, of_members) in zip(robots, parts, strict=True):
             try:
-                if self.imperfections:
-                    outcomes.append(self._ordinary(standard, of_noise, of_members))
+                if imperfections:
+                    outcomes.append(ordinary(standard, of_noise, of_members))
                 else:
-                    rig = edited(self.laboratory.rig, edit_of(model, standard))
-                    outcome = _held(rig, self.plan, of_noise)
+                    outcome = _held(edited(rig, edit_of(model, standard)), plan, of_noise)
                     truth = replace(outcome.truth, standard=standard)
                     outcomes.append(replace(outcome, truth=truth))
             except InputError as error:
                 outcomes.append(str(error))
         return outcomes
 
-    def _ordinary(
-        self, standard: np.ndarray, of_noise: np.random.SeedSequence, of_members: np.random.SeedSequence
+    def ordinary(
+        standard: np.ndarray, of_noise: np.random.SeedSequence, of_members: np.random.SeedSequence
     ) -> OrdinaryOutcome:
-        """Carry out one experiment in a laboratory of its own."""
-        laboratory = drawn(self.laboratory, self.imperfections, of_members)
-        laboratory.check_effects(self.plan, self.engine)
-        rig = laboratory.rig
-        if self.spread is not None:
-            rig = edited(rig, edit_of(self.model, standard))
-        if self.engine == "dynamics":
-            outcome = _held(rig, self.plan, of_noise)
+        """Carry out one experiment in a laboratory of its own; statics starts from a similar one."""
+        own = drawn(laboratory, imperfections, of_members)
+        own.check_effects(plan, engine)
+        rig = own.rig if spread is None else edited(own.rig, edit_of(model, standard))
+        if engine == "dynamics":
+            outcome = _held(rig, plan, of_noise)
         else:
-            (outcome,) = run_statics(solve_plan(rig, self.plan, self.solved), [of_noise])
-        base = true_base_parameters(rig, common_support(self.plan.support))
+            (outcome,) = run_statics(solve_plan(rig, plan, solved), [of_noise])
+        base = true_base_parameters(rig, common_support(plan.support))
         sizes: Counter[str] = Counter()
-        for effect in laboratory.hidden:
+        for effect in own.hidden:
             sizes.update(effect.named_values)
         return OrdinaryOutcome(outcome.measurements, outcome.truth, base, dict(sizes))
+
+    return repeated
 
 
 def _solved(

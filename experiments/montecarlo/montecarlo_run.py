@@ -30,7 +30,7 @@ from tulip_testbed.experiments.montecarlo.montecarlo_result import (
     begin,
     montecarlo_file,
 )
-from tulip_testbed.experiments.montecarlo.run_columns import RunChunks, RunJob, layout_of, read_runs
+from tulip_testbed.experiments.montecarlo.run_columns import RunChunks, layout_of, read_runs, run_job
 from tulip_testbed.experiments.run_file import RUN_FILE
 from tulip_testbed.experiments.usable_plan import identifiable_regressor
 from tulip_testbed.measurements import PosturePlan
@@ -92,15 +92,9 @@ def montecarlo(
     raise_runs(folder, document)
     kept, kept_in = run_folder(folder, document), folder if stays else None
     if not kept.begun() or chunks.missing():
-        job = RunJob(
-            source_of(laboratory, plan, settings.robot_spread, settings.engine, settings.imperfections),
-            robot,
-            parameters,
-            layout,
-            settings.estimator,
-            settings.seed,
-            laboratory.known,
-        )
+        more = (settings.robot_spread, settings.engine, settings.imperfections)
+        source = source_of(laboratory, plan, *more)
+        job = run_job(source, laboratory, parameters, settings.estimator, settings.seed)
         with kept.opened(partial(begin, plan=plan, robot=robot)):
             _collect_missing(chunks, job, workers, kept_in, progress)
     beside = {"plan": plan, "robot": robot, "folder": kept_in}

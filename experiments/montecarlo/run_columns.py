@@ -1,6 +1,6 @@
 """The record of a run: one row of the results."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,8 +11,8 @@ import pyarrow.parquet
 from tulip_testbed.base.errors import InputError, shortened
 from tulip_testbed.base.files import present, read_bytes, write_bytes
 from tulip_testbed.base.table_files import Columns
-from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.identify import identify
+from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.laboratory_runs import OrdinaryOutcome, Source, stream_of
 from tulip_testbed.identification.base_parameters import BaseParameters, simplified_numbers
 from tulip_testbed.identification.estimators import Estimate
@@ -156,60 +156,48 @@ def layout_of(robot: Robot, parameters: BaseParameters) -> Layout:
     return Layout(parameters.names, models)
 
 
-@dataclass(frozen=True)
-class RunJob:
-    """The work of every run, as it is sent to the workers.
+def run_job(
+    source: Source, laboratory: Laboratory, parameters: BaseParameters, estimator: str, seed: int
+) -> Callable[[Sequence[int]], Columns]:
+    """Return the work of every run, as it is sent to the workers.
 
-    Attributes:
+    It gives the columns of `Layout`, and run, rows, dropped (numbers), failure (text: why a run could not be
+    identified, with NaN in its other columns, or "").
+
+    Args:
+        laboratory: its known effects are removed from the measurements.
         parameters: with the lengths of the robot that stands there.
-        adopted: effects that are removed from the measurements.
     """
+    robot, adopted = laboratory.robot, laboratory.known
+    layout = layout_of(robot, parameters)
 
-    source: Source
-    robot: Robot
-    parameters: BaseParameters
-    layout: Layout
-    estimator: str
-    seed: int
-    adopted: tuple[EffectInstance, ...] = ()
-
-    def __call__(self, runs: Sequence[int]) -> Columns:
-        """Carry out some runs.
-
-        Returns:
-            the columns of `Layout`, and run, rows, dropped (numbers), failure (text: why a run could not
-            be identified, with NaN in its other columns, or "").
-        """
-        outcomes = self.source([stream_of(self.seed, run) for run in runs])
-        records = [self._record(outcome) for outcome in outcomes]
-        names = ["rows", "dropped", *self.layout.columns()]
+    def carried_out(runs: Sequence[int]) -> Columns:
+        records = [record_of(outcome) for outcome in source([stream_of(seed, run) for run in runs])]
         columns: Columns = {"run": np.array(runs, dtype=np.int64)}
-        columns |= {name: np.array([record[name] for record, _ in records]) for name in names}
+        for name in ("rows", "dropped", *layout.columns()):
+            columns[name] = np.array([record[name] for record, _ in records])
         columns |= {name: columns[name].astype(np.int64) for name in ("rows", "dropped")}
         return columns | {"failure": np.array([failure for _, failure in records])}
 
-    def _record(self, outcome: Outcome | str) -> tuple[dict[str, float], str]:
-        record = dict.fromkeys(self.layout.columns(), np.nan) | {"rows": 0, "dropped": 0}
+    def record_of(outcome: Outcome | str) -> tuple[dict[str, float], str]:
+        record = dict.fromkeys(layout.columns(), np.nan) | {"rows": 0, "dropped": 0}
         if isinstance(outcome, str):
             return record, outcome
-        record |= {"rows": len(outcome.measurements), "dropped": len(outcome.truth.dropped)}
+        measured = outcome.measurements
+        record |= {"rows": len(measured), "dropped": len(outcome.truth.dropped)}
         try:
-            fit = identify(
-                outcome.measurements,
-                self.robot,
-                estimator=self.estimator,
-                parameters=self.parameters,
-                adopted=self.adopted,
-            )
+            fit = identify(measured, robot, estimator=estimator, parameters=parameters, adopted=adopted)
         except InputError as error:
             return record, str(error)
         if isinstance(outcome, OrdinaryOutcome):
             truth, sizes = outcome.base, outcome.sizes
         else:
-            truth, sizes = self.parameters.values(outcome.truth.standard), {}
+            truth, sizes = parameters.values(outcome.truth.standard), {}
         models = {"full": fit.full, "simplified": fit.simplified}
-        mass = (*fit.mass, len(outcome.measurements) - 1, outcome.truth.mass)
-        return record | numbers_of(self.layout, models, truth, mass, sizes), ""
+        mass = (*fit.mass, len(measured) - 1, outcome.truth.mass)
+        return record | numbers_of(layout, models, truth, mass, sizes), ""
+
+    return carried_out
 
 
 def numbers_of(

@@ -1,6 +1,6 @@
 """The order in which a plan is measured: short ways, and time that grows with nothing else."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import scipy
@@ -67,22 +67,19 @@ def shortest_path(cost: np.ndarray) -> list[int]:
     return [node - 1 for node in shortest_tour(padded)[1:]]
 
 
-def order_of_placement(
-    plan: PosturePlan, rows: np.ndarray, way: Callable[[int, int], float], least: Callable[[int, int], float]
-) -> np.ndarray:
+def order_of_placement(planner: MotionPlanner, rows: np.ndarray) -> np.ndarray:
     """Order the rows of one placement and support.
 
-    The ways are evaluated only where the tour may go: elsewhere their least duration is enough. The
+    Motions are planned only where the tour may go: elsewhere their least duration is enough. The
     first of the repeated postures opens the placement and closes it.
-
-    Args:
-        way: duration of the motion between two rows, `REFUSED` if there is none [s]. least: bound below [s].
     """
+    plan = planner.plan
     _, first = np.unique(plan.posture[rows], return_index=True)
     once = rows[np.sort(first)]
     again = rows[~np.isin(rows, once)]
     if len(once) == 1:
         return rows
+    least = planner.least_duration
     cost = np.array([[0.0 if a == b else least(a, b) for b in once] for a in once])
     known = np.eye(len(once), dtype=bool)
     while True:
@@ -94,7 +91,8 @@ def order_of_placement(
             break
         for a, b in unknown:
             known[a, b] = known[b, a] = True
-            cost[a, b] = cost[b, a] = way(once[a], once[b])
+            duration, kind = planner.way(once[a], once[b])
+            cost[a, b] = cost[b, a] = {FREE: duration, HOIST: duration + HOISTED, LIFT: REFUSED}[kind]
     ordered = once[tour]
     if not len(again):
         return ordered
@@ -107,18 +105,13 @@ def stances_in_order(
     planner: MotionPlanner, placements: Sequence[int], progress: Progress = silent
 ) -> list[np.ndarray]:
     """Order the rows of every support on every placement; the placements are in order."""
-
-    def way(start: int, end: int) -> float:
-        duration, kind = planner.way(start, end)
-        return {FREE: duration, HOIST: duration + HOISTED, LIFT: REFUSED}[kind]
-
     plan, stances = planner.plan, []
     with progress("placements", len(placements), 0) as advance:
         for number in placements:
             there = np.flatnonzero(plan.placement == number)
             for support in dict.fromkeys(plan.support[there].tolist()):
                 some = there[plan.support[there] == support]
-                stances.append(order_of_placement(plan, some, way, planner.least_duration))
+                stances.append(order_of_placement(planner, some))
             advance(1)
     return stances
 

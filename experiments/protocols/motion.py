@@ -20,7 +20,7 @@ from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.measurements.data import base_foot, feet_in_contact
 from tulip_testbed.sim.control import torque_limits
 from tulip_testbed.sim.path import smooth_path, straight_path
-from tulip_testbed.sim.robot import Robot, joint_ranges, sole_corners
+from tulip_testbed.sim.robot import Robot, joint_ranges
 
 TORQUE_SHARE = 0.95  # of a drive's limit, dry friction included; the rest is the servo's
 ROUNDING = 1e-4  # m, rad, by which a planned posture may touch its own margins
@@ -177,9 +177,8 @@ class MotionPlanner:
         self.robot, self.plan, self.speed = robot, plan, speed
         self.limits = MotionLimits(robot)
         self.loads = LoadsInMotion(robot)
-        self.chain = self.loads.chain
         self.inverse = InverseKinematics(robot, robot.model)
-        self.soles = [sole_corners(robot.model, foot)[:, :2] for foot in robot.feet]
+        self.soles = [corners[:, :2] for corners in self.loads.corners]
         self.standing = self.loads.position(reference_posture(robot), 0)
         self.height = self.loads.height(self.standing)
         self.legs: dict[tuple[int, int], tuple[list[_Leg], str]] = {}
@@ -270,15 +269,15 @@ class MotionPlanner:
             angles: joints that are not between the feet stay there, (n,) [rad].
         """
         guess = self.standing.copy()
-        free = ~self.chain.coupled
-        guess[self.chain.qpos[free]] = angles[free]
+        free = ~self.loads.coupled
+        guess[self.loads.qpos[free]] = angles[free]
         poses = zip(self.soles, (np.zeros(3), swing_pose), strict=True)
         both = np.array([place_polygon(sole, pose) for sole, pose in poses])
         com = np.array([*both.mean(axis=(0, 1)), lowered * self.height])
         return self.inverse.solve(swing_pose, com, np.array([0.0, 0.0, swing_pose[2] / 2]), guess)
 
     def _leg(self, start: np.ndarray, end: np.ndarray, support: str) -> _Leg:
-        between = self.chain.path if support == "double" else straight_path
+        between = self.loads.path if support == "double" else straight_path
         base = int(base_foot(np.array([support]))[0])
         path = smooth_path(start, between, end, 1.0)
         part = np.linspace(0.0, 1.0, INSTANTS)

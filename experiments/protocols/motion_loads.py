@@ -7,7 +7,7 @@ import numpy as np
 
 from tulip_testbed.identification.feasibility import planned_foot_loads
 from tulip_testbed.sim.path import ClosedChain
-from tulip_testbed.sim.robot import Robot, joint_names, sole_corners
+from tulip_testbed.sim.robot import Robot, sole_corners
 
 BREAKING_LOOSE = 0.01  # rad/s, speed from which dry friction acts in full
 
@@ -35,16 +35,12 @@ class MotionLoads:
     soles: np.ndarray
 
 
-class LoadsInMotion:
-    """Inverse dynamics of a robot by MuJoCo; a class because it keeps MuJoCo's data."""
+class LoadsInMotion(ClosedChain):
+    """Inverse dynamics of a robot by MuJoCo."""
 
     def __init__(self, robot: Robot):
-        self.robot, self.model = robot, robot.model
-        self.chain, self.data = ClosedChain(robot.model, robot), mujoco.MjData(robot.model)
-        names = joint_names(robot.model)
-        self.dofs = np.array([robot.model.joint(name).dofadr[0] for name in names])
-        self.feet = [robot.model.body(foot).id for foot in robot.feet]
-        self.soles = [sole_corners(robot.model, foot) for foot in robot.feet]
+        super().__init__(robot.model, robot)
+        self.corners = [sole_corners(robot.model, foot) for foot in robot.feet]
 
     def at(self, times: np.ndarray, joint_angles: np.ndarray, support: str) -> MotionLoads:
         """Compute the loads of a motion by differences in time.
@@ -76,7 +72,7 @@ class LoadsInMotion:
             mujoco.mju_rotVecQuat(turned, forces[3:6], data.qpos[3:7])
             totals[k] = [*forces[:3], *(np.cross(data.qpos[:3], forces[:3]) + turned)]
             for side, foot in enumerate(self.feet):
-                soles[k, side] = self.soles[side] @ data.xmat[foot].reshape(3, 3).T + data.xpos[foot]
+                soles[k, side] = self.corners[side] @ data.xmat[foot].reshape(3, 3).T + data.xpos[foot]
                 jacobian = jacobians[k, side]
                 mujoco.mj_jac(model, data, jacobian[:3], jacobian[3:], np.zeros(3), foot)
         zmp = np.column_stack([-totals[:, 4], totals[:, 3]]) / totals[:, 2, None]
@@ -95,7 +91,7 @@ class LoadsInMotion:
     def position(self, angles: np.ndarray, base: int) -> np.ndarray:
         """Return MuJoCo's coordinates with the sole of foot `base` flat on the origin, (nq,)."""
         position = np.zeros(self.model.nq)
-        position[:7], position[self.chain.qpos] = self.chain.base_pose(angles, base), angles
+        position[:7], position[self.qpos] = self.base_pose(angles, base), angles
         return position
 
     def height(self, position: np.ndarray) -> float:

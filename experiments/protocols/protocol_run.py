@@ -146,7 +146,7 @@ def protocol_of(
     extended = with_repeats(plan, count, 0) if plan.postures == len(plan) and count else plan
     planner = MotionPlanner(robot, extended, speed)
     stances = stances_in_order(planner, order_of_placements(robot, extended), progress)
-    ordered, motions = _with_motions(planner, extended, np.concatenate(stances))
+    ordered, motions = _with_motions(planner, np.concatenate(stances))
     return LaboratoryProtocol(
         robot=robot,
         given=extended,
@@ -158,15 +158,13 @@ def protocol_of(
     )
 
 
-def _with_motions(
-    planner: MotionPlanner, plan: PosturePlan, rows: np.ndarray
-) -> tuple[PosturePlan, tuple[Motion | None, ...]]:
+def _with_motions(planner: MotionPlanner, rows: np.ndarray) -> tuple[PosturePlan, tuple[Motion | None, ...]]:
     """Return the plan's rows in order and the motions between them.
 
     Where the robot has to be lifted off its feet within a placement, a new placement begins: its boards are
     recorded again.
     """
-    placement, motions = plan.placement[rows], []
+    plan, placement, motions = planner.plan, planner.plan.placement[rows], []
     following, numbers = int(plan.placement.max()) + 1, placement.tolist()
     for k, row in enumerate(rows):
         motion, moved = None, k == 0 or placement[k] != placement[k - 1]

@@ -127,18 +127,18 @@ def _pair(skeleton: Skeleton, names: tuple[str, str] | None) -> tuple[list[int],
         above = int(skeleton.model.body_parentid[foot])
         if above in (0, 1) or heights[above] - heights[foot] > TOE or above in skeleton.path(pair[1 - k]):
             continue
-        if np.ptp(_lowest_points(skeleton, above, UP)[0][:, :2], axis=0).max() > 4 * LEAST_SOLE:
+        if np.ptp(_lowest_points(skeleton, above, UP)[:, :2], axis=0).max() > 4 * LEAST_SOLE:
             toes |= set(skeleton.hinges([foot]))
             pair[k] = above
     return pair, frozenset(toes)
 
 
-def _lowest_points(skeleton: Skeleton, link: int, up: Array) -> tuple[Array, float]:
-    """Return the points of a link that touch a plane below it, (k, 3) [m], and the plane's height."""
+def _lowest_points(skeleton: Skeleton, link: int, up: Array) -> Array:
+    """Return the points of a link that touch a plane below it, (k, 3) [m]."""
     balls = map(skeleton.points, skeleton.solid(link))
     points = np.concatenate([p - r * up for p, r in balls])
     heights = points @ up
-    return points[heights < heights.min() + SOLE], float(heights.min())
+    return points[heights < heights.min() + SOLE]
 
 
 def _sole(skeleton: Skeleton, link: int) -> tuple[Array, Array]:
@@ -148,7 +148,7 @@ def _sole(skeleton: Skeleton, link: int) -> tuple[Array, Array]:
         raise InputError(f"foot '{name}': found no geometry, expected a sole; state `sole`")
     normal = UP
     for _ in range(REFINED):
-        points, _ = _lowest_points(skeleton, link, normal)
+        points = _lowest_points(skeleton, link, normal)
         spread = points - points.mean(axis=0)
         _, size, axes = np.linalg.svd(spread, full_matrices=False)
         flat = len(points) >= 3 and size[1] > 0.1 * size[0]
@@ -158,7 +158,7 @@ def _sole(skeleton: Skeleton, link: int) -> tuple[Array, Array]:
         if np.arccos(np.clip(fitted @ UP, -1, 1)) > LEVEL:
             break
         normal = UP if fitted @ UP > np.cos(ROUGH) else fitted
-    points, _ = _lowest_points(skeleton, link, normal)
+    points = _lowest_points(skeleton, link, normal)
     width = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1] if len(points) > 2 else 0.0
     if width < LEAST_SOLE / 2:
         raise InputError(

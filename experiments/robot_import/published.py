@@ -39,13 +39,12 @@ def read_here(path: Path) -> SourceFile:
     """Read a published robot in this process, see `read_published`."""
     head = read_bytes(path)[:4096]
     if b"<robot" in head or path.suffix == ".urdf":
-        parsed = read_urdf(path)
+        spec, followers, assumed, missing = read_urdf(path)
     elif b"<mujoco" in head or path.suffix == ".xml":
-        parsed = _mjcf(path)
+        spec, followers, assumed, missing = _mjcf(path)
     else:
         kind = "an SDF" if b"<sdf" in head else f"'{path.suffix}'"
         raise InputError(f"{path}: found {kind}, expected an MJCF or a URDF")
-    spec, assumed = parsed.spec, list(parsed.assumed)
     _name_and_check(spec, path)
     model, unread = _compiled(spec, path)
     roots = [b for b in range(1, model.nbody) if model.body_parentid[b] == 0]
@@ -60,7 +59,7 @@ def read_here(path: Path) -> SourceFile:
             name, limit = model.joint(j).name, float(model.jnt_actfrcrange[j, 1])
             if limit > 0:
                 torque[name] = min(torque.get(name, np.inf), limit)
-    driven = _driven(model, root, parsed.followers, assumed)
+    driven = _driven(model, root, followers, assumed)
     keys = [model.key(k).name for k in range(model.nkey)]
     wanted = next((name for name in STANDING if name in keys), None)
     qpos = model.qpos0 if wanted is None else model.key(wanted).qpos
@@ -72,7 +71,7 @@ def read_here(path: Path) -> SourceFile:
             angle = float(qpos[joint.qposadr[0]])
             reference[joint.name] = float(np.clip(angle, *joint.range)) if joint.limited[0] else angle
     assumed += _left_out(model, root)
-    bad = sorted({*parsed.unread, *unread})
+    bad = sorted({*missing, *unread})
     problems = [f"{len(bad)} meshes are missing or cannot be read: {listed(bad, 3)}"] if bad else []
     return SourceFile(
         model=model,
@@ -110,7 +109,7 @@ def _mjcf(path: Path) -> Parsed:
     of_world = [*spec.worldbody.geoms, *spec.textures, *spec.skins, *spec.hfields]
     for element in [*spec.equalities, *spec.pairs, *spec.sensors, *of_world]:
         spec.delete(element)
-    return Parsed(spec, frozenset(coupled))
+    return spec, frozenset(coupled), [], []
 
 
 def _name_and_check(spec: mujoco.MjSpec, path: Path) -> None:

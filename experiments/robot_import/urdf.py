@@ -3,7 +3,6 @@
 import re
 import xml.etree.ElementTree as ET
 from collections import Counter
-from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
@@ -44,21 +43,9 @@ COMPILER = {
 }
 
 
-@dataclass(frozen=True)
-class Parsed:
-    """A model as it was parsed.
-
-    Attributes:
-        spec: not yet compiled.
-        followers: joints that follow others.
-        assumed: sentences on what was read.
-        unread: meshes that are missing or cannot be read.
-    """
-
-    spec: mujoco.MjSpec
-    followers: frozenset[str] = frozenset()
-    assumed: tuple[str, ...] = ()
-    unread: tuple[str, ...] = ()
+# A model that is not yet compiled, joints that follow others, sentences on what was read, and meshes that are
+# missing or cannot be read.
+Parsed = tuple[mujoco.MjSpec, frozenset[str], list[str], list[str]]
 
 
 def read_urdf(path: Path) -> Parsed:
@@ -83,7 +70,7 @@ def read_urdf(path: Path) -> Parsed:
         spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"), assets=assets)
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise InputError(f"{path}: broken URDF: {shortened(error, 300)}") from None
-    return Parsed(spec, followers, tuple(assumed), tuple(missing))
+    return spec, followers, assumed, missing
 
 
 def _check(root: ET.Element, path: Path) -> None:

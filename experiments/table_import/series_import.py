@@ -31,6 +31,7 @@ from tulip_testbed.measurements.logs.series_reduction import (
 )
 from tulip_testbed.measurements.manifest import Manifest
 from tulip_testbed.measurements.measurement_folder import rows_in
+from tulip_testbed.measurements.motion_table import NOT_OF_SAMPLES
 from tulip_testbed.measurements.trajectory import runs
 
 TICK = 0.2  # s: rows that are closer, in a table of LEAST_ROWS or more, are samples
@@ -42,11 +43,7 @@ STILL = 0.02  # rad: without a joint that moves more, nothing moves
 LIGHT, SAME = 0.25, 0.01  # of the weight
 LEVEL = np.array([0.03, 0.1, 0.1])  # m, rad, rad: height, roll and pitch of a sole against the other
 ENOUGH = 500  # samples that show how the soles stand
-COMPUTED = (*WHOLE, "window", "samples", "speed", "acceleration")  # columns that samples do not have
-COMPUTED_OF = (
-    *("q_std", "q_rate", "q_acceleration", "cell_std"),
-    *("wrench_std", "wrench_rate", "wrench_acceleration", "wrench_jerk"),
-)
+COMPUTED = (*WHOLE, "speed", "acceleration", *NOT_OF_SAMPLES)  # columns, or their first words
 
 
 def series_of(table: TableFile, stated: ImportMap) -> SeriesOfMap | None:
@@ -66,7 +63,7 @@ def series_of(table: TableFile, stated: ImportMap) -> SeriesOfMap | None:
 
 def sampled(names: Sequence[str]) -> tuple[str, ...]:
     """Return those of the contract's columns that samples may have."""
-    return tuple(name for name in names if name not in COMPUTED and name.partition(".")[0] not in COMPUTED_OF)
+    return tuple(name for name in names if name.partition(".")[0] not in COMPUTED)
 
 
 def necessary(names: Sequence[str], series: SeriesOfMap) -> tuple[str, ...]:

@@ -84,10 +84,12 @@ def fault_of_changes(model: DayModel, state: WatchState, level: Level) -> WatchS
     before = next(known for known in state.history if known.count == onset)
     rows = list(state.taken[onset - state.count :])
     size = float(state.changes.pull[slot, direction] / state.changes.information[slot, direction])
-    moved, anew = before.placement != state.placement, before.stance != state.stance
+    moved, belief = before.placement != state.placement, before.belief
+    if before.stance != state.stance:
+        belief = belief.later(model, slice(-OF_PLACEMENT, None), 0.0)
     return replace(
         state.marked(rows, AGAIN),
-        belief=(before.belief.begun(model, OF_PLACEMENT) if anew else before.belief).later(model, 0.0),
+        belief=belief.later(model, model.lasting, 0.0),
         information=before.information.placement_begun() if moved else before.information,
         earlier=before.earlier,
         fault=Fault(int(direction), onset, model.number(rows[0]), size),

@@ -1,11 +1,16 @@
 """Rows of a measurement folder's table while they arrive in a file that grows.
 
-A watch keeps the bytes of all lines that it has read; nothing before their end may change.
+A watch keeps how much of the file it has read, and the hash of that: nothing before its end may change.
 """
 
 import io
 import itertools
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from hashlib import sha256
 from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
 
 from tulip_testbed.base.errors import InputError, shortened
 from tulip_testbed.base.files import check_new, check_outside, opened, present, read_bytes, write_bytes
@@ -13,11 +18,155 @@ from tulip_testbed.base.table_files import TableFile
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.manifest import Manifest
 from tulip_testbed.measurements.measurement_folder import measurements_in, moves
+from tulip_testbed.measurements.motion_table import MOST_SAMPLES
 
 TABLE = "postures.csv"
-FORMAT = b"tulip-watch-7"
+FORMAT = "tulip-watch-8"
 MOST_LINE = 2**20  # bytes
 MOST_AT_ONCE = 2**22  # bytes that are read of a file at a time
+
+
+class Seen(NamedTuple):
+    """How much of a file was read: its bytes and lines, and their SHA-256."""
+
+    size: int = 0
+    lines: int = 0
+    sha256: str = sha256().hexdigest()
+
+
+NOTHING = Seen()
+
+
+class Line(NamedTuple):
+    """A line that holds values: its number and text, what was read with it, and whether it came since."""
+
+    number: int
+    text: bytes
+    seen: Seen
+    new: bool
+
+
+class Arrived(NamedTuple):
+    """A row, or the problem why there is none, with the line that completed it."""
+
+    line: Line
+    row: Measurements | None
+    problem: str = ""
+
+
+@dataclass(kw_only=True)
+class ArrivingRows:
+    """Rows of held postures, one a line of a file that grows.
+
+    Attributes:
+        path: of the file. manifest, where: the manifest and its path.
+        kept: what a watch that was killed has read; its rows come again first.
+        once: whether a last line that has all values but no end is read too.
+    """
+
+    held: ClassVar[bool] = True
+    path: Path
+    manifest: Manifest
+    where: Path
+    kept: Seen = NOTHING
+    once: bool = False
+    _hash: Any = field(default_factory=sha256)
+    _size: int = 0
+    _lines: int = 0
+    _open: bool = False  # the last line had no end
+    _header: bytes = b""
+
+    def new(self) -> Iterator[Arrived]:
+        """Yield what came since the last look; a half-written last line waits for its end.
+
+        A row that is prepared, most of its readings still empty, waits for them, and so do those after it.
+        """
+        while lines := self._new_lines():
+            yield from self._taken(self._rows(lines))
+
+    def _new_lines(self) -> list[bytes]:
+        """Return the complete lines since the last look; those before are compared with their hash."""
+        seen = self._seen if self._size else self.kept
+        if not present(self.path):
+            if seen.size:
+                raise InputError(
+                    f"{self.path}: found no file any more, expected the one that was read so far"
+                )
+            if self.held and moves(self.path.parent):
+                raise _in_motion(f"{self.path.parent}: found samples of a motion")
+            return []
+        with opened(self.path) as file:
+            if self.held or not self._size:  # a motion is long
+                before = file.read(seen.size)
+                goes_on = before[-1:] not in (b"", b"\n") and file.read(1) not in (b"", b"\r", b"\n")
+                if goes_on or sha256(before).hexdigest() != seen.sha256:
+                    raise self._changed(seen)
+            elif file.seek(0, 2) < seen.size:
+                raise self._changed(seen)
+            file.seek(self._size)
+            content = file.read(MOST_AT_ONCE)
+        lines = list(io.BytesIO(content))
+        if any(len(line) > MOST_LINE or b"\r" in text_of(line) for line in lines):
+            raise InputError(
+                f"{self.path}: found a line of more than {MOST_LINE} bytes or with a carriage return (CR) "
+                "within, expected lines that end with LF or CR LF"
+            )
+        if lines and not lines[-1].endswith(b"\n"):
+            whole = len(_names(lines[-1])) == len(_names(self._header)) > 1 and len(content) < MOST_AT_ONCE
+            lines = lines if self.once and whole else lines[:-1]
+        return list(itertools.takewhile(lambda line: not (self.held and _is_prepared(line)), lines))
+
+    @property
+    def _seen(self) -> Seen:
+        return Seen(self._size, self._lines, self._hash.hexdigest())
+
+    def _changed(self, seen: Seen) -> InputError:
+        return InputError(
+            f"{self.path}: found other values in the first {seen.lines} lines than were read before, or "
+            "fewer; rows may only be added at the end"
+        )
+
+    def _rows(self, lines: list[bytes]) -> Iterator[Line]:
+        """Yield the lines that are rows below the header."""
+        for line in lines:
+            new = self._size >= self.kept.size
+            self._lines += not self._open
+            self._size, self._open = self._size + len(line), not line.endswith(b"\n")
+            self._hash.update(line)
+            if not is_row(line):
+                continue
+            if self._is_header(line):
+                self._header = self._header or text_of(line)
+            else:
+                yield Line(self._lines, text_of(line), self._seen, new)
+
+    def _is_header(self, line: bytes) -> bool:
+        """Return whether a line is the header: the first one, or the same once more."""
+        names, known, where = _names(line), _names(self._header), f"{self.path}: line {self._lines}"
+        if not self._header and any(name.startswith("q_rate.") for name in names):
+            raise _in_motion(f"{where}: found rows of a motion")
+        if self._header and "posture" in names and names != known:
+            raise InputError(f"{where}: found another header, expected that of the first row")
+        return not self._header or names == known
+
+    def _taken(self, lines: Iterable[Line]) -> Iterator[Arrived]:
+        """Yield rows and problems of some lines."""
+        for line in lines:
+            row, problem = None, ""
+            try:
+                row = measurements_in(self.manifest, self._table([line]), self.where)
+            except InputError as error:
+                problem = self._problem(line, error)
+            yield Arrived(line, row, problem)
+
+    def _table(self, lines: list[Line]) -> TableFile:
+        content = b"\n".join([self._header, *(line.text for line in lines), b""])
+        return TableFile(self.path, content, MOST_SAMPLES)
+
+    def _problem(self, line: Line, error: InputError) -> str:
+        """Return what is wrong with a line that was read by itself."""
+        place = str(error).removeprefix(f"{self.path}: ").removeprefix("line 2: ").replace(", row 1", "")
+        return f"{self.path}: line {line.number}: {shortened(place, 400)}"
 
 
 def text_of(line: bytes) -> bytes:
@@ -29,55 +178,9 @@ def is_row(line: bytes) -> bool:
     return bool(line.strip(b' \t\r\n",;')) and not line.lstrip(b' "').startswith(b"#")
 
 
-def new_lines(path: Path, read: bytes, header: bytes, once: bool = False) -> list[bytes]:
-    """Return the complete lines of a file that grew; a half-written last line waits for its end.
-
-    A row that is prepared, most of its readings still empty, waits for them, and so do those after it.
-
-    Args:
-        read: what was read before. header: in it; b"": none yet.
-        once: also return a last line that has all values but no end.
-    """
-    if not present(path):
-        if read:
-            raise InputError(f"{path}: found no file any more, expected the one that was read so far")
-        if moves(path.parent):
-            raise _in_motion(f"{path.parent}: found samples of a motion")
-        return []
-    with opened(path) as file:
-        beginning, content = file.read(len(read)), file.read(MOST_AT_ONCE)
-    open_end = read[-1:] not in (b"", b"\n")
-    if beginning != read or (open_end and content[:1] not in (b"", b"\r", b"\n")):
-        lines = len(read.splitlines())
-        raise InputError(
-            f"{path}: found other values in the first {lines} lines than were read before, or fewer; rows "
-            "may only be added at the end"
-        )
-    lines = list(io.BytesIO(content))
-    if any(len(line) > MOST_LINE or b"\r" in text_of(line) for line in lines):
-        raise InputError(
-            f"{path}: found a line of more than {MOST_LINE} bytes or with a carriage return (CR) within, "
-            "expected lines that end with LF or CR LF"
-        )
-    if lines and not lines[-1].endswith(b"\n"):
-        whole = len(_names(lines[-1])) == len(_names(header)) > 1 and len(content) < MOST_AT_ONCE
-        lines = lines if once and whole else lines[:-1]
-    return list(itertools.takewhile(lambda line: not _is_prepared(line), lines))
-
-
 def _is_prepared(line: bytes) -> bool:
     values = _names(line)
     return is_row(line) and 2 * values.count("") > len(values)
-
-
-def is_header(path: Path, number: int, line: bytes, header: bytes) -> bool:
-    """Return whether a line is the header: the first one, or the same once more."""
-    names, known = _names(line), _names(header)
-    if not header and any(name.startswith("q_rate.") for name in names):
-        raise _in_motion(f"{path}: line {number}: found rows of a motion")
-    if header and "posture" in names and names != known:
-        raise InputError(f"{path}: line {number}: found another header, expected that of the first row")
-    return not header or names == known
 
 
 def _in_motion(found: str) -> InputError:
@@ -92,17 +195,6 @@ def _names(line: bytes) -> list[str]:
     return [name.strip().strip('"') for name in text.replace(";", ",").split(",")]
 
 
-def row_of(
-    path: Path, number: int, line: bytes, header: bytes, manifest: Manifest, where: Path
-) -> Measurements:
-    """Read one row and hold it against the contract."""
-    try:
-        return measurements_in(manifest, TableFile(path, header + b"\n" + text_of(line) + b"\n"), where)
-    except InputError as error:
-        place = str(error).removeprefix(f"{path}: ").removeprefix("line 2: ").replace(", row 1", "")
-        raise InputError(f"{path}: line {number}: {shortened(place, 400)}") from None
-
-
 def check_state_file(path: Path) -> None:
     """Refuse, before the first row, a place inside a measurement folder or one that cannot be written."""
     if path.is_symlink():
@@ -113,22 +205,21 @@ def check_state_file(path: Path) -> None:
         check_new(path)
 
 
-def write_state(path: Path, day: str, read: bytes) -> None:
-    """Write the lines that were read, below the hash of the day."""
-    write_bytes(path, b" ".join((FORMAT, day.encode())) + b"\n" + read)
+def write_state(path: Path, day: str, seen: Seen) -> None:
+    """Write how much was read, below the hash of the day."""
+    write_bytes(path, "{} {}\n{} {} {}\n".format(FORMAT, day, *seen).encode())
 
 
-def read_state(path: Path, day: str) -> bytes:
-    """Return the lines that a watch of the same day has read; b"": there is no such file."""
+def read_state(path: Path, day: str) -> Seen:
+    """Return how much a watch of the same day has read; nothing if there is no such file."""
     if not present(path):
-        return b""
-    head, _, read = read_bytes(path).partition(b"\n")
-    form, _, of_day = head.partition(b" ")
-    if form != FORMAT:
+        return NOTHING
+    found = re.fullmatch(rf"{FORMAT} (\w+)\n(\d+) (\d+) (\w+)\n", read_bytes(path).decode("utf-8", "replace"))
+    if found is None:
         raise InputError(f"{path}: found no state of a watch; give another name")
-    if of_day != day.encode():
+    if found[1] != day:
         raise InputError(
             f"{path}: found the state of another plan, manifest or robot, expected that of this day; "
             "give another name for a new one"
         )
-    return read
+    return Seen(int(found[2]), int(found[3]), found[4])

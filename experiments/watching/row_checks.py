@@ -118,20 +118,14 @@ def _unrest(row: Measurements, usual: np.ndarray) -> Finding | None:
     Args:
         usual: `spreads_of` the last rows, (k, n_joints + 9).
     """
-    spreads, sheet = spreads_of(row), row.sensors
-    # A reading between two steps of a coarse sensor jumps by half a step without movement.
-    steps = np.append(
-        settling.by_channel(row, sheet.encoder_resolution or 0.0, sheet.cell_resolution or 0.0), 0.0
-    )
-    least = np.append(settling.by_channel(row, settling.LEAST_ANGLE, settling.LEAST_FORCE), LEAST_SPEED)
-    known = np.zeros(len(spreads), bool)
-    if len(usual):
-        known = np.isfinite(spreads) & (np.isfinite(usual).sum(axis=0) >= LEAST_ROWS)
-    if not known.any():
+    spreads, known = spreads_of(row), np.isfinite(usual).sum(axis=0) >= LEAST_ROWS
+    if len(usual) < LEAST_ROWS or not (known & np.isfinite(spreads)).any():
         return None
-    typical = np.hypot(np.hypot(np.nanmedian(usual[:, known], axis=0), steps[known] / 2), least[known])
-    ratios = spreads[known] / typical
-    worst, ratio = int(np.flatnonzero(known)[ratios.argmax()]), float(ratios.max())
+    typical = np.full(len(spreads), np.nan)
+    typical[known] = np.nanmedian(usual[:, known], axis=0)
+    typical = np.append(settling.unsteady_from(row, typical[:-1]), np.hypot(typical[-1], LEAST_SPEED))
+    ratios = spreads / typical
+    worst, ratio = int(np.nanargmax(ratios)), float(np.nanmax(ratios))
     if ratio <= settling.UNSTEADY_WARN:
         return None
     names = [*(f"q_std.{joint}" for joint in row.joints), *(f"cell_std.{cell}" for cell in CELLS), "speed"]

@@ -1,7 +1,5 @@
 """Watch a day: read rows as they arrive, judge each, and keep the state."""
 
-import io
-import itertools
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,8 +20,10 @@ from tulip_testbed.base.result import Result
 from tulip_testbed.base.resumable import alone_on
 from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.base.threads import one_blas_thread
+from tulip_testbed.experiments.usable_plan import plan_hash
 from tulip_testbed.experiments.watching import arriving_rows, arriving_samples
-from tulip_testbed.experiments.watching.arriving_samples import Arrived, ArrivingSamples, joined
+from tulip_testbed.experiments.watching.arriving_rows import NOTHING, Arrived, ArrivingRows, Seen
+from tulip_testbed.experiments.watching.arriving_samples import ArrivingSamples, joined
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
 from tulip_testbed.experiments.watching.noise_of_day import FIRST, with_noise_in_time
 from tulip_testbed.experiments.watching.watch_row import Verdict, watch_row
@@ -78,7 +78,6 @@ class Watch(Result):
         self._out, self._targets, self._once = out, targets or {}, once
         self._last: Verdict | None = None
         self._rows = 0  # that arrived
-        self._read, self._header = bytearray(), b""
         self._arrivals = self._judged()
 
     def __iter__(self) -> Iterator[Arrival]:
@@ -139,9 +138,11 @@ class Watch(Result):
         return " ".join(told)
 
     def _judged(self) -> Iterator[Arrival]:
-        """Yield what comes of every row; those of a kept state are judged again first, in silence."""
+        """Yield what comes of every row; those that a killed watch has seen are judged first, in silence.
+
+        Rows of a motion wait until the first ones have shown how its noise lasts.
+        """
         out, where = self._out, self.folder / "manifest.json"
-        path = self.folder / arriving_rows.TABLE
         with ExitStack() as stack:
             if out is not None:
                 arriving_rows.check_state_file(out)
@@ -150,86 +151,48 @@ class Watch(Result):
             model = self._model(manifest, where)
             self._targets = _targets_of(model.nominal.parameters.names, self._targets)
             targets = np.array(list(self._targets.values()))
-            day = _hash_of_day(self.plan, stated := read_bytes(where))
-            if model.window is not None:
-                yield from self._moving(model, manifest, targets, day, stated)
-                return
-            kept = b"" if out is None else arriving_rows.read_state(out, day)
-            state, number, judge = first_state(model), 0, one_blas_thread(watch_row)
-            for line in itertools.chain(io.BytesIO(kept), self._arriving(path)):
-                number += self._read[-1:] in (b"", b"\n")
-                self._read += line
-                new = len(self._read) > len(kept)
-                if new and read_bytes(where) != stated:
+            asked = plan_hash(self.plan) + (plan_hash(motion) if (motion := self.plan.motion) else "")
+            day = sha256((stated := read_bytes(where)) + asked.encode()).hexdigest()
+            kept = NOTHING if out is None else arriving_rows.read_state(out, day)
+            source = self._source(model, manifest, where, kept)
+            state, judge, rows = first_state(model), one_blas_thread(watch_row), 0
+            waiting: list[Arrived] = []
+            for arrived in self._arriving(source):
+                if arrived.line.new and read_bytes(where) != stated:
                     raise InputError(f"{where}: found another manifest than before the first row")
-                if not arriving_rows.is_row(line):
+                waiting.append(arrived)
+                rows += arrived.row is not None
+                if not source.held and rows < FIRST:
                     continue
-                if arriving_rows.is_header(path, number, line, self._header):
-                    self._header = self._header or arriving_rows.text_of(line)
-                    continue
-                verdict, problem = None, ""
-                try:
-                    row = arriving_rows.row_of(path, number, line, self._header, manifest, where)
-                except InputError as error:
-                    problem = str(error)
-                else:
-                    state, verdict = judge(model, state, row, targets)
-                if new:
-                    yield Arrival(number, verdict, problem)
-                    if out is not None:
-                        arriving_rows.write_state(out, day, bytes(self._read))
-                if verdict is not None and verdict.next is None:
-                    return
+                if not source.held and rows == FIRST and arrived.row is not None:
+                    first = joined([one.row for one in waiting if one.row is not None])
+                    model = one_blas_thread(with_noise_in_time)(model, first)
+                    state = first_state(model)
+                for line, row, problem in waiting:
+                    verdict = None
+                    if row is not None:
+                        state, verdict = judge(model, state, row, targets)
+                    if line.new:
+                        yield Arrival(line.number, verdict, problem)
+                        if out is not None:
+                            arriving_rows.write_state(out, day, line.seen)
+                    if source.held and verdict is not None and verdict.next is None:
+                        return
+                waiting = []
 
-    def _moving(
-        self, model: DayModel, manifest: Manifest, targets: np.ndarray, day: str, stated: bytes
-    ) -> Iterator[Arrival]:
-        """Yield what comes of every row of a motion, after the first ones have shown how its noise lasts."""
-        assert model.window is not None
-        where, out = self.folder / "manifest.json", self._out
+    def _source(self, model: DayModel, manifest: Manifest, where: Path, kept: Seen) -> ArrivingRows:
+        given = {"manifest": manifest, "where": where, "kept": kept}
+        if model.window is None:
+            return ArrivingRows(path=self.folder / arriving_rows.TABLE, once=self._once, **given)
         mass = model.nominal.mass if manifest.weighed_mass is None else manifest.weighed_mass.value
-        known = (0, "")
-        if out is not None and (kept := arriving_rows.read_state(out, day)):
-            number, _, read = kept.decode().partition(" ")
-            known = int(number), read
         path, weight = self.folder / arriving_samples.TABLE, mass * manifest.gravity
-        samples = ArrivingSamples(path, manifest, where, weight, model.window, known)
-        waiting: list[Arrived] = []
-        state, judge, rows = first_state(model), one_blas_thread(watch_row), 0
-        for arrived in self._samples(samples):
-            if arrived.line > known[0] and read_bytes(where) != stated:
-                raise InputError(f"{where}: found another manifest than before the first row")
-            waiting.append(arrived)
-            rows += arrived.row is not None
-            if rows < FIRST:
-                continue
-            if rows == FIRST and arrived.row is not None:
-                first = joined([one.row for one in waiting if one.row is not None])
-                model = one_blas_thread(with_noise_in_time)(model, first)
-                state = first_state(model)
-            for one in waiting:
-                verdict = None
-                if one.row is not None:
-                    state, verdict = judge(model, state, one.row, targets)
-                if one.line > known[0]:
-                    yield Arrival(one.line, verdict, one.problem)
-                    if out is not None:
-                        arriving_rows.write_state(out, day, f"{one.line} {one.read}".encode())
-            waiting = []
+        return ArrivingSamples(path=path, weight=weight, window=model.window, **given)
 
-    def _samples(self, samples: ArrivingSamples) -> Iterator[Arrived]:
-        yield from samples.new()
+    def _arriving(self, source: ArrivingRows) -> Iterator[Arrived]:
+        yield from source.new()
         while not self._once:
             time.sleep(POLL)
-            yield from samples.new()
-
-    def _arriving(self, path: Path) -> Iterator[bytes]:
-        while (
-            lines := arriving_rows.new_lines(path, bytes(self._read), self._header, self._once)
-        ) or not self._once:
-            yield from lines
-            if not lines:
-                time.sleep(POLL)
+            yield from source.new()
 
     def _model(self, manifest: Manifest, where: Path) -> DayModel:
         """Prepare the day; refuse another robot's folder or plan, and sensors other than plates on cells."""
@@ -262,15 +225,6 @@ def read_targets(texts: Sequence[str]) -> dict[str, float]:
                 f"targets: found {shortened(repr(text))}, expected NAME=MILLIMETRES, for instance all=2"
             ) from None
     return targets
-
-
-def _hash_of_day(plan: PosturePlan, manifest: bytes) -> str:
-    whole = sha256(manifest)
-    for values in (plan.posture, plan.placement, plan.joint_angles, plan.swing_pose):
-        whole.update(np.ascontiguousarray(values).tobytes())
-    if plan.motion is not None:
-        whole.update(np.ascontiguousarray(plan.motion.joint_angles).tobytes())
-    return whole.hexdigest()
 
 
 def _targets_of(names: Sequence[str], given: Mapping[str, float]) -> dict[str, float]:

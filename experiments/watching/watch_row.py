@@ -69,24 +69,22 @@ def begin_row(model: DayModel, state: WatchState, row: Measurements, planned: in
     stood = state.stood
     if model.window is not None:  # feet creep below moving legs, see `Observation.stance`
         put_down = not 0 < gap <= LONG_GAP * model.window or time - stood >= STILL
-        kept, at = model.kept(gap), model.lasting
-        state = replace(state, belief=state.belief.later(model, kept), changes=state.changes.later(at, kept))
+        state = _later(model, state, model.lasting, model.kept(gap))
     elif np.isfinite(gap):
         put_down = gap <= 0 or gap > LONG_GAP * usual or (usual == np.inf and planned > state.row + 1)
     numbers = OF_PLACEMENT if anew else STANCE if put_down else 0
     if numbers:
-        state = replace(
-            state,
-            belief=state.belief.begun(model, numbers),
-            changes=state.changes.begun(numbers),
-            stance=state.stance + 1,
-            stood=time,
-        )
+        state = _later(model, state, slice(-numbers, None), 0.0)
+        state = replace(state, stance=state.stance + 1, stood=time)
     if placement != state.placement:
         state = replace(state, information=state.information.placement_begun())
     if not anew and np.isfinite(gap) and gap > 0:
         state = replace(state, gaps=(*state.gaps, gap)[-GAPS:])
     return replace(state, placement=placement, support=support, time=time, row=planned)
+
+
+def _later(model: DayModel, state: WatchState, at: slice, kept: float) -> WatchState:
+    return replace(state, belief=state.belief.later(model, at, kept), changes=state.changes.later(at, kept))
 
 
 def next_posture(model: DayModel, state: WatchState, fits: bool) -> int | None:
@@ -181,12 +179,12 @@ def watch_row(
     Returns:
         the state after the row, and the verdict; the state that was given is not changed.
     """
-    posture, level = int(row.posture[0]), alarm.levels(model)
+    posture = int(row.posture[0])
     planned = planned_row(model, state, posture, int(row.placement[0]))
     wrong = refused(model, state, row, planned)
     verdict, findings = UNPLANNED if planned is None else UNUSABLE, [] if wrong is None else [wrong]
     if planned is not None and wrong is None:
-        verdict, odd = unfit(model, state, row, planned, level.row)
+        verdict, odd = unfit(model, state, row, planned, alarm.levels(model).row)
         findings = order_findings(model, state, row, planned) + odd
         kept = model.shares[0] * model.kept(float(row.time[0]) - state.time)
         state = begin_row(model, state, row, planned)
@@ -199,9 +197,7 @@ def watch_row(
                 rocks = rocking(row, state.spreads)
                 columns = _without_noise(model, state, row, columns.without_twist(rocks)).without_twist(rocks)
             spreads = np.concatenate([state.spreads, spreads])[-USUAL:] if len(state.spreads) else spreads
-            innovation = state.belief.predict(model, columns)
-            state = replace(state, spreads=spreads)
-            state, verdict, told = _judge(model, state, columns, innovation, planned, level, kept)
+            state, verdict, told = _judge(model, replace(state, spreads=spreads), columns, planned, kept)
             findings = [*told, *findings]
     errors = state.information.standard_errors()
     left, stop = int((state.done != MEASURED).sum()), ""
@@ -231,16 +227,11 @@ def _without_noise(model: DayModel, state: WatchState, row: Measurements, column
 
 
 def _judge(
-    model: DayModel,
-    state: WatchState,
-    columns: RowColumns,
-    innovation: Innovation,
-    planned: int,
-    level: alarm.Level,
-    kept: float,
+    model: DayModel, state: WatchState, columns: RowColumns, planned: int, kept: float
 ) -> tuple[WatchState, str, list[Finding]]:
-    """Hold a plausible row against the model of the day and take it in if it fits."""
-    posture, findings = model.number(planned), []
+    """Compare a plausible row with the model of the day and take it in if it fits."""
+    posture, level, findings = model.number(planned), alarm.levels(model), []
+    innovation = state.belief.predict(model, columns)
     if state.fault is not None:
         state, change = alarm.still_there(model, state, innovation)
         findings = [change]

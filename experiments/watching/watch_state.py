@@ -73,17 +73,12 @@ class Belief:
     mean: np.ndarray
     covariance: np.ndarray
 
-    def begun(self, model: DayModel, numbers: int) -> Belief:
-        """Return the belief in a new placement (`OF_PLACEMENT` numbers begin again) or stance (`STANCE`)."""
-        mean, covariance = self.mean.copy(), self.covariance.copy()
-        mean[-numbers:] = 0.0
-        covariance[-numbers:] = covariance[:, -numbers:] = 0.0
-        covariance[-numbers:, -numbers:] = model.covariance[-numbers:, -numbers:]
-        return Belief(mean, covariance)
+    def later(self, model: DayModel, at: slice, kept: float) -> Belief:
+        """Return the belief after errors at these numbers kept this correlation with themselves.
 
-    def later(self, model: DayModel, kept: float) -> Belief:
-        """Return the belief after a time in which errors that last kept this correlation with themselves."""
-        at, mean, covariance = model.lasting, self.mean.copy(), self.covariance.copy()
+        With none left they begin again.
+        """
+        mean, covariance = self.mean.copy(), self.covariance.copy()
         mean[at] *= kept
         covariance[at] *= kept
         covariance[:, at] *= kept
@@ -197,14 +192,8 @@ class Changes:
         seen = (self.information > LEAST_SEEN) & (self.onset >= 0)[:, None]
         return np.where(seen, self.pull**2 / np.where(seen, self.information, 1.0), 0.0)
 
-    def begun(self, numbers: int) -> Changes:
-        """Return the evidence in a new placement or stance: its last numbers are not biased yet."""
-        bias = self.bias.copy()
-        bias[:, -numbers:] = 0.0
-        return replace(self, bias=bias)
-
     def later(self, at: slice, kept: float) -> Changes:
-        """Return the evidence after a time; `Belief.later` keeps so much of the bias of errors that last."""
+        """Return the evidence after errors at these numbers kept so much, as in `Belief.later`."""
         bias = self.bias.copy()
         bias[:, at] *= kept
         return replace(self, bias=bias)
@@ -242,12 +231,6 @@ class Changes:
             values[at] = 0
         parts["onset"][at] = count
         return Changes(**parts)
-
-
-def is_onset(onset: int, count: int) -> bool:
-    """Return whether an onset is still looked at when row `count` comes."""
-    back = count - onset
-    return back < RECENT or (onset % APART == 0 and back < REACH)
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,8 +301,12 @@ class WatchState:
         return replace(self, done=done)
 
     def remembered(self, planned: int) -> WatchState:
-        """Return the state that also remembers what is known before the row that comes now."""
-        kept = tuple(before for before in self.history if is_onset(before.count, self.count))
+        """Return the state that also remembers what is known before the row that comes now.
+
+        States before onsets that are no longer looked at are forgotten.
+        """
+        back = [(before, self.count - before.count) for before in self.history]
+        kept = [one for one, k in back if k < RECENT or (one.count % APART == 0 and k < REACH)]
         now = replace(self, history=(), changes=Changes.none(0, 0))
         return replace(self, history=(*kept, now), taken=(*self.taken, planned)[-REACH:])
 

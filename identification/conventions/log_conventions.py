@@ -143,13 +143,14 @@ def other_readings(measurements: Measurements, joint_range: np.ndarray) -> Itera
     """
     m, joints = measurements, measurements.joints
     logged = [k for k, joint in enumerate(joints) if joint not in m.constant_joints]
-    same = np.arange(len(joints))
+    same, plain = np.arange(len(joints)), np.ones(len(joints))
+    meanings: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]] = []  # with factor, source and zero
     for k in logged:
-        ends, factor = joint_range[k].sum(), np.where(same == k, -1.0, 1.0)
-        yield from _possible(f"{joints[k]}: sign turned", _read(m, factor, same, k, 0.0), joint_range)
+        ends, turned = joint_range[k].sum(), np.where(same == k, -1.0, 1.0)
+        meanings.append((f"{joints[k]}: sign turned", turned, same, 0.0 * plain))
         if np.isfinite(ends) and abs(ends) > APART:
             what = f"{joints[k]}: counted from the other end of its range"
-            yield from _possible(what, _read(m, factor, same, k, ends), joint_range)
+            meanings.append((what, turned, same, np.where(same == k, ends, 0.0)))
     groups: dict[str, list[int]] = {}
     for k in logged:
         stem = re.sub("roll|pitch|yaw", "*", joints[k])
@@ -160,27 +161,15 @@ def other_readings(measurements: Measurements, joint_range: np.ndarray) -> Itera
             if list(order) != group:
                 source = same.copy()
                 source[group] = order
-                names = ", ".join(joints[k] for k in group)
-                what = f"{names}: read in the order {', '.join(joints[k] for k in order)}"
-                yield from _possible(what, _read(m, np.ones(len(joints)), source, 0, 0.0), joint_range)
-
-
-def _read(m: Measurements, factor: np.ndarray, source: np.ndarray, joint: int, zero: float) -> Measurements:
-    read = {
-        name: None if (values := getattr(m, name)) is None else factor * values[:, source]
-        for name in OF_ANGLES
-    }
-    angles = read["joint_angles"]
-    assert angles is not None
-    angles[:, joint] += zero
-    rates, accelerations = read["joint_rates"], read["joint_accelerations"]
-    return replace(m, joint_angles=angles, joint_rates=rates, joint_accelerations=accelerations)
-
-
-def _possible(what: str, m: Measurements, joint_range: np.ndarray) -> Iterator[tuple[str, Measurements]]:
+                names, others = (", ".join(joints[k] for k in some) for some in (group, order))
+                meanings.append((f"{names}: read in the order {others}", plain, source, 0.0 * plain))
     low, high = joint_range.T
-    if (m.joint_angles > low - OUTSIDE).all() and (m.joint_angles < high + OUTSIDE).all():
-        yield what, m
+    for what, factor, source, zero in meanings:
+        known = {name: values for name in OF_ANGLES if (values := getattr(m, name)) is not None}
+        read = {name: factor * values[:, source] for name, values in known.items()}
+        read["joint_angles"] += zero
+        if ((read["joint_angles"] > low - OUTSIDE) & (read["joint_angles"] < high + OUTSIDE)).all():
+            yield what, replace(m, **read)
 
 
 def shifted(wrench: np.ndarray, time: np.ndarray, lag: float) -> np.ndarray:

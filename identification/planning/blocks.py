@@ -21,6 +21,7 @@ from tulip_testbed.identification.planning.problem import PlanningProblem
 
 SCALE = np.array([0.05, 0.05, 0.05, 0.3, 0.3, 0.3, 0.05, 0.05, 0.3])  # of the design variables [m, rad]
 OWN, SHARED = slice(0, 6), slice(6, 9)
+POLISH = 20  # iterations of SLSQP on a block
 FREEDOM = 0.5  # of the scale: largest step of a block, so that inverse kinematics converges
 FARTHEST = 0.5  # rad: largest change of an angle in a prediction by dq/du
 # Violation of an inequality that SLSQP may leave; `Margins.rounding` is a hundred times as large.
@@ -85,9 +86,7 @@ def information_slope(evaluation: Evaluation, by_matrix: np.ndarray) -> np.ndarr
     return np.einsum("mip,mipu->mu", by_regressor, evaluation.regressor_slopes, optimize=True)
 
 
-def improve(
-    problem: PlanningProblem, block: Block, rest: np.ndarray, smooth: Smooth, iterations: int
-) -> Block:
+def improve(problem: PlanningProblem, block: Block, rest: np.ndarray, smooth: Smooth) -> Block:
     """Minimise a function of M over one block, given the rest's information, (p, p); never to a worse one."""
 
     def objective(evaluation: Evaluation) -> tuple[float, np.ndarray]:
@@ -99,7 +98,7 @@ def improve(
         return value, gradient_of_block(slope[:, None]).sum(axis=0)
 
     before = evaluate(problem, block.design, block.angles)
-    after = _slsqp(problem, block, packed, iterations, FREEDOM)
+    after = _slsqp(problem, block, packed, POLISH, FREEDOM)
     now = evaluate(problem, after.design, after.angles)
     if now.inequalities.min() < -FEASIBLE:
         after = repair(problem, after)
@@ -137,7 +136,7 @@ def _slsqp(
             design = unpack(x)
             change = last.joint_jacobian @ (design - last_design)[..., None]
             far = max(1.0, np.abs(change).max() / FARTHEST)
-            cache[key] = evaluate(problem, design, last.chain.angles + change[..., 0] / far)
+            cache[key] = evaluate(problem, design, last.chain.joint_angles + change[..., 0] / far)
             if cache[key].reached.all():
                 last, last_design = cache[key], design
         return cache[key]
@@ -160,7 +159,7 @@ def _slsqp(
         options={"maxiter": iterations, "ftol": 1e-6},
     )
     design = unpack(np.clip(result.x, box[:, 0], box[:, 1]))
-    return Block(design, at(pack(design)).chain.angles)
+    return Block(design, at(pack(design)).chain.joint_angles)
 
 
 def candidates(problem: PlanningProblem, swing: np.ndarray, start: Block, rng: np.random.Generator) -> Block:
@@ -189,7 +188,7 @@ def candidates(problem: PlanningProblem, swing: np.ndarray, start: Block, rng: n
     distance = np.abs((design[:, None, :6] - start.design[None, :, :6]) / SCALE[:6]).sum(axis=2)
     evaluation = evaluate(problem, design, start.angles[distance.argmin(axis=1)])
     feasible = evaluation.reached & (evaluation.inequalities.min(axis=1) >= 0)
-    return Block(design[feasible], evaluation.chain.angles[feasible])
+    return Block(design[feasible], evaluation.chain.joint_angles[feasible])
 
 
 def exchange(

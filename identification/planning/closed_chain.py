@@ -5,10 +5,11 @@ In double support twelve equations determine twelve joints: the swing foot's pos
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from tulip_testbed.identification.kinematics import frame_positions, joint_axes, joint_pivots, link_rotations
+from tulip_testbed.identification.nominal import PostureGeometry
 from tulip_testbed.identification.planning.problem import PlanningProblem
 
 TOLERANCE = 1e-11  # of every equation [m, rad]
@@ -18,51 +19,42 @@ DESIGN = 9  # variables of a posture: CoM (3), torso roll, pitch, yaw, swing foo
 
 
 @dataclass(frozen=True)
-class Chain:
-    """Kinematics of m postures with the quantities that derivatives need; n joints, f frames.
+class Chain(PostureGeometry):
+    """Geometry of m postures on the stance foot with the masses that joints carry; n joints, f frames."""
 
-    Attributes:
-        angles: joint angles, (m, n) [rad].
-        rotations, positions: poses of all frames in the base frame, (m, f, 3, 3) and (m, f, 3) [m].
-        axes, pivots: axes of the joints and points on them, (m, n, 3) [-, m].
-        beyond: mass that each joint carries, (n,) [kg].
-        moment: first moment of that mass, (m, n, 3) [kg m].
-        com: centre of mass, (m, 3) [m].
-    """
+    nominal: PlanningProblem
 
-    angles: np.ndarray
-    rotations: np.ndarray
-    positions: np.ndarray
-    axes: np.ndarray
-    pivots: np.ndarray
-    beyond: np.ndarray
-    moment: np.ndarray
-    com: np.ndarray
+    @property
+    def positions(self) -> np.ndarray:
+        """Return the origins of all frames in the base frame, (m, f, 3) [m]."""
+        return self.frames[1]
+
+    @cached_property
+    def places(self) -> np.ndarray:
+        """Compute the centre of mass of every frame, (m, f, 3) [m]."""
+        return self.positions + (self.rotations @ self.nominal.centers[..., None])[..., 0]
+
+    @cached_property
+    def com(self) -> np.ndarray:
+        """Compute the centre of mass, (m, 3) [m]."""
+        masses = self.nominal.masses
+        return (masses[:, None] * self.places).sum(axis=1) / masses.sum()
+
+    @cached_property
+    def moment(self) -> np.ndarray:
+        """Compute the first moment about its pivot of the mass that each joint carries, (m, n, 3) [kg m]."""
+        masses, moved = self.nominal.masses, self.nominal.moved
+        return moved @ (masses[:, None] * self.places) - (moved @ masses)[:, None] * self.pivots
 
 
 def chain_at(problem: PlanningProblem, angles: np.ndarray) -> Chain:
-    """Compute forward kinematics and centre of mass for joint angles (m, n) [rad]."""
-    tree, base = problem.parameters.tree, problem.parameters.base
-    rotations = link_rotations(tree, base, angles)
-    positions = frame_positions(tree, base, rotations, -problem.points[0])
-    places = positions + (rotations @ problem.center[..., None])[..., 0]
-    weighted = problem.mass[:, None] * places
-    return Chain(
-        angles=angles,
-        rotations=rotations,
-        positions=positions,
-        axes=joint_axes(tree, base, rotations),
-        pivots=joint_pivots(tree, base, rotations, positions),
-        beyond=problem.moved @ problem.mass,
-        moment=problem.moved @ weighted,
-        com=weighted.sum(axis=1) / problem.mass.sum(),
-    )
+    """Return postures with joint angles (m, n) [rad]; what is computed of them is computed once."""
+    return Chain(**vars(problem.geometry(angles)))
 
 
 def com_jacobian(problem: PlanningProblem, chain: Chain) -> np.ndarray:
     """Differentiate the centre of mass by the joint angles, (m, 3, n) [m/rad]."""
-    arm = (chain.moment - chain.beyond[:, None] * chain.pivots) / problem.mass.sum()
-    return cross(chain.axes, arm).mT
+    return cross(chain.axes, chain.moment / problem.masses.sum()).mT
 
 
 def point_jacobian(problem: PlanningProblem, chain: Chain, frame: int) -> np.ndarray:
@@ -76,13 +68,8 @@ def open_chain_torques(problem: PlanningProblem, chain: Chain) -> np.ndarray:
 
     A drive carries the moment of the weight beyond it about its axis: tau = -a . (r x m g).
     """
-    load = _carried_load(problem, chain)
+    load = -problem.gravity * chain.moment
     return chain.axes[..., 1] * load[..., 0] - chain.axes[..., 0] * load[..., 1]
-
-
-def _carried_load(problem: PlanningProblem, chain: Chain) -> np.ndarray:
-    """Return the weight beyond each joint times its lever, (m, n, 3) [N m]."""
-    return -problem.gravity * (chain.moment - chain.beyond[:, None] * chain.pivots)
 
 
 def holding_torques(
@@ -98,8 +85,8 @@ def holding_torques(
         tau, (m, n) [N m]; its derivative by the joint angles at constant w, (m, n, n); A, (m, n, 6).
     """
     axes, pivots, gravity = chain.axes, chain.pivots, problem.gravity
-    load = _carried_load(problem, chain)
-    bears = problem.moved[:, problem.swing].astype(float)[:, None]  # joints that carry the swing foot
+    load = -problem.gravity * chain.moment
+    bears = problem.moved[:, problem.swing_frame].astype(float)[:, None]  # joints that carry the swing foot
     lines = -np.concatenate([cross(pivots, axes), axes], axis=2) * bears
 
     # Turning joint i moves axis and pivot of every joint j beyond it, and the masses beyond both.
@@ -108,12 +95,12 @@ def holding_torques(
     turned_axis = cross(axis_i, axes[:, None]) * up
     moved_pivot = cross(axis_i, pivots[:, None] - pivot_i) * up
     both = problem.moved[:, None] & problem.moved[None]
-    places = chain.positions + (chain.rotations @ problem.center[..., None])[..., 0]
     count = len(problem.moved)
-    mass = both @ problem.mass
-    moment = ((both * problem.mass).reshape(count * count, -1) @ places).reshape(-1, count, count, 3)
+    mass = both @ problem.masses
+    moment = ((both * problem.masses).reshape(count * count, -1) @ chain.places).reshape(-1, count, count, 3)
     moved_load = -gravity * (
-        cross(axis_i, moment - mass[..., None] * pivot_i) - chain.beyond[:, None] * moved_pivot
+        cross(axis_i, moment - mass[..., None] * pivot_i)
+        - (problem.moved @ problem.masses)[:, None] * moved_pivot
     )
     own_slope = (
         turned_axis[..., 1] * load[:, None, :, 0]
@@ -171,8 +158,8 @@ def solve_chain(
         chain = chain_at(problem, angles)
         left = np.concatenate(
             [
-                place - chain.positions[:, problem.swing],
-                _difference(chain.rotations[:, problem.swing], foot),
+                place - chain.positions[:, problem.swing_frame],
+                _difference(chain.rotations[:, problem.swing_frame], foot),
                 _difference(chain.rotations[:, problem.torso], torso),
                 com - chain.com,
             ],
@@ -202,8 +189,8 @@ def _equations(problem: PlanningProblem, chain: Chain) -> np.ndarray:
     moved = problem.moved
     turning = chain.axes.mT
     rows = [
-        point_jacobian(problem, chain, problem.swing),
-        turning * moved[:, problem.swing],
+        point_jacobian(problem, chain, problem.swing_frame),
+        turning * moved[:, problem.swing_frame],
         turning * moved[:, problem.torso],
         com_jacobian(problem, chain),
     ]

@@ -1,7 +1,9 @@
 """All constraints on a posture as inequalities g(u) >= 0, with derivatives."""
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +16,7 @@ from tulip_testbed.identification.planning.closed_chain import (
     point_jacobian,
     solve_chain,
 )
-from tulip_testbed.identification.planning.footing import PLAN, ROOMS, footing_slopes
+from tulip_testbed.identification.planning.footing import PLAN, footing_slopes
 from tulip_testbed.identification.planning.problem import PlanningProblem
 
 NEAREST = 12  # pairs of links of a posture that are constrained
@@ -35,11 +37,6 @@ REACHED = 1e-9  # m, rad: a larger residual of an equation means that the target
 UNREACHED = 10.0  # violation of all inequalities of a posture out of reach
 
 
-def nearest_count(problem: PlanningProblem) -> int:
-    """Return the number of pairs of links that are constrained in each posture."""
-    return min(NEAREST, len(problem.pairs.names))
-
-
 def quantity_of(constraint: str) -> tuple[float, str, float]:
     """Return the unit of a constraint's inequality, its readable unit and the size of this."""
     return QUANTITIES.get(constraint.split()[0], DISTANCE)
@@ -52,10 +49,10 @@ def link_room(problem: PlanningProblem, chain: Chain, wanted: np.ndarray) -> tup
     (m, s, n). The nearest points are held fixed on their links, which is exact to first order. In postures
     that are not wanted, (m,) bool, all links count as far from each other.
     """
-    pairs, kept = problem.pairs, nearest_count(problem)
+    pairs, kept = problem.pairs, min(NEAREST, len(problem.pairs.names))
     within, rows = problem.margins.link_clearance + BEYOND, np.flatnonzero(wanted)
     values = np.full((len(wanted), kept), BEYOND)
-    slopes = np.zeros((len(wanted), kept, chain.angles.shape[1]))
+    slopes = np.zeros((len(wanted), kept, chain.joint_angles.shape[1]))
     if not kept:
         return values, slopes
     found = clearances(pairs, chain.rotations[rows], chain.positions[rows], within)
@@ -100,7 +97,7 @@ def limb_distances(problem: PlanningProblem, chain: Chain) -> tuple[np.ndarray, 
 
 def _places_for(count: int, chain: Chain) -> tuple[np.ndarray, np.ndarray]:
     """Return empty arrays for some values of each posture and their derivatives by the angles."""
-    m, n = chain.angles.shape
+    m, n = chain.joint_angles.shape
     return np.empty((m, count)), np.empty((m, count, n))
 
 
@@ -124,6 +121,7 @@ class Evaluated:
 
     Attributes:
         chain: joint angles and kinematics.
+        names: the constraint of each inequality, (s,).
         inequalities: constraint values, feasible where at least 0, (m, s).
         inequality_jacobian: their derivatives, (m, s, v).
         regressor, regressor_slopes: R_b (eq. 6), (m, 2, p), and its derivative, (m, 2, p, 9) on both feet and
@@ -131,6 +129,7 @@ class Evaluated:
     """
 
     chain: Chain
+    names: tuple[str, ...]
     inequalities: np.ndarray
     inequality_jacobian: np.ndarray
     regressor: np.ndarray
@@ -154,24 +153,14 @@ class Evaluation(Evaluated):
     torque: np.ndarray
 
 
-def inequality_names(problem: PlanningProblem) -> tuple[str, ...]:
-    """Return the constraint of each inequality, (s,)."""
-    names = problem.parameters.tree.joints
-    pairs = len(problem.limbs[0]) * len(problem.limbs[1])
-    limited = np.isfinite(problem.torques)
-    return (
-        *(f"joint limit {names[j]}" for j in problem.between for _ in range(2)),
-        "least height",
-        *["stability margin"] * 8,
-        *["sole margin"] * 8,
-        *["cell load"] * 8,
-        *["foot load"] * 2,
-        *["boards and feet"] * ROOMS,
-        *(f"torque {name}" for j, name in enumerate(names) for k in range(2) if limited[j, k]),
-        *["leg clearance"] * pairs,
-        *["straight leg"] * len(problem.legs),
-        *["link clearance"] * nearest_count(problem),
+def stacked(problem: PlanningProblem, parts: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> dict[str, Any]:
+    """Return the fields of `Evaluated` about constraints, of which each has values, (m, k), and slopes."""
+    values, slopes = (
+        np.concatenate([part[k] / quantity_of(name)[0] for name, part in parts.items()], axis=1)
+        for k in (0, 1)
     )
+    names = tuple(name for name, (value, _) in parts.items() for _ in range(value.shape[1]))
+    return {"names": names, "inequalities": values - problem.margins.rounding, "inequality_jacobian": slopes}
 
 
 def evaluate(problem: PlanningProblem, design: np.ndarray, guess: np.ndarray) -> Evaluation:
@@ -184,7 +173,7 @@ def evaluate(problem: PlanningProblem, design: np.ndarray, guess: np.ndarray) ->
     ranges, margins, parameters = problem.ranges, problem.margins, problem.parameters
     chain, left, dq = solve_chain(problem, design[:, :3], design[:, 3:6], design[:, 6:], guess)
     reached = left < REACHED
-    angles = chain.angles
+    angles = chain.joint_angles
 
     regressor = parameters.regressor(angles)
     by_angle = parameters.slope(angles)  # (m, 2, n, p)
@@ -198,43 +187,42 @@ def evaluate(problem: PlanningProblem, design: np.ndarray, guess: np.ndarray) ->
     torque, torque_by_angle, lines = holding_torques(problem, chain, wrench)
     torque_slope = torque_by_angle @ dq + lines[..., 2:5] @ (foot_slope.wrench @ by_design)
 
-    low, high = problem.limits[problem.between].T
+    names = parameters.tree.joints
+    low, high = parameters.tree.joint_range[problem.between].T
     stay, turn = angles[:, problem.between], dq[:, problem.between]
     joints = np.stack([stay - low, high - stay], axis=2) - margins.joint
-    joint_slopes = np.stack([turn, -turn], axis=2)
+    slopes = np.stack([turn, -turn], axis=2)
     height = chain.positions[:, problem.torso, 2:] - ranges.least_height
     height_slope = point_jacobian(problem, chain, problem.torso)[:, 2:] @ dq
 
     limited = np.isfinite(problem.torques)
     limits = np.where(limited, problem.torques, 1.0)
-    relative = np.stack([torque / limits[:, 0], torque / limits[:, 1]], axis=2)[:, limited]
-    relative_slope = np.stack([torque_slope / limits[:, :1], torque_slope / limits[:, 1:]], axis=2)
+    used, used_slope = torque / limits, torque_slope / limits[:, None]
+    spare = margins.torque_share + np.stack([used, -used], axis=2)
+    spare_slope = np.stack([used_slope, -used_slope], axis=2)
     limb, limb_slope = limb_distances(problem, chain)
     room, room_slope = leg_stretch(problem, chain)
     link, link_slope = link_room(problem, chain, reached)
     straight = np.array([length for _, _, length in problem.legs])
 
-    count = len(design)
-    parts = [
-        (joints.reshape(count, -1), joint_slopes.reshape(count, -1, DESIGN), ANGLE),
-        (height, height_slope, LENGTH),
-        (foot.polygon - ranges.stability_margin, foot_slope.polygon @ by_design, LENGTH),
-        (foot.soles - ranges.sole_margin, foot_slope.soles @ by_design, LENGTH),
-        (foot.cells - ranges.least_cell_load, foot_slope.cells @ by_design, FORCE),
-        (foot.feet - margins.foot_load, foot_slope.feet @ by_design, FORCE),
-        (foot.boards, foot_slope.boards @ by_design, LENGTH),
-        (margins.torque_share - relative, -relative_slope[:, limited], TORQUE),
-        (limb - margins.leg_clearance, limb_slope @ dq, LENGTH),
-        (room - margins.stretch * straight, room_slope @ dq, LENGTH),
-        (link, link_slope @ dq, LENGTH),
-    ]
-    inequalities = np.concatenate([value / unit for value, _, unit in parts], axis=1) - margins.rounding
-    jacobian = np.concatenate([slope / unit for _, slope, unit in parts], axis=1)
-    inequalities[~reached], jacobian[~reached] = -UNREACHED, 0.0
+    parts = {
+        **{f"joint limit {names[j]}": (joints[:, k], slopes[:, k]) for k, j in enumerate(problem.between)},
+        "least height": (height, height_slope),
+        "stability margin": (foot.polygon - ranges.stability_margin, foot_slope.polygon @ by_design),
+        "sole margin": (foot.soles - ranges.sole_margin, foot_slope.soles @ by_design),
+        "cell load": (foot.cells - ranges.least_cell_load, foot_slope.cells @ by_design),
+        "foot load": (foot.feet - margins.foot_load, foot_slope.feet @ by_design),
+        "boards and feet": (foot.boards, foot_slope.boards @ by_design),
+        **{f"torque {name}": (spare[:, j], spare_slope[:, j]) for j, name in enumerate(names) if limited[j]},
+        "leg clearance": (limb - margins.leg_clearance, limb_slope @ dq),
+        "straight leg": (room - margins.stretch * straight, room_slope @ dq),
+        "link clearance": (link, link_slope @ dq),
+    }
+    constrained = stacked(problem, parts)
+    constrained["inequalities"][~reached], constrained["inequality_jacobian"][~reached] = -UNREACHED, 0.0
     return Evaluation(
         chain=chain,
-        inequalities=inequalities,
-        inequality_jacobian=jacobian,
+        **constrained,
         regressor=regressor,
         regressor_slopes=np.einsum("mijp,mju->mipu", by_angle, dq, optimize=True),
         design=design,

@@ -19,7 +19,6 @@ OFF_HULL = 1.0  # m: margin of a corner at which no edge begins, so that it is n
 LEAST_FORCE = 1.0  # N, on each foot; avoids a division by zero far outside of the constraints
 # Inputs: CoM x, y; swing foot x, y, yaw; variance of the CoM's x, covariance, variance of y.
 PLAN = 8
-ROOMS = 42
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,7 @@ class Footing:
         wrench: vertical force on the swing foot and its moments about x and y through the base frame's
             origin, (m, 3) [N, N m]; the other components are zero.
         boards: clearance of each sole on its board to the side, of the swing sole to the front, and between
-            the soles to the side, (m, ROOMS) [m].
+            the soles to the side, (m, 42) [m].
     """
 
     polygon: np.ndarray
@@ -56,7 +55,8 @@ def footing(problem: PlanningProblem, plan: np.ndarray) -> Footing:
     force, cop = planned_foot_loads(problem.weight, com, stance_sole.mean(axis=1), swing_sole.mean(axis=1))
     soles = []
     for foot, corners in enumerate((stance_sole, swing_sole)):
-        distance, _ = _edges(cop[:, foot, None], _ccw(corners), _ccw(np.roll(corners, 1, axis=1)))
+        around = corners[:, ::-1]  # counter-clockwise: `CORNERS` are clockwise seen from above
+        distance, _ = _edges(cop[:, foot, None], around, np.roll(around, -1, axis=1))
         least = np.where(force[:, foot].real > LEAST_FORCE, force[:, foot], LEAST_FORCE)
         soles.append(distance - problem.margins.assurance * problem.margins.foot_moment / least[:, None])
     boards, room = _boards(problem, swing_sole)
@@ -83,11 +83,6 @@ def footing_slopes(problem: PlanningProblem, plan: np.ndarray) -> tuple[Footing,
         values[name] = by_input[:, 0].real
         slopes[name] = by_input.imag.transpose(0, 2, 1) / STEP
     return Footing(**values), Footing(**slopes)
-
-
-def _ccw(corners: np.ndarray) -> np.ndarray:
-    """Return corners counter-clockwise; `CORNERS` are clockwise seen from above."""
-    return corners[:, ::-1]
 
 
 def _edges(
@@ -122,7 +117,7 @@ def _polygon(
 
 
 def _boards(problem: PlanningProblem, swing_sole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the centres of both boards, laid as by `lay_boards`, (m, 2, 2), and clearances, (m, ROOMS).
+    """Return the centres of both boards, laid as by `lay_boards`, (m, 2, 2), and clearances, (m, 42).
 
     The reach of a rotated sole has a kink where another corner becomes the outermost, as at zero yaw, and
     optima lie at such kinks. So every pair of corners has its own clearance, which is smooth.

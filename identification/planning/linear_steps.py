@@ -65,7 +65,7 @@ def descend(
 
 def _moved(problem: PlanningProblem, plan: Evaluation, step: np.ndarray) -> Evaluation:
     change = np.clip((plan.joint_jacobian @ step[..., None])[..., 0], -0.5, 0.5)
-    return evaluate(problem, plan.design + step, plan.chain.angles + change)
+    return evaluate(problem, plan.design + step, plan.chain.joint_angles + change)
 
 
 def linear_step(
@@ -86,7 +86,7 @@ def linear_step(
     """
     _, by_matrix = smooth(information(plan))
     cost = information_slope(plan, by_matrix) * SCALE
-    columns, size = variables(len(plan.design), per)
+    columns = variables(len(plan.design), per)
     at_least = np.full(columns.shape, -np.inf)
     at_most = -at_least
     intervals = np.concatenate([problem.ranges.torso, problem.ranges.swing])
@@ -94,24 +94,23 @@ def linear_step(
     slopes, now = plan.inequality_jacobian * SCALE, plan.inequalities
     room = now if missed is None else now + missed
     limits = (at_least, at_most)
-    step, gain = elastic_step(cost, columns, size, now, slopes, limits, region, room, penalty)
+    step, gain = elastic_step(cost, columns, now, slopes, limits, region, room, penalty)
     return step * SCALE, gain
 
 
-def variables(count: int, per: int) -> tuple[np.ndarray, int]:
-    """Return which of a plan's variables are each posture's nine, (m, 9), and how many there are.
+def variables(count: int, per: int) -> np.ndarray:
+    """Return which of a plan's variables are each posture's nine, (m, 9).
 
     Every posture has six of its own; the three of a swing foot are those of all postures of its placement.
     """
     posture = np.arange(count)[:, None]
     shared = 6 * count + posture // per * 3 + np.arange(3)
-    return np.concatenate([6 * posture + np.arange(6), shared], axis=1), int(shared.max()) + 1
+    return np.concatenate([6 * posture + np.arange(6), shared], axis=1)
 
 
 def elastic_step(
     cost: np.ndarray,
     columns: np.ndarray,
-    size: int,
     inequalities: np.ndarray,
     slopes: np.ndarray,
     interval: tuple[np.ndarray, np.ndarray],
@@ -124,7 +123,6 @@ def elastic_step(
     Args:
         cost: derivatives of the objective by each posture's variables, (m, v).
         columns: which of all variables these are, (m, v); postures may share some.
-        size: number of all variables.
         inequalities: values at the start, feasible where at least 0, (m, s).
         slopes: their derivatives, (m, s, v).
         interval: smallest and largest step of each variable, (m, v) each.
@@ -136,7 +134,7 @@ def elastic_step(
         The step, (m, v), and the predicted reduction of the objective with its penalties; no step and 0 if
         the program fails.
     """
-    count, width = columns.shape
+    (count, width), size = columns.shape, int(columns.max()) + 1
     objective = np.zeros(size + count)
     np.add.at(objective, columns, cost)
     objective[size:] = penalty  # of each posture's elastic variable

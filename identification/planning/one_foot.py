@@ -34,6 +34,7 @@ from tulip_testbed.identification.planning.constraints import (
     limb_distances,
     link_room,
     quantity_of,
+    stacked,
 )
 from tulip_testbed.identification.planning.problem import PlanningProblem, planning_problem
 from tulip_testbed.measurements import lay_boards
@@ -66,7 +67,7 @@ def from_other_foot(problem: PlanningProblem) -> PlanningProblem:
         there,
         parameters=replace(problem.parameters, base=there.parameters.base),
         parameter_covariance=problem.parameter_covariance,
-        nominal=problem.nominal,
+        value=problem.value,
         side=-problem.side,
     )
 
@@ -81,12 +82,10 @@ def one_foot_constraints(problem: PlanningProblem, chain: Chain, swing: np.ndarr
 
     The board of the other foot lies under its last standing pose, (m, 3) [m, m, rad].
     """
-    angles, ranges, margins = chain.angles, problem.ranges, problem.margins
-    low, high = problem.limits.T
-    limited = np.isfinite(problem.torques)
-    limits = np.where(limited, problem.torques, np.inf)
-    torque = open_chain_torques(problem, chain)
-    spare = np.stack([margins.torque_share - torque / limits[:, k] for k in range(2)], axis=2)
+    angles, ranges, margins = chain.joint_angles, problem.ranges, problem.margins
+    low, high = problem.parameters.tree.joint_range.T
+    used = open_chain_torques(problem, chain) / problem.torques
+    spare = margins.torque_share + np.stack([used, -used], axis=2)
     height, side = _lifted(problem, chain)
     least_side = min(problem.side * y for y in ranges.swing_y)
     limb, limb_slope = limb_distances(problem, chain)
@@ -105,8 +104,12 @@ def one_foot_constraints(problem: PlanningProblem, chain: Chain, swing: np.ndarr
 
     def torques() -> np.ndarray:
         slope = holding_torques(problem, chain, np.zeros((len(angles), 6)))[1]
-        both = np.stack([-slope / limits[:, k, None] for k in range(2)], axis=2)
-        return both.reshape(len(angles), -1, len(low))
+        rate = slope / problem.torques[:, None]
+        return np.stack([rate, -rate], axis=2).reshape(len(angles), -1, len(low))
+
+    def loads() -> np.ndarray:  # linear in the CoM's x and y
+        steps = [_cell_loads(problem, chain.com + step, swing) - cells for step in np.eye(3)[:2]]
+        return np.stack(steps, axis=2) @ plan_view()
 
     torso, torso_slope = _torso_room(problem, chain)
     cells = _cell_loads(problem, chain.com, swing)
@@ -122,10 +125,7 @@ def one_foot_constraints(problem: PlanningProblem, chain: Chain, swing: np.ndarr
             lambda: inward @ plan_view() - margins.assurance * sd_slope(),
         ),
         "sole margin": (apart - ranges.sole_margin, lambda: inward @ plan_view()),
-        "cell load": (
-            cells - ranges.least_cell_load,
-            lambda: _cell_slope(problem, cells, chain.com, swing) @ plan_view(),
-        ),
+        "cell load": (cells - ranges.least_cell_load, loads),
         "torques": (spare.reshape(len(angles), -1), torques),
         "leg clearance": (limb - margins.leg_clearance, lambda: limb_slope),
         "straight leg": (
@@ -154,12 +154,9 @@ def evaluate_one_foot(problem: PlanningProblem, angles: np.ndarray, swing: np.nd
     """Evaluate postures on the stance foot with all derivatives; arguments as `single_support_margins`."""
     chain = chain_at(problem, angles)
     found = one_foot_constraints(problem, chain, swing)
-    parts = [(values, slopes, quantity_of(name)[0]) for name, (values, slopes) in found.items()]
-    values = np.concatenate([values / scale for values, _, scale in parts], axis=1)
     return Evaluated(
         chain=chain,
-        inequalities=values - problem.margins.rounding,
-        inequality_jacobian=np.concatenate([slopes() / scale for _, slopes, scale in parts], axis=1),
+        **stacked(problem, {name: (values, slopes()) for name, (values, slopes) in found.items()}),
         regressor=problem.parameters.regressor(angles),
         regressor_slopes=problem.parameters.slope(angles),
     )
@@ -179,14 +176,14 @@ def _torso_room(problem: PlanningProblem, chain: Chain) -> Part:
 
 def _lifted(problem: PlanningProblem, chain: Chain) -> tuple[Part, Part]:
     """Return the height of the swing sole's corners, (m, 4), and its place to its own side, (m, 1) [m]."""
-    foot, place = chain.rotations[:, problem.swing], chain.positions[:, problem.swing]
+    foot, place = chain.rotations[:, problem.swing_frame], chain.positions[:, problem.swing_frame]
     corners = np.column_stack([problem.soles[1], np.full(len(problem.soles[1]), problem.points[1][2])])
     height = place[:, 2, None] + np.einsum("mb,cb->mc", foot[:, 2], corners)
     side = place[:, 1] + foot[:, 1] @ problem.points[1]
 
     def speed(points: np.ndarray) -> np.ndarray:
         arm = place[:, None] + points @ foot.mT
-        moved = problem.moved[:, problem.swing, None]
+        moved = problem.moved[:, problem.swing_frame, None]
         return cross(chain.axes[:, None], arm[:, :, None] - chain.pivots[:, None]) * moved
 
     return (
@@ -219,11 +216,3 @@ def _cell_loads(problem: PlanningProblem, com: np.ndarray, swing: np.ndarray) ->
         cop = np.array([point, boards[1, :2]])
         loads.append(predicted_cell_loads(share, cop, boards, problem.plate, problem.weight)[:4])
     return np.array(loads)
-
-
-def _cell_slope(
-    problem: PlanningProblem, loads: np.ndarray, com: np.ndarray, swing: np.ndarray
-) -> np.ndarray:
-    """Differentiate the cell loads by the CoM's x and y, of which they are linear functions, (m, 4, 2)."""
-    steps = np.eye(3)[:2]
-    return np.stack([_cell_loads(problem, com + step, swing) - loads for step in steps], axis=2)

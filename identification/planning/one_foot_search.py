@@ -19,7 +19,7 @@ from tulip_testbed.base.errors import InputError, most_frequent
 from tulip_testbed.identification.planning.blocks import FEASIBLE, exchanged, information
 from tulip_testbed.identification.planning.closed_chain import chain_at, com_jacobian, open_chain_torques
 from tulip_testbed.identification.planning.constraints import Evaluated
-from tulip_testbed.identification.planning.linear_steps import elastic_step
+from tulip_testbed.identification.planning.linear_steps import GROW, SHRINK, elastic_step
 from tulip_testbed.identification.planning.objectives import Smooth, shifted
 from tulip_testbed.identification.planning.one_foot import (
     evaluate_one_foot,
@@ -35,7 +35,6 @@ NEWTON_STEPS = 6
 POOL = 3  # random postures for each wanted one on one foot
 STEPS = 40  # linear steps of the postures on one foot in a round
 REGION, WIDEST, NARROWEST = 0.2, 0.5, 2e-3  # trust regions [rad]
-GROW, SHRINK = 1.5, 0.4
 CORRECTIONS = 3  # of a step for the curvature of the constraints
 GAIN = 1e-6  # smallest predicted gain of a step
 
@@ -92,7 +91,8 @@ def feasible_pool(
     There are `times` as many as the `count` to be chosen from them, as far as draws suffice, or at least
     `count`.
     """
-    low, high = np.where(np.isfinite(problem.limits), problem.limits, [-np.pi, np.pi]).T
+    limits = problem.parameters.tree.joint_range
+    low, high = np.where(np.isfinite(limits), limits, [-np.pi, np.pi]).T
     sole = problem.soles[0]
     inner = problem.ranges.stability_margin
     kept: list[np.ndarray] = []
@@ -172,7 +172,7 @@ def _descended(own: OnOneFoot, smooth: Smooth) -> OnOneFoot:
             break
         broken = moved.inequalities.min(axis=1) < -FEASIBLE
         region = np.where(broken, SHRINK * region, region)
-        kept = np.where(broken[:, None], found.chain.angles, moved.chain.angles)
+        kept = np.where(broken[:, None], found.chain.joint_angles, moved.chain.joint_angles)
         moved = evaluate_one_foot(problem, kept, standing)
         after, slope = smooth(information(moved))
         if after < value:
@@ -180,20 +180,20 @@ def _descended(own: OnOneFoot, smooth: Smooth) -> OnOneFoot:
             region = np.where(broken, region, np.minimum(GROW * region, WIDEST))
         else:
             region = SHRINK * region
-    return replace(own, angles=found.chain.angles)
+    return replace(own, angles=found.chain.joint_angles)
 
 
 def _moved(
     problem: PlanningProblem, found: Evaluated, standing: np.ndarray, cost: np.ndarray, region: np.ndarray
 ) -> tuple[Evaluated, float]:
     """Return the postures after a linear step, corrected for curvature, and the gain that it predicts."""
-    angles = found.chain.angles
+    angles = found.chain.joint_angles
     columns = np.arange(angles.size).reshape(angles.shape)
     free = np.full(angles.shape, np.inf)
     now, slopes = found.inequalities, found.inequality_jacobian
     room, moved, gain = now, found, 0.0
     for count in range(1 + CORRECTIONS):
-        step, predicted = elastic_step(cost, columns, angles.size, now, slopes, (-free, free), region, room)
+        step, predicted = elastic_step(cost, columns, now, slopes, (-free, free), region, room)
         gain = predicted if count == 0 else gain
         moved = evaluate_one_foot(problem, angles + step, standing)
         if moved.inequalities.min() >= -FEASIBLE:

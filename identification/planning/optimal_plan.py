@@ -11,7 +11,7 @@ import numpy as np
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.link_paths import with_free_paths
 from tulip_testbed.identification.planning.blocks import information
-from tulip_testbed.identification.planning.constraints import evaluate, inequality_names, quantity_of
+from tulip_testbed.identification.planning.constraints import evaluate, quantity_of
 from tulip_testbed.identification.planning.objectives import Objective, given
 from tulip_testbed.identification.planning.one_foot import from_other_foot, single_support_margins
 from tulip_testbed.identification.planning.one_foot_search import (
@@ -109,7 +109,7 @@ class SearchTask:
             before = 0 if self.measured is None else len(np.unique(self.measured.placement))
             raise InputError(
                 f"{problem.robot.path}: found that postures on {self.placements + before} placements do not "
-                f"determine {len(problem.nominal)} base parameters, expected more placements"
+                f"determine {len(problem.value)} base parameters, expected more placements"
             )
         return Start(drawn, state, tuple(single))
 
@@ -117,8 +117,7 @@ class SearchTask:
         problem, size = self.problem, (SPARE * self.placements, self.per, self.seed)
         drawn = random_postures(problem.robot, problem.plate, *size, problem.ranges, margins=problem.margins)
         where = f"{problem.robot.path}: planning ranges, seed {self.seed}"
-        random = (drawn.joint_angles, drawn.swing_pose, self.per, self.placements)
-        state = repair_start(problem, self.goal, *random, where)
+        state = repair_start(problem, self.goal, drawn, self.per, self.placements, where)
         first = drawn.take(np.arange(self.placements * self.per))
         return replace(first, joint_angles=state.angles, swing_pose=state.design[:, 6:]), state
 
@@ -176,7 +175,7 @@ class SearchTask:
             made["after"] = {"postures": len(measured), "placements": len(np.unique(measured.placement))}
         best = evaluate(problem, state.best_design, state.best_angles)
         swing = state.best_design[:, 6:]
-        angles = best.chain.angles
+        angles = best.chain.joint_angles
         plan = replace(drawn, joint_angles=angles, swing_pose=swing, made=made, torques=best.torque)
         plan = with_free_paths(problem.robot, problem.pairs, plan)
         if single := self.start.single if single is None else single:
@@ -231,8 +230,9 @@ def smallest_margins(problem: PlanningProblem, plan: PosturePlan) -> dict[str, d
             continue
         if support == "double":
             design = design_of(problem, part.joint_angles, part.swing_pose)
-            found = evaluate(problem, design, part.joint_angles).inequalities + problem.margins.rounding
-            for name, values in zip(inequality_names(problem), found.T, strict=True):
+            found = evaluate(problem, design, part.joint_angles)
+            kept = found.inequalities + problem.margins.rounding
+            for name, values in zip(found.names, kept.T, strict=True):
                 scale, _, size = quantity_of(name)
                 compare(GROUPS.get(name.split()[0], name), name, values * (scale * size), part.posture)
             continue

@@ -1,13 +1,13 @@
 """The planning problem: nominal kinematics, masses, drives, soles and ranges of a robot, as arrays."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import pairwise, product
 
 import mujoco
 import numpy as np
 
 from tulip_testbed.base.errors import InputError
-from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, standard_parameters
+from tulip_testbed.identification.base_parameters import BaseParameters, standard_parameters
 from tulip_testbed.identification.kinematics import frame_positions, link_rotations, moved_frames, walk
 from tulip_testbed.identification.link_clearances import (
     LinkPairs,
@@ -15,7 +15,7 @@ from tulip_testbed.identification.link_clearances import (
     reference_posture,
     segment_distances,
 )
-from tulip_testbed.identification.nominal import outline
+from tulip_testbed.identification.nominal import Nominal, nominal_robot, outline
 from tulip_testbed.identification.planning_ranges import (
     Margins,
     PlanningRanges,
@@ -26,7 +26,7 @@ from tulip_testbed.identification.planning_ranges import (
 from tulip_testbed.measurements import PlateGeometry
 from tulip_testbed.sim.control import torque_limits
 from tulip_testbed.sim.random_robots import half_edges
-from tulip_testbed.sim.robot import Robot, between_feet, rotation_matrices, sole_corners, sole_point
+from tulip_testbed.sim.robot import Robot, between_feet, rotation_matrices
 
 CLOSING = 12  # joints between the feet, as many as the equations of swing foot, torso and CoM
 Limb = tuple[int, int, float]
@@ -36,43 +36,33 @@ LEAST_LIMB = 0.155
 
 
 @dataclass(frozen=True)
-class PlanningProblem:
-    """A robot as the optimisation of postures needs it; n joints, f frames, p base parameters.
+class PlanningProblem(Nominal):
+    """A nominal robot as the optimisation of postures needs it; n joints, f frames, p base parameters.
 
     Attributes:
         ranges, margins, plate: ranges, margins and plate geometry that define the constraints.
         between: joints between the feet, which inverse kinematics determines, (12,).
-        limits: ranges of all joints, (n, 2) [rad].
-        torques: torque limits of the drives, (n, 2) [N m]; infinite if the robot's file has none.
-        mass, center: mass of every frame, (f,) [kg], and its centre of mass in the frame, (f, 3) [m].
+        torques: torque limits of the drives, (n,) [N m]; infinite if the robot's file has none.
+        masses, centers: mass of every frame, (f,) [kg], and its centre of mass in the frame, (f, 3) [m].
         gravity: acceleration of gravity [m/s2].
-        soles: corners of the stance and the swing sole in their feet's frames, (2, 4, 2) [m].
-        points: sole points below both ankles in the feet's frames, (2, 3) [m].
-        swing, torso: frame numbers.
+        torso: frame number.
         moved: frames that each joint moves relative to the stance foot, (n, f) bool.
         upstream: whether joint i carries joint j, (n, n) bool.
         parameter_covariance: covariance of the nominal base parameters, (p, p) [m2].
         limbs: limbs of the two legs as pairs of frames and radii [m], at least two per leg.
         legs: frames at hip and ankle, and their distance with a straight knee [m].
         pairs: pairs of links that must keep a distance.
-        nominal: nominal base parameters, (p,) [m].
         side: +1 if the swing foot is the left one, -1 if it is the right one.
     """
 
-    robot: Robot
-    parameters: BaseParameters
     ranges: PlanningRanges
     margins: Margins
     plate: PlateGeometry
     between: np.ndarray
-    limits: np.ndarray
     torques: np.ndarray
-    mass: np.ndarray
-    center: np.ndarray
+    masses: np.ndarray
+    centers: np.ndarray
     gravity: float
-    soles: np.ndarray
-    points: np.ndarray
-    swing: int
     torso: int
     moved: np.ndarray
     upstream: np.ndarray
@@ -80,13 +70,12 @@ class PlanningProblem:
     limbs: tuple[Leg, Leg]
     legs: tuple[Limb, ...]
     pairs: LinkPairs
-    nominal: np.ndarray
     side: float = 1.0
 
     @property
     def weight(self) -> float:
         """Return the weight of the robot [N]."""
-        return float(self.mass.sum() * self.gravity)
+        return float(self.masses.sum() * self.gravity)
 
 
 def planning_problem(
@@ -101,7 +90,8 @@ def planning_problem(
     Without ranges or margins they are those of the robot's description.
     """
     model, margins = robot.model, margins or planning_margins(robot)
-    parameters = base_parameters(robot, model, support)
+    nominal = nominal_robot(robot, support)
+    parameters = nominal.parameters
     tree, base = parameters.tree, parameters.base
     between = np.flatnonzero(between_feet(model, robot))
     if len(between) != CLOSING:
@@ -110,30 +100,23 @@ def planning_problem(
             "(six a leg) to optimise postures"
         )
     frames, standard = np.array(tree.frame_of_link), standard_parameters(model)
-    mass, center = np.zeros(len(tree.frames)), np.zeros((len(tree.frames), 3))
-    mass[frames], center[frames] = standard[:, 0], model.body_ipos[1:]
+    masses, centers = np.zeros(len(tree.frames)), np.zeros((len(tree.frames), 3))
+    masses[frames], centers[frames] = standard[:, 0], model.body_ipos[1:]
     moved = moved_frames(tree, base)
     outer = {step.edge.joint: step.new for step in walk(tree, base) if step.edge.joint >= 0}
     carried = moved[:, [outer[j] for j in range(len(tree.joints))]]
-    limits = torque_limits(robot)
-    torques = np.column_stack([-limits, limits])
     limbs, legs = _limbs(model, robot, parameters)
     limbs = _slim(limbs, robot, parameters, margins.leg_clearance)
     return PlanningProblem(
-        robot=robot,
-        parameters=parameters,
+        **{field.name: getattr(nominal, field.name) for field in fields(nominal)},
         ranges=ranges or planning_ranges(robot),
         margins=margins,
         plate=plate,
         between=between,
-        limits=tree.joint_range,
-        torques=torques,
-        mass=mass,
-        center=center,
+        torques=torque_limits(robot),
+        masses=masses,
+        centers=centers,
         gravity=float(-model.opt.gravity[2]),
-        soles=np.array([sole_corners(model, foot)[:, :2] for foot in robot.feet]),
-        points=np.array([sole_point(model, foot) for foot in robot.feet]),
-        swing=tree.frame(robot.swing_foot),
         torso=frames[0],
         moved=moved,
         upstream=carried & ~np.eye(len(carried), dtype=bool),
@@ -141,7 +124,6 @@ def planning_problem(
         limbs=limbs,
         legs=legs,
         pairs=link_pairs(robot, margins.link_clearance),
-        nominal=parameters.values(standard),
     )
 
 

@@ -26,14 +26,14 @@ from tulip_testbed.identification.planning.blocks import (
     repair,
 )
 from tulip_testbed.identification.planning.closed_chain import chain_at
-from tulip_testbed.identification.planning.constraints import Evaluation, evaluate, inequality_names
+from tulip_testbed.identification.planning.constraints import Evaluation, evaluate
 from tulip_testbed.identification.planning.linear_steps import descend, merit
 from tulip_testbed.identification.planning.objectives import Objective, Smooth
 from tulip_testbed.identification.planning.problem import PlanningProblem
+from tulip_testbed.measurements import PosturePlan
 
 WARM = 15  # linear steps for each of the smooth objectives at the start
 STEPS = 12  # linear steps in a hop
-POLISH = 20  # iterations of SLSQP on each placement at the end
 LEAST_POOL = 3  # smallest number of candidates for an exchange
 GAIN = 1e-6
 ARRAYS = ("design", "angles", "best_design", "best_angles")
@@ -65,27 +65,22 @@ class SearchState(Documented):
 
 
 def repair_start(
-    problem: PlanningProblem,
-    objective: Objective,
-    angles: np.ndarray,
-    swing: np.ndarray,
-    per: int,
-    placements: int,
-    source: str,
+    problem: PlanningProblem, objective: Objective, drawn: PosturePlan, per: int, placements: int, source: str
 ) -> SearchState:
     """Repair the first placements of a random plan that can be made feasible, and begin the search there.
 
-    The joint angles are (m, n) [rad], the swing foot's poses (m, 3) [m, m, rad], `per` in each placement.
+    Each placement has `per` postures.
     """
-    design = design_of(problem, angles, swing)
-    names, tally, blocks = inequality_names(problem), Counter[str](), list[Block]()
-    for drawn in _blocks(design, angles, per):
-        block = repair(problem, drawn)
+    angles = drawn.joint_angles
+    design = design_of(problem, angles, drawn.swing_pose)
+    tally, blocks = Counter[str](), list[Block]()
+    for start in _blocks(design, angles, per):
+        block = repair(problem, start)
         evaluation = evaluate(problem, block.design, block.angles)
         if not evaluation.reached.all():
             tally["out of reach"] += 1
         elif evaluation.inequalities.min() < -FEASIBLE:
-            tally[names[int(evaluation.inequalities.min(axis=0).argmin())]] += 1
+            tally[evaluation.names[int(evaluation.inequalities.min(axis=0).argmin())]] += 1
         else:
             blocks.append(block)
         if len(blocks) == placements:
@@ -125,7 +120,7 @@ def search(
             plan = _hop(problem, plan, per, smooth, objective.penalty, np.random.default_rng([seed, k]))
         else:
             best = evaluate(problem, state.best_design, state.best_angles)
-            plan = _polish(problem, _blocks(best.design, best.chain.angles, per), stages[-1])
+            plan = _polish(problem, _blocks(best.design, best.chain.joint_angles, per), stages[-1])
         state = _kept(problem, objective, state, plan, per)
         yield state
 
@@ -141,7 +136,7 @@ def _kept(
     problem: PlanningProblem, objective: Objective, state: SearchState, plan: Evaluation, per: int
 ) -> SearchState:
     """Return the state after a round; only a feasible plan can become the best."""
-    angles = plan.chain.angles
+    angles = plan.chain.joint_angles
     after = replace(state, rounds=state.rounds + 1, design=plan.design, angles=angles)
     if objective.value(information(plan)) > state.value:
         return after
@@ -153,7 +148,7 @@ def _kept(
     whole = _evaluated(problem, blocks)
     value = objective.value(information(whole))
     if whole.reached.all() and whole.inequalities.min() >= -FEASIBLE and value < state.value:
-        return replace(after, best_design=whole.design, best_angles=whole.chain.angles, value=value)
+        return replace(after, best_design=whole.design, best_angles=whole.chain.joint_angles, value=value)
     return after
 
 
@@ -166,7 +161,7 @@ def _hop(
     rng: np.random.Generator,
 ) -> Evaluation:
     """Exchange postures of one placement, perhaps at another foot pose; keep the plan if it improves."""
-    blocks = _blocks(plan.design, plan.chain.angles, per)
+    blocks = _blocks(plan.design, plan.chain.joint_angles, per)
     at = int(rng.integers(len(blocks)))
     block = blocks[at]
     every = plan.regressor.reshape(len(blocks), -1, plan.regressor.shape[-1])
@@ -193,7 +188,7 @@ def _polish(problem: PlanningProblem, blocks: list[Block], smooth: Smooth) -> Ev
     for k, block in enumerate(blocks):
         rest = np.sum([part for j, part in enumerate(parts) if j != k], axis=0)
         rest = rest if len(parts) > 1 else np.zeros_like(parts[0])
-        blocks[k] = improve(problem, block, rest, smooth, POLISH)
+        blocks[k] = improve(problem, block, rest, smooth)
         parts[k] = information(evaluate(problem, blocks[k].design, blocks[k].angles))
     return _evaluated(problem, blocks)
 

@@ -119,10 +119,13 @@ def _of_wrenches(m: Measurements, nominal: Nominal, usual_changes: UsualChanges 
 
 def _fits(m: Measurements, nominal: Nominal, noise: ReadingNoise, usual: Usual | None) -> list[Finding]:
     """Run the checks that need a fitted model; without usual changes that of the wiring alone."""
+    names = FORCES[:1] if usual is None else (FORCES[0], *FORCES[3:])
     try:
         found = agreement.fit(m, regression(nominal.parameters, m, nominal.robot), noise)
     except InputError as problem:
-        return _skip(FORCES[:1] if usual is None else (FORCES[0], *FORCES[3:]), str(problem))
+        return _skip(names, str(problem))
+    if found is None:
+        return _skip(names, agreement.NO_CELL_SD)
     if usual is None:
         return [cell_wiring.wiring(m, found)]
     single = agreement.single_postures(m, found), agreement.single_placements(m, found)

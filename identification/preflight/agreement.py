@@ -105,23 +105,15 @@ class AgreementFit:
     dof: int
 
 
-@dataclass(frozen=True)
-class Shifts:
-    """Shifts of groups of residuals, each tested as the only one.
+def shifts(
+    found: AgreementFit, directions: np.ndarray, together: Groups
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Test a shift of each group's residuals, within a placement, in directions (m, 2, d), as the only one.
 
-    Attributes:
-        p_value: by an F test with the scatter of the other residuals, or the stated one if that is larger,
-            (g,).
-        size, error: of the shift in each of d directions and its standard error, (g, d).
+    Returns:
+        the p-value by an F test with the scatter of the other residuals, or the stated one if that is larger,
+        (g,); size and standard error of the shift in each direction, (g, d).
     """
-
-    p_value: np.ndarray
-    size: np.ndarray
-    error: np.ndarray
-
-
-def shifts(found: AgreementFit, directions: np.ndarray, together: Groups) -> Shifts:
-    """Test a shift of each group's residuals, within a placement, in directions (m, 2, d)."""
     weighted = found.weights.of_postures @ directions
     if len(together) < len(directions):
         weighted = found.weights(directions)  # within the placement
@@ -141,11 +133,8 @@ def shifts(found: AgreementFit, directions: np.ndarray, together: Groups) -> Shi
     rank, free = np.where(tested, rank, 1), np.where(tested, free, 1)
     scale = np.maximum(1.0, (found.square - explained) / free)
     error = np.sqrt(scale[:, None] * np.diagonal(inverse, axis1=1, axis2=2))
-    return Shifts(
-        p_value=np.where(tested, f_sf(explained / rank / scale, rank, free), 1.0),
-        size=size,
-        error=np.where(tested[:, None], error, np.inf),
-    )
+    p_value = np.where(tested, f_sf(explained / rank / scale, rank, free), 1.0)
+    return p_value, size, np.where(tested[:, None], error, np.inf)
 
 
 def fit(measurements: Measurements, data: Regression, noise: ReadingNoise) -> AgreementFit | None:
@@ -167,41 +156,34 @@ def fit(measurements: Measurements, data: Regression, noise: ReadingNoise) -> Ag
     return AgreementFit(weights, model, weighted, covariance, score[..., 0], square, dof)
 
 
-def single_postures(measurements: Measurements, found: AgreementFit | None) -> Finding:
+def single_postures(measurements: Measurements, found: AgreementFit) -> Finding:
     """Find a posture whose centre of pressure contradicts all the others."""
-    name = "single postures"
-    if found is None:
-        return skipped(name, NO_CELL_SD)
     m = len(measurements)
-    each = shifts(found, np.tile(np.eye(2), (m, 1, 1)), Groups(np.arange(m)))
-    p_values = each.p_value
+    p_values, size, error = shifts(found, np.tile(np.eye(2), (m, 1, 1)), Groups(np.arange(m)))
     row = int(p_values.argmin())
     p_value = bonferroni(p_values)
     far = int((p_values * len(p_values) < 0.01).sum())
     return Finding(
-        name,
+        "single postures",
         result_of(p_value),
         f"{far} of {len(measurements)} postures are outliers",
         "every posture's CoP agrees with the model that fits the others",
-        f"worst: {row_name(measurements, row)}, CoP off by {_millimetres(each.size[row], each.error[row])}",
+        f"worst: {row_name(measurements, row)}, CoP off by {_millimetres(size[row], error[row])}",
         "Compare the row with the notebook; leave the posture out if it cannot be corrected.",
         p_value,
     )
 
 
-def single_placements(measurements: Measurements, found: AgreementFit | None) -> Finding:
+def single_placements(measurements: Measurements, found: AgreementFit) -> Finding:
     """Find a placement whose postures are shifted together, as by a wrongly recorded plate pose."""
     name, m = "single placements", measurements
-    if found is None:
-        return skipped(name, NO_CELL_SD)
     if not placement_sd(m)[:2].any():
         return skipped(name, "the manifest states no sensors.placement_sd")
     levers, together = placement_levers(m), groups(m.placement)
     each = [shifts(found, levers[..., 3 * p : 3 * p + 2], together) for p in range(len(PLATES))]
     # Placement by placement, and its plates one by one.
     p_values, size, error = (
-        np.stack([getattr(one, name) for one in each], axis=1).reshape(len(PLATES) * len(together), -1)
-        for name in ("p_value", "size", "error")
+        np.stack(part, axis=1).reshape(len(PLATES) * len(together), -1) for part in zip(*each, strict=True)
     )
     labels = [f"placement {number}, {plate} plate" for number in np.unique(m.placement) for plate in PLATES]
     worst = int(p_values.argmin())
@@ -224,15 +206,12 @@ def single_placements(measurements: Measurements, found: AgreementFit | None) ->
     )
 
 
-def scatter(found: AgreementFit | None, usual: Usual) -> Finding:
+def scatter(found: AgreementFit, usual: Usual) -> Finding:
     """Compare the residuals of the best fit with the stated noise and ordinary imperfections.
 
     Large residuals need not be a fault of the folder: the robot may differ from the model. Only those that no
     estimate survives fail.
     """
-    name = "scatter about the model"
-    if found is None:
-        return skipped(name, NO_CELL_SD)
     weighted = found.weights(usual.center)
     across = np.tensordot(weighted, found.model, axes=((0, 1), (0, 1)))
     power = np.tensordot(weighted, usual.center, axes=((0, 1), (0, 1)))
@@ -246,7 +225,7 @@ def scatter(found: AgreementFit | None, usual: Usual) -> Finding:
     tested = singly(score, information, usual.names, [float(chi2_sf(square, found.dof))])
     survives = ratio <= SCATTERS and tested.p_value >= VANISHES
     return Finding(
-        name,
+        "scatter about the model",
         "warn" if tested.result == "fail" and survives else tested.result,
         f"{ratio:.2f} times what is stated (chi-square {square:.0f}, {found.dof} degrees of freedom)"
         + tested.words,

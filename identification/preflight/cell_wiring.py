@@ -7,7 +7,7 @@ import numpy as np
 
 from tulip_testbed.identification.center_of_pressure import cell_positions, center_of_pressure, loads
 from tulip_testbed.identification.noise_structure import Groups, groups
-from tulip_testbed.identification.preflight.agreement import NO_CELL_SD, SCATTERS, AgreementFit
+from tulip_testbed.identification.preflight.agreement import SCATTERS, AgreementFit
 from tulip_testbed.identification.preflight.finding import Finding, row_name, skipped
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.cells import CELLS, CORNERS, PLATES
@@ -47,13 +47,11 @@ class _Wiring(NamedTuple):
     is_effect: bool = False
 
 
-def wiring(measurements: Measurements, found: AgreementFit | None) -> Finding:
+def wiring(measurements: Measurements, found: AgreementFit) -> Finding:
     """Compare the fit with that of cells that are connected otherwise, in all rows or in some.
 
     A wrong wiring moves the centre of pressure by centimetres: no other fault is repaired by one.
     """
-    if found is None:
-        return skipped(NAME, NO_CELL_SD)
     if found.dof < LEAST_DOF:
         return skipped(NAME, f"{found.dof} degrees of freedom, fewer than {LEAST_DOF}")
     force, positions, wirings = loads(measurements), cell_positions(measurements), _wirings()

@@ -174,10 +174,7 @@ def longest_run(values: np.ndarray, moved: np.ndarray) -> tuple[int, float]:
     Only rows count at which the value should have changed from the row before, (m - 1,) bool.
     """
     same = (values[1:] == values[:-1]) & moved
-    length = best = 1
-    for equal in same:
-        length = length + 1 if equal else 1
-        best = max(best, length)
+    best = 1 + max((rows.stop - rows.start for rows in runs(same) if same[rows.start]), default=0)
     _, counts = np.unique(values, return_counts=True)
     share = counts / len(values)
     alike = float((share**2).sum())

@@ -87,13 +87,10 @@ def steady_windows(measurements: Measurements) -> Finding:
     available = np.isfinite(spread).sum(axis=0) >= 3
     if not available.any():
         return skipped(name, "no q_std.* or cell_std.* columns")
-    step = by_channel(m, m.sensors.encoder_resolution or 0.0, m.sensors.cell_resolution or 0.0)
     usual = np.full(spread.shape[1], np.nan)
     usual[available] = np.nanmedian(spread[:, available], axis=0)
-    # A reading between two steps of a coarse sensor jumps by half a step without movement.
-    limit = np.sqrt(usual**2 + (step / 2) ** 2 + by_channel(m, LEAST_ANGLE, LEAST_FORCE) ** 2)
     frozen = [_channel(m, int(k), 0.0)[0] for k in np.flatnonzero(available & (usual == 0))]
-    ratio = np.nan_to_num(spread / limit)
+    ratio = np.nan_to_num(spread / unsteady_from(m, usual))
     row, channel = np.unravel_index(ratio.argmax(), ratio.shape)
     worst = float(ratio[row, channel])
     result = "fail" if worst > UNSTEADY_FAIL else "warn" if worst > UNSTEADY_WARN else "pass"
@@ -110,6 +107,15 @@ def steady_windows(measurements: Measurements) -> Finding:
         row_name(m, int(row)) if worst > UNSTEADY_WARN else ", ".join(dead),
         ADVICE + " An s.d. of 0: leave the column out rather than writing zeros.",
     )
+
+
+def unsteady_from(m: Measurements, usual: np.ndarray) -> np.ndarray:
+    """Return the s.d. within a window that count as usual, of joints and cells, and are never negligible.
+
+    A reading between two steps of a coarse sensor jumps by half a step without movement.
+    """
+    step = by_channel(m, m.sensors.encoder_resolution or 0.0, m.sensors.cell_resolution or 0.0)
+    return np.sqrt(usual**2 + (step / 2) ** 2 + by_channel(m, LEAST_ANGLE, LEAST_FORCE) ** 2)
 
 
 def _halves(readings: np.ndarray, harmless: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

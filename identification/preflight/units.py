@@ -90,42 +90,37 @@ def _angles(measurements: Measurements, nominal: Nominal) -> list[tuple[str, str
             read = f"{number(angles.min(), '.4g')} to {number(angles.max(), '.4g')}"
             text = f"q.{joint} reads {read} where [{low:.2f}, {high:.2f}] rad"
             complaints.append((f"q.{joint}", f"{text} is possible: degrees?"))
-    yaw = np.abs(measurements.plate_poses[:, :, 2])
-    complaints += [
-        (f"plate.{plate}.yaw", f"plate.{plate}.yaw reads up to {number(yaw[:, p].max(), '.4g')}: degrees?")
-        for p, plate in enumerate(PLATES)
-        if yaw[:, p].max() > MOST_YAW
+    large = [
+        (f"plate.{plate}.yaw", yaw, MOST_YAW, f"reads up to {number(yaw, '.4g')}")
+        for plate, yaw in zip(PLATES, np.abs(measurements.plate_poses[:, :, 2]).max(axis=0), strict=True)
     ]
-    stated = measurements.sensors.encoder_sd
-    if stated is not None and stated > MOST_ENCODER_SD:
-        complaints.append(("sensors.encoder_sd", f"sensors.encoder_sd is {stated:g}: degrees?"))
-    return complaints
+    stated = measurements.sensors.encoder_sd or 0.0
+    large.append(("sensors.encoder_sd", stated, MOST_ENCODER_SD, f"is {stated:g}"))
+    return complaints + _too_large(large, "degrees")
 
 
 def _lengths(measurements: Measurements) -> list[tuple[str, str]]:
-    complaints = []
-    for p, plate in enumerate(PLATES if measurements.contacts is None else ()):
-        spread = measurements.cells[p] - measurements.cells[p].mean(axis=0)
+    m, complaints, large = measurements, [], []
+    for p, plate in enumerate(PLATES if m.contacts is None else ()):
+        place, spread = f"plates.{plate}.cells", m.cells[p] - m.cells[p].mean(axis=0)
         if np.linalg.svd(spread, compute_uv=False)[1] < LEAST_CELLS:
-            place = f"plates.{plate}.cells"
             complaints.append((place, f"{place} lie on one line, expected the corners of a board"))
-        for corner, cell in zip(CORNERS, np.abs(measurements.cells[p]).max(axis=1), strict=True):
-            if cell > MOST_CELL:
-                place = f"plates.{plate}.cells.{corner}"
-                complaints.append((place, f"{place} lies {cell:g} from the plate's middle: millimetres?"))
+        away = zip(CORNERS, np.abs(m.cells[p]).max(axis=1), strict=True)
+        words = "lies {:g} from the plate's middle"
+        far = [(f"{place}.{corner}", cell, MOST_CELL, words.format(cell)) for corner, cell in away]
+        complaints += _too_large(far, "millimetres")
     for p, plate in enumerate(PLATES):
-        for k, axis in enumerate("xy"):
-            far = np.abs(measurements.plate_poses[:, p, k]).max()
-            if far > MOST_POSE:
-                place = f"plate.{plate}.{axis}"
-                complaints.append((place, f"{place} reads up to {far:g}: millimetres?"))
-    if np.abs(measurements.top_height).max() > MOST_CELL:
-        height = np.abs(measurements.top_height).max()
-        complaints.append(("plates.top_height", f"plates.top_height is {height:g}: millimetres?"))
-    stated = measurements.sensors.placement_sd
-    if stated is not None and max(stated[:2]) > MOST_PLACEMENT_SD:
-        complaints.append(("sensors.placement_sd", f"sensors.placement_sd is {stated[:2]}: millimetres?"))
-    return complaints
+        for axis, far in zip("xy", np.abs(m.plate_poses[:, p, :2]).max(axis=0), strict=True):
+            large.append((f"plate.{plate}.{axis}", far, MOST_POSE, f"reads up to {far:g}"))
+    height, stated = np.abs(m.top_height).max(), (m.sensors.placement_sd or (0.0, 0.0))[:2]
+    large.append(("plates.top_height", height, MOST_CELL, f"is {height:g}"))
+    large.append(("sensors.placement_sd", max(stated), MOST_PLACEMENT_SD, f"is {stated}"))
+    return complaints + _too_large(large, "millimetres")
+
+
+def _too_large(values: list[tuple[str, float, float, str]], unit: str) -> list[tuple[str, str]]:
+    """Return places and complaints of values above the largest plausible one, of another unit perhaps."""
+    return [(place, f"{place} {read}: {unit}?") for place, value, most, read in values if value > most]
 
 
 def _masses(measurements: Measurements, nominal: Nominal) -> list[tuple[str, str]]:

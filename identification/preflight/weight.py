@@ -4,10 +4,14 @@ import numpy as np
 
 from tulip_testbed.identification.contact_readings import noise_of_wrenches
 from tulip_testbed.identification.conventions.audit_conventions import audit_conventions, can_be_audited
-from tulip_testbed.identification.conventions.log_conventions import WrenchConvention
+from tulip_testbed.identification.conventions.log_conventions import (
+    WrenchConvention,
+    contact_frames,
+    in_base,
+)
 from tulip_testbed.identification.distributions import t_sf
 from tulip_testbed.identification.inertial_wrench import link_wrenches
-from tulip_testbed.identification.kinematics import link_rotations, turned_about
+from tulip_testbed.identification.kinematics import turned_about
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
 from tulip_testbed.identification.preflight.usual import Beyond, Usual, beyond
@@ -262,15 +266,10 @@ def _force_sd(contacts: Contacts, axis: str) -> tuple[float, float]:
 def _in_base(m: Measurements, contacts: Contacts, nominal: Nominal) -> np.ndarray:
     """Return the forces on both feet in the base frame, (m, 2, 3) [N]."""
     assert m.wrenches is not None
-    forces = m.wrenches[..., :3]
     if contacts.mount == "ground":
         turns = [turned_about(np.array([0.0, 0.0, yaw])) for yaw in m.plate_poses[..., 2].ravel()]
-        return np.einsum("mpab,mpb->mpa", np.reshape(turns, (len(m), 2, 3, 3)), forces)
-    parameters = nominal.parameters
-    rotations = link_rotations(parameters.tree, parameters.base, m.joint_angles)
-    feet = np.stack([rotations[:, parameters.base], rotations[:, nominal.swing_frame]], axis=1)
-    poses = np.array([turned_about(pose[3:]) for pose in contacts.pose])
-    return np.einsum("mpab,pbc,mpc->mpa", feet, poses, forces)
+        return np.einsum("mpab,mpb->mpa", np.reshape(turns, (len(m), 2, 3, 3)), m.wrenches[..., :3])
+    return in_base(m.wrenches, contact_frames(nominal, m), WrenchConvention())[..., :3]
 
 
 def conventions(measurements: Measurements, nominal: Nominal) -> Finding:
