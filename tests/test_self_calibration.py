@@ -9,6 +9,7 @@ import pytest
 import tulip_testbed as tt
 from studies.hidden_effects.laboratories import draw_laboratory
 from tests.edited_rows import within
+from tests.effect_changes import statically
 from tests.test_refusals import refuse
 from tulip_testbed.calibration.families import (
     SOLE,
@@ -33,17 +34,22 @@ from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.identification.noise_structure import NoiseStructure, groups
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import (
+    ROWS,
     TWIST,
+    by_noise_as_read,
+    center,
     constants_of_stances,
     fields,
     packed,
     residuals,
     residuals_in_use,
     sensitivity,
+    total_force,
     unpacked,
 )
 from tulip_testbed.identification.residual_noise import noise_of
 from tulip_testbed.sim.random_robots import draw_robot
+from tulip_testbed.sim.rig import preset_rig
 
 FORCE_PLATE = tt.SensorSheet(1e-4, None, 0.1, None, (4e-4, 4e-4, 1e-3))
 
@@ -280,6 +286,18 @@ def test_no_error_of_cells_is_left_in_the_columns_however_large(observed):
     twist = smooth.cell_forces.reshape(-1, 2, 4) @ TWIST
     assert observed.on_four_cells[3, 0]
     assert twist[observed.on_four_cells] == pytest.approx(0, abs=1e-6)
+
+
+def test_noise_of_cells_counts_at_their_stated_places(robot, plan, nominal):
+    read = observe(statically(preset_rig("wii", robot), plan.take(np.arange(9)), 1), nominal)
+    clean = removed(read, instances_of("cell-position-scale=0.2", robot))
+    by_cells, as_read = (
+        sensitivity(one, nominal.value)[:, ROWS["A"], fields(one)["cells"]] for one in (clean, read)
+    )
+    moved = (center(clean) - center(read)) / total_force(read)[:, None]
+    found = by_noise_as_read(clean, by_cells)
+    assert found == pytest.approx(as_read - moved[..., None], abs=1e-12)
+    assert np.abs(by_cells - found).max() > 1e-4
 
 
 def test_smaller_units_of_the_readings_are_no_evidence(robot, nominal):
