@@ -15,9 +15,9 @@ from tulip_testbed.identification.residual_channels import (
     ROWS,
     SIZE,
     by_base_parameters,
-    by_noise_as_read,
     by_weight,
     fields,
+    more_as_read,
     packed,
     residuals,
     unpacked,
@@ -193,8 +193,7 @@ def _round(
     size = np.abs(np.diag(triangle))
     rank = int((size > RANK * size.max(initial=0.0)).sum())
     basis, triangle = basis[:, :rank], triangle[:rank, :rank]
-    by_cells = white.sensitivity[:, ROWS["A"], fields(observed)["cells"]]
-    as_read = by_noise_as_read(observed, by_cells) - by_cells
+    as_read = more_as_read(observed, white.sensitivity[:, ROWS["A"], fields(observed)["cells"]])
     noisy = residuals(observed, theta) - explained
     noisy[:, ROWS["A"]] += (as_read @ (observed.cell_forces - smoothed.cell_forces)[..., None])[..., 0]
     start = np.concatenate([white(noisy), known])

@@ -26,12 +26,12 @@ from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import (
     ROWS,
     SIZE,
-    by_noise_as_read,
     by_weight,
     constants_of_stances,
     difference,
     fields,
     has_direction,
+    more_as_read,
     residuals,
     residuals_in_use,
     sensitivity,
@@ -151,7 +151,7 @@ def linearised(
     # Members at an estimate carry the noise of cells and plates, by their loads, into the residuals.
     yields = _yields(state.smooth, families)
     centers = (slice(None), ROWS["A"], at["cells"])
-    as_read = by_noise_as_read(clean, slope[centers]) - slope[centers]
+    as_read = more_as_read(clean, slope[centers])
     reach = slope[..., : at["plates"].stop].copy()
     reach[centers] += as_read
     reach[..., at["cells"].start :] += slope.take(yields.field, axis=2) @ (

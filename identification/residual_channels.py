@@ -238,23 +238,23 @@ def total_force(observed: Observation) -> np.ndarray:
     return observed.weight + observed.lift
 
 
-def by_noise_as_read(clean: Observation, by_cells: np.ndarray) -> np.ndarray:
-    """Return how the noise of cells moved the centre of pressure before effects were removed, (m, 2, 2 k).
+def more_as_read(clean: Observation, by_cells: np.ndarray) -> np.ndarray:
+    """Return how much more the noise of cells moved the centre of pressure as it was read, (m, 2, 2 k).
 
     It is a moment over the force. Where effects took off a part of the force or moved the cells outwards, the
     noise would count as a larger one, and where they added to it or moved them inwards as a smaller one: both
-    would count as evidence. Other sensors: as now, because theirs is over the weight.
+    would count as evidence. Other sensors: zero, because theirs is over the weight.
 
     Args:
         by_cells: the derivative of the centre of pressure by the forces as they are now, (m, 2, 2 k) [m/N].
     """
     if not has_twist(clean):
-        return by_cells
+        return np.zeros_like(by_cells)
     m, force = clean.measurements, total_force(clean)[:, None, None]
     over = force / total_force(clean.changed(cell_forces=m.cell_forces))[:, None, None]
     moved = turned(clean.contact_poses[:, :, None, 2], (m.cells - clean.cells)[None])
     moved = moved.reshape(len(clean), -1, 2).swapaxes(1, 2)
-    return over * (by_cells + (by_cells != 0) * moved / force)
+    return over * (by_cells + (by_cells != 0) * moved / force) - by_cells
 
 
 def by_weight(observed: Observation) -> np.ndarray:

@@ -16,9 +16,9 @@ from tulip_testbed.identification.residual_channels import (
     ROWS,
     SIZE,
     TWIST,
-    by_noise_as_read,
     fields,
     has_twist,
+    more_as_read,
     residuals_in_use,
     sensitivity,
 )
@@ -206,13 +206,12 @@ def whitening(
         internal: change of the residuals by one s.d. of independent errors of every posture that no reading
             shows, (m, 11, j); None: there are none. squeeze: the same of errors that a placement's postures
             share.
-        clean: the experiment with its noise, see `by_noise_as_read`; None: nothing was removed from it.
+        clean: the experiment with its noise, see `more_as_read`; None: nothing was removed from it.
     """
     slope, at = sensitivity(observed, theta), fields(observed)
     reach = slope[..., : at["plates"].stop].copy() if propagation is None else slope @ propagation
     if clean is not None:
-        by_cells = slope[:, ROWS["A"], at["cells"]]
-        reach[:, ROWS["A"], at["cells"]] += by_noise_as_read(clean, by_cells) - by_cells
+        reach[:, ROWS["A"], at["cells"]] += more_as_read(clean, slope[:, ROWS["A"], at["cells"]])
     angles, cells = reach[..., at["angles"]], reach[..., at["cells"]]
     own = noise.encoder**2 * angles @ angles.mT + noise.cell**2 * cells @ cells.mT + floor(noise)
     if internal is not None and internal.shape[2]:
