@@ -392,10 +392,12 @@ def _intervals(value: np.ndarray, sd: np.ndarray, positive: bool) -> np.ndarray:
     """Return 95 % intervals of normal deviates, (n, 2); of positive ones the shortest intervals.
 
     A positive number has a normal distribution cut at zero. Its shortest interval begins at zero unless the
-    density there is below that at the upper end.
+    density there is below that at the upper end. An estimate below zero, which other errors can make, tells
+    no more than one at zero (Cowan et al. 2011, power-constrained limits).
     """
     if not positive:
         return value[:, None] + sd[:, None] * HALF_95 * np.array([-1.0, 1.0])
+    value = np.maximum(value, 0.0)
     mass = ndtr(value / sd)
     half = ndtri(0.5 + 0.475 * mass)
     low, high = value - half * sd, value + half * sd

@@ -87,6 +87,7 @@ def test_members_and_base_parameters_are_recovered(ordinary, found, plan):
         inside = (one.interval95[:, 0] <= one.value) & (one.value <= one.interval95[:, 1])
         assert inside.all() or one.family.positive
         assert (one.interval95 >= 0).all() or not one.family.positive
+        assert (one.interval95[:, 1] > 1.959 * one.standard_error).all() or not one.family.positive
     error = found.theta - run.laboratory.true_base_parameters(plan)
     assert error @ np.linalg.solve(found.covariance, error) < 52.6  # 99.9 % of chi-square with 25
     plain = identify(run.measurements, run.laboratory.robot, estimator=MIXED_MODEL).full
