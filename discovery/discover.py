@@ -17,7 +17,6 @@ from tulip_testbed.discovery.candidate_search import DECISIVE, CandidateSearch, 
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.detectability import Undetectable, undetectable
 from tulip_testbed.discovery.effect_intervals import as_calibrated, with_intervals
-from tulip_testbed.discovery.excessive_noise import excessive_noise
 from tulip_testbed.discovery.experiment_information import Explanation
 from tulip_testbed.discovery.held_out import HeldOut, check_placements, held_out
 from tulip_testbed.discovery.joint_fit import JointFit
@@ -26,8 +25,8 @@ from tulip_testbed.discovery.law_search import LawSelection, left_to_laws, selec
 from tulip_testbed.discovery.patterns import Pattern, in_channels, patterns
 from tulip_testbed.discovery.pure_error import PureError, pure_error
 from tulip_testbed.discovery.refit import equivalent, refit_if_better, refit_with_alternatives
-from tulip_testbed.discovery.selection import LEVEL, Selection, select, select_without
-from tulip_testbed.discovery.unusual_members import STANDS_OUT, SURE, too_wide
+from tulip_testbed.discovery.selection import LEVEL, Selection, select, select_without, unexplained
+from tulip_testbed.discovery.unusual_members import STANDS_OUT, SURE
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.laws.grammar import sentence_of
@@ -230,12 +229,15 @@ def _listed(
     """Reach a verdict with the effects of the catalogue.
 
     An effect for which the laboratory leaves no evidence is dropped, and the search for others is repeated.
+    The laboratory is not asked about effects that leave something unexplained however they are fitted.
     """
-    fitted = _fitted(selection, through_laboratory)
-    while (lost := fitted.lost) and not search.budget.spent:
+    possible = not unexplained(selection)
+    fitted = _fitted(selection, through_laboratory and possible)
+    while possible and (lost := fitted.lost) and not search.budget.spent:
         search = replace(search, candidates=[c for c in search.candidates if c.label not in lost])
         selection = select_without(search, selection, lost)
-        fitted = _fitted(selection, through_laboratory)
+        possible = not unexplained(selection)
+        fitted = _fitted(selection, through_laboratory and possible)
     validation = held_out(search, selection.calibration, fitted.fit.terms) if hold_out else None
     return _concluded(search, selection, fitted, validation)
 
@@ -243,7 +245,7 @@ def _listed(
 def _described(laws: LawSelection, through_laboratory: bool, hold_out: bool) -> Discovery | None:
     """Reach a verdict with laws; None: they are not confirmed."""
     search, selection = laws.search, laws.selection
-    if _unexplained(selection):
+    if unexplained(selection):
         return None
     fitted = _fitted(selection, through_laboratory)
     validation = held_out(search, selection.calibration, fitted.fit.terms) if hold_out else None
@@ -382,9 +384,10 @@ def _reasons(
     out = []
     if clearest is not None and clearest.p < LEVEL:
         out.append(f"A pattern remains: {clearest.words} ({in_channels(clearest)}).")
-    if lost:
+    left = unexplained(selection)
+    if lost and not left:  # else the laboratory was not asked
         out.append(f"Fitted through the laboratory, the evidence for {listed(lost)} is gone.")
-    out += _unexplained(selection)
+    out += left
     if validation is not None and not validation.holds:
         bad = [key for key in validation.after if validation.after[key] > validation.floor[key]]
         out.append(
@@ -405,20 +408,6 @@ def _crowded(names: Sequence[str], families: Sequence[CalibratedFamily]) -> list
                 "cause that the catalogue lacks is likelier."
             )
     return out
-
-
-def _unexplained(selection: Selection) -> list[str]:
-    """Say what a selection leaves unexplained however it is fitted."""
-    if not selection.lacks_fit:
-        return []
-    out = [f"The search ended at its budget of {selection.ended}."] if selection.ended else []
-    out += [] if selection.complete else ["Another effect would still be decisive."]
-    out += [] if selection.calibration.steady else ["The estimate did not come to rest."]
-    out += [
-        f"The family {one.family.name} is {one.spread:.0f} times as wide as its tolerance: that is not usual."
-        for one in too_wide(selection.calibration)
-    ]
-    return out + excessive_noise(selection.calibration)
 
 
 def _verdict(

@@ -36,7 +36,7 @@ from tulip_testbed.discovery.excessive_noise import excessive_noise
 from tulip_testbed.discovery.joint_fit import Data, JointFit, joint_fit
 from tulip_testbed.discovery.pure_error import pure_error, widened
 from tulip_testbed.discovery.refit import stands_alone
-from tulip_testbed.discovery.unusual_members import WIDEST, with_unusual_members
+from tulip_testbed.discovery.unusual_members import WIDEST, too_wide, with_unusual_members
 from tulip_testbed.identification.distributions import chi2_sf
 from tulip_testbed.identification.residual_noise import noise_of
 
@@ -70,7 +70,7 @@ class Selection:
         complete: whether no further candidate is decisive. ended: by what budget the search ended, or "".
         fit: of the selected effects, with the ordinary imperfections as background. null: without either.
         alternatives: what else might explain each term, the best first; itself among them. By predictions,
-            the nearest by self-calibration.
+            the nearest by self-calibration if nothing is left unexplained.
         runners_up: of each term, the best of all candidates by linear predictions, the best first.
         lack_of_fit: of each channel if everything were exact.
         p: probability of as strong an effect among noise alone, over all candidates.
@@ -189,16 +189,19 @@ def _selected(
     calibration, terms = with_unusual_members(search, calibration, terms)
     fit, _ = search.fits(calibration, terms)
     others = [_alternatives(search, fit, k) for k in range(len(terms))]
-    near = (_judged_again(search, calibration, fit, k, each) for k, (each, _) in enumerate(others))
-    return replace(
+    selection = replace(
         selection,
         calibration=calibration,
         complete=complete,
         fit=fit,
-        alternatives=tuple(near),
+        alternatives=tuple(near for near, _ in others),
         runners_up=tuple(ranked for _, ranked in others),
         ended=str(search.budget) if search.budget.spent else "",
     )
+    if unexplained(selection):
+        return selection
+    near = (_judged_again(search, calibration, fit, k, each) for k, (each, _) in enumerate(others))
+    return replace(selection, alternatives=tuple(near))
 
 
 def _forward(
@@ -316,6 +319,20 @@ def _chance(found: SelfCalibration, gain: float, tests: float, together: int) ->
         likelihood += float(np.log(volume).sum() + 0.5 * pull @ pull) - free.log_tail
         count += max(len(free), 1)
     return sidak(float(chi2_sf(2 * max(likelihood, 0.0), count)), tests)
+
+
+def unexplained(selection: Selection) -> list[str]:
+    """Say what a selection leaves unexplained however it is fitted."""
+    if not selection.lacks_fit:
+        return []
+    out = [f"The search ended at its budget of {selection.ended}."] if selection.ended else []
+    out += [] if selection.complete else ["Another effect would still be decisive."]
+    out += [] if selection.calibration.steady else ["The estimate did not come to rest."]
+    out += [
+        f"The family {one.family.name} is {one.spread:.0f} times as wide as its tolerance: that is not usual."
+        for one in too_wide(selection.calibration)
+    ]
+    return out + excessive_noise(selection.calibration)
 
 
 def calibrated_with_best(
