@@ -124,7 +124,7 @@ def series(rng, lasting):
 
 
 def found_in(problem, decorrelated):
-    return likeliest_noise(problem, fit(problem), None, decorrelated)
+    return likeliest_noise(problem, fit(problem), None, decorrelated, set())
 
 
 @pytest.mark.parametrize(
