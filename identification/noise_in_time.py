@@ -110,11 +110,14 @@ def decorrelation(
         time, segment: of every row, (m,) [s] and numbers. window: length of a row [s].
         lasting: of every residual, r of them. used: which residuals each row has, (m, r) bool.
     """
+    kinds = dict[tuple[bytes, NoiseInTime], list[int]]()
+    for residual, (rows, one) in enumerate(zip(used.T, lasting, strict=True)):
+        kinds.setdefault((rows.tobytes(), one), []).append(residual)
     alike = dict[tuple[bytes, NoiseInTime, tuple[int, ...]], list[np.ndarray]]()
     for together in _together(time, segment):
         having = dict[tuple[bytes, NoiseInTime], list[int]]()
-        for residual, (rows, one) in enumerate(zip(used[together].T, lasting, strict=True)):
-            having.setdefault((rows.tobytes(), one), []).append(residual)
+        for (_, one), residuals in kinds.items():
+            having.setdefault((used[together, residuals[0]].tobytes(), one), []).extend(residuals)
         for (_, one), residuals in having.items():
             rows = together[used[together, residuals[0]]]
             since = np.round(time[rows] - time[rows[:1]], 6)
@@ -143,7 +146,6 @@ def apart(time: np.ndarray, segment: np.ndarray, seconds: float) -> np.ndarray:
 
 def _together(time: np.ndarray, segment: np.ndarray) -> Iterator[np.ndarray]:
     """Yield the rows of each segment, a long one in pieces."""
-    for number in np.unique(segment):
-        rows = np.flatnonzero(segment == number)
-        rows = rows[np.argsort(time[rows], kind="stable")]
+    order = np.lexsort((time, segment))
+    for rows in np.split(order, 1 + np.flatnonzero(np.diff(segment[order]))):
         yield from np.array_split(rows, -(-len(rows) // MOST_ROWS))
