@@ -144,6 +144,22 @@ def test_white_noise_does_not_last():
     assert all(found_in(*series(rng, WHITE)) == WHITE for _ in range(2))
 
 
+def test_what_was_far_less_likely_is_not_tried_again():
+    problem, decorrelated = series(np.random.default_rng(402), NoiseInTime(0.95, 2.0))
+    far, tried = set(), []
+
+    def noted(one):
+        tried.append(one)
+        return decorrelated(one)
+
+    first = likeliest_noise(problem, fit(problem), None, noted, far)
+    assert far <= set(tried)
+    tried.clear()
+    assert likeliest_noise(problem, fit(problem), first, noted, far) == first
+    assert far
+    assert not far & set(tried)
+
+
 def test_the_likelihood_of_noise_that_lasts_is_that_of_the_whole_covariance():
     """Differences of the restricted likelihood, by dense matrices."""
     problem, decorrelated = series(np.random.default_rng(405), START)
