@@ -266,7 +266,8 @@ class TableFile:
                 f"{self.path}: column '{name}': found {kind}, expected numbers{self._first_text(name)}"
             )
         # Not by `to_numpy`, which loads pandas for a quarter of a second.
-        values = np.array(self.table.column(name).to_pylist(), float)
+        column = self.table.column(name).combine_chunks()
+        values = np.array(column.to_pylist() if column.null_count else np.from_dlpack(column), float)
         missing = np.isnan(values) & missing_allowed
         refuse_rows(self.path, name, ~(np.isfinite(values) | missing), values, "a finite number")
         outside = (values < low) | (values > high)
@@ -292,14 +293,16 @@ class TableFile:
 
     def texts(self, name: str, valid: tuple[str, ...]) -> np.ndarray:
         """Return a column of texts, all of them in `valid`, (m,)."""
-        values, kind = [], self._type(name)
+        kind = self._type(name)
         if name not in self.table.column_names:
             raise InputError(f"{self.path}: column '{name}': found {kind}, expected texts")
-        for row, scalar in enumerate(self.table.column(name), 1):
-            values.append(scalar.as_py())
-            if values[-1] not in valid:
+        column = self.table.column(name).dictionary_encode().combine_chunks()
+        known = column.dictionary.to_pylist()
+        values = [None if number is None else known[number] for number in column.indices.to_pylist()]
+        for row, value in enumerate(values, 1):
+            if value not in valid:
                 raise InputError(
-                    f"{self.path}: column '{name}', row {row}: found {shortened(repr(values[-1]))}, "
+                    f"{self.path}: column '{name}', row {row}: found {shortened(repr(value))}, "
                     f"expected one of {', '.join(valid)}"
                 )
         return np.array(values)

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from tulip_testbed.calibration.linear_problem import LinearProblem
-from tulip_testbed.calibration.reml import LikelihoodFit, fit_nearby
+from tulip_testbed.calibration.reml import LikelihoodFit, least_nearby
 from tulip_testbed.identification.noise_in_time import WHITE, Decorrelation, NoiseInTime
 
 SHARES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98, 0.995)
@@ -23,6 +23,7 @@ SHORT = NoiseInTime(0.7, 1.0, 0.9)
 WAYS = tuple((k, j, k) for k, j in ((0, -1), (0, 1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1)))
 WAYS += ((0, 0, 1), (0, 0, -1), (1, 0, 0), (-1, 0, 0))
 LEAST_GAIN = 3.0  # of ln of the likelihood, from which noise lasts
+FAR = 20.0  # of ln of the likelihood; the next linearisation changes differences by some 4 %
 
 
 def likeliest_noise(
@@ -30,6 +31,7 @@ def likeliest_noise(
     fitted: LikelihoodFit,
     start: NoiseInTime | None,
     decorrelated: Callable[[NoiseInTime], Decorrelation],
+    far: set[NoiseInTime],
 ) -> NoiseInTime:
     """Return how the noise is correlated in time, by the largest restricted likelihood on a grid.
 
@@ -40,16 +42,22 @@ def likeliest_noise(
         start: a point of the grid, or white noise; None: short noise, from where the way leads along the
             ridge on which a larger share that lasts longer resembles a smaller one.
         decorrelated: makes what the problem needs in place of its `in_time`.
+        far: what need not be tried, since it was much less likely about an earlier linearisation; those that
+            are found here are added.
     """
     used = np.any(problem.whole, axis=2)
-    known, modes = dict[NoiseInTime, float](), dict[NoiseInTime, LikelihoodFit]()
+    known, modes = dict[NoiseInTime, float](), dict[NoiseInTime, tuple[np.ndarray, np.ndarray]]()
 
     def likelihood(one: NoiseInTime) -> float:
+        if one in far:
+            return -np.inf
         if one not in known:
-            in_time, near = decorrelated(one), modes.get(best, fitted)
+            in_time, near = decorrelated(one), modes.get(best, (fitted.scales, fitted.spreads))
+            volume = in_time.log_volume(used)
+            beat = volume - known.get(best, -np.inf)
             try:
-                modes[one] = fit_nearby(replace(problem, in_time=in_time), (near.scales, near.spreads))
-                known[one] = in_time.log_volume(used) - modes[one].value
+                least, modes[one] = least_nearby(replace(problem, in_time=in_time), near, beat)
+                known[one] = volume - least
             except np.linalg.LinAlgError:
                 known[one] = -np.inf
         return known[one]
@@ -63,6 +71,7 @@ def likeliest_noise(
     best, last = noise(at), np.array([len(SHARES), len(SECONDS), len(SHARES)]) - 1
     while ways:
         there = np.clip(at + (by := ways.pop(0)), 0, last)
-        if likelihood(other := noise(there)) > likelihood(best):
+        if likelihood(best) < likelihood(other := noise(there)):
             at, best, ways = there, other, [by, *(way for way in WAYS if way != by)]
+    far |= {one for one, value in known.items() if value < likelihood(best) - FAR}
     return best if likelihood(best) > likelihood(WHITE) + LEAST_GAIN else WHITE

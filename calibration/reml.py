@@ -44,6 +44,7 @@ from tulip_testbed.identification.residual_noise import solve_triangular
 QUIETEST = np.log(0.05)  # of a scale of the noise: less leaves residuals without any
 CONVERGED = 1e-3  # of the log-likelihood: a step of less than a twentieth of a standard deviation
 LITTLE = 0.5  # of the log-likelihood: a step of less is foretold and not made
+FORETOLD = 1.5  # times what a step foretells it may gain: 0.8 to 1.1 in motions
 ROUNDING = 1e-14  # of the largest information, that is lost where columns N are projected out
 UNNOTICED = 1e-9  # of the information about a member whose prior s.d. is 1
 
@@ -92,6 +93,9 @@ class _Noise:
     value: float
 
 
+_Joint = tuple[np.ndarray, np.ndarray, tuple[np.ndarray, ...]]  # what `_joint` returns
+
+
 def fit(problem: LinearProblem, start: tuple[np.ndarray, np.ndarray] | None = None) -> LikelihoodFit:
     """Estimate scales, spreads, base parameters and members.
 
@@ -103,31 +107,39 @@ def fit(problem: LinearProblem, start: tuple[np.ndarray, np.ndarray] | None = No
     """
     small, shown = problem.in_use()
     noise, spread, joint, _ = _mode(small, start, CONVERGED)
-    return _with_hidden(problem, shown, _result(small, noise, spread, joint))
+    return _with_hidden(problem, shown, _result(small, noise, spread, joint or _joint(small, noise, spread)))
 
 
-def fit_nearby(problem: LinearProblem, start: tuple[np.ndarray, np.ndarray]) -> LikelihoodFit:
-    """Return about what `fit` returns, to compare the values of similar problems.
+def least_nearby(
+    problem: LinearProblem, start: tuple[np.ndarray, np.ndarray], beat: float = np.inf
+) -> tuple[float, tuple[np.ndarray, np.ndarray]]:
+    """Return about the value at the mode, to compare similar problems, and sigma and tau there.
 
     From the mode of a similar problem one of Newton's steps mostly suffices: what the next would gain is
-    little, and counted in the value without being made.
+    little, and counted in the value without being made. So is a step that cannot win.
+
+    Args:
+        start: sigma and tau. beat: the least value of the problems that were compared before.
 
     Raises:
         numpy.linalg.LinAlgError: see `fit`.
     """
-    small, shown = problem.in_use()
-    noise, spread, joint, gain = _mode(small, start, LITTLE)
-    fitted = _with_hidden(problem, shown, _result(small, noise, spread, joint))
-    return replace(fitted, value=fitted.value - gain)
+    small, _ = problem.in_use()
+    noise, spread, _, gain = _mode(small, start, LITTLE, beat)
+    value = _value(small, noise, spread, _posterior(small, noise, spread)[0])
+    return value - gain, (np.exp(noise.log_scale), np.exp(spread.log_spread))
 
 
 def _mode(
-    problem: LinearProblem, start: tuple[np.ndarray, np.ndarray] | None, little: float
-) -> tuple[_Noise, Spread, tuple[np.ndarray, np.ndarray, tuple[np.ndarray, ...]], float]:
-    """Go down by Newton's steps, until one gains less than a little of the log-likelihood.
+    problem: LinearProblem,
+    start: tuple[np.ndarray, np.ndarray] | None,
+    little: float,
+    beat: float = np.inf,
+) -> tuple[_Noise, Spread, _Joint | None, float]:
+    """Go down by Newton's steps, until one gains less than a little of the log-likelihood or cannot win.
 
     Returns:
-        the terms there, what `_joint` returns, and what the next step would gain.
+        the terms there, what `_joint` returns if that is known, and what the next step would gain.
     """
     k, f = len(problem.noise), len(problem.sizes)
     first = (np.zeros(k), np.zeros(f)) if start is None else (np.log(start[0]), np.log(start[1]))
@@ -137,10 +149,10 @@ def _mode(
     for _ in range(MOST_STEPS):
         gradient, hessian, _ = joint = _joint(problem, noise, spread)
         step = newton_step(gradient, hessian, np.append(noise.log_scale, spread.log_spread), limits)
-        if abs(gradient @ step) < little:
-            return noise, spread, joint, -0.5 * float(gradient @ step)
+        at, value, gain = noise.log_scale, noise.value + spread.value, -0.5 * float(gradient @ step)
+        if abs(gain) < little / 2 or value - FORETOLD * gain > beat:
+            return noise, spread, joint, gain
         del joint
-        at, value = noise.log_scale, noise.value + spread.value
         del noise  # it is large: one at a time
         better = _on_the_way(problem, at, spread.log_spread, step, value)
         if better is None:
@@ -150,7 +162,7 @@ def _mode(
         del better
         if value - noise.value - spread.value < little:
             break
-    return noise, spread, _joint(problem, noise, spread), 0.0
+    return noise, spread, None, 0.0
 
 
 def _on_the_way(
@@ -314,9 +326,7 @@ def _posterior(
     return np.concatenate([nu, phi]), covariance, half
 
 
-def _joint(
-    problem: LinearProblem, noise: _Noise, spread: Spread
-) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, ...]]:
+def _joint(problem: LinearProblem, noise: _Noise, spread: Spread) -> _Joint:
     """Return gradient and Hessian in ln sigma and ln tau, and what the covariance needs too.
 
     Returns:
@@ -358,11 +368,24 @@ def _joint(
     return (np.concatenate([score, spread.gradient]), hessian, (estimate, covariance, slope))
 
 
+def _value(problem: LinearProblem, noise: _Noise, spread: Spread, estimate: np.ndarray) -> float:
+    """Return the value of a `LikelihoodFit` by the sum of squares of the residuals themselves.
+
+    Far from where the columns hold, the difference of two large numbers is none, and the correction for their
+    noise promises a better fit than a perfect one.
+    """
+    left = problem.whole @ np.append(-estimate, 1.0)
+    nu = estimate[: problem.flat]
+    square = np.vdot(left, noise.weights(left[..., None])[..., 0]) + nu @ problem.information @ nu
+    square += spread.deviate @ spread.deviate
+    return float(noise.value + spread.value + 0.5 * (square - (noise.square - spread.square)))
+
+
 def _result(
     problem: LinearProblem,
     noise: _Noise,
     spread: Spread,
-    joint: tuple[np.ndarray, np.ndarray, tuple[np.ndarray, ...]],
+    joint: _Joint,
 ) -> LikelihoodFit:
     """Return the estimate at scales and spreads.
 
@@ -375,13 +398,7 @@ def _result(
     conditional = conditional + of_members @ noise.excess @ of_members.T
     values, turn = np.linalg.eigh(hessian)
     doubt = (turn / np.maximum(values, LEAST_CURVATURE)) @ turn.T
-    # The sum of squares by the residuals themselves: far from where the columns hold, the difference of two
-    # large numbers is none, and the correction for their noise promises a better fit than a perfect one.
-    left = problem.whole @ np.append(-estimate, 1.0)
-    nu = estimate[: problem.flat]
-    square = np.vdot(left, noise.weights(left[..., None])[..., 0]) + nu @ problem.information @ nu
-    square += spread.deviate @ spread.deviate
-    value = float(noise.value + spread.value + 0.5 * (square - (noise.square - spread.square)))
+    value = _value(problem, noise, spread, estimate)
     # A known spread has the curvature 1 and is not integrated over.
     volume = 0.5 * np.log(2 * np.pi / np.maximum(values, LEAST_CURVATURE)).sum()
     volume -= 0.5 * np.log(2 * np.pi) * len(problem.known)

@@ -226,6 +226,7 @@ def _with_lasting_noise(
     Where a gross fault lets no calibration converge, it stays as assumed, so that the fault can be searched.
     """
     some, lasting, found = observed if rows is None else observed.take(rows), LASTING, None
+    far = set[NoiseInTime]()
 
     def decorrelated(one: NoiseInTime) -> Decorrelation:
         in_time = some.changed(noise_in_time=one).in_time
@@ -239,7 +240,7 @@ def _with_lasting_noise(
         except np.linalg.LinAlgError:
             return observed.changed(noise_in_time=lasting), None
         start = lasting if count else None
-        lasting = likeliest_noise(found.problem, found.solved, start, decorrelated)
+        lasting = likeliest_noise(found.problem, found.solved, start, decorrelated, far)
         if lasting == some.noise_in_time:
             break
     return observed.changed(noise_in_time=some.noise_in_time), found

@@ -34,7 +34,7 @@ from tulip_testbed.effects.laws.misread import misread_by
 from tulip_testbed.effects.motion_effects import MOTION_EFFECTS
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.identification.observation import Observation, observe
+from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.regressor import regression, with_cad_where_needed
 from tulip_testbed.identification.residual_noise import Noise
 from tulip_testbed.measurements import Measurements
@@ -177,7 +177,8 @@ def discover(
     """
     nominal = nominal_robot(robot, common_support(measurements.support))
     data = regression(nominal.parameters, measurements, robot, source)
-    observed = with_cad_where_needed(observe(measurements, nominal), data)
+    assert data.observed is not None
+    observed = with_cad_where_needed(data.observed, data)
     if hold_out:
         check_placements(measurements)
     try:

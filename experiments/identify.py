@@ -118,7 +118,8 @@ def identify(
     data = regression(parameters, measurements, robot, source)
     _check_weighed_mass(measurements, float(robot.model.body_mass.sum()), source)
     kept = simplified_numbers(robot, parameters)
-    observed = observe(given if estimator == SELF_CALIBRATING else measurements, nominal)
+    observed = observe(given, nominal) if adopted and estimator == SELF_CALIBRATING else data.observed
+    assert observed is not None
     if estimator == SELF_CALIBRATING:
         observed = but_for_compliances(observed, adopted, tolerances)
         free = confounded_directions(observed, data)

@@ -20,6 +20,7 @@ INERTIA_SD = 0.3  # relative, of the second moments of a link's density about it
 ROCKED = 0.01  # rad/s, rad/s2: steps of derivatives
 LENGTH = 1.0  # m: a force counts as a shift of the centre of pressure by it over the weight
 MOST_DIRECTIONS, LEAST_SHIFT = 12, 1e-5  # of inertial parameters that the base parameters leave open; m
+CROSSES = np.cross(np.eye(3)[:, None], np.eye(3)).mT.reshape(3, 9)  # e_i x, side by side
 QUADRATURE = ((-(3**-0.5), 3 / 14), (0.0, 4 / 7), (3**-0.5, 3 / 14))
 
 
@@ -298,7 +299,7 @@ def _of_foot(
 
 def _crossing(vectors: np.ndarray) -> np.ndarray:
     """Return the matrices of the cross product by vectors, (..., 3) -> (..., 3, 3)."""
-    return np.cross(vectors[..., None, :], np.eye(3)).mT
+    return (vectors @ CROSSES).reshape(*vectors.shape, 3)
 
 
 def _elements(vectors: np.ndarray) -> np.ndarray:
@@ -311,4 +312,5 @@ def _elements(vectors: np.ndarray) -> np.ndarray:
 
 def _swept(turning: np.ndarray, turning_faster: np.ndarray, arm: np.ndarray) -> np.ndarray:
     """Return the acceleration of the end of an arm that turns with a frame, (..., 3) [m/s2]."""
-    return np.cross(turning_faster, arm) + np.cross(turning, np.cross(turning, arm))
+    twice = _crossing(turning) @ _crossing(turning)
+    return ((_crossing(turning_faster) + twice) @ arm[..., None])[..., 0]

@@ -56,8 +56,9 @@ class Decorrelation:
     """Linear combinations of rows whose noise is uncorrelated in time.
 
     Attributes:
-        blocks: numbers of the rows that belong together, (n, 1), and of the residuals that all of them have,
-            (k,), their correlation and the lower triangular matrix that makes them uncorrelated, (n, n) each.
+        blocks: numbers of the rows that belong together, of b stretches alike, (b, n), of the residuals that
+            all of them have, (k,), the rows' correlation and the lower triangular matrix that makes them
+            uncorrelated, (n, n) each.
     """
 
     blocks: tuple[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], ...]
@@ -77,20 +78,22 @@ class Decorrelation:
     @property
     def effective_rows(self) -> float:
         """Return how many rows with independent noise would determine a constant equally well."""
-        always = (factor for _, residuals, _, factor in self.blocks if 0 in residuals)
-        return float(sum((factor.sum(axis=1) ** 2).sum() for factor in always))
+        always = ((len(rows), factor) for rows, residuals, _, factor in self.blocks if 0 in residuals)
+        return float(sum(count * (factor.sum(axis=1) ** 2).sum() for count, factor in always))
 
     def log_volume(self, used: np.ndarray) -> float:
         """Return ln of the determinant of the combinations of all residuals in use, (m, r) bool."""
         return sum(
-            float(used[rows, residuals].any(axis=0).sum() * np.log(np.diag(factor)).sum())
+            float(used[rows[..., None], residuals].any(axis=1).sum() * np.log(np.diag(factor)).sum())
             for rows, residuals, _, factor in self.blocks
         )
 
     def _times(self, values: np.ndarray, matrices: list[np.ndarray]) -> np.ndarray:
         out = values.copy()
         for (rows, residuals, *_), matrix in zip(self.blocks, matrices, strict=True):
-            out[rows, residuals] = np.tensordot(matrix, values[rows, residuals], axes=1)
+            at = rows[..., None], residuals
+            some = values[at]
+            out[at] = (matrix @ some.reshape(*rows.shape, -1)).reshape(some.shape)
         return out
 
 
@@ -107,18 +110,25 @@ def decorrelation(
         time, segment: of every row, (m,) [s] and numbers. window: length of a row [s].
         lasting: of every residual, r of them. used: which residuals each row has, (m, r) bool.
     """
-    blocks = []
+    kinds = dict[tuple[bytes, NoiseInTime], list[int]]()
+    for residual, (rows, one) in enumerate(zip(used.T, lasting, strict=True)):
+        kinds.setdefault((rows.tobytes(), one), []).append(residual)
+    alike = dict[tuple[bytes, NoiseInTime, tuple[int, ...]], list[np.ndarray]]()
     for together in _together(time, segment):
-        whole = {one: one.correlation(time[together], window) for one in set(lasting)}
-        alike = dict[tuple[bytes, NoiseInTime], list[int]]()
-        for residual, (having, one) in enumerate(zip(used[together].T, lasting, strict=True)):
-            alike.setdefault((having.tobytes(), one), []).append(residual)
-        for (_, kind), residuals in alike.items():
-            having = np.flatnonzero(used[together, residuals[0]])
-            if len(having):
-                one = whole[kind][np.ix_(having, having)]
-                factor = np.linalg.inv(np.linalg.cholesky(one))
-                blocks.append((together[having, None], np.array(residuals), one, factor))
+        having = dict[tuple[bytes, NoiseInTime], list[int]]()
+        for (_, one), residuals in kinds.items():
+            having.setdefault((used[together, residuals[0]].tobytes(), one), []).extend(residuals)
+        for (_, one), residuals in having.items():
+            rows = together[used[together, residuals[0]]]
+            since = np.round(time[rows] - time[rows[:1]], 6)
+            alike.setdefault((since.tobytes(), one, tuple(residuals)), []).append(rows)
+    blocks = []
+    for (_, one, residuals), stretches in alike.items():
+        rows = np.array(stretches)
+        if rows.size:
+            correlation = one.correlation(time[rows[0]], window)
+            factor = np.linalg.inv(np.linalg.cholesky(correlation))
+            blocks.append((rows, np.array(residuals), correlation, factor))
     return Decorrelation(tuple(blocks))
 
 
@@ -136,7 +146,6 @@ def apart(time: np.ndarray, segment: np.ndarray, seconds: float) -> np.ndarray:
 
 def _together(time: np.ndarray, segment: np.ndarray) -> Iterator[np.ndarray]:
     """Yield the rows of each segment, a long one in pieces."""
-    for number in np.unique(segment):
-        rows = np.flatnonzero(segment == number)
-        rows = rows[np.argsort(time[rows], kind="stable")]
+    order = np.lexsort((time, segment))
+    for rows in np.split(order, 1 + np.flatnonzero(np.diff(segment[order]))):
         yield from np.array_split(rows, -(-len(rows) // MOST_ROWS))

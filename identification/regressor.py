@@ -55,7 +55,7 @@ class Regression:
         levers: see `placement_levers`, (m, 2, 6) [-, -, m]; None: by the load share, without yaw.
         sensors: data-sheet figures.
         parameters, robot, mass: base parameters, robot and total mass with its s.d. [kg], for estimators
-            with prior knowledge; None: unknown.
+            with prior knowledge; None: unknown. observed: the experiment; None: unknown.
     """
 
     matrix: np.ndarray
@@ -75,6 +75,7 @@ class Regression:
     parameters: BaseParameters | None = None
     robot: Robot | None = None
     mass: tuple[float, float] | None = None
+    observed: Observation | None = None
 
     def keep(self, numbers: list[int]) -> Self:
         """Return the simplified model, which keeps these parameters and sets the others to zero."""
@@ -220,6 +221,7 @@ def regression(
         parameters=parameters,
         robot=robot,
         mass=measurements.weighed_mass or pressure.mass,
+        observed=observed,
     )
 
 

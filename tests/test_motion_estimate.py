@@ -124,7 +124,7 @@ def series(rng, lasting):
 
 
 def found_in(problem, decorrelated):
-    return likeliest_noise(problem, fit(problem), None, decorrelated)
+    return likeliest_noise(problem, fit(problem), None, decorrelated, set())
 
 
 @pytest.mark.parametrize(
@@ -142,6 +142,22 @@ def test_how_long_noise_lasts_is_found_though_a_fit_takes_its_slow_part(lasting)
 def test_white_noise_does_not_last():
     rng = np.random.default_rng(403)
     assert all(found_in(*series(rng, WHITE)) == WHITE for _ in range(2))
+
+
+def test_what_was_far_less_likely_is_not_tried_again():
+    problem, decorrelated = series(np.random.default_rng(402), NoiseInTime(0.95, 2.0))
+    far, tried = set(), []
+
+    def noted(one):
+        tried.append(one)
+        return decorrelated(one)
+
+    first = likeliest_noise(problem, fit(problem), None, noted, far)
+    assert far <= set(tried)
+    tried.clear()
+    assert likeliest_noise(problem, fit(problem), first, noted, far) == first
+    assert far
+    assert not far & set(tried)
 
 
 def test_the_likelihood_of_noise_that_lasts_is_that_of_the_whole_covariance():

@@ -12,7 +12,7 @@ from scipy.stats import multivariate_normal
 from tulip_testbed.calibration.family_spreads import LIMIT, WIDEST
 from tulip_testbed.calibration.linear_problem import LinearProblem
 from tulip_testbed.calibration.prediction import HeldOutPrediction
-from tulip_testbed.calibration.reml import QUIETEST, bounded, fit, fit_nearby, objective, parts_of_variance
+from tulip_testbed.calibration.reml import QUIETEST, bounded, fit, least_nearby, objective, parts_of_variance
 from tulip_testbed.calibration.reml import given as fit_with
 from tulip_testbed.identification.noise_structure import NoiseStructure, groups
 
@@ -185,8 +185,21 @@ def test_near_the_mode_the_least_value_is_foretold(seed):
     """From scales and spreads that are off by 20 %, the step that is left out would gain 0.04 to 0.07."""
     given = problem(seed)
     best = fit(given)
-    found = fit_nearby(given, (1.2 * best.scales, 0.8 * best.spreads))
-    assert found.value == pytest.approx(best.value, abs=0.005)
+    value, _ = least_nearby(given, (1.2 * best.scales, 0.8 * best.spreads))
+    assert value == pytest.approx(best.value, abs=0.005)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_steps_are_made_only_where_they_may_win(seed):
+    """From scales and spreads that are off by a factor of two the least value is 16 to 18 lower."""
+    given = problem(seed)
+    best = fit(given)
+    start = 2 * best.scales, 0.5 * best.spreads
+    for beat, steps in ((best.value + 1, True), (best.value - 30, False)):
+        value, (scales, _) = least_nearby(given, start, beat)
+        assert (scales != pytest.approx(start[0])) == steps
+        assert (value < beat) == steps
+        assert value == pytest.approx(best.value, abs=0.1 if steps else 10)
 
 
 def test_the_doubt_of_a_scale_against_its_prior_is_that_of_the_curvature():

@@ -1,5 +1,6 @@
 """The console script: ends quietly when interrupted while the libraries are still loading."""
 
+import gc
 import os
 import signal
 import sys
@@ -19,9 +20,17 @@ def run() -> None:
         sys.exit(0)
     # Nothing here draws. Else MuJoCo loads GLFW, whose helper process shows a traceback of its own.
     os.environ.setdefault("MUJOCO_GL", "disable")
+    gc.disable()  # of what libraries load, nothing is garbage: a sixth of the time
     from tulip_testbed.cli import main as cli
 
-    cli.run(lambda: signal.signal(signal.SIGINT, signal.default_int_handler))
+    cli.run(_begin)
+
+
+def _begin() -> None:
+    """Begin the work, the libraries being loaded: an interruption is an exception from now on."""
+    gc.freeze()
+    gc.enable()
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _leave(*_: object) -> None:
