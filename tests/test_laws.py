@@ -129,6 +129,16 @@ def test_a_judgement_with_a_family_at_its_bound_is_made_afresh(robot, monkeypatc
         assert tried == judged
 
 
+def test_the_same_effect_of_other_cells_is_another_candidate(robot, monkeypatch):
+    """With wide families the ranking chose wrong ones of a plate, where two of the other were swapped too."""
+    pairs = ("front_left,front_right", "rear_right,rear_left")
+    front, rear = parsed(robot, *(f"swapped-cells:right={one}" for one in pairs))
+    monkeypatch.setattr(CandidateSearch, "fits", lambda self, *_: (front, rear, front))
+    monkeypatch.setattr(CandidateSearch, "shortest", lambda self, fit: [fit])
+    nothing: Any = None
+    assert CandidateSearch(nothing, None, []).best(nothing, ()) == [front, rear]
+
+
 def test_columns_by_sensitivities_are_those_by_removal(robot, plan, nominal):
     observed = observe(measured(robot, plan.take(plan.placement <= 8), "wii"), nominal)
     search = CandidateSearch.of(observed)
