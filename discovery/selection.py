@@ -188,14 +188,13 @@ def _selected(
     )
     calibration, terms = with_unusual_members(search, calibration, terms)
     fit, _ = search.fits(calibration, terms)
-    others = [_alternatives(search, fit, k) for k in range(len(terms))]
-    near = (_judged_again(search, calibration, fit, k, each) for k, (each, _) in enumerate(others))
+    others = [judged_alternatives(search, calibration, fit, k) for k in range(len(terms))]
     return replace(
         selection,
         calibration=calibration,
         complete=complete,
         fit=fit,
-        alternatives=tuple(near),
+        alternatives=tuple(near for near, _ in others),
         runners_up=tuple(ranked for _, ranked in others),
         ended=str(search.budget) if search.budget.spent else "",
     )
@@ -345,17 +344,22 @@ def calibrated_with_best(
         return found
 
 
-def _alternatives(
-    search: CandidateSearch, found: JointFit, k: int
+def judged_alternatives(
+    search: CandidateSearch, calibration: SelfCalibration, found: JointFit, k: int
 ) -> tuple[tuple[Fitted, ...], tuple[Fitted, ...]]:
-    """List what else would explain what term k explains, and the best of all by linear predictions."""
+    """List what else would explain what term k explains, and the best of all by linear predictions.
+
+    Args:
+        calibration: with the terms of the fit.
+    """
     others, term = found.without(k), found.terms[k]
     ranked = search.ranked(others)
     out = shortlist(others, ranked)
     if term.label not in [one.label for one in out]:
         out.append(replace(term, log_bayes_factor=fit_in_addition(others, term).log_bayes_factor))
     best = tuple(one for one in ranked[:RANKED] if one.detectable)
-    return tuple(sorted(out, key=lambda one: -one.log_bayes_factor)), best
+    near = tuple(sorted(out, key=lambda one: -one.log_bayes_factor))
+    return _judged_again(search, calibration, found, k, near), best
 
 
 def _judged_again(

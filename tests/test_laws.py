@@ -241,6 +241,17 @@ def test_laws_that_disagree_about_the_base_parameters_are_told_and_not_adopted(r
     assert "law:encoder:right_knee/own-angle" in found.reasons[0]
 
 
+@pytest.mark.slow
+def test_an_unusual_member_beside_a_law_is_compared_with_others(robot, plan):
+    """Which plate is off its place hardly any experiment shows."""
+    texts = (HIDDEN, "plate-translation:right=0.004,-0.003")
+    rig = injected(preset_rig("force-plate", robot), [EffectInstance.parse(one, robot) for one in texts])
+    found = discover(statically(rig, plan), robot, hold_out=False)
+    labels = [{one.label for one in found.equivalents[k]} for k in found.effects]
+    assert {"plate-translation:right", "plate-translation:left"} in labels
+    assert (found.verdict, found.adopted) == ("ambiguous", ())
+
+
 @pytest.fixture(scope="module")
 def described(tmp_path_factory):
     """An eccentric encoder, hidden, described and taken out; the folder of all of it."""
