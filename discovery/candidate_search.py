@@ -189,9 +189,9 @@ class CandidateSearch:
                 best = max([best, *(one.evidence for one in glances if one)])
                 least = max(before, best - GLANCED_NEAR - GLANCED * max(best - before, 0.0))
                 glances = [one if one and one.evidence > least else None for one in glances]
-        out, at_rest = [], set[tuple[str, bytes]]()
+        out, at_rest = [], set[Hashable]()
         for k, (several, glance) in enumerate(zip(every, glances, strict=True)):
-            key = several[-1].label, several[-1].candidate.settings[several[-1].point].tobytes()
+            key = several[-1].key
             if self.budget.spent:
                 break
             if (glance is None and start.moved < RESTS) or (k >= len(near) and key in at_rest):
@@ -260,10 +260,10 @@ class CandidateSearch:
         They are searched for twice: with the spreads and the noise as estimated, which a missing effect may
         have widened, and with none larger than usual.
         """
-        out: dict[str, Fitted] = {}
+        out: dict[Hashable, Fitted] = {}
         for fit in self.fits(calibration, terms):
             for fitted in self.shortest(fit):
-                out.setdefault(fitted.label, fitted)
+                out.setdefault(fitted.key, fitted)
         return list(out.values())
 
     def fits(self, calibration: SelfCalibration, terms: Sequence[Fitted]) -> tuple[JointFit, JointFit]:

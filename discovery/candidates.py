@@ -1,5 +1,6 @@
 """An effect on a target, before and after its sizes are fitted."""
 
+from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -86,6 +87,11 @@ class Fitted:
     def label(self) -> str:
         """Return `name:target`."""
         return self.candidate.label
+
+    @property
+    def key(self) -> Hashable:
+        """Return what tells it from others: at another point, as of other cells, an effect is another one."""
+        return self.label, self.candidate.settings[self.point].tobytes()
 
     @property
     def detectable(self) -> bool:

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import ndtri
 
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.calibration_result import SelfCalibration
@@ -16,6 +15,7 @@ from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.selection import calibrated_with_best
 from tulip_testbed.effects.instance import removed
 from tulip_testbed.effects.targets import PLACEMENTS
+from tulip_testbed.identification.distributions import chi2_isf
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import CHANNELS, packed
 from tulip_testbed.measurements import Measurements
@@ -24,7 +24,7 @@ FOLDS = 4
 LEAST_PLACEMENTS = 4
 SAME = 1e-9  # difference of readings that rounding makes [SI]
 # Of a held-out value by chance: 0.1 % a channel. Folds share their estimates, so it is a little more.
-CHANCE = float(ndtri(0.999))
+CHANCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def held_out(search: CandidateSearch, found: SelfCalibration, terms: Sequence[Fi
     return HeldOut(
         before={key: float(np.sqrt(t[0] / t[2])) for key, t in sums.items()},
         after={key: float(np.sqrt(t[1] / t[2])) for key, t in sums.items()},
-        floor={key: float(np.sqrt(1 + CHANCE * np.sqrt(2 / t[2]))) for key, t in sums.items()},
+        floor={key: float(np.sqrt(chi2_isf(CHANCE, t[2]) / t[2])) for key, t in sums.items()},
         millimetres=tuple(millimetres.tolist()),
         newtons=tuple(newtons.tolist()),
     )

@@ -26,7 +26,7 @@ from tulip_testbed.discovery.candidates import Candidate, Fitted
 from tulip_testbed.discovery.evidence import sidak
 from tulip_testbed.discovery.joint_fit import JointFit, joint_fit
 from tulip_testbed.discovery.law_candidates import is_law, ranked_and_counted, ranked_laws, with_best_points
-from tulip_testbed.discovery.selection import LEVEL, Selection, is_decisive
+from tulip_testbed.discovery.selection import LEVEL, Selection, alternatives_of, is_decisive, judged_again
 from tulip_testbed.discovery.unusual_members import WIDEST, too_wide, with_unusual_members
 from tulip_testbed.effects.laws import LAW
 
@@ -119,11 +119,11 @@ def select_laws(
     known |= {one.label: one for one in terms if is_law(one.candidate)}
     fit = joint_fit(calibrated_data(search.observed, calibration), terms)
     labels = [term.label for term in found.terms]
-    alternatives = tuple(
+    alternatives = tuple(  # an unusual member is compared with others as where no law is needed
         near[labels.index(term.label)]
         if term.label in labels
-        else (replace(term, log_bayes_factor=np.inf),)  # a member of its family that is unusual
-        for term in terms
+        else judged_again(search, calibration, fit, k, alternatives_of(search, fit, k)[0])
+        for k, term in enumerate(terms)
     )
     wider = replace(search, candidates=[*search.candidates, *(one.candidate for one in known.values())])
     chosen = replace(

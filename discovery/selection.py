@@ -188,7 +188,7 @@ def _selected(
     )
     calibration, terms = with_unusual_members(search, calibration, terms)
     fit, _ = search.fits(calibration, terms)
-    others = [_alternatives(search, fit, k) for k in range(len(terms))]
+    others = [alternatives_of(search, fit, k) for k in range(len(terms))]
     selection = replace(
         selection,
         calibration=calibration,
@@ -200,7 +200,7 @@ def _selected(
     )
     if unexplained(selection):
         return selection
-    near = (_judged_again(search, calibration, fit, k, each) for k, (each, _) in enumerate(others))
+    near = (judged_again(search, calibration, fit, k, each) for k, (each, _) in enumerate(others))
     return replace(selection, alternatives=tuple(near))
 
 
@@ -362,7 +362,7 @@ def calibrated_with_best(
         return found
 
 
-def _alternatives(
+def alternatives_of(
     search: CandidateSearch, found: JointFit, k: int
 ) -> tuple[tuple[Fitted, ...], tuple[Fitted, ...]]:
     """List what else would explain what term k explains, and the best of all by linear predictions."""
@@ -375,7 +375,7 @@ def _alternatives(
     return tuple(sorted(out, key=lambda one: -one.log_bayes_factor)), best
 
 
-def _judged_again(
+def judged_again(
     search: CandidateSearch,
     calibration: SelfCalibration,
     found: JointFit,

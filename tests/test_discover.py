@@ -160,7 +160,9 @@ def test_what_the_last_placement_alone_shows_is_not_asked_of_the_others(robot, p
     point = [round(values[1], 3) for values in payload.settings.tolist()].index(start)
     term = Fitted(payload, point, np.array([2.0]))
     found = self_calibrate(search.observed, EXACT, [term.instance])
-    assert held_out(search, found, [term]).holds
+    left = held_out(search, found, [term])
+    assert left.holds
+    assert left.floor["F"] == pytest.approx(np.sqrt(chi2.isf(1e-3, len(observed)) / len(observed)))
 
 
 @pytest.mark.parametrize(

@@ -129,6 +129,16 @@ def test_a_judgement_with_a_family_at_its_bound_is_made_afresh(robot, monkeypatc
         assert tried == judged
 
 
+def test_the_same_effect_of_other_cells_is_another_candidate(robot, monkeypatch):
+    """With wide families the ranking chose wrong ones of a plate, where two of the other were swapped too."""
+    pairs = ("front_left,front_right", "rear_right,rear_left")
+    front, rear = parsed(robot, *(f"swapped-cells:right={one}" for one in pairs))
+    monkeypatch.setattr(CandidateSearch, "fits", lambda self, *_: (front, rear, front))
+    monkeypatch.setattr(CandidateSearch, "shortest", lambda self, fit: [fit])
+    nothing: Any = None
+    assert CandidateSearch(nothing, None, []).best(nothing, ()) == [front, rear]
+
+
 def test_columns_by_sensitivities_are_those_by_removal(robot, plan, nominal):
     observed = observe(measured(robot, plan.take(plan.placement <= 8), "wii"), nominal)
     search = CandidateSearch.of(observed)
@@ -229,6 +239,17 @@ def test_laws_that_disagree_about_the_base_parameters_are_told_and_not_adopted(r
     found = discover(statically(rig, plan), robot, hold_out=False)
     assert (found.verdict, found.adopted, found.corrections) == ("unknown", (), ())
     assert "law:encoder:right_knee/own-angle" in found.reasons[0]
+
+
+@pytest.mark.slow
+def test_an_unusual_member_beside_a_law_is_compared_with_others(robot, plan):
+    """Which plate is off its place hardly any experiment shows."""
+    texts = (HIDDEN, "plate-translation:right=0.004,-0.003")
+    rig = injected(preset_rig("force-plate", robot), [EffectInstance.parse(one, robot) for one in texts])
+    found = discover(statically(rig, plan), robot, hold_out=False)
+    labels = [{one.label for one in found.equivalents[k]} for k in found.effects]
+    assert {"plate-translation:right", "plate-translation:left"} in labels
+    assert (found.verdict, found.adopted) == ("ambiguous", ())
 
 
 @pytest.fixture(scope="module")
