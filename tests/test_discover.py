@@ -31,7 +31,7 @@ from tulip_testbed.discovery.joint_fit import Data
 from tulip_testbed.discovery.pairs import ranked_pairs
 from tulip_testbed.discovery.patterns import patterns
 from tulip_testbed.discovery.refit import refit_if_better, refit_with_alternatives
-from tulip_testbed.discovery.selection import _chance, _judged_again, _without_idle, best_by_itself
+from tulip_testbed.discovery.selection import _chance, _without_idle, best_by_itself, judged_again
 from tulip_testbed.discovery.story import _crowd, story
 from tulip_testbed.discovery.unusual_members import WIDEST, _two_at_once
 from tulip_testbed.effects.catalogue import catalogue
@@ -413,7 +413,7 @@ def test_alternatives_are_compared_with_families_of_their_own():
     tare, gain, lag, creep = map(explains, ("tare", "gain", "lag", "creep"), (24.0, 27.0, 20.0, 15.0))
     search: Any = Evidences({"tare": 5.0, "gain": 3.5, "lag": 0.0})
     fit: Any = SimpleNamespace(terms=(tare,))
-    found = _judged_again(search, cast(Any, None), fit, 0, (gain, tare, lag, creep))
+    found = judged_again(search, cast(Any, None), fit, 0, (gain, tare, lag, creep))
     assert [(one.label, one.log_bayes_factor) for one in found] == [
         ("tare", 24.0),
         ("gain", 22.5),
@@ -445,12 +445,12 @@ def test_a_term_that_the_newest_makes_idle_goes_once_both_came_to_rest():
     assert [term.label for term in best.terms] == ["sole"]
 
 
-def test_the_only_member_of_a_family_is_not_judged_against_itself():
+def test_the_only_member_of_a_family_is_notjudged_against_itself():
     """With the payload the drift of all gains stays in its family, and explains the readings from there."""
     drift, payload = explains("drift", 8.7, target=""), explains("payload", 8.6)
     search: Any = Evidences({"drift": 0.0, "payload": 2.7})
     fit: Any = SimpleNamespace(terms=(drift,))
-    assert _judged_again(search, cast(Any, None), fit, 0, (drift, payload)) == (drift, payload)
+    assert judged_again(search, cast(Any, None), fit, 0, (drift, payload)) == (drift, payload)
 
 
 def with_families(**spreads):
