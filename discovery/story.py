@@ -197,7 +197,7 @@ def _channels(found: Discovery) -> str:
         if test.p < SHOWN:
             ratio = number(test.chi_square / test.dof, ".2g")
             if test.channel in after:
-                ratio += f" -> {number(after[test.channel] ** 2, '.2g')}"
+                ratio = f"from {ratio} to {number(after[test.channel] ** 2, '.2g')}"
             parts.append(f"{PLACES[test.channel]} (chi-square per degree of freedom {ratio})")
     if parts:
         return f"The gap shows in {', '.join(parts)}."
