@@ -27,6 +27,8 @@ from tulip_testbed.discovery.candidates import Fitted, candidates
 from tulip_testbed.discovery.columns import effect_columns
 from tulip_testbed.discovery.joint_fit import Data, gauss_newton
 from tulip_testbed.discovery.patterns import patterns
+from tulip_testbed.discovery.selection import _may_be_usual
+from tulip_testbed.discovery.unusual_members import too_wide
 from tulip_testbed.effects.instance import instances_of, removed
 from tulip_testbed.experiments.identify import identify, warn_of_unrest
 from tulip_testbed.identification.base_parameters import standard_parameters
@@ -93,6 +95,18 @@ def test_members_and_base_parameters_are_recovered(ordinary, found, plan):
     plain = identify(run.measurements, run.laboratory.robot, estimator=MIXED_MODEL).full
     wrong = plain.value - run.laboratory.true_base_parameters(plan)
     assert wrong @ np.linalg.solve(plain.covariance, wrong) > 500
+
+
+def test_a_family_is_wider_than_usual_where_the_likelihood_excludes_its_tolerance(observed, found):
+    name, tolerance = "encoder-offset", tolerances_of(FORCE_PLATE).value["encoder-offset"]
+    narrow = self_calibrate(observed, {name: tolerance / 8})
+    as_stated, as_narrow = (
+        next(one for one in calibration.families if one.family.name == name)
+        for calibration in (found, narrow)
+    )
+    assert as_narrow in too_wide(narrow)
+    assert not _may_be_usual(narrow, as_narrow)
+    assert _may_be_usual(found, as_stated)
 
 
 def test_spreads_tell_which_families_are_there(ordinary, found):
