@@ -25,7 +25,7 @@ from tulip_testbed.discovery.law_search import LawSelection, left_to_laws, selec
 from tulip_testbed.discovery.patterns import Pattern, in_channels, patterns
 from tulip_testbed.discovery.pure_error import PureError, pure_error
 from tulip_testbed.discovery.refit import equivalent, refit_if_better, refit_with_alternatives
-from tulip_testbed.discovery.selection import LEVEL, Selection, select, select_without, unexplained
+from tulip_testbed.discovery.selection import LEVEL, Selection, select, select_without
 from tulip_testbed.discovery.unusual_members import STANDS_OUT, SURE
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import EffectInstance
@@ -232,13 +232,11 @@ def _listed(
     An effect for which the laboratory leaves no evidence is dropped, and the search for others is repeated.
     The laboratory is not asked about effects that leave something unexplained however they are fitted.
     """
-    possible = not unexplained(selection)
-    fitted = _fitted(selection, through_laboratory and possible)
-    while possible and (lost := fitted.lost) and not search.budget.spent:
+    fitted = _fitted(selection, through_laboratory and not selection.unexplained)
+    while not selection.unexplained and (lost := fitted.lost) and not search.budget.spent:
         search = replace(search, candidates=[c for c in search.candidates if c.label not in lost])
         selection = select_without(search, selection, lost)
-        possible = not unexplained(selection)
-        fitted = _fitted(selection, through_laboratory and possible)
+        fitted = _fitted(selection, through_laboratory and not selection.unexplained)
     validation = held_out(search, selection.calibration, fitted.fit.terms) if hold_out else None
     return _concluded(search, selection, fitted, validation)
 
@@ -246,7 +244,7 @@ def _listed(
 def _described(laws: LawSelection, through_laboratory: bool, hold_out: bool) -> Discovery | None:
     """Reach a verdict with laws; None: they are not confirmed."""
     search, selection = laws.search, laws.selection
-    if unexplained(selection):
+    if selection.unexplained:
         return None
     fitted = _fitted(selection, through_laboratory)
     validation = held_out(search, selection.calibration, fitted.fit.terms) if hold_out else None
@@ -385,10 +383,9 @@ def _reasons(
     out = []
     if clearest is not None and clearest.p < LEVEL:
         out.append(f"A pattern remains: {clearest.words} ({in_channels(clearest)}).")
-    left = unexplained(selection)
-    if lost and not left:  # else the laboratory was not asked
+    if lost and not selection.unexplained:  # else the laboratory was not asked
         out.append(f"Fitted through the laboratory, the evidence for {listed(lost)} is gone.")
-    out += left
+    out += selection.unexplained
     if validation is not None and not validation.holds:
         bad = [key for key in validation.after if validation.after[key] > validation.floor[key]]
         out.append(

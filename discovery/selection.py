@@ -8,6 +8,7 @@ of its own.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -102,6 +103,22 @@ class Selection:
         least = min(test.p for test in self.lack_of_fit)
         alone = self.p < LEVEL or least < LEVEL / len(self.lack_of_fit)
         return alone or bool(excessive_noise(self.first))
+
+    @cached_property
+    def unexplained(self) -> tuple[str, ...]:
+        """Say what is left unexplained however the effects are fitted."""
+        if not self.lacks_fit:
+            return ()
+        out = [f"The search ended at its budget of {self.ended}."] if self.ended else []
+        out += [] if self.complete else ["Another effect would still be decisive."]
+        out += [] if self.calibration.steady else ["The estimate did not come to rest."]
+        out += [
+            f"The family {one.family.name} is {one.spread:.0f} times as wide as its tolerance: "
+            "that is not usual."
+            for one in too_wide(self.calibration)
+            if not _may_be_usual(self.calibration, one)
+        ]
+        return (*out, *excessive_noise(self.calibration))
 
 
 def lack_of_fit(data: Data) -> tuple[LackOfFit, ...]:
@@ -200,7 +217,7 @@ def _selected(
         runners_up=tuple(ranked for _, ranked in others),
         ended=str(search.budget) if search.budget.spent else "",
     )
-    if unexplained(selection):
+    if selection.unexplained:
         return selection
     near = (judged_again(search, calibration, fit, k, each) for k, (each, _) in enumerate(others))
     return replace(selection, alternatives=tuple(near))
@@ -321,21 +338,6 @@ def _chance(found: SelfCalibration, gain: float, tests: float, together: int) ->
         likelihood += float(np.log(volume).sum() + 0.5 * pull @ pull) - free.log_tail
         count += max(len(free), 1)
     return sidak(float(chi2_sf(2 * max(likelihood, 0.0), count)), tests)
-
-
-def unexplained(selection: Selection) -> list[str]:
-    """Say what a selection leaves unexplained however it is fitted."""
-    if not selection.lacks_fit:
-        return []
-    out = [f"The search ended at its budget of {selection.ended}."] if selection.ended else []
-    out += [] if selection.complete else ["Another effect would still be decisive."]
-    out += [] if selection.calibration.steady else ["The estimate did not come to rest."]
-    out += [
-        f"The family {one.family.name} is {one.spread:.0f} times as wide as its tolerance: that is not usual."
-        for one in too_wide(selection.calibration)
-        if not _may_be_usual(selection.calibration, one)
-    ]
-    return out + excessive_noise(selection.calibration)
 
 
 def _may_be_usual(calibration: SelfCalibration, one: CalibratedFamily) -> bool:

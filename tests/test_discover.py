@@ -555,13 +555,13 @@ def test_of_many_placements_those_are_sought_that_stand_out(robot, plan, nominal
 
 
 def test_evidence_that_is_lost_on_the_way_is_a_reason():
-    log = SimpleNamespace(moves=True, in_feet=True)
-    calibration = SimpleNamespace(families=(), observed=log, solved=None, steady=True)
-    selection: Any = SimpleNamespace(lacks_fit=True, complete=True, ended="", calibration=calibration)
+    selection: Any = SimpleNamespace(lacks_fit=True, unexplained=())
     clearest: Any = SimpleNamespace(p=1.0)
     assert _reasons(selection, clearest, None) == ()
     (reason,) = _reasons(selection, clearest, None, ["tether:head"])
     assert "the evidence for tether:head is gone" in reason
+    selection.unexplained = ("Another effect would still be decisive.",)  # the laboratory was not asked
+    assert _reasons(selection, clearest, None, ["tether:head"]) == selection.unexplained
 
 
 @pytest.mark.slow
