@@ -114,11 +114,6 @@ class LinearModel:
         """Compute the residuals at the base parameters, (m, 11)."""
         return residuals(self.observed, self.theta)
 
-    @cached_property
-    def plain_residual(self) -> np.ndarray:
-        """Whiten and project them, (r + e,): `residual` before terms or a model error were taken from it."""
-        return self.project_residual(self.whitening(self.raw_residual))
-
 
 def linear_model(
     observed: Observation,
@@ -127,7 +122,6 @@ def linear_model(
     smoothed: Observation | None = None,
     rounds: int = 2,
     propagation: np.ndarray | None = None,
-    explained: np.ndarray | None = None,
     background: Background | None = None,
 ) -> LinearModel:
     """Build the linear model of an experiment.
@@ -138,7 +132,6 @@ def linear_model(
         smoothed: its readings less their noise, if known; otherwise the readings. Covariances taken at
             noisy readings are correlated with the noise, which `rounds` of smoothing reduce.
         propagation: see `whitening`; of other effects than ordinary imperfections.
-        explained: residuals that are explained already, (m, 11); smoothing must not take them for noise.
         background: ordinary imperfections that were removed; None: there are none.
 
     Raises:
@@ -146,11 +139,10 @@ def linear_model(
     """
     smoothed = observed if smoothed is None else smoothed
     theta = first_parameters(observed)
-    known = np.zeros((len(observed), SIZE)) if explained is None else explained
     rest = exact(len(observed)) if background is None else background
-    model = _round(observed, smoothed, theta, noise, channels, propagation, known, rest)
+    model = _round(observed, smoothed, theta, noise, channels, propagation, rest)
     for _ in range(rounds - 1):
-        model = _round(observed, model.smoothed, model.theta, noise, channels, propagation, known, rest)
+        model = _round(observed, model.smoothed, model.theta, noise, channels, propagation, rest)
     return model
 
 
@@ -170,7 +162,6 @@ def _round(
     noise: Noise,
     channels: str,
     propagation: np.ndarray | None,
-    explained: np.ndarray,
     background: Background,
 ) -> LinearModel:
     """Take columns and covariances at the smoothed readings, and residuals at the readings."""
@@ -194,7 +185,7 @@ def _round(
     rank = int((size > RANK * size.max(initial=0.0)).sum())
     basis, triangle = basis[:, :rank], triangle[:rank, :rank]
     as_read = more_as_read(observed, white.sensitivity[:, ROWS["A"], fields(observed)["cells"]])
-    noisy = residuals(observed, theta) - explained
+    noisy = residuals(observed, theta)
     noisy[:, ROWS["A"]] += (as_read @ (observed.cell_forces - smoothed.cell_forces)[..., None])[..., 0]
     start = np.concatenate([white(noisy), known])
     gain = basis.T @ start

@@ -24,7 +24,6 @@ from tulip_testbed.discovery.law_candidates import is_law, law_candidates
 from tulip_testbed.discovery.law_search import LawSelection, left_to_laws, select_laws
 from tulip_testbed.discovery.patterns import Pattern, in_channels, patterns
 from tulip_testbed.discovery.pure_error import PureError, pure_error
-from tulip_testbed.discovery.refit import equivalent, refit_if_better, refit_with_alternatives
 from tulip_testbed.discovery.selection import LEVEL, Selection, select, select_without
 from tulip_testbed.discovery.unusual_members import STANDS_OUT, SURE
 from tulip_testbed.effects.effect import Effect
@@ -65,8 +64,7 @@ class Discovery:
     Attributes:
         verdict: none, calibrated, named, described, ambiguous or unknown.
         observed, noise: the experiment. repeats: what its repeated postures say about the noise.
-        selection: how the effects were selected. fit: the final one, through the laboratory, with the sizes
-            of self-calibration.
+        selection: how the effects were selected. fit: of them, with the sizes of self-calibration.
         effects: numbers of the terms of the fit that stand out of their families or belong to none.
         adopted: effects and laws that are added to the model; empty unless named or described.
         calibrated: ordinary imperfections that are added to the model, with intervals; empty unless named,
@@ -152,7 +150,6 @@ def discover(
     seed: int = 0,
     effects: dict[str, Effect] | None = None,
     tolerances: Mapping[str, float] | None = None,
-    through_laboratory: bool = True,
     hold_out: bool = True,
     source: str = "measurements",
     calibration: SelfCalibration | None = None,
@@ -165,7 +162,6 @@ def discover(
         effects: the catalogue by name; all of it if None.
         tolerances: of families of ordinary imperfections, in place of those that fit the sensors [SI]; zero:
             exact.
-        through_laboratory: fit the sizes through the static laboratory.
         hold_out: cross-validate over placements.
         source: of the measurements, for messages.
         calibration: of these measurements without effects and with these tolerances, if it is at hand.
@@ -187,7 +183,7 @@ def discover(
             observed, found, calibration = with_independent_rows(observed), None, None
         search = CandidateSearch.of(observed, tolerances, effects)
         first = calibration or found or first_calibration(search.observed, tolerances)
-        return _discover(search, first, seed, through_laboratory, hold_out, progress)
+        return _discover(search, first, seed, hold_out, progress)
     except np.linalg.LinAlgError:
         raise InputError(
             f"{source}: found {len(measurements)} rows of which no calibration converges; expected a smaller "
@@ -199,7 +195,6 @@ def _discover(
     search: CandidateSearch,
     first: SelfCalibration,
     seed: int,
-    through_laboratory: bool,
     hold_out: bool,
     progress: Callable[[int], None],
 ) -> Discovery:
@@ -213,40 +208,37 @@ def _discover(
     described = select_laws(search, selection, laws, rng) if searched else None
     progress(1)
     if described is not None and described.better:
-        found = _described(described, through_laboratory, hold_out)
+        found = _described(described, hold_out)
     if found is None:
-        found = _listed(search, selection, through_laboratory, hold_out)
+        found = _listed(search, selection, hold_out)
         if found.verdict == UNKNOWN and laws and not (searched or search.budget.spent):
             described = select_laws(search, found.selection, laws, rng)
         if found.verdict == UNKNOWN and described is not None and not (searched and described.better):
-            found = _described(described, through_laboratory, hold_out) or found
+            found = _described(described, hold_out) or found
     progress(1)
     return replace(found, wall_s=time.perf_counter() - began)
 
 
-def _listed(
-    search: CandidateSearch, selection: Selection, through_laboratory: bool, hold_out: bool
-) -> Discovery:
+def _listed(search: CandidateSearch, selection: Selection, hold_out: bool) -> Discovery:
     """Reach a verdict with the effects of the catalogue.
 
-    An effect for which the laboratory leaves no evidence is dropped, and the search for others is repeated.
-    The laboratory is not asked about effects that leave something unexplained however they are fitted.
+    An effect for which no evidence is left together with the others is dropped, and the search is repeated.
     """
-    fitted = _fitted(selection, through_laboratory and not selection.unexplained)
+    fitted = _fitted(selection)
     while not selection.unexplained and (lost := fitted.lost) and not search.budget.spent:
         search = replace(search, candidates=[c for c in search.candidates if c.label not in lost])
         selection = select_without(search, selection, lost)
-        fitted = _fitted(selection, through_laboratory and not selection.unexplained)
+        fitted = _fitted(selection)
     validation = held_out(search, selection.calibration, fitted.fit.terms) if hold_out else None
     return _concluded(search, selection, fitted, validation)
 
 
-def _described(laws: LawSelection, through_laboratory: bool, hold_out: bool) -> Discovery | None:
+def _described(laws: LawSelection, hold_out: bool) -> Discovery | None:
     """Reach a verdict with laws; None: they are not confirmed."""
     search, selection = laws.search, laws.selection
     if selection.unexplained:
         return None
-    fitted = _fitted(selection, through_laboratory)
+    fitted = _fitted(selection)
     validation = held_out(search, selection.calibration, fitted.fit.terms) if hold_out else None
     found = _concluded(search, selection, fitted, validation)
     if found.verdict == UNKNOWN:
@@ -263,16 +255,15 @@ def _described(laws: LawSelection, through_laboratory: bool, hold_out: bool) -> 
 
 @dataclass(frozen=True)
 class _Fitted:
-    """The selected effects, fitted once more through the laboratory.
+    """The selected effects.
 
     Attributes:
-        final: the fit with the sizes of self-calibration.
+        fit: of a selection, with the sizes of self-calibration.
         standing: numbers of the terms that are no members of a family, or too large for theirs.
         equivalents: see `Discovery`.
     """
 
     fit: JointFit
-    final: JointFit
     standing: tuple[int, ...]
     equivalents: tuple[tuple[Fitted, ...], ...]
 
@@ -287,18 +278,21 @@ class _Fitted:
         return [self.fit.terms[k].label for k in self.standing if k not in self.outside]
 
 
-def _fitted(selection: Selection, through_laboratory: bool) -> _Fitted:
-    fit = selection.fit
-    shared = np.zeros(len(fit.sizes))
-    if fit.terms and through_laboratory and not any(is_law(term.candidate) for term in fit.terms):
-        fit, shared, near = refit_with_alternatives(fit, selection.alternatives)
-    else:
-        if fit.terms and through_laboratory:  # the neighbours of laws have been judged by self-calibration
-            fit, shared = refit_if_better(fit.repeated)
-        near = tuple(equivalent(a, t) for a, t in zip(selection.alternatives, fit.terms, strict=True))
-    final = as_calibrated(fit, selection.fit, selection.calibration, shared)
-    standing = [k for k, term in enumerate(final.terms) if stands_out(selection, term, final.errors[k])]
-    return _Fitted(fit, final, tuple(standing), near)
+def _fitted(selection: Selection) -> _Fitted:
+    fit = as_calibrated(selection.fit, selection.calibration)
+    near = tuple(_equivalent(a, t) for a, t in zip(selection.alternatives, fit.terms, strict=True))
+    standing = [k for k, term in enumerate(fit.terms) if stands_out(selection, term, fit.errors[k])]
+    return _Fitted(fit, tuple(standing), near)
+
+
+def _equivalent(alternatives: tuple[Fitted, ...], adopted: Fitted) -> tuple[Fitted, ...]:
+    """Return the alternatives within `DECISIVE` of the best, and the adopted one in any case.
+
+    Args:
+        alternatives: the best first.
+    """
+    least = alternatives[0].log_bayes_factor - DECISIVE
+    return tuple(a for a in alternatives if a.log_bayes_factor > least or a.label == adopted.label)
 
 
 def _concluded(
@@ -306,7 +300,7 @@ def _concluded(
 ) -> Discovery:
     """Reach a verdict; `validation` is None where it was not asked for."""
     began, observed, fit = time.perf_counter(), search.observed, fitted.fit
-    final, outside, equivalents = fitted.final, fitted.outside, fitted.equivalents
+    outside, equivalents = fitted.outside, fitted.equivalents
     left = patterns(fit.linear, fit.residual, fit.columns)
     laws = [fit.terms[k].candidate.target for k in outside if is_law(fit.terms[k].candidate)]
     clearest = left[0]
@@ -315,7 +309,7 @@ def _concluded(
     reasons = _reasons(selection, None if tolerated else clearest, validation, fitted.lost)
     reasons = (*_crowded(names, selection.calibration.families), *reasons)
     verdict = _verdict(selection, reasons, [equivalents[k] for k in outside], bool(laws))
-    adopted = tuple(with_intervals(final, k) for k in range(len(fit.terms)))
+    adopted = tuple(with_intervals(fit, k) for k in range(len(fit.terms)))
     null = selection.null
     if verdict in (*ADOPTED, AMBIGUOUS, CALIBRATED):
         clearest = patterns(null.linear, null.residual, null.columns)[0]
@@ -328,7 +322,7 @@ def _concluded(
         noise=fit.data.noise,
         repeats=pure_error(fit.linear.observed, fit.linear.theta, fit.data.noise),
         selection=selection,
-        fit=final,
+        fit=fit,
         effects=outside,
         adopted=tuple(adopted[k] for k in outside) if verdict in ADOPTED else (),
         calibrated=tuple(ordinary) if verdict in (*ADOPTED, CALIBRATED) else (),
@@ -383,8 +377,8 @@ def _reasons(
     out = []
     if clearest is not None and clearest.p < LEVEL:
         out.append(f"A pattern remains: {clearest.words} ({in_channels(clearest)}).")
-    if lost and not selection.unexplained:  # else the laboratory was not asked
-        out.append(f"Fitted through the laboratory, the evidence for {listed(lost)} is gone.")
+    if lost and not selection.unexplained:
+        out.append(f"Together with the others, the evidence for {listed(lost)} is gone.")
     out += selection.unexplained
     if validation is not None and not validation.holds:
         bad = [key for key in validation.after if validation.after[key] > validation.floor[key]]

@@ -11,7 +11,7 @@ import numpy as np
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.result import Figure
 from tulip_testbed.discovery.discover import Discovery
-from tulip_testbed.discovery.refit import exact_rig, measured_plan
+from tulip_testbed.discovery.nominal_laboratory import exact_rig, measured_plan
 from tulip_testbed.effects.instance import EffectInstance, injected, removed
 from tulip_testbed.effects.lasting import acting
 from tulip_testbed.identification.observation import Observation, observe

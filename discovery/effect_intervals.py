@@ -19,40 +19,25 @@ MOST_SHRUNK = 0.5  # part of its prior's variance from which the data determine 
 TIME_GAIN = float(-2 * np.log(1 - np.sqrt(0.95)))
 
 
-def as_calibrated(
-    fit: JointFit, formula: JointFit, calibration: SelfCalibration, shared: np.ndarray
-) -> JointFit:
-    """Return the terms at their sizes by self-calibration, corrected as the laboratory corrects predictions.
+def as_calibrated(fit: JointFit, calibration: SelfCalibration) -> JointFit:
+    """Return the terms at their sizes by self-calibration.
 
-    Self-calibration knows more than a joint fit: spreads, scales and what no reading shows are estimated
-    together with the sizes.
+    It knows more than a joint fit: spreads, scales and what no reading shows are estimated together with the
+    sizes. Where the data say more than the prior, its shrinkage is undone: intervals would not allow for it.
 
     Args:
-        fit: through the laboratory. formula: of the same experiment by predictions.
-        calibration: with the terms of `formula`, in its order.
-        shared: s.d. of the error that laboratory and predictions share, (s,).
+        calibration: with the terms of the fit, in its order.
     """
-    before, terms, first = {}, [], 0
-    spreads = np.sqrt(np.diag(fit.covariance))
-    for term, effect, error in zip(
-        formula.terms, calibration.effects, calibration.effect_errors, strict=True
-    ):
-        before[term.label] = term.sizes, FreeEffect(effect), error
-    for term in fit.terms:
-        at = slice(first, first + len(term.sizes))
-        first = at.stop
-        if term.label in before:
-            predicted, effect, error = before[term.label]
-            # Without the prior's shrinkage, which intervals would not allow for, if the data say more.
-            found, share = effect.sizes, (error / effect.prior_sd) ** 2
-            plain = np.where(share < MOST_SHRUNK, 1 / (1 - np.minimum(share, MOST_SHRUNK)), 1.0)
-            found, error = found * plain, error * np.sqrt(plain)
-            sizes = found + term.sizes - predicted
-            sizes = np.where(term.candidate.positive, np.maximum(sizes, 0.0), sizes)
-            spreads[at] = np.hypot(error, shared[at])
-            term = replace(term, sizes=sizes)
-        terms.append(term)
-    return replace(fit, terms=tuple(terms), covariance=np.diag(spreads**2))
+    terms, variances = [], [np.zeros(0)]
+    for term, one, error in zip(fit.terms, calibration.effects, calibration.effect_errors, strict=True):
+        effect = FreeEffect(one)
+        share = (error / effect.prior_sd) ** 2
+        plain = np.where(share < MOST_SHRUNK, 1 / (1 - np.minimum(share, MOST_SHRUNK)), 1.0)
+        sizes = effect.sizes * plain
+        sizes = np.where(term.candidate.positive, np.maximum(sizes, 0.0), sizes)
+        terms.append(replace(term, sizes=sizes))
+        variances.append(error**2 * plain)
+    return replace(fit, terms=tuple(terms), covariance=np.diag(np.concatenate(variances)))
 
 
 def with_intervals(found: JointFit, k: int) -> EffectInstance:

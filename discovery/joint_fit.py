@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from tulip_testbed.calibration.linear_model import Background, LinearModel, linear_model
-from tulip_testbed.discovery.candidates import Fitted, log_choices
+from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.columns import effect_columns
 from tulip_testbed.effects.size_prior import log_tail, prior_sd
 from tulip_testbed.identification.distributions import normal_logcdf
@@ -111,24 +111,13 @@ class JointFit:
         return np.split(np.sqrt(np.diag(self.covariance)), ends)
 
     @cached_property
-    def repeated(self) -> JointFit:
-        """Fit the same terms again, starting from their sizes."""
-        return joint_fit(self.data, self.terms)
-
-    @cached_property
-    def _reduced(self) -> dict[int, JointFit]:
-        return {}
-
-    @cached_property
     def ranked(self) -> dict[Hashable, list[Fitted]]:
         """Return what was found to explain most in addition to the terms, by what was searched."""
         return {}
 
     def without(self, k: int) -> JointFit:
-        """Fit the other terms again without term k; done once for each k."""
-        if k not in self._reduced:
-            self._reduced[k] = joint_fit(self.data, self.terms[:k] + self.terms[k + 1 :])
-        return self._reduced[k]
+        """Fit the other terms again without term k."""
+        return joint_fit(self.data, self.terms[:k] + self.terms[k + 1 :])
 
     @cached_property
     def partialled_out(self) -> LinearModel:
@@ -141,25 +130,6 @@ class JointFit:
         residual = self.residual - basis @ (basis.T @ self.residual)
         return replace(linear, basis=np.linalg.qr(whole)[0], residual=residual)
 
-    @cached_property
-    def log_evidence(self) -> float:
-        """Return ln of the evidence for all terms, up to a constant that all fits of one experiment share.
-
-        It follows from the residual that is left, because each fit estimates the noise covariance again.
-        """
-        out = -0.5 * (self.chi_square + self.linear.whitening.log_volume)
-        out -= sum(log_choices(term.candidate, self.linear.observed) for term in self.terms)
-        if not self.columns.shape[1]:
-            return out
-        prior, positive, sizes = self.prior, self.positive, self.sizes
-        information, turn = np.linalg.eigh(prior[:, None] * (self.columns.T @ self.columns) * prior)
-        information = np.maximum(information, 0.0)
-        # Where the data say more than the prior, `_unshrunk` has lengthened the sizes and less is left.
-        shrunk = np.where(information > INFORMED, information / (1 + information), 1.0)
-        out -= 0.5 * float((shrunk * (turn.T @ (sizes / prior)) ** 2 + np.log1p(information)).sum())
-        out += float(log_tail(self.plausible, sizes).sum())
-        return out + log_share_of_positive(sizes, np.sqrt(np.diag(self.covariance)), positive)
-
 
 def log_share_of_positive(sizes: np.ndarray, errors: np.ndarray, positive: np.ndarray) -> float:
     """Compute what ln of the evidence gains where sizes cannot be negative: their prior is half as wide.
@@ -170,12 +140,11 @@ def log_share_of_positive(sizes: np.ndarray, errors: np.ndarray, positive: np.nd
     return float((normal_logcdf(sizes / errors) + np.log(2))[positive].sum())
 
 
-def joint_fit(data: Data, terms: Sequence[Fitted], model_error: np.ndarray | None = None) -> JointFit:
+def joint_fit(data: Data, terms: Sequence[Fitted]) -> JointFit:
     """Fit terms and estimate all that depends on them again: noise covariance, base parameters, smoothing.
 
     Args:
         terms: at the sizes where the search starts.
-        model_error: see `gauss_newton`.
 
     Returns:
         the fit; its residual, columns and linear model are those of the experiment with the terms removed.
@@ -192,7 +161,6 @@ def joint_fit(data: Data, terms: Sequence[Fitted], model_error: np.ndarray | Non
             smoothed=clean,
             rounds=rounds,
             propagation=propagation(smoothed, terms),
-            explained=None if model_error is None else model_error @ with_constant(terms),
             background=data.background,
         )
 
@@ -202,37 +170,28 @@ def joint_fit(data: Data, terms: Sequence[Fitted], model_error: np.ndarray | Non
         smoothed = unpacked(observed, packed(observed) - errors)
         about = replace(linear, observed=observed, smoothed=smoothed)
         about = replace(about, residual=about.residual_of(observed))
-        found = _unshrunk(gauss_newton(about, terms, model_error))
+        found = _unshrunk(gauss_newton(about, terms))
         terms = found.terms
         clean = remove_terms(smoothed, smoothed, terms)
     final = without_terms(1)
     return replace(found, data=data, linear=final, residual=final.residual)
 
 
-def gauss_newton(
-    linear: LinearModel, terms: Sequence[Fitted], model_error: np.ndarray | None = None
-) -> JointFit:
+def gauss_newton(linear: LinearModel, terms: Sequence[Fitted]) -> JointFit:
     """Fit the sizes about one linear model, whose noise and nuisance parameters stay as they are.
 
     Args:
         terms: at the sizes where the search starts.
-        model_error: residuals that are left in the laboratory when the terms are removed as predicted, by
-            each size and, last, a constant, (m, 11, s + 1); None: the predictions hold.
     """
     terms = tuple(terms)
     plausible = _joined([term.candidate.prior for term in terms])
     prior = plausible
     positive = _joined([term.candidate.positive for term in terms]).astype(bool)
-    errors = (
-        np.zeros((len(linear.residual), len(prior) + 1))
-        if model_error is None
-        else linear.project(linear.whitening(model_error))
-    )
     before = linear.residual
     residual, gram, matrix = before, np.eye(len(prior)), np.zeros((len(before), len(prior)))
     for _ in range(STEPS if len(prior) else 0):
-        matrix = linear.project(_joint_columns(linear, terms)) + errors[:, :-1]
-        residual = _residual_without(linear, terms, errors)
+        matrix = linear.project(_joint_columns(linear, terms))
+        residual = _residual_without(linear, terms)
         sizes = _joined([term.sizes for term in terms])
         prior = prior_sd(plausible, sizes)
         gram = matrix.T @ matrix + np.diag(prior**-2.0)
@@ -243,7 +202,7 @@ def gauss_newton(
         if done:
             break
     sizes = _joined([term.sizes for term in terms])
-    residual = _residual_without(linear, terms, errors)
+    residual = _residual_without(linear, terms)
     covariance = np.linalg.inv(gram)
     gained = before @ before - residual @ residual - ((sizes / prior) ** 2).sum()
     volume = np.linalg.slogdet(prior[:, None] * gram * prior)[1]
@@ -261,21 +220,14 @@ def _with_sizes(terms: tuple[Fitted, ...], sizes: np.ndarray) -> tuple[Fitted, .
     return tuple(Fitted(term.candidate, term.point, part) for term, part in zip(terms, parts, strict=True))
 
 
-def _residual_without(linear: LinearModel, terms: tuple[Fitted, ...], errors: np.ndarray) -> np.ndarray:
+def _residual_without(linear: LinearModel, terms: tuple[Fitted, ...]) -> np.ndarray:
     """Compute the whitened, projected residual with the terms removed, (r + 1,)."""
     undone = [term for term in terms if not term.candidate.effect.sizes]
     observed, smoothed = (remove_terms(one, one, undone) for one in (linear.observed, linear.smoothed))
     clean = remove_terms(smoothed, smoothed, [term for term in terms if term.candidate.effect.sizes])
     # At the readings themselves, forces that are taken off would enlarge the noise of their centre.
     change = residuals(clean, linear.theta) - residuals(smoothed, linear.theta)
-    left = linear.project_residual(linear.whitening(residuals(observed, linear.theta) + change))
-    # The model error of terms that were removed before is in the residual, not in the readings.
-    return left - errors @ with_constant(terms) + (linear.residual - linear.plain_residual)
-
-
-def with_constant(terms: Sequence[Fitted]) -> np.ndarray:
-    """Return the sizes of all terms and a one, (s + 1,)."""
-    return np.concatenate([*(term.sizes for term in terms), [1.0]])
+    return linear.project_residual(linear.whitening(residuals(observed, linear.theta) + change))
 
 
 def _joint_columns(linear: LinearModel, terms: tuple[Fitted, ...]) -> np.ndarray:

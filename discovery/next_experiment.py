@@ -21,7 +21,7 @@ from tulip_testbed.discovery.experiment_information import (
     probabilities,
     separations,
 )
-from tulip_testbed.discovery.refit import exact_rig, measured_plan, simulated
+from tulip_testbed.discovery.nominal_laboratory import exact_rig, measured_plan, simulated
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.lasting import FROM, epochs, everywhere
 from tulip_testbed.identification.base_parameters import common_support

@@ -38,7 +38,6 @@ from tulip_testbed.discovery.evidence import fitted_and_counted, sidak
 from tulip_testbed.discovery.excessive_noise import excessive_noise
 from tulip_testbed.discovery.joint_fit import Data, JointFit, joint_fit
 from tulip_testbed.discovery.pure_error import pure_error, widened
-from tulip_testbed.discovery.refit import stands_alone
 from tulip_testbed.discovery.unusual_members import WIDEST, too_wide, with_unusual_members
 from tulip_testbed.identification.distributions import chi2_sf
 from tulip_testbed.identification.residual_noise import noise_of
@@ -407,10 +406,10 @@ def judged_again(
 
     Those of the adopted term have made room for it: the family of tares is narrow if a tare was adopted, but
     has to be wide if a gain of the same cell explains the readings, and the other way round. A family that
-    would be too wide with an alternative counts against it. Effects for which `stands_alone` holds are not
-    judged again.
+    would be too wide with an alternative counts against it. The only member of a family is not judged again:
+    it would stay in that family, and explain the readings from there.
     """
-    if stands_alone(found.terms[k]):
+    if not found.terms[k].candidate.target:
         return alternatives
     search, terms = replace(search, widest=WIDEST), found.terms
     own = next(one for one in alternatives if one.label == terms[k].label)

@@ -30,7 +30,6 @@ from tulip_testbed.discovery.held_out import held_out, lasts_beyond_placements
 from tulip_testbed.discovery.joint_fit import Data
 from tulip_testbed.discovery.pairs import ranked_pairs
 from tulip_testbed.discovery.patterns import patterns
-from tulip_testbed.discovery.refit import refit_if_better, refit_with_alternatives
 from tulip_testbed.discovery.selection import _chance, _without_idle, best_by_itself, judged_again
 from tulip_testbed.discovery.story import _crowd, story
 from tulip_testbed.discovery.unusual_members import WIDEST, _two_at_once
@@ -340,57 +339,9 @@ def test_an_effect_is_surely_unusual(robot, plan, nominal, label, size, error, s
     assert stands_out(selection, Fitted(one, 0, np.array([size * unit])), np.array([error * unit])) == outside
 
 
-@dataclasses.dataclass(frozen=True)
-class OfASize:
-    log_evidence: float
-    sizes: np.ndarray
-    covariance: np.ndarray
-
-
-@pytest.mark.parametrize(("evidence", "error"), [(8258.0, 0.5), (7785.0, 0.0)])
-def test_a_fit_through_the_laboratory_that_is_lost_widens_no_interval(monkeypatch, evidence, error):
-    formula, exact = (
-        OfASize(e, np.array([size]), np.zeros((1, 1))) for e, size in ((8259, 1), (evidence, 0))
-    )
-    monkeypatch.setattr("tulip_testbed.discovery.refit.refit", lambda _: exact)
-    best, shared = refit_if_better(cast(Any, formula))
-    assert best.sizes == 1
-    assert shared == pytest.approx(error)
-    assert best.covariance == pytest.approx(error**2)
-
-
-def explains(label, log, target="one", misreads=False):
-    candidate: Any = SimpleNamespace(label=label, target=target, effect=SimpleNamespace(misreads=misreads))
+def explains(label, log, target="one"):
+    candidate: Any = SimpleNamespace(label=label, target=target)
     return Fitted(candidate, 0, np.zeros(1), log)
-
-
-def test_an_alternative_counts_as_much_as_its_own_calibration_says(monkeypatch):
-    """With the families of the adopted tare, a joint fit prefers the gain by 7."""
-    tare, gain = explains("cell-tare", 20.0), explains("cell-gain", 16.0)
-    rest: Any = SimpleNamespace(terms=(), log_evidence=0.0)
-    fit: Any = SimpleNamespace(terms=(tare,), log_evidence=20.0, without=lambda _: rest)
-    fit.repeated = fit
-    inflated = SimpleNamespace(terms=(gain,), log_evidence=27.0)
-    monkeypatch.setattr("tulip_testbed.discovery.refit.refit_if_better", lambda one: (one, np.zeros(1)))
-    monkeypatch.setattr("tulip_testbed.discovery.refit._in_place_of", lambda *_: [(gain, inflated)])
-    best, _, near = refit_with_alternatives(fit, ((tare, gain),))
-    assert best is fit
-    assert [[one.label for one in several] for several in near] == [["cell-tare"]]
-
-
-@pytest.mark.parametrize(("misreads", "best"), [(True, "tare"), (False, "payload")])
-def test_the_laboratory_decides_between_misreadings_by_nothing(monkeypatch, misreads, best):
-    """It corrects none of them: what a fit through it gains for one of two is that of the other terms."""
-    terms = explains("tare", 20.0, misreads=True), explains("payload", 16.0, misreads=misreads)
-    rest: Any = SimpleNamespace(terms=(), log_evidence=0.0)
-    fit: Any = SimpleNamespace(terms=terms[:1], log_evidence=20.0, without=lambda _: rest)
-    fit.repeated = fit
-    formula: Any = SimpleNamespace(terms=terms[1:], log_evidence=16.0)
-    through = {id(fit): fit, id(formula): SimpleNamespace(terms=terms[1:], log_evidence=30.0)}
-    monkeypatch.setattr("tulip_testbed.discovery.refit.refit_if_better", lambda one: (through[id(one)], None))
-    monkeypatch.setattr("tulip_testbed.discovery.refit._in_place_of", lambda *_: [(terms[1], formula)])
-    found, _, _ = refit_with_alternatives(fit, (terms,))
-    assert [term.label for term in found.terms] == [best]
 
 
 @dataclasses.dataclass
@@ -560,20 +511,20 @@ def test_evidence_that_is_lost_on_the_way_is_a_reason():
     assert _reasons(selection, clearest, None) == ()
     (reason,) = _reasons(selection, clearest, None, ["tether:head"])
     assert "the evidence for tether:head is gone" in reason
-    selection.unexplained = ("Another effect would still be decisive.",)  # the laboratory was not asked
+    selection.unexplained = ("Another effect would still be decisive.",)
     assert _reasons(selection, clearest, None, ["tether:head"]) == selection.unexplained
 
 
 @pytest.mark.slow
-def test_an_effect_that_the_laboratory_refutes_is_dropped(robot, plan, monkeypatch):
-    label, refit = "encoder-offset:right_knee", discover_module.refit_with_alternatives
+def test_an_effect_without_evidence_is_dropped(robot, plan, monkeypatch):
+    label, equivalent = "encoder-offset:right_knee", discover_module._equivalent
 
-    def refuting(fit, alternatives):
-        best, shared, near = refit(fit, alternatives)
-        refuted = tuple(dataclasses.replace(one, log_bayes_factor=0.0) for one in near[0])
-        return best, shared, (refuted, *near[1:]) if fit.labels[0] == label else near
+    def refuting(alternatives, adopted):
+        near = equivalent(alternatives, adopted)
+        refuted = tuple(dataclasses.replace(one, log_bayes_factor=0.0) for one in near)
+        return refuted if adopted.label == label else near
 
-    monkeypatch.setattr(discover_module, "refit_with_alternatives", refuting)
+    monkeypatch.setattr(discover_module, "_equivalent", refuting)
     lab = tt.Laboratory(robot, "force-plate").with_effects(f"{label}=0.02")
     found = discover(lab.run(plan, SEED, "statics").measurements, robot, hold_out=False)
     assert label not in found.fit.labels

@@ -15,7 +15,7 @@ from tests.test_cli import refused, told
 from tests.test_refusals import refuse
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
-from tulip_testbed.discovery.refit import exact_rig, measured_plan, simulated
+from tulip_testbed.discovery.nominal_laboratory import exact_rig, measured_plan, simulated
 from tulip_testbed.effects.catalogue import catalogue, effects_on
 from tulip_testbed.effects.instance import EffectInstance, check_instance, injected, removed
 from tulip_testbed.effects.random_effects import draw_effect

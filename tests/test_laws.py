@@ -21,8 +21,8 @@ from tulip_testbed.discovery.discover import AGREEING, _inexact, _verdict, disco
 from tulip_testbed.discovery.joint_fit import Data
 from tulip_testbed.discovery.law_candidates import _columns, law_candidates
 from tulip_testbed.discovery.law_search import select_laws
+from tulip_testbed.discovery.nominal_laboratory import simulated, without_noise
 from tulip_testbed.discovery.patterns import Pattern
-from tulip_testbed.discovery.refit import simulated, without_noise
 from tulip_testbed.effects.instance import EffectInstance, injected, removed
 from tulip_testbed.effects.laws import law_effect, sentence_of, sentences
 from tulip_testbed.effects.true_robot import true_base_parameters

@@ -13,7 +13,7 @@ from tulip_testbed.base.errors import at_least
 from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.discovery.candidates import Candidate
 from tulip_testbed.discovery.columns import effect_columns, presence_column
-from tulip_testbed.discovery.refit import without_noise
+from tulip_testbed.discovery.nominal_laboratory import without_noise
 from tulip_testbed.effects.true_robot import true_base_parameters, true_model
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.estimators import MIXED_MODEL, estimate_by

@@ -20,7 +20,7 @@ from studies.hidden_effects.readings import (
     wander,
 )
 from tulip_testbed.calibration.families import TOLERANCES
-from tulip_testbed.discovery.refit import without_noise
+from tulip_testbed.discovery.nominal_laboratory import without_noise
 from tulip_testbed.effects.catalogue import catalogue, targets_in
 from tulip_testbed.effects.injection import always, edited
 from tulip_testbed.effects.instance import effect_label, split_label

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tulip_testbed.discovery.refit import without_noise
+from tulip_testbed.discovery.nominal_laboratory import without_noise
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Effect, Values
 from tulip_testbed.effects.instance import EffectInstance
