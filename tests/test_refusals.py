@@ -233,7 +233,12 @@ def names(robot, run):
     feet = tt.Laboratory(robot, sensors="foot-ft").run(tt.plans.random, seed=2, engine="statics").measurements
     few, session = tt.plans.random.take(np.arange(30)), run.laboratory.manipulated(session="one")
     one, other = (session.run(few, seed=seed, engine="statics").measurements for seed in (3, 4))
+    m = run.measurements
     own = {
+        "arrays": {
+            name: getattr(m, name) for name in ("placement", "joint_angles", "cell_forces", "plate_poses")
+        },
+        "degrees": replace(m, joint_angles=np.rad2deg(m.joint_angles)),
         "knee": tt.effects.parse("encoder-offset:right_knee=0.01", robot),
         "moving": tt.plan_motion(few.take(np.arange(3)), robot).plan,
         "one": one,
@@ -245,6 +250,7 @@ def names(robot, run):
         "composed": composed,
         "stepped": stepped,
         "np": np,
+        "Path": Path,
         "tt": tt,
         "base_parameters": base_parameters,
         "center_of_pressure": center_of_pressure,
@@ -273,6 +279,7 @@ def folders(names, tmp_path_factory):
     for name in ("taken.html", "taken.rrd", "taken.xml"):
         (place / name).touch()
     (place / "loop").symlink_to("loop")
+    (place / "link").symlink_to("data")
     return place
 
 
