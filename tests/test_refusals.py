@@ -16,7 +16,7 @@ import pytest
 import tulip_testbed as tt
 from tests.contact_folders import EXAMPLE, contacts_of, write_contacts
 from tests.edited_files import BUILT, change_texts, write_rig
-from tests.published_robot import mjcf, write_published
+from tests.published_robot import write_changed
 from tulip_testbed.calibration.families import read_tolerances
 from tulip_testbed.cli.main import main
 from tulip_testbed.effects.random_effects import read_effects
@@ -164,13 +164,10 @@ def test_a_robot_is_refused(tmp_path, changes, words):
 @pytest.mark.filterwarnings("error")  # none next to a refusal
 def test_a_published_robot_is_refused(tmp_path, monkeypatch, capfd, changes, words):
     """What would be read without end is, in a process of its own."""
-    write_published(tmp_path).rename(tmp_path / "robot.urdf")
-    (tmp_path / "robot.xml").write_text(mjcf())
-    change_texts(tmp_path, changes)
+    file = write_changed(tmp_path, changes)
     if ENDLESS.search(changes[0]):
         monkeypatch.setattr(sandbox, "MOST_SECONDS", 1)
         monkeypatch.setattr(published, "call_safely", sandbox.call_safely)
-    file = tmp_path / changes[0].partition(":")[0]
     refuse(f"{file}: {words}", import_robot, file)
     assert capfd.readouterr() == ("", "")
 
