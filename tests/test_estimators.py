@@ -46,14 +46,6 @@ def test_statistics_by_hand():
     assert norms.sd == pytest.approx(np.sqrt(8))
 
 
-def test_simplified_model_refuses_unknown_numbers():
-    data = Regression(
-        np.eye(4), np.ones(4), np.arange(1, 5), tuple("abcd"), np.zeros(2), np.full((2, 2), 0.5)
-    )
-    assert data.keep([1, 3]).names == ("a", "c")
-    refuse("unknown parameter numbers 9; valid: 1 to 4", data.keep, [1, 9])
-
-
 # NIST StRD Filip: estimate and standard deviation of b0 to b10, residual s.d. squared.
 FILIP = [
     (-1467.48961422980, 298.084530995537),
@@ -249,9 +241,3 @@ def test_a_feasible_estimate_is_left_alone(bench):
     data = bench.draw(np.random.default_rng(135), cell=1e-3, placement=1e-6, mark=1e-6, encoder=0.0)
     free, found = estimate_by(data, MIXED_MODEL), estimate_by(data, "consistent")
     assert np.abs((found.value - free.value) / standard_errors(free.covariance)).max() < 1e-3
-
-
-@pytest.mark.parametrize("name", ["prior", "consistent"])
-def test_knowledge_of_the_robot_needs_a_robot(bench, name):
-    data = bench.draw(np.random.default_rng(136), **WII)
-    refuse("found no robot", estimate_by, dataclasses.replace(data, robot=None), name)

@@ -28,7 +28,9 @@ from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.experiments.validate import judge
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
+from tulip_testbed.identification.estimators import estimate_by
 from tulip_testbed.identification.planning_ranges import free_joint_ranges, planning_ranges
+from tulip_testbed.identification.regressor import regression
 from tulip_testbed.measurements import Experiment, joined, read_measurements
 from tulip_testbed.measurements.manipulations import arrangement_of
 from tulip_testbed.sim import sandbox
@@ -235,6 +237,7 @@ def names(robot, run):
         "arrays": {
             name: getattr(m, name) for name in ("placement", "joint_angles", "cell_forces", "plate_poses")
         },
+        "data": regression(base_parameters(robot), m, robot),
         "degrees": replace(m, joint_angles=np.rad2deg(m.joint_angles)),
         "knee": tt.effects.parse("encoder-offset:right_knee=0.01", robot),
         "moving": tt.plan_motion(few.take(np.arange(3)), robot).plan,
@@ -251,6 +254,7 @@ def names(robot, run):
         "tt": tt,
         "base_parameters": base_parameters,
         "center_of_pressure": center_of_pressure,
+        "estimate_by": estimate_by,
         "identify": identify,
     }
     fit = tt.identify(run, estimator="mixed-model")
