@@ -23,7 +23,7 @@ from tulip_testbed.identification.preflight import preflight
 from tulip_testbed.identification.preflight.agreement import fit, shifts
 from tulip_testbed.identification.preflight.excitation import predicted_standard_errors
 from tulip_testbed.identification.preflight.readings import longest_run
-from tulip_testbed.identification.preflight.settling import series_agrees, settling, steady_windows
+from tulip_testbed.identification.preflight.settling import series_agrees, settling
 from tulip_testbed.identification.reading_noise import ReadingNoise, reading_noise
 from tulip_testbed.identification.regressor import regression, stacked_regressor
 from tulip_testbed.identification.statistics import standard_errors
@@ -229,29 +229,10 @@ def test_a_series_of_something_else_is_found(part):
     assert settling(part, dataclasses.replace(wrong, posture=series.posture + 1000)).result == "not evaluated"
 
 
-def test_without_a_series_the_spread_within_windows_stands_in(part):
-    assert steady_windows(part).result == "pass"
-    spread = part.cell_forces_sd.copy()
-    for most, result in ((2.5, "warn"), (6.0, "fail")):
-        spread[4, 1] = most * part.cell_forces_sd[4, 1]
-        finding = steady_windows(dataclasses.replace(part, cell_forces_sd=spread))
-        assert finding.result == result
-        assert "cell.right.front_right" in finding.seen
-    spread[:, 1] = 0.0
-    finding = steady_windows(dataclasses.replace(part, cell_forces_sd=spread))
-    assert finding.result == "warn"
-    assert "s.d. exactly 0: cell.right.front_right" in finding.seen
-
-
-def wiring(m, robot):
-    """Return the finding on the cells' wiring."""
-    (found,) = [one for one in preflight(m, nominal_robot(robot)) if one.name == "wiring of cells"]
-    return found
-
-
 @pytest.mark.parametrize("sensors", ["wii", "force-plate"])
 @pytest.mark.parametrize("effect", [None, "cell-crosstalk=0.1", "sole-compliance=0.004", "tilt=0.08,0.08"])
 def test_no_other_fault_is_taken_for_a_wrong_wiring(sensors, effect, robot):
     laboratory = tt.Laboratory(robot, sensors=sensors).with_effects(*[effect] if effect else [])
-    found = wiring(laboratory.run(tt.plans.random, seed=4, engine="statics").measurements, robot)
+    m = laboratory.run(tt.plans.random, seed=4, engine="statics").measurements
+    (found,) = [one for one in preflight(m, nominal_robot(robot)) if one.name == "wiring of cells"]
     assert found.result == "pass"
