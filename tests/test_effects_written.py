@@ -1,5 +1,6 @@
 """Effects as they are written, corrected for twice or of another robot; a catalogue that nobody changes."""
 
+import ast
 import dataclasses
 import pickle
 from functools import cache
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
 import tulip_testbed as tt
+from tests.test_refusals import rows
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import MOST_PRIORS, check_instance, effect_label, split_label
 from tulip_testbed.effects.lasting import split_target
@@ -18,7 +20,6 @@ from tulip_testbed.effects.laws.grammar import says, sentence_of, sentences
 from tulip_testbed.sim.robot import load_robot
 
 PLACEMENTS = (1, 2, 30)
-OFFSET = "encoder-offset:right_knee=0.01"
 
 
 @cache
@@ -103,24 +104,11 @@ def test_a_joint_of_any_name_is_read_as_it_was_written(name, edited_tulip):
     assert all(sentence_of(str(law)) == law and says(robot, law) for law in laws)
 
 
-@pytest.mark.parametrize(
-    ("text", "interval", "sentence"),
-    [
-        (OFFSET, None, "The right knee encoder reads 0.573 deg too high."),
-        (OFFSET, (0.008, 0.012), "The right knee encoder reads 0.57 ± 0.11 deg too high."),
-        # The longer half: an interval may have been cut at zero.
-        (OFFSET, (0.009, 0.03), "The right knee encoder reads 0.6 ± 1.1 deg too high."),
-        (
-            "swapped-cells:left=front_left,rear_right",
-            None,
-            "The front left and rear right cells of the left plate are swapped.",
-        ),
-    ],
-)
-def test_a_finding_is_a_sentence(text, interval, sentence, robot):
+@rows("sentences")
+def test_a_finding_is_a_sentence(robot, changes, words):
+    text, *intervals = changes
     found = tt.EffectInstance.parse(text, robot)
-    intervals = () if interval is None else (interval,)
-    assert dataclasses.replace(found, intervals=intervals).finding == sentence
+    assert dataclasses.replace(found, intervals=tuple(map(ast.literal_eval, intervals))).finding == words
 
 
 KNEE, ANKLE = "encoder-offset:right_knee=0.01", "encoder-offset:left_ankle_roll=0.002"

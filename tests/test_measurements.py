@@ -74,19 +74,11 @@ def test_measurements_in_memory_are_held_against_the_contract(measured, changes,
     refuse(f"measurements: ... {words}", check_contract, eval(changes[0], names))
 
 
-@pytest.mark.parametrize(
-    ("changes", "check"),
-    [
-        (lambda m: changed(m, posture=lambda v: np.arange(len(v)) % 5), "repeats"),
-        (lambda m: dataclasses.replace(m, sensors=SensorSheet(cell_sd=1e5)), "units"),
-    ],
-)
-def test_what_identify_refuses_the_preflight_explains(measured, robot, tmp_path, changes, check):
-    wrong = changes(measured)
+def test_what_identify_refuses_the_preflight_reads(measured, robot, tmp_path):
+    wrong = changed(measured, posture=lambda v: np.arange(len(v)) % 5)
     write_measurements(tmp_path / "data", wrong, likely=False)
     for shown in (wrong, tmp_path / "data"):
-        failed = [c.name for c in tt.check(shown, robot).checks if c.result == "fail"]
-        assert check in failed
+        assert "repeats" in [c.name for c in tt.check(shown, robot).checks if c.result == "fail"]
     with pytest.raises(tt.InputError):
         read_measurements(tmp_path / "data")
 
