@@ -94,10 +94,7 @@ def test_a_pass_says_what_was_not_evaluated_and_why(feet, robot):
     assert set(skipped) == {one.name for one in found.checks if one.result == "not evaluated"}
 
 
-def test_command_line_passes_fails_and_cannot_read(precise, tmp_path, capsys):
-    write_measurements(tmp_path / "good", precise)
-    assert main(["check", str(tmp_path / "good")]) == 0
-    assert "Verdict: pass" in capsys.readouterr().out
+def test_command_line_fails_and_cannot_read(precise, tmp_path, capsys):
     write_measurements(tmp_path / "bad", changed(precise, cell_forces=lambda v: v / precise.gravity))
     document = told(capsys, "check", tmp_path / "bad", code=1)
     assert document["verdict"] == "fail"

@@ -169,15 +169,6 @@ def test_all_effects_are_listed(capsys):
     assert pickle.loads(pickle.dumps(catalogue())) is catalogue()
 
 
-def test_one_effect_is_explained(capsys):
-    assert main(["atlas", "effects", "encoder-offset"]) == 0
-    out = capsys.readouterr().out
-    assert "Usage: encoder-offset:JOINT=OFFSET" in out
-    assert "OFFSET [rad]: s.d. 1 deg" in out
-    assert "has a wrong zero" in out
-    assert "left_knee" in out
-
-
 def test_a_hidden_effect_leaves_the_noise_and_the_folder_as_they_are(tmp_path):
     plain = by_command(tmp_path / "plain")
     hidden = by_command(tmp_path / "data", "--effects", OFFSET, "--truth", tmp_path / "truth.json")

@@ -295,3 +295,10 @@ def test_a_command_is_refused(folders, monkeypatch, capsys, changes, words):
     check_words(words, " ".join(capsys.readouterr().err.split()))
     assert code == 2
     assert sorted(folders.iterdir()) == before
+
+
+@rows("said")
+def test_a_command_says(folders, monkeypatch, capsys, changes, words):
+    monkeypatch.chdir(folders)
+    assert main(changes[0].split()) == 0
+    check_words(words, " ".join(capsys.readouterr().out.split()))

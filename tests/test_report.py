@@ -114,8 +114,6 @@ def test_two_runs_side_by_side(run_folder, coverage, ideal, tmp_path, capsys):
     row = document["models"]["full"][9]
     reports = [json.loads((f / "result.json").read_text()) for f in (run_folder, tmp_path / "ideal")]
     assert row["estimate"] == [report["identification"]["full"]["value"][9] for report in reports]
-    assert main(["report", str(run_folder), str(run_folder)]) == 0
-    assert "none" in capsys.readouterr().out
     assert main(["report", str(coverage), str(coverage)]) == 0
     capsys.readouterr()
     message = refused(capsys, "report", run_folder, coverage)
