@@ -183,13 +183,8 @@ def test_a_hidden_effect_leaves_the_noise_and_the_folder_as_they_are(tmp_path):
         manifests[0][key] == manifests[1][key] for key in manifests[0] if key not in ("created", "tables")
     )
     truth = json.loads((tmp_path / "truth.json").read_text())
-    assert truth["effects"] == [
-        {
-            "name": "encoder-offset",
-            "target": "right_knee",
-            "parameters": [{"name": "offset", "value": 0.01, "unit": "rad", "low95": None, "high95": None}],
-        }
-    ]
+    (effect,) = map(EffectInstance.from_document, truth["effects"])
+    assert str(effect) == OFFSET
     assert truth["configuration"]["statics"] is True
 
 
