@@ -202,11 +202,7 @@ def test_names_that_no_file_can_have(tmp_path):
 def test_a_file_system_that_takes_no_files_is_refused():
     """Linux says of every new file in /proc that it does not exist, as if another process had removed it."""
     refuse("/proc/x: cannot write", write_text, Path("/proc/x"), "x")
-
-
-def test_a_folder_that_cannot_be_written_to_has_no_lock():
-    with pytest.raises(tt.InputError, match=r"^/proc/none/run: cannot write"):
-        enter(alone_on(Path("/proc/none/run")))
+    refuse("/proc/none/run: cannot write", enter, alone_on(Path("/proc/none/run")))  # nor a lock
 
 
 def test_the_truth_of_another_is_never_removed(run, tmp_path):
