@@ -1,5 +1,7 @@
 """Refuse what the table tests/refusals.txt lists, in one line with the words that it states.
 
+Sections about what is found or told, rather than refused, belong to the tests of its subject.
+
 Changes that are drawn at random, and what the commands make of them, are in `tests/fuzz`.
 """
 
