@@ -4,6 +4,8 @@ from pathlib import Path
 
 import trimesh
 
+from tests.edited_files import change_texts
+
 LEG = (
     ("hip_yaw", "0 0 1", "0 0 0", 0.6, "-1 1"),
     ("hip_roll", "1 0 0", "0 0 0", 0.5, "-0.6 0.6"),
@@ -78,6 +80,16 @@ def write_published(folder: Path, turn: float = 0.0, names: tuple[str, str] = ("
     path = folder / "humanoid.urdf"
     path.write_text(f'<?xml version="1.0"?>\n<robot name="humanoid">\n{"".join(parts)}</robot>\n')
     return path
+
+
+def write_changed(folder: Path, changes: list[str]) -> Path:
+    """Write a published robot as URDF and MJCF beside odd meshes and change a file; return its path."""
+    write_published(folder).rename(folder / "robot.urdf")
+    (folder / "robot.xml").write_text(mjcf())
+    (folder / "flat.obj").write_text("v 0 0 0\nv .1 0 0\nv .1 .1 0\nv 0 .1 0\nf 1 2 3\nf 1 3 4\n")
+    (folder / "cut.stl").write_bytes((folder / "meshes" / "torso.stl").read_bytes()[:300])
+    change_texts(folder, changes)
+    return folder / changes[0].partition(":")[0]
 
 
 def link(name: str, mass: float | None, center: str = "0 0 0", shape: str = "") -> str:

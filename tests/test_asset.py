@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tulip_testbed.identification.base_parameters import standard_parameters
-from tulip_testbed.sim.robot import load_spec, sole_corners
+from tulip_testbed.sim.robot import sole_corners
 
 LIMITS = {
     "hip_yaw": ([-40, 40], [-40, 40]),
@@ -75,11 +75,6 @@ def test_motor_limits_follow_from_power_and_ratio(model):
         # Dry friction: 5 % of the torque limit, assumed.
         friction = model.joint(f"left_{joint}").frictionloss[0]
         assert friction == pytest.approx(0.05 * actuator.forcerange[1], rel=0.01)
-
-
-def test_every_body_has_an_explicit_inertial(robot):
-    for body in load_spec(robot.model_file).bodies:
-        assert body.name == "world" or body.explicitinertial
 
 
 def test_robot_is_left_right_symmetric(model):

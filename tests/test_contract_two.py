@@ -70,8 +70,10 @@ def test_what_is_read_is_written_and_read_again(write, tmp_path, changes):
         constant_joints={"right_knee": {"value": 0.25, "sd": 0.01}},
         drop=("q.right_knee",),
         gains={"left_knee": 5000.0},
+        tolerances={"encoder-offset": 0.001, "link-length": 0.0},
     )
     m = read_measurements(folder)
+    assert (m.gains, m.tolerances) == ({"left_knee": 5000.0}, {"encoder-offset": 0.001, "link-length": 0.0})
     write_measurements(tmp_path / "again", m)
     assert_same(m, read_measurements(tmp_path / "again"))
     manifest = json.loads((tmp_path / "again" / "manifest.json").read_text())

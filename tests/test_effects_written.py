@@ -1,6 +1,8 @@
 """Effects as they are written, corrected for twice or of another robot; a catalogue that nobody changes."""
 
+import ast
 import dataclasses
+import pickle
 from functools import cache
 
 import pytest
@@ -9,15 +11,15 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
 import tulip_testbed as tt
-from tests.test_refusals import refuse
+from tests.test_refusals import rows
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import MOST_PRIORS, check_instance, effect_label, split_label
 from tulip_testbed.effects.lasting import split_target
+from tulip_testbed.effects.laws import LAW, law_effect
 from tulip_testbed.effects.laws.grammar import says, sentence_of, sentences
 from tulip_testbed.sim.robot import load_robot
 
 PLACEMENTS = (1, 2, 30)
-OFFSET = "encoder-offset:right_knee=0.01"
 
 
 @cache
@@ -37,10 +39,27 @@ def value(parameter):
 
 
 @st.composite
+def law_values(draw, parameters):
+    """Sizes, ranges that end behind their beginning, and scales above zero."""
+    values = [draw(st.floats(-1e-3, 1e-3)) for _ in parameters]
+    for k, parameter in enumerate(parameters):
+        if parameter.name.startswith("to"):
+            values[k] = values[k - 1] + 1.0
+        elif parameter.fixed and not parameter.name.startswith("from"):
+            values[k] = draw(st.floats(1e-3, 1.0))
+    return tuple(values)
+
+
+@st.composite
 def instances(draw, name):
-    effect = catalogue()[name]
-    target = draw(st.sampled_from(effect.targets.of(tulip(), PLACEMENTS)))
-    values = tuple(draw(value(parameter)) for parameter in effect.parameters_on(target))
+    if name == LAW:
+        target = str(draw(st.sampled_from(sentences(tulip()))))
+        effect = law_effect(target)
+        values = draw(law_values(effect.parameters))
+    else:
+        effect = catalogue()[name]
+        target = draw(st.sampled_from(effect.targets.of(tulip(), PLACEMENTS)))
+        values = tuple(draw(value(parameter)) for parameter in effect.parameters_on(target))
     chosen = [v for v, p in zip(values, effect.parameters, strict=True) if p.choices]
     if len(set(chosen)) < len(chosen):
         values = (0.0, 1.0)
@@ -50,7 +69,7 @@ def instances(draw, name):
     return tt.EffectInstance(effect, target, values, intervals if any(intervals) else ())
 
 
-@pytest.mark.parametrize("name", catalogue())
+@pytest.mark.parametrize("name", [*catalogue(), *[LAW] * 6])
 @settings(max_examples=10, deadline=None)
 @given(data=st.data())
 def test_what_is_written_is_read_exactly(name, data):
@@ -63,8 +82,12 @@ def test_what_is_written_is_read_exactly(name, data):
     assert effect_label(*split_label(found.label)) == found.label == str(found).partition("=")[0]
     document = TypeAdapter(tt.EffectInstance)
     assert document.validate_json(document.dump_json(found)) == found
+    copied = pickle.loads(pickle.dumps(found))
+    assert copied == found
+    assert copied.effect is read.effect is found.effect
     check_instance(found, robot, PLACEMENTS, "here")
     check_instance(found, robot, None, "here")
+    assert name != LAW or "guess" in found.finding
 
 
 @pytest.mark.parametrize(
@@ -81,30 +104,11 @@ def test_a_joint_of_any_name_is_read_as_it_was_written(name, edited_tulip):
     assert all(sentence_of(str(law)) == law and says(robot, law) for law in laws)
 
 
-def test_a_placement_is_any_number_until_the_experiment_is_known(robot):
-    text = "placement-blunder:70=0.01,0"
-    assert tt.EffectInstance.parse(text, robot).target == "70"
-    refuse("unknown target '70'; valid: 1, 2, 30", tt.EffectInstance.parse, text, robot, PLACEMENTS)
-
-
-@pytest.mark.parametrize(
-    ("text", "interval", "sentence"),
-    [
-        (OFFSET, None, "The right knee encoder reads 0.573 deg too high."),
-        (OFFSET, (0.008, 0.012), "The right knee encoder reads 0.57 ± 0.11 deg too high."),
-        # The longer half: an interval may have been cut at zero.
-        (OFFSET, (0.009, 0.03), "The right knee encoder reads 0.6 ± 1.1 deg too high."),
-        (
-            "swapped-cells:left=front_left,rear_right",
-            None,
-            "The front left and rear right cells of the left plate are swapped.",
-        ),
-    ],
-)
-def test_a_finding_is_a_sentence(text, interval, sentence, robot):
+@rows("sentences")
+def test_a_finding_is_a_sentence(robot, changes, words):
+    text, *intervals = changes
     found = tt.EffectInstance.parse(text, robot)
-    intervals = () if interval is None else (interval,)
-    assert dataclasses.replace(found, intervals=intervals).finding == sentence
+    assert dataclasses.replace(found, intervals=tuple(map(ast.literal_eval, intervals))).finding == words
 
 
 KNEE, ANKLE = "encoder-offset:right_knee=0.01", "encoder-offset:left_ankle_roll=0.002"

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.holding import check_standing
+from tests.posed import check_standing
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification import postures
 from tulip_testbed.identification.feasibility import (

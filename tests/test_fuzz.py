@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 import tulip_testbed as tt
 from tests.fuzz.changes import drawn
 from tests.fuzz.documents import json_values
-from tests.fuzz.judge import Judge
-from tests.fuzz.targets import KINDS
+from tests.fuzz.judge import KINDS, Judge
 from tests.test_cli import refused
 from tests.test_refusals import refuse
 from tulip_testbed.base.table_files import MOST_DEPTH, TableFile, read_json

@@ -11,7 +11,7 @@ import pytest
 import tulip_testbed as tt
 from tests.contact_folders import EXAMPLE
 from tests.test_cli import told
-from tests.test_refusals import refuse, rows
+from tests.test_refusals import check_words, refuse, rows
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.table_import.column_names import propose
 from tulip_testbed.experiments.table_import.import_map import ImportMap, read_map, with_unknowns
@@ -126,60 +126,17 @@ def test_a_turned_sign_is_noticed_and_can_be_stated(table, stated, measured, tmp
     assert read_measurements(tmp_path / "data").joint_angles == pytest.approx(measured.joint_angles)
 
 
-def test_a_moment_of_the_wrong_sign_is_noticed(table, stated, tmp_path):
-    def turn(columns):
-        for side in "RL":
-            columns[f"{side} my (N m)"] = -columns[f"{side} my (N m)"]
-
-    found = tt.import_table(table(change=turn), out=tmp_path / "data", map=[stated(WRENCHES)])
-    assert any("centre of pressure" in text for text in found.problems), found.problems
-
-
-def test_times_that_run_backward_and_another_weight_are_noticed(table, stated, tmp_path):
-    def swap(columns):
-        columns["time"] = columns["time"][[0, 1, 2, 4, 3, *range(5, len(columns["time"]))]]
-
-    weighed = "weighed_mass = {value = 800.0, sd = 0.1}\n" + WRENCHES
-    found = tt.import_table(table(change=swap), out=tmp_path / "data", map=[stated(weighed)])
-    assert found.exit_code == 1
-    time, weight, *_ = found.problems
-    assert time.startswith("time: row 5 is ")
-    assert time.endswith(" s earlier than row 4, expected rows in the order in which they were measured")
-    assert weight.startswith("weight: the vertical forces sum to ")
-    assert "the stated mass weighs 7848 N" in weight
-
-
-def test_a_unit_that_is_not_written_has_to_be_stated(table, stated, tmp_path):
-    def strip(columns):
-        columns["RKnee"] = columns.pop("RKnee [deg]")
-        columns["RKnee std"] = 0 * columns["RKnee"]
-
-    path = table(change=strip)
-    found = tt.import_table(path, out=tmp_path / "data", map=[stated(WRENCHES)])
-    assert found.folder is None
-    assert not (tmp_path / "data").exists()
-    assert any("no unit is written in the name: 'RKnee std'; state it" in text for text in found.assumed)
-    assert found.problems == (
-        "q.right_knee: column 'RKnee' has no unit in its name; state one of rad, mrad, deg",
-    )
-    found = tt.import_table(path, out=tmp_path / "data", map=[stated(WRENCHES), "q.right_knee=RKnee:deg"])
-    assert found.folder == str(tmp_path / "data")
-    assert found.problems == ()
-
-
-def test_what_is_missing_is_named_at_once(table, stated, tmp_path):
-    def drop(columns):
-        del columns["RKnee [deg]"], columns["L fz (N)"], columns["placement"]
-
-    path = table(change=drop)
-    found = tt.import_table(path, out=tmp_path / "data", map=[stated(WRENCHES)])
-    assert found.folder is None
-    (text,) = [text for text in found.problems if text.startswith("no column for q.right_knee; ")]
-    assert tomllib.loads(text.partition("such as ")[2].partition(", or")[0])["q.right_knee"]["column"]
-    assert "no column for wrench.left.fz; state one" in found.problems
-    assert "a new placement begins where a plate's recorded pose changes" in found.assumed
-    nothing = tt.import_table(path, out=tmp_path / "data")
-    assert any(text.startswith("contacts: not stated") for text in nothing.problems)
+@rows("imports")
+def test_a_doubtful_table_is_told(table, stated, tmp_path, changes, words):
+    text, edit, *entries = changes
+    path = table(change=lambda columns: eval(edit, {"columns": columns}))
+    maps = [stated(text.replace("WRENCHES", WRENCHES)), *entries]
+    found = tt.import_table(path, out=tmp_path / "data", map=maps)
+    told = "imported" if found.folder else "not imported"
+    told = f"{told}: {'; '.join(found.problems)}; assumed: {'; '.join(found.assumed)}"
+    assert told.startswith(words.partition(":")[0])
+    check_words(words, told)
+    assert (tmp_path / "data").exists() == bool(found.folder)
 
 
 def test_a_joint_may_be_constant_and_a_placement_be_found(table, stated, measured, tmp_path):
@@ -247,16 +204,3 @@ def test_the_command_prints_one_document(table, stated, tmp_path, capsys):
     out = capsys.readouterr()
     assert "contacts: not stated" in out.out
     assert "No folder was written" in out.err + out.out
-
-
-def test_messages_speak_of_the_table_and_the_map(table, stated, tmp_path):
-    def radians(columns):
-        columns["RKnee [rad]"] = columns.pop("RKnee [deg]")
-
-    path = table(change=radians)
-    found = tt.import_table(path, out=tmp_path / "data", map=[stated(WRENCHES)])
-    assert found.folder is None
-    assert not list(tmp_path.glob("*data*"))
-    (problem,) = [text for text in found.problems if "row 1: found" in text]
-    assert problem.startswith(f"{path}: column 'q.right_knee'")
-    assert problem.endswith("q.right_knee is column 'RKnee [rad]'")

@@ -1,16 +1,12 @@
 """Laws: the grammar, their removal, the search and what it says."""
 
 import json
-import pickle
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from pydantic import TypeAdapter
 
 from tests.effect_changes import agreement, changes, measured, statically
 from tulip_testbed.cli.main import main
@@ -24,7 +20,7 @@ from tulip_testbed.discovery.law_search import select_laws
 from tulip_testbed.discovery.nominal_laboratory import simulated, without_noise
 from tulip_testbed.discovery.patterns import Pattern
 from tulip_testbed.effects.instance import EffectInstance, injected, removed
-from tulip_testbed.effects.laws import law_effect, sentence_of, sentences
+from tulip_testbed.effects.laws import sentence_of
 from tulip_testbed.effects.true_robot import true_base_parameters
 from tulip_testbed.experiments.discovery_curves import law_curves
 from tulip_testbed.experiments.discovery_result import Discovered
@@ -37,32 +33,8 @@ from tulip_testbed.pages.discovery_page import discovery_page
 from tulip_testbed.pages.page import html
 from tulip_testbed.sim.procedure import header_of
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import load_robot
 
 HIDDEN = "law:encoder:right_knee/own-angle/sine=0.004,0.003,1,0,2"
-ROBOT = load_robot()
-
-
-@settings(deadline=None, max_examples=60)
-@given(st.data())
-def test_texts_and_documents_are_read_as_they_were_written(data):
-    sentence = data.draw(st.sampled_from(sentences(ROBOT)))
-    effect = law_effect(str(sentence))
-    values = [data.draw(st.floats(-1e-3, 1e-3)) for _ in effect.parameters]
-    for k, parameter in enumerate(effect.parameters):
-        if parameter.name.startswith("to"):
-            values[k] = values[k - 1] + 1.0
-        elif parameter.fixed and not parameter.name.startswith("from"):
-            values[k] = data.draw(st.floats(1e-3, 1.0))
-    law = EffectInstance(effect, str(sentence), tuple(values))
-    again = EffectInstance.parse(str(law), ROBOT)
-    document = TypeAdapter(EffectInstance)
-    read = document.validate_json(document.dump_json(law))
-    copied = pickle.loads(pickle.dumps(law))
-    for other in (again, read, copied):
-        assert (other.label, other.values) == (law.label, law.values)
-        assert other.effect is effect
-    assert "guess" in law.finding
 
 
 def test_a_law_of_a_torque_is_removed(robot, nominal, noiseless, few):

@@ -4,7 +4,6 @@ import dataclasses
 import json
 import shutil
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -63,24 +62,6 @@ def test_measurements_print_as_a_line_and_have_a_frame_with_the_folders_columns(
     assert frame["q.right_knee"].tolist() == measured.joint_angles[:, knee].tolist()
 
 
-@pytest.mark.parametrize(
-    ("key", "values"),
-    [("gains", {"right_knee": 5000.0}), ("tolerances", {"encoder-offset": 0.001, "link-length": 0.0})],
-)
-def test_gains_and_tolerances_are_read_and_written_back(folder, tmp_path, key, values):
-    assert "tolerances" not in json.loads((folder / "manifest.json").read_text())
-    change_document(folder / "manifest.json", f"{key} = {json.dumps(values)}")
-    measured = read_measurements(folder)
-    assert getattr(measured, key) == values
-    write_measurements(tmp_path / "again", measured)
-    assert_same(measured, read_measurements(tmp_path / "again"))
-    change_document(folder / "manifest.json", f"{key} = null")
-    assert getattr(read_measurements(folder), key) == {}
-    wrong: Any = {key: {next(iter(values)): float("nan")}}
-    broken = dataclasses.replace(measured, **wrong)
-    refuse(f"measurements: key '{key}. ... ': found nan", write_measurements, tmp_path / "broken", broken)
-
-
 @pytest.fixture(scope="module")
 def measured(run):
     return run.measurements
@@ -93,32 +74,11 @@ def test_measurements_in_memory_are_held_against_the_contract(measured, changes,
     refuse(f"measurements: ... {words}", check_contract, eval(changes[0], names))
 
 
-def test_every_door_holds_measurements_against_the_contract(measured, robot, tmp_path):
-    wrong = changed(measured, joint_angles=np.rad2deg)
-    for call in (
-        lambda: tt.identify(wrong, robot),
-        lambda: tt.discover(wrong, robot),
-        lambda: tt.write_measurements(tmp_path / "data", wrong),
-        lambda: tt.optimize_plan(robot, after=wrong),
-        lambda: tt.view(wrong, robot, save=tmp_path / "view.rrd"),
-    ):
-        refuse("measurements: column 'q.", call)
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("changes", "check"),
-    [
-        (lambda m: changed(m, posture=lambda v: np.arange(len(v)) % 5), "repeats"),
-        (lambda m: dataclasses.replace(m, sensors=SensorSheet(cell_sd=1e5)), "units"),
-    ],
-)
-def test_what_identify_refuses_the_preflight_explains(measured, robot, tmp_path, changes, check):
-    wrong = changes(measured)
+def test_what_identify_refuses_the_preflight_reads(measured, robot, tmp_path):
+    wrong = changed(measured, posture=lambda v: np.arange(len(v)) % 5)
     write_measurements(tmp_path / "data", wrong, likely=False)
     for shown in (wrong, tmp_path / "data"):
-        failed = [c.name for c in tt.check(shown, robot).checks if c.result == "fail"]
-        assert check in failed
+        assert "repeats" in [c.name for c in tt.check(shown, robot).checks if c.result == "fail"]
     with pytest.raises(tt.InputError):
         read_measurements(tmp_path / "data")
 
@@ -133,13 +93,6 @@ def test_measurements_are_made_from_arrays_in_memory(measured, robot):
     assert np.isnan(made.joint_angles_sd).all()
     assert made.command is None
     assert np.array_equal(tt.identify(made, robot).full.value, tt.identify(m, robot).full.value)
-    for wrong, message in (
-        ({"joint_angels": 0}, "unknown field 'joint_angels'; did you mean 'joint_angles'"),
-        ({"cell_forces": None}, "found no cell_forces, expected values of every row"),
-        ({"placement": [1, 2]}, "placement: found int64 (2,), expected an array of whole num"),
-        ({"plate_poses": [[1], [1, 2]]}, "found no array of numbers"),
-    ):
-        refuse(f"measurements: {message}", Measurements.from_arrays, m.header, **rows | wrong)
 
 
 def test_the_shipped_plan_cannot_be_changed():

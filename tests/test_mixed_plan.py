@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.holding import holding_torques
-from tests.posed import posed, seen_from
+from tests.posed import holding_torques, posed, seen_from
 from tests.test_link_clearances import Collisions
 from tulip_testbed import plans
 from tulip_testbed.experiments.described_plan import describe_plan

@@ -143,14 +143,13 @@ def begin(folder, scenario, settings=SETTINGS):
 @rows("scenarios")
 def test_another_laboratory_or_plan_is_refused(scenario, tmp_path, changes, words):
     begin(tmp_path / "run", scenario)
-    names = dict(zip(("lab", "plan"), scenario, strict=True)) | {"tt": tt, "replace": dataclasses.replace}
-    refuse(words, begin, tmp_path / "run", eval(changes[0], names))
+    names = {"lab": scenario[0], "plan": scenario[1], "settings": SETTINGS, "tt": tt}
+    other, plan, *settings = eval(changes[0], names | {"replace": dataclasses.replace})
+    refuse(words, begin, tmp_path / "run", (other, plan), *settings)
 
 
-def test_other_settings_and_versions_are_refused(scenario, tmp_path):
+def test_another_version_is_refused(scenario, tmp_path):
     begin(tmp_path / "run", scenario)
-    spread = dataclasses.replace(SETTINGS, robot_spread=0.1, engine="dynamics")
-    refuse("settings.robot_spread is None there and 0.1 here", begin, tmp_path / "run", scenario, spread)
     change_document(tmp_path / "run" / "run.json", 'software.numpy = "1.0"')
     refuse("software.numpy is '1.0' there", begin, tmp_path / "run", scenario)
 

@@ -94,7 +94,6 @@ def test_a_validation_in_an_ordinary_laboratory(validated, plan, robot, tmp_path
     assert "correlation (12, 13), estimate" in names
     validated.save(tmp_path / "run")
     assert json.loads((tmp_path / "run" / "run.json").read_text())["configuration"]["imperfections"] == 1.0
-    assert json.loads((tmp_path / "run" / "result.json").read_text())["imperfections"] == 1.0
     effects = json.loads((tmp_path / "run" / "truth.json").read_text())["effects"]
     assert len(effects) == len(hidden)
     assert tt.Validation.load(tmp_path / "run", robot).imperfections == 1.0
@@ -102,9 +101,7 @@ def test_a_validation_in_an_ordinary_laboratory(validated, plan, robot, tmp_path
     assert [str(i) for i in again.hidden] == [str(i) for i in hidden]
     plain: Any = validated.least_squares
     assert plain.estimator == "least-squares"
-    text = "\n".join(map(str, validated.tables()))
-    assert "least" in text
-    text = " ".join(text.split())
+    text = " ".join(" ".join(map(str, validated.tables())).split())
     assert f"sigma per axis (eq. 14) {1e3 * plain.full.sigma:.3f} mm" in text
 
 

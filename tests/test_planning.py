@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.effect_changes import measured
-from tests.holding import check_standing
+from tests.posed import check_standing
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.described_plan import describe_plan
 from tulip_testbed.experiments.identify import identify

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import tulip_testbed as tt
-from tests.edited_rows import changed, plus, put, within
+from tests.edited_rows import changed, plus, within
 from tests.test_refusals import refuse
 from tulip_testbed.base.files import sha256
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
@@ -22,8 +22,8 @@ from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.preflight import preflight
 from tulip_testbed.identification.preflight.agreement import fit, shifts
 from tulip_testbed.identification.preflight.excitation import predicted_standard_errors
-from tulip_testbed.identification.preflight.readings import cell_loads, longest_run
-from tulip_testbed.identification.preflight.settling import series_agrees, settling, steady_windows
+from tulip_testbed.identification.preflight.readings import longest_run
+from tulip_testbed.identification.preflight.settling import series_agrees, settling
 from tulip_testbed.identification.reading_noise import ReadingNoise, reading_noise
 from tulip_testbed.identification.regressor import regression, stacked_regressor
 from tulip_testbed.identification.statistics import standard_errors
@@ -229,73 +229,10 @@ def test_a_series_of_something_else_is_found(part):
     assert settling(part, dataclasses.replace(wrong, posture=series.posture + 1000)).result == "not evaluated"
 
 
-def test_without_a_series_the_spread_within_windows_stands_in(part):
-    assert steady_windows(part).result == "pass"
-    spread = part.cell_forces_sd.copy()
-    for most, result in ((2.5, "warn"), (6.0, "fail")):
-        spread[4, 1] = most * part.cell_forces_sd[4, 1]
-        finding = steady_windows(dataclasses.replace(part, cell_forces_sd=spread))
-        assert finding.result == result
-        assert "cell.right.front_right" in finding.seen
-    spread[:, 1] = 0.0
-    finding = steady_windows(dataclasses.replace(part, cell_forces_sd=spread))
-    assert finding.result == "warn"
-    assert "s.d. exactly 0: cell.right.front_right" in finding.seen
-
-
-def wiring(m, robot):
-    """Return the finding on the cells' wiring."""
-    (found,) = [one for one in preflight(m, nominal_robot(robot)) if one.name == "wiring of cells"]
-    return found
-
-
-EXCHANGED = "are read in each other's place"
-
-
-@pytest.mark.parametrize(
-    ("order", "sign", "words"),
-    [
-        ((0, 1, 2, 7, 4, 5, 6, 3), (1,) * 8, f"cell.right.rear_left and cell.left.rear_left {EXCHANGED}"),
-        ((0, 1, 2, 3, 4, 6, 5, 7), (1,) * 8, f"cell.left.front_right and cell.left.rear_right {EXCHANGED}"),
-        (range(8), (1, 1, 1, 1, 1, -1, 1, 1), "cell.left.front_right has the wrong sign"),
-        (range(8), (1, 1, 1 / 9.81, 1, 1, 1, 1, 1), "cell.right.rear_right is read in kilograms"),
-        ((3, 0, 1, 2, 4, 5, 6, 7), (1,) * 8, "the right plate's cells are turned by 90 degrees"),
-        ((0, 1, 2, 3, 5, 4, 7, 6), (1,) * 8, "the left plate's cells are mirrored, left for right"),
-        ((4, 5, 6, 7, 0, 1, 2, 3), (1,) * 8, "the right plate's cells are read in place of the left plate's"),
-    ],
-)
-def test_cells_that_are_connected_otherwise_are_named_and_gross(order, sign, words, wii, robot):
-    """Two cells of a plate are left to a discovery."""
-    m = wii.measurements
-    found = wiring(dataclasses.replace(m, cell_forces=m.cell_forces[:, list(order)] * sign), robot)
-    assert (found.result, found.where) == ("fail", words)
-    assert found.gross == ("left.front_right and cell.left" not in words)
-    assert found.seen.startswith(words)
-
-
-@pytest.mark.parametrize("when", ["in placement 4", "since posture 19 (row 18, placement 4)"])
-def test_cells_that_are_connected_otherwise_in_some_rows_are_named_with_these(when, precise, robot):
-    m = precise
-    rows = m.placement == 4 if when.startswith("in") else np.arange(len(m)) >= 17
-    forces = m.cell_forces.copy()
-    forces[rows] = forces[rows][:, [0, 1, 6, 3, 4, 5, 2, 7]]
-    found = wiring(dataclasses.replace(m, cell_forces=forces), robot)
-    assert (found.result, found.gross) == ("fail", True)
-    assert found.where == f"cell.right.rear_right and cell.left.rear_right {EXCHANGED} {when}"
-
-
-@pytest.mark.parametrize("reads", [0.0, 20.0])
-def test_a_cell_that_is_dead_in_one_placement_is_named_and_gross(reads, precise):
-    found = cell_loads(changed(precise, cell_forces=put(precise.placement == 4, 6, value=reads)))
-    assert (found.result, found.gross) == ("fail", True)
-    assert found.where == "cell.left.rear_right is dead in placement 4"
-    heavier = dataclasses.replace(precise, cell_forces=1.05 * precise.cell_forces)
-    assert not cell_loads(heavier).gross  # the sum is wrong, but no cell stands still
-
-
 @pytest.mark.parametrize("sensors", ["wii", "force-plate"])
 @pytest.mark.parametrize("effect", [None, "cell-crosstalk=0.1", "sole-compliance=0.004", "tilt=0.08,0.08"])
 def test_no_other_fault_is_taken_for_a_wrong_wiring(sensors, effect, robot):
     laboratory = tt.Laboratory(robot, sensors=sensors).with_effects(*[effect] if effect else [])
-    found = wiring(laboratory.run(tt.plans.random, seed=4, engine="statics").measurements, robot)
+    m = laboratory.run(tt.plans.random, seed=4, engine="statics").measurements
+    (found,) = [one for one in preflight(m, nominal_robot(robot)) if one.name == "wiring of cells"]
     assert found.result == "pass"

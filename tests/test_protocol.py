@@ -63,13 +63,6 @@ def test_trajectories_are_messages_of_ros(folder):
                 np.testing.assert_allclose(values[:, k], found, atol=2e-5)
 
 
-def test_statics_measures_in_the_order_of_the_protocol(robot, small_protocol):
-    measured = tt.Laboratory(robot, "ideal").run(small_protocol.plan, seed=413, engine="statics").measurements
-    np.testing.assert_array_equal(measured.posture, small_protocol.plan.posture)
-    assert (np.diff(measured.placement) < 0).any()
-    assert (np.diff(measured.time) > 0).all()
-
-
 @pytest.mark.parametrize("way", ["appended", "filled in"])
 def test_the_started_folder_takes_rows(folder, robot, tmp_path, way):
     """Rows of a simulated run, appended by a logger or filled in by hand, are identified as the run's own."""

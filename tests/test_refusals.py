@@ -1,5 +1,7 @@
 """Refuse what the table tests/refusals.txt lists, in one line with the words that it states.
 
+Sections about what is found or told, rather than refused, belong to the tests of its subject.
+
 Changes that are drawn at random, and what the commands make of them, are in `tests/fuzz`.
 """
 
@@ -16,7 +18,7 @@ import pytest
 import tulip_testbed as tt
 from tests.contact_folders import EXAMPLE, contacts_of, write_contacts
 from tests.edited_files import BUILT, change_texts, write_rig
-from tests.published_robot import mjcf, write_published
+from tests.published_robot import write_changed
 from tulip_testbed.calibration.families import read_tolerances
 from tulip_testbed.cli.main import main
 from tulip_testbed.effects.random_effects import read_effects
@@ -28,7 +30,9 @@ from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.experiments.validate import judge
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
+from tulip_testbed.identification.estimators import estimate_by
 from tulip_testbed.identification.planning_ranges import free_joint_ranges, planning_ranges
+from tulip_testbed.identification.regressor import regression
 from tulip_testbed.measurements import Experiment, joined, read_measurements
 from tulip_testbed.measurements.manipulations import arrangement_of
 from tulip_testbed.sim import sandbox
@@ -164,13 +168,10 @@ def test_a_robot_is_refused(tmp_path, changes, words):
 @pytest.mark.filterwarnings("error")  # none next to a refusal
 def test_a_published_robot_is_refused(tmp_path, monkeypatch, capfd, changes, words):
     """What would be read without end is, in a process of its own."""
-    write_published(tmp_path).rename(tmp_path / "robot.urdf")
-    (tmp_path / "robot.xml").write_text(mjcf())
-    change_texts(tmp_path, changes)
+    file = write_changed(tmp_path, changes)
     if ENDLESS.search(changes[0]):
         monkeypatch.setattr(sandbox, "MOST_SECONDS", 1)
         monkeypatch.setattr(published, "call_safely", sandbox.call_safely)
-    file = tmp_path / changes[0].partition(":")[0]
     refuse(f"{file}: {words}", import_robot, file)
     assert capfd.readouterr() == ("", "")
 
@@ -233,7 +234,13 @@ def names(robot, run):
     feet = tt.Laboratory(robot, sensors="foot-ft").run(tt.plans.random, seed=2, engine="statics").measurements
     few, session = tt.plans.random.take(np.arange(30)), run.laboratory.manipulated(session="one")
     one, other = (session.run(few, seed=seed, engine="statics").measurements for seed in (3, 4))
+    m = run.measurements
     own = {
+        "arrays": {
+            name: getattr(m, name) for name in ("placement", "joint_angles", "cell_forces", "plate_poses")
+        },
+        "data": regression(base_parameters(robot), m, robot),
+        "degrees": replace(m, joint_angles=np.rad2deg(m.joint_angles)),
         "knee": tt.effects.parse("encoder-offset:right_knee=0.01", robot),
         "moving": tt.plan_motion(few.take(np.arange(3)), robot).plan,
         "one": one,
@@ -245,9 +252,11 @@ def names(robot, run):
         "composed": composed,
         "stepped": stepped,
         "np": np,
+        "Path": Path,
         "tt": tt,
         "base_parameters": base_parameters,
         "center_of_pressure": center_of_pressure,
+        "estimate_by": estimate_by,
         "identify": identify,
     }
     fit = tt.identify(run, estimator="mixed-model")
@@ -273,6 +282,7 @@ def folders(names, tmp_path_factory):
     for name in ("taken.html", "taken.rrd", "taken.xml"):
         (place / name).touch()
     (place / "loop").symlink_to("loop")
+    (place / "link").symlink_to("data")
     return place
 
 
@@ -287,3 +297,10 @@ def test_a_command_is_refused(folders, monkeypatch, capsys, changes, words):
     check_words(words, " ".join(capsys.readouterr().err.split()))
     assert code == 2
     assert sorted(folders.iterdir()) == before
+
+
+@rows("said")
+def test_a_command_says(folders, monkeypatch, capsys, changes, words):
+    monkeypatch.chdir(folders)
+    assert main(changes[0].split()) == 0
+    check_words(words, " ".join(capsys.readouterr().out.split()))

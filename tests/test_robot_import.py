@@ -9,9 +9,9 @@ import pytest
 
 import tulip_testbed as tt
 from tests.posed import posed
-from tests.published_robot import MASS, SOLE, mjcf, write_published
+from tests.published_robot import MASS, SOLE, mjcf, write_changed, write_published
 from tests.test_cli import told
-from tests.test_refusals import refuse, rows
+from tests.test_refusals import check_words, refuse, rows
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.robot_import import published
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
@@ -51,19 +51,6 @@ def test_what_a_urdf_says_is_found(prepared):
     np.testing.assert_allclose(left, wanted, atol=1e-6)
     assert found.found["leg"] == pytest.approx(0.3 + 0.3 + height)
     assert found.found["torque"]["left_knee"] == 60
-
-
-def test_what_a_file_does_not_say_is_assumed_and_told(prepared):
-    found, _ = prepared
-    text = "\n".join((*found.assumed, *found.problems))
-    for words in (
-        "joints that follow another one: right_finger, left_finger",
-        "joints that move less than 0.5 % of the mass: neck",
-        "rotor inertia 0.003 kg m2 per Nm of torque limit for all joints",
-        "range of 90 deg either way for right_elbow, left_elbow",
-        "1 meshes are missing or cannot be read: package://humanoid/meshes/lidar.stl",
-    ):
-        assert words in text
 
 
 def test_the_centre_of_mass_is_that_of_the_published_file(urdf, prepared):
@@ -116,46 +103,12 @@ def test_a_forearm_inside_of_the_chest_is_moved_out_and_overlaps_that_stay_are_t
     assert "right_hip_pitch_link and left_hip_pitch_link (60 mm)" in told
 
 
-LOST = (
-    '<link name="lost"><inertial><mass value="5"/>'
-    '<inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>'
-)
-MESHES = """<mujoco><asset><texture name="t" type="2d" file="none.png"/><material name="m" texture="t"/>
-<texture name="h" type="2d" builtin="flat" width="100000" height="100000"/>
-<mesh name="flat" file="flat.obj" inertia="shell"/><mesh file="cut.stl"/><mesh file="none.stl"/></asset>"""
-SHOWN = """<geom type="box" size=".1 .1 .1" material="m"/>
-<geom type="mesh" mesh="flat" contype="0" conaffinity="0"/>
-<geom type="mesh" mesh="cut"/><geom type="mesh" mesh="none"/></body></worldbody>"""
-
-
-def test_what_is_left_out_or_changed_is_told(tmp_path):
-    text = write_published(tmp_path / "urdf").read_text()
-    for old, new in (
-        ("</robot>", LOST),
-        ('effort="60"', 'effort="1e9"'),
-        ('lower="-1.6" upper="0.6"', 'lower="-1.6" upper="6"'),
-        ('ixx="0.060000" iyy="0.060000" izz="0.060000"', 'ixx="0.06" iyy="0.06" izz="0.9"'),
-    ):
-        assert old in text
-        text = text.replace(old, new, 1)
-    (tmp_path / "urdf" / "changed.urdf").write_text(text)
-    changed = import_robot(tmp_path / "urdf" / "changed.urdf")
-    assert changed.found["mass"] == pytest.approx(MASS)
-    (tmp_path / "flat.obj").write_text("v 0 0 0\nv .1 0 0\nv .1 .1 0\nv 0 .1 0\nf 1 2 3\nf 1 3 4\n")
-    (tmp_path / "cut.stl").write_bytes((tmp_path / "urdf" / "meshes" / "torso.stl").read_bytes()[:300])
-    text = mjcf().replace("<mujoco>", MESHES).replace("</body></worldbody>", SHOWN)
-    (tmp_path / "meshes.xml").write_text(text)
-    shown = import_robot(tmp_path / "meshes.xml")
-    told = "\n".join((*changed.assumed, *shown.assumed, *shown.problems))
-    for words in (
-        "left out: what no joint connects with the robot: lost (5 kg)",
-        "torque limit 83.3 Nm instead of the file's, over 100 times as much for right_hip_yaw",
-        "range of 180 deg either way instead of the file's wider one for right_hip_pitch",
-        "for links whose own is impossible: chest (it does not matter at rest)",
-        "left out: flat meshes flat",
-        "2 meshes are missing or cannot be read: cut.stl, none.stl",
-    ):
-        assert words in told
+@rows("told")
+def test_what_is_assumed_left_out_or_changed_is_told(tmp_path, changes, words):
+    file = write_changed(tmp_path, changes)
+    found = import_robot(file)
+    check_words(words, "\n".join((*found.assumed, *found.problems)))
+    assert found.found["mass"] == pytest.approx({".urdf": MASS, ".xml": 22.0}[file.suffix])
 
 
 @pytest.mark.parametrize("turn", [np.pi, pytest.param(np.pi / 2, marks=pytest.mark.slow)])
@@ -240,17 +193,6 @@ def test_names_that_are_missing_or_hold_quotes(tmp_path):
     robot = found.write(tmp_path / "out")
     assert robot.swing_foot == 'l"eft5'
     assert found.found["joints"] == 12
-
-
-def test_forces_that_are_left_out_are_told(tmp_path):
-    text = mjcf().replace('<joint name="left4" ', '<joint name="left4" stiffness="20" ')
-    text = text.replace("<worldbody>", '<option gravity="0 0 -1.6"/><worldbody>')
-    apart = '<contact><exclude body1="right0" body2="left0"/></contact></mujoco>'
-    (tmp_path / "sprung.xml").write_text(text.replace("</mujoco>", apart))
-    told = "\n".join(import_robot(tmp_path / "sprung.xml").assumed)
-    assert "left out: springs of the joints left4" in told
-    assert "left out: gravity 0.0, 0.0, -1.6" in told
-    assert re.search("left out: <exclude>, so that plans keep a distance between .*left0", told)
 
 
 def test_the_command(urdf, tmp_path, capsys, monkeypatch):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
+from tests.test_refusals import check_words, rows
 from tulip_testbed.effects.targets import LEG_LINKS, LINKS
 from tulip_testbed.experiments.checks import IMBALANCE, verdict
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of
@@ -21,7 +22,6 @@ from tulip_testbed.sim.random_robots import draw_robot
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot_check import robot_findings
 from tulip_testbed.sim.scene import laboratory_scene
-from tulip_testbed.sim.shipped import TULIP
 
 POSES = np.array([[0.03, -0.16, 0.02], [0.05, 0.17, -0.01]])
 OPTION = '<option timestep="0.001" integrator="Euler" cone="elliptic"/>'
@@ -149,23 +149,10 @@ def test_too_little_armature_and_soft_friction_are_supplied_and_said(edited_tuli
     assert scene.joint("right_knee").armature == 0.0862
 
 
-def test_a_missing_or_straight_stand_is_said(edited_tulip, tmp_path):
-    text = TULIP.with_name("tulip.xml").read_text()
-    key = text[text.index("<keyframe>") : text.index("</keyframe>") + len("</keyframe>")]
-    (finding,) = robot_findings(edited_tulip(f"tulip.xml: {key} =>"))
-    assert finding.name == "stand"
-    assert "zero posture" in finding.assumed
-    assert "straight legs (right_foot, left_foot)" in finding.consequence
-    straight = '<keyframe><key name="stand" qpos="0 0 0.69 1 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0"/></keyframe>'
-    (finding,) = robot_findings(edited_tulip(f"tulip.xml: {key} => {straight}", name="straight"))
-    assert "straight legs (right_foot, left_foot) in the keyframe" in finding.found
-
-
-def test_a_joint_without_a_motor_is_said(edited_tulip):
-    text = TULIP.with_name("tulip.xml").read_text()
-    motor = next(line for line in text.splitlines() if 'joint="right_knee"' in line)
-    (finding,) = robot_findings(edited_tulip(f"tulip.xml: {motor} =>"))
-    assert "no motor with a torque limit on right_knee" in finding.found
+@rows("findings")
+def test_what_a_robot_lacks_is_said(edited_tulip, changes, words):
+    (finding,) = robot_findings(edited_tulip(*changes))
+    check_words(words, f"{finding.name}: {finding.found}; {finding.assumed}; {finding.consequence}")
 
 
 def test_findings_are_warned_of_once(edited_tulip, plan):

@@ -8,16 +8,17 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
+from tests import edited_rows
 from tests.edited_rows import changed, plus
+from tests.test_refusals import check_words, rows
 from tulip_testbed.experiments.watching.alarm import fault_of_changes, levels
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
-from tulip_testbed.experiments.watching.row_checks import NOT_SETTLED, UNUSABLE
+from tulip_testbed.experiments.watching.row_checks import UNUSABLE
 from tulip_testbed.experiments.watching.row_columns import row_columns
 from tulip_testbed.experiments.watching.watch_row import (
     CHANGED,
     OK,
     REPEAT,
-    UNPLANNED,
     Verdict,
     planned_row,
     watch_row,
@@ -145,49 +146,13 @@ def test_one_odd_posture_is_to_be_repeated_and_then_forgotten(watched, day, befo
     assert {one.verdict for one in verdicts} == {OK}
 
 
-def test_a_repeat_that_differs_is_told(watched, day):
-    first = one_row(day, 0)
-    state, _ = play(watched, day.take(np.arange(1)))
-    again = replace(first, time=first.time + 63)
-    _, (verdict,) = play(watched, changed(again, cell_forces=plus([3, -3, 3, -3], 0, slice(4))), state)
-    assert verdict.verdict == REPEAT
-    assert verdict.findings[0].name in ("repeats", "prediction")
-    _, (same,) = play(watched, again, state)
-    assert same.verdict == OK
-
-
-def test_a_window_that_moved(watched, day):
-    state, _ = play(watched, day.take(np.arange(10)))
-    row = one_row(day, 10)
-    _, (verdict,) = play(watched, replace(row, joint_angles_sd=20 * row.joint_angles_sd), state)
-    assert verdict.verdict == NOT_SETTLED
-    assert verdict.next == int(row.posture[0])
-    assert verdict.findings[0].advice.startswith("Wait longer")
-    assert str(verdict).startswith(f"posture {row.posture[0]}: not settled - settled: ")
-
-
-def test_rows_that_cannot_be_used(watched, day):
-    row = one_row(day, 0)
-    _, (verdict,) = play(watched, replace(row, joint_angles=np.degrees(row.joint_angles)))
-    assert verdict.verdict == UNUSABLE
-    assert verdict.findings[0].name == "units"
-    _, (verdict,) = play(watched, replace(row, posture=np.array([999])))
-    assert verdict.verdict == UNPLANNED
-    _, (verdict,) = play(watched, replace(row, posture=row.posture + 1))
-    assert verdict.verdict == UNUSABLE
-    assert "from the plan" in verdict.findings[0].seen
-
-
-@pytest.mark.parametrize(
-    ("jump", "told"), [(-1e5, "jumps back"), (1e5, "jumps ahead"), (-70.0, "row before")]
-)
-def test_clocks_and_the_order_of_rows(watched, day, jump, told):
-    state, _ = play(watched, day.take(np.arange(8)))
-    row = one_row(day, 8) if jump != -70.0 else one_row(day, 6)
-    state = replace(state, time=float(day.time[7]))
-    _, (verdict,) = play(watched, replace(row, time=day.time[7:8] + jump), state)
-    assert verdict.verdict == OK
-    assert any(told in one.seen for one in verdict.findings)
+@rows("watch")
+def test_a_row_is_judged_and_told_why(watched, day, changes, words):
+    count = int(changes[0])
+    names = {"row": one_row(day, count), "day": day, "replace": replace, "np": np} | vars(edited_rows)
+    state, _ = play(watched, day.take(np.arange(count)))
+    _, (verdict,) = play(watched, eval(changes[1], names), state)
+    check_words(words, " ".join([str(verdict), *(one.advice for one in verdict.findings)]))
 
 
 def test_it_stops_when_the_targets_are_met_and_says_what_is_left(watched, day, played, before):

@@ -12,7 +12,7 @@ import pytest
 
 import tulip_testbed as tt
 from tests.test_cli import TULIP
-from tests.test_refusals import change_document, refuse, rows
+from tests.test_refusals import change_document, check_words, refuse, rows
 from tests.test_watch import measured_day
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.watching.arriving_rows import MOST_AT_ONCE, ArrivingRows
@@ -100,12 +100,15 @@ def test_a_state_belongs_to_a_plan_and_a_manifest(folder, plan, robot, tmp_path)
     refuse("no state of a watch", judged, path, plan, robot, out=tmp_path / "state")
 
 
-def test_a_line_that_lacks_a_column_is_told_and_passed_over(folder, plan, robot):
+@rows("watched lines")
+def test_a_line_that_cannot_be_read_is_told_and_passed_over(folder, plan, robot, changes, words):
     path, lines = folder
-    grow(path, lines[0] + lines[1].rpartition(",")[0] + "\n" + lines[2])
+    broken = lines[1].split(",")
+    broken[(path / "postures.csv").read_text().split(",").index('"q.right_knee"')] = "broken"
+    grow(path, lines[0] + eval(changes[0], {"lines": lines, "broken": ",".join(broken)}) + lines[2])
     first, second, third = judged(path, plan, robot)
     assert (first.verdict.verdict, second.verdict, third.verdict.verdict) == (OK, None, OK)
-    assert all(words in second.problem for words in ("postures.csv: line 3: found ", "one per column name"))
+    check_words(words, f"{second.problem}; then line {third.line}")
 
 
 def test_a_watch_that_read_no_row_fails(folder, plan, robot):
@@ -147,18 +150,6 @@ def test_what_was_read_at_the_end_of_the_file_or_before_it_may_not_change(folder
     (path / "manifest.json").write_text(manifest.replace("9.81", "9.80"))
     grow(path, lines[3])
     refuse("manifest.json: found another manifest than before the first row", list, days)
-
-
-def test_a_value_that_is_none_is_told_by_its_line(folder, plan, robot):
-    path, lines = folder
-    place = (path / "postures.csv").read_text().split(",").index('"q.right_knee"')
-    values = lines[1].split(",")
-    values[place] = "broken"
-    grow(path, lines[0] + ",".join(values) + "\n# a note\n\n" + lines[2])
-    found = judged(path, plan, robot)
-    assert [one.line for one in found] == [2, 3, 7]
-    assert found[1].verdict is None
-    assert "postures.csv: line 3: column 'q.right_knee': found string" in found[1].problem
 
 
 def test_targets_are_in_millimetres():

@@ -9,7 +9,7 @@ import pytest
 
 import tulip_testbed as tt
 from studies.study_motion import laboratory
-from tests.test_refusals import change_document, refuse
+from tests.test_refusals import change_document
 from tests.test_watch import play
 from tulip_testbed.base.table_files import write_table
 from tulip_testbed.experiments.watching import watch_day
@@ -119,18 +119,6 @@ def test_lines_that_cannot_be_used_are_told_and_passed_over(folder):
     assert "motion.csv: line 22: " in told[0].problem
     assert "expected a time that increases" in told[1].problem
     assert len([one for one in told if one.row is not None]) == 3
-
-
-def test_what_was_read_may_not_change(folder):
-    path, lines = folder
-    first = found(arriving(path, 50.0), path, lines[:200], [])[-1]
-    seen = first.line.seen
-    assert [one.line.new for one in arriving(path, 50.0, seen).new()][-1:] == [False]
-    text = (path / "motion.csv").read_bytes()
-    (path / "motion.csv").write_bytes(text.replace(b"0.", b"1.", 1))
-    refuse("found other values in the first", list, arriving(path, 50.0, seen).new())
-    (path / "motion.csv").write_bytes(text[:5000])
-    refuse("than were read before, or fewer", list, arriving(path, 50.0, seen).new())
 
 
 def test_the_filter_is_the_regression_with_noise_that_lasts(model, samples):

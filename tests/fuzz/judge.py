@@ -11,6 +11,7 @@ import sys
 import tempfile
 import traceback
 import warnings
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from importlib import import_module
@@ -20,11 +21,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tests.fuzz.changes import Draw, Expected
+from tests.fuzz.changes import Change, Draw, Expected
+from tests.fuzz.folders import MEASUREMENT_KINDS, PLAN_KINDS
 from tests.fuzz.readings import reading, result
-from tests.fuzz.targets import KINDS, Intact, command
+from tests.fuzz.robots import ROBOT_KINDS
 from tulip_testbed.cli.main import main
 from tulip_testbed.sim.robot import load_robot
+from tulip_testbed.sim.shipped import ASSETS
 
 SECONDS = 240  # of one command
 MEMORY = 3 * 2**30  # bytes of the process that runs them, half of it libraries
@@ -36,6 +39,53 @@ MAY_BE_NULL = (
     *("found", "description", "complaints", "example_manifest", "example_row", "low95", "high95"),
     *("relative_standard_error", "predicted_relative_standard_error_percent"),
 )
+
+
+KINDS: dict[str, dict[str, Change]] = {
+    "measurements": MEASUREMENT_KINDS,
+    "plan": PLAN_KINDS,
+    "robot": ROBOT_KINDS,
+}
+Tulip = Callable[[list[str]], Any]
+
+
+class Intact:
+    """The inputs that nothing is wrong with, each made when it is first asked for.
+
+    Args:
+        place: an empty folder.
+        tulip: runs a command.
+    """
+
+    def __init__(self, place: Path, tulip: Tulip) -> None:
+        self.place, self.tulip = place, tulip
+
+    def __call__(self, target: str) -> Path:
+        """Return the folder of an input."""
+        if target == "robot":
+            return ASSETS / "tulip_mjcf"
+        path = self.place / {"measurements": "data"}.get(target, target)
+        if not path.exists():
+            getattr(self, f"_{target}")(path)
+        return path
+
+    def _plan(self, path: Path) -> None:
+        shape = ["--placements", "6", "--per-placement", "5", "--seed", "107"]
+        self.tulip(["plan", "random", "--out", str(path), *shape])
+
+    def _measurements(self, path: Path) -> None:
+        how = ["--engine", "statics", "--workers", "1"]
+        self.tulip(["simulate", str(self("plan")), *how, "--out", str(path)])
+
+
+def command(target: str, folder: Path) -> list[str]:
+    """Return the command that reads an input."""
+    base = str(folder)
+    if target == "robot":
+        return ["robot", f"{base}/tulip.toml", "--json"]
+    if target == "plan":
+        return ["plan", "show", base, "--json"]
+    return ["identify", base, "--estimator", "least-squares", "--json"]  # an independent reading solves eq. 8
 
 
 class Run(NamedTuple):
