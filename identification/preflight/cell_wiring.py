@@ -120,7 +120,8 @@ def _squares(found: AgreementFit, change: np.ndarray, placement: Groups, late: n
 
     Returns:
         Of the rows since each of these, of those until the placement's end, and of its own, (g, s + 2);
-        infinite where a change is not finite or there is no such row.
+        infinite where a change is not finite or there is no such row, and where all rows are meant, which
+        the first says.
     """
     finite = np.isfinite(change.sum(axis=1, keepdims=True))
     column = np.where(finite, change, 0.0)[..., None] * late[:, None]
@@ -132,6 +133,8 @@ def _squares(found: AgreementFit, change: np.ndarray, placement: Groups, late: n
     own = found.square + 2 * along
     left = np.maximum(own - ((across @ found.covariance) * across).sum(axis=2), ROUNDING * own)
     left[:, :-2][placement.sums(1.0 * late) == 0] = np.inf
+    left[-1, -2] = np.inf
+    left[-1, -1] = np.inf if len(left) == 1 else left[-1, -1]
     return np.where(bad > 0, np.inf, left)
 
 
