@@ -11,7 +11,7 @@ from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.imperfections import ordinary_members
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.watching.alarm import levels
-from tulip_testbed.experiments.watching.arriving_samples import joined
+from tulip_testbed.experiments.watching.arriving_rows import joined
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
 from tulip_testbed.experiments.watching.row_columns import row_columns
 from tulip_testbed.experiments.watching.watch_row import CHANGED, OK, Verdict, begin_row, watch_row
