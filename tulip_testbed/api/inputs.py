@@ -80,11 +80,7 @@ def describe_robot(
     Raises:
         InputError: a file that cannot be read, no robot on two legs, or a folder that exists.
     """
-    if out is not None:
-        check_new(Path(out))
-    return report_robot(
-        Path(file), support, feet or (), sole or (), None if out is None else Path(out), _picture
-    )
+    return report_robot(Path(file), support, feet or (), sole or (), new_place(out), _picture)
 
 
 def _picture(robot: Robot) -> bytes | None:
@@ -155,6 +151,13 @@ def import_table(
     """
     check_new(Path(out))
     return _import_table(Path(table), robot or load_robot(), Path(out), read_map(map))
+
+
+def new_place(out: str | Path | None) -> Path | None:
+    """Return where a result is to be written, at which there must be nothing yet; None: nowhere."""
+    if out is not None:
+        check_new(Path(out))
+    return None if out is None else Path(out)
 
 
 def plan_of(plan: PlanSource | None, robot: Robot) -> PosturePlan:
