@@ -1,5 +1,6 @@
 """The page of any result; all but those of a discovery and a protocol are made here."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -33,8 +34,9 @@ from tulip_testbed.pages import figures as drawn
 from tulip_testbed.pages.discovery_page import discovery_page
 from tulip_testbed.pages.figures import Figure
 from tulip_testbed.pages.page import Page, Section, how_it_was_made, html, imperfections_fact, title_of
-from tulip_testbed.pages.pictures import planned_pictures, posture_pictures
-from tulip_testbed.sim.scene import nominal_plates
+from tulip_testbed.pages.pictures import posture_pictures
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.scene import boards_under, nominal_plates
 
 POLYGONS = 6  # how many placements are drawn
 POLYGON_WORDS = (
@@ -102,7 +104,7 @@ def validation_page(run: Validation) -> Page:
         Section(
             "Postures",
             (dropped, POLYGON_WORDS, *([NO_TRUE_COM] if com is None else [])),
-            figures=_polygons(nominal, measured, poses, com),
+            figures=tuple(_polygons(nominal, measured, poses, com)),
             pictures=posture_pictures(robot, measured, poses, missing),
         ),
         how_it_was_made(run.document),
@@ -121,21 +123,21 @@ def validation_page(run: Validation) -> Page:
 
 def _polygons(
     nominal: Nominal, measured: Measurements, poses: np.ndarray, com: np.ndarray | None
-) -> tuple[Figure, ...]:
+) -> Iterator[Figure]:
     robot = nominal.robot
     soles = nominal_robot(robot, "mixed").geometry(measured.joint_angles, measured.support).soles
     carrying, cop = feet_in_contact(measured.support), contact_pressure(observe(measured, nominal)).center
-    placements, board, drawings = np.unique(measured.placement), nominal_plates(robot)[0].corners, []
+    placements, board = np.unique(measured.placement), nominal_plates(robot)[0].corners
     for placement in placements[np.unique(np.linspace(0, len(placements) - 1, POLYGONS).astype(int))]:
         rows = np.flatnonzero(measured.placement == placement)
         polygon = support_polygon(soles[rows[0]][carrying[rows[0]]])
         points = {"CoP": cop[rows]} | ({} if com is None else {"CoM, truth": com[rows]})
-        drawings.append(drawn.support_polygon_figure(int(placement), poses[rows[0]], polygon, points, board))
-    return tuple(drawings)
+        yield drawn.support_polygon_figure(int(placement), poses[rows[0]], polygon, points, board)
 
 
 def montecarlo_page(run: MonteCarlo) -> Page:
     missing: list[str] = []
+    boards = boards_under(preset_rig("ideal", run.robot), run.plan.foot_poses)
     rows = {model: of.parameters for model, of in run.models.items()}
     tables = tuple(coverage_table(*of) for of in rows.items())
     figures: tuple[Figure, ...] = ()
@@ -150,7 +152,7 @@ def montecarlo_page(run: MonteCarlo) -> Page:
         Section("Coverage", (LEGEND, *run.lines()), (), figures[:3]),
         Section("Errors", figures=figures[3:]),
         Section("Parameters", tables=tables),
-        Section("Postures", pictures=planned_pictures(run.robot, run.plan, missing)),
+        Section("Postures", pictures=posture_pictures(run.robot, run.plan, boards, missing)),
         how_it_was_made(run.document),
     )
     facts = (

@@ -21,12 +21,17 @@ LEGEND = {
 
 def log_postures(recording: rr.RecordingStream, subject: Subject) -> None:
     canvas = log_standing(recording, subject)
-    log_links(canvas, subject)
+    nominal = standard_parameters(subject.nominal.robot.visual_model)
+    others = {name: true for name, true in subject.true_masses.items() if not np.allclose(true, nominal)}
+    robot_view.log_masses(canvas, subject, {"nominal model": nominal} | others)
+    robot_view.log_skeleton(canvas, "world/masses/skeleton", subject, subject.rows.joint_angles, SKELETON)
     if subject.command is not None:
         robot_view.log_skeleton(canvas, "world/commanded", subject, subject.command, COMMAND)
     balance.log_close_up(canvas, subject)
-    for name, lines in curves(subject).items():
-        log_curves(canvas, name, lines)
+    for plot, lines in curves(subject).items():
+        for k, (name, values) in enumerate(lines.items()):
+            style = rr.SeriesLines(colors=rgb(PALETTE[k % len(PALETTE)]), names=name, widths=1.5)
+            canvas.series(f"plots/{plot}/{name}", style, values)
     texts = [posture_text(subject, row) for row in range(len(subject))]
     canvas.rows("text", rr.TextDocument, {"media_type": rr.MediaType.MARKDOWN}, text=texts)
     recording.send_blueprint(laid_out(posture_views(subject), canvas.index.timeline_name()))
@@ -35,38 +40,37 @@ def log_postures(recording: rr.RecordingStream, subject: Subject) -> None:
 def log_standing(
     recording: rr.RecordingStream, subject: Subject, sequence: np.ndarray | None = None
 ) -> Canvas:
-    """Log the robot on its plates with everything on the ground; without a sequence rows are 1, 2, ..."""
+    """Log the robot on its plates with everything on the ground.
+
+    Without a sequence rows are 1, 2, ..., or come at the times of a robot that moves.
+    """
+    m, numbers = subject.measurements, np.arange(1, len(subject) + 1)
+    index = rr.TimeColumn("posture", sequence=numbers if sequence is None else sequence)
+    if sequence is None and m is not None and m.joint_rates is not None and np.isfinite(m.time).all():
+        index = rr.TimeColumn("time", duration=m.time + m.window / 2)
     recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     robot_view.log_geometry(recording, "world/robot", subject.nominal.robot.visual_model)
-    canvas = Canvas(recording, _time_line(subject, sequence))
+    canvas = Canvas(recording, index)
     robot_view.log_motion(canvas, subject)
     robot_view.log_plates(canvas, subject)
-    robot_view.log_subject_loads(canvas, subject)
+    robot_view.log_loads(canvas, subject)
     balance.log_balance(canvas, subject)
     return canvas
 
 
-def _time_line(subject: Subject, sequence: np.ndarray | None) -> rr.TimeColumn:
-    """Return the time of a robot that moves, otherwise the numbers of the rows."""
-    m = subject.measurements
-    if sequence is None and m is not None and m.joint_rates is not None and np.isfinite(m.time).all():
-        return rr.TimeColumn("time", duration=m.time + m.window / 2)
-    return rr.TimeColumn("posture", sequence=np.arange(1, len(subject) + 1) if sequence is None else sequence)
-
-
-def log_links(canvas: Canvas, subject: Subject) -> None:
-    """Log the masses of the links, the true ones too where they differ, and the skeleton."""
-    nominal = standard_parameters(subject.nominal.robot.visual_model)
-    others = {name: true for name, true in subject.true_masses.items() if not np.allclose(true, nominal)}
-    robot_view.log_masses(canvas, subject, {"nominal model": nominal} | others)
-    robot_view.log_skeleton(canvas, "world/masses/skeleton", subject, subject.rows.joint_angles, SKELETON)
-
-
 def posture_views(subject: Subject) -> dict[str, list[rrb.View]]:
-    size = SOLE if subject.sensors_in_feet else subject.board.size
-    ground = [above_view(subject.plates, size)]
+    """Return the views of postures; those of the ground are seen from above, x up and y to the left."""
+    far = np.linalg.norm(SOLE if subject.sensors_in_feet else subject.board.size) / 2
+    places = subject.plates[..., :2].reshape(-1, 2)
+    seen = balance.from_above(np.vstack([places - far, places + far]))
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    ground = [plane_view("above", "From above, mm (x up, y left)", (low[0], high[0]), (low[1], high[1]))]
     if subject.cop is not None:
-        ground.append(close_up_view(subject))
+        _, _, reach = balance.close_up(subject)
+        middle = "estimated" if "estimate" in subject.com else "nominal"
+        scale = " and ".join(f"{radius:g}" for radius in balance.circles(reach))
+        name = f"Close-up around the {middle} CoM: circles of {scale} mm (x up, y left)"
+        ground.append(plane_view("close_up", name, (-reach, reach), (-reach, reach)))
     return {
         "robot": [
             robot_view.space_view(
@@ -100,32 +104,6 @@ def laid_out(views: dict[str, list[rrb.View]], timeline: str) -> rrb.Blueprint:
         ),
         timeline,
     )
-
-
-def above_view(plates: np.ndarray, size: np.ndarray) -> rrb.Spatial2DView:
-    """Return the view of the ground from above, x up and y to the left, with all placements."""
-    reach = np.linalg.norm(size) / 2
-    corners = np.vstack([plates[..., :2].reshape(-1, 2) - reach, plates[..., :2].reshape(-1, 2) + reach])
-    seen = balance.from_above(corners)
-    low, high = seen.min(axis=0), seen.max(axis=0)
-    name = "From above, mm (x up, y left)"
-    return plane_view("above", name, (low[0], high[0]), (low[1], high[1]))
-
-
-def close_up_view(subject: Subject) -> rrb.Spatial2DView:
-    """Return the view of CoP and CoM around the reference."""
-    _, _, reach = balance.close_up(subject)
-    name = "estimated" if "estimate" in subject.com else "nominal"
-    scale = " and ".join(f"{radius:g}" for radius in balance.circles(reach))
-    name = f"Close-up around the {name} CoM: circles of {scale} mm (x up, y left)"
-    return plane_view("close_up", name, (-reach, reach), (-reach, reach))
-
-
-def log_curves(canvas: Canvas, plot: str, curves: dict[str, np.ndarray]) -> None:
-    """Log the named curves of one plot, (m,) each."""
-    for k, (name, values) in enumerate(curves.items()):
-        style = rr.SeriesLines(colors=rgb(PALETTE[k % len(PALETTE)]), names=name, widths=1.5)
-        canvas.series(f"plots/{plot}/{name}", style, values)
 
 
 def curves(subject: Subject) -> dict[str, dict[str, np.ndarray]]:
