@@ -1,6 +1,8 @@
 """Preflight of a measurement folder: what is missing, what is wrong, and what to do about it."""
 
+import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -16,8 +18,8 @@ from tulip_testbed.calibration.families import check_tolerances
 from tulip_testbed.calibration.usual_changes import usual_changes
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.removal import without
-from tulip_testbed.experiments.example import compact_json, example_manifest, example_row
-from tulip_testbed.identification.nominal import Nominal, nominal_robot
+from tulip_testbed.experiments.example import example_manifest, example_row
+from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.preflight import preflight
 from tulip_testbed.identification.preflight.finding import RESULTS, Finding, worst_of
 from tulip_testbed.identification.preflight.motion_checks import rows_of, samples_of
@@ -26,6 +28,7 @@ from tulip_testbed.identification.preflight.units import units
 from tulip_testbed.identification.regressor import check_robot
 from tulip_testbed.measurements import Measurements, Series, read_measurements, read_samples, read_series
 from tulip_testbed.measurements.folder_kind import check_kind
+from tulip_testbed.measurements.manifest import Manifest
 from tulip_testbed.measurements.measurement_folder import MAY_LACK, read_manifest
 from tulip_testbed.measurements.survey import complaints
 from tulip_testbed.sim.robot import Robot
@@ -84,10 +87,10 @@ class Preflight(Result):
         lines = ["This folder cannot be read yet:"]
         lines += [f"  - {text}" for text in (*found["manifest"], *found["table"])]
         if found["manifest"]:
+            entries = [f" {json.dumps(k)}: {json.dumps(v)}" for k, v in (self.example_manifest or {}).items()]
             lines += [
-                "",
-                "An example manifest.json for this robot; replace every null that you know:",
-                *compact_json(self.example_manifest or {}).splitlines(),
+                *("", "An example manifest.json for this robot; replace every null that you know:"),
+                *("{", *",\n".join(entries).splitlines(), "}"),
             ]
         if found["table"]:
             row = self.example_row or {}
@@ -107,10 +110,14 @@ def check_folder(folder: Path, robot: Robot, corrections: Sequence[EffectInstanc
     """Check a measurement folder, corrected for known effects, for faults and for what it lacks."""
     folder = Path(folder)
     check_kind(folder, "measurement")
-    nominal = nominal_robot(robot)
-    _refuse_other_robot(folder, nominal)
-    wrong = complaints(folder, nominal.parameters.tree.joints)
-    wrong["manifest"] += _wrong_tolerances(folder)
+    joints, manifest = nominal_robot(robot).parameters.tree.joints, None
+    with suppress(InputError):  # the complaints say more
+        manifest = read_manifest(folder)
+    if manifest is not None:
+        _refuse_other_robot(folder, manifest, robot, joints)
+    wrong = complaints(folder, joints)
+    if manifest is not None:
+        wrong["manifest"] += _wrong_tolerances(folder, manifest)
     if any(wrong.values()):
         return Preflight(
             UNREADABLE,
@@ -147,7 +154,10 @@ def check_measurements(
     if corrections:  # corrected records of the plates hold what moves the centre of pressure otherwise
         recorded = plate_poses(measurements)
         findings = [recorded if finding.name == recorded.name else finding for finding in findings]
-    findings += _of_motion(corrected, nominal, samples)
+    held = corrected.joint_rates is None or corrected.joint_accelerations is None
+    if not held and corrected.joints == nominal.parameters.tree.joints:
+        findings += [] if samples is None else samples_of(samples, float(corrected.window[0]))
+        findings += rows_of(corrected, nominal)
     results = [finding.result for finding in findings]
     return Preflight(
         verdict=worst_of([result for result in results if result != NOT_EVALUATED]),
@@ -160,23 +170,10 @@ def check_measurements(
     )
 
 
-def _of_motion(rows: Measurements, nominal: Nominal, samples: Measurements | None) -> list[Finding]:
-    """Run the checks of a robot that moves; none of one that is held or another one."""
-    held = rows.joint_rates is None or rows.joint_accelerations is None
-    if held or rows.joints != nominal.parameters.tree.joints:
-        return []
-    of_samples = [] if samples is None else samples_of(samples, float(rows.window[0]))
-    return [*of_samples, *rows_of(rows, nominal)]
-
-
-def _wrong_tolerances(folder: Path) -> list[str]:
+def _wrong_tolerances(folder: Path, manifest: Manifest) -> list[str]:
     """List the tolerances of the manifest that no family can have."""
-    try:
-        tolerances = read_manifest(folder).tolerances or {}
-    except InputError:
-        return []  # the other complaints come first
     found = []
-    for name, value in tolerances.items():
+    for name, value in (manifest.tolerances or {}).items():
         try:
             check_tolerances({name: value}, f"{folder / 'manifest.json'}: key 'tolerances'")
         except InputError as error:
@@ -229,13 +226,8 @@ def warn_of_faults(
         warn(f"{source}: found faults in {names}{words if gross else ''}; `check` says more")
 
 
-def _refuse_other_robot(folder: Path, nominal: Nominal) -> None:
+def _refuse_other_robot(folder: Path, manifest: Manifest, robot: Robot, joints: tuple[str, ...]) -> None:
     """Another robot's folder would lack column after column; name the robot instead."""
-    try:
-        manifest = read_manifest(folder)
-    except InputError:
-        return  # the complaints say more
-    robot, joints = nominal.robot, nominal.parameters.tree.joints
     sha256, model = manifest.robot.sha256, manifest.robot.model
     other = model != robot.model_file.name if sha256 is None else sha256.lower() != robot.model_hash
     if other and set(manifest.joints) != set(joints):

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -129,7 +129,7 @@ def ideal_error_check(name: str, estimate: Estimate, truth: np.ndarray, pairs: l
     return below(name, 1e3 * worst, 1e3 * IDEAL_ERROR, "noise-free data: within 1 mm, pairs by their sum")
 
 
-def correlation_checks(actual: np.ndarray, planned: np.ndarray, pairs: list[list[int]]) -> list[Check]:
+def correlation_checks(actual: np.ndarray, planned: np.ndarray, pairs: list[list[int]]) -> Iterator[Check]:
     """Compare the nearly collinear pairs with what the plan's own regressor predicts.
 
     A plan that by itself weakens the correlation is not held to the paper's limit.
@@ -138,20 +138,17 @@ def correlation_checks(actual: np.ndarray, planned: np.ndarray, pairs: list[list
         actual, planned: correlations (eq. 15) of the regressor of measured and planned angles, (p, p).
         pairs: numbers of the full model's parameters, from 1.
     """
-    checks = []
     for a, b in pairs:
-        place = a - 1, b - 1
-        predicted = planned[place]
+        predicted = planned[a - 1, b - 1]
         low, high = max(predicted - CORRELATION_TOLERANCE, -1.0), predicted + CORRELATION_TOLERANCE
         limit = f"not held to {CORRELATION_LIMIT}, which this plan weakens by itself"
         if predicted < CORRELATION_LIMIT:
             high, limit = min(high, CORRELATION_LIMIT), f"below {CORRELATION_LIMIT}"
         source = f"plan predicts {predicted:.4f}, within {CORRELATION_TOLERANCE}; {limit}"
-        checks.append(within(f"correlation ({a}, {b})", actual[place], low, high, source))
-    return checks
+        yield within(f"correlation ({a}, {b})", actual[a - 1, b - 1], low, high, source)
 
 
-def data_correlation_checks(data: np.ndarray, planned: np.ndarray, pairs: list[list[int]]) -> list[Check]:
+def data_correlation_checks(data: np.ndarray, planned: np.ndarray, pairs: list[list[int]]) -> Iterator[Check]:
     """Check the nearly collinear pairs in an estimate that calibrates its laboratory.
 
     Members that only their prior knows have errors of their own, which hide the correlation.
@@ -160,15 +157,13 @@ def data_correlation_checks(data: np.ndarray, planned: np.ndarray, pairs: list[l
         data: correlations of the estimate without those members, (p, p).
         planned, pairs: see `correlation_checks`; a plan that weakens the correlation itself is not judged.
     """
-    checks = []
     for a, b in pairs:
         name, place = f"correlation ({a}, {b}), estimate", (a - 1, b - 1)
         if planned[place] < CORRELATION_LIMIT:
             source = f"below {CORRELATION_LIMIT}, without members known by their prior only"
-            checks.append(within(name, data[place], -1.0, CORRELATION_LIMIT, source))
+            yield within(name, data[place], -1.0, CORRELATION_LIMIT, source)
         else:
-            checks.append(skipped(name, f"plan predicts {planned[place]:.4f}"))
-    return checks
+            yield skipped(name, f"plan predicts {planned[place]:.4f}")
 
 
 def worst_balance(truth: Truth) -> dict[str, float] | None:

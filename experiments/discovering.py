@@ -5,22 +5,20 @@ from collections.abc import Mapping
 from tulip_testbed.base.budget import Budget
 from tulip_testbed.base.errors import InputError, at_least
 from tulip_testbed.base.progress import Progress, silent
-from tulip_testbed.base.threads import processes
 from tulip_testbed.calibration.families import check_tolerances
 from tulip_testbed.calibration.prediction import left_by
 from tulip_testbed.discovery.candidate_search import first_calibration
-from tulip_testbed.discovery.discover import Discovery, discover
-from tulip_testbed.discovery.dynamics_check import DynamicsCheck, check_in_dynamics
+from tulip_testbed.discovery.discover import discover
+from tulip_testbed.discovery.dynamics_check import check_in_dynamics
 from tulip_testbed.discovery.experiment_information import Explanation
 from tulip_testbed.discovery.story import story
 from tulip_testbed.effects.lasting import everywhere
 from tulip_testbed.effects.motion_effects import MOTION_EFFECTS
 from tulip_testbed.experiments.discovery_result import PARTS, Discovered, DiscoveryConfiguration
-from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.proposed_experiment import propose_experiments
 from tulip_testbed.experiments.rig_folder import rig_files
-from tulip_testbed.experiments.run_file import RunFile, made_by
+from tulip_testbed.experiments.run_file import made_by
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.regressor import check_robot
 from tulip_testbed.identification.residual_channels import residuals
@@ -45,7 +43,6 @@ def discover_effects(
 ) -> Discovered:
     """Find and adopt what the nominal model lacks, and identify the robot; see `tulip_testbed.discover`."""
     at_least("seed", seed, 0)
-    processes(workers)
     measurements = as_joined(measurements)
     nominal = nominal_robot(robot)
     check_robot(nominal.parameters, measurements, robot, source)
@@ -71,20 +68,6 @@ def discover_effects(
         with progress("the adopted model in full dynamics", 80, 0) as advance:
             checked = check_in_dynamics(discovery, simulated, workers, advance)
     inputs = DiscoveryConfiguration(measurements=source, robot=robot.path.name, seed=seed, no_check=not check)
-    document = made_by("discover", inputs, robot)
-    return _told(discovery, measurements, robot, before, after, checked, document)
-
-
-def _told(
-    discovery: Discovery,
-    measurements: Measurements,
-    robot: Robot,
-    before: Identification,
-    after: Identification | None,
-    check: DynamicsCheck | None,
-    document: RunFile[DiscoveryConfiguration],
-) -> Discovered:
-    """Return what a discovery found, without what the search alone needs."""
     explanations, observed = discovery.explanations, discovery.observed.measurements
     try:
         proposals = propose_experiments(observed, robot, discovery.verdict, explanations)
@@ -118,12 +101,12 @@ def _told(
         after=after,
         alarm_p=discovery.selection.p,
         story=tuple(sentences),
-        check=check,
+        check=checked,
         robot=robot,
         measurements=measurements,
         residuals={"posture": observed.posture, "placement": observed.placement, "time": observed.time}
         | {f"{side}.{part}": values[:, k] for side, values in sides.items() for k, part in enumerate(PARTS)},
         rig_files=rig_files(robot, lasting) if lasting else {},
-        document=document,
+        document=made_by("discover", inputs, robot),
         discovery=discovery,
     )

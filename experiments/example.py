@@ -1,7 +1,6 @@
 """The start of a measurement folder: a manifest and a row to copy, or to fill in."""
 
 import dataclasses
-import json
 from typing import Any
 
 import numpy as np
@@ -49,9 +48,3 @@ def example_row(robot: Robot) -> dict[str, float]:
         name: value if isinstance(value, int) else float(value)
         for name, value in zip(required_columns(joints), values, strict=True)
     }
-
-
-def compact_json(manifest: dict[str, Any]) -> str:
-    """Return a manifest with one line a key, as a person would write it."""
-    lines = [f" {json.dumps(key)}: {json.dumps(value)}" for key, value in manifest.items()]
-    return "{\n" + ",\n".join(lines) + "\n}"

@@ -45,6 +45,12 @@ def calibration_report(
         "Known by their tolerance only": unseen,
         "Taken as exact": exact,
     }
+    in_time, lasting, count = [], found.noise_in_time, found.effective_rows
+    if lasting is not None and count is not None:  # what noise that lasts leaves of the rows of a motion
+        share, closure = (f"{100 * one.share:.3g} %" for one in (lasting, lasting.of_closure()))
+        lasts = f"{share} of its variance ({closure} in the legs' closure) lasts for {lasting.seconds:.2g} s"
+        known = f"{rows} rows determine a constant like {count:.0f} rows with independent noise"
+        in_time.append(f"Noise in time: {lasts if lasting.share else 'white'}; {known}.")
     heads = columns("imperfection", "value ± half of the 95 % interval")
     determined = f"{zero} members are determined by the data, and zero within their intervals."
     return [
@@ -55,19 +61,8 @@ def calibration_report(
         budget_table(found, names, contacts),
         f"{first_to_improve(found).capitalize()}.",
         f"Tolerances: {found.assumed}.",
-        *_in_time(found, rows),
+        *in_time,
     ]
-
-
-def _in_time(found: SelfCalibration, rows: int) -> list[str]:
-    """Say what noise that lasts leaves of the rows of a motion."""
-    lasting, count = found.noise_in_time, found.effective_rows
-    if lasting is None or count is None:
-        return []
-    share, closure = (f"{100 * one.share:.3g} %" for one in (lasting, lasting.of_closure()))
-    lasts = f"{share} of its variance ({closure} in the legs' closure) lasts for {lasting.seconds:.2g} s"
-    known = f"{rows} rows determine a constant like {count:.0f} rows with independent noise"
-    return [f"Noise in time: {lasts if lasting.share else 'white'}; {known}."]
 
 
 def first_to_improve(found: SelfCalibration) -> str:

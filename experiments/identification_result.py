@@ -234,12 +234,9 @@ class Identification(Result, Mapping[str, IdentifiedParameter]):
         """Say what of the estimate can be used."""
         matrix = self._regressor()
         variance = np.einsum("mij,jk,mik->mi", matrix, self.full.covariance, matrix)
-        sums = known_sums(self.full)
-        return (
-            usable_line(self.full.well_identified, np.sqrt(variance.mean()), len(sums))
-            if self.at_rest
-            else NOT_AT_REST
-        )
+        sums = len([*known_sums(self.full)])
+        known = usable_line(self.full.well_identified, np.sqrt(variance.mean()), sums)
+        return known if self.at_rest else NOT_AT_REST
 
     def answer(self) -> list[Table | str]:
         """Return what is known well, whether that is right, what can be used and what to do next."""

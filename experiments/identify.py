@@ -116,7 +116,12 @@ def identify(
         measurements, without_effects = without(measurements, nominal, adopted)
         parameters = dataclasses.replace(parameters, tree=without_effects.tree)
     data = regression(parameters, measurements, robot, source)
-    _check_weighed_mass(measurements, float(robot.model.body_mass.sum()), source)
+    weighed, mass = measurements.weighed_mass, float(robot.model.body_mass.sum())
+    if weighed and not 0.5 < weighed[0] / mass < 2:
+        raise InputError(
+            f"{source}: key 'weighed_mass': found {weighed[0]:g} kg, expected about {mass:.4g} kg, the mass "
+            "of the robot's model"
+        )
     kept = simplified_numbers(robot, parameters)
     observed = observe(given, nominal) if adopted and estimator == SELF_CALIBRATING else data.observed
     assert observed is not None
@@ -163,14 +168,4 @@ def check_physical(found: Estimate, mass: tuple[float, float], robot: Robot, sou
         raise InputError(
             f"{source}: found {found.names[k]} = {number(1e3 * float(found.value[k]))} mm, expected at most "
             f"{1e3 * most:.0f} mm in size for a robot of this size; {signs}"
-        )
-
-
-def _check_weighed_mass(measurements: Measurements, mass: float, source: str) -> None:
-    """Refuse a weighed mass that is less than half or more than twice that of the model [kg]."""
-    weighed = measurements.weighed_mass
-    if weighed and not 0.5 < weighed[0] / mass < 2:
-        raise InputError(
-            f"{source}: key 'weighed_mass': found {weighed[0]:g} kg, expected about {mass:.4g} kg, the mass "
-            "of the robot's model"
         )

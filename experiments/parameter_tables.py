@@ -4,7 +4,7 @@ import csv
 import io
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -289,9 +289,9 @@ def constant_error(estimate: Estimate, regressor: np.ndarray) -> ConstantError:
     return ConstantError(constant, 1.96 * error, constant**2 / (residual**2).mean(axis=0))
 
 
-def known_sums(estimate: Estimate) -> list[str]:
-    """Return sums and differences that are well known though neither of their two parameters is."""
-    found, shares = [], dict(zip(estimate.numbers.tolist(), estimate.relative_standard_error, strict=True))
+def known_sums(estimate: Estimate) -> Iterator[str]:
+    """Yield sums and differences that are well known though neither of their two parameters is."""
+    shares = dict(zip(estimate.numbers.tolist(), estimate.relative_standard_error, strict=True))
     for first, second, correlation in estimate.high_correlations:
         sign = -1.0 if correlation > 0 else 1.0
         weights = (estimate.numbers == first) + sign * (estimate.numbers == second)
@@ -299,8 +299,7 @@ def known_sums(estimate: Estimate) -> list[str]:
         if relative_standard_errors(value, error) < WELL_IDENTIFIED <= min(shares[first], shares[second]):
             names = [estimate.names[list(shares).index(one)] for one in (first, second)]
             size = f"{1e3 * value:.2f} mm, standard error {1e3 * error:.2f} mm"
-            found.append(f"{(' + ' if sign > 0 else ' - ').join(names)} = {size}.")
-    return found
+            yield f"{(' + ' if sign > 0 else ' - ').join(names)} = {size}."
 
 
 def usable_line(well: np.ndarray, missed: float, sums: int = 0) -> str:

@@ -21,7 +21,7 @@ from tulip_testbed.experiments.defaults import HOPS
 from tulip_testbed.experiments.described_plan import SEARCHED, DescribedPlan, describe_plan
 from tulip_testbed.experiments.usable_plan import as_plan, check_measurable, enough, plan_hash
 from tulip_testbed.identification.base_parameters import common_support
-from tulip_testbed.identification.planning.objectives import OBJECTIVES, objectives
+from tulip_testbed.identification.planning.objectives import objectives
 from tulip_testbed.identification.planning.optimal_plan import SearchTask, with_repeats
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning.search import SearchState, StateError
@@ -70,7 +70,8 @@ def set_up_search(robot: Robot, settings: PlanSettings, measured: Measurements |
     rows = np.array(["double", *counts]) if measured is None else measured.support
     support = common_support(rows)
     problem = planning_problem(robot, nominal_plates(robot)[0], support=support)
-    goal = objectives(1e-3 * SIGMA_MM)[look_up("objective", settings.objective, OBJECTIVES, "objective")]
+    goals = objectives(1e-3 * SIGMA_MM)
+    goal = goals[look_up("objective", settings.objective, goals, "objective")]
     taken = sum(counts.values()) if measured is None else len(measured)
     enough("placements, postures_per_placement", taken + placements * per, problem.parameters)
     seed, hops = settings.seed, settings.hops

@@ -138,9 +138,10 @@ def propose_experiments(
 
 def steps(document: ExperimentFile) -> str:
     """Describe what to do in the laboratory, as numbered steps in Markdown."""
-    todo = [f"{text[0].upper()}{text[1:]}: {ADVICE[_kind(text)]}" for text in document.manipulations]
-    if not todo:
-        todo = ["Leave everything as it was."]
+    todo = [
+        f"{text[0].upper()}{text[1:]}: {next(ADVICE[kind] for kind in ADVICE if kind in text)}"
+        for text in document.manipulations
+    ] or ["Leave everything as it was."]
     if document.session:
         todo.append(
             f"Do not tare the cells unless a step says so: the experiment belongs to session "
@@ -175,10 +176,6 @@ ADVICE = {
     "encoder re-zeroed": "zero the joint's encoder at its mark.",
     "known mass": "fix the mass there and weigh the robot with it.",
 }
-
-
-def _kind(text: str) -> str:
-    return next(key for key in ADVICE if key in text)
 
 
 def read_experiment(folder: Path) -> tuple[Experiment, int]:

@@ -151,11 +151,13 @@ def difference(
 
 
 def _outside(nominal: Rig, changed: Rig, instances: Sequence[EffectInstance]) -> list[str]:
-    lines = [
-        f"  Readings are changed: {found.effect.sentence} {_numbers(found)}"
-        for found in instances
-        if injected(nominal, [found]).misread is not None
-    ]
+    lines = []
+    for found in instances:
+        if injected(nominal, [found]).misread is not None:
+            both = zip(found.effect.parameters, found.values, strict=True)
+            values = ", ".join(f"{one.name} {number(value)} {one.unit}".strip() for one, value in both)
+            of = f"{found.target}: " if found.target else ""
+            lines.append(f"  Readings are changed: {found.effect.sentence} ({of}{values})")
     for part in ("sensors", "controller", "drives", "compliance", "protocol"):
         for field in fields(getattr(nominal, part)):
             before, after = (getattr(getattr(rig, part), field.name) for rig in (nominal, changed))
@@ -165,9 +167,3 @@ def _outside(nominal: Rig, changed: Rig, instances: Sequence[EffectInstance]) ->
         for name, (start, _) in _later(changed).items()
     ]
     return lines or ["  Nothing differs."]
-
-
-def _numbers(found: EffectInstance) -> str:
-    both = zip(found.effect.parameters, found.values, strict=True)
-    values = ", ".join(f"{one.name} {number(value)} {one.unit}".strip() for one, value in both)
-    return f"({found.target + ': ' if found.target else ''}{values})"

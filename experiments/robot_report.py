@@ -1,22 +1,17 @@
 """Report on a robot: its file, its needs in the laboratory, its standard and its base parameters."""
 
-import tempfile
-from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tulip_testbed.base.column import columns
-from tulip_testbed.base.errors import InputError, listed
+from tulip_testbed.base.errors import listed
 from tulip_testbed.base.result import Result
 from tulip_testbed.base.table import Table
-from tulip_testbed.experiments.description import described_robot
-from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, standard_parameters
 from tulip_testbed.identification.link_clearances import overlaps_at_reference
-from tulip_testbed.sim.robot import PUBLISHED, Robot
+from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.robot_check import RobotFinding, robot_findings
 
 
@@ -103,30 +98,7 @@ class RobotReport(Result):
         return [*parts, *([f"Description: {self.description}"] if self.description else [])]
 
 
-def report_robot(
-    file: Path,
-    support: str = "double",
-    feet: Sequence[str] = (),
-    sole: Sequence[float] = (),
-    out: Path | None = None,
-    picture: Callable[[Robot], bytes | None] | None = None,
-) -> RobotReport:
-    """Report on a description, or prepare a published model; see `tulip_testbed.describe_robot`."""
-    if file.suffix.lower() not in PUBLISHED:
-        if feet or sole or out is not None:
-            found = f"{file}: found a {'folder' if file.is_dir() else 'description'}"
-            raise InputError(f"{found}, expected a published MJCF or URDF with feet, sole or out")
-        return _report(described_robot(file), support)
-    imported = import_robot(file, feet, sole)
-    more: dict[str, Any] = {"found": imported.found, "assumed": imported.assumed}
-    if out is not None:
-        robot = imported.write(out, picture)
-        return _report(robot, support, imported.problems, **more, description=str(out / robot.path.name))
-    with tempfile.TemporaryDirectory() as folder:
-        return _report(imported.write(Path(folder) / file.stem), support, imported.problems, **more)
-
-
-def _report(robot: Robot, support: str, problems: tuple[str, ...] = (), **more: Any) -> RobotReport:
+def report_robot(robot: Robot, support: str, problems: tuple[str, ...] = (), **more: Any) -> RobotReport:
     if found := overlaps_at_reference(robot):
         overlaps = listed(f"{' and '.join(names)} ({1e3 * d:.0f} mm)" for names, d in found.items())
         problems += (f"links that overlap in the posture stand, and may do so in plans: {overlaps}",)

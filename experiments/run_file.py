@@ -198,8 +198,21 @@ def kind_of(folder: Path) -> RunKind | Literal["plan", "measurement"]:
     if not is_folder(folder):
         found = "found a file, expected a folder" if present(folder) else "no such folder"
         raise InputError(f"{folder}: {found}")
-    if present(folder / RUN_FILE):
-        return _kind_of_run(folder / RUN_FILE)
+    where = folder / RUN_FILE
+    if present(where):
+        head = Head.read(where)
+        if head.format not in FORMATS:
+            raise InputError(
+                f"{where}: key 'format': found '{shortened(head.format)}', expected one of {listed(FORMATS)}"
+            )
+        if head.version != VERSION:
+            raise InputError(
+                f"{where}: key 'version': found {head.version}, expected {VERSION}: another version of this "
+                "program made the run"
+            )
+        if head.format == "tulip-montecarlo":
+            return "Monte Carlo"
+        return "discovery" if head.command == "discover" else "validation"
     found = [kind for kind, name in KINDS.items() if present(folder / name)]
     if len(found) != 1:
         expected = listed(dict.fromkeys([RUN_FILE, *KINDS.values()]))
@@ -211,19 +224,3 @@ def run_kind(folder: Path) -> RunKind:
     if (kind := kind_of(folder)) in ("plan", "measurement"):
         raise InputError(f"{folder}: found a {kind} folder, expected a run folder ({RUN_FILE})")
     return kind
-
-
-def _kind_of_run(where: Path) -> RunKind:
-    head = Head.read(where)
-    if head.format not in FORMATS:
-        raise InputError(
-            f"{where}: key 'format': found '{shortened(head.format)}', expected one of {listed(FORMATS)}"
-        )
-    if head.version != VERSION:
-        raise InputError(
-            f"{where}: key 'version': found {head.version}, expected {VERSION}: another version of this "
-            "program made the run"
-        )
-    if head.format == "tulip-montecarlo":
-        return "Monte Carlo"
-    return "discovery" if head.command == "discover" else "validation"

@@ -1,32 +1,135 @@
-"""Simulate an experiment and write its measurements, apart from its truth."""
+"""A simulated experiment: its outcome, the effects hidden in its laboratory, and its truth, kept apart."""
 
-import dataclasses
-from collections.abc import Sequence
+import os
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Literal, Self
 
 import numpy as np
 
-from tulip_testbed.base.errors import InputError
-from tulip_testbed.base.files import present
-from tulip_testbed.base.progress import Progress, silent
-from tulip_testbed.base.result import Result
+from tulip_testbed.base.errors import InputError, shortened
+from tulip_testbed.base.files import check_new, present, write_text
+from tulip_testbed.base.result import Documented, Result
 from tulip_testbed.base.table import Table
+from tulip_testbed.base.table_files import json_text
+from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.random_effects import RANDOM, read_effects
-from tulip_testbed.experiments.defaults import DEFAULT_SEED
-from tulip_testbed.experiments.imperfections import check_imperfections, drawn, single_stream
-from tulip_testbed.experiments.laboratory import Laboratory, tries
-from tulip_testbed.experiments.proposed_experiment import EXPERIMENT_FILE, read_experiment
-from tulip_testbed.experiments.truth_record import (
-    DroppedPosture,
-    check_places,
-    usable_postures,
-    write_experiment,
-)
-from tulip_testbed.experiments.usable_plan import plan_for
-from tulip_testbed.measurements import PosturePlan
-from tulip_testbed.measurements.trajectory import runs
+from tulip_testbed.effects.true_robot import true_model
+from tulip_testbed.experiments.laboratory import Laboratory, Run
+from tulip_testbed.experiments.run_file import Configuration, configuration_of
+from tulip_testbed.identification.base_parameters import base_parameters, common_support
+from tulip_testbed.measurements import Measurements, PosturePlan, write_measurements, write_motion
+from tulip_testbed.sim.outcome import Truth
 from tulip_testbed.sim.procedure import header_of
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class SimulatedTruth(Truth, Documented):
+    """The truth of an experiment, truth.json, which only its simulation knows.
+
+    Attributes:
+        configuration: how it was made. effects: that were hidden in the laboratory.
+        links: names of the rows of `standard`.
+        base_parameters: by name [m].
+    """
+
+    format: Literal["tulip-truth"] = "tulip-truth"
+    version: Literal[2] = 2
+    configuration: Configuration
+    effects: tuple[EffectInstance, ...]
+    links: tuple[str, ...]
+    base_parameters: dict[str, float]
+
+    @classmethod
+    def of(cls, run: Run) -> Self:
+        laboratory, support = run.laboratory, common_support(run.plan.support)
+        parameters = base_parameters(laboratory.robot, true_model(laboratory.rig), support)
+        values = parameters.values(run.truth.standard).tolist()
+        return cls(
+            **vars(run.truth),
+            configuration=configuration_of(laboratory, run.plan, run.seed, run.engine),
+            effects=laboratory.hidden,
+            links=parameters.tree.links,
+            base_parameters=dict(zip(parameters.names, values, strict=True)),
+        )
+
+    @property
+    def com(self) -> np.ndarray | None:
+        """Return the true centre of mass of every row of the measurements, (m, 2) [m]; None in statics."""
+        return np.array([held.com for held in self.held]) if self.attempts else None
+
+    def check(self, links: tuple[str, ...], measurements: Measurements, where: Path) -> None:
+        """Refuse the truth of a robot with other links or of other postures; where: the document."""
+        if self.links != links or self.standard.shape != (len(links), 4):
+            raise InputError(
+                f"{where}: key 'links': found standard parameters of shape {self.standard.shape} of "
+                f"{shortened(self.links)}, expected four for each of the robot's {len(links)} links"
+            )
+        if self.attempts and [one.posture for one in self.measured] != measurements.posture.tolist():
+            raise InputError(f"{where}: found other postures than in the measurements")
+        if any(held.com.shape != (2,) for held in self.held):
+            raise InputError(f"{where}: key 'attempts': found a centre of mass of other than two numbers")
+
+
+def check_places(out: Path, truth: Path | None) -> None:
+    """Refuse, before the work, places at which measurements and truth could not be written."""
+    check_new(out)
+    if truth is None:
+        return
+    check_new(truth)
+    folder, file = (Path(os.path.realpath(path)) for path in (out, truth))
+    if file.is_relative_to(folder):
+        raise InputError(f"{truth}: lies inside the measurement folder, which must not hold the truth")
+    if folder.is_relative_to(file):
+        raise InputError(f"{out}: lies inside {truth}, which is to be a file")
+
+
+def write_experiment(out: Path, truth: Path | None, run: Run) -> None:
+    """Write the truth and the measurement folder; if the folder exists afterwards, so does its truth."""
+    check_places(out, truth)
+    if truth is not None:  # a new file: else another process's would be lost
+        write_text(truth, json_text(SimulatedTruth.of(run).to_json()), new=True)
+    try:
+        if run.samples is None:
+            write_measurements(out, run.measurements)
+        else:
+            write_motion(out, run.samples)
+    except BaseException as error:
+        # An interruption may come when the folder is there; else the name is another process's.
+        if truth is not None and (isinstance(error, InputError) or not present(out)):
+            truth.unlink()
+        raise
+
+
+@dataclass(frozen=True)
+class DroppedPosture:
+    """A posture that could not be measured; the reason is None where it could hint at a random effect."""
+
+    posture: int
+    reason: str | None
+
+
+def usable_postures(
+    planned: int, rows: int, dropped: Sequence[str | None], paper: Mapping[str, Any] | None = None
+) -> list[str]:
+    """Describe how many postures could be used.
+
+    Args:
+        planned: how many there were. rows: of the measurements.
+        dropped: why each of the others could not be used; None is not told.
+        paper: the part `paper` of the robot's description.
+    """
+    beside = f" (paper {paper['postures_used']} of {paper['postures_planned']})" if paper else ""
+    tally = Counter[str]()
+    for reason in filter(None, dropped):
+        key = reason.rsplit(" ", 1)[0] if reason.startswith(("lost", "lifted")) else reason
+        tally["slipped" if reason.startswith("slipped") else key] += 1
+    return [
+        f"Usable postures: {planned - len(dropped)} of {planned}{beside}; {rows} rows with repeats.",
+        *(f"  dropped {count}: {reason}" for reason, count in tally.most_common()),
+    ]
 
 
 @dataclass(frozen=True, repr=False)
@@ -56,68 +159,7 @@ class Simulation(Result):
         return [*usable, f"Measurement folder: {self.measurements}"]
 
 
-def simulate(
-    laboratory: Laboratory,
-    plan: PosturePlan | Path | None,
-    out: Path,
-    seed: int = DEFAULT_SEED,
-    truth: Path | None = None,
-    effects: Sequence[str] = (),
-    imperfections: float = 0.0,
-    robot_spread: float | None = None,
-    experiment: Path | None = None,
-    session: str | None = None,
-    engine: str = "dynamics",
-    workers: int | None = None,
-    progress: Progress = silent,
-) -> Simulation:
-    """Simulate, see `tulip_testbed.simulate`; without a plan that of `experiment`, or the shipped one."""
-    check_places(out, truth)
-    secret = RANDOM in effects
-    if secret and truth is None:
-        raise InputError(
-            "effects random: found no file for the truth, expected `truth=FILE`: nothing else would know it"
-        )
-    wanted, number = (None, 1) if experiment is None else read_experiment(experiment)
-    if experiment is not None and plan is not None:
-        raise InputError("experiment: found a plan besides, expected the plan of its own folder")
-    if isinstance(plan, Path) and present(plan / EXPERIMENT_FILE):
-        raise InputError(
-            f"{plan}: found {EXPERIMENT_FILE}, expected it as `experiment={plan}`: a plain plan would leave "
-            "its manipulations out"
-        )
-    made = plan if isinstance(plan, PosturePlan) else plan_for(laboratory.robot, plan or experiment)
-    laboratory = _disturbed(laboratory, made, effects, seed, engine == "statics")
-    check_imperfections(laboratory, imperfections)
-    if robot_spread is not None:
-        laboratory = dataclasses.replace(laboratory, random_robot=(robot_spread, seed))
-    laboratory = drawn(laboratory, imperfections, single_stream(seed))
-    if wanted is not None or session is not None:
-        texts = () if wanted is None else wanted.manipulations
-        there = "" if wanted is None else wanted.session
-        laboratory = laboratory.manipulated(*texts, session=there if session is None else session)
-    # The laboratory is that of the seed; its noise differs from experiment to experiment.
-    noise = seed if number == 1 else int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
-    try:
-        with progress("holding postures", tries(laboratory, made), 0) as advance:
-            run = laboratory.run(made, noise, engine, workers, advance)
-    except InputError:
-        if not secret:
-            raise
-        raise InputError(
-            "effects random: found an experiment that cannot be carried out with the effect that seed "
-            f"{seed} draws, expected one that can; give another seed"
-        ) from None
-    write_experiment(out, truth, run)
-    dropped = tuple(DroppedPosture(number, None if secret else why) for number, why in run.truth.dropped)
-    made_of = (str(out), run.plan.postures, len(run.measurements), dropped)
-    if run.samples is None:
-        return Simulation(*made_of)
-    segments = runs(run.samples.posture)
-    return Simulation(*made_of, len(segments), sum(float(np.ptp(run.samples.time[s])) for s in segments))
-
-
-def _disturbed(
+def disturbed(
     laboratory: Laboratory, plan: PosturePlan, effects: Sequence[str], seed: int, statics: bool
 ) -> Laboratory:
     """Hide effects in a laboratory; random ones are the seed's."""

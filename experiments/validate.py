@@ -1,28 +1,25 @@
-"""The main job: simulate, identify, compare with the truth, give a verdict."""
+"""The main job: identify the robot of a simulated run, compare with the truth, give a verdict."""
 
 import dataclasses
 import time
+from contextlib import suppress
 
 import numpy as np
 
-from tulip_testbed.base.errors import InputError, at_least, look_up
-from tulip_testbed.base.progress import Progress, silent
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments import checks
 from tulip_testbed.experiments.checks import Check
-from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, DEFAULT_SEED, ORDINARY
-from tulip_testbed.experiments.identification_result import ESTIMATORS, Identification
+from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR
+from tulip_testbed.experiments.identification_result import Identification
 from tulip_testbed.experiments.identify import identify
-from tulip_testbed.experiments.imperfections import check_imperfections, drawn, single_stream
-from tulip_testbed.experiments.laboratory import Laboratory, Run, tries
+from tulip_testbed.experiments.laboratory import Run
 from tulip_testbed.experiments.run_file import configuration_of, made_by
-from tulip_testbed.experiments.truth_record import SimulatedTruth
-from tulip_testbed.experiments.usable_plan import identifiable_regressor
+from tulip_testbed.experiments.simulate import SimulatedTruth
 from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.identification.base_parameters import BaseParameters, renumbered
 from tulip_testbed.identification.estimators import solve_least_squares
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.identification.statistics import correlations
-from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.outcome import Truth
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.sensors import Sensors
@@ -31,64 +28,31 @@ LEAST_SQUARES = "least-squares"  # the paper's estimator
 NEGLIGIBLE = 1e-6  # m: a parameter that the simplified model may drop without bias
 
 
-def validate(
-    laboratory: Laboratory,
-    plan: PosturePlan,
-    seed: int = DEFAULT_SEED,
-    estimator: str = DEFAULT_ESTIMATOR,
-    engine: str = "dynamics",
-    workers: int | None = None,
-    progress: Progress = silent,
-    imperfections: float = ORDINARY,
-    robot_spread: float | None = None,
-) -> Validation:
-    """Run an experiment and hold the estimates against its truth; see `tulip_testbed.validate`."""
-    began = time.perf_counter()
-    look_up("estimator", estimator, ESTIMATORS, "estimator")
-    check_imperfections(laboratory, imperfections)
-    at_least("seed", seed, 0)
-    if robot_spread is not None:
-        laboratory = dataclasses.replace(laboratory, random_robot=(robot_spread, seed))
-    laboratory.check(plan, engine)
-    identifiable_regressor("plan", laboratory.robot, plan)
-    laboratory = drawn(laboratory, imperfections, single_stream(seed))
-    with progress("holding postures", tries(laboratory, plan), 0) as advance:
-        run = laboratory.run(plan, seed, engine, workers, advance)
-    return _judged(run, estimator, imperfections, began)
+def judge(run: Run, estimator: str = DEFAULT_ESTIMATOR, scale: float = 0.0) -> Validation:
+    """Identify the robot from a run and hold the estimates against its truth.
 
-
-def judge(run: Run, estimator: str = DEFAULT_ESTIMATOR) -> Validation:
-    """Identify the robot from a run and hold the estimates against its truth."""
-    return _judged(run, estimator, 0.0, time.perf_counter())
-
-
-def _judged(run: Run, estimator: str, imperfections: float, began: float) -> Validation:
-    """Judge a run in whose laboratory imperfections of this scale were drawn."""
-    laboratory, robot = run.laboratory, run.laboratory.robot
+    The scale is that of the imperfections that were drawn for the run's laboratory.
+    """
+    began, laboratory, robot = time.perf_counter(), run.laboratory, run.laboratory.robot
     truth = laboratory.true_base_parameters(run.plan)
     identification = identify(run.measurements, robot, estimator=estimator, adopted=laboratory.known)
-    configuration = configuration_of(laboratory, run.plan, run.seed, run.engine, imperfections)
+    plain = None
+    with suppress(InputError):  # it knows of no unknown zeros of wrench sensors, or masses on the robot
+        plain = identify(run.measurements, robot, estimator=LEAST_SQUARES, adopted=laboratory.known)
+    configuration = configuration_of(laboratory, run.plan, run.seed, run.engine, scale)
     return Validation(
         identification=identification,
-        least_squares=_least_squares(run),
+        least_squares=plain,
         truth=truth,
         checks=tuple(evaluate(run, identification, truth)),
         wall_s=time.perf_counter() - began,
-        imperfections=float(imperfections),
+        imperfections=float(scale),
         robot=robot,
         plan=run.plan,
         measurements=run.measurements,
         simulation=SimulatedTruth.of(run),
         document=made_by("validate", configuration, robot),
     )
-
-
-def _least_squares(run: Run) -> Identification | None:
-    laboratory = run.laboratory
-    try:
-        return identify(run.measurements, laboratory.robot, estimator=LEAST_SQUARES, adopted=laboratory.known)
-    except InputError:  # unknown zeros of wrench sensors or masses on the robot, which it does not know of
-        return None
 
 
 def evaluate(run: Run, identification: Identification, truth: np.ndarray) -> list[Check]:

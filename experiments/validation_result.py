@@ -32,7 +32,7 @@ from tulip_testbed.experiments.run_file import (
     SavedRun,
     write_run_file,
 )
-from tulip_testbed.experiments.truth_record import DroppedPosture, SimulatedTruth, usable_postures
+from tulip_testbed.experiments.simulate import DroppedPosture, SimulatedTruth, usable_postures
 from tulip_testbed.measurements import Measurements, PosturePlan, read_measurements, write_measurements
 from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.robot import Robot

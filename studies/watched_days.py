@@ -10,8 +10,8 @@ from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.imperfections import ordinary_members
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.experiments.watching.alarm import levels
-from tulip_testbed.experiments.watching.arriving_samples import joined
+from tulip_testbed.experiments.watching.alarm import largest_ratio
+from tulip_testbed.experiments.watching.arriving_rows import joined
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
 from tulip_testbed.experiments.watching.row_columns import row_columns
 from tulip_testbed.experiments.watching.watch_row import CHANGED, OK, Verdict, begin_row, watch_row
@@ -202,7 +202,7 @@ def faulty_day(day: Day, kind: Kind, plan: PosturePlan, seed: int) -> FaultyDay:
     began = int((day.rows.time < start).sum())
     direction = direction_of(model, kind)
     _, information = known_ratio(model, day.rows, direction, began)
-    threshold = levels(model).ratio
+    threshold = largest_ratio(model)
     mde = (np.sqrt(threshold) + POWER) / np.sqrt(information)
     multiple = float(np.exp(rng.uniform(*np.log(MULTIPLES))))
     effect = model.directions[direction].effect

@@ -33,7 +33,6 @@ from tulip_testbed.experiments.discovering import Discovered, discover_effects
 from tulip_testbed.experiments.protocols.protocol_run import LaboratoryProtocol, protocol_of
 from tulip_testbed.experiments.robot_import import published
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
-from tulip_testbed.experiments.validate import validate
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters
 from tulip_testbed.identification.estimators import MIXED_MODEL
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
@@ -188,15 +187,16 @@ def humanoid_plan(foreign, once) -> tt.PosturePlan:
 @pytest.fixture(scope="session")
 def ideal(once, robot, plan) -> tt.Validation:
     """Ten placements of the default plan without sensor noise, in the full dynamics."""
-    part, how = plan.take(plan.placement <= 10), {"workers": 1, "imperfections": 0}
-    return once("ideal", lambda: validate(tt.Laboratory(robot, "ideal"), part, 101, MIXED_MODEL, **how))
+    part = plan.take(plan.placement <= 10)
+    exact = partial(tt.validate, estimator=MIXED_MODEL, workers=1, imperfections=0)
+    return once("ideal", lambda: exact(tt.Laboratory(robot, "ideal"), part, seed=101))
 
 
 @pytest.fixture(scope="session")
 def wii(once, robot, plan) -> tt.Validation:
     """The whole default plan at preset wii, exact but for noise, by statics and the mixed model."""
-    exact = partial(validate, estimator=MIXED_MODEL, engine="statics", imperfections=0)
-    return once("wii", lambda: exact(tt.Laboratory(robot, "wii"), plan, 102))
+    exact = partial(tt.validate, estimator=MIXED_MODEL, engine="statics", imperfections=0)
+    return once("wii", lambda: exact(tt.Laboratory(robot, "wii"), plan, seed=102))
 
 
 @pytest.fixture(scope="session")
@@ -229,8 +229,8 @@ def discovered_folder(discovered, tmp_path_factory) -> Path:
 def moved_wii(once, robot, plan) -> tt.Validation:
     """Six placements at preset wii, exact but for noise, in the full dynamics, by the mixed model."""
     few = plan.take((plan.placement >= 11) & (plan.placement <= 16))  # some postures are lost
-    exact = partial(validate, estimator=MIXED_MODEL, workers=1, imperfections=0)
-    return once("moved-wii", lambda: exact(tt.Laboratory(robot, "wii"), few, 102))
+    exact = partial(tt.validate, estimator=MIXED_MODEL, workers=1, imperfections=0)
+    return once("moved-wii", lambda: exact(tt.Laboratory(robot, "wii"), few, seed=102))
 
 
 @pytest.fixture(scope="session")

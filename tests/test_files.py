@@ -29,9 +29,9 @@ from tulip_testbed.base.files import (
     write_text,
 )
 from tulip_testbed.base.resumable import alone_on
-from tulip_testbed.experiments import truth_record
+from tulip_testbed.experiments import simulate
 from tulip_testbed.experiments.run_file import robot_of
-from tulip_testbed.experiments.truth_record import write_experiment
+from tulip_testbed.experiments.simulate import write_experiment
 from tulip_testbed.sim.shipped import TULIP
 
 # Forks once per file operation; the child kills itself right before its n-th one.
@@ -216,14 +216,14 @@ def test_the_truth_of_another_is_never_removed(run, tmp_path):
 
 @pytest.mark.parametrize("written", [False, True])
 def test_interrupted_it_leaves_both_or_nothing(written, run, tmp_path, monkeypatch):
-    write = truth_record.write_measurements
+    write = simulate.write_measurements
 
     def interrupted(folder, measurements):
         if written:
             write(folder, measurements)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(truth_record, "write_measurements", interrupted)
+    monkeypatch.setattr(simulate, "write_measurements", interrupted)
     with pytest.raises(KeyboardInterrupt):
         write_experiment(tmp_path / "data", tmp_path / "truth.json", run)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["data", "truth.json"] * written

@@ -107,7 +107,7 @@ def test_rows_on_either_foot_stand_by_mujoco(robot, mixed):
 @pytest.mark.slow
 def test_the_search_beats_the_best_of_a_random_pool(problem, goal, mixed):
     """With the same numbers and the same postures on both feet, and a pool twice as large as the start's."""
-    pools = random_pools(problem, COUNTS, SEED + 1, 6)
+    pools = [*random_pools(problem, COUNTS, SEED + 1, 6)]
     both = problem.parameters.regressor(mixed.joint_angles[mixed.support == "double"])
     chosen = from_pools(pools, COUNTS, np.einsum("mip,miq->pq", both, both), goal.smooth[-1])
     angles = mixed.joint_angles.copy()

@@ -17,7 +17,7 @@ from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, ORDINARY
 from tulip_testbed.experiments.imperfections import draw_members, drawn, ordinary_members, single_stream
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of, stream_of
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, Settings
-from tulip_testbed.experiments.validate import evaluate, judge, validate
+from tulip_testbed.experiments.validate import evaluate, judge
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.measurements import SensorSheet, write_measurements
 from tulip_testbed.sim.rig import preset_rig
@@ -27,7 +27,7 @@ SEED = 140
 
 @pytest.fixture(scope="module")
 def validated(robot, plan):
-    return validate(tt.Laboratory(robot, "wii"), plan, SEED, engine="statics")
+    return tt.validate(tt.Laboratory(robot, "wii"), plan, seed=SEED, engine="statics")
 
 
 def test_members_are_drawn_for_all_families(robot):
@@ -176,11 +176,11 @@ def test_the_manifest_says_nothing_about_what_is_imperfect(validated, robot, pla
 
 def test_all_that_identifies_has_one_default():
     """What is validated is what users get, in the laboratories that it is for."""
-    verbs = (tt.identify, tt.validate, tt.monte_carlo, judge, validate)
+    verbs = (tt.identify, tt.validate, tt.monte_carlo, judge)
     parameters = [inspect.signature(verb).parameters for verb in verbs]
     assert {one["estimator"].default for one in parameters} == {DEFAULT_ESTIMATOR}
     scales = [one["imperfections"].default for one in parameters if "imperfections" in one]
-    assert scales == [ORDINARY] * 3
+    assert scales == [ORDINARY] * 2
     assert Settings(1, 1, DEFAULT_ESTIMATOR, None).imperfections == ORDINARY
     assert inspect.signature(tt.simulate).parameters["imperfections"].default == 0
 

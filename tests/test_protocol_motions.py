@@ -15,7 +15,7 @@ from tulip_testbed.experiments.protocols.measuring_order import (
     shortest_path,
     shortest_tour,
 )
-from tulip_testbed.experiments.protocols.motion import FREE, HOIST, LIFT, MotionPlanner, dynamic_room
+from tulip_testbed.experiments.protocols.motion import FREE, HOIST, LIFT, MotionPlanner
 from tulip_testbed.experiments.protocols.motion_loads import LoadsInMotion
 from tulip_testbed.experiments.protocols.protocol_run import protocol_of
 from tulip_testbed.identification.feasibility import stability_margin, support_polygon
@@ -100,11 +100,11 @@ def test_motions_begin_and_end_at_rest_in_their_postures(small_protocol):
 def test_a_posture_that_asks_too_much_is_reached_in_the_hoist(robot):
     """Posture 25 of the random plan needs more than its drives give, if the load is shared as planned."""
     plan = tt.plans.random
-    loads, limits = LoadsInMotion(robot), MotionPlanner(robot, plan).limits
+    loads, planner = LoadsInMotion(robot), MotionPlanner(robot, plan)
     over = [
         k
         for k in range(60)
-        if dynamic_room(limits, at_rest(loads, plan.joint_angles[k]), "double")["torque"] < -0.05
+        if planner.dynamic_room(at_rest(loads, plan.joint_angles[k]), "double")["torque"] < -0.05
         and plan.placement[k] == plan.placement[k - 1]
     ]
     motion = MotionPlanner(robot, plan).motion(over[0] - 1, over[0])

@@ -21,7 +21,7 @@ from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.pages import pictures
 from tulip_testbed.pages.page import html
-from tulip_testbed.pages.validation_page import validation_page
+from tulip_testbed.pages.run_page import validation_page
 
 MOST_SECONDS = 20
 MOST_BYTES = {"run_folder": 2e6, "discovered_folder": 12e6}

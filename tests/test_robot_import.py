@@ -15,7 +15,6 @@ from tests.test_refusals import check_words, refuse, rows
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.robot_import import published
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
-from tulip_testbed.experiments.robot_report import report_robot
 from tulip_testbed.experiments.usable_plan import random_plan
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
 from tulip_testbed.identification.link_clearances import clearances_at, overlaps_at_reference, unjoined_pairs
@@ -96,7 +95,7 @@ def test_a_forearm_inside_of_the_chest_is_moved_out_and_overlaps_that_stay_are_t
     arms = [robot.model.joint(name).qposadr[0] - 7 for name in robot.settings["planning"]["joints_deg"]]
     assert 0 < np.count_nonzero(np.abs(moved[arms]) > 0.01) < len(arms)  # no joint moves for nothing
     path.write_text(text.replace('<box size="0.06 0.06 0.2"/>', '<box size="0.06 0.3 0.2"/>'))
-    report = report_robot(path)
+    report = tt.describe_robot(path)
     assert "Problems:" in repr(report)
     (told,) = [line for line in report.problems if "overlap" in line]
     assert told.startswith("links that overlap in the posture stand, and may do so in plans: ")

@@ -13,7 +13,6 @@ from tests.test_refusals import check_words, rows
 from tulip_testbed.effects.targets import LEG_LINKS, LINKS
 from tulip_testbed.experiments.checks import IMBALANCE, verdict
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of
-from tulip_testbed.experiments.robot_report import report_robot
 from tulip_testbed.experiments.usable_plan import random_plan
 from tulip_testbed.experiments.validate import balance_checks
 from tulip_testbed.measurements import PosturePlan, write_measurements
@@ -139,7 +138,7 @@ def test_too_little_armature_and_soft_friction_are_supplied_and_said(edited_tuli
     assert "right_hip_yaw (0.001 of 0.014)" in found["armature"].found
     assert "chatter" in found["armature"].consequence
     assert "right_hip_yaw" in found["friction"].found
-    assert "Items that this robot lacks for the laboratory" in repr(report_robot(robot.path))
+    assert "Items that this robot lacks for the laboratory" in repr(tt.describe_robot(robot.path))
     scene = laboratory_scene(preset_rig("ideal", robot), POSES)
     joint = scene.joint("right_hip_yaw")
     assert joint.armature == pytest.approx(LEAST_ARMATURE * 10.1)

@@ -11,7 +11,7 @@ import tulip_testbed as tt
 from tests import edited_rows
 from tests.edited_rows import changed, plus
 from tests.test_refusals import check_words, rows
-from tulip_testbed.experiments.watching.alarm import fault_of_changes, levels
+from tulip_testbed.experiments.watching.alarm import fault_of_changes, largest_ratio, level
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
 from tulip_testbed.experiments.watching.row_checks import UNUSABLE
 from tulip_testbed.experiments.watching.row_columns import row_columns
@@ -180,9 +180,9 @@ def test_the_standard_errors_are_those_of_generalised_least_squares(robot, day, 
 
 
 def test_the_limits_follow_from_the_plan(watched, robot, plan, day):
-    longer = levels(day_model(plan, robot, day))
-    assert longer.row < levels(watched).row
-    assert longer.ratio > levels(watched).ratio
+    longer = day_model(plan, robot, day)
+    assert level(longer, "row") < level(watched, "row")
+    assert largest_ratio(longer) > largest_ratio(watched)
 
 
 def test_what_was_measured_since_a_change_began_is_forgotten(watched, before):
@@ -191,7 +191,7 @@ def test_what_was_measured_since_a_change_began_is_forgotten(watched, before):
     pull = before.changes.pull.copy()
     pull[slot] = 100 * np.sqrt(before.changes.information[slot])
     seen = replace(before, changes=replace(before.changes, pull=pull))
-    state = fault_of_changes(watched, seen, levels(watched))
+    state = fault_of_changes(watched, seen)
     assert state.fault is not None
     assert state.fault.onset == first
     since, until = list(before.taken[-3:]), list(before.taken[:-3])
@@ -200,7 +200,7 @@ def test_what_was_measured_since_a_change_began_is_forgotten(watched, before):
     assert not set(postures[since]) & state.earlier.keys()
     assert set(postures[until]) <= state.earlier.keys()
     # The foot was put down anew since, so that its place is as unknown as at the beginning of a placement.
-    state = fault_of_changes(watched, replace(seen, stance=seen.stance + 1), levels(watched))
+    state = fault_of_changes(watched, replace(seen, stance=seen.stance + 1))
     np.testing.assert_array_equal(
         state.belief.covariance[-OF_PLACEMENT:, -OF_PLACEMENT:],
         watched.covariance[-OF_PLACEMENT:, -OF_PLACEMENT:],

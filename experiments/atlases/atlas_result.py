@@ -28,7 +28,7 @@ LEGEND = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class AtlasRow:
     """One size of one effect, in SI units, and its biases if it is not modelled, (p,).
 
@@ -53,10 +53,10 @@ class AtlasRow:
     detectable: float
     by_channel: dict[str, float]
     visible: bool
-    nearest: str | None
-    nearest_angle_rad: float | None
-    isolable: bool | None
-    group: int | None
+    nearest: str | None = None
+    nearest_angle_rad: float | None = None
+    isolable: bool | None = None
+    group: int | None = None
     bias_at_prior_m: Array
     bias_at_prior_se: Array
     bias_at_detectable_se: Array

@@ -1,5 +1,7 @@
 """The atlas of a plan: which effects it would detect, distinguish or hide, before anything is measured."""
 
+from dataclasses import replace
+
 import numpy as np
 import scipy
 
@@ -25,7 +27,7 @@ def atlas(planned: Planned, rng: np.random.Generator) -> Atlas:
     single = {c: candidate_columns(linear_model(planned.observed, planned.noise, c), among) for c in CHANNELS}
     tests = effective_tests([columns], rng)
     level = single_level(LEVEL, tests)
-    estimator, parts, changing = BiasWeights(planned), [], []
+    estimator, errors, owners, rows, changing = BiasWeights(planned), planned.standard_errors, [], [], []
     for k, candidate in enumerate(among):
         points = columns.projected[k]
         length = np.array([np.linalg.norm(column) for column in points])
@@ -35,43 +37,41 @@ def atlas(planned: Planned, rng: np.random.Generator) -> Atlas:
         least = int(np.where(changes, length, np.inf).argmin())
         point = len(points) // 2 if candidate.effect.sizes else least
         moved = bias(planned, estimator, candidate, point)
-        for size in range(len(candidate.effect.sizes)) if candidate.effect.sizes else (None,):
-            column = points[point][:, [size or 0]]
-            prior = 1.0 if size is None else candidate.prior[size]
+        for size in range(len(candidate.effect.sizes)) or (None,):
+            parameter = None if size is None else candidate.effect.parameters[candidate.effect.sizes[size]]
+            prior, biases = 1.0 if size is None else float(candidate.prior[size]), moved[:, size or 0]
             least_size = _detectable(columns, k, point, size, level)
-            by_channel = {c: _detectable(single[c], k, point, size, level) for c in CHANNELS}
-            visible = bool(np.linalg.norm(column) * prior > DETECTABLE)
-            parts.append((k, size, least_size, by_channel, visible, moved[:, size or 0]))
-    shown = [k for k in range(len(among)) if any(part[0] == k and part[4] for part in parts)]
+            at_least = biases * (least_size / prior if np.isfinite(least_size) else np.nan)
+            owners.append(k)
+            rows.append(
+                AtlasRow(
+                    effect=candidate.effect.name,
+                    target=candidate.target or None,
+                    parameter=None if parameter is None else parameter.name,
+                    unit="" if parameter is None else parameter.unit,
+                    prior_sd=None if parameter is None else prior,
+                    detectable=least_size,
+                    by_channel={c: _detectable(single[c], k, point, size, level) for c in CHANNELS},
+                    visible=bool(np.linalg.norm(points[point][:, [size or 0]]) * prior > DETECTABLE),
+                    bias_at_prior_m=biases,
+                    bias_at_prior_se=biases / errors,
+                    bias_at_detectable_se=at_least / errors,
+                )
+            )
+    shown = sorted({k for k, row in zip(owners, rows, strict=True) if row.visible})
     angle = angles([changing[k] for k in shown])
     alike, names = groups(angle), [among[k].label for k in shown]
     others, apart = nearest_angles(angle)
-    rows, errors = [], planned.standard_errors
-    for k, size, detectable, by_channel, visible, biases in parts:
-        candidate, number = among[k], shown.index(k) if k in shown else None
-        parameter = None if size is None else candidate.effect.parameters[candidate.effect.sizes[size]]
-        near = None if number is None or len(shown) < 2 else float(apart[number])
-        prior = 1.0 if size is None else float(candidate.prior[size])
-        at_detectable = biases * (detectable / prior if np.isfinite(detectable) else np.nan)
-        rows.append(
-            AtlasRow(
-                effect=candidate.effect.name,
-                target=candidate.target or None,
-                parameter=None if parameter is None else parameter.name,
-                unit="" if parameter is None else parameter.unit,
-                prior_sd=None if parameter is None else prior,
-                detectable=detectable,
-                by_channel=by_channel,
-                visible=visible,
-                nearest=None if near is None else names[others[number]],
-                nearest_angle_rad=near,
-                isolable=None if near is None else bool(near >= ISOLABLE),
+    for at, k in enumerate(owners):
+        if k in shown and len(shown) > 1:
+            number = shown.index(k)
+            rows[at] = replace(
+                rows[at],
+                nearest=names[others[number]],
+                nearest_angle_rad=float(apart[number]),
+                isolable=bool(apart[number] >= ISOLABLE),
                 group=next((n for n, group in enumerate(alike, 1) if number in group), None),
-                bias_at_prior_m=biases,
-                bias_at_prior_se=biases / errors,
-                bias_at_detectable_se=at_detectable / errors,
             )
-        )
     return Atlas(
         preset=planned.sensors,
         seed=planned.seed,

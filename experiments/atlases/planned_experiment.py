@@ -38,7 +38,6 @@ class Planned:
 
     Attributes:
         rig: that laboratory. plan: all postures.
-        solved_plan: those that the nominal robot can be measured in, solved.
         observed: what sensors without noise would show, with the preset's data sheets.
         noise: as those sheets state.
         standard_errors: of the base parameters by the default estimator, root mean square over the
@@ -48,7 +47,6 @@ class Planned:
 
     rig: Rig
     plan: PosturePlan
-    solved_plan: SolvedPlan
     observed: Observation
     noise: Noise
     standard_errors: np.ndarray
@@ -75,14 +73,12 @@ def planned(plan: PosturePlan, sensors: str, robot: Robot, seed: int) -> Planned
         weighed_mass=weighed and (weighed[0], rig.sensors.weighed_mass_sd),
     )
     observed = observe(smooth, nominal)
-    solved_plan = solve_plan(rig, stands)
-    runs = noisy(solved_plan, seed, RUNS)
     variance = [
         np.diag(estimate_by(regression(nominal.parameters, run, robot, "plan"), MIXED_MODEL).covariance)
-        for run in runs
+        for run in noisy(solve_plan(rig, stands), seed, RUNS)
     ]
     errors = np.sqrt(np.mean(variance, axis=0))
-    return Planned(rig, plan, solved_plan, observed, noise_of(observed), errors, seed, sensors)
+    return Planned(rig, plan, observed, noise_of(observed), errors, seed, sensors)
 
 
 def noisy(solved_plan: SolvedPlan, seed: int, count: int) -> list[Measurements]:

@@ -36,9 +36,7 @@ class PublishedLinks:
         mujoco.mj_kinematics(robot.model, other)
         onto = _alignment(path, (model, data), (robot.model, other))
         of_hinge = {name: int(robot.model.joint(name).bodyid[0]) - 1 for name in joint_names(robot.model)}
-        link = np.zeros(
-            model.nbody, int
-        )  # of the robot, that moves with a body: that of the next hinge above
+        link = np.zeros(model.nbody, int)  # of the robot, by body: that of the next hinge above
         for body in range(1, model.nbody):
             first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
             hinges = [model.joint(k).name for k in range(first, first + count)]

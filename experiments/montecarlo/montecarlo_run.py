@@ -16,7 +16,6 @@ from tulip_testbed.base.files import present
 from tulip_testbed.base.progress import Progress
 from tulip_testbed.base.resumable import ResumableFolder, alone_on
 from tulip_testbed.base.table_files import write_json
-from tulip_testbed.base.threads import processes
 from tulip_testbed.base.workers import deaf_to_interruptions, watched
 from tulip_testbed.experiments.imperfections import check_imperfections
 from tulip_testbed.experiments.laboratory import Laboratory
@@ -81,7 +80,6 @@ def montecarlo(
             "sensors ideal: found no noise, so no standard errors to judge; valid: wii, force-plate"
         )
     check_imperfections(laboratory, settings.imperfections)
-    processes(workers)
     laboratory.check(plan, settings.engine)
     warn_of_robot(laboratory.robot)
     identifiable_regressor("plan", laboratory.robot, plan)
@@ -96,7 +94,15 @@ def montecarlo(
         source = source_of(laboratory, plan, *more)
         job = run_job(source, laboratory, parameters, settings.estimator, settings.seed)
         with kept.opened(partial(begin, plan=plan, robot=robot)):
-            _collect_missing(chunks, job, workers, kept_in, progress)
+            try:
+                with progress("runs", chunks.runs, chunks.done()) as advance:
+                    collect(chunks, job, advance, workers)
+            except (InputError, KeyboardInterrupt) as error:
+                stay = f"{kept_in} holds {chunks.done()} of {chunks.runs} runs; the same command resumes"
+                stay = stay if stays else "nothing was kept"
+                if isinstance(error, KeyboardInterrupt):
+                    raise KeyboardInterrupt(f"interrupted; {stay}") from None
+                raise InputError(f"{error}; {stay}") from None
     beside = {"plan": plan, "robot": robot, "folder": kept_in}
     result = MonteCarlo.of(read_runs(chunks, layout), layout, document, **beside)
     write_json(folder / REPORT_FILE, result.to_json())
@@ -129,19 +135,3 @@ def raise_runs(folder: Path, document: MonteCarloFile) -> None:
             chunks = RunChunks(folder / CHUNK_FOLDER, settings.runs, settings.chunk)
             chunks.path((settings.runs - left) // settings.chunk).unlink(missing_ok=True)
         there.model_copy(update={"settings": document.settings}).write(folder / RUN_FILE)
-
-
-def _collect_missing(
-    chunks: RunChunks, job: Work, workers: int, folder: Path | None, progress: Progress
-) -> None:
-    """Compute the missing chunks; an interruption says what stays."""
-    try:
-        with progress("runs", chunks.runs, chunks.done()) as advance:
-            collect(chunks, job, advance, workers)
-    except (InputError, KeyboardInterrupt) as error:
-        stays = "nothing was kept"
-        if folder is not None:
-            stays = f"{folder} holds {chunks.done()} of {chunks.runs} runs; the same command resumes"
-        if isinstance(error, KeyboardInterrupt):
-            raise KeyboardInterrupt(f"interrupted; {stays}") from None
-        raise InputError(f"{error}; {stays}") from None

@@ -1,6 +1,6 @@
 """The order in which a plan is measured: short ways, and time that grows with nothing else."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import scipy
@@ -103,17 +103,15 @@ def order_of_placement(planner: MotionPlanner, rows: np.ndarray) -> np.ndarray:
 
 def stances_in_order(
     planner: MotionPlanner, placements: Sequence[int], progress: Progress = silent
-) -> list[np.ndarray]:
+) -> Iterator[np.ndarray]:
     """Order the rows of every support on every placement; the placements are in order."""
-    plan, stances = planner.plan, []
+    plan = planner.plan
     with progress("placements", len(placements), 0) as advance:
         for number in placements:
             there = np.flatnonzero(plan.placement == number)
             for support in dict.fromkeys(plan.support[there].tolist()):
-                some = there[plan.support[there] == support]
-                stances.append(order_of_placement(planner, some))
+                yield order_of_placement(planner, there[plan.support[there] == support])
             advance(1)
-    return stances
 
 
 def order_of_placements(robot: Robot, plan: PosturePlan) -> list[int]:

@@ -39,52 +39,6 @@ FREE, HOIST, LIFT = "free", "hoist", "lift"
 DIGITS = 6  # of an angle [rad], its derivatives and a torque, in a file
 
 
-class MotionLimits:
-    """Limits of a robot's motions: of margins that its plans keep at rest beyond stability, half.
-
-    Attributes:
-        ranges: of the joints, (n, 2) [rad].
-        torques: largest torques of the drives, (n,) [N m].
-        stability_margin: of the centre of mass and the zero-moment point inside the support polygon [m].
-        sole_margin: of the load's point inside each sole [m].
-        lifted: least height of a foot in the air [m].
-        pairs: links that must keep a distance, in the frame of the right and of the left foot.
-    """
-
-    def __init__(self, robot: Robot):
-        margins = planning_margins(robot)
-        planned = planning_ranges(robot) if "planning" in robot.settings else None
-        self.ranges, self.torques = joint_ranges(robot.model), torque_limits(robot)
-        self.stability_margin = 0.0 if planned is None else planned.stability_margin
-        self.sole_margin = 0.0 if planned is None else SHARE * planned.sole_margin
-        self.lifted = SHARE * margins.lifted
-        feet = (robot, with_feet_exchanged(robot))
-        self.pairs = tuple(link_pairs(one, margins.link_clearance) for one in feet)
-
-
-def dynamic_room(limits: MotionLimits, loads: MotionLoads, support: str) -> dict[str, float]:
-    """Return how much room torques [-], stability and soles [m] leave; negative: too little.
-
-    Args:
-        support: "double", "right" or "left".
-    """
-    stands = feet_in_contact(np.array([support]))[0]
-    soles = loads.soles[0, stands, :, :2]
-    used = ((np.abs(loads.torques) + np.abs(loads.friction)) / limits.torques).max()
-    polygon = support_polygon(soles)
-    inside = stability_margin(np.concatenate([loads.com, loads.zmp]), polygon)  # of the nearest
-    room = {TORQUE: TORQUE_SHARE - float(used), SUPPORT: inside - limits.stability_margin + ROUNDING}
-    if stands.all():
-        on_soles = [
-            stability_margin(loads.foot_points[:, side], support_polygon(sole))
-            for side, sole in enumerate(soles)
-        ]
-        room[SOLE] = min(on_soles) - limits.sole_margin + ROUNDING
-    else:
-        room[LIFTED] = float(loads.soles[:, ~stands, :, 2].min()) - limits.lifted
-    return room
-
-
 @dataclass(frozen=True, eq=False)
 class Motion:
     """A motion from one row of a plan to another.
@@ -171,11 +125,27 @@ class _Leg:
 
 
 class MotionPlanner:
-    """Plans motions between postures; a class because it keeps MuJoCo's data and its answers."""
+    """Plans motions between postures; a class because it keeps MuJoCo's data and its answers.
+
+    Of the margins that plans keep at rest, motions keep half, but all of that of stability.
+
+    Attributes:
+        ranges: of the joints, (n, 2) [rad]. drives: largest torques, (n,) [N m].
+        stability_margin: of the centre of mass and the zero-moment point inside the support polygon [m].
+        sole_margin: of the load's point inside each sole [m]. lifted: least height of a foot in the air [m].
+        pairs: links that must keep a distance, in the frame of the right and of the left foot.
+    """
 
     def __init__(self, robot: Robot, plan: PosturePlan, speed: float = SPEED):
-        self.robot, self.plan, self.speed = robot, plan, speed
-        self.limits = MotionLimits(robot)
+        self.plan, self.speed = plan, speed
+        margins = planning_margins(robot)
+        planned = planning_ranges(robot) if "planning" in robot.settings else None
+        self.ranges, self.drives = joint_ranges(robot.model), torque_limits(robot)
+        self.stability_margin = 0.0 if planned is None else planned.stability_margin
+        self.sole_margin = 0.0 if planned is None else SHARE * planned.sole_margin
+        self.lifted = SHARE * margins.lifted
+        feet = (robot, with_feet_exchanged(robot))
+        self.pairs = [link_pairs(one, margins.link_clearance) for one in feet]
         self.loads = LoadsInMotion(robot)
         self.inverse = InverseKinematics(robot, robot.model)
         self.soles = [corners[:, :2] for corners in self.loads.corners]
@@ -281,7 +251,7 @@ class MotionPlanner:
         base = int(base_foot(np.array([support]))[0])
         path = smooth_path(start, between, end, 1.0)
         part = np.linspace(0.0, 1.0, INSTANTS)
-        angles, (low, high), pairs = path(part), self.limits.ranges.T, self.limits.pairs[base]
+        angles, (low, high), pairs = path(part), self.ranges.T, self.pairs[base]
         within = SHARE * float(pairs.needed.max(initial=0.0))
         # Links that are nearer at an end than what they should keep need not be farther on the way.
         ends = clearances_at(pairs, np.array([start, end]), within).distance.min(axis=0)
@@ -302,4 +272,25 @@ class MotionPlanner:
         return _Leg(path, duration, room | self._dynamic_room(part * duration, angles, support))
 
     def _dynamic_room(self, times: np.ndarray, angles: np.ndarray, support: str) -> dict[str, float]:
-        return dynamic_room(self.limits, self.loads.at(times, angles, support), support)
+        return self.dynamic_room(self.loads.at(times, angles, support), support)
+
+    def dynamic_room(self, loads: MotionLoads, support: str) -> dict[str, float]:
+        """Return how much room torques [-], stability and soles [m] leave; negative: too little.
+
+        The support is "double", "right" or "left".
+        """
+        stands = feet_in_contact(np.array([support]))[0]
+        soles = loads.soles[0, stands, :, :2]
+        used = ((np.abs(loads.torques) + np.abs(loads.friction)) / self.drives).max()
+        polygon = support_polygon(soles)
+        inside = stability_margin(np.concatenate([loads.com, loads.zmp]), polygon)  # of the nearest
+        room = {TORQUE: TORQUE_SHARE - float(used), SUPPORT: inside - self.stability_margin + ROUNDING}
+        if stands.all():
+            on_soles = [
+                stability_margin(loads.foot_points[:, side], support_polygon(sole))
+                for side, sole in enumerate(soles)
+            ]
+            room[SOLE] = min(on_soles) - self.sole_margin + ROUNDING
+        else:
+            room[LIFTED] = float(loads.soles[:, ~stands, :, 2].min()) - self.lifted
+        return room

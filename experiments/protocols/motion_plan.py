@@ -91,7 +91,7 @@ def moving_plan(
     _, first = np.unique(np.column_stack([plan.placement, plan.posture]), axis=0, return_index=True)
     plan = plan.take(np.sort(first))  # in motion nothing is repeated
     planner = MotionPlanner(robot, plan, speed)
-    stances = stances_in_order(planner, list(dict.fromkeys(plan.placement.tolist())), progress)
+    stances = [*stances_in_order(planner, list(dict.fromkeys(plan.placement.tolist())), progress)]
     ways, left_out = list[list[tuple[int, int]]](), Counter[str]()
     for rows in stances:
         ways.append([])

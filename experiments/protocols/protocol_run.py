@@ -146,7 +146,7 @@ def protocol_of(
     extended = with_repeats(plan, count, 0) if plan.postures == len(plan) and count else plan
     planner = MotionPlanner(robot, extended, speed)
     stances = stances_in_order(planner, order_of_placements(robot, extended), progress)
-    ordered, motions = _with_motions(planner, np.concatenate(stances))
+    ordered, motions = _with_motions(planner, np.concatenate([*stances]))
     return LaboratoryProtocol(
         robot=robot,
         given=extended,
@@ -185,7 +185,7 @@ def _notes(planner: MotionPlanner, plan: PosturePlan, motions: tuple[Motion | No
     _, once = np.unique(plan.posture, return_index=True)
     for base in (0, 1):
         rows = once[base_foot(plan.support[once]) == base]
-        pairs = planner.limits.pairs[base]
+        pairs = planner.pairs[base]
         if len(rows) and len(pairs.names):
             distance = clearances_at(pairs, plan.joint_angles[rows], 0.0).distance
             for k in np.flatnonzero(distance.min(axis=1) < -1e-4):

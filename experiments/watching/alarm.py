@@ -4,7 +4,7 @@ The error rates are of a whole day: the sum of `FALSE_ALARMS` is the probability
 in which nothing begins.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -30,19 +30,14 @@ ODD_ROWS = 2  # in succession, that are a change
 GONE = 10.0  # ln of the likelihood ratio, from which a change counts as gone
 
 
-@dataclass(frozen=True)
-class Level:
-    """Limits of a day: p-values of a row and of a repeat, and twice the ln of a change's likelihood ratio."""
-
-    row: float
-    repeat: float
-    ratio: float
+def level(model: DayModel, kind: str) -> float:
+    """Return the p-value of a row, a repeat or a change that keeps `FALSE_ALARMS` over a plan."""
+    return FALSE_ALARMS[kind] / model.rows
 
 
-def levels(model: DayModel) -> Level:
-    """Return the limits that keep `FALSE_ALARMS` over a plan."""
-    row, repeat, change = (FALSE_ALARMS[name] / model.rows for name in ("row", "repeat", "change"))
-    return Level(row, repeat, float(chi2_isf(change / TESTS, 1)))
+def largest_ratio(model: DayModel) -> float:
+    """Return the limit of twice the logarithm of a change's likelihood ratio."""
+    return float(chi2_isf(level(model, "change") / TESTS, 1))
 
 
 def repeat_probability(model: DayModel, state: WatchState, here: RowColumns, posture: int) -> float:
@@ -70,7 +65,7 @@ def repeat_probability(model: DayModel, state: WatchState, here: RowColumns, pos
     return float(chi2_sf(square, used.sum()))
 
 
-def fault_of_changes(model: DayModel, state: WatchState, level: Level) -> WatchState:
+def fault_of_changes(model: DayModel, state: WatchState) -> WatchState:
     """Return the state with the change that the evidence shows, if it shows one.
 
     The estimate returns to what it was before the change began; the postures since are to be measured again,
@@ -78,7 +73,7 @@ def fault_of_changes(model: DayModel, state: WatchState, level: Level) -> WatchS
     """
     ratio = state.changes.ratio
     slot, direction = np.unravel_index(ratio.argmax(), ratio.shape)
-    if ratio[slot, direction] <= level.ratio:
+    if ratio[slot, direction] <= largest_ratio(model):
         return state
     onset = int(state.changes.onset[slot])
     before = next(known for known in state.history if known.count == onset)

@@ -1,5 +1,7 @@
 """Checks that a single row can fail without any model of the day: order, plausible readings, and rest."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from tulip_testbed.base.numbers import number
@@ -36,28 +38,27 @@ def refused(model: DayModel, state: WatchState, row: Measurements, planned: int 
     return None
 
 
-def order_findings(model: DayModel, state: WatchState, row: Measurements, planned: int) -> list[Finding]:
-    """Return what is odd about placement, order and time of a row."""
-    findings, where = [], f"posture {row.posture[0]}"
+def order_findings(model: DayModel, state: WatchState, row: Measurements, planned: int) -> Iterator[Finding]:
+    """Yield what is odd about placement, order and time of a row."""
+    where = f"posture {row.posture[0]}"
     if model.window is not None:
-        return findings
+        return
     if (placement := int(row.placement[0])) != (expected := int(model.plan.placement[planned])):
         wanted = f"placement {expected}, as in the plan"
         advice = "Correct the number if the plates were not laid again."
-        findings.append(Finding("placement", "warn", f"placement {placement}", wanted, where, advice))
+        yield Finding("placement", "warn", f"placement {placement}", wanted, where, advice)
     later = float(row.time[0]) - state.time
     if -BREAK <= later < 0 <= state.row - planned:
         seen = f"{number(-later, '.0f')} s before the row before it"
         advice = "The row is used as it is."
-        findings.append(Finding("order", "warn", seen, "rows in the order of time", where, advice))
+        yield Finding("order", "warn", seen, "rows in the order of time", where, advice)
     elif np.isfinite(later) and not 0 <= later <= BREAK:
         seen = f"the time jumps {'back' if later < 0 else 'ahead'} by {number(abs(later), '.0f')} s"
         expect = f"times that increase, by less than {BREAK:.0f} s"
         advice = (
             "After a break look for what changed, else correct the clock. The foot counts as put down again."
         )
-        findings.append(Finding("clock", "warn", seen, expect, where, advice))
-    return findings
+        yield Finding("clock", "warn", seen, expect, where, advice)
 
 
 def unfit(

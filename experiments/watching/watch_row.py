@@ -184,8 +184,8 @@ def watch_row(
     wrong = refused(model, state, row, planned)
     verdict, findings = UNPLANNED if planned is None else UNUSABLE, [] if wrong is None else [wrong]
     if planned is not None and wrong is None:
-        verdict, odd = unfit(model, state, row, planned, alarm.levels(model).row)
-        findings = order_findings(model, state, row, planned) + odd
+        verdict, odd = unfit(model, state, row, planned, alarm.level(model, "row"))
+        findings = [*order_findings(model, state, row, planned), *odd]
         kept = model.shares[0] * model.kept(float(row.time[0]) - state.time)
         state = begin_row(model, state, row, planned)
         if verdict:
@@ -230,7 +230,7 @@ def _judge(
     model: DayModel, state: WatchState, columns: RowColumns, planned: int, kept: float
 ) -> tuple[WatchState, str, list[Finding]]:
     """Compare a plausible row with the model of the day and take it in if it fits."""
-    posture, level, findings = model.number(planned), alarm.levels(model), []
+    posture, findings = model.number(planned), []
     innovation = state.belief.predict(model, columns)
     if state.fault is not None:
         state, change = alarm.still_there(model, state, innovation)
@@ -242,7 +242,8 @@ def _judge(
     alone = float(chi2_sf(innovation.chi_square, innovation.freedom))
     changes = state.changes.with_row(innovation, state.count, model.ramps)
     sudden = float(changes.ratio[changes.onset.argmax()].max())  # of one row alone
-    if alone < level.row or again < level.repeat or sudden > level.ratio:
+    unlikely = alone < alarm.level(model, "row") or again < alarm.level(model, "repeat")
+    if unlikely or sudden > alarm.largest_ratio(model):
         findings = [_odd(innovation, alone, again), *findings]
         state = alarm.fault_of_odd_rows(model, state.marked(planned, AGAIN), innovation, posture)
         odd = REPEAT if model.window is None else ODD
@@ -257,7 +258,7 @@ def _judge(
             earlier=state.earlier | ({posture: (state.stance, here)} if model.window is None else {}),
             count=state.count + 1,
         )
-        state = alarm.fault_of_changes(model, state, level)
+        state = alarm.fault_of_changes(model, state)
         verdict = OK if state.fault is None else CHANGED
     told = [] if state.fault is None else [alarm.noticed(model, state.fault)]
     return state, verdict, [*told, *findings]

@@ -66,14 +66,6 @@ def gradient_of_block(slopes: np.ndarray) -> np.ndarray:
     return whole.reshape(count * size, -1)
 
 
-def bounds(problem: PlanningProblem, postures: int) -> np.ndarray:
-    """Return the bounds of the scaled variables, (3 + 6 k, 2)."""
-    own = np.concatenate([np.tile([-np.inf, np.inf], (3, 1)), problem.ranges.torso])
-    return np.vstack(
-        [problem.ranges.swing / SCALE[SHARED, None], np.tile(own / SCALE[OWN, None], (postures, 1))]
-    )
-
-
 def information(evaluation: Evaluated) -> np.ndarray:
     """Compute the information matrix M = H'H of the postures, (p, p)."""
     rows = evaluation.regressor.reshape(-1, evaluation.regressor.shape[-1])
@@ -142,7 +134,8 @@ def _slsqp(
         return cache[key]
 
     x0 = pack(block.design)
-    box = bounds(problem, len(block.design))
+    own = np.concatenate([np.tile([-np.inf, np.inf], (3, 1)), problem.ranges.torso]) / SCALE[OWN, None]
+    box = np.vstack([problem.ranges.swing / SCALE[SHARED, None], np.tile(own, (len(block.design), 1))])
     box = np.column_stack([np.maximum(box[:, 0], x0 - freedom), np.minimum(box[:, 1], x0 + freedom)])
     box = np.sort(box, axis=1)
     result = scipy.optimize.minimize(

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from tulip_testbed.identification.planning.blocks import SCALE, information, information_slope
-from tulip_testbed.identification.planning.constraints import Evaluation, evaluate
+from tulip_testbed.identification.planning.constraints import Evaluated, Evaluation, evaluate
 from tulip_testbed.identification.planning.objectives import PENALTY, Smooth
 from tulip_testbed.identification.planning.problem import PlanningProblem
 
@@ -35,7 +35,7 @@ def descend(
     """
     value, regions = merit(plan, smooth, penalty), np.full(len(plan.design) // per, REGION)
     for _ in range(iterations):
-        step, gain = linear_step(problem, plan, per, smooth, np.repeat(regions, per), None, penalty)
+        step, gain = linear_step(problem, plan, per, smooth, np.repeat(regions, per), penalty)
         if gain < 1e-6:
             break
         for _ in range(2):
@@ -50,7 +50,7 @@ def descend(
         if after >= value:  # correct for the curvature of the constraints
             rates = (plan.inequality_jacobian @ step[..., None])[..., 0]
             missed = moved.inequalities - plan.inequalities - rates
-            step, _ = linear_step(problem, plan, per, smooth, np.repeat(regions, per), missed, penalty)
+            step, _ = linear_step(problem, plan, per, smooth, np.repeat(regions, per), penalty, missed)
             moved = _moved(problem, plan, step)
             after = merit(moved, smooth, penalty)
         if after < value:
@@ -74,28 +74,21 @@ def linear_step(
     per: int,
     smooth: Smooth,
     region: np.ndarray,
-    missed: np.ndarray | None,
     penalty: float,
+    missed: np.ndarray | float = 0.0,
 ) -> tuple[np.ndarray, float]:
-    """Return the step of the linear program, (m, 9), and the reduction of the merit that it predicts.
+    """Return the step of the linear program, (m, 9), and the gain that it predicts, see `elastic_step`.
 
-    Args:
-        region: trust region of each posture relative to the variables' scales, (m,).
-        missed: error of the linearised inequalities after a first step, (m, s); None: 0 (second-order
-            correction, Fletcher 1982).
+    The trust region of each posture, (m,), is relative to the variables' scales.
     """
     _, by_matrix = smooth(information(plan))
-    cost = information_slope(plan, by_matrix) * SCALE
     columns = variables(len(plan.design), per)
     at_least = np.full(columns.shape, -np.inf)
     at_most = -at_least
     intervals = np.concatenate([problem.ranges.torso, problem.ranges.swing])
     at_least[:, 3:], at_most[:, 3:] = (intervals.T[:, None] - plan.design[:, 3:]) / SCALE[3:]
-    slopes, now = plan.inequality_jacobian * SCALE, plan.inequalities
-    room = now if missed is None else now + missed
-    limits = (at_least, at_most)
-    step, gain = elastic_step(cost, columns, now, slopes, limits, region, room, penalty)
-    return step * SCALE, gain
+    cost, limits = information_slope(plan, by_matrix), (at_least, at_most)
+    return elastic_step(plan, cost, columns, limits, region, penalty, missed, SCALE)
 
 
 def variables(count: int, per: int) -> np.ndarray:
@@ -109,34 +102,36 @@ def variables(count: int, per: int) -> np.ndarray:
 
 
 def elastic_step(
+    plan: Evaluated,
     cost: np.ndarray,
     columns: np.ndarray,
-    inequalities: np.ndarray,
-    slopes: np.ndarray,
     interval: tuple[np.ndarray, np.ndarray],
     region: np.ndarray,
-    room: np.ndarray,
     penalty: float = PENALTY,
+    missed: np.ndarray | float = 0.0,
+    scale: np.ndarray | float = 1.0,
 ) -> tuple[np.ndarray, float]:
     """Minimise a linear function of scaled variables in a trust region, with penalties for violations.
 
     Args:
+        plan: postures at the start, with their inequalities, (m, s).
         cost: derivatives of the objective by each posture's variables, (m, v).
         columns: which of all variables these are, (m, v); postures may share some.
-        inequalities: values at the start, feasible where at least 0, (m, s).
-        slopes: their derivatives, (m, s, v).
-        interval: smallest and largest step of each variable, (m, v) each.
+        interval: smallest and largest step of each scaled variable, (m, v) each.
         region: trust region of each posture, (m,).
-        room: their values for the linear program, (m, s): `inequalities`, or corrected for curvature.
         penalty: weight of the largest violation of each posture.
+        missed: error of the linearised inequalities after a first step, (m, s) (second-order correction,
+            Fletcher 1982).
+        scale: of the variables, (v,).
 
     Returns:
         The step, (m, v), and the predicted reduction of the objective with its penalties; no step and 0 if
         the program fails.
     """
+    inequalities, slopes = plan.inequalities, plan.inequality_jacobian * scale
     (count, width), size = columns.shape, int(columns.max()) + 1
     objective = np.zeros(size + count)
-    np.add.at(objective, columns, cost)
+    np.add.at(objective, columns, cost * scale)
     objective[size:] = penalty  # of each posture's elastic variable
     reachable = inequalities < region[:, None] * np.abs(slopes).sum(axis=2) + 1e-3
     row, column = np.nonzero(reachable)
@@ -157,9 +152,9 @@ def elastic_step(
     bounds[columns, 0], bounds[columns, 1] = low, high
     bounds[size:, 1] = np.inf
     result = scipy.optimize.linprog(
-        objective, A_ub=matrix, b_ub=room[row, column], bounds=bounds, method="highs"
+        objective, A_ub=matrix, b_ub=(inequalities + missed)[row, column], bounds=bounds, method="highs"
     )
     if result.x is None:
         return np.zeros(columns.shape), 0.0
     lack = np.maximum(-inequalities.min(axis=1), 0.0)
-    return result.x[columns], float(penalty * lack.sum() - result.fun)
+    return result.x[columns] * scale, float(penalty * lack.sum() - result.fun)

@@ -119,9 +119,6 @@ def objectives(sigma: float) -> dict[str, Objective]:
     return {objective.name: objective for objective in listed}
 
 
-OBJECTIVES = ("condition", "d-optimal", "a-optimal", "worst-standard-error")
-
-
 def _eigen(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     values, turn = np.linalg.eigh(information)
     return np.maximum(values, SINGULAR * values[-1]), turn

@@ -10,7 +10,7 @@ its limit even between near ones.
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -69,18 +69,16 @@ class OnOneFoot:
 
 def random_pools(
     problem: PlanningProblem, counts: Mapping[str, int], seed: int, times: int = POOL
-) -> list[OnOneFoot]:
+) -> Iterator[OnOneFoot]:
     """Draw random feasible postures on each foot, `times` as many as are wanted if draws suffice.
 
     The lifted foot's board lies as far to its side as the ranges allow, so that both lie central to their
     feet.
     """
-    pools = []
     for number, (support, count) in enumerate(counts.items()):
         own = problem if support == "right" else from_other_foot(problem)
         swing, rng = board_pose(own), np.random.default_rng([seed, number, 3])
-        pools.append(OnOneFoot(support, own, swing, feasible_pool(own, swing, count, rng, times)))
-    return pools
+        yield OnOneFoot(support, own, swing, feasible_pool(own, swing, count, rng, times))
 
 
 def feasible_pool(
@@ -190,16 +188,15 @@ def _moved(
     angles = found.chain.joint_angles
     columns = np.arange(angles.size).reshape(angles.shape)
     free = np.full(angles.shape, np.inf)
-    now, slopes = found.inequalities, found.inequality_jacobian
-    room, moved, gain = now, found, 0.0
+    missed, moved, gain = np.zeros(1), found, 0.0
     for count in range(1 + CORRECTIONS):
-        step, predicted = elastic_step(cost, columns, now, slopes, (-free, free), region, room)
+        step, predicted = elastic_step(found, cost, columns, (-free, free), region, missed=missed)
         gain = predicted if count == 0 else gain
         moved = evaluate_one_foot(problem, angles + step, standing)
         if moved.inequalities.min() >= -FEASIBLE:
             break
-        missed = moved.inequalities - now - (slopes @ step[..., None])[..., 0]
-        room = now + np.minimum(missed, 0.0)
+        rates = (found.inequality_jacobian @ step[..., None])[..., 0]
+        missed = np.minimum(moved.inequalities - found.inequalities - rates, 0.0)
     return moved, gain
 
 

@@ -44,15 +44,6 @@ SPARE = 2  # random placements drawn for each wanted one, since some cannot be r
 GROUPS = {"joint": "joint limits", "torque": "torques"}  # by the first word of a constraint
 
 
-@dataclass(frozen=True)
-class Start:
-    """Start of a search: random postures on both feet, their search's state, and those on each foot."""
-
-    drawn: PosturePlan
-    state: SearchState
-    single: tuple[OnOneFoot, ...] = ()
-
-
 @dataclass(frozen=True, eq=False)
 class SearchTask:
     """A search for a plan, or for the placements that tell most after what was measured.
@@ -88,14 +79,22 @@ class SearchTask:
         return after(self.problem, self.objective, self.measured)
 
     @cached_property
-    def start(self) -> Start:
-        """Draw random postures on both feet, and improve random ones on one foot that add most to them."""
+    def start(self) -> tuple[PosturePlan, SearchState, tuple[OnOneFoot, ...]]:
+        """Draw random postures on both feet, and improve random ones on one foot that add most to them.
+
+        The postures on both feet are returned with the state of their search.
+        """
         problem, goal, seed = self.problem, self.goal, self.seed
-        drawn, state = self._repaired()
+        size = (SPARE * self.placements, self.per, seed)
+        drawn = random_postures(problem.robot, problem.plate, *size, problem.ranges, margins=problem.margins)
+        where = f"{problem.robot.path}: planning ranges, seed {seed}"
+        state = repair_start(problem, goal, drawn, self.per, self.placements, where)
+        drawn = drawn.take(np.arange(self.placements * self.per))
+        drawn = replace(drawn, joint_angles=state.angles, swing_pose=state.design[:, 6:])
         single: list[OnOneFoot] = []
         if self.counts:
             both = _information(problem, state)
-            pools = random_pools(problem, self.counts, seed)
+            pools = [*random_pools(problem, self.counts, seed)]
             single = from_pools(pools, self.counts, both, goal.smooth[0])
             first = both + total(single)
             single = improved(single, both, *goal.smooth)
@@ -111,15 +110,7 @@ class SearchTask:
                 f"{problem.robot.path}: found that postures on {self.placements + before} placements do not "
                 f"determine {len(problem.value)} base parameters, expected more placements"
             )
-        return Start(drawn, state, tuple(single))
-
-    def _repaired(self) -> tuple[PosturePlan, SearchState]:
-        problem, size = self.problem, (SPARE * self.placements, self.per, self.seed)
-        drawn = random_postures(problem.robot, problem.plate, *size, problem.ranges, margins=problem.margins)
-        where = f"{problem.robot.path}: planning ranges, seed {self.seed}"
-        state = repair_start(problem, self.goal, drawn, self.per, self.placements, where)
-        first = drawn.take(np.arange(self.placements * self.per))
-        return replace(first, joint_angles=state.angles, swing_pose=state.design[:, 6:]), state
+        return drawn, state, tuple(single)
 
     def run(
         self, progress: Callable[[SearchState], None] = lambda state: None, state: SearchState | None = None
@@ -129,15 +120,17 @@ class SearchTask:
         The state of the postures on both feet after every round goes to `progress`, which may raise
         KeyboardInterrupt.
         """
-        start, problem = self.start, self.problem
-        whole = given(self.goal, total(start.single)) if start.single else self.goal
-        state = first = resumed(problem, whole, state, start.state, self.per, self.rounds)
+        problem, (_, begun, single) = self.problem, self.start
+        whole = given(self.goal, total(single)) if single else self.goal
+        state = first = resumed(problem, whole, state, begun, self.per, self.rounds)
         for state in search(problem, whole, first, self.per, self.seed, self.hops):
             progress(state)
-        return self.plan_of(*(self._in_turn(state) if start.single else (state, ())))
+        return self.plan_of(*(self._in_turn(state, single) if single else (state, ())))
 
-    def _in_turn(self, state: SearchState) -> tuple[SearchState, tuple[OnOneFoot, ...]]:
-        problem, goal, single = self.problem, self.goal, self.start.single
+    def _in_turn(
+        self, state: SearchState, single: tuple[OnOneFoot, ...]
+    ) -> tuple[SearchState, tuple[OnOneFoot, ...]]:
+        problem, goal = self.problem, self.goal
         smooth, both = goal.smooth[-1], _information(problem, state)
         for _ in range(TURNS):
             before = smooth(both + total(single))[0]
@@ -155,7 +148,7 @@ class SearchTask:
 
         Postures on one foot, those of the start if None, come behind the others, on placements of their own.
         """
-        problem, measured, drawn = self.problem, self.measured, self.start.drawn
+        problem, measured, (drawn, _, first) = self.problem, self.measured, self.start
         made = {
             "objective": self.objective.name,
             "seed": self.seed,
@@ -178,7 +171,7 @@ class SearchTask:
         angles = best.chain.joint_angles
         plan = replace(drawn, joint_angles=angles, swing_pose=swing, made=made, torques=best.torque)
         plan = with_free_paths(problem.robot, problem.pairs, plan)
-        if single := self.start.single if single is None else single:
+        if single := first if single is None else single:
             counts = {own.support: len(own.angles) for own in single}
             on_one_foot = {**counts, "pool": POOL, "lifted": problem.margins.lifted}
             plan = replace(plan, made=plan.made | {"on_one_foot": on_one_foot})

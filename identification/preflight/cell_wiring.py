@@ -1,6 +1,7 @@
 """Preflight: cells that are read in each other's place, turned on a plate, or with a wrong sign or unit."""
 
 import itertools
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -54,7 +55,7 @@ def wiring(measurements: Measurements, found: AgreementFit) -> Finding:
     """
     if found.dof < LEAST_DOF:
         return skipped(NAME, f"{found.dof} degrees of freedom, fewer than {LEAST_DOF}")
-    force, positions, wirings = loads(measurements), cell_positions(measurements), _wirings()
+    force, positions, wirings = loads(measurements), cell_positions(measurements), [*_wirings()]
     stated, placement, changes = center_of_pressure(measurements), groups(measurements.placement), []
     for one in wirings:
         read = force[:, one.cells] * one.factor
@@ -91,25 +92,24 @@ def wiring(measurements: Measurements, found: AgreementFit) -> Finding:
     )
 
 
-def _wirings() -> list[_Wiring]:
+def _wirings() -> Iterator[_Wiring]:
     cells, plain = np.arange(len(CELLS)), np.ones(len(CELLS))
-    out = []
     for a, b in itertools.combinations(cells.tolist(), 2):
         order = cells.copy()
         order[[a, b]] = b, a
         words = f"cell.{CELLS[a]} and cell.{CELLS[b]} are read in each other's place"
-        out.append(_Wiring(words, order, plain, is_effect=a // len(CORNERS) == b // len(CORNERS)))
+        yield _Wiring(words, order, plain, is_effect=a // len(CORNERS) == b // len(CORNERS))
     for words, factor in MISREAD.items():
         for k, name in enumerate(CELLS):
-            out.append(_Wiring(f"cell.{name} {words}", cells, np.where(cells == k, factor, 1.0)))
+            yield _Wiring(f"cell.{name} {words}", cells, np.where(cells == k, factor, 1.0))
     for p, plate in enumerate(PLATES):
         mine = cells // len(CORNERS) == p
         for words, corners in TURNED.items():
             order = cells.copy()
             order[mine] = cells[mine][list(corners)]
-            out.append(_Wiring(f"the {plate} plate's cells are {words}", order, plain))
+            yield _Wiring(f"the {plate} plate's cells are {words}", order, plain)
     words = f"the {PLATES[0]} plate's cells are read in place of the {PLATES[1]} plate's"
-    return [*out, _Wiring(words, np.roll(cells, len(CORNERS)), plain)]
+    yield _Wiring(words, np.roll(cells, len(CORNERS)), plain)
 
 
 def _squares(found: AgreementFit, change: np.ndarray, placement: Groups, late: np.ndarray) -> np.ndarray:

@@ -1,5 +1,7 @@
 """Preflight: sensors that are stuck, saturated, unconnected or too coarse, and understated noise."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from tulip_testbed.base.numbers import number
@@ -26,13 +28,14 @@ STEADY, LACKING = 0.002, 0.03  # of the weight: a dead cell's readings, and what
 PULLING_WARN, PULLING_FAIL = 0.05, 0.2  # of the weight; a board's tare explains the first (8.6 N of 226)
 SAME_ANGLE, MOVED_CENTER = 1e-9, 0.005  # rad between rows, and m; a log that goes on repeats its last angles
 UNSTATED_NOISE = 0.01  # of the weight, assumed without a stated cell_sd
+Faults = Iterator[tuple[str, str, str]]  # result, place and words
 STEPS = tuple(sorted((k * 10.0**n for n in range(-6, 3) for k in (1, 2, 5)), reverse=True))
 
 
 def stuck(measurements: Measurements, nominal: Nominal) -> Finding:
     """Find readings at a constant extreme or repeated: saturated, frozen or pasted."""
     m = measurements
-    faults: list[tuple[str, str, str]] = [*_constant(m), *_extremes(m), *_copies(m), *_frozen(m, nominal)]
+    faults = [*_constant(m), *_extremes(m), *_copies(m), *_frozen(m, nominal)]
     runs = [
         (name, *longest_run(values, np.ones(max(len(values) - 1, 0), dtype=bool)))
         for name, values in _contact_columns(m)
@@ -217,67 +220,57 @@ def _contact_columns(m: Measurements) -> list[tuple[str, np.ndarray]]:
     ]
 
 
-def _constant(m: Measurements) -> list[tuple[str, str, str]]:
+def _constant(m: Measurements) -> Faults:
     """Find channels with a single value; a joint may be at rest on purpose, a cell may not."""
-    faults = []
-    if len(m) > 1:
-        for k, (name, values) in enumerate(_columns("q", m.joints, m.joint_angles)):
-            if m.joints[k] in m.constant_joints:
-                continue
-            sent = m.command is not None and np.ptp(m.command[:, k]) > 10 * (m.sensors.encoder_sd or 1e-3)
-            if np.ptp(values) == 0:
-                text = f"{name} reads {values[0]:g} in all postures"
-                text += ", though it was commanded to move" if sent else ""
-                faults.append(("fail" if sent else "warn", name, text))
-        for name, values in _contact_columns(m):
-            if len(values) > 1 and np.ptp(values) == 0:
-                faults.append(("fail", name, f"{name} reads {values[0]:g} N in all postures"))
-    return faults
+    if len(m) == 1:
+        return
+    for k, (name, values) in enumerate(_columns("q", m.joints, m.joint_angles)):
+        if m.joints[k] in m.constant_joints or np.ptp(values) > 0:
+            continue
+        sent = m.command is not None and np.ptp(m.command[:, k]) > 10 * (m.sensors.encoder_sd or 1e-3)
+        text = f"{name} reads {values[0]:g} in all postures"
+        yield ("fail", name, f"{text}, though it was commanded to move") if sent else ("warn", name, text)
+    for name, values in _contact_columns(m):
+        if len(values) > 1 and np.ptp(values) == 0:
+            yield "fail", name, f"{name} reads {values[0]:g} N in all postures"
 
 
-def _frozen(m: Measurements, nominal: Nominal) -> list[tuple[str, str, str]]:
+def _frozen(m: Measurements, nominal: Nominal) -> Faults:
     """Find rows of a motion in which no joint changes and the centre of pressure does."""
     if m.joint_rates is None:
-        return []
+        return
     rests = np.abs(np.diff(m.joint_angles, axis=0)).max(axis=1) < SAME_ANGLE
     if not rests.any():
-        return []
+        return
     center = center_of_pressure(m) if m.contacts is None else contact_pressure(observe(m, nominal)).center
-    faults = []
     for some in runs(rests):
         moved = float(np.ptp(center[some.start : some.stop + 1], axis=0).max())
         if rests[some.start] and moved > MOVED_CENTER:
             place = f"rows {some.start + 1} to {some.stop + 1}"
             text = f"{place}: no joint changes, while the centre of pressure moves by {1e3 * moved:.0f} mm"
-            faults.append(("fail", place, text))
-    return faults
+            yield "fail", place, text
 
 
-def _extremes(m: Measurements) -> list[tuple[str, str, str]]:
-    faults = []
+def _extremes(m: Measurements) -> Faults:
     for name, values in _contact_columns(m):
         for extreme, kind in ((values.max(), "largest"), (values.min(), "smallest")):
             ties = int((values == extreme).sum())
             if np.ptp(values) > 0 and ties >= max(LEAST_TIES, TIED_SHARE * len(m)):
-                text = f"{name} reads its {kind} value {extreme:g} N in {ties} postures"
-                faults.append(("fail", name, text))
-    return faults
+                yield "fail", name, f"{name} reads its {kind} value {extreme:g} N in {ties} postures"
 
 
-def _copies(m: Measurements) -> list[tuple[str, str, str]]:
-    faults = []
+def _copies(m: Measurements) -> Faults:
     columns = _contact_columns(m)
     for k, (name, values) in enumerate(columns):
         for other, others in columns[:k]:
             if len(m) > 1 and np.array_equal(values, others):
-                faults.append(("fail", name, f"{other} and {name} are the same column"))
+                yield "fail", name, f"{other} and {name} are the same column"
     readings = m.cell_forces if m.wrenches is None else np.nan_to_num(m.wrenches.reshape(len(m), -1))
     rows = np.column_stack([m.joint_angles, readings])
     _, first, back = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-    for row in np.flatnonzero(first[back.ravel()] != np.arange(len(m))):
-        text = f"rows {first[back.ravel()[row]] + 1} and {row + 1} hold the same readings"
-        faults.append(("fail", f"row {row + 1}", text))
-    return faults
+    earlier = first[back.ravel()]
+    for row in np.flatnonzero(earlier != np.arange(len(m))):
+        yield "fail", f"row {row + 1}", f"rows {earlier[row] + 1} and {row + 1} hold the same readings"
 
 
 def _median(values: np.ndarray) -> float:

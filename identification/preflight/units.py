@@ -1,5 +1,7 @@
 """Preflight: the right robot, SI units, and joint limits."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from tulip_testbed.base.numbers import number
@@ -17,6 +19,7 @@ MOST_YAW = np.pi / 2
 MOST_ENCODER_SD = 0.1  # rad
 MOST_PLACEMENT_SD = 0.2  # m
 MOST_CELL_SD = 0.2  # of the weight
+Complaints = Iterator[tuple[str, str]]  # place and words
 
 
 def same_robot(measurements: Measurements, nominal: Nominal) -> Finding:
@@ -80,8 +83,8 @@ def joint_limits(measurements: Measurements, nominal: Nominal) -> Finding:
     )
 
 
-def _angles(measurements: Measurements, nominal: Nominal) -> list[tuple[str, str]]:
-    tree, complaints = nominal.parameters.tree, []
+def _angles(measurements: Measurements, nominal: Nominal) -> Complaints:
+    tree = nominal.parameters.tree
     for k, joint in enumerate(tree.joints):
         angles, (low, high) = measurements.joint_angles[:, k], tree.joint_range[k]
         most = np.abs(angles).max()
@@ -89,68 +92,64 @@ def _angles(measurements: Measurements, nominal: Nominal) -> list[tuple[str, str
         if most > min(2 * max(abs(low), abs(high)), 2 * np.pi) and np.deg2rad(most) <= np.pi:
             read = f"{number(angles.min(), '.4g')} to {number(angles.max(), '.4g')}"
             text = f"q.{joint} reads {read} where [{low:.2f}, {high:.2f}] rad"
-            complaints.append((f"q.{joint}", f"{text} is possible: degrees?"))
-    large = [
-        (f"plate.{plate}.yaw", yaw, MOST_YAW, f"reads up to {number(yaw, '.4g')}")
-        for plate, yaw in zip(PLATES, np.abs(measurements.plate_poses[:, :, 2]).max(axis=0), strict=True)
-    ]
+            yield f"q.{joint}", f"{text} is possible: degrees?"
+    for plate, yaw in zip(PLATES, np.abs(measurements.plate_poses[:, :, 2]).max(axis=0), strict=True):
+        read = f"reads up to {number(yaw, '.4g')}"
+        yield from _too_large(f"plate.{plate}.yaw", yaw, MOST_YAW, read, "degrees")
     stated = measurements.sensors.encoder_sd or 0.0
-    large.append(("sensors.encoder_sd", stated, MOST_ENCODER_SD, f"is {stated:g}"))
-    return complaints + _too_large(large, "degrees")
+    yield from _too_large("sensors.encoder_sd", stated, MOST_ENCODER_SD, f"is {stated:g}", "degrees")
 
 
-def _lengths(measurements: Measurements) -> list[tuple[str, str]]:
-    m, complaints, large = measurements, [], []
+def _lengths(measurements: Measurements) -> Complaints:
+    m, unit = measurements, "millimetres"
     for p, plate in enumerate(PLATES if m.contacts is None else ()):
         place, spread = f"plates.{plate}.cells", m.cells[p] - m.cells[p].mean(axis=0)
         if np.linalg.svd(spread, compute_uv=False)[1] < LEAST_CELLS:
-            complaints.append((place, f"{place} lie on one line, expected the corners of a board"))
-        away = zip(CORNERS, np.abs(m.cells[p]).max(axis=1), strict=True)
-        words = "lies {:g} from the plate's middle"
-        far = [(f"{place}.{corner}", cell, MOST_CELL, words.format(cell)) for corner, cell in away]
-        complaints += _too_large(far, "millimetres")
+            yield place, f"{place} lie on one line, expected the corners of a board"
+        for corner, far in zip(CORNERS, np.abs(m.cells[p]).max(axis=1), strict=True):
+            read = f"lies {far:g} from the plate's middle"
+            yield from _too_large(f"{place}.{corner}", far, MOST_CELL, read, unit)
     for p, plate in enumerate(PLATES):
         for axis, far in zip("xy", np.abs(m.plate_poses[:, p, :2]).max(axis=0), strict=True):
-            large.append((f"plate.{plate}.{axis}", far, MOST_POSE, f"reads up to {far:g}"))
+            yield from _too_large(f"plate.{plate}.{axis}", far, MOST_POSE, f"reads up to {far:g}", unit)
     height, stated = np.abs(m.top_height).max(), (m.sensors.placement_sd or (0.0, 0.0))[:2]
-    large.append(("plates.top_height", height, MOST_CELL, f"is {height:g}"))
-    large.append(("sensors.placement_sd", max(stated), MOST_PLACEMENT_SD, f"is {stated}"))
-    return complaints + _too_large(large, "millimetres")
+    yield from _too_large("plates.top_height", height, MOST_CELL, f"is {height:g}", unit)
+    yield from _too_large("sensors.placement_sd", max(stated), MOST_PLACEMENT_SD, f"is {stated}", unit)
 
 
-def _too_large(values: list[tuple[str, float, float, str]], unit: str) -> list[tuple[str, str]]:
-    """Return places and complaints of values above the largest plausible one, of another unit perhaps."""
-    return [(place, f"{place} {read}: {unit}?") for place, value, most, read in values if value > most]
+def _too_large(place: str, value: float, most: float, read: str, unit: str) -> Complaints:
+    """Complain of a value above the largest plausible one, of another unit perhaps."""
+    if value > most:
+        yield place, f"{place} {read}: {unit}?"
 
 
-def _masses(measurements: Measurements, nominal: Nominal) -> list[tuple[str, str]]:
-    mass, gravity, complaints = nominal.mass, measurements.gravity, []
+def _masses(measurements: Measurements, nominal: Nominal) -> Complaints:
+    mass, gravity = nominal.mass, measurements.gravity
     if measurements.weighed_mass is not None:
         weighed = measurements.weighed_mass[0]
         if not 0.5 < weighed / mass < 2:
             guess = _guess(weighed / mass, {gravity: "newtons", 1000.0: "grams"})
             text = f"'weighed_mass' is {weighed:g} where the model weighs {number(mass, '.4g')} kg{guess}"
-            complaints.append(("weighed_mass", text))
+            yield "weighed_mass", text
         else:
             mass = weighed
     contacts = measurements.contacts
     if contacts is not None and (below := float(contacts.below[:, 0].sum())) >= mass:
         text = f"{below:g} kg below the contact sensors where the whole robot weighs {number(mass, '.4g')} kg"
-        complaints.append(("contacts.below", text))
+        yield "contacts.below", text
     if contacts is not None and np.isinf(contacts.zero_sd[:, contacts.channels.index("fz")]).any():
-        return complaints
+        return
     total = float(np.median(vertical_forces(measurements).sum(axis=1)))
     stated = measurements.sensors.cell_sd
     if stated is not None and stated > MOST_CELL_SD * mass * gravity:
         text = f"sensors.cell_sd is {stated:g} where {number(mass, '.4g')} kg stand on eight cells: grams?"
-        complaints.append(("sensors.cell_sd", text))
+        yield "sensors.cell_sd", text
     if not 0.5 < total / (mass * gravity) < 2:
         guess = _guess(total / (mass * gravity), {1 / gravity: "kilograms", 1000 / gravity: "grams"})
         what, place = ("the cells", "cell.*") if contacts is None else ("vertical forces", "wrench.*.fz")
         text = f"{what} sum to {number(total, '.4g')} where {number(mass, '.4g')} kg "
         text += f"weigh {number(mass * gravity, '.4g')} N{guess}"
-        complaints.append((place, text))
-    return complaints
+        yield place, text
 
 
 def _guess(ratio: float, factors: dict[float, str]) -> str:

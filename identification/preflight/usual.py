@@ -42,10 +42,10 @@ class Usual:
 UsualChanges = Callable[[Measurements], Usual]
 
 
-def exact(rows: int) -> Usual:
+def exact(m: Measurements) -> Usual:
     """Return the changes in a laboratory without imperfections."""
-    closure = np.zeros((rows, 3, 0))
-    return Usual((), np.zeros((rows, 2, 0)), np.zeros((rows, 0)), closure, closure)
+    closure = np.zeros((len(m), 3, 0))
+    return Usual((), np.zeros((len(m), 2, 0)), np.zeros((len(m), 0)), closure, closure)
 
 
 @dataclass(frozen=True)

@@ -80,11 +80,18 @@ def describe_robot(
     Raises:
         InputError: a file that cannot be read, no robot on two legs, or a folder that exists.
     """
-    if out is not None:
-        check_new(Path(out))
-    return report_robot(
-        Path(file), support, feet or (), sole or (), None if out is None else Path(out), _picture
-    )
+    file, place = Path(file), new_place(out)
+    if file.suffix.lower() not in PUBLISHED:
+        if feet or sole or place is not None:
+            found = f"{file}: found a {'folder' if file.is_dir() else 'description'}"
+            raise InputError(f"{found}, expected a published MJCF or URDF with feet, sole or out")
+        return report_robot(described_robot(file), support)
+    made = import_robot(file, feet or (), sole or ())
+    with tempfile.TemporaryDirectory() as scratch:
+        robot = made.write(Path(scratch) / file.stem) if place is None else made.write(place, _picture)
+        description = None if place is None else str(place / robot.path.name)
+        more = {"found": made.found, "assumed": made.assumed, "description": description}
+        return report_robot(robot, support, made.problems, **more)
 
 
 def _picture(robot: Robot) -> bytes | None:
@@ -155,6 +162,13 @@ def import_table(
     """
     check_new(Path(out))
     return _import_table(Path(table), robot or load_robot(), Path(out), read_map(map))
+
+
+def new_place(out: str | Path | None) -> Path | None:
+    """Return where a result is to be written, at which there must be nothing yet; None: nowhere."""
+    if out is not None:
+        check_new(Path(out))
+    return None if out is None else Path(out)
 
 
 def plan_of(plan: PlanSource | None, robot: Robot) -> PosturePlan:

@@ -10,12 +10,12 @@ from tulip_testbed.api.inputs import (
     corrections_of,
     load_robot,
     measurements_of,
+    new_place,
     plan_of,
     source_of,
 )
 from tulip_testbed.base.arguments import checked
 from tulip_testbed.base.errors import at_least
-from tulip_testbed.base.files import check_new
 from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.threads import one_blas_thread, processes
 from tulip_testbed.effects.instance import EffectInstance, Effects
@@ -149,19 +149,17 @@ def discover(
         InputError: measurements that do not fit the robot, in wrong units, or too few placements; an unknown
             family or an impossible tolerance; a folder that exists; gross faults.
     """
-    if out is not None:
-        check_new(Path(out))
-    robot = robot or load_robot()
+    robot, place = robot or load_robot(), new_place(out)
     refuse = "" if anyway else "search `anyway`"
     given = measurements_of(measurements, robot, tolerances=tolerances, refuse=refuse)
     source = source_of(measurements) or "measurements"
     result = discover_effects(
         given, robot, seed, check, processes(workers), source, tolerances=tolerances, progress=progress
     )
-    if out is None:
+    if place is None:
         return result
-    result = replace(result, folder=Path(out))
-    result.save(out)
+    result = replace(result, folder=place)
+    result.save(place)
     return result
 
 

@@ -6,7 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
-from tulip_testbed.api.inputs import Measured, PlanSource, load_robot, measurements_of, plan_name, plan_of
+from tulip_testbed.api.inputs import (
+    Measured,
+    PlanSource,
+    load_robot,
+    measurements_of,
+    new_place,
+    plan_name,
+    plan_of,
+)
 from tulip_testbed.base.arguments import checked
 from tulip_testbed.base.errors import look_up
 from tulip_testbed.base.files import check_new
@@ -63,10 +71,8 @@ def draw_plan(
     Raises:
         InputError: too few postures, ranges that admit nothing, or a folder that exists.
     """
-    robot, place = robot or load_robot(), None if out is None else Path(out)
     _check_noisy(sensors)
-    if place is not None:
-        check_new(place)
+    robot, place = robot or load_robot(), new_place(out)
     made = random_plan(robot, placements, per_placement, seed, progress)
     described = _describe_plan(robot, made, "plan" if place is None else str(place), sensors)
     if place is None:
@@ -135,10 +141,8 @@ def plan_motion(
         InputError: a plan that does not fit the robot or between whose postures nothing moves freely, a
             setting out of range, or a folder that exists.
     """
-    robot, place = robot or load_robot(), None if out is None else Path(out)
     _check_noisy(sensors)
-    if place is not None:
-        check_new(place)
+    robot, place = robot or load_robot(), new_place(out)
     made = moving_plan(robot, plan_of(plan, robot), minutes, speed, sensors, progress)
     if place is None:
         return made
@@ -230,15 +234,14 @@ def atlas(
         InputError: a plan that would not identify the robot, or that statics does not know; a folder that
             exists.
     """
-    if out is not None:
-        check_new(Path(out))
+    place = new_place(out)
     found = _atlas(_planned(plan, robot, sensors, seed), np.random.default_rng(seed))
-    if out is None:
+    if place is None:
         return found
     from tulip_testbed.pages.run_page import write_atlas  # plotly loads slowly
 
-    write_atlas(Path(out), found)
-    return replace(found, folder=Path(out))
+    write_atlas(place, found)
+    return replace(found, folder=place)
 
 
 @checked

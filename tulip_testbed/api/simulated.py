@@ -1,21 +1,39 @@
 """Functions of a virtual laboratory: simulate, validate and Monte Carlo."""
 
 import tempfile
+import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
+from tulip_testbed.api.inputs import plan_of
 from tulip_testbed.base.arguments import checked
+from tulip_testbed.base.errors import InputError, at_least, look_up
+from tulip_testbed.base.files import present
 from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.threads import one_blas_thread, processes
+from tulip_testbed.effects.random_effects import RANDOM
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR, DEFAULT_SEED, ORDINARY
-from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.experiments.identification_result import ESTIMATORS
+from tulip_testbed.experiments.imperfections import check_imperfections, drawn, single_stream
+from tulip_testbed.experiments.laboratory import Laboratory, tries
 from tulip_testbed.experiments.montecarlo.montecarlo_result import MonteCarlo, Settings
 from tulip_testbed.experiments.montecarlo.montecarlo_run import montecarlo
-from tulip_testbed.experiments.simulate import Simulation
-from tulip_testbed.experiments.simulate import simulate as _simulate
-from tulip_testbed.experiments.validate import validate as _validate
+from tulip_testbed.experiments.proposed_experiment import EXPERIMENT_FILE, read_experiment
+from tulip_testbed.experiments.simulate import (
+    DroppedPosture,
+    Simulation,
+    check_places,
+    disturbed,
+    write_experiment,
+)
+from tulip_testbed.experiments.usable_plan import identifiable_regressor
+from tulip_testbed.experiments.validate import judge
 from tulip_testbed.experiments.validation_result import Validation
 from tulip_testbed.measurements import PosturePlan
+from tulip_testbed.measurements.trajectory import runs
 
 PlainLaboratory = Laboratory  # in which the function hides effects itself: the command line adds none
 
@@ -65,10 +83,51 @@ def simulate(
     Raises:
         InputError: what cannot be simulated, or a place that cannot be written.
     """
-    made = Path(plan) if isinstance(plan, str) else plan
+    place = Path(out)
     file, proposed = (None if one is None else Path(one) for one in (truth, experiment))
-    how = (imperfections, robot_spread, proposed, session, engine, workers, progress)
-    return _simulate(laboratory, made, Path(out), seed, file, effects, *how)
+    check_places(place, file)
+    secret = RANDOM in effects
+    if secret and file is None:
+        raise InputError(
+            "effects random: found no file for the truth, expected `truth=FILE`: nothing else would know it"
+        )
+    wanted, number = (None, 1) if proposed is None else read_experiment(proposed)
+    if proposed is not None and plan is not None:
+        raise InputError("experiment: found a plan besides, expected the plan of its own folder")
+    if isinstance(plan, str | Path) and present(Path(plan) / EXPERIMENT_FILE):
+        raise InputError(
+            f"{plan}: found {EXPERIMENT_FILE}, expected it as `experiment={plan}`: a plain plan would leave "
+            "its manipulations out"
+        )
+    made = plan if isinstance(plan, PosturePlan) else plan_of(plan or proposed, laboratory.robot)
+    laboratory = disturbed(laboratory, made, effects, seed, engine == "statics")
+    check_imperfections(laboratory, imperfections)
+    if robot_spread is not None:
+        laboratory = replace(laboratory, random_robot=(robot_spread, seed))
+    laboratory = drawn(laboratory, imperfections, single_stream(seed))
+    if wanted is not None or session is not None:
+        texts = () if wanted is None else wanted.manipulations
+        there = "" if wanted is None else wanted.session
+        laboratory = laboratory.manipulated(*texts, session=there if session is None else session)
+    # The laboratory is that of the seed; its noise differs from experiment to experiment.
+    noise = seed if number == 1 else int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
+    try:
+        with progress("holding postures", tries(laboratory, made), 0) as advance:
+            run = laboratory.run(made, noise, engine, workers, advance)
+    except InputError:
+        if not secret:
+            raise
+        raise InputError(
+            "effects random: found an experiment that cannot be carried out with the effect that seed "
+            f"{seed} draws, expected one that can; give another seed"
+        ) from None
+    write_experiment(place, file, run)
+    dropped = tuple(DroppedPosture(number, None if secret else why) for number, why in run.truth.dropped)
+    made_of = (str(place), run.plan.postures, len(run.measurements), dropped)
+    if run.samples is None:
+        return Simulation(*made_of)
+    segments = runs(run.samples.posture)
+    return Simulation(*made_of, len(segments), sum(float(np.ptp(run.samples.time[s])) for s in segments))
 
 
 @checked
@@ -106,9 +165,18 @@ def validate(
     Raises:
         InputError: a plan that does not fit the robot or would not identify it.
     """
-    return _validate(
-        laboratory, plan, seed, estimator, engine, workers, progress, imperfections, robot_spread
-    )
+    began = time.perf_counter()
+    look_up("estimator", estimator, ESTIMATORS, "estimator")
+    check_imperfections(laboratory, imperfections)
+    at_least("seed", seed, 0)
+    if robot_spread is not None:
+        laboratory = replace(laboratory, random_robot=(robot_spread, seed))
+    laboratory.check(plan, engine)
+    identifiable_regressor("plan", laboratory.robot, plan)
+    laboratory = drawn(laboratory, imperfections, single_stream(seed))
+    with progress("holding postures", tries(laboratory, plan), 0) as advance:
+        run = laboratory.run(plan, seed, engine, workers, advance)
+    return replace(judge(run, estimator, imperfections), wall_s=time.perf_counter() - began)
 
 
 @checked

@@ -180,13 +180,13 @@ def _carry_out(function: PublicFunction, given: dict[str, Any], out: Path | None
     """Call the library's function and show its result; returns the exit code."""
     import tulip_testbed
     from tulip_testbed.base.files import check_new
-    from tulip_testbed.cli.terminal import print_json, say, show, working_on
+    from tulip_testbed.cli.terminal import ERR, print_json, say, show
 
     as_json, full = given.pop(JSON), given.pop(FULL, False)
     if out is not None:
         check_new(out)
     own_progress = any(argument.name == PROGRESS for argument in function.arguments)
-    with nullcontext() if own_progress else working_on(function.name.replace("_", " ")):
+    with nullcontext() if own_progress else ERR.status(function.name.replace("_", " ")):
         result = getattr(tulip_testbed, function.name)(**_arguments(function, given))
     if out is not None:
         result.save(out)

@@ -58,10 +58,6 @@ def split_name(given: list[str]) -> tuple[str | None, list[str]]:
     return (given[0] if words == 1 else " ".join(given[:2])) if given else None, given[words:]
 
 
-def summaries() -> dict[str, str]:
-    return {name: command.summary for name, command in COMMANDS.items()}
-
-
 def groups() -> set[str]:
     """Return the first words of names that are no command alone."""
     return {name.partition(" ")[0] for name in COMMANDS} - COMMANDS.keys()
@@ -69,7 +65,7 @@ def groups() -> set[str]:
 
 def usage(group: str | None = None) -> str:
     """Describe every command, or those of a group, with its summary."""
-    described = {name: s for name, s in summaries().items() if group in (None, name.split(" ")[0])}
+    described = {name: c.summary for name, c in COMMANDS.items() if group in (None, name.split(" ")[0])}
     blocks = [{n: s for n, s in described.items() if (" " in n) is two} for two in (False, True)]
     lines = [
         f"  {name:{max(map(len, block))}}  {summary}" for block in blocks for name, summary in block.items()

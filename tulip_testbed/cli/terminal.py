@@ -19,7 +19,6 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
-from rich.status import Status
 from rich.text import Text
 
 from tulip_testbed.base.column import printable
@@ -68,11 +67,6 @@ def say(text: str) -> None:
 def refuse(message: str) -> None:
     """Print what is wrong with the input on stderr."""
     ERR.print(Text.assemble(("tulip: ", "bold red"), printable(message)), soft_wrap=True)
-
-
-def working_on(text: str) -> Status:
-    """Show on stderr, while the context lasts, what is being done."""
-    return ERR.status(text)
 
 
 def print_json(document: dict[str, Any], indent: int | None = 1) -> None:

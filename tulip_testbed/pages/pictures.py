@@ -10,9 +10,7 @@ from PIL import Image
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.rendering import rendered
-from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
-from tulip_testbed.sim.scene import boards_under
 
 PICTURES = 4  # how many postures are drawn
 SIZE = (360, 480)  # pixels, of a picture
@@ -38,13 +36,6 @@ def posture_pictures(
         Picture(address, name, f"The robot on its two plates: {name}.")
         for name, address in zip(names, drawn, strict=True)
     )
-
-
-def planned_pictures(robot: Robot, plan: PosturePlan, missing: list[str]) -> tuple[Picture, ...]:
-    """Draw postures of a plan, spread over it, likewise."""
-    shown = plan.take(np.unique(np.linspace(0, len(plan) - 1, PICTURES).astype(int)))
-    boards = boards_under(preset_rig("ideal", robot), shown.foot_poses)
-    return posture_pictures(robot, shown, boards, missing)
 
 
 def addresses(

@@ -104,7 +104,8 @@ def protocol_page(protocol: LaboratoryProtocol) -> tuple[str, list[str]]:
             }
         )
     empty = empty_measurements(robot, protocol.sensors)
-    contacts = empty.contacts
+    contacts, sheet = empty.contacts, dataclasses.asdict(empty.sensors)
+    unknown = [key for key, v in sheet.items() if v is None and (contacts is None or "cell" not in key)]
     page = filled(
         TEMPLATE,
         protocol=protocol,
@@ -114,7 +115,7 @@ def protocol_page(protocol: LaboratoryProtocol) -> tuple[str, list[str]]:
         scale=scale,
         before=BEFORE,
         after=AFTER,
-        unknown=unknown_entries(empty),
+        unknown=["weighed_mass", *(f"sensors.{name}" for name in unknown)],  # for a person to fill in
         on_ground=empty.on_plates,
         channels=[f"{c.replace('_', ' ')}, N" for c in CORNERS] if contacts is None else contacts.channels,
         missing=missing,
@@ -146,11 +147,3 @@ def rows_to_fill_in(empty: Measurements, plan: PosturePlan) -> str:
     known = zip(*(getattr(plan, name).tolist() for name in KNOWN), strict=True)
     rows = [[str(dict(zip(KNOWN, row, strict=True)).get(name, "")) for name in columns] for row in known]
     return "\n".join(",".join(row) for row in [columns, *rows]) + "\n"
-
-
-def unknown_entries(empty: Measurements) -> list[str]:
-    """Name the entries of the manifest that a person has to fill in."""
-    sheet = dataclasses.asdict(empty.sensors)
-    cells = empty.contacts is None
-    wanted = [name for name, value in sheet.items() if value is None and (cells or "cell" not in name)]
-    return ["weighed_mass", *(f"sensors.{name}" for name in wanted)]

@@ -5,7 +5,7 @@ import rerun as rr
 from scipy.spatial import HalfspaceIntersection, QhullError
 
 from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL, POLYGON, RESIDUAL, TRUTH
-from tulip_testbed.identification.feasibility import place_polygon, support_polygon
+from tulip_testbed.identification.feasibility import inner_normals, place_polygon, support_polygon
 from tulip_testbed.viewer.canvas import CIRCLE, Canvas, Colour, flat, log_label, styled
 from tulip_testbed.viewer.subject import Subject
 
@@ -127,8 +127,7 @@ def _points(canvas: Canvas, name: str, points: np.ndarray, colour: str, label: s
 
 def inset(polygon: np.ndarray, distance: float) -> np.ndarray | None:
     """Return the convex polygon of points at least `distance` [m] inside its edges; None: there are none."""
-    edges = np.roll(polygon, -1, axis=0) - polygon
-    outward = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
+    outward = -inner_normals(polygon)
     offset = distance - (outward * polygon).sum(axis=1)
     middle = polygon.mean(axis=0)
     if (outward @ middle + offset >= 0).any():

@@ -142,21 +142,17 @@ def log_plates(canvas: Canvas, subject: Subject) -> None:
         canvas.recording.log(f"{entity}/cells", feet, static=True)
 
 
-def log_subject_loads(canvas: Canvas, subject: Subject) -> None:
-    """Log the load on every cell, or on each foot if there are no cells; a plan has no loads."""
-    if subject.measurements is not None and subject.cell_forces is not None:
-        positions = cell_positions(subject.measurements)
-        log_loads(canvas, positions, subject.cell_forces, subject.weight)
-    elif subject.foot_loads is not None and subject.load_points is not None:
-        log_loads(canvas, subject.load_points, subject.foot_loads, subject.weight)
+def log_loads(canvas: Canvas, subject: Subject) -> None:
+    """Log the load on every cell, or on each foot if there are no cells; a plan has no loads.
 
-
-def log_loads(canvas: Canvas, positions: np.ndarray, forces: np.ndarray, weight: float) -> None:
-    """Log the load on every cell as an arrow down onto the board; a negative reading points up.
-
-    Cells, or points of the load on each foot, are in the base frame, (m, k, 2) [m]; forces and weight in N.
+    It is an arrow down onto the board; a negative reading points up.
     """
-    length = METRES_PER_WEIGHT * forces / weight
+    positions, forces = subject.load_points, subject.foot_loads
+    if subject.measurements is not None and subject.cell_forces is not None:
+        positions, forces = cell_positions(subject.measurements), subject.cell_forces
+    if positions is None or forces is None:
+        return
+    length = METRES_PER_WEIGHT * forces / subject.weight
     zero = np.zeros_like(length)
     origins = np.dstack([positions, length]).reshape(-1, 3)
     vectors = np.dstack([zero, zero, -length]).reshape(-1, 3)
