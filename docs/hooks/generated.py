@@ -12,7 +12,8 @@ from typing import Any
 os.environ.setdefault("MUJOCO_GL", "disable")
 
 from tulip_testbed.base.numbers import number
-from tulip_testbed.cli.main import command_of, summaries
+from tulip_testbed.cli.commands import COMMANDS
+from tulip_testbed.cli.main import command_of
 from tulip_testbed.effects.catalogue import catalogue, explanation
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.targets import PLACEMENTS
@@ -47,9 +48,9 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
 def commands(_: str) -> Iterator[str]:
     """Describe every command: its help, its arguments and its examples."""
     yield "| command | what it does |\n|---|---|"
-    for name, summary in summaries().items():
-        yield f"| [`{name}`](#tulip-{name.replace(' ', '-')}) | {summary} |"
-    for name in summaries():
+    for name, command in COMMANDS.items():
+        yield f"| [`{name}`](#tulip-{name.replace(' ', '-')}) | {command.summary} |"
+    for name in COMMANDS:
         yield from _command(name)
 
 
