@@ -34,8 +34,9 @@ def with_unusual_members(
     the other members then. Those of one family are added together, or else the largest alone. Of a family
     that is too wide, and whose members the data hardly distinguish, the one with the most evidence is added.
     A member without which a family that was too wide is as usual is added even if an evidence that believes
-    in wide families is against it, unless another family becomes too wide in its place; or else two members,
-    see `_two_at_once`. The only member of a family is added regardless of the evidence.
+    in wide families is against it, unless that is not decisive and another family becomes too wide in its
+    place; or else two members, see `_two_at_once`. The only member of a family is added regardless of the
+    evidence.
     """
     refused: set[str] = set()
     while len(terms) < MOST_TERMS and not search.budget.spent:
@@ -63,7 +64,8 @@ def with_unusual_members(
         if any(len(one.family.targets) > 1 for one in calibration.families if one.family.name == name):
             before = set(_too_wide(calibration))
             usual = [name in before and before - {name} >= set(_too_wide(one.calibration)) for one in good]
-            near = [bool(found) and one.evidence > plain.evidence - DECISIVE for one in good]
+            least = plain.evidence + (-DECISIVE if found else DECISIVE)
+            near = [one.evidence > least for one in good]
             good = [one for one, *why in zip(good, usual, near, strict=True) if any(why)]
         good = good or ([] if found else _two_at_once(search, calibration, terms))
         if not good:

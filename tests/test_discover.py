@@ -32,7 +32,7 @@ from tulip_testbed.discovery.pairs import ranked_pairs
 from tulip_testbed.discovery.patterns import patterns
 from tulip_testbed.discovery.selection import _chance, _without_idle, best_by_itself, judged_again
 from tulip_testbed.discovery.story import _crowd, story
-from tulip_testbed.discovery.unusual_members import WIDEST, _two_at_once
+from tulip_testbed.discovery.unusual_members import WIDEST, _two_at_once, with_unusual_members
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.instance import EffectInstance, check_instances
@@ -405,7 +405,7 @@ def test_the_only_member_of_a_family_is_notjudged_against_itself():
 
 
 def with_families(**spreads):
-    families = [SimpleNamespace(family=SimpleNamespace(name=name)) for name in spreads]
+    families = [SimpleNamespace(family=SimpleNamespace(name=name, targets=(1, 2))) for name in spreads]
     for one, spread in zip(families, spreads.values(), strict=True):
         one.spread, one.spread95 = spread, (spread / 2, spread * 2)
     return SimpleNamespace(families=families)
@@ -426,6 +426,28 @@ def test_a_pair_of_members_is_decisive_and_leaves_families_as_usual(kind, gain, 
     pair = SimpleNamespace(kind=kind, evidence=gain, calibration=left)
     search: Any = Evidences({"": 0.0}, [pair])
     assert len(_two_at_once(search, cast(Any, with_families(gain=6.0, tare=1.0)), ())) == count
+
+
+@pytest.mark.parametrize(("gain", "added"), [(3.5, True), (2.5, False)])
+def test_a_decisive_member_is_added_whatever_family_is_too_wide_then(monkeypatch, gain, added):
+    """A gain took up the cross-talk that its family had hidden."""
+    member = explains("cell-gain", 0.0)
+    member.candidate.effect = SimpleNamespace(name="gain")
+    before, after = with_families(gain=6.0, crosstalk=1.0), with_families(gain=1.0, crosstalk=6.0)
+    wide = {id(before): [member], id(after): []}
+    module = "tulip_testbed.discovery.unusual_members"
+    monkeypatch.setattr(f"{module}._unusual_members", lambda *_: [])
+    monkeypatch.setattr(f"{module}._of_wide_families", lambda _, calibration: wide[id(calibration)])
+    monkeypatch.setattr(f"{module}._two_at_once", lambda *_: [])
+    monkeypatch.setattr(f"{module}.at_estimate", lambda terms, _: terms)
+    search: Any = SimpleNamespace(
+        budget=SimpleNamespace(spent=False),
+        calibrated=lambda one: one.calibration,
+        tried=lambda terms, _: SimpleNamespace(
+            terms=terms, evidence=gain * len(terms), possible=True, steady=True, calibration=after
+        ),
+    )
+    assert with_unusual_members(search, cast(Any, before), ())[1] == ((member,) if added else ())
 
 
 def test_what_gains_only_by_noise_of_another_calibration_is_not_the_best():
