@@ -431,7 +431,7 @@ def test_a_pair_of_members_is_decisive_and_leaves_families_as_usual(kind, gain, 
 @pytest.mark.parametrize(("gain", "added"), [(3.5, True), (2.5, False)])
 def test_a_decisive_member_is_added_whatever_family_is_too_wide_then(monkeypatch, gain, added):
     """A gain took up the cross-talk that its family had hidden."""
-    member = explains("cell-gain", 0.0)
+    member: Any = explains("cell-gain", 0.0)
     member.candidate.effect = SimpleNamespace(name="gain")
     before, after = with_families(gain=6.0, crosstalk=1.0), with_families(gain=1.0, crosstalk=6.0)
     wide = {id(before): [member], id(after): []}
