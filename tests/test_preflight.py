@@ -19,8 +19,9 @@ from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.estimators import least_squares
 from tulip_testbed.identification.noise_structure import Groups, groups
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.identification.preflight import predicted_standard_errors, preflight
+from tulip_testbed.identification.preflight import preflight
 from tulip_testbed.identification.preflight.agreement import fit, shifts
+from tulip_testbed.identification.preflight.excitation import predicted_standard_errors
 from tulip_testbed.identification.preflight.readings import longest_run
 from tulip_testbed.identification.preflight.settling import series_agrees, settling
 from tulip_testbed.identification.reading_noise import ReadingNoise, reading_noise

@@ -134,7 +134,8 @@ def _squares(found: AgreementFit, change: np.ndarray, placement: Groups, late: n
     left = np.maximum(own - ((across @ found.covariance) * across).sum(axis=2), ROUNDING * own)
     left[:, :-2][placement.sums(1.0 * late) == 0] = np.inf
     left[-1, -2] = np.inf
-    left[-1, -1] = np.inf if len(left) == 1 else left[-1, -1]
+    if len(left) == 1:
+        left[0, -1] = np.inf
     return np.where(bad > 0, np.inf, left)
 
 
