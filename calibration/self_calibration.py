@@ -250,7 +250,7 @@ def with_independent_rows(observed: Observation) -> Observation:
     """Return those rows of a moving record between which its noise has changed, as if they were held."""
     lasting, m = observed.noise_in_time, observed.measurements
     assert lasting is not None
-    rows = apart(m.time, observed.stance, INDEPENDENT * lasting.seconds if lasting.share else 0.0)
+    rows = apart(m.time, observed.segment, INDEPENDENT * lasting.seconds if lasting.share else 0.0)
     return observed.take(rows).changed(noise_in_time=None)
 
 

@@ -98,37 +98,34 @@ class Decorrelation:
 
 
 def decorrelation(
-    time: np.ndarray,
-    segment: np.ndarray,
-    window: float,
-    lasting: Sequence[NoiseInTime],
-    used: np.ndarray,
+    rows: tuple[np.ndarray, float, np.ndarray],
+    parts: Sequence[tuple[np.ndarray, NoiseInTime, list[int]]],
 ) -> Decorrelation:
     """Return what makes rows uncorrelated.
 
     Args:
-        time, segment: of every row, (m,) [s] and numbers. window: length of a row [s].
-        lasting: of every residual, r of them. used: which residuals each row has, (m, r) bool.
+        rows: time of each, (m,) [s], length [s], and which residuals it has, (m, r) bool.
+        parts: of some residuals the number of the segment beyond which their noise does not last, of every
+            row, (m,), how it lasts, and these residuals.
     """
-    kinds = dict[tuple[bytes, NoiseInTime], list[int]]()
-    for residual, (rows, one) in enumerate(zip(used.T, lasting, strict=True)):
-        kinds.setdefault((rows.tobytes(), one), []).append(residual)
+    time, window, used = rows
     alike = dict[tuple[bytes, NoiseInTime, tuple[int, ...]], list[np.ndarray]]()
-    for together in _together(time, segment):
-        having = dict[tuple[bytes, NoiseInTime], list[int]]()
-        for (_, one), residuals in kinds.items():
-            having.setdefault((used[together, residuals[0]].tobytes(), one), []).extend(residuals)
-        for (_, one), residuals in having.items():
-            rows = together[used[together, residuals[0]]]
-            since = np.round(time[rows] - time[rows[:1]], 6)
-            alike.setdefault((since.tobytes(), one, tuple(residuals)), []).append(rows)
+    for segment, lasting, residuals in parts:
+        for together in _together(time, segment):
+            having = dict[bytes, list[int]]()
+            for residual in residuals:
+                having.setdefault(used[together, residual].tobytes(), []).append(residual)
+            for several in having.values():
+                there = together[used[together, several[0]]]
+                since = np.round(time[there] - time[there[:1]], 6)
+                alike.setdefault((since.tobytes(), lasting, tuple(several)), []).append(there)
     blocks = []
-    for (_, one, residuals), stretches in alike.items():
-        rows = np.array(stretches)
-        if rows.size:
-            correlation = one.correlation(time[rows[0]], window)
+    for (_, lasting, residuals), stretches in alike.items():
+        numbers = np.array(stretches)
+        if numbers.size:
+            correlation = lasting.correlation(time[numbers[0]], window)
             factor = np.linalg.inv(np.linalg.cholesky(correlation))
-            blocks.append((rows, np.array(residuals), correlation, factor))
+            blocks.append((numbers, np.array(residuals), correlation, factor))
     return Decorrelation(tuple(blocks))
 
 

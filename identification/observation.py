@@ -116,12 +116,11 @@ class Observation:
         return (weighed[0] if weighed else self.nominal.mass) * self.measurements.gravity + self.heavier
 
     @cached_property
-    def stance(self) -> np.ndarray:
-        """Return the number of the stance, within which the feet do not move, (m,).
+    def segment(self) -> np.ndarray:
+        """Return the number of the segment, in which the robot is not put down again, (m,).
 
-        A new placement begins a new stance. So does a gap in time, in which a posture was dropped and the
-        robot may have been put down again; without times, gaps in the posture numbers are used. Below
-        moving legs feet creep and slip, so that a stance of a motion ends after `STILL`.
+        A new placement begins a new segment. So does a gap in time, in which a posture was dropped and the
+        robot may have been put down again; without times, gaps in the posture numbers are used.
         """
         placement, time = self.measurements.placement, self.measurements.time
         timed = np.isfinite(time).all()
@@ -131,7 +130,16 @@ class Observation:
         usual = np.median(gap[same]) if same.any() else 0.0
         number = np.empty(len(time), int)
         number[order] = np.append(0, np.cumsum(~same | (gap > LONG_GAP * usual) | (gap < 0)))
-        if not (self.moves and timed):
+        return number
+
+    @cached_property
+    def stance(self) -> np.ndarray:
+        """Return the number of the stance, within which the feet do not move, (m,).
+
+        That is a segment. But below moving legs feet creep and slip: there a stance ends after `STILL`.
+        """
+        number, time = self.segment, self.measurements.time
+        if not (self.moves and np.isfinite(time).all()):
             return number
         begins = np.array([time[number == one].min() for one in range(number.max() + 1)])
         part = np.column_stack([number, (time - begins[number]) // STILL])
@@ -139,14 +147,20 @@ class Observation:
 
     @cached_property
     def in_time(self) -> Decorrelation | None:
-        """Return what makes the noise of rows uncorrelated in time; None: it is, in holds and logs."""
-        if self.noise_in_time is None:
+        """Return what makes the noise of rows uncorrelated in time; None: it is, in holds and logs.
+
+        Noise lasts beyond a stance, but where a constant of the stance is unknown, so is what lasts.
+        """
+        if (lasting := self.noise_in_time) is None:
             return None
         m, used = self.measurements, np.ones((len(self), SIZE), bool)
         used[:, TWISTS] = self.on_four_cells
-        lasting = [self.noise_in_time] * SIZE
-        lasting[CLOSURE] = [self.noise_in_time.of_closure()] * len(lasting[CLOSURE])
-        return decorrelation(m.time, self.stance, float(m.window[0]), lasting, used)
+        closure = list(range(SIZE))[CLOSURE]
+        others = [residual for residual in range(SIZE) if residual not in closure]
+        return decorrelation(
+            (m.time, float(m.window[0]), used),
+            ((self.segment, lasting, others), (self.stance, lasting.of_closure(), closure)),
+        )
 
     @cached_property
     def geometry(self) -> PostureGeometry:

@@ -17,7 +17,7 @@ from tulip_testbed.identification.joint_loads import UNSEEN
 from tulip_testbed.identification.noise_in_time import WHITE, NoiseInTime, decorrelation
 from tulip_testbed.identification.noise_structure import NoiseStructure, groups
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.identification.observation import observe
+from tulip_testbed.identification.observation import CLOSURE, SIZE, TWISTS, observe
 
 STEP, WINDOW = 0.25, 0.5  # s, from row to row, of a row
 
@@ -78,6 +78,20 @@ def test_friction_of_a_robot_that_moves_counts_once(robot, nominal):
     assert (at_rest > 3 * in_motion).all()
 
 
+def test_noise_lasts_beyond_a_stance_but_not_where_its_constant_is_unknown(robot, nominal):
+    m = slow_motion(robot, np.random.default_rng(407), 60)
+    m = dataclasses.replace(m, time=STEP * np.arange(len(m)), placement=np.ones(len(m), int))
+    observed = observe(m, nominal).changed(noise_in_time=NoiseInTime(0.9, 4.0))
+    last = np.flatnonzero(np.diff(observed.stance))[0]
+    assert observed.segment[last] == observed.segment[last + 1]
+    one, in_time = np.zeros((len(m), SIZE)), observed.in_time
+    one[last] = 1.0
+    assert in_time is not None
+    after = in_time.correlated(one)[last + 1]
+    assert (after[: TWISTS.start] > 0.5).all()  # not all boards rest on four cells
+    assert not after[CLOSURE].any()
+
+
 START = NoiseInTime(0.9, 4.0)
 SEGMENTS, ROWS, KINDS, SLOW = 16, 60, 2, 3  # slow functions of time in each segment, whose sizes nobody knows
 
@@ -99,7 +113,8 @@ def series(rng, lasting):
     kept = np.ones((m, KINDS), bool)
 
     def decorrelated(one):
-        return decorrelation(time, segment, WINDOW, (one, one.of_closure()), kept)
+        parts = ((segment, one, [0]), (segment, one.of_closure(), [1]))
+        return decorrelation((time, WINDOW, kept), parts)
 
     problem = LinearProblem(
         whole=np.concatenate([columns, noise[..., None]], axis=2),
@@ -185,7 +200,8 @@ def test_rows_become_uncorrelated_over_the_rows_that_have_a_residual():
     used = np.ones((len(time), 2), bool)
     used[:, 1] = rng.random(len(time)) < 0.7
     each = (lasting, NoiseInTime(0.5, 2.0))
-    found = decorrelation(time, segment, WINDOW, each, used)
+    parts = [(segment, one, [number]) for number, one in enumerate(each)]
+    found = decorrelation((time, WINDOW, used), parts)
     unit = np.repeat(np.eye(len(time))[:, None], 2, axis=1)
     for number, (having, one) in enumerate(zip(used.T, each, strict=True)):
         both, whole = np.outer(having, having), (segment[:, None] == segment) * one.correlation(time, WINDOW)
@@ -200,7 +216,7 @@ def test_effective_rows_are_those_of_a_continuous_record():
     time, segment, lasts = STEP * np.arange(480), np.repeat([1, 2], 240), 8.0
     used = np.ones((480, 2), bool)
     used[::3, 1] = False
-    slow = decorrelation(time, segment, WINDOW, [NoiseInTime(1.0, lasts)] * 2, used)
+    slow = decorrelation((time, WINDOW, used), [(segment, NoiseInTime(1.0, lasts), [0, 1])])
     assert slow.effective_rows == pytest.approx(2 * (1 + 240 * STEP / (2 * lasts)), rel=0.03)
-    white = decorrelation(2 * time, segment, WINDOW, [WHITE] * 2, used)
+    white = decorrelation((2 * time, WINDOW, used), [(segment, WHITE, [0, 1])])
     assert white.effective_rows == pytest.approx(480)
