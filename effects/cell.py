@@ -1,5 +1,6 @@
 """Effects on the load cells of the plates."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -13,6 +14,7 @@ from tulip_testbed.effects.misreading import InstrumentFault, added, mapped, sca
 from tulip_testbed.effects.targets import CELL_NAMES, PLATE_NAMES
 from tulip_testbed.effects.wandering import WANDERING, wandering, waves
 from tulip_testbed.identification.observation import Observation, turned
+from tulip_testbed.identification.residual_channels import TWIST
 from tulip_testbed.measurements.cells import CELLS, CORNERS, PLATES
 from tulip_testbed.sim.plates import cell_names
 from tulip_testbed.sim.rig import Rig
@@ -90,13 +92,19 @@ def _swapped(forces: np.ndarray, fault: InstrumentFault) -> np.ndarray:
 
 
 def _spread(rig: Rig, target: str, values: Values) -> Rig:
-    factor = [1 + values[0], 1 + values[0], 1.0]
+    return _placed(rig, cell_names(), lambda place: place * [1 + values[0], 1 + values[0], 1.0])
 
+
+def _aside(rig: Rig, target: str, values: Values) -> Rig:
+    return _placed(rig, [cell_names()[CELLS.index(target)]], lambda place: place + np.append(values, 0.0))
+
+
+def _placed(rig: Rig, cells: list[str], move: Callable[[np.ndarray], np.ndarray]) -> Rig:
     def edit(spec: mujoco.MjSpec) -> None:
-        for name in cell_names():
+        for name in cells:
             hung = spec.body(f"{name}_cell")  # compliant cells are bodies of their own
             for part in [spec.geom(name), spec.site(name)] if hung is None else [hung]:
-                part.pos = part.pos * factor
+                part.pos = move(part.pos)
 
     return edited(rig, edit)
 
@@ -122,6 +130,23 @@ def _without_side_forces(observed: Observation, target: str, values: Values) -> 
 
 def _with_true_places(observed: Observation, target: str, values: Values) -> Observation:
     return observed.changed(cells=observed.cells * (1 + values[0]))
+
+
+def _as_at_stated_place(observed: Observation, target: str, values: Values) -> Observation:
+    """Return what cells at their stated places would read of the same load, moment and twist of the board."""
+    side, corner = divmod(CELLS.index(target), len(CORNERS))
+    stated, forces = observed.cells[side], observed.cell_forces.copy()
+    true = stated + np.outer(indicator(CORNERS, CORNERS[corner]), values)
+    by = np.linalg.solve(_loads_of(stated), _loads_of(true))
+    forces.reshape(-1, 2, len(CORNERS))[:, side] @= by.T
+    return observed.changed(cell_forces=forces)
+
+
+def _loads_of(places: np.ndarray) -> np.ndarray:
+    """Return load, moments and twist of a board per force on each of its cells, (4, 4)."""
+    wrench = np.vstack([np.ones(len(CORNERS)), places.T])
+    twist = np.linalg.svd(wrench)[2][-1]  # forces without load and moment
+    return np.vstack([wrench, twist * (TWIST @ TWIST) / (TWIST @ twist)])
 
 
 _on_cell = partial(Effect, targets=CELL_NAMES, instrument="cells")
@@ -256,7 +281,7 @@ EFFECTS = (
         parameters=(Parameter("x", "", prior=0.05), Parameter("y", "", prior=0.05)),
         mechanism=Physics(_on_their_sides, _without_side_forces),
         words="The cells of the {target} plate also read {0} of its side force along x and {1} along y.",
-        lasting=Lasting(moves="plate"),
+        lasting=Lasting(moves="plate", on_axes=True),
         explanation="""The cells of a plate also read parts of the horizontal force between plate and foot.
 
         The side force is that of the plate on the foot, in the plate's axes. The four cells read these parts
@@ -283,6 +308,19 @@ EFFECTS = (
 
         There is no size to estimate. A search tries all pairs of the two grids: the six different pairs, and
         three that change nothing or repeat another pair.
+        """,
+    ),
+    _on_cell(
+        name="cell-position",
+        sentence="A load cell lies off its stated place, along the plate's x and y.",
+        parameters=(Parameter("x", "m", prior=0.005), Parameter("y", "m", prior=0.005)),
+        mechanism=Physics(_aside, _as_at_stated_place),
+        words="The {target} cell lies {0} along x and {1} along y off its stated place.",
+        lasting=Lasting(on_axes=True),
+        explanation="""A load cell is mounted off its stated place, along the plate's axes.
+
+        The centre of pressure errs by the displacement times the cell's share of the load, so the more the
+        nearer the foot stands to the cell. The sum of the cells is right.
         """,
     ),
     _on_cells(

@@ -34,12 +34,14 @@ class Lasting:
         of_room: whether its values are a vector of the room, which a turned robot sees the other way round.
         moves: "plate" if it goes with its plate to another place; "plate and corners" if the values are
             corners of that plate. A cell always takes its fault along.
+        on_axes: whether its values are lengths along the plate's axes, which a turned plate turns.
         in_sequence: whether it depends on the order of the postures within one experiment.
     """
 
     until: str = ""
     of_room: bool = False
     moves: str = ""
+    on_axes: bool = False
     in_sequence: bool = False
 
     def ended(self, target: str, state: Arrangement) -> bool:
@@ -128,14 +130,16 @@ def arranged(effect: HasTargets, target: str, values: Values, one: Experiment) -
         return None
     if lasting.of_room and state.robot_turned:
         return target, tuple(-value for value in values)
-    if effect.targets is CELL_NAMES:
-        return CELLS[state.place_of[CELLS.index(target)]], values
-    if not lasting.moves:
+    of_cell = effect.targets is CELL_NAMES
+    if not (of_cell or lasting.moves):
         return target, values
-    places = [state.place_of[k] for k in range(len(CELLS)) if CELLS[k].startswith(target)]
+    first = CELLS.index(target if of_cell else f"{target}.{CORNERS[0]}")
+    place = state.place_of[first]
     if lasting.moves == "plate and corners":
-        values = tuple(float(places[round(value)] % len(CORNERS)) for value in values)
-    return PLATES[places[0] // len(CORNERS)], values
+        values = tuple(float(state.place_of[first + round(value)] % len(CORNERS)) for value in values)
+    if lasting.on_axes and (place - first) % len(CORNERS):
+        values = tuple(-value for value in values)
+    return CELLS[place] if of_cell else PLATES[place // len(CORNERS)], values
 
 
 def by_experiment(

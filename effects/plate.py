@@ -145,7 +145,7 @@ EFFECTS = (
         "plate).",
         targets=PLATE_NAMES,
         instrument="plates",
-        lasting=Lasting(moves="plate"),
+        lasting=Lasting(moves="plate", on_axes=True),
         searched=False,
         explanation="""A plate displaces the centre of pressure by a smooth function of the place: it bends,
         and its cells or channels are calibrated at few points.

@@ -46,10 +46,10 @@ def changes(nominal, base, with_it, effect, target, values, absorbed=True):
     steady = np.where(observed.on_four_cells.any(axis=0), 1.0, 0.0)
     there = np.array([rows[_keys(with_it)[k]] for k in here])
     found, earlier = (residuals(one, nominal.value) for one in (observed, before))
-    twisted = np.abs(earlier[there]) + np.abs(found[here])
+    cleaned = residuals(effect.remove(observed, target, values), nominal.value)
+    twisted = np.abs(earlier[there]) + np.abs(cleaned[here])
     kept = (twisted[:, ROWS["T"]] * steady).max(axis=1) < 1e-6
     here, there = here[kept], there[kept]
-    cleaned = residuals(effect.remove(observed, target, values), nominal.value)
     differences = (found[here] - earlier[there], (found - cleaned)[here])
     regressor = nominal.parameters.regressor(with_it.joint_angles[here]).reshape(2 * len(here), -1)
     basis = np.linalg.qr(regressor)[0]

@@ -31,6 +31,8 @@ PHYSICS = {  # values and the least cosine
     "foot-compliance:right": ((0.0005, 0.001), 0.95),
     "foot-compliance:left": ((0.001, 0.0), 0.95),
     "cell-position-scale": ((0.02,), 0.95),
+    "cell-position:right.front_left": ((0.02, -0.01), 0.95),
+    "cell-position:left.rear_right": ((0.005, 0.01), 0.95),
     "cell-side-force:right": ((0.1, -0.05), 0.95),
     "cell-side-force:left": ((-0.05, 0.1), 0.95),
     "payload-step:left_lower_leg": ((0.5, 0.34), 0.95),
@@ -47,6 +49,7 @@ PHYSICS = {  # values and the least cosine
 }
 DYNAMICS = {
     "lifted-corner:left_foot.front_left": ((0.0003,), 0.85),  # the loads do not show how far a foot rocked
+    "cell-position:left.front_left": ((0.01, -0.02), 0.95),
     "rocking:right.front_left": ((0.0003,), 0.95),
     "joint-compliance:right_knee": ((0.0005,), 0.95),
     "tether-spring": ((20.0,), 0.95),

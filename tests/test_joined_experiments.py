@@ -72,6 +72,17 @@ def test_swapped_cells_stay_swapped_on_a_turned_plate():
     assert arranged(swapped, "left", (0.0, 3.0), exchanged) == ("right", (0.0, 3.0))
 
 
+def test_a_turned_plate_turns_what_lies_along_its_axes():
+    turned, exchanged = Experiment("", (LEFT,)), Experiment("", ("plates exchanged",))
+    cell, sides = catalogue()["cell-position"], catalogue()["cell-side-force"]
+    assert arranged(cell, "left.front_left", (0.01, -0.02), turned) == ("left.rear_right", (-0.01, 0.02))
+    assert arranged(cell, "left.front_left", (0.01, 0.02), exchanged) == ("right.front_left", (0.01, 0.02))
+    assert arranged(sides, "left", (0.1, -0.2), turned) == ("left", (-0.1, 0.2))
+    assert arranged(sides, "right", (0.1, -0.2), turned) == ("right", (0.1, -0.2))
+    bent = arranged(catalogue()["plate-map"], "left", (0.01, 0, 0, 0, 0, 0.02), turned)
+    assert bent == ("left", (-0.01, 0, 0, 0, 0, -0.02))  # the square of a place has no sign
+
+
 def test_what_belongs_to_a_session_has_a_target_in_each():
     tare, offset = catalogue()["cell-tare"], catalogue()["encoder-offset"]
     same = (Experiment("a"), Experiment("a", (LEFT,)))

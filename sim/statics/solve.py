@@ -187,27 +187,27 @@ def _chord(
 
 
 LEAST_LOAD = 1e-6  # N
-TWIST = np.array([1.0, -1.0, 1.0, -1.0])
 
 
 def cell_forces(mechanism: Mechanism, state: StaticState, load: Load) -> np.ndarray:
     """Return the tared forces of the eight cells, (..., 8) [N].
 
-    A rigid board on four equal springs distributes its load bilinearly; a cell that would have to pull reads
-    zero and the other three carry the board. So do three cells of a board that rocks.
+    A rigid board on four equal springs has the smallest forces that balance its load; a cell that would have
+    to pull reads zero and the other three carry the board. So do three cells of a board that rocks.
     """
     sides = []
     for side, own in enumerate(mechanism.plate_weight):
         wrench, foot = state.wrench[..., side, :], load.feet[..., side, :]
         down, tip = board_wrench(mechanism, wrench, foot, load.plates[..., side, :])
-        x, y = mechanism.cells[side].T
-        forces = own + down[..., None] / 4 + tip[..., 1:] * x / (x @ x) - tip[..., :1] * y / (y @ y)
+        balance = np.vstack([np.ones(4), mechanism.cells[side].T])
+        loads = np.stack([down, tip[..., 1], -tip[..., 0]], axis=-1)
+        forces = own + loads @ np.linalg.pinv(balance).T
         if (rocking := mechanism.rocking[side]) is not None:
             sides.append(rocking.shared(forces))
             continue
-        lack = np.maximum(-forces, 0.0)
+        lack, twist = np.maximum(-forces, 0.0), np.linalg.svd(balance)[2][-1]
         worst = lack.argmax(axis=-1)[..., None]
-        forces = forces + np.take_along_axis(lack, worst, -1) * TWIST[worst] * TWIST
+        forces = forces + np.take_along_axis(lack, worst, -1) / twist[worst] * twist
         sides.append(forces)
     return np.concatenate(sides, axis=-1) - mechanism.tare
 
