@@ -16,6 +16,7 @@ from tulip_testbed.identification.rank import undetermined_directions
 from tulip_testbed.identification.reading_noise import cell_noise, placement_levers
 from tulip_testbed.identification.residual_channels import by_weight, fields, sensitivity
 from tulip_testbed.measurements import Measurements, SensorSheet
+from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.sim.plan_folder import check_model
 from tulip_testbed.sim.robot import Robot
 
@@ -132,13 +133,15 @@ def check_robot(
 def with_cad_where_needed(observed: Observation, data: Regression) -> Observation:
     """Return the observation with CAD as prior if its postures do not determine all base parameters.
 
-    Those of a moving record, which follow each other, may determine them by their noise alone.
+    Those of a moving record, which follow each other, may determine them by their noise alone, and so may any
+    the weight.
 
     Raises:
         InputError: they determine no more than a single posture does.
     """
     few, free = len(data.matrix) <= data.matrix.shape[1], undetermined_directions(data.matrix, data.blur)
-    if not few and not len(free) and not (observed.moves and observed.in_feet):
+    by_noise = (observed.moves and observed.in_feet) or _of_unknown_weight(observed)
+    if not few and not len(free) and not by_noise:
         return observed
     known = data.matrix.shape[1] - len(free)
     if known <= SINGLE:
@@ -148,6 +151,18 @@ def with_cad_where_needed(observed: Observation, data: Regression) -> Observatio
         )
     nominal = observed.nominal
     return replace(observed, cad=cad_prior(nominal.parameters, standard_parameters(nominal.robot.model)))
+
+
+def _of_unknown_weight(observed: Observation) -> bool:
+    """Return whether nothing shows the weight: no scale, and no row whose sensors' zeros are known.
+
+    Moments then show only the base parameters times the weight.
+    """
+    contacts, m = observed.contacts, observed.measurements
+    if m.weighed_mass is not None or m.contacts is None or contacts.unknown is None:
+        return False
+    sure = ~contacts.unknown[:, m.contacts.channels.index("fz")]
+    return not (sure | ~feet_in_contact(m.support)).all(axis=1).any()
 
 
 def _check_joints(where: str, found: tuple[str, ...], expected: tuple[str, ...]) -> None:

@@ -15,7 +15,7 @@ MOST_GAIN = 1e6  # Nm/rad, of a servo
 LEAST_CELL_SPREAD = 1e-3  # m, r.m.s. of a plate's cells about their best line
 LEAST_GRAVITY, MOST_GRAVITY = 0.1, 100.0  # m/s2
 LEAST_MASS = 1e-3  # kg
-LEAST_DEVIATION = 1e-12  # rad, N, m, kg: smaller ones vanish when squared or make a quotient overflow
+LEAST_DEVIATION = 1e-9  # rad, N, m, kg: noise of smaller ones leaves a covariance that cannot be inverted
 
 
 def _not_tiny(deviation: float) -> float:

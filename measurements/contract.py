@@ -44,6 +44,7 @@ LIKELY_SENSORS = {  # s.d. and resolutions of a data sheet [rad, N, m or rad]
     "placement_sd": 1.0,
 }
 LIKELY_LEVER = 2.0  # m, of the weight about the origin of a wrench sensor
+SAME_WINDOW = 1e-6  # s
 LIKELY_REPEAT = 0.2  # rad, between the angles of a posture that is measured again
 
 
@@ -115,6 +116,7 @@ def check_contract(
     if m.contacts is not None:
         _check_present(m, str(table))
     _check_rows(m, str(table))
+    _check_motion(m, str(table))
     if not likely:
         return
     for name, (values, rule) in columns.items():
@@ -229,6 +231,23 @@ def _check_rows(m: Measurements, where: str) -> None:
     _, first = np.unique(np.column_stack([m.posture, m.time]), axis=0, return_index=True)
     again = np.isfinite(m.time) & ~np.isin(np.arange(len(m)), first)
     refuse_rows(where, "posture", again, m.posture, "another posture or another time than a row before")
+
+
+def _check_motion(m: Measurements, where: str) -> None:
+    """Refuse rates without accelerations, and rows of moving feet on plates with no place in time.
+
+    The noise of such rows lasts; how they share it follows from their times and the length of a window.
+    """
+    given = {"q_rate": m.joint_rates, "q_acceleration": m.joint_accelerations}
+    there = [name for name, values in given.items() if values is not None]
+    if len(there) == 1:
+        raise InputError(f"{where}: found {there[0]} alone, expected {' and '.join(given)}, or neither")
+    if there and m.on_plates:
+        refuse_rows(where, "time", ~np.isfinite(m.time), m.time, "a finite number: the robot moves")
+        again = np.isin(np.arange(len(m)), np.unique(m.time, return_index=True)[1], invert=True)
+        refuse_rows(where, "time", again, m.time, "another time than a row before: the robot moves")
+        other = ~(m.window > 0) | (np.abs(m.window - m.window[0]) > SAME_WINDOW)
+        refuse_rows(where, "window", other, m.window, "one length [s] in all rows: the robot moves")
 
 
 def _check_sensors(m: Measurements, where: str) -> None:

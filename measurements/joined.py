@@ -140,7 +140,9 @@ def _check_pair(first: Measurements, name: str, second: Measurements, other: str
         raise InputError(f"{both}: key 'joints': found other joints, expected those of one robot")
     kinds = [_kind(one) for one in (second, first)]
     if kinds[0] != kinds[1]:
-        raise InputError(f"{both}: found {kinds[0]} and {kinds[1]}, expected the same kind of sensors")
+        raise InputError(
+            f"{both}: found {kinds[0]} and {kinds[1]}, expected the same kind of sensors and of rows"
+        )
     for key in SAME:
         if getattr(first, key) != getattr(second, key):
             raise InputError(
@@ -173,9 +175,11 @@ def _check_weights(first: Measurements, second: Measurements, both: str) -> None
 
 
 def _kind(one: Measurements) -> str:
+    """Describe sensors and rows: rates count for all rows or none, and noise lasts by one window."""
+    moves = "" if one.joint_rates is None else f" in windows of {one.window[0]:g} s of a robot that moves"
     if one.contacts is None:
-        return "plates on cells"
-    return f"wrench sensors ({one.contacts.mount}; {', '.join(one.contacts.channels)})"
+        return f"plates on cells{moves}"
+    return f"wrench sensors ({one.contacts.mount}; {', '.join(one.contacts.channels)}){moves}"
 
 
 def _check_different(first: Measurements, second: Measurements, both: str) -> None:

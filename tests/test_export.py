@@ -116,6 +116,7 @@ def test_the_document(exported, found, robot):
     assert all(0 <= row["mass_data_share"] <= 1 for row in told["links"])
     assert 0 < told["misfit_in_standard_errors"] < 5
     m, full = found.measurements, found.full
+    assert told["total_mass"] == {"value": m.weighed_mass[0], "source": "weighed"}
     com = found.parameters.regressor(m.joint_angles, m.support) @ full.value
     off = contact_pressure(observe(m, nominal_robot(robot))).center - com
     assert told["constant"]["mean"] == pytest.approx(off.mean(axis=0), abs=1e-6)

@@ -254,6 +254,8 @@ def test_a_moving_record_has_cad_as_prior_even_where_its_rows_have_full_rank(imp
     assert np.linalg.matrix_rank(data.matrix) == data.matrix.shape[1] < len(data.matrix)
     assert with_cad_where_needed(observe(imported, nominal), data).cad is not None
     still = dataclasses.replace(imported, joint_rates=None, joint_accelerations=None)
+    assert with_cad_where_needed(observe(still, nominal), data).cad is not None  # nothing shows the weight
+    still = dataclasses.replace(still, weighed_mass=(nominal.mass, 0.1))
     assert with_cad_where_needed(observe(still, nominal), data).cad is None
 
 

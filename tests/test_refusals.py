@@ -235,6 +235,7 @@ def names(robot, run):
     few, session = tt.plans.random.take(np.arange(30)), run.laboratory.manipulated(session="one")
     one, other = (session.run(few, seed=seed, engine="statics").measurements for seed in (3, 4))
     m = run.measurements
+    rates = dict.fromkeys(("joint_rates", "joint_accelerations"), 0 * one.joint_angles)
     own = {
         "arrays": {
             name: getattr(m, name) for name in ("placement", "joint_angles", "cell_forces", "plate_poses")
@@ -245,6 +246,7 @@ def names(robot, run):
         "moving": tt.plan_motion(few.take(np.arange(3)), robot).plan,
         "one": one,
         "other": other,
+        "rows": replace(one, **rates),  # of a robot that moves
         "joined": joined,
         "Experiment": Experiment,
         "feet": feet.take(np.arange(40)),

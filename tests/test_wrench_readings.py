@@ -300,6 +300,16 @@ def test_a_sensor_that_was_never_in_the_air_is_as_far_off_as_the_one_that_was(st
     assert (left_sd(replace(plates, wrenches=plates.wrenches + 0.1)) > 10.0).all()
 
 
+@pytest.mark.parametrize(("name", "seed"), [("foot-ft", 5), ("sole-3axis", 6)])
+def test_a_weight_that_nothing_shows_is_cads(robot, plan, name, seed):
+    """Moments over an unknown weight are base parameters of any size: estimates wandered 4 to 8 s.e. off."""
+    run = tt.Laboratory(robot, name, random_robot=(0.1, seed)).run(plan, seed, "statics")
+    found = tt.identify(replace(run.measurements, weighed_mass=None), robot)
+    assert abs(found.mass[0] - run.truth.mass) < 3 * found.mass[1] < 0.1 * run.truth.mass
+    off = found.full.value - found.parameters.values(run.truth.standard)
+    assert off @ np.linalg.solve(found.full.covariance, off) < 2 * len(off)
+
+
 def test_measurements_say_what_a_user_knows_and_no_more(robot, plan, static):
     dynamic: Any = run_dynamics(changed_rig(robot, "foot-ft"), plan.take(plan.placement <= 1), 7)
     for run in (dynamic, static["foot-ft"]):

@@ -18,7 +18,7 @@ from tulip_testbed.base.arguments import checked
 from tulip_testbed.base.errors import at_least
 from tulip_testbed.base.progress import Progress, silent
 from tulip_testbed.base.threads import one_blas_thread, processes
-from tulip_testbed.effects.instance import EffectInstance, Effects
+from tulip_testbed.effects.instance import Effects
 from tulip_testbed.experiments.check_folder import Preflight, check_folder, check_measurements
 from tulip_testbed.experiments.defaults import DEFAULT_ESTIMATOR
 from tulip_testbed.experiments.discovering import discover_effects
@@ -268,10 +268,5 @@ def export_model(
     robot, file = robot or load_robot(), Path(out)
     place = None if source is None else Path(source)
     check_model_file(file, place)  # before a robot is identified
-    adopted: tuple[EffectInstance, ...] = ()
-    if isinstance(run, Identification):
-        identification, weighed = run, None
-    else:
-        identification, adopted = identified_run(run, robot)
-        weighed = identification.measurements.weighed_mass
-    return _export_model(identification, robot, file, place, adopted, weighed)
+    found, adopted = (run, run.corrections) if isinstance(run, Identification) else identified_run(run, robot)
+    return _export_model(found, robot, file, place, adopted, found.measurements.weighed_mass)
