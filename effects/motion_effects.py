@@ -10,6 +10,7 @@ from tulip_testbed.effects.foot import leaned, rocked
 from tulip_testbed.effects.lasting import Values
 from tulip_testbed.effects.targets import FEET, WHOLE, Targets
 from tulip_testbed.identification.observation import Observation
+from tulip_testbed.identification.residual_channels import ROWS, residuals
 from tulip_testbed.measurements.cells import PLATES
 from tulip_testbed.sim.rig import Rig
 
@@ -29,10 +30,11 @@ def _without_inertia(observed: Observation, target: str, values: Values) -> Obse
 
 
 def _without_lag(observed: Observation, target: str, values: Values) -> Observation:
-    """Return the cells' readings of the time of the joint angles, or the angles of the readings' time.
+    """Return the cells' readings of the time of the joint angles, or the centre of mass of the readings' time.
 
     The latter leaves the change of inertial forces out, and the rates of noisy cells are noise: the larger of
-    both is avoided. Of other sensors the rates are unknown.
+    both is avoided. Of other sensors the rates are unknown. The legs are closed at any time: of angles that
+    were moved themselves their closure would show the rates' noise alone, as evidence for no lag.
     """
     m = observed.measurements
     if m.cell_rates is not None and m.contacts is None:
@@ -41,7 +43,9 @@ def _without_lag(observed: Observation, target: str, values: Values) -> Observat
         if np.sqrt((observed.motion.by_cad[:, :2] ** 2).mean()) > noise:
             return observed.changed(cell_forces=observed.cell_forces + values[0] * m.cell_rates)
     assert m.joint_rates is not None
-    return observed.changed(joint_angles=observed.joint_angles - values[0] * m.joint_rates)
+    earlier = observed.changed(joint_angles=observed.joint_angles - values[0] * m.joint_rates)
+    before, now = (residuals(one, one.nominal.value)[:, ROWS["A"]] for one in (earlier, observed))
+    return observed.changed(shift=observed.shift + now - before)
 
 
 def _without_damping(observed: Observation, target: str, values: Values) -> Observation:
