@@ -30,7 +30,7 @@ def _without_inertia(observed: Observation, target: str, values: Values) -> Obse
 
 
 def _without_lag(observed: Observation, target: str, values: Values) -> Observation:
-    """Return the cells' readings of the time of the joint angles, or the centre of mass of the readings' time.
+    """Return the cells' readings of the time of the angles, or the centre of mass of the readings' time.
 
     The latter leaves the change of inertial forces out, and the rates of noisy cells are noise: the larger of
     both is avoided. Of other sensors the rates are unknown. The legs are closed at any time: of angles that

@@ -11,6 +11,7 @@ from tulip_testbed.calibration.lasting_noise import SECONDS, SHARES, likeliest_n
 from tulip_testbed.calibration.linear_problem import LinearProblem
 from tulip_testbed.calibration.linearisation import unseen_wrench
 from tulip_testbed.calibration.reml import fit, given
+from tulip_testbed.effects.motion_effects import LAG
 from tulip_testbed.identification import inertial_wrench
 from tulip_testbed.identification.inertial_wrench import beyond_weight, inertial_parameters
 from tulip_testbed.identification.joint_loads import UNSEEN
@@ -18,6 +19,7 @@ from tulip_testbed.identification.noise_in_time import WHITE, NoiseInTime, decor
 from tulip_testbed.identification.noise_structure import NoiseStructure, groups
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import CLOSURE, SIZE, TWISTS, observe
+from tulip_testbed.identification.residual_channels import residuals
 
 STEP, WINDOW = 0.25, 0.5  # s, from row to row, of a row
 
@@ -76,6 +78,19 @@ def test_friction_of_a_robot_that_moves_counts_once(robot, nominal):
     in_motion, at_rest = (unseen_wrench(observe(one, nominal)) for one in (m, held))
     assert in_motion == pytest.approx(UNSEEN)
     assert (at_rest > 3 * in_motion).all()
+
+
+def test_a_lag_moves_the_centre_of_mass_and_leaves_the_legs_closed(robot, nominal):
+    m, lag = slow_motion(robot, np.random.default_rng(408), 20), 0.02
+    m = dataclasses.replace(m, wrenches=np.full((len(m), 2, 6), 50.0))
+    held = dataclasses.replace(m, joint_rates=None, joint_accelerations=None)
+    late = dataclasses.replace(held, joint_angles=m.joint_angles - lag * np.array(m.joint_rates))
+    after, before = (residuals(observe(one, nominal), nominal.value) for one in (late, held))
+    observed = observe(m, nominal)
+    found = residuals(LAG.remove(observed, "", (lag,)), nominal.value) - residuals(observed, nominal.value)
+    assert np.abs(found[:, :2]).max() > 1e-3  # m
+    assert found[:, :2] == pytest.approx((after - before)[:, :2], abs=1e-12)
+    assert not found[:, CLOSURE].any()
 
 
 def test_noise_lasts_beyond_a_stance_but_not_where_its_constant_is_unknown(robot, nominal):
