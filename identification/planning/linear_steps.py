@@ -26,14 +26,20 @@ def merit(plan: Evaluation, smooth: Smooth, penalty: float) -> float:
 
 
 def descend(
-    problem: PlanningProblem, plan: Evaluation, per: int, smooth: Smooth, iterations: int, penalty: float
+    problem: PlanningProblem,
+    plan: Evaluation,
+    per: int,
+    smooth: Smooth,
+    iterations: int,
+    penalty: float,
+    region: float = REGION,
 ) -> Evaluation:
     """Take linear steps of all placements while they reduce the merit; they may end slightly infeasible.
 
     A placement whose step violates a constraint by nonlinearity stays unchanged and gets a smaller trust
-    region, so that one straight knee does not slow down all placements.
+    region than the first, so that one straight knee does not slow down all placements.
     """
-    value, regions = merit(plan, smooth, penalty), np.full(len(plan.design) // per, REGION)
+    value, regions = merit(plan, smooth, penalty), np.full(len(plan.design) // per, region)
     for _ in range(iterations):
         step, gain = linear_step(problem, plan, per, smooth, np.repeat(regions, per), penalty)
         if gain < 1e-6:

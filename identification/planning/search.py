@@ -21,19 +21,19 @@ from tulip_testbed.identification.planning.blocks import (
     Block,
     candidates,
     exchange,
-    improve,
     information,
-    repair,
 )
 from tulip_testbed.identification.planning.closed_chain import chain_at
 from tulip_testbed.identification.planning.constraints import Evaluation, evaluate
-from tulip_testbed.identification.planning.linear_steps import descend, merit
+from tulip_testbed.identification.planning.linear_steps import NARROWEST, descend, merit
 from tulip_testbed.identification.planning.objectives import Objective, Smooth
 from tulip_testbed.identification.planning.problem import PlanningProblem
 from tulip_testbed.measurements import PosturePlan
 
 WARM = 15  # linear steps for each of the smooth objectives at the start
 STEPS = 12  # linear steps in a hop
+REPAIR, POLISH = 20, 30  # linear steps that restore feasibility, and that polish the best plan
+STRICT, FINE = 10.0, 1.0  # weights of violations in these
 LEAST_POOL = 3  # smallest number of candidates for an exchange
 GAIN = 1e-6
 ARRAYS = ("design", "angles", "best_design", "best_angles")
@@ -75,14 +75,13 @@ def repair_start(
     design = design_of(problem, angles, drawn.swing_pose)
     tally, blocks = Counter[str](), list[Block]()
     for start in _blocks(design, angles, per):
-        block = repair(problem, start)
-        evaluation = evaluate(problem, block.design, block.angles)
+        evaluation = _repaired(problem, evaluate(problem, start.design, start.angles), per, _anywhere)
         if not evaluation.reached.all():
             tally["out of reach"] += 1
         elif evaluation.inequalities.min() < -FEASIBLE:
             tally[evaluation.names[int(evaluation.inequalities.min(axis=0).argmin())]] += 1
         else:
-            blocks.append(block)
+            blocks.append(Block(evaluation.design, evaluation.chain.joint_angles))
         if len(blocks) == placements:
             break
     if len(blocks) < placements:
@@ -97,6 +96,21 @@ def repair_start(
     return SearchState(0, design, angles, design, angles, value, value, condition)
 
 
+def _repaired(problem: PlanningProblem, plan: Evaluation, per: int, smooth: Smooth) -> Evaluation:
+    """Return a feasible plan near this one that keeps a function of M small, or one that is less infeasible.
+
+    Steps that also improve the plan always leave some violation; small ones without an objective leave none.
+    """
+    if plan.inequalities.min() >= -FEASIBLE:
+        return plan
+    plan = descend(problem, plan, per, smooth, REPAIR, STRICT)
+    return descend(problem, plan, per, _anywhere, REPAIR, STRICT, NARROWEST)
+
+
+def _anywhere(information: np.ndarray) -> tuple[float, np.ndarray]:
+    return 0.0, np.zeros_like(information)
+
+
 def round_count(objective: Objective, hops: int) -> int:
     return len(objective.smooth) + hops + 1
 
@@ -106,7 +120,7 @@ def search(
 ) -> Iterator[SearchState]:
     """Continue from a state and yield the state after every round.
 
-    The rounds are a descent by each smooth objective in turn, then the hops, then a polish by SLSQP.
+    The rounds are a descent by each smooth objective in turn, then the hops, then a polish of the best plan.
     """
     stages = objective.smooth
     while state.rounds < round_count(objective, hops):
@@ -120,7 +134,7 @@ def search(
             plan = _hop(problem, plan, per, smooth, objective.penalty, np.random.default_rng([seed, k]))
         else:
             best = evaluate(problem, state.best_design, state.best_angles)
-            plan = _polish(problem, _blocks(best.design, best.chain.joint_angles, per), stages[-1])
+            plan = descend(problem, best, per, stages[-1], POLISH, FINE)
         state = _kept(problem, objective, state, plan, per)
         yield state
 
@@ -140,12 +154,7 @@ def _kept(
     after = replace(state, rounds=state.rounds + 1, design=plan.design, angles=angles)
     if objective.value(information(plan)) > state.value:
         return after
-    lack = plan.inequalities.min(axis=1).reshape(-1, per).min(axis=1)
-    blocks = [
-        block if least >= -FEASIBLE else repair(problem, block)
-        for block, least in zip(_blocks(plan.design, angles, per), lack, strict=True)
-    ]
-    whole = _evaluated(problem, blocks)
+    whole = _repaired(problem, plan, per, objective.smooth[-1])
     value = objective.value(information(whole))
     if whole.reached.all() and whole.inequalities.min() >= -FEASIBLE and value < state.value:
         return replace(after, best_design=whole.design, best_angles=whole.chain.joint_angles, value=value)
@@ -180,17 +189,6 @@ def _hop(
     blocks[at] = exchange(problem, kept, pool, rest, smooth, per)
     moved = descend(problem, _evaluated(problem, blocks), per, smooth, STEPS, penalty)
     return moved if merit(moved, smooth, penalty) < merit(plan, smooth, penalty) - GAIN else plan
-
-
-def _polish(problem: PlanningProblem, blocks: list[Block], smooth: Smooth) -> Evaluation:
-    """Improve one placement after another by SLSQP."""
-    parts = [information(evaluate(problem, b.design, b.angles)) for b in blocks]
-    for k, block in enumerate(blocks):
-        rest = np.sum([part for j, part in enumerate(parts) if j != k], axis=0)
-        rest = rest if len(parts) > 1 else np.zeros_like(parts[0])
-        blocks[k] = improve(problem, block, rest, smooth)
-        parts[k] = information(evaluate(problem, blocks[k].design, blocks[k].angles))
-    return _evaluated(problem, blocks)
 
 
 def _blocks(design: np.ndarray, angles: np.ndarray, per: int) -> list[Block]:
