@@ -25,15 +25,14 @@ from tulip_testbed.identification.planning.blocks import (
 )
 from tulip_testbed.identification.planning.closed_chain import chain_at
 from tulip_testbed.identification.planning.constraints import Evaluation, evaluate
-from tulip_testbed.identification.planning.linear_steps import NARROWEST, descend, merit
+from tulip_testbed.identification.planning.linear_steps import descend, merit, on_both_feet, repaired
 from tulip_testbed.identification.planning.objectives import Objective, Smooth
 from tulip_testbed.identification.planning.problem import PlanningProblem
 from tulip_testbed.measurements import PosturePlan
 
 WARM = 15  # linear steps for each of the smooth objectives at the start
 STEPS = 12  # linear steps in a hop
-REPAIR, POLISH = 20, 30  # linear steps that restore feasibility, and that polish the best plan
-STRICT, FINE = 10.0, 1.0  # weights of violations in these
+POLISH, FINE = 30, 1.0  # linear steps from the best plan, and the weight of violations in them
 LEAST_POOL = 3  # smallest number of candidates for an exchange
 GAIN = 1e-6
 ARRAYS = ("design", "angles", "best_design", "best_angles")
@@ -75,7 +74,8 @@ def repair_start(
     design = design_of(problem, angles, drawn.swing_pose)
     tally, blocks = Counter[str](), list[Block]()
     for start in _blocks(design, angles, per):
-        evaluation = _repaired(problem, evaluate(problem, start.design, start.angles), per, _anywhere)
+        steps = on_both_feet(problem, per, per)
+        evaluation = repaired(steps, evaluate(problem, start.design, start.angles))
         if not evaluation.reached.all():
             tally["out of reach"] += 1
         elif evaluation.inequalities.min() < -FEASIBLE:
@@ -96,21 +96,6 @@ def repair_start(
     return SearchState(0, design, angles, design, angles, value, value, condition)
 
 
-def _repaired(problem: PlanningProblem, plan: Evaluation, per: int, smooth: Smooth) -> Evaluation:
-    """Return a feasible plan near this one that keeps a function of M small, or one that is less infeasible.
-
-    Steps that also improve the plan always leave some violation; small ones without an objective leave none.
-    """
-    if plan.inequalities.min() >= -FEASIBLE:
-        return plan
-    plan = descend(problem, plan, per, smooth, REPAIR, STRICT)
-    return descend(problem, plan, per, _anywhere, REPAIR, STRICT, NARROWEST)
-
-
-def _anywhere(information: np.ndarray) -> tuple[float, np.ndarray]:
-    return 0.0, np.zeros_like(information)
-
-
 def round_count(objective: Objective, hops: int) -> int:
     return len(objective.smooth) + hops + 1
 
@@ -122,19 +107,19 @@ def search(
 
     The rounds are a descent by each smooth objective in turn, then the hops, then a polish of the best plan.
     """
-    stages = objective.smooth
+    stages, steps = objective.smooth, on_both_feet(problem, len(state.design), per)
     while state.rounds < round_count(objective, hops):
         k = state.rounds
         plan = evaluate(problem, state.design, state.angles)
         if k < len(stages):
-            plan = descend(problem, plan, per, stages[k], WARM, objective.penalty)
+            plan = descend(steps, plan, stages[k], WARM, objective.penalty)
         elif k < len(stages) + hops:
             last = len(stages) - 1
             smooth = stages[min(min(1, last) + (k - len(stages)) * 2 // max(hops, 1), last)]
             plan = _hop(problem, plan, per, smooth, objective.penalty, np.random.default_rng([seed, k]))
         else:
             best = evaluate(problem, state.best_design, state.best_angles)
-            plan = descend(problem, best, per, stages[-1], POLISH, FINE)
+            plan = descend(steps, best, stages[-1], POLISH, FINE)
         state = _kept(problem, objective, state, plan, per)
         yield state
 
@@ -154,7 +139,7 @@ def _kept(
     after = replace(state, rounds=state.rounds + 1, design=plan.design, angles=angles)
     if objective.value(information(plan)) > state.value:
         return after
-    whole = _repaired(problem, plan, per, objective.smooth[-1])
+    whole = repaired(on_both_feet(problem, len(angles), per), plan, objective.smooth[-1])
     value = objective.value(information(whole))
     if whole.reached.all() and whole.inequalities.min() >= -FEASIBLE and value < state.value:
         return replace(after, best_design=whole.design, best_angles=whole.chain.joint_angles, value=value)
@@ -187,7 +172,8 @@ def _hop(
         return plan
     kept = Block(block.design[stay], block.angles[stay])
     blocks[at] = exchange(problem, kept, pool, rest, smooth, per)
-    moved = descend(problem, _evaluated(problem, blocks), per, smooth, STEPS, penalty)
+    steps = on_both_feet(problem, len(plan.design), per)
+    moved = descend(steps, _evaluated(problem, blocks), smooth, STEPS, penalty)
     return moved if merit(moved, smooth, penalty) < merit(plan, smooth, penalty) - GAIN else plan
 
 
