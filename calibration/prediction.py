@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -23,7 +22,6 @@ from tulip_testbed.calibration.linearisation import (
     linearised,
     sources_of,
 )
-from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import (
     ROWS,
@@ -100,17 +98,14 @@ class HeldOutPrediction:
         return float(rest @ rest), volume + float(np.log(np.abs(np.diag(triangle))).sum())
 
 
-def predicted(
-    calibration: SelfCalibration, others: Observation, known: Sequence[EffectInstance] = ()
-) -> HeldOutPrediction:
+def predicted(calibration: SelfCalibration, others: Observation) -> HeldOutPrediction:
     """Predict the residuals of postures that took no part in a calibration.
 
     Args:
         calibration: made without those postures.
         others: the postures, of other placements.
-        known: effects that are removed from them first, as they are.
     """
-    problem, linear, _, scales = _linearised(calibration, removed(others, known))
+    problem, linear, _, scales = _linearised(calibration, others)
     estimate = calibration.solved.estimate
     structure = linear.covariance.structure
     own, levers = _noise(linear.covariance, scales)

@@ -18,7 +18,6 @@ from tulip_testbed.discovery.columns import CandidateColumns, Changes, candidate
 from tulip_testbed.discovery.evidence import marginal_fits, ranked
 from tulip_testbed.discovery.joint_fit import Data, JointFit, gauss_newton, joint_fit, log_share_of_positive
 from tulip_testbed.discovery.pairs import ranked_pairs
-from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_noise import noise_of, with_cell_noise
@@ -67,16 +66,10 @@ class CandidateSearch:
     changes: dict[tuple[str, ...], Changes] = field(default_factory=dict)
 
     @staticmethod
-    def of(
-        observed: Observation,
-        tolerances: Mapping[str, float] | None = None,
-        effects: dict[str, Effect] | None = None,
-    ) -> CandidateSearch:
-        """Return the search for all effects of a catalogue, or of the whole one if None."""
+    def of(observed: Observation, tolerances: Mapping[str, float] | None = None) -> CandidateSearch:
+        """Return the search for all effects of the catalogue."""
         observed = with_cell_noise(observed)
-        return CandidateSearch(
-            observed, tolerances, candidates(observed, effects), budget=Budget(len(observed))
-        )
+        return CandidateSearch(observed, tolerances, candidates(observed), budget=Budget(len(observed)))
 
     def glanced(self, terms: Sequence[Fitted], start: SelfCalibration) -> Judged | None:
         """Judge by one linearisation about a start that is steady; None: it does not converge.

@@ -23,9 +23,9 @@ POWER = 0.9
 
 
 @cache
-def noncentrality(freedom: int, level: float, power: float = POWER) -> float:
-    """Of chi-square that exceeds its `level` quantile with probability `power`."""
-    return float(chndtrinc(chi2_isf(level, freedom), freedom, 1 - power))
+def noncentrality(freedom: int, level: float) -> float:
+    """Of chi-square that exceeds its `level` quantile with probability `POWER`."""
+    return float(chndtrinc(chi2_isf(level, freedom), freedom, 1 - POWER))
 
 
 def single_level(level: float, tests: float) -> float:

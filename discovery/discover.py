@@ -26,7 +26,6 @@ from tulip_testbed.discovery.patterns import Pattern, in_channels, patterns
 from tulip_testbed.discovery.pure_error import PureError, pure_error
 from tulip_testbed.discovery.selection import LEVEL, Selection, select, select_without
 from tulip_testbed.discovery.unusual_members import STANDS_OUT, SURE
-from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.laws.grammar import sentence_of
 from tulip_testbed.effects.laws.misread import misread_by
@@ -148,7 +147,6 @@ def discover(
     measurements: Measurements,
     robot: Robot,
     seed: int = 0,
-    effects: dict[str, Effect] | None = None,
     tolerances: Mapping[str, float] | None = None,
     hold_out: bool = True,
     source: str = "measurements",
@@ -159,7 +157,6 @@ def discover(
 
     Args:
         seed: of the bootstrap that calibrates the level.
-        effects: the catalogue by name; all of it if None.
         tolerances: of families of ordinary imperfections, in place of those that fit the sensors [SI]; zero:
             exact.
         hold_out: cross-validate over placements.
@@ -181,7 +178,7 @@ def discover(
         observed, found = as_log_shows(observed, tolerances)
         if observed.noise_in_time is not None:
             observed, found, calibration = with_independent_rows(observed), None, None
-        search = CandidateSearch.of(observed, tolerances, effects)
+        search = CandidateSearch.of(observed, tolerances)
         first = calibration or found or first_calibration(search.observed, tolerances)
         return _discover(search, first, seed, hold_out, progress)
     except np.linalg.LinAlgError:

@@ -22,7 +22,7 @@ from tulip_testbed.sim.robot import (
 
 MOST_NUMBER = 1e6  # m, rad, deg, N: bound of any robot's ranges
 # Keys of the same table that `planning_margins` reads.
-MARGIN_KEYS = ("foot_load", "foot_moment", "board", "leg_clearance", "link_clearance", "lifted")
+MARGIN_KEYS = ("foot_load", "foot_moment", "board", "link_clearance", "lifted")
 
 Range = tuple[float, float]
 # Shares of the weight, of weight times foot length, and of the leg's length.
@@ -149,7 +149,6 @@ class Margins:
         foot_moment: s.d. of each foot's tilting moment about its prediction, by dry friction and tracking
             errors in a stiff closed chain; soles keep it with the same assurance [N m]. TULip's drives (0.8
             of their dry friction, command errors of 0.5 mrad) give 0.5 about x and 0.6 about y.
-        leg_clearance: distance between the capsules around the limbs of the two legs [m].
         link_clearance: distance between the shapes of links that are not neighbours, and between links other
             than the feet and the ground [m].
         lifted: height of the swing sole's lowest corner over the plates in single support [m].
@@ -170,7 +169,6 @@ class Margins:
 
     foot_load: float
     foot_moment: float
-    leg_clearance: float
     link_clearance: float
     lifted: float
     board: float = 0.01
@@ -190,7 +188,6 @@ def planning_margins(robot: Robot) -> Margins:
     sized = {
         "foot_load": FOOT_LOAD * weight,
         "foot_moment": FOOT_MOMENT * weight * foot,
-        "leg_clearance": CLEARANCE * leg,
         "link_clearance": CLEARANCE * leg,
         "lifted": LIFTED * leg,
     }

@@ -84,9 +84,9 @@ def moving(speed: float, placements: int = PLACEMENTS, postures: int = POSTURES)
     return read_plan(folder, load_robot())
 
 
-def laboratory(sensors: str, seed: int, spread: float = 0.1) -> tt.Laboratory:
+def laboratory(sensors: str, seed: int) -> tt.Laboratory:
     """Return an ordinary laboratory in which a random robot stands."""
-    return drawn(tt.Laboratory(sensors=sensors, random_robot=(spread, seed)), 1.0, single_stream(seed))
+    return drawn(tt.Laboratory(sensors=sensors, random_robot=(0.1, seed)), 1.0, single_stream(seed))
 
 
 def one(speed: str, sensors: str, seed: int) -> dict:

@@ -113,7 +113,7 @@ def test_impossible_ranges_say_what_blocks(robot, plate, monkeypatch):
 
 
 def test_tulips_margins_are_exactly_those_of_its_published_plans(robot):
-    expected = Margins(foot_load=25.0, foot_moment=0.55, leg_clearance=0.01, link_clearance=0.01, lifted=0.02)
+    expected = Margins(foot_load=25.0, foot_moment=0.55, link_clearance=0.01, lifted=0.02)
     assert planning_margins(robot) == expected
 
 

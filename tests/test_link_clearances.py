@@ -20,6 +20,7 @@ from tulip_testbed.identification.link_paths import SHARE, blocked, path_clearan
 from tulip_testbed.identification.link_shapes import GROUND
 from tulip_testbed.identification.planning.constraints import evaluate
 from tulip_testbed.identification.planning.objectives import objectives
+from tulip_testbed.identification.planning.one_foot import single_support_margins
 from tulip_testbed.identification.planning.optimal_plan import SearchTask, smallest_margins
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning.search import design_of
@@ -144,6 +145,15 @@ def test_derivatives_of_the_distances(problem, random_plan):
     assert np.abs(exact).max() > 1
     scale = np.maximum(np.abs(exact).max(axis=2, keepdims=True), 1.0)
     assert np.abs((np.stack(slopes, axis=-1) - exact) / scale).max() < 1e-4
+
+
+def test_the_planner_sees_lower_legs_that_penetrate(robot, plate, plan):
+    """By the 8.9 mm of the report below, of links that must keep 10 mm, on both feet and on one."""
+    met, here = plan.take(plan.placement == 14), planning_problem(robot, plate)
+    seen = smallest_margins(here, met)["link clearance"]["value"]
+    assert seen == pytest.approx(-18.9, abs=0.1)
+    alone = single_support_margins(here, met.joint_angles, met.swing_pose)["link clearance"]
+    assert alone.min() == pytest.approx(-18.9, abs=0.1)
 
 
 def test_neighbours_and_links_that_overlap_at_rest_are_left_out(robot, foreign):

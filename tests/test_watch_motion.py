@@ -13,7 +13,7 @@ from tests.test_refusals import change_document
 from tests.test_watch import play
 from tulip_testbed.base.table_files import write_table
 from tulip_testbed.experiments.watching import watch_day
-from tulip_testbed.experiments.watching.arriving_rows import NOTHING, ArrivingSamples, Seen
+from tulip_testbed.experiments.watching.arriving_rows import ArrivingSamples
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
 from tulip_testbed.experiments.watching.noise_of_day import FIRST, TRIED, likelihood, with_noise_in_time
 from tulip_testbed.experiments.watching.row_columns import row_columns
@@ -76,10 +76,10 @@ def grow(folder: Path, lines: list[bytes]) -> None:
         file.write(b"".join(lines))
 
 
-def arriving(folder: Path, weight: float, kept: Seen = NOTHING) -> ArrivingSamples:
+def arriving(folder: Path, weight: float) -> ArrivingSamples:
     where, manifest = folder / "manifest.json", read_manifest(folder)
     path, size = folder / "motion.csv", {"weight": weight, "window": WINDOW}
-    return ArrivingSamples(path=path, manifest=manifest, where=where, kept=kept, **size)
+    return ArrivingSamples(path=path, manifest=manifest, where=where, **size)
 
 
 def found(arriving: ArrivingSamples, folder: Path, lines: list[bytes], cuts: list[int]) -> list:

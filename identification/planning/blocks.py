@@ -1,18 +1,13 @@
-"""Optimise the postures of one placement at a time by scipy's SLSQP.
-
-The information of a plan is the sum over its placements, and the constraints of a placement involve its own
-variables only. So each block is a small dense problem with 3 variables for the swing foot and 6 for each
-posture; the information of the other placements is fixed.
+"""Postures of one placement, and their exchange for others.
 
 A plan has very many local optima, since each posture ends at a corner of the feasible set. As in Fedorov's
 exchange algorithm (1972), postures are exchanged for candidates if that reduces the objective.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
 from tulip_testbed.identification.planning.constraints import Evaluated, Evaluation, evaluate
 from tulip_testbed.identification.planning.footing import PLAN, footing
@@ -20,11 +15,8 @@ from tulip_testbed.identification.planning.objectives import Smooth
 from tulip_testbed.identification.planning.problem import PlanningProblem
 
 SCALE = np.array([0.05, 0.05, 0.05, 0.3, 0.3, 0.3, 0.05, 0.05, 0.3])  # of the design variables [m, rad]
-OWN, SHARED = slice(0, 6), slice(6, 9)
-POLISH = 20  # iterations of SLSQP on a block
-FREEDOM = 0.5  # of the scale: largest step of a block, so that inverse kinematics converges
-FARTHEST = 0.5  # rad: largest change of an angle in a prediction by dq/du
-# Violation of an inequality that SLSQP may leave; `Margins.rounding` is a hundred times as large.
+SHARED = slice(6, 9)
+# Violation of an inequality that linear steps may leave; `Margins.rounding` is a hundred times as large.
 FEASIBLE = 1e-7
 DRAWS = 1000  # about one in a hundred is feasible
 PASSES = 3  # over a placement's postures
@@ -43,29 +35,6 @@ class Block:
     angles: np.ndarray
 
 
-def pack(design: np.ndarray) -> np.ndarray:
-    """Return the scaled variables: the swing foot's three, then six of every posture, (3 + 6 k,)."""
-    scaled = design / SCALE
-    return np.concatenate([scaled[0, SHARED], scaled[:, OWN].ravel()])
-
-
-def unpack(x: np.ndarray) -> np.ndarray:
-    """Return the design variables of scaled variables, (k, 9)."""
-    own = x[3:].reshape(-1, 6)
-    return np.column_stack([own, np.broadcast_to(x[:3], (len(own), 3))]) * SCALE
-
-
-def gradient_of_block(slopes: np.ndarray) -> np.ndarray:
-    """Convert derivatives by each posture's nine variables, (k, s, 9), to scaled ones, (k s, 3 + 6 k)."""
-    count, size, _ = slopes.shape
-    scaled = slopes * SCALE
-    whole = np.zeros((count, size, 3 + 6 * count))
-    whole[:, :, :3] = scaled[:, :, SHARED]
-    for k in range(count):
-        whole[k, :, 3 + 6 * k : 9 + 6 * k] = scaled[k, :, OWN]
-    return whole.reshape(count * size, -1)
-
-
 def information(evaluation: Evaluated) -> np.ndarray:
     """Compute the information matrix M = H'H of the postures, (p, p)."""
     rows = evaluation.regressor.reshape(-1, evaluation.regressor.shape[-1])
@@ -76,83 +45,6 @@ def information_slope(evaluation: Evaluation, by_matrix: np.ndarray) -> np.ndarr
     """Differentiate a function of M by the design variables, (k, 9), from its derivative df/dM, (p, p)."""
     by_regressor = 2 * evaluation.regressor @ by_matrix
     return np.einsum("mip,mipu->mu", by_regressor, evaluation.regressor_slopes, optimize=True)
-
-
-def improve(problem: PlanningProblem, block: Block, rest: np.ndarray, smooth: Smooth) -> Block:
-    """Minimise a function of M over one block, given the rest's information, (p, p); never to a worse one."""
-
-    def objective(evaluation: Evaluation) -> tuple[float, np.ndarray]:
-        value, by_matrix = smooth(rest + information(evaluation))
-        return value, information_slope(evaluation, by_matrix)
-
-    def packed(x: np.ndarray, evaluation: Evaluation) -> tuple[float, np.ndarray]:
-        value, slope = objective(evaluation)
-        return value, gradient_of_block(slope[:, None]).sum(axis=0)
-
-    before = evaluate(problem, block.design, block.angles)
-    after = _slsqp(problem, block, packed, POLISH, FREEDOM)
-    now = evaluate(problem, after.design, after.angles)
-    if now.inequalities.min() < -FEASIBLE:
-        after = repair(problem, after)
-        now = evaluate(problem, after.design, after.angles)
-    kept = now.reached.all() and now.inequalities.min() >= -FEASIBLE
-    return after if kept and objective(now)[0] < objective(before)[0] else block
-
-
-def repair(problem: PlanningProblem, block: Block) -> Block:
-    """Return the nearest feasible block, or the last iterate of SLSQP if it finds none."""
-    x0 = pack(block.design)
-
-    def distance(x: np.ndarray, _: Evaluation) -> tuple[float, np.ndarray]:
-        return float(((x - x0) ** 2).sum()) / 2, x - x0
-
-    return _slsqp(problem, block, distance, 60, freedom=4 * FREEDOM)
-
-
-def _slsqp(
-    problem: PlanningProblem,
-    block: Block,
-    function: Callable[[np.ndarray, Evaluation], tuple[float, np.ndarray]],
-    iterations: int,
-    freedom: float,
-) -> Block:
-    cache: dict[bytes, Evaluation] = {}
-    last = evaluate(problem, block.design, block.angles)
-    last_design = block.design
-
-    def at(x: np.ndarray) -> Evaluation:
-        nonlocal last, last_design
-        key = x.tobytes()
-        if key not in cache:
-            cache.clear()
-            design = unpack(x)
-            change = last.joint_jacobian @ (design - last_design)[..., None]
-            far = max(1.0, np.abs(change).max() / FARTHEST)
-            cache[key] = evaluate(problem, design, last.chain.joint_angles + change[..., 0] / far)
-            if cache[key].reached.all():
-                last, last_design = cache[key], design
-        return cache[key]
-
-    x0 = pack(block.design)
-    own = np.concatenate([np.tile([-np.inf, np.inf], (3, 1)), problem.ranges.torso]) / SCALE[OWN, None]
-    box = np.vstack([problem.ranges.swing / SCALE[SHARED, None], np.tile(own, (len(block.design), 1))])
-    box = np.column_stack([np.maximum(box[:, 0], x0 - freedom), np.minimum(box[:, 1], x0 + freedom)])
-    box = np.sort(box, axis=1)
-    result = scipy.optimize.minimize(
-        lambda x: function(x, at(x))[0],
-        np.clip(x0, box[:, 0], box[:, 1]),
-        jac=lambda x: function(x, at(x))[1],
-        bounds=box,
-        constraints={
-            "type": "ineq",
-            "fun": lambda x: at(x).inequalities.ravel(),
-            "jac": lambda x: gradient_of_block(at(x).inequality_jacobian),
-        },
-        method="SLSQP",
-        options={"maxiter": iterations, "ftol": 1e-6},
-    )
-    design = unpack(np.clip(result.x, box[:, 0], box[:, 1]))
-    return Block(design, at(pack(design)).chain.joint_angles)
 
 
 def candidates(problem: PlanningProblem, swing: np.ndarray, start: Block, rng: np.random.Generator) -> Block:

@@ -1,13 +1,12 @@
 """All constraints on a posture as inequalities g(u) >= 0, with derivatives."""
 
-import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from tulip_testbed.identification.link_clearances import clearances, nearest_on_segments, on_segments
+from tulip_testbed.identification.link_clearances import clearances
 from tulip_testbed.identification.planning.closed_chain import (
     DESIGN,
     Chain,
@@ -72,38 +71,10 @@ def link_room(problem: PlanningProblem, chain: Chain, wanted: np.ndarray) -> tup
     return values, slopes
 
 
-def limb_distances(problem: PlanningProblem, chain: Chain) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the distances between the capsules of the two legs, (m, pairs) [m], negative if they overlap.
-
-    Their derivatives by the joint angles are (m, pairs, n). The nearest points are held fixed on their limbs,
-    which is exact to first order.
-    """
-    ends = {frame for leg in problem.limbs for limb in leg for frame in limb[:2]}
-    slopes = {frame: point_jacobian(problem, chain, frame) for frame in ends}
-    pairs = list(itertools.product(*problem.limbs))
-    distances, gradients = _places_for(len(pairs), chain)
-    for k, ((a, b, radius), (c, d, other)) in enumerate(pairs):
-        first, second = chain.positions[:, [a, b]], chain.positions[:, [c, d]]
-        s, t = nearest_on_segments(first, second)
-        away = on_segments(second, t) - on_segments(first, s)
-        length = np.linalg.norm(away, axis=1)
-        normal = away / np.maximum(length, 1e-9)[:, None]
-        slope = (1 - t)[:, None, None] * slopes[c] + t[:, None, None] * slopes[d]
-        slope = slope - (1 - s)[:, None, None] * slopes[a] - s[:, None, None] * slopes[b]
-        distances[:, k] = length - radius - other
-        gradients[:, k] = (normal[:, None] @ slope)[:, 0]
-    return distances, gradients
-
-
-def _places_for(count: int, chain: Chain) -> tuple[np.ndarray, np.ndarray]:
-    """Return empty arrays for some values of each posture and their derivatives by the angles."""
-    m, n = chain.joint_angles.shape
-    return np.empty((m, count)), np.empty((m, count, n))
-
-
 def leg_stretch(problem: PlanningProblem, chain: Chain) -> tuple[np.ndarray, np.ndarray]:
     """Return the shortening of hip to ankle against a straight knee, (m, legs) [m], and its derivative."""
-    room, slopes = _places_for(len(problem.legs), chain)
+    m, n = chain.joint_angles.shape
+    room, slopes = np.empty((m, len(problem.legs))), np.empty((m, len(problem.legs), n))
     for k, (hip, ankle, length) in enumerate(problem.legs):
         line = chain.positions[:, ankle] - chain.positions[:, hip]
         distance = np.linalg.norm(line, axis=1)
@@ -200,7 +171,6 @@ def evaluate(problem: PlanningProblem, design: np.ndarray, guess: np.ndarray) ->
     used, used_slope = torque / limits, torque_slope / limits[:, None]
     spare = margins.torque_share + np.stack([used, -used], axis=2)
     spare_slope = np.stack([used_slope, -used_slope], axis=2)
-    limb, limb_slope = limb_distances(problem, chain)
     room, room_slope = leg_stretch(problem, chain)
     link, link_slope = link_room(problem, chain, reached)
     straight = np.array([length for _, _, length in problem.legs])
@@ -214,7 +184,6 @@ def evaluate(problem: PlanningProblem, design: np.ndarray, guess: np.ndarray) ->
         "foot load": (foot.feet - margins.foot_load, foot_slope.feet @ by_design),
         "boards and feet": (foot.boards, foot_slope.boards @ by_design),
         **{f"torque {name}": (spare[:, j], spare_slope[:, j]) for j, name in enumerate(names) if limited[j]},
-        "leg clearance": (limb - margins.leg_clearance, limb_slope @ dq),
         "straight leg": (room - margins.stretch * straight, room_slope @ dq),
         "link clearance": (link, link_slope @ dq),
     }

@@ -5,41 +5,73 @@ Most variables of an optimal plan end at a constraint. Steps to the corners of t
 sparse, since a posture depends on its own and its swing foot's variables only; scipy's HiGHS solves them.
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
 import numpy as np
 import scipy
 
-from tulip_testbed.identification.planning.blocks import SCALE, information, information_slope
+from tulip_testbed.identification.planning.blocks import FEASIBLE, SCALE, information, information_slope
 from tulip_testbed.identification.planning.constraints import Evaluated, Evaluation, evaluate
-from tulip_testbed.identification.planning.objectives import PENALTY, Smooth
+from tulip_testbed.identification.planning.objectives import Smooth
 from tulip_testbed.identification.planning.problem import PlanningProblem
 
 REGION = 0.3  # trust region at first, relative to the variables' scales
 GROW, SHRINK = 1.5, 0.4
 WIDEST, NARROWEST = 1.0, 1e-3  # trust regions
+REPAIR, STRICT = 20, 10.0  # linear steps that restore feasibility, and the weight of violations in them
 MOST_LACK = 0.2  # largest violation of an inequality by linearisation
 
 
-def merit(plan: Evaluation, smooth: Smooth, penalty: float) -> float:
+E = TypeVar("E", bound=Evaluated)
+
+
+@dataclass(frozen=True)
+class Steps(Generic[E]):
+    """How the postures of a plan move.
+
+    Attributes:
+        per: number of postures that move together, as those of one placement.
+        columns: which of all variables are each posture's, (m, v); postures may share some.
+        scale: of the variables, (v,).
+        slope: derivatives of a function of M by each posture's variables, (m, v), from df/dM, (p, p).
+        interval: smallest and largest step of each scaled variable, (m, v) each.
+        moved: evaluate the postures after a step, (m, v).
+    """
+
+    per: int
+    columns: np.ndarray
+    scale: np.ndarray | float
+    slope: Callable[[E, np.ndarray], np.ndarray]
+    interval: Callable[[E], tuple[np.ndarray, np.ndarray]]
+    moved: Callable[[E, np.ndarray], E]
+
+
+def merit(plan: Evaluated, smooth: Smooth, penalty: float) -> float:
     """Return the objective plus the penalty for violated constraints."""
     lack = np.maximum(-plan.inequalities.min(axis=1), 0.0)
     return smooth(information(plan))[0] + penalty * float(lack.sum())
 
 
 def descend(
-    problem: PlanningProblem, plan: Evaluation, per: int, smooth: Smooth, iterations: int, penalty: float
-) -> Evaluation:
+    steps: Steps[E], plan: E, smooth: Smooth, iterations: int, penalty: float, region: float = REGION
+) -> E:
     """Take linear steps of all placements while they reduce the merit; they may end slightly infeasible.
 
     A placement whose step violates a constraint by nonlinearity stays unchanged and gets a smaller trust
-    region, so that one straight knee does not slow down all placements.
+    region than the first, so that one straight knee does not slow down all placements.
     """
-    value, regions = merit(plan, smooth, penalty), np.full(len(plan.design) // per, REGION)
+    per = steps.per
+    value, regions = merit(plan, smooth, penalty), np.full(len(plan.inequalities) // per, region)
     for _ in range(iterations):
-        step, gain = linear_step(problem, plan, per, smooth, np.repeat(regions, per), penalty)
+        cost = steps.slope(plan, smooth(information(plan))[1])
+        program = plan, cost, steps.columns, steps.interval(plan)
+        step, gain = elastic_step(*program, np.repeat(regions, per), penalty, steps.scale)
         if gain < 1e-6:
             break
         for _ in range(2):
-            moved = _moved(problem, plan, step)
+            moved = steps.moved(plan, step)
             lack, before = (np.maximum(-w.inequalities.min(axis=1), 0.0) for w in (moved, plan))
             broken = (lack > before + MOST_LACK).reshape(-1, per).any(axis=1)
             if not broken.any():
@@ -50,8 +82,8 @@ def descend(
         if after >= value:  # correct for the curvature of the constraints
             rates = (plan.inequality_jacobian @ step[..., None])[..., 0]
             missed = moved.inequalities - plan.inequalities - rates
-            step, _ = linear_step(problem, plan, per, smooth, np.repeat(regions, per), penalty, missed)
-            moved = _moved(problem, plan, step)
+            step, _ = elastic_step(*program, np.repeat(regions, per), penalty, steps.scale, missed)
+            moved = steps.moved(plan, step)
             after = merit(moved, smooth, penalty)
         if after < value:
             plan, value = moved, after
@@ -63,32 +95,36 @@ def descend(
     return plan
 
 
-def _moved(problem: PlanningProblem, plan: Evaluation, step: np.ndarray) -> Evaluation:
-    change = np.clip((plan.joint_jacobian @ step[..., None])[..., 0], -0.5, 0.5)
-    return evaluate(problem, plan.design + step, plan.chain.joint_angles + change)
+def repaired(steps: Steps[E], plan: E, smooth: Smooth | None = None) -> E:
+    """Return a feasible plan near this one that keeps a function of M small, or one that is less infeasible.
 
-
-def linear_step(
-    problem: PlanningProblem,
-    plan: Evaluation,
-    per: int,
-    smooth: Smooth,
-    region: np.ndarray,
-    penalty: float,
-    missed: np.ndarray | float = 0.0,
-) -> tuple[np.ndarray, float]:
-    """Return the step of the linear program, (m, 9), and the gain that it predicts, see `elastic_step`.
-
-    The trust region of each posture, (m,), is relative to the variables' scales.
+    Steps that also improve the plan always leave some violation; small ones without an objective leave none.
     """
-    _, by_matrix = smooth(information(plan))
-    columns = variables(len(plan.design), per)
-    at_least = np.full(columns.shape, -np.inf)
-    at_most = -at_least
+    if plan.inequalities.min() >= -FEASIBLE:
+        return plan
+    plan = descend(steps, plan, smooth or _anywhere, REPAIR, STRICT)
+    return descend(steps, plan, _anywhere, REPAIR, STRICT, NARROWEST)
+
+
+def _anywhere(information: np.ndarray) -> tuple[float, np.ndarray]:
+    return 0.0, np.zeros_like(information)
+
+
+def on_both_feet(problem: PlanningProblem, count: int, per: int) -> Steps[Evaluation]:
+    """Return how the postures of placements of `per` postures move by their design variables u."""
     intervals = np.concatenate([problem.ranges.torso, problem.ranges.swing])
-    at_least[:, 3:], at_most[:, 3:] = (intervals.T[:, None] - plan.design[:, 3:]) / SCALE[3:]
-    cost, limits = information_slope(plan, by_matrix), (at_least, at_most)
-    return elastic_step(plan, cost, columns, limits, region, penalty, missed, SCALE)
+
+    def interval(plan: Evaluation) -> tuple[np.ndarray, np.ndarray]:
+        low = np.full((count, len(SCALE)), -np.inf)
+        high = -low
+        low[:, 3:], high[:, 3:] = (intervals.T[:, None] - plan.design[:, 3:]) / SCALE[3:]
+        return low, high
+
+    def moved(plan: Evaluation, step: np.ndarray) -> Evaluation:
+        change = np.clip((plan.joint_jacobian @ step[..., None])[..., 0], -0.5, 0.5)
+        return evaluate(problem, plan.design + step, plan.chain.joint_angles + change)
+
+    return Steps(per, variables(count, per), SCALE, information_slope, interval, moved)
 
 
 def variables(count: int, per: int) -> np.ndarray:
@@ -107,9 +143,9 @@ def elastic_step(
     columns: np.ndarray,
     interval: tuple[np.ndarray, np.ndarray],
     region: np.ndarray,
-    penalty: float = PENALTY,
+    penalty: float,
+    scale: np.ndarray | float,
     missed: np.ndarray | float = 0.0,
-    scale: np.ndarray | float = 1.0,
 ) -> tuple[np.ndarray, float]:
     """Minimise a linear function of scaled variables in a trust region, with penalties for violations.
 
@@ -120,9 +156,9 @@ def elastic_step(
         interval: smallest and largest step of each scaled variable, (m, v) each.
         region: trust region of each posture, (m,).
         penalty: weight of the largest violation of each posture.
+        scale: of the variables, (v,).
         missed: error of the linearised inequalities after a first step, (m, s) (second-order correction,
             Fletcher 1982).
-        scale: of the variables, (v,).
 
     Returns:
         The step, (m, v), and the predicted reduction of the objective with its penalties; no step and 0 if

@@ -31,7 +31,6 @@ from tulip_testbed.identification.planning.closed_chain import (
 from tulip_testbed.identification.planning.constraints import (
     Evaluated,
     leg_stretch,
-    limb_distances,
     link_room,
     quantity_of,
     stacked,
@@ -88,7 +87,6 @@ def one_foot_constraints(problem: PlanningProblem, chain: Chain, swing: np.ndarr
     spare = margins.torque_share + np.stack([used, -used], axis=2)
     height, side = _lifted(problem, chain)
     least_side = min(problem.side * y for y in ranges.swing_y)
-    limb, limb_slope = limb_distances(problem, chain)
     room, room_slope = leg_stretch(problem, chain)
     link, link_slope = link_room(problem, chain, np.ones(len(angles), bool))
     sole = support_polygon(problem.soles[0])
@@ -127,7 +125,6 @@ def one_foot_constraints(problem: PlanningProblem, chain: Chain, swing: np.ndarr
         "sole margin": (apart - ranges.sole_margin, lambda: inward @ plan_view()),
         "cell load": (cells - ranges.least_cell_load, loads),
         "torques": (spare.reshape(len(angles), -1), torques),
-        "leg clearance": (limb - margins.leg_clearance, lambda: limb_slope),
         "straight leg": (
             room - np.array([margins.stretch * leg[2] for leg in problem.legs]),
             lambda: room_slope,

@@ -19,8 +19,8 @@ from tulip_testbed.base.errors import InputError, most_frequent
 from tulip_testbed.identification.planning.blocks import FEASIBLE, exchanged, information
 from tulip_testbed.identification.planning.closed_chain import chain_at, com_jacobian, open_chain_torques
 from tulip_testbed.identification.planning.constraints import Evaluated
-from tulip_testbed.identification.planning.linear_steps import GROW, SHRINK, elastic_step
-from tulip_testbed.identification.planning.objectives import Smooth, shifted
+from tulip_testbed.identification.planning.linear_steps import Steps, descend, repaired
+from tulip_testbed.identification.planning.objectives import PENALTY, Smooth, shifted
 from tulip_testbed.identification.planning.one_foot import (
     evaluate_one_foot,
     from_other_foot,
@@ -34,9 +34,6 @@ MOST_ROUNDS, HOPELESS = 60, 6  # largest number of rounds; the same without any 
 NEWTON_STEPS = 6
 POOL = 3  # random postures for each wanted one on one foot
 STEPS = 40  # linear steps of the postures on one foot in a round
-REGION, WIDEST, NARROWEST = 0.2, 0.5, 2e-3  # trust regions [rad]
-CORRECTIONS = 3  # of a step for the curvature of the constraints
-GAIN = 1e-6  # smallest predicted gain of a step
 
 
 @dataclass(frozen=True)
@@ -159,45 +156,23 @@ def total(single: Sequence[OnOneFoot]) -> np.ndarray | float:
 
 def _descended(own: OnOneFoot, smooth: Smooth) -> OnOneFoot:
     """Return feasible postures whose information has a smaller value, or the same postures."""
-    problem, angles = own.problem, own.angles
-    standing = np.broadcast_to(own.swing, (len(angles), 3))
-    found, region = evaluate_one_foot(problem, angles, standing), np.full(len(angles), REGION)
-    value, by_matrix = smooth(information(found))
-    for _ in range(STEPS):
-        cost = np.einsum("mip,minp->mn", found.regressor @ by_matrix, found.regressor_slopes, optimize=True)
-        moved, gain = _moved(problem, found, standing, 2 * cost, region)
-        if gain < GAIN or region.max() < NARROWEST:
-            break
-        broken = moved.inequalities.min(axis=1) < -FEASIBLE
-        region = np.where(broken, SHRINK * region, region)
-        kept = np.where(broken[:, None], found.chain.joint_angles, moved.chain.joint_angles)
-        moved = evaluate_one_foot(problem, kept, standing)
-        after, slope = smooth(information(moved))
-        if after < value:
-            found, value, by_matrix = moved, after, slope
-            region = np.where(broken, region, np.minimum(GROW * region, WIDEST))
-        else:
-            region = SHRINK * region
-    return replace(own, angles=found.chain.joint_angles)
+    problem, size = own.problem, own.angles.shape
+    standing, free = np.broadcast_to(own.swing, (size[0], 3)), np.full(size, np.inf)
 
+    def slope(plan: Evaluated, by_matrix: np.ndarray) -> np.ndarray:
+        by_regressor = 2 * plan.regressor @ by_matrix
+        return np.einsum("mip,minp->mn", by_regressor, plan.regressor_slopes, optimize=True)
 
-def _moved(
-    problem: PlanningProblem, found: Evaluated, standing: np.ndarray, cost: np.ndarray, region: np.ndarray
-) -> tuple[Evaluated, float]:
-    """Return the postures after a linear step, corrected for curvature, and the gain that it predicts."""
-    angles = found.chain.joint_angles
-    columns = np.arange(angles.size).reshape(angles.shape)
-    free = np.full(angles.shape, np.inf)
-    missed, moved, gain = np.zeros(1), found, 0.0
-    for count in range(1 + CORRECTIONS):
-        step, predicted = elastic_step(found, cost, columns, (-free, free), region, missed=missed)
-        gain = predicted if count == 0 else gain
-        moved = evaluate_one_foot(problem, angles + step, standing)
-        if moved.inequalities.min() >= -FEASIBLE:
-            break
-        rates = (found.inequality_jacobian @ step[..., None])[..., 0]
-        missed = np.minimum(moved.inequalities - found.inequalities - rates, 0.0)
-    return moved, gain
+    def moved(plan: Evaluated, step: np.ndarray) -> Evaluated:
+        return evaluate_one_foot(problem, plan.chain.joint_angles + step, standing)
+
+    columns = np.arange(own.angles.size).reshape(size)
+    steps = Steps(1, columns, 1.0, slope, lambda plan: (-free, free), moved)
+    first = evaluate_one_foot(problem, own.angles, standing)
+    found = repaired(steps, descend(steps, first, smooth, STEPS, PENALTY), smooth)
+    better = smooth(information(found))[0] < smooth(information(first))[0]
+    kept = better and found.inequalities.min() >= -FEASIBLE
+    return replace(own, angles=found.chain.joint_angles) if kept else own
 
 
 def appended_on_one_foot(plan: PosturePlan, own: OnOneFoot) -> PosturePlan:

@@ -154,7 +154,7 @@ class SearchTask:
             "seed": self.seed,
             "placements": self.placements,
             "per_placement": self.per,
-            "solver": "sequential linear programming, exchange, slsqp",
+            "solver": "sequential linear programming, exchange",
             "rounds": state.rounds,
             "rounds_planned": self.rounds,
             "initial_condition_number": state.initial_condition,

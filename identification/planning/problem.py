@@ -1,21 +1,16 @@
 """The planning problem: nominal kinematics, masses, drives, soles and ranges of a robot, as arrays."""
 
 from dataclasses import dataclass, fields
-from itertools import pairwise, product
+from itertools import pairwise
 
 import mujoco
 import numpy as np
 
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.base_parameters import BaseParameters, standard_parameters
-from tulip_testbed.identification.kinematics import frame_positions, link_rotations, moved_frames, walk
-from tulip_testbed.identification.link_clearances import (
-    LinkPairs,
-    link_pairs,
-    reference_posture,
-    segment_distances,
-)
-from tulip_testbed.identification.nominal import Nominal, nominal_robot, outline
+from tulip_testbed.identification.kinematics import Tree, frame_positions, link_rotations, moved_frames, walk
+from tulip_testbed.identification.link_clearances import LinkPairs, link_pairs
+from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.planning_ranges import (
     Margins,
     PlanningRanges,
@@ -29,10 +24,8 @@ from tulip_testbed.sim.random_robots import half_edges
 from tulip_testbed.sim.robot import Robot, between_feet, rotation_matrices
 
 CLOSING = 12  # joints between the feet, as many as the equations of swing foot, torso and CoM
-Limb = tuple[int, int, float]
-Leg = tuple[Limb, ...]
-# Of the leg's length, between joint centres; shorter links lie inside their neighbours' capsules.
-LEAST_LIMB = 0.155
+Leg = tuple[int, int, float]
+LEAST_LIMB = 0.155  # of the leg's length, between joint centres; shorter links are part of a hip or an ankle
 
 
 @dataclass(frozen=True)
@@ -49,7 +42,6 @@ class PlanningProblem(Nominal):
         moved: frames that each joint moves relative to the stance foot, (n, f) bool.
         upstream: whether joint i carries joint j, (n, n) bool.
         parameter_covariance: covariance of the nominal base parameters, (p, p) [m2].
-        limbs: limbs of the two legs as pairs of frames and radii [m], at least two per leg.
         legs: frames at hip and ankle, and their distance with a straight knee [m].
         pairs: pairs of links that must keep a distance.
         side: +1 if the swing foot is the left one, -1 if it is the right one.
@@ -67,8 +59,7 @@ class PlanningProblem(Nominal):
     moved: np.ndarray
     upstream: np.ndarray
     parameter_covariance: np.ndarray
-    limbs: tuple[Leg, Leg]
-    legs: tuple[Limb, ...]
+    legs: tuple[Leg, ...]
     pairs: LinkPairs
     side: float = 1.0
 
@@ -105,8 +96,6 @@ def planning_problem(
     moved = moved_frames(tree, base)
     outer = {step.edge.joint: step.new for step in walk(tree, base) if step.edge.joint >= 0}
     carried = moved[:, [outer[j] for j in range(len(tree.joints))]]
-    limbs, legs = _limbs(model, robot, parameters)
-    limbs = _slim(limbs, robot, parameters, margins.leg_clearance)
     return PlanningProblem(
         **{field.name: getattr(nominal, field.name) for field in fields(nominal)},
         ranges=ranges or planning_ranges(robot),
@@ -121,8 +110,7 @@ def planning_problem(
         moved=moved,
         upstream=carried & ~np.eye(len(carried), dtype=bool),
         parameter_covariance=_parameter_covariance(model, parameters, standard, margins.mass_sd),
-        limbs=limbs,
-        legs=legs,
+        legs=_legs(robot, tree),
         pairs=link_pairs(robot, margins.link_clearance),
     )
 
@@ -143,15 +131,8 @@ def _parameter_covariance(
     return root @ root.T
 
 
-def _limbs(
-    model: mujoco.MjModel, robot: Robot, parameters: BaseParameters
-) -> tuple[tuple[Leg, Leg], tuple[Limb, ...]]:
-    """Return the limbs of each leg alone that are long enough to collide, and the whole legs.
-
-    Links that both legs hang from, as below a waist, are part of neither. A limb is a capsule between the
-    origins of its own and of the next frame; its radius is the reach of its shape to the side.
-    """
-    tree = parameters.tree
+def _legs(robot: Robot, tree: Tree) -> tuple[Leg, ...]:
+    """Return the legs of two long links or more, from the hip, which the other leg does not share."""
     rotations = link_rotations(tree, tree.frame_of_link[0], np.zeros((1, len(tree.joints))))
     places = frame_positions(tree, tree.frame_of_link[0], rotations, np.zeros(3))[0]
     before = {step.new: step.known for step in walk(tree, tree.frame_of_link[0])}
@@ -160,41 +141,10 @@ def _limbs(
         while way[-1] in before:
             way.append(before[way[-1]])
     shared, least = set(ways[0]) & set(ways[1]), LEAST_LIMB * leg_length(robot)
-    limbs, legs = [], []
+    legs = []
     for way in ways:
-        leg, length = [], 0.0
-        for frame, parent in pairwise(way):
-            long = float(np.linalg.norm(places[frame] - places[parent]))
-            if parent not in shared and long >= least:
-                link = tree.frame_of_link.index(parent)
-                along = (places[frame] - places[parent]) / long
-                side = np.array([0.0, 1.0, 0.0]) - along[1] * along
-                side = rotations[0, parent].T @ side / np.linalg.norm(side)
-                leg.append((parent, frame, float(np.abs(outline(model, link + 1) @ side).max())))
-                length += long
-        limbs.append(tuple(leg))
-        if len(leg) > 1:
-            legs.append((leg[-1][0], leg[0][1], length))
-    return (limbs[0], limbs[1]), tuple(legs)
-
-
-def _slim(
-    limbs: tuple[Leg, Leg], robot: Robot, parameters: BaseParameters, clearance: float
-) -> tuple[Leg, Leg]:
-    """Return limbs no thicker than leaves the legs apart in the reference posture; link shapes say the rest.
-
-    A capsule around a link that is not straight is much thicker than the link.
-    """
-    tree = parameters.tree
-    rotations = link_rotations(tree, tree.frame_of_link[0], reference_posture(robot)[None])
-    places = frame_positions(tree, tree.frame_of_link[0], rotations, np.zeros(3))
-    share = [np.ones(len(leg)) for leg in limbs]
-    for (i, (a, b, first)), (k, (c, d, second)) in product(*(list(enumerate(leg)) for leg in limbs)):
-        apart = segment_distances(places[:, [a, b]], places[:, [c, d]])[0] - 2 * clearance
-        fits = max(apart, 0.0) / max(first + second, 1e-9)
-        share[0][i], share[1][k] = min(share[0][i], fits), min(share[1][k], fits)
-    right, left = (
-        tuple((a, b, radius * float(part)) for (a, b, radius), part in zip(leg, parts, strict=True))
-        for leg, parts in zip(limbs, share, strict=True)
-    )
-    return right, left
+        length = {pair: float(np.linalg.norm(places[pair[0]] - places[pair[1]])) for pair in pairwise(way)}
+        long = [pair for pair in length if pair[1] not in shared and length[pair] >= least]
+        if len(long) > 1:
+            legs.append((long[-1][1], long[0][0], sum(length[pair] for pair in long)))
+    return tuple(legs)

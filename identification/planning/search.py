@@ -21,19 +21,18 @@ from tulip_testbed.identification.planning.blocks import (
     Block,
     candidates,
     exchange,
-    improve,
     information,
-    repair,
 )
 from tulip_testbed.identification.planning.closed_chain import chain_at
 from tulip_testbed.identification.planning.constraints import Evaluation, evaluate
-from tulip_testbed.identification.planning.linear_steps import descend, merit
+from tulip_testbed.identification.planning.linear_steps import descend, merit, on_both_feet, repaired
 from tulip_testbed.identification.planning.objectives import Objective, Smooth
 from tulip_testbed.identification.planning.problem import PlanningProblem
 from tulip_testbed.measurements import PosturePlan
 
 WARM = 15  # linear steps for each of the smooth objectives at the start
 STEPS = 12  # linear steps in a hop
+POLISH, FINE = 30, 1.0  # linear steps from the best plan, and the weight of violations in them
 LEAST_POOL = 3  # smallest number of candidates for an exchange
 GAIN = 1e-6
 ARRAYS = ("design", "angles", "best_design", "best_angles")
@@ -75,14 +74,14 @@ def repair_start(
     design = design_of(problem, angles, drawn.swing_pose)
     tally, blocks = Counter[str](), list[Block]()
     for start in _blocks(design, angles, per):
-        block = repair(problem, start)
-        evaluation = evaluate(problem, block.design, block.angles)
+        steps = on_both_feet(problem, per, per)
+        evaluation = repaired(steps, evaluate(problem, start.design, start.angles))
         if not evaluation.reached.all():
             tally["out of reach"] += 1
         elif evaluation.inequalities.min() < -FEASIBLE:
             tally[evaluation.names[int(evaluation.inequalities.min(axis=0).argmin())]] += 1
         else:
-            blocks.append(block)
+            blocks.append(Block(evaluation.design, evaluation.chain.joint_angles))
         if len(blocks) == placements:
             break
     if len(blocks) < placements:
@@ -106,21 +105,21 @@ def search(
 ) -> Iterator[SearchState]:
     """Continue from a state and yield the state after every round.
 
-    The rounds are a descent by each smooth objective in turn, then the hops, then a polish by SLSQP.
+    The rounds are a descent by each smooth objective in turn, then the hops, then a polish of the best plan.
     """
-    stages = objective.smooth
+    stages, steps = objective.smooth, on_both_feet(problem, len(state.design), per)
     while state.rounds < round_count(objective, hops):
         k = state.rounds
         plan = evaluate(problem, state.design, state.angles)
         if k < len(stages):
-            plan = descend(problem, plan, per, stages[k], WARM, objective.penalty)
+            plan = descend(steps, plan, stages[k], WARM, objective.penalty)
         elif k < len(stages) + hops:
             last = len(stages) - 1
             smooth = stages[min(min(1, last) + (k - len(stages)) * 2 // max(hops, 1), last)]
             plan = _hop(problem, plan, per, smooth, objective.penalty, np.random.default_rng([seed, k]))
         else:
             best = evaluate(problem, state.best_design, state.best_angles)
-            plan = _polish(problem, _blocks(best.design, best.chain.joint_angles, per), stages[-1])
+            plan = descend(steps, best, stages[-1], POLISH, FINE)
         state = _kept(problem, objective, state, plan, per)
         yield state
 
@@ -140,12 +139,7 @@ def _kept(
     after = replace(state, rounds=state.rounds + 1, design=plan.design, angles=angles)
     if objective.value(information(plan)) > state.value:
         return after
-    lack = plan.inequalities.min(axis=1).reshape(-1, per).min(axis=1)
-    blocks = [
-        block if least >= -FEASIBLE else repair(problem, block)
-        for block, least in zip(_blocks(plan.design, angles, per), lack, strict=True)
-    ]
-    whole = _evaluated(problem, blocks)
+    whole = repaired(on_both_feet(problem, len(angles), per), plan, objective.smooth[-1])
     value = objective.value(information(whole))
     if whole.reached.all() and whole.inequalities.min() >= -FEASIBLE and value < state.value:
         return replace(after, best_design=whole.design, best_angles=whole.chain.joint_angles, value=value)
@@ -178,19 +172,9 @@ def _hop(
         return plan
     kept = Block(block.design[stay], block.angles[stay])
     blocks[at] = exchange(problem, kept, pool, rest, smooth, per)
-    moved = descend(problem, _evaluated(problem, blocks), per, smooth, STEPS, penalty)
+    steps = on_both_feet(problem, len(plan.design), per)
+    moved = descend(steps, _evaluated(problem, blocks), smooth, STEPS, penalty)
     return moved if merit(moved, smooth, penalty) < merit(plan, smooth, penalty) - GAIN else plan
-
-
-def _polish(problem: PlanningProblem, blocks: list[Block], smooth: Smooth) -> Evaluation:
-    """Improve one placement after another by SLSQP."""
-    parts = [information(evaluate(problem, b.design, b.angles)) for b in blocks]
-    for k, block in enumerate(blocks):
-        rest = np.sum([part for j, part in enumerate(parts) if j != k], axis=0)
-        rest = rest if len(parts) > 1 else np.zeros_like(parts[0])
-        blocks[k] = improve(problem, block, rest, smooth)
-        parts[k] = information(evaluate(problem, blocks[k].design, blocks[k].angles))
-    return _evaluated(problem, blocks)
 
 
 def _blocks(design: np.ndarray, angles: np.ndarray, per: int) -> list[Block]:
