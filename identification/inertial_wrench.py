@@ -104,6 +104,7 @@ class BeyondWeight:
             Nm/s3], see `Observation.sole_loads`. Soles yield late, and a body on soft feet is accelerated.
         rocking: derivative by rate and acceleration of roll and of pitch of the foot that carries,
             (m, 5, 4).
+        of_links: what each link needs by CAD beyond its weight, see `link_wrenches`, (m, n_links, 6).
         shown: whether the contact sensors show these forces.
     """
 
@@ -113,14 +114,15 @@ class BeyondWeight:
     directions: np.ndarray
     load_rates: np.ndarray
     rocking: np.ndarray
+    of_links: np.ndarray
     shown: bool = field(default=True, kw_only=True)
 
     def take(self, rows: np.ndarray) -> Self:
-        names = ("by_cad", "slope", "unknown", "load_rates", "rocking")
+        names = ("by_cad", "slope", "unknown", "load_rates", "rocking", "of_links")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
 
-NOTHING = ((0, 5), (0, 5, 0), (0, 5, 0), (0, 0), (0, 3, 2, 2), (0, 5, 4))
+NOTHING = ((0, 5), (0, 5, 0), (0, 5, 0), (0, 0), (0, 3, 2, 2), (0, 5, 4), (0, 0, 6))
 HELD = BeyondWeight(*map(np.zeros, NOTHING))
 
 
@@ -157,8 +159,12 @@ def beyond_weight(
         squares, turn = np.linalg.eigh(flat.T @ flat / len(measurements))
         most = squares[::-1][:MOST_DIRECTIONS] > LEAST_SHIFT**2
         directions = rest @ turn[:, ::-1][:, :MOST_DIRECTIONS][:, most]
-    none = [np.zeros((len(measurements), *shape[1:])) for shape in NOTHING[4:]]
-    return BeyondWeight(by_cad, by_all @ known, by_all @ directions, directions, *none)
+    none = [np.zeros((len(measurements), *shape[1:])) for shape in NOTHING[4:6]]
+    return BeyondWeight(
+        *(by_cad, by_all @ known, by_all @ directions, directions),
+        *none,
+        of_links=np.einsum("mklp,lp->mlk", added, cad),
+    )
 
 
 def rocking(nominal: Nominal, measurements: Measurements) -> np.ndarray:

@@ -119,9 +119,9 @@ def joint_loads(
     servo_stiffness: np.ndarray,
     servo_gain: np.ndarray,
     sag: np.ndarray,
-    moves: bool = False,
+    of_links: np.ndarray,
 ) -> Loads:
-    """Compute the loads of joints and feet in held postures from the nominal robot and the cells.
+    """Compute the loads of joints and feet from the nominal robot and the cells.
 
     The cells give the vertical force on each foot and its point, but not the horizontal force and torsion
     between the feet. Elastic servos settle at the least complementary energy sum tau^2 / stiffness
@@ -140,12 +140,13 @@ def joint_loads(
         both: whether the posture stands on both feet, (m,) bool.
         servo_stiffness: torque of each joint's servo per error of its angle, (n_joints,) [Nm/rad].
         servo_gain: the same without what yields between encoder and link. sag: part of the error of the
-            angles which feed-forward leaves, (m,), see `sag_left`. moves: whether the robot moves.
+            angles which feed-forward leaves, (m,), see `sag_left`.
+        of_links: what each link needs beyond its weight, (m, n_links, 6) [N, Nm]; (0, ...): it is held.
     """
     mass = geometry.standard[:, 0].sum()
     # The wrench of the ground on the swing foot acts on every joint between it and the base.
     between = geometry.moved[:, geometry.nominal.swing_frame]
-    of_stance_leg = geometry.moved[:, geometry.tree.frame_of_link[0]]
+    of_stance_leg = between & geometry.moved[:, geometry.tree.frame_of_link[0]]  # a waist is of no leg
     ax, ay, az = np.moveaxis(geometry.axes, -1, 0)
     x, y, _ = np.moveaxis(geometry.center[:, None] - geometry.pivots, -1, 0)
     carried = geometry.mass_moments - mass * (x * ay - y * ax) * of_stance_leg
@@ -155,6 +156,8 @@ def joint_loads(
     lever = place[:, None] - geometry.pivots[:, :, None]
     upward = carries * (lever[..., 1] * ax[..., None] - lever[..., 0] * ay[..., None])
     torque = weight / mass * carried + (upward * down[:, None]).sum(axis=2)
+    if moves := len(of_links) > 0:
+        torque = torque + _in_motion(geometry, of_links, place, of_stance_leg, carries)
     x, y, z = np.moveaxis(lever[:, :, 1] * between[:, None], -1, 0)
     unknown = np.stack([z * ay - y * az, x * az - z * ax, az * between], axis=-1)
     # In single support the swing foot bears no load.
@@ -184,6 +187,30 @@ def joint_loads(
         carries=carries,
         unseen=UNSEEN * (MOVING if moves else 1.0),
     )
+
+
+def _in_motion(
+    geometry: PostureGeometry,
+    of_links: np.ndarray,
+    place: np.ndarray,
+    of_stance_leg: np.ndarray,
+    carries: np.ndarray,
+) -> np.ndarray:
+    """Compute what motion adds to the torques of the load, (m, n_joints) [Nm], see `joint_loads`.
+
+    Links resist their acceleration (d'Alembert). The cells show what the ground adds to the vertical force,
+    but not its horizontal force and torsion: these act on the foot that carries.
+    """
+    beyond = geometry.moved[:, geometry.tree.frame_of_link] - 1.0 * of_stance_leg[:, None]
+    force, moment = np.split(np.einsum("nl,mlk->mnk", beyond, of_links), 2, axis=2)
+    whole, turning = np.split(of_links.sum(axis=1), 2, axis=1)
+    foot = geometry.on_swing_foot.astype(int)
+    point = place[np.arange(len(foot)), foot]
+    torsion = (turning - np.cross(point, whole))[:, 2]
+    ground = np.cross(point[:, None] - geometry.pivots, whole[:, None] * [1.0, 1.0, 0.0])
+    ground[..., 2] += torsion[:, None]
+    about = carries[:, foot].T[..., None] * ground - moment + np.cross(geometry.pivots, force)
+    return (geometry.axes * about).sum(axis=2)
 
 
 def _inverted(square: np.ndarray) -> np.ndarray:

@@ -283,7 +283,7 @@ class Observation:
 
     @cached_property
     def loads(self) -> Loads:
-        """Return the static loads of joints and feet."""
+        """Return the loads of joints and feet."""
         down, point = self.foot_loads
         plane = np.full((len(self), 2, 1), -self.depth)
         return joint_loads(
@@ -298,7 +298,7 @@ class Observation:
             self.servo_stiffness,
             self.servo_gain,
             self.sag,
-            self.moves,
+            self.motion.of_links,
         )
 
     @property

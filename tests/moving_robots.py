@@ -62,11 +62,13 @@ def by_inverse_dynamics(robot, foot, sole, angles, rates, accelerations, gravity
         gravity: in the foot's axes, (3,) [m/s2].
 
     Returns:
-        the wrench (6,), and axes (3, 3) and place (3,) of the free body.
+        the wrench (6,), axes (3, 3) and place (3,) of the free body, and the joints' torques without their
+        armature, damping and friction, (n_joints,).
     """
     model = copy.copy(robot.model)
     model.opt.gravity = gravity
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    model.dof_armature[:], model.dof_damping[:] = 0.0, 0.0
     data, body = mujoco.MjData(model), robot.model.body(foot).id
     names = nominal_robot(robot).parameters.tree.joints
     dofs = [int(model.jnt_dofadr[model.joint(name).id]) for name in names]
@@ -89,4 +91,7 @@ def by_inverse_dynamics(robot, foot, sole, angles, rates, accelerations, gravity
     force = data.qfrc_inverse[:3]
     root = data.xmat[1].reshape(3, 3) @ data.qfrc_inverse[3:6]
     wrench = np.concatenate([force, root + np.cross(data.xpos[1], force)])
-    return wrench, data.xmat[1].reshape(3, 3).copy(), data.xpos[1].copy()
+    mujoco.mj_jacBody(model, data, jacobian[:3], jacobian[3:], body)
+    about_foot = np.append(force, wrench[3:] - np.cross(data.xpos[body], force))
+    torques = data.qfrc_inverse[dofs] - jacobian[:, dofs].T @ about_foot
+    return wrench, data.xmat[1].reshape(3, 3).copy(), data.xpos[1].copy(), torques

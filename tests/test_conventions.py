@@ -78,11 +78,12 @@ def record(foreign) -> Record:
     moving_joints = np.array([m.joint_angles, m.joint_rates, m.joint_accelerations])
     for row in range(COUNT):
         motion = moving_joints[:, row]
-        level, _, _ = by_inverse_dynamics(true, robot.swing_foot, sole, *motion)
+        level, *_ = by_inverse_dynamics(true, robot.swing_foot, sole, *motion)
         tilt = Rotation.from_rotvec([*(ROCKING * level[3:5] / weight), 0.0])
         gravity = tilt.inv().apply([0, 0, -GRAVITY])
         found = by_inverse_dynamics(true, robot.swing_foot, sole, *motion, gravity=gravity)
-        (wrench[row], body[row], place[row]), tilts[row] = found, tilt.as_matrix()
+        wrench[row], body[row], place[row], _ = found
+        tilts[row] = tilt.as_matrix()
     noise = rng.standard_normal((COUNT, 6)) * np.repeat([0.3, 0.02], 3)
     return Record(robot, m, wrench @ talk.T + np.repeat([2.0, 0.1], 3) + noise, body, place, tilts)
 

@@ -6,18 +6,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.moving_robots import moving, random_robot
+from tests.moving_robots import by_inverse_dynamics, moving, random_robot
 from tulip_testbed.calibration.lasting_noise import SECONDS, SHARES, likeliest_noise
 from tulip_testbed.calibration.linear_problem import LinearProblem
 from tulip_testbed.calibration.linearisation import unseen_wrench
 from tulip_testbed.calibration.reml import fit, given
 from tulip_testbed.effects.motion_effects import LAG
 from tulip_testbed.identification import inertial_wrench
+from tulip_testbed.identification.base_parameters import common_support, standard_parameters
 from tulip_testbed.identification.inertial_wrench import beyond_weight, inertial_parameters
-from tulip_testbed.identification.joint_loads import UNSEEN
+from tulip_testbed.identification.joint_loads import UNSEEN, joint_loads
 from tulip_testbed.identification.noise_in_time import WHITE, NoiseInTime, decorrelation
 from tulip_testbed.identification.noise_structure import NoiseStructure, groups
-from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.nominal import PostureGeometry, nominal_robot
 from tulip_testbed.identification.observation import CLOSURE, SIZE, TWISTS, observe
 from tulip_testbed.identification.residual_channels import residuals
 
@@ -78,6 +79,36 @@ def test_friction_of_a_robot_that_moves_counts_once(robot, nominal):
     in_motion, at_rest = (unseen_wrench(observe(one, nominal)) for one in (m, held))
     assert in_motion == pytest.approx(UNSEEN)
     assert (at_rest > 3 * in_motion).all()
+
+
+@pytest.mark.parametrize("which", ["tulip", "humanoid"])
+def test_joints_of_a_robot_that_moves_bear_what_inverse_dynamics_need(which, robot, foreign):
+    one, rng = robot if which == "tulip" else foreign[which], np.random.default_rng(409)
+    m = dataclasses.replace(moving(one, rng), support=np.array(["right", "left"] * 3))
+    nominal = nominal_robot(one, common_support(m.support))
+    count, joints, standard = len(m), len(m.joints), standard_parameters(one.model)
+    down, place, expected = np.zeros((count, 2)), np.zeros((count, 2, 3)), np.empty((count, joints))
+    for row, side in enumerate([0, 1] * 3):
+        foot, sole = (one.stance_foot, one.swing_foot)[side], nominal.points[side]
+        motion = m.joint_angles[row], m.joint_rates[row], m.joint_accelerations[row]
+        wrench, *_, expected[row] = by_inverse_dynamics(one, foot, sole, *motion)
+        down[row, side], place[row, side, :2] = wrench[2], np.array([-wrench[4], wrench[3]]) / wrench[2]
+    found = joint_loads(
+        PostureGeometry(nominal, nominal.parameters.tree, m.joint_angles, m.support, standard),
+        standard[:, 0].sum() * m.gravity,
+        down,
+        place,
+        cells=np.zeros((count, 2, 4, 2)),
+        bears=np.ones((2, 4)),
+        cell_sd=0.0,
+        both=np.zeros(count, bool),
+        servo_stiffness=np.ones(joints),
+        servo_gain=np.ones(joints),
+        sag=np.ones(count),
+        of_links=beyond_weight(nominal, m).of_links,
+    )
+    # The load turns a joint the other way than its drive. Rows last no time, so that means are values.
+    assert found.torques == pytest.approx(-expected, abs=1e-9 * np.abs(expected).max())
 
 
 def test_a_lag_moves_the_centre_of_mass_and_leaves_the_legs_closed(precise, nominal):
