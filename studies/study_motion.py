@@ -127,6 +127,7 @@ def coverage(settings: Settings) -> Iterator[str]:
     folder, seeds = settings.folder("motion"), [settings.seed + k for k in range(settings.count(RUNS))]
     for sensors, speed in product(PRESETS, [each for each in SPEEDS if each in settings.only]):
         calls = {folder / f"{speed}-{sensors}-{seed}.json": (speed, sensors, seed) for seed in seeds}
+        moving(SPEEDS[speed])  # once, before workers ask for it
         found = settings.kept(f"{sensors}, {speed}", one, calls)
         for name in ("", CAD) if speed == "fast" else ("",):
             fits = [each[name] for each in found]
