@@ -34,7 +34,7 @@ class Lasting:
         of_room: whether its values are a vector of the room, which a turned robot sees the other way round.
         moves: "plate" if it goes with its plate to another place; "plate and corners" if the values are
             corners of that plate. A cell always takes its fault along.
-        on_axes: whether its values are lengths along the plate's axes, which a turned plate turns.
+        on_axes: whether its values are along the plate's axes, which a turned plate turns.
         in_sequence: whether it depends on the order of the postures within one experiment.
     """
 

@@ -10,7 +10,7 @@ from tulip_testbed.effects.foot import leaned, rocked
 from tulip_testbed.effects.lasting import Values
 from tulip_testbed.effects.targets import FEET, WHOLE, Targets
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import ROWS, residuals
+from tulip_testbed.identification.residual_channels import center
 from tulip_testbed.measurements.cells import PLATES
 from tulip_testbed.sim.rig import Rig
 
@@ -44,7 +44,7 @@ def _without_lag(observed: Observation, target: str, values: Values) -> Observat
             return observed.changed(cell_forces=observed.cell_forces + values[0] * m.cell_rates)
     assert m.joint_rates is not None
     earlier = observed.changed(joint_angles=observed.joint_angles - values[0] * m.joint_rates)
-    before, now = (residuals(one, one.nominal.value)[:, ROWS["A"]] for one in (earlier, observed))
+    before, now = (center(one) - one.geometry.regressor @ one.nominal.value for one in (earlier, observed))
     return observed.changed(shift=observed.shift + now - before)
 
 
